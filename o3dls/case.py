@@ -1,0 +1,83 @@
+"""What is known before anything is fitted: the prior, the points, the landmarks; and, kept apart, the truth."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .errors import InputError
+from .geometry import Array, Surface
+
+POINT_TYPES = ("eam", "ablation", "landmark", "inside")
+FITTED_TYPES = ("eam", "inside")
+
+
+@dataclass(frozen=True, eq=False)
+class Points:
+    """Measured points: xyz (n, d) in the map frame, type (n,), and the other columns by name (numbers, NaN = missing, or text)."""
+
+    xyz: Array
+    type: NDArray[np.str_]
+    columns: Mapping[str, NDArray[Any]] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return len(self.xyz)
+
+    def select(self, rows: NDArray[Any]) -> Points:
+        """The rows named by an index or mask."""
+        return Points(self.xyz[rows], self.type[rows], {k: v[rows] for k, v in self.columns.items()})
+
+    def of(self, *types: str) -> Points:
+        """The points of the given types, in file order."""
+        return self.select(np.isin(self.type, types))
+
+
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """What only evaluation may see: surface, held-out points (n, d) with their `unseen` mask, correspondence (prior, truth), outlier rows."""
+
+    surface: Surface | None = None
+    held_out: Array | None = None
+    unseen: NDArray[np.bool_] | None = None
+    correspondence: tuple[Array, Array] | None = None
+    outliers: NDArray[np.int64] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """A prior surface (prior frame), measured points (map frame) and landmarks; lengths in `units`; never changed."""
+
+    name: str
+    prior: Surface
+    points: Points
+    prior_landmarks: Mapping[str, Array] = field(default_factory=dict)
+    init: Array | None = None
+    units: str = "mm"
+    frame: str = "unknown"
+    notes: str = ""
+    files: Mapping[str, str] = field(default_factory=dict)  # file name -> sha256
+    truth: Truth | None = None
+
+    def __post_init__(self) -> None:
+        if self.points.xyz.shape[1:] != (self.dimension,):
+            raise InputError(f"case {self.name}: points are {self.points.xyz.shape[1]}D, the prior is {self.dimension}D")
+
+    @property
+    def dimension(self) -> int:
+        return self.prior.dimension
+
+    def landmark_pairs(self) -> tuple[list[str], Array, Array]:
+        """Names and positions (prior frame, map frame) of the landmarks that both sides have, in the points' order."""
+        marks = self.points.of("landmark")
+        names = [str(n) for n in marks.columns.get("name", np.zeros(0, dtype=str))]
+        rows = [i for i, n in enumerate(names) if n in self.prior_landmarks]
+        prior = np.array([self.prior_landmarks[names[i]] for i in rows]).reshape(-1, self.dimension)
+        return [names[i] for i in rows], prior, marks.xyz[rows]
+
+    def visible(self, types: tuple[str, ...] = FITTED_TYPES) -> Case:
+        """What a stage may see: points of the given types and the landmarks; no truth, no held-out data."""
+        return replace(self, points=self.points.of(*types, "landmark"), truth=None, files={})

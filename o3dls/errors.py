@@ -1,0 +1,27 @@
+"""Errors a user can mend; each message says what is wrong, where, and what would be right."""
+
+from __future__ import annotations
+
+
+class O3dlsError(Exception):
+    """Base of every error that o3dls raises on purpose; the command line turns it into one line and exit code 2."""
+
+
+class InputError(O3dlsError):
+    """A file or an argument holds something that cannot be used."""
+
+
+class PipelineError(O3dlsError):
+    """A pipeline names a stage, a parameter or an estimate that cannot be."""
+
+
+class SolverError(O3dlsError):
+    """A solver met a state that it cannot leave, such as a value that is not finite."""
+
+
+def did_you_mean(word: str, known: list[str]) -> str:
+    """Return `: did you mean 'x'?` for the closest of the known words, else a list of them."""
+    from difflib import get_close_matches
+
+    close = get_close_matches(word, known, n=1)
+    return f": did you mean '{close[0]}'?" if close else f"; there are: {', '.join(sorted(known))}"

@@ -1,0 +1,46 @@
+"""What we believe the surface is, and how we came to believe it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+from .geometry import Array, Surface, scale_of
+
+
+class Motion(Protocol):
+    """A fitted motion of the prior: prior frame to map frame, with its uncertainty."""
+
+    def __call__(self, points: Array) -> Array:
+        """Positions (n, d) in the map frame of points (n, d) of the prior frame."""
+
+    def sd(self, points: Array, normals: Array) -> Array:
+        """Posterior standard deviation (n,) along `normals` (map frame) of the motion at points of the prior frame."""
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """A surface in the map frame with the motion that led to it, and a sentence on how it went.
+
+    T_map_prior (d+1, d+1) is the similarity part; sigma the noise level found (case units); weights (k,) in [0, 1] say how far
+    each fitted point was believed; trace holds one record per iteration; phi is the level set where there is one.
+    """
+
+    surface: Surface
+    T_map_prior: Array
+    status: str
+    converged: bool = True
+    iterations: int = 0
+    seconds: float = 0.0
+    sigma: float | None = None
+    weights: Array | None = None
+    motion: Motion | None = None
+    phi: Any = None
+    trace: tuple[Mapping[str, float], ...] = ()
+    warnings: tuple[str, ...] = ()
+    facts: Mapping[str, Any] = field(default_factory=dict)  # further results of the stage, JSON-ready
+
+    @property
+    def scale(self) -> float:
+        return scale_of(self.T_map_prior)

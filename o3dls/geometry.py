@@ -1,0 +1,155 @@
+"""Surfaces and similarities in two and three dimensions: the words that every other module speaks."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .errors import InputError
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """Closed or open simplicial surface: triangles in 3D, segments in 2D, wound so that normals point outward.
+
+    vertices (n, d) in the case's units; faces (m, d), 0-based; fields: values per vertex, each (n,) or (n, k).
+    Raises InputError where shapes or indices do not fit, or a coordinate is not finite.
+    """
+
+    vertices: Array
+    faces: Ints
+    fields: Mapping[str, Array] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "vertices", np.ascontiguousarray(self.vertices, dtype=np.float64))
+        object.__setattr__(self, "faces", np.ascontiguousarray(self.faces, dtype=np.int64))
+        if self.vertices.ndim != 2 or self.vertices.shape[1] not in (2, 3):
+            raise InputError(f"surface vertices have shape {self.vertices.shape}: must be (n, 2) or (n, 3)")
+        if self.faces.ndim != 2 or self.faces.shape[1] != self.dimension or len(self.faces) == 0:
+            raise InputError(f"surface faces have shape {self.faces.shape}: must be (m, {self.dimension}) with m > 0")
+        if not np.isfinite(self.vertices).all():
+            row = int(np.flatnonzero(~np.isfinite(self.vertices).all(axis=1))[0])
+            raise InputError(f"surface vertex {row} is not finite: {self.vertices[row]}")
+        if self.faces.min() < 0 or self.faces.max() >= len(self.vertices):
+            raise InputError(f"surface faces name vertex {self.faces.max()}: there are {len(self.vertices)}")
+
+    @property
+    def dimension(self) -> int:
+        return int(self.vertices.shape[1])
+
+    @cached_property
+    def face_area_vectors(self) -> Array:
+        """Outward normals scaled by area (3D) or length (2D), (m, d)."""
+        corners = self.vertices[self.faces]
+        edge = corners[:, 1] - corners[:, 0]
+        if self.dimension == 2:  # a counter-clockwise outline has its outside on the right
+            return np.column_stack([edge[:, 1], -edge[:, 0]])
+        return 0.5 * np.cross(edge, corners[:, 2] - corners[:, 0])
+
+    @cached_property
+    def face_areas(self) -> Array:
+        return np.asarray(np.linalg.norm(self.face_area_vectors, axis=1))
+
+    @cached_property
+    def face_normals(self) -> Array:
+        return self.face_area_vectors / np.maximum(self.face_areas, 1e-300)[:, None]
+
+    @cached_property
+    def vertex_normals(self) -> Array:
+        """Area-weighted unit normals, (n, d); zero at vertices without a face."""
+        total = np.zeros_like(self.vertices)
+        np.add.at(total, self.faces.ravel(), np.repeat(self.face_area_vectors, self.dimension, axis=0))
+        return total / np.maximum(np.linalg.norm(total, axis=1), 1e-300)[:, None]
+
+    @property
+    def area(self) -> float:
+        return float(self.face_areas.sum())
+
+    @property
+    def volume(self) -> float:
+        """Enclosed volume (3D) or area (2D), positive for outward winding; only meaningful where watertight."""
+        centres = self.vertices[self.faces].mean(axis=1) - self.vertices.mean(axis=0)
+        return float((centres * self.face_area_vectors).sum() / self.dimension)
+
+    @property
+    def diagonal(self) -> float:
+        """Length of the bounding box's diagonal."""
+        return float(np.linalg.norm(np.ptp(self.vertices, axis=0)))
+
+    @cached_property
+    def watertight(self) -> bool:
+        """True where every edge (3D) or vertex (2D) is shared by exactly two faces, once in each direction."""
+        if self.dimension == 2:
+            starts, ends = (np.bincount(self.faces[:, k], minlength=len(self.vertices)) for k in (0, 1))
+            return bool((starts == ends).all() and (starts <= 1).all())
+        n = len(self.vertices)
+        a, b = self.faces.ravel(), np.roll(self.faces, -1, axis=1).ravel()
+        forward, backward = np.sort(a * n + b), np.sort(b * n + a)
+        return bool((forward == backward).all() and (np.diff(forward) > 0).all())
+
+    def with_vertices(self, vertices: Array) -> Surface:
+        """The same connectivity and fields at other positions."""
+        return replace(self, vertices=vertices)
+
+    def transformed(self, matrix: Array) -> Surface:
+        """The surface under a (d+1, d+1) homogeneous matrix; a mirroring one flips the winding back to outward."""
+        faces = self.faces[:, ::-1] if np.linalg.det(matrix[:-1, :-1]) < 0 else self.faces
+        return replace(self, vertices=apply(matrix, self.vertices), faces=faces)
+
+
+def apply(matrix: Array, points: ArrayLike) -> Array:
+    """Points (n, d) under a homogeneous (d+1, d+1) matrix."""
+    points = np.asarray(points, dtype=np.float64)
+    return points @ matrix[:-1, :-1].T + matrix[:-1, -1]
+
+
+def similarity(rotation: Array, translation: Array, scale: float = 1.0) -> Array:
+    """Homogeneous matrix of x -> scale * rotation @ x + translation."""
+    matrix = np.eye(len(translation) + 1)
+    matrix[:-1, :-1] = scale * rotation
+    matrix[:-1, -1] = translation
+    return matrix
+
+
+def scale_of(matrix: Array) -> float:
+    """Scale factor of a similarity: the d-th root of its determinant."""
+    return float(abs(np.linalg.det(matrix[:-1, :-1])) ** (1.0 / (len(matrix) - 1)))
+
+
+def rotation_angle(matrix: Array) -> float:
+    """Rotation angle in radians of a similarity's linear part."""
+    rotation = matrix[:-1, :-1] / scale_of(matrix)
+    if len(rotation) == 2:
+        return float(abs(np.arctan2(rotation[1, 0], rotation[0, 0])))
+    return float(np.arccos(np.clip((np.trace(rotation) - 1.0) / 2.0, -1.0, 1.0)))
+
+
+def fit_similarity(source: Array, target: Array, weights: Array | None = None, *, scale: bool = True) -> Array:
+    """Least-squares similarity (or rigid motion) that maps source (n, d) onto target (n, d) (Umeyama 1991)."""
+    w = np.ones(len(source)) if weights is None else np.asarray(weights, dtype=np.float64)
+    w = w / w.sum()
+    mean_a, mean_b = w @ source, w @ target
+    a, b = source - mean_a, target - mean_b
+    u, s, vt = np.linalg.svd((b * w[:, None]).T @ a)
+    sign = np.ones(source.shape[1])
+    sign[-1] = np.sign(np.linalg.det(u @ vt))
+    rotation = (u * sign) @ vt
+    factor = float((s * sign).sum() / (w @ (a**2).sum(axis=1))) if scale else 1.0
+    return similarity(rotation, mean_b - factor * rotation @ mean_a, factor)
+
+
+def outline(points: Array) -> Surface:
+    """Closed 2D polyline (n, 2) as a surface, turned counter-clockwise; a repeated last point is dropped."""
+    points = np.asarray(points, dtype=np.float64)
+    if len(points) > 1 and np.allclose(points[0], points[-1]):
+        points = points[:-1]
+    index = np.arange(len(points))
+    surface = Surface(points, np.column_stack([index, np.roll(index, -1)]))
+    return surface if surface.volume > 0 else outline(points[::-1])

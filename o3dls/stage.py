@@ -1,0 +1,72 @@
+"""The plugin interface: a stage is `(case, estimate) -> estimate`, a writer is `(run, folder) -> None`, both found by entry point."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from functools import cache
+from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from .case import FITTED_TYPES, Case
+from .errors import PipelineError, did_you_mean
+from .estimate import Estimate
+
+if TYPE_CHECKING:
+    from .pipeline import Run
+
+
+class Plugin(BaseModel, ABC):
+    """Typed, frozen parameters that check themselves; help, pipeline syntax and records come from them."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", populate_by_name=True, allow_inf_nan=False)
+    name: ClassVar[str]
+
+
+class Stage(Plugin):
+    """One step of a pipeline. `as_` names its estimate (default: the stage's name); `after` names the estimate to start from."""
+
+    as_: str | None = Field(None, alias="as", pattern=r"^[A-Za-z][A-Za-z0-9_-]*$", description="name of the estimate; default: the stage's name")
+    after: str | None = Field(None, description="estimate to start from; default: the stage before")
+
+    @property
+    def estimate_name(self) -> str:
+        return self.as_ or self.name
+
+    @property
+    def fits(self) -> tuple[str, ...]:
+        """Types of the points that the stage is shown; every other point, and the truth, is out of its reach."""
+        return FITTED_TYPES
+
+    @abstractmethod
+    def __call__(self, case: Case, start: Estimate) -> Estimate:
+        """A new estimate; neither argument is changed."""
+
+
+class Writer(Plugin):
+    """Makes files of a finished run inside its folder."""
+
+    @abstractmethod
+    def __call__(self, run: Run, folder: Path) -> None: ...
+
+
+@cache
+def registered(group: str) -> dict[str, EntryPoint]:
+    """Entry points of `o3dls.stages` or `o3dls.writers` by name. Raises PipelineError where two share a name."""
+    found: dict[str, EntryPoint] = {}
+    for entry in entry_points(group=group):
+        if entry.name in found and found[entry.name].value != entry.value:
+            raise PipelineError(f"two plugins are named '{entry.name}' in {group}: {found[entry.name].value} and {entry.value}")
+        found[entry.name] = entry
+    return found
+
+
+def load(kind: str, name: Any, where: str = "") -> type[Plugin]:
+    """The class of a stage (kind 'stage') or writer (kind 'write') by name. Raises PipelineError with the closest known name."""
+    known = registered({"stage": "o3dls.stages", "write": "o3dls.writers"}[kind])
+    if name not in known:
+        raise PipelineError(f"{where}no {kind} '{name}'" + did_you_mean(str(name), list(known)))
+    plugin: type[Plugin] = known[name].load()
+    return plugin
