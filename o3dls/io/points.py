@@ -1,0 +1,66 @@
+"""Measured points from and to CSV: the columns of the case contract, by name."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..case import POINT_TYPES, Points
+from ..errors import InputError, did_you_mean
+from .table import Table, read_table, write_table
+
+NUMBERS = ("bipolar", "unipolar", "lat", "force", "sigma")
+ALIASES = {"kind": "type", "label": "name", "bip_mv": "bipolar", "uni_mv": "unipolar", "lat_ms": "lat", "force_g": "force"}
+NAMES = {name: name for name in ("x", "y", "z", "type", "name", *NUMBERS)} | ALIASES
+
+
+def read_points(path: str | Path, dimension: int = 3) -> Points:
+    """Points of a CSV file with a header: `x,y[,z]`, `type` (default eam), `name`, electrical values; other columns are kept.
+
+    Raises InputError naming file, line and column where a cell cannot be used.
+    """
+    table = read_points_table(path, dimension)
+    return points_of(table, dimension)
+
+
+def read_points_table(path: str | Path, dimension: int = 3) -> Table:
+    """The raw table behind `read_points`; its notes hold `space` and `units` where the file states them."""
+    return read_table(path, "xyz"[:dimension], NAMES)
+
+
+def points_of(table: Table, dimension: int) -> Points:
+    """Points from a table that has the columns x, y and, in 3D, z."""
+    if len(table) == 0:
+        raise InputError(f"{table.path}: has a header but no points")
+    axes = tuple("xyz"[:dimension])
+    xyz = np.column_stack([table.numbers(axis) for axis in axes])
+    columns = {name: _column(table, name) for name in table.columns if name not in (*axes, "type")}
+    return Points(xyz, _types(table), columns)
+
+
+def _column(table: Table, name: str) -> NDArray[Any]:
+    if name == "name":
+        return np.array(table.columns[name], dtype=str)
+    if name in NUMBERS:
+        return table.numbers(name, missing=True)
+    return table.values(name)
+
+
+def _types(table: Table) -> NDArray[np.str_]:
+    """The type of every point; a file without the column holds eam points only."""
+    if "type" not in table.columns:
+        return np.full(len(table), "eam")
+    for row, kind in enumerate(table.columns["type"]):
+        if kind not in POINT_TYPES:
+            raise InputError(f"{table.where(row, 'type')}: '{kind}' is no type of point" + did_you_mean(kind, list(POINT_TYPES)))
+    return np.array(table.columns["type"], dtype=str)
+
+
+def write_points(path: str | Path, points: Points, *, space: str | None = None, units: str | None = None) -> None:
+    """Write points as CSV that `read_points` reads back equal; `space` and `units`, where given, go into a comment line."""
+    axes = dict(zip("xyz", points.xyz.T, strict=False))
+    notes = {key: value for key, value in (("space", space), ("units", units)) if value}
+    write_table(path, {**axes, "type": points.type, **points.columns}, notes)

@@ -1,0 +1,114 @@
+"""CSV tables whose columns are known by name: commas, semicolons or tabs, decimal points, `# key=value` comment lines."""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from ..geometry import Array
+from .atomic import staged_file
+from .text import decode, read_bytes
+
+
+@dataclass(frozen=True)
+class Table:
+    """Cells by column name, with the line of the file that each row stood on and the `key=value` notes of comment lines."""
+
+    path: Path
+    columns: Mapping[str, list[str]]
+    lines: list[int]
+    notes: Mapping[str, str]
+
+    def __len__(self) -> int:
+        return len(self.lines)
+
+    def where(self, row: int, name: str) -> str:
+        return f"{self.path}: line {self.lines[row]}, column '{name}'"
+
+    def numbers(self, name: str, *, missing: bool = False) -> Array:
+        """A column as numbers (n,); empty and `nan` cells become NaN where `missing` is allowed. Raises InputError."""
+        return np.array([self._number(row, name, cell, missing) for row, cell in enumerate(self.columns[name])], dtype=np.float64)
+
+    def _number(self, row: int, name: str, cell: str, missing: bool) -> float:
+        if missing and cell.lower() in ("", "nan"):
+            return np.nan
+        try:
+            value = float(cell)
+        except ValueError:
+            hint = "has a decimal comma; write a decimal point" if re.fullmatch(r"[-+]?\d*,\d+", cell) else "is not a number"
+            raise InputError(f"{self.where(row, name)}: '{cell}' {hint}") from None
+        if not np.isfinite(value):
+            raise InputError(f"{self.where(row, name)}: '{cell}' is not finite; every number must be")
+        return value
+
+    def values(self, name: str) -> NDArray[Any]:
+        """A column as numbers where every cell is a number or empty, else as text."""
+        cells = self.columns[name]
+        if any(cells) and all(_is_number(cell) for cell in cells):
+            return self.numbers(name, missing=True)
+        return np.array(cells, dtype=str)
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell or "nan")
+    except ValueError:
+        return False
+    return True
+
+
+def read_table(path: str | Path, required: Iterable[str], aliases: Mapping[str, str] | None = None) -> Table:
+    """The table in a CSV file. Raises InputError naming file, line and column for anything that does not fit."""
+    path = Path(path)
+    text = decode(read_bytes(path), path)
+    lines = [(number, line) for number, line in enumerate(text.splitlines(), 1) if line.strip()]
+    notes = dict(re.findall(r"(\w+)=(\S+)", " ".join(line for _, line in lines if line.lstrip().startswith("#"))))
+    body = [(number, line) for number, line in lines if not line.lstrip().startswith("#")]
+    if not body:
+        raise InputError(f"{path}: has no header line: must name the columns {', '.join(required)}")
+    delimiter = next((d for d in ";\t" if d in body[0][1]), ",")
+    cells = [[cell.strip() for cell in row] for row in csv.reader((line for _, line in body), delimiter=delimiter)]
+    if len(cells) != len(body):
+        raise InputError(f"{path}: a quoted cell runs over several lines; close the quotes on each line")
+    header = _header(cells[0], path, body[0][0], required, aliases or {})
+    for (number, _), row in zip(body[1:], cells[1:], strict=True):
+        if len(row) != len(header):
+            hint = "; decimal commas? write decimal points" if delimiter == "," and len(row) > len(header) else ""
+            raise InputError(f"{path}: line {number} has {len(row)} cells, the header has {len(header)}{hint}")
+    columns = {name: [row[k] for row in cells[1:]] for k, name in enumerate(header)}
+    return Table(path, columns, [number for number, _ in body[1:]], notes)
+
+
+def _header(cells: Sequence[str], path: Path, line: int, required: Iterable[str], aliases: Mapping[str, str]) -> list[str]:
+    header = [aliases.get(cell.lower(), cell) for cell in cells]
+    for name in required:
+        if name not in header:
+            raise InputError(f"{path}: line {line}: no column '{name}'; there are: {', '.join(cells)[:200]}")
+    for name in header:
+        if not name or header.count(name) > 1:
+            raise InputError(f"{path}: line {line}: column name '{name}' {'is there twice' if name else 'is empty'}")
+    return header
+
+
+def write_table(path: str | Path, columns: Mapping[str, NDArray[Any]], notes: Mapping[str, str] | None = None) -> None:
+    """Write equal-length columns as CSV; numbers keep all their digits, NaN becomes an empty cell."""
+    with staged_file(path) as staged, staged.open("w", newline="", encoding="utf-8") as file:
+        if notes:
+            file.write("# " + " ".join(f"{key}={value}" for key, value in notes.items()) + "\n")
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(columns)
+        writer.writerows(zip(*([_cell(v) for v in values.tolist()] for values in columns.values()), strict=True))
+
+
+def _cell(value: Any) -> str:
+    if isinstance(value, float):
+        return "" if np.isnan(value) else repr(value)
+    return str(value)

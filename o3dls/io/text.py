@@ -1,0 +1,78 @@
+"""Bytes and numbers out of files, with errors that name file and line."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import InputError
+from ..geometry import Array
+
+
+def read_bytes(path: str | Path) -> bytes:
+    """The content of a file. Raises InputError where it is missing, a folder, empty or not readable."""
+    path = Path(path)
+    if not path.exists():
+        raise InputError(f"{path}: no such file")
+    if path.is_dir():
+        raise InputError(f"{path}: is a folder; name a file")
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from error
+    if not data:
+        raise InputError(f"{path}: is empty")
+    return data
+
+
+def decode(data: bytes, path: str | Path) -> str:
+    """Text from UTF-8, else cp1252 (clinical systems write both). Raises InputError for binary content."""
+    if b"\0" in data[:4096]:
+        raise InputError(f"{path}: is binary where text was expected")
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return data.decode("cp1252", errors="replace")
+
+
+def number_rows(lines: Sequence[str], columns: int, path: str | Path, first_line: int, what: str) -> Array:
+    """Exactly `columns` numbers from every line, (n, columns). Raises InputError that names the first wrong line."""
+    if not lines:
+        return np.zeros((0, columns))
+    try:
+        rows = np.loadtxt(lines, dtype=np.float64, comments=None, ndmin=2)
+        if rows.shape == (len(lines), columns):
+            return rows
+    except ValueError:
+        pass
+    for offset, line in enumerate(lines):
+        check_numbers(line.split(), columns, f"{path}: line {first_line + offset}", what)
+    raise InputError(f"{path}: line {first_line}: {what} cannot be read as rows of {columns} numbers")
+
+
+def check_numbers(cells: Sequence[str], columns: int, where: str, what: str) -> None:
+    """Raise InputError unless there are `columns` cells and each is a number."""
+    for cell in cells:
+        if re.fullmatch(r"[-+]?\d+,\d+", cell):
+            raise InputError(f"{where}: {what} '{cell}' has a decimal comma; write a decimal point")
+        try:
+            float(cell)
+        except ValueError:
+            raise InputError(f"{where}: {what} '{cell[:40]}' is not a number") from None
+    if len(cells) != columns:
+        raise InputError(f"{where}: {what} has {len(cells)} numbers: must be {columns}")
+
+
+def flat_numbers(text: str, count: int, where: str) -> Array:
+    """The `count` numbers of a block of text, however it is broken into lines. Raises InputError naming `where`."""
+    words = text.split()
+    if len(words) != count:
+        raise InputError(f"{where}: has {len(words)} numbers: must be {count}")
+    try:
+        return np.array(words, dtype=np.float64)
+    except ValueError:
+        check_numbers(words, count, where, "value")
+        raise
