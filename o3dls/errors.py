@@ -12,7 +12,10 @@ class InputError(O3dlsError):
 
 
 class PipelineError(O3dlsError):
-    """A pipeline names a stage, a parameter or an estimate that cannot be."""
+    """A pipeline names a stage, a parameter or an estimate that cannot be; `args` holds one sentence per mistake."""
+
+    def __str__(self) -> str:
+        return "; ".join(map(str, self.args))
 
 
 class SolverError(O3dlsError):

@@ -6,13 +6,14 @@ from abc import ABC, abstractmethod
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, ModelWrapValidatorHandler, ValidationError, model_validator
 
 from .case import FITTED_TYPES, Case
 from .errors import PipelineError, did_you_mean
 from .estimate import Estimate
+from .parameters import mistakes
 
 if TYPE_CHECKING:
     from .pipeline import Run
@@ -24,9 +25,24 @@ class Plugin(BaseModel, ABC):
     model_config = ConfigDict(frozen=True, extra="forbid", populate_by_name=True, allow_inf_nan=False)
     name: ClassVar[str]
 
+    @model_validator(mode="wrap")
+    @classmethod
+    def _checked(cls, values: Any, make: ModelWrapValidatorHandler[Self]) -> Self:
+        """Say what is wrong in our words, from a file and from Python alike."""
+        try:
+            return make(values)
+        except ValidationError as error:
+            raise PipelineError(*mistakes(cls, error)) from None
+
+    def obstacle(self, case: Case) -> str | None:
+        """Why this plugin cannot work on the case (a sentence), None where it can."""
+        return None
+
 
 class Stage(Plugin):
     """One step of a pipeline. `as_` names its estimate (default: the stage's name); `after` names the estimate to start from."""
+
+    finds_pose: ClassVar[bool] = False  # True: needs no rough pose, so points far from the prior are no mistake
 
     as_: str | None = Field(None, alias="as", pattern=r"^[A-Za-z][A-Za-z0-9_-]*$", description="name of the estimate; default: the stage's name")
     after: str | None = Field(None, description="estimate to start from; default: the stage before")
@@ -47,6 +63,11 @@ class Stage(Plugin):
 
 class Writer(Plugin):
     """Makes files of a finished run inside its folder."""
+
+    @property
+    def refers_to(self) -> tuple[str, ...]:
+        """Names of the estimates that the writer shows, so that a misspelt one is found before the run."""
+        return ()
 
     @abstractmethod
     def __call__(self, run: Run, folder: Path) -> None: ...

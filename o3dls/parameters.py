@@ -1,0 +1,109 @@
+"""What a plugin's parameters are (for help) and what is wrong with given ones (for errors), both read off its pydantic model."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import UnionType
+from typing import Any, Literal, Union, get_args, get_origin
+
+from pydantic import BaseModel, ValidationError
+from pydantic.fields import FieldInfo
+from pydantic_core import ErrorDetails
+
+from .errors import did_you_mean
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter as people read it: `limits` is an interval such as `[0, inf]` or the accepted words."""
+
+    name: str
+    kind: str
+    default: Any
+    unit: str
+    limits: str
+    meaning: str
+
+
+def describe(plugin: type[BaseModel]) -> list[Parameter]:
+    """The parameters of a plugin in the order of its class."""
+    return [
+        Parameter(f.alias or name, _kind(f), f.get_default(call_default_factory=True), _unit(f), _limits(f), f.description or "")
+        for name, f in plugin.model_fields.items()
+    ]
+
+
+def mistakes(plugin: type[BaseModel], error: ValidationError) -> list[str]:
+    """One sentence per mistake, such as `icp.tolerance = -1.0 mm: must be within [0, inf] mm`."""
+    owner = str(getattr(plugin, "name", plugin.__name__))
+    seen = dict.fromkeys(_sentence(plugin, owner, detail) for detail in error.errors(include_url=False))
+    return list(seen)
+
+
+def _sentence(plugin: type[BaseModel], owner: str, detail: ErrorDetails) -> str:
+    fields = {f.alias or name: f for name, f in plugin.model_fields.items()}
+    key = str(detail["loc"][0]) if detail["loc"] else ""
+    key = next((f.alias for name, f in plugin.model_fields.items() if name == key and f.alias), key)
+    if detail["type"] == "extra_forbidden":
+        return f"{owner}.{key}: no such parameter{did_you_mean(key, list(fields))}"
+    if detail["type"] == "missing":
+        return f"{owner}.{key}: is missing; it has no default"
+    if key not in fields:
+        return f"{owner}: {detail['msg'].removeprefix('Value error, ')}"
+    field = fields[key]
+    given = f"{owner}.{key} = {_shown(detail['input'], _unit(field))}"
+    words = _words(field)
+    if words and isinstance(detail["input"], str):
+        return f"{given}{did_you_mean(detail['input'], words)}"
+    if detail["type"] == "value_error":
+        return f"{given}: {detail['msg'].removeprefix('Value error, ')}"
+    return f"{given}: must be {_wanted(field)}"
+
+
+def _shown(value: Any, unit: str) -> str:
+    return repr(value).lower() if isinstance(value, bool) else f"{value!r} {unit}".rstrip()
+
+
+def _wanted(field: FieldInfo) -> str:
+    """What would be right, in words."""
+    limits, unit, kind = _limits(field), _unit(field), _kind(field)
+    if limits.startswith(("[", "(")):
+        return f"{'a whole number ' * (kind == 'whole number')}within {limits} {unit}".rstrip()
+    return f"one of {limits}" if _words(field) else limits or kind
+
+
+def _unit(field: FieldInfo) -> str:
+    extra = field.json_schema_extra
+    return str(extra.get("unit", "")) if isinstance(extra, dict) else ""
+
+
+def _words(field: FieldInfo) -> list[str]:
+    """The accepted words of a Literal, also inside a union or a tuple."""
+    return [word for part in _parts(field.annotation) if get_origin(part) is Literal for word in get_args(part) if isinstance(word, str)]
+
+
+def _parts(annotation: Any) -> list[Any]:
+    if get_origin(annotation) in (Union, UnionType, tuple, list):
+        return [deep for part in get_args(annotation) for deep in _parts(part)]
+    return [annotation]
+
+
+def _kind(field: FieldInfo) -> str:
+    names = {bool: "true or false", int: "whole number", float: "number", str: "text", type(None): "", Ellipsis: ""}
+    parts = ["word" if get_origin(p) is Literal else names.get(p, str(p)) for p in _parts(field.annotation)]
+    many = "list of " if get_origin(field.annotation) in (tuple, list) else ""
+    return many + " or ".join(dict.fromkeys(filter(None, parts)))
+
+
+def _limits(field: FieldInfo) -> str:
+    """`[low, high]` with round brackets where a bound is excluded, the accepted words, a pattern, or nothing."""
+    if words := _words(field):
+        return ", ".join(words)
+    bounds = {name: getattr(m, name) for m in field.metadata for name in ("ge", "gt", "le", "lt", "pattern") if getattr(m, name, None) is not None}
+    if "pattern" in bounds:
+        return f"text that matches {bounds['pattern']}"
+    if not bounds:
+        return ""
+    low = f"({bounds['gt']:g}" if "gt" in bounds else f"[{bounds.get('ge', float('-inf')):g}"
+    high = f"{bounds['lt']:g})" if "lt" in bounds else f"{bounds.get('le', float('inf')):g}]"
+    return f"{low}, {high}"
