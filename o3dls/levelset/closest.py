@@ -110,15 +110,15 @@ def _on_triangle(p, a, b, c, weights):  # type: ignore[no-untyped-def]
     elif d3 >= 0.0 and d4 <= d3:
         weights[1] = 1.0
     elif vc <= 0.0 and d1 >= 0.0 and d3 <= 0.0:
-        weights[1] = d1 / (d1 - d3)
+        weights[1] = d1 / max(d1 - d3, 1e-300)  # zero where two corners coincide
         weights[0] = 1.0 - weights[1]
     elif d6 >= 0.0 and d5 <= d6:
         weights[2] = 1.0
     elif vb <= 0.0 and d2 >= 0.0 and d6 <= 0.0:
-        weights[2] = d2 / (d2 - d6)
+        weights[2] = d2 / max(d2 - d6, 1e-300)
         weights[0] = 1.0 - weights[2]
     elif va <= 0.0 and d4 - d3 >= 0.0 and d5 - d6 >= 0.0:
-        weights[2] = (d4 - d3) / ((d4 - d3) + (d5 - d6))
+        weights[2] = (d4 - d3) / max((d4 - d3) + (d5 - d6), 1e-300)
         weights[1] = 1.0 - weights[2]
     else:
         total = va + vb + vc
