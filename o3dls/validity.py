@@ -1,0 +1,101 @@
+"""Is an estimate a surface that one can use: closed, in one piece, without folds, and how its volume compares with the prior's."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .geometry import Array, Surface
+
+Record = dict[str, bool | int | float | None]
+
+
+def validity(surface: Surface, prior: Surface, unit: str = "mm") -> Record:
+    """`{watertight, components, euler, self_intersections, flipped_faces, volume_ml, volume_change}` of a surface.
+
+    volume_change is (volume - volume of the prior as it was given) / volume of the prior, so it holds the scale of the motion too.
+    In 2D the enclosed area, `area_mm2` or `area_px2`, stands for the volume. Open surfaces enclose nothing: None.
+    """
+    size = surface.volume if surface.watertight else None
+    before = prior.volume if prior.watertight else None
+    amount, name = (1e-3, "volume_ml") if surface.dimension == 3 else (1.0, f"area_{unit}2")
+    return {
+        "watertight": surface.watertight,
+        "components": components(surface),
+        "euler": euler(surface),
+        "self_intersections": self_intersections(surface),
+        "flipped_faces": flipped_faces(surface),
+        name: None if size is None else size * amount,
+        "volume_change": None if size is None or not before else size / before - 1.0,
+    }
+
+
+def faults(found: Record, prior: Record) -> list[str]:
+    """Why a surface is not valid, one sentence each; what the prior itself brings is not held against the result."""
+    said = []
+    if prior["watertight"] and not found["watertight"]:
+        said.append("the surface is not watertight")
+    for key, words in (("components", "components"), ("self_intersections", "self-intersecting faces"), ("flipped_faces", "flipped faces")):
+        if (found[key] or 0) > (prior[key] or 0):
+            said.append(f"the surface has {found[key]} {words}, the prior {prior[key]}")
+    if (found["volume_change"] or 0.0) <= -1.0:
+        said.append("the surface is inside out")
+    return said
+
+
+def components(surface: Surface) -> int:
+    """Number of pieces that hang together by shared vertices."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    edges, n = _edges(surface), len(surface.vertices)
+    _, label = connected_components(coo_array((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(n, n)), directed=False)
+    return len(np.unique(label[surface.faces[:, 0]]))
+
+
+def euler(surface: Surface) -> int:
+    """Euler number: vertices - edges + faces in 3D (2 for a sphere), vertices - segments in 2D (0 for closed loops)."""
+    used = len(np.unique(surface.faces))
+    return used - len(surface.faces) if surface.dimension == 2 else used - len(_edges(surface)) + len(surface.faces)
+
+
+def flipped_faces(surface: Surface) -> int:
+    """Faces that look against the mean direction of the surface at their own corners, as folded-over faces do."""
+    around = surface.vertex_normals[surface.faces].sum(axis=1)
+    return int(((around * surface.face_normals).sum(axis=1) < 0.0).sum())
+
+
+def self_intersections(surface: Surface) -> int:
+    """Number of faces that cut through another face."""
+    return _crossing_segments(surface) if surface.dimension == 2 else _crossing_triangles(surface)
+
+
+def _crossing_triangles(surface: Surface) -> int:
+    import pymeshlab
+
+    meshes = pymeshlab.MeshSet()
+    meshes.add_mesh(pymeshlab.Mesh(surface.vertices, surface.faces.astype(np.int32)))
+    meshes.compute_selection_by_self_intersections_per_face()
+    return int(meshes.current_mesh().selected_face_number())
+
+
+def _crossing_segments(surface: Surface) -> int:
+    """Every segment against every other: outlines have hundreds of segments, not millions."""
+    a, b = surface.vertices[surface.faces[:, 0]], surface.vertices[surface.faces[:, 1]]
+    cut = np.zeros(len(a), dtype=bool)
+    for k in range(len(a)):
+        apart = (_side(a[k], b[k], a) * _side(a[k], b[k], b) < 0.0) & (_side(a, b, a[k]) * _side(a, b, b[k]) < 0.0)
+        cut[k] = (apart & ~np.isin(surface.faces, surface.faces[k]).any(axis=1)).any()
+    return int(cut.sum())
+
+
+def _side(a: Array, b: Array, point: Array) -> Array:
+    """Positive where point lies left of the line from a to b."""
+    edge, to = b - a, point - a
+    return np.asarray(edge[..., 0] * to[..., 1] - edge[..., 1] * to[..., 0])
+
+
+def _edges(surface: Surface) -> Array:
+    """Undirected edges (k, 2), each once."""
+    f = surface.faces
+    pairs = f if surface.dimension == 2 else np.vstack([f[:, [0, 1]], f[:, [1, 2]], f[:, [2, 0]]])
+    return np.unique(np.sort(pairs, axis=1), axis=0)
