@@ -40,7 +40,8 @@ def read_surface_file(path: str | Path) -> SurfaceFile:
     for known in FORMATS:
         if known.knows(data):
             return known.read(path, data)
-    raise InputError(f"{path}: is no surface file that o3dls knows ({', '.join(f.name for f in FORMATS)}, csv in 2D); it begins with {data[:16]!r}")
+    names = ", ".join(known.name for known in FORMATS)
+    raise InputError(f"{path}: is no surface file that o3dls knows ({names}, csv in 2D); it begins with {data[:16]!r}")
 
 
 def read_surface(path: str | Path) -> Surface:

@@ -147,7 +147,9 @@ def _ragged_rows(path: Path, element: Element, body: Any, order: str) -> tuple[d
 
 
 def _ascii_rows(path: Path, element: Element, body: Any, order: str) -> tuple[dict[str, Any], Any]:
-    lines = body if isinstance(body, list) else [line for line in bytes(body).decode("utf-8", errors="replace").splitlines() if line.strip()]
+    if not isinstance(body, list):
+        body = [line for line in bytes(body).decode("utf-8", errors="replace").splitlines() if line.strip()]
+    lines: list[str] = body
     if len(lines) < element.count:
         raise _truncated(path, element, len(lines))
     mine, rest = lines[: element.count], lines[element.count :]

@@ -52,7 +52,8 @@ def check_faces(path: Path, faces: Ints, n: int) -> None:
         raise InputError(f"{path}: triangle {bad[0]} names vertices {faces[bad[0]].astype(int).tolist()}: there are {n}, counted from 0")
     twice = np.flatnonzero((faces == np.roll(faces, 1, axis=1)).any(axis=1))
     if len(twice):
-        raise InputError(f"{path}: triangle {twice[0]} names one vertex twice: {faces[twice[0]].astype(int).tolist()}; remove degenerate triangles")
+        row = faces[twice[0]].astype(int).tolist()
+        raise InputError(f"{path}: triangle {twice[0]} names one vertex twice: {row}; remove degenerate triangles")
 
 
 def triangulate(polygons: Any) -> Ints:

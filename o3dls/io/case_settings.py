@@ -1,0 +1,92 @@
+"""A case folder's settings and files: case.toml read strictly, files found by role, each with its hash."""
+
+from __future__ import annotations
+
+import hashlib
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ..errors import InputError, did_you_mean
+from .surface_file import SPACES
+from .table import Table, read_table
+from .text import decode, read_bytes
+
+MILLIMETRES = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "um": 0.001, "px": 1.0}
+FILES = ("prior", "points", "prior_landmarks", "init", "truth", "held_out", "correspondence", "outliers")
+KEYS = {"name": str, "units": str, "frame": str, "dimension": int, "label": int, "cap": bool, "notes": str} | dict.fromkeys(FILES, str)
+
+
+@dataclass
+class Folder:
+    """A case folder with its settings; notes every file that is read."""
+
+    path: Path
+    settings: dict[str, Any]
+    hashes: dict[str, str]
+
+    @property
+    def dimension(self) -> int:
+        return int(self.settings.get("dimension", 3))
+
+    @property
+    def units(self) -> str:
+        """Units of the case once it is read: mm, or px as they are."""
+        return "px" if self.settings.get("units") == "px" else "mm"
+
+    def scale(self, stated: str | None = None) -> float:
+        """Factor to mm: what a file itself states comes before what the case says."""
+        return MILLIMETRES[stated if stated in MILLIMETRES else self.settings.get("units", "mm")]
+
+    def find(self, role: str) -> Path | None:
+        """The file of a role: named in case.toml, else the one file of that stem. Raises InputError where it is missing or double."""
+        if role in self.settings:
+            path: Path = self.path / self.settings[role]
+            if not path.is_file():
+                raise InputError(f"{self.path / 'case.toml'}: {role} = '{self.settings[role]}': no such file")
+        else:
+            found = sorted(p for p in self.path.glob(f"{role}.*") if p.is_file())
+            if len(found) > 1:
+                raise InputError(f"{self.path}: both {found[0].name} and {found[1].name}; say in case.toml which is the {role}")
+            if not found:
+                return None
+            path = found[0]
+        self.note(path)
+        return path
+
+    def note(self, path: Path) -> None:
+        self.hashes[path.name] = hashlib.sha256(read_bytes(path)).hexdigest()
+
+    def table(self, role: str, required: str | tuple[str, ...]) -> Table | None:
+        path = self.find(role)
+        return None if path is None else read_table(path, required)
+
+
+def open_folder(path: Path, overrules: Mapping[str, str]) -> Folder:
+    """Settings of a folder. Raises InputError for a missing folder or a wrong case.toml."""
+    if not path.is_dir():
+        raise InputError(f"{path}: no such case folder")
+    folder = Folder(path, {}, {})
+    if (toml := folder.find("case")) is not None:
+        try:
+            folder.settings = tomllib.loads(decode(read_bytes(toml), toml))
+        except tomllib.TOMLDecodeError as error:
+            raise InputError(f"{toml}: {error}") from None
+        for key, value in folder.settings.items():
+            _check_setting(f"{toml}: {key}", key, value)
+    for key, value in overrules.items():
+        _check_setting(f"--{key}", key, value)
+    folder.settings |= overrules
+    return folder
+
+
+def _check_setting(where: str, key: str, value: Any) -> None:
+    if key not in KEYS:
+        raise InputError(f"{where}: no such key" + did_you_mean(key, list(KEYS)))
+    if type(value) is not KEYS[key]:
+        raise InputError(f"{where} = {value!r}: must be of type {KEYS[key].__name__}")
+    allowed = {"units": tuple(MILLIMETRES), "frame": SPACES, "dimension": (2, 3)}.get(key)
+    if allowed and value not in allowed:
+        raise InputError(f"{where} = {value!r}: must be one of {', '.join(map(str, allowed))}")
