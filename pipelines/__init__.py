@@ -1,0 +1,1 @@
+"""Pipeline files that come with o3dls; installed as `o3dls.pipelines`."""
