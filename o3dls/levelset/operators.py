@@ -1,0 +1,130 @@
+"""Differential operators on a narrow band, the regularised delta and Heaviside functions, and the zero set as simplices."""
+
+from __future__ import annotations
+
+from itertools import permutations, product
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from ..geometry import Array, Ints
+from . import kernels
+from .distance import SignedDistance, signed_distance
+from .grid import Band
+
+
+def gradient(band: Band, phi: Array) -> Array:
+    """Central differences (n, d); one-sided where the band ends."""
+    own = np.arange(len(band))[:, None]
+    low, high = (np.where(band.neighbours[:, :, k] >= 0, band.neighbours[:, :, k], own) for k in (0, 1))
+    steps = np.maximum((low != own).astype(int) + (high != own), 1)
+    return np.asarray((phi[high] - phi[low]) / (steps * band.spacing))
+
+
+def upwind_slope(band: Band, phi: Array, speed: Array) -> Array:
+    """|grad phi| (n,) by Godunov's upwind differences for d phi/dt + speed |grad phi| = 0 (Osher, Sethian 1988)."""
+    own = np.arange(len(band))[:, None]
+    low, high = (np.where(band.neighbours[:, :, k] >= 0, band.neighbours[:, :, k], own) for k in (0, 1))
+    back, ahead = (phi[:, None] - phi[low]) / band.spacing, (phi[high] - phi[:, None]) / band.spacing
+    turn = np.where(speed >= 0.0, 1.0, -1.0)[:, None]
+    parts = np.maximum(np.maximum(turn * back, 0.0) ** 2, np.minimum(turn * ahead, 0.0) ** 2)
+    return np.asarray(np.sqrt(parts.sum(axis=1)))
+
+
+def mean_curvature(band: Band, phi: Array) -> Array:
+    """div(grad phi / |grad phi|), (n,): sum of the principal curvatures of the level sets, positive on a sphere."""
+    return np.asarray(kernels.curvature(phi, band.neighbours, band.spacing))
+
+
+def laplacian(band: Band) -> sparse.csr_matrix:
+    """Minus the Laplacian on the band with no flow through its border: symmetric, positive semidefinite, (n, n), in 1/length^2."""
+    rows, axes, sides = np.nonzero(band.neighbours >= 0)
+    weights = np.full(len(rows), 1.0 / band.spacing**2)
+    links = sparse.csr_matrix((weights, (rows, band.neighbours[rows, axes, sides])), shape=(len(band), len(band)))
+    return sparse.csr_matrix(sparse.diags(np.asarray(links.sum(axis=1)).ravel()) - links)
+
+
+def delta(phi: Array, reach: float) -> Array:
+    """Regularised Dirac function, 0 beyond |phi| = reach, integral 1."""
+    return np.where(np.abs(phi) < reach, (1.0 + np.cos(np.pi * phi / reach)) / (2.0 * reach), 0.0)
+
+
+def heaviside(phi: Array, reach: float) -> Array:
+    """Its integral: 0 inside (phi < -reach), 1 outside."""
+    s = np.clip(phi / reach, -1.0, 1.0)
+    return np.asarray(0.5 * (1.0 + s + np.sin(np.pi * s) / np.pi))
+
+
+def zero_set(band: Band, phi: Array) -> tuple[Array, Ints]:
+    """The surface phi = 0 as vertices (v, d) and faces (m, d) wound outward: closed, manifold, exact for a linear phi.
+
+    The band must reach a cell beyond the surface. Lattice cells are split into simplices, so no case is ambiguous.
+    """
+    cells, simplices = _cells(band, phi), _simplices(band.dimension)
+    if len(cells) == 0:
+        return np.zeros((0, band.dimension)), np.zeros((0, band.dimension), dtype=np.int64)
+    least = 1e-6 * band.spacing  # a vertex at a node would make faces without area
+    safe = np.where(np.abs(phi) < least, np.where(phi < 0.0, -least, least), phi)
+    keyed, source = kernels.march_simplices(cells, safe, simplices)
+    keys, faces = np.unique(keyed, return_inverse=True)
+    tail, step = np.divmod(keys, 2**band.dimension)
+    head = band.find(band.nodes[tail] + (step[:, None] >> np.arange(band.dimension) & 1))
+    share = safe[tail] / (safe[tail] - safe[head])
+    vertices = band.positions[tail] + share[:, None] * (band.positions[head] - band.positions[tail])
+    return vertices, _outward(vertices, faces.reshape(keyed.shape), band, safe, cells[source[:, 0]], simplices[source[:, 1]])
+
+
+def _cells(band: Band, phi: Array) -> Ints:
+    """Corner rows (c, 2^d) of the lattice cells that phi changes sign in."""
+    rows = np.arange(len(band))
+    columns = []
+    for corner in product((0, 1), repeat=band.dimension):
+        row = rows
+        for axis in np.flatnonzero(corner):
+            row = np.where(row >= 0, band.neighbours[row, axis, 1], -1)
+        columns.append(row)
+    order = [sum(bit << axis for axis, bit in enumerate(c)) for c in product((0, 1), repeat=band.dimension)]
+    corners = np.column_stack(columns)[:, np.argsort(order)]
+    inside = (phi[corners] < 0.0).sum(axis=1)
+    return np.ascontiguousarray(corners[(corners >= 0).all(axis=1) & (inside > 0) & (inside < 2**band.dimension)], dtype=np.int64)
+
+
+def _simplices(dimension: int) -> Ints:
+    """The d! simplices of a cube as rising paths of corner numbers from 0 to 2^d - 1 (Kuhn 1960)."""
+    return np.array([np.cumsum([0, *(1 << axis for axis in path)]) for path in permutations(range(dimension))])
+
+
+def _outward(vertices: Array, faces: Ints, band: Band, phi: Array, cells: Ints, simplices: Ints) -> Ints:
+    """Turn every face so that its normal points to where phi is positive in its simplex."""
+    rows = np.take_along_axis(cells, simplices, axis=1)
+    outside = phi[rows] >= 0.0
+    share = np.where(outside, 1.0 / outside.sum(axis=1, keepdims=True), -1.0 / (~outside).sum(axis=1, keepdims=True))
+    away = np.einsum("mv,mvd->md", share, band.positions[rows])  # from the mean inner to the mean outer corner
+    edge = vertices[faces[:, 1]] - vertices[faces[:, 0]]
+    if band.dimension == 2:
+        normal = np.column_stack([edge[:, 1], -edge[:, 0]])
+    else:
+        normal = np.cross(edge, vertices[faces[:, 2]] - vertices[faces[:, 0]])
+    wrong = (normal * away).sum(axis=1) < 0.0
+    return np.where(wrong[:, None], faces[:, ::-1], faces)
+
+
+def reinitialise(band: Band, phi: Array) -> SignedDistance:
+    """The exact signed distance of the zero set of phi, on the band around where that set now is: |grad phi| = 1 again."""
+    vertices, faces = zero_set(band, phi)
+    return signed_distance(vertices, faces, band.spacing, band.width)
+
+
+def nearest_on(vertices: Array, faces: Ints, field: SignedDistance) -> tuple[Ints, Array]:
+    """Corner vertices (n, d) of each node's closest face and the barycentric weights (n, d) of the closest point on it."""
+    weights = kernels.barycentric(field.band.positions, vertices, faces, field.face)
+    return faces[field.face], weights
+
+
+def extend(values: Array, nearest: tuple[Ints, Array]) -> Array:
+    """Values per vertex carried off the surface along its normals: each node takes the value at its closest point, (n,) or (n, k)."""
+    corners, weights = nearest
+    return np.einsum("nc,nc...->n...", weights, values[corners])
+
+
