@@ -1,3 +1,47 @@
 """o3dls: level-set registration and reconstruction of an atrium from a prior surface and sparse points, on Open3D. Not for clinical use."""
 
+from typing import Any
+
 __version__ = "0.1.0"
+
+PUBLIC = {
+    "Case": "case",
+    "Points": "case",
+    "Truth": "case",
+    "Estimate": "estimate",
+    "Surface": "geometry",
+    "Stage": "stage",
+    "Writer": "stage",
+    "O3dlsError": "errors",
+    "InputError": "errors",
+    "PipelineError": "errors",
+    "SolverError": "errors",
+    "read_case": "io.case_folder",
+    "write_case": "io.case_folder",
+    "Pipeline": "pipeline",
+    "read_pipeline": "pipeline_file",
+    "default_pipeline": "pipeline_file",
+    "Run": "run",
+    "read_run": "run_folder",
+    "Landmarks": "stages.landmarks",
+    "ICP": "stages.icp",
+    "GlobalPose": "stages.global_pose",
+    "Deform": "stages.deform",
+    "LevelSet": "stages.level_set",
+    "Report": "report",
+    "Export": "export",
+    "register": "open3d_api",
+}
+__all__ = ["PUBLIC", "__version__", *PUBLIC]  # noqa: PLE0604  (names are imported when they are first asked for, so that the help answers at once)
+
+
+def __getattr__(name: str) -> Any:
+    from importlib import import_module
+
+    if name not in PUBLIC:
+        raise AttributeError(f"module 'o3dls' has no attribute '{name}'")
+    return getattr(import_module(f"o3dls.{PUBLIC[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return sorted([*globals(), *PUBLIC])

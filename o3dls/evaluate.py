@@ -117,8 +117,9 @@ def _enclosed_3d(surface: Surface, axes: list[Array]) -> NDArray[np.bool_]:
     centre = surface.vertices.mean(axis=0)  # ray casting is in float32: keep the numbers small
     nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1) - centre
     scene = o3d.t.geometry.RaycastingScene()
-    scene.add_triangles((surface.vertices - centre).astype(np.float32), surface.faces.astype(np.uint32))
-    return np.asarray(scene.compute_occupancy(nodes.astype(np.float32)).numpy() > 0.5)
+    tensor = o3d.core.Tensor.from_numpy
+    scene.add_triangles(tensor((surface.vertices - centre).astype(np.float32)), tensor(surface.faces.astype(np.uint32)))
+    return np.asarray(scene.compute_occupancy(tensor(nodes.astype(np.float32))).numpy() > 0.5)
 
 
 def _enclosed_2d(surface: Surface, x: Array, y: Array) -> NDArray[np.bool_]:

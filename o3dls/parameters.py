@@ -99,7 +99,8 @@ def _limits(field: FieldInfo) -> str:
     """`[low, high]` with round brackets where a bound is excluded, the accepted words, a pattern, or nothing."""
     if words := _words(field):
         return ", ".join(words)
-    bounds = {name: getattr(m, name) for m in field.metadata for name in ("ge", "gt", "le", "lt", "pattern") if getattr(m, name, None) is not None}
+    known = ("ge", "gt", "le", "lt", "pattern")
+    bounds = {name: getattr(m, name) for m in field.metadata for name in known if getattr(m, name, None) is not None}
     if "pattern" in bounds:
         return f"text that matches {bounds['pattern']}"
     if not bounds:

@@ -16,7 +16,7 @@ from .estimate import Estimate
 from .parameters import mistakes
 
 if TYPE_CHECKING:
-    from .pipeline import Run
+    from .run import Run
 
 
 class Plugin(BaseModel, ABC):
@@ -34,6 +34,10 @@ class Plugin(BaseModel, ABC):
         except ValidationError as error:
             raise PipelineError(*mistakes(cls, error)) from None
 
+    def record(self) -> dict[str, Any]:
+        """Every parameter with its value, as a pipeline file would say it."""
+        return {"use": self.name} | self.model_dump(mode="json", by_alias=True)
+
     def obstacle(self, case: Case) -> str | None:
         """Why this plugin cannot work on the case (a sentence), None where it can."""
         return None
@@ -44,7 +48,9 @@ class Stage(Plugin):
 
     finds_pose: ClassVar[bool] = False  # True: needs no rough pose, so points far from the prior are no mistake
 
-    as_: str | None = Field(None, alias="as", pattern=r"^[A-Za-z][A-Za-z0-9_-]*$", description="name of the estimate; default: the stage's name")
+    as_: str | None = Field(
+        None, alias="as", pattern=r"^[A-Za-z][A-Za-z0-9_-]*$", description="name of the estimate; default: the stage's name"
+    )
     after: str | None = Field(None, description="estimate to start from; default: the stage before")
 
     @property

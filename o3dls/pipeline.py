@@ -1,0 +1,142 @@
+"""A pipeline folds stages over a case: each makes an estimate from an earlier one, and every estimate is kept and scored."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from time import perf_counter
+from typing import Any, Self
+
+import numpy as np
+
+from .case import Case
+from .crossval import cross_validate
+from .errors import InputError, PipelineError, SolverError, did_you_mean
+from .estimate import Estimate
+from .run import Run
+from .stage import Stage, Writer
+from .start import check_start, start_estimate
+
+START = "start"
+MOST_FOLDS = 50
+log = logging.getLogger("o3dls")
+
+
+@dataclass(frozen=True)
+class Pipeline:
+    """Stages in order, writers of what the run shall leave behind, and the number of folds of the cross-validation (0: none).
+
+    `case` and `out` are folders, and only needed where `run` and `write` are not told. Raises PipelineError with every mistake.
+    """
+
+    stages: Sequence[Stage]
+    writes: Sequence[Writer] = ()
+    case: Path | None = field(default=None, kw_only=True)
+    out: Path | None = field(default=None, kw_only=True)
+    folds: int = field(default=5, kw_only=True)
+
+    def __post_init__(self) -> None:
+        for name in ("stages", "writes"):
+            object.__setattr__(self, name, tuple(getattr(self, name)))
+        for name in ("case", "out"):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, Path(getattr(self, name)))
+        if found := _mistakes(self):
+            raise PipelineError(*found)
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the estimates in order, `start` first."""
+        return [START, *(stage.estimate_name for stage in self.stages)]
+
+    @property
+    def sources(self) -> dict[str, str]:
+        """The estimate that each stage starts from, by the name of its own."""
+        return {stage.estimate_name: stage.after or before for stage, before in zip(self.stages, self.names, strict=False)}
+
+    def fitted(self, name: str) -> tuple[str, ...]:
+        """Types of the points that an estimate, or one that it started from, was shown."""
+        stages, types = {stage.estimate_name: stage for stage in self.stages}, set[str]()
+        while name != START:
+            types |= set(stages[name].fits)
+            name = self.sources[name]
+        return tuple(sorted(types))
+
+    def run(self, case: Case | None = None) -> Run:
+        """Fit, cross-validate and score. Raises InputError where the case cannot be fitted so, SolverError where a stage fails."""
+        case = case or self._own_case()
+        self.check_case(case)
+        begin = perf_counter()
+        check_start(case, start_estimate(case), pose_is_known=not any(stage.finds_pose for stage in self.stages))
+        estimates = self.fit(case)
+        left_out = cross_validate(lambda part: self.fit(part, logging.DEBUG), case, self.folds) if self.folds else {}
+        return Run.scored(case, self, estimates, left_out, seconds=lambda: perf_counter() - begin)
+
+    def fit(self, case: Case, level: int = logging.INFO) -> dict[str, Estimate]:
+        """Estimates by name, `start` first; each stage is shown the points that it fits, and neither truth nor held-out data."""
+        estimates = {START: start_estimate(case.visible())}
+        for stage in self.stages:
+            begin = perf_counter()
+            estimate = stage(case.visible(stage.fits), estimates[self.sources[stage.estimate_name]])
+            if not np.isfinite(estimate.T_map_prior).all():
+                raise SolverError(f"{stage.estimate_name}: the pose found is not finite")
+            estimates[stage.estimate_name] = replace(estimate, seconds=perf_counter() - begin)
+            log.log(level, "%s: %s (%.2f s)", stage.estimate_name, estimate.status, perf_counter() - begin)
+        return estimates
+
+    def record(self) -> dict[str, Any]:
+        """The pipeline with every default written out, shaped as its file; without folders, which say nothing of the result."""
+        return {
+            "folds": self.folds,
+            "stage": [stage.record() for stage in self.stages],
+            "write": [writer.record() for writer in self.writes],
+        }
+
+    def check_case(self, case: Case) -> None:
+        """Raise InputError where a stage or writer cannot work on the case."""
+        for plugin in (*self.stages, *self.writes):
+            if why := plugin.obstacle(case):
+                raise InputError(f"case {case.name}: {plugin.name}: {why}")
+
+    def allowed_by(self, case: Case) -> Self:
+        """The pipeline without the stages and writers that cannot work on the case; each one dropped is said in the log."""
+        why = {id(plugin): plugin.obstacle(case) for plugin in (*self.stages, *self.writes)}
+        for plugin in (*self.stages, *self.writes):
+            if why[id(plugin)]:
+                log.info("%s is left out: %s", plugin.name, why[id(plugin)])
+        stages = [stage for stage in self.stages if not why[id(stage)]]
+        return replace(self, stages=stages, writes=[writer for writer in self.writes if not why[id(writer)]])
+
+    def _own_case(self) -> Case:
+        from .io.case_folder import read_case
+
+        if self.case is None:
+            raise InputError("the pipeline names no case: give one to run(), or say case = \"folder\"")
+        return read_case(self.case)
+
+
+def _mistakes(pipeline: Pipeline) -> list[str]:
+    """What is wrong with the whole, one sentence each; its parts have checked themselves."""
+    said = [] if pipeline.stages else ["the pipeline has no stage: add a [[stage]] with use = \"icp\""]
+    if pipeline.folds not in range(MOST_FOLDS + 1) or pipeline.folds == 1:
+        said.append(f"folds = {pipeline.folds!r}: must be 0 (no cross-validation) or a whole number within [2, {MOST_FOLDS}]")
+    said += order_mistakes([(stage.name, stage.estimate_name, stage.after) for stage in pipeline.stages])
+    for writer in pipeline.writes:
+        said += [f"{writer.name}: no estimate '{n}'{did_you_mean(n, pipeline.names)}" for n in writer.refers_to if n not in pipeline.names]
+    return said
+
+
+def order_mistakes(steps: Sequence[tuple[str, str, str | None]]) -> list[str]:
+    """What is wrong with the order of stages given as (stage, name of its estimate, name of the estimate it starts after)."""
+    said = []
+    names = [START, *(name for _, name, _ in steps)]
+    for k, (stage, name, after) in enumerate(steps, 1):
+        if name in names[:k]:
+            said.append(f"{stage}: a second estimate named '{name}': give it another name with as = \"...\"")
+        elif after in names[k:]:
+            said.append(f"{name}.after = '{after}': is not made before {name}; name an earlier estimate")
+        elif after is not None and after not in names:
+            said.append(f"{name}.after = '{after}': no such estimate{did_you_mean(after, names)}")
+    return said

@@ -1,0 +1,74 @@
+"""Where a run begins: the rough pose that the case brings along, and whether points and prior can belong together at all."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .case import Case
+from .errors import InputError
+from .estimate import Estimate
+from .evaluate import distances, landmark_errors
+from .geometry import Array, fit_similarity
+
+FEWEST_POINTS = 10
+NARROWEST = 0.02  # smallest spread of a line-up of landmarks, across it, relative to along it
+SPANS = (0.1, 4.0)  # extent of the points relative to the prior's: a single vein is 0.15, a chamber 1
+FARTHEST = 0.5  # median distance of the points from the prior after the start pose, relative to its diagonal
+
+
+def start_estimate(case: Case) -> Estimate:
+    """The prior in its rough pose: rigid fit of the named landmarks, else `init`, else as it stands; the status says which."""
+    names, prior, measured = case.landmark_pairs()
+    if len(names) >= 3 and not _in_line(prior) and not _in_line(measured):
+        start = _placed(case, fit_similarity(prior, measured, scale=False), "")
+        error = np.sqrt((landmark_errors(case, start) ** 2).mean())
+        return _placed(case, start.T_map_prior, f"rigid fit of {len(names)} landmarks ({', '.join(names)}), rms {error:.2f} {case.units}")
+    why = f"; {len(names)} landmark pairs on one line fix no pose" if len(names) >= 3 else ""
+    if case.init is not None:
+        return _placed(case, case.init, f"pose from the case's init matrix{why}")
+    return _placed(case, np.eye(case.dimension + 1), f"identity: the case has neither 3 landmark pairs nor an init matrix{why}")
+
+
+def check_start(case: Case, start: Estimate, *, pose_is_known: bool) -> None:
+    """Raise InputError unless there are enough points, as large as the prior and, where the pose counts as known, near it."""
+    points = case.points.of("eam").xyz
+    if len(points) < FEWEST_POINTS:
+        raise InputError(f"case {case.name}: {len(points)} points of type eam; at least {FEWEST_POINTS} are needed")
+    _check_span(case, float(np.linalg.norm(np.ptp(points, axis=0))))
+    if pose_is_known:
+        _check_near(case, start, float(np.median(distances(points, start.surface))))
+
+
+def _placed(case: Case, T_map_prior: Array, status: str) -> Estimate:
+    return Estimate(case.prior.transformed(T_map_prior), T_map_prior, status)
+
+
+def _in_line(points: Array) -> bool:
+    """True where points (n, d) leave a rotation free: they lie on one line (3D) or in one place (2D)."""
+    spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    rank = points.shape[1] - 1
+    return bool(spread[rank - 1] <= NARROWEST * spread[0]) if rank > 1 else bool(spread[0] == 0.0)
+
+
+def _check_span(case: Case, span: float) -> None:
+    """Points in another unit than the prior's are thousand times too small, not a little."""
+    ratio = span / case.prior.diagonal
+    if SPANS[0] <= ratio <= SPANS[1]:
+        return
+    factors = {"m": 1e3, "cm": 1e1, "um": 1e-3}
+    likely = min(factors, key=lambda unit: abs(np.log(max(ratio * factors[unit], 1e-300))))
+    raise InputError(
+        f"case {case.name}: the points span {span:.3g} {case.units}, the prior {case.prior.diagonal:.3g} {case.units}: "
+        f"if the points are in {likely}, put the line '# units={likely}' above the header of their file; "
+        f"if the whole case is, say --units {likely}"
+    )
+
+
+def _check_near(case: Case, start: Estimate, gap: float) -> None:
+    if gap <= FARTHEST * case.prior.diagonal:
+        return
+    raise InputError(
+        f"case {case.name}: half of the points are more than {gap:.3g} {case.units} away from the prior ({case.prior.diagonal:.3g} "
+        f"{case.units} across) after the start ({start.status}): give 3 or more named landmarks or an init matrix, check the frame, "
+        "or begin the pipeline with the stage global_pose"
+    )

@@ -1,0 +1,48 @@
+"""What each vertex of an estimate's surface carries: how far it moved, how sure that is, how near the data are."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .case import Case
+from .estimate import Estimate
+from .evaluate import moved
+from .geometry import Array, Surface, apply
+
+
+def with_fields(case: Case, estimate: Estimate, unit: str) -> Surface:
+    """The surface with `displacement_mm`, `sd_mm` (where there is a posterior), `distance_to_nearest_point_mm` and its own fields.
+
+    displacement is signed, outward positive: from the prior under `T_map_prior`, so it shows what a similarity cannot explain.
+    """
+    from dataclasses import replace
+
+    surface = estimate.surface
+    fields = {f"displacement_{unit}": displacement(case.prior, estimate), f"distance_to_nearest_point_{unit}": _to_points(case, surface)}
+    if estimate.motion is not None:
+        fields[f"sd_{unit}"] = estimate.motion.sd(on_prior(case.prior, estimate), surface.vertex_normals)
+    return replace(surface, fields={**surface.fields, **fields})
+
+
+def displacement(prior: Surface, estimate: Estimate) -> Array:
+    """Signed distance (n,) of the estimate's vertices from the prior under `T_map_prior`, outward positive."""
+    from .levelset.closest import ClosestPoint
+
+    rest = prior.with_vertices(apply(estimate.T_map_prior, prior.vertices))
+    squared, face, foot, weights = ClosestPoint(rest.vertices, rest.faces).query(estimate.surface.vertices)
+    normal = np.einsum("nk,nkd->nd", weights, rest.vertex_normals[rest.faces[face]])
+    return np.asarray(np.sqrt(squared) * np.sign(((estimate.surface.vertices - foot) * normal).sum(axis=1)))
+
+
+def on_prior(prior: Surface, estimate: Estimate) -> Array:
+    """The points (n, d) of the prior that came to lie nearest the estimate's vertices."""
+    from .levelset.closest import ClosestPoint
+
+    _, face, _, weights = ClosestPoint(moved(estimate, prior.vertices), prior.faces).query(estimate.surface.vertices)
+    return np.asarray(np.einsum("nk,nkd->nd", weights, prior.vertices[prior.faces[face]]))
+
+
+def _to_points(case: Case, surface: Surface) -> Array:
+    from scipy.spatial import cKDTree
+
+    return np.asarray(cKDTree(case.points.of("eam").xyz).query(surface.vertices)[0])
