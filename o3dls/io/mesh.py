@@ -8,7 +8,7 @@ from pathlib import Path
 
 from ..errors import InputError
 from ..geometry import Surface
-from . import ply, polyline
+from . import carto_vtk, obj, ply, polyline, stl, vtk_legacy, vtp
 from .atomic import staged_file
 from .surface_file import SurfaceFile
 from .text import read_bytes
@@ -28,7 +28,15 @@ class Format:
     write: Writer | None = None
 
 
-FORMATS = (Format("ply", (".ply",), lambda data: data[:4] in (b"ply\n", b"ply\r"), ply.read, ply.write),)
+FORMATS = (
+    Format("ply", (".ply",), ply.knows, ply.read, ply.write),
+    Format("vtk", (".vtk",), vtk_legacy.knows, vtk_legacy.read, vtk_legacy.write),
+    Format("vtp", (".vtp",), vtp.knows, vtp.read, vtp.write),
+    Format("off", (".off",), obj.knows_off, obj.read_off, obj.write_off),
+    Format("stl", (".stl",), stl.knows, stl.read, stl.write),
+    Format("obj", (".obj",), obj.knows_obj, obj.read_obj, obj.write_obj),
+    Format("carto_vtk", (), lambda data: False, vtk_legacy.read, carto_vtk.write),  # read as any VTK
+)
 
 
 def read_surface_file(path: str | Path) -> SurfaceFile:

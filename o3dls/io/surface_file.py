@@ -29,9 +29,14 @@ class SurfaceFile:
     @classmethod
     def of(
         cls, path: Path, vertices: Array, faces: Ints, fields: Mapping[str, Array] | None = None, *,
-        space: str | None = None, units: str | None = None, metadata: Mapping[str, Any] | None = None,
+        header: str = "", space: str | None = None, units: str | None = None, metadata: Mapping[str, Any] | None = None,
     ) -> SurfaceFile:  # fmt: skip
-        """A checked surface. Raises InputError naming the file and the row where a vertex, an index or a triangle cannot be."""
+        """A checked surface; frame and units as given, else from `SPACE=` and `UNITS=` in the header text.
+
+        Raises InputError naming the file and the row where a vertex, an index or a triangle cannot be.
+        """
+        notes = dict(re.findall(r"\b(SPACE|UNITS)=(\w+)", header))
+        space, units = space or notes.get("SPACE"), units or notes.get("UNITS")
         if len(vertices) == 0 or len(faces) == 0:
             raise InputError(f"{path}: holds {len(vertices)} vertices and {len(faces)} triangles; a surface needs both")
         bad = np.flatnonzero(~np.isfinite(vertices).all(axis=1))
@@ -56,15 +61,10 @@ def check_faces(path: Path, faces: Ints, n: int) -> None:
         raise InputError(f"{path}: triangle {twice[0]} names one vertex twice: {row}; remove degenerate triangles")
 
 
-def triangulate(polygons: Any) -> Ints:
-    """Triangles (m, 3) of polygons given as an array (k, n) or a list of index rows; polygons are cut as fans."""
-    if isinstance(polygons, list):
-        lengths = {len(p) for p in polygons}
-        parts = [triangulate(np.array([p for p in polygons if len(p) == n])) for n in sorted(lengths) if n >= 3]
-        return np.concatenate(parts) if parts else np.zeros((0, 3), dtype=np.int64)
-    n = polygons.shape[1] if polygons.ndim == 2 else 0
-    fans = [polygons[:, [0, k, k + 1]] for k in range(1, n - 1)]
-    return np.stack(fans, axis=1).reshape(-1, 3) if fans else np.zeros((0, 3), dtype=np.int64)
+def triangulate(*polygons: Array | Ints) -> Ints:
+    """Triangles (m, 3) of blocks of polygons, each block (k, n) with n corners; polygons are cut as fans."""
+    fans = [np.stack([block[:, [0, k, k + 1]] for k in range(1, block.shape[1] - 1)], axis=1) for block in polygons if block.shape[1] > 2]
+    return np.concatenate([fan.reshape(-1, 3) for fan in fans]) if fans else np.zeros((0, 3), dtype=np.int64)
 
 
 def flatten_fields(fields: Mapping[str, Array]) -> dict[str, Array]:

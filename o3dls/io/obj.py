@@ -1,0 +1,100 @@
+"""Wavefront OBJ and OFF: plain text geometry; OBJ states frame and units in comments."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import InputError
+from ..geometry import Array
+from .surface_file import NOTICE, SurfaceFile, triangulate
+from .text import decode, join_rows, number_rows
+
+
+def knows_obj(data: bytes) -> bool:
+    return re.search(rb"^v\s+[-+.\d]", data[:100_000], re.MULTILINE) is not None
+
+
+def read_obj(path: Path, data: bytes) -> SurfaceFile:
+    """Decode an OBJ file; normals, textures and groups are ignored. Raises InputError naming the line."""
+    lines = decode(data, path).splitlines()
+    rows = [k for k, line in enumerate(lines) if line.startswith(("v ", "v\t"))]
+    widths = {len(lines[k].split()) for k in rows}
+    if not widths <= {4, 5, 7, 8}:
+        raise InputError(f"{path}: vertices have {sorted(w - 1 for w in widths)} numbers: must be 3, with colours 6")
+    table = [number_rows([lines[k][1:] for k in rows], w - 1, path, [k + 1 for k in rows], "vertex") for w in widths]
+    vertices = table[0][:, :3] if table else np.zeros((0, 3))
+    faces = [k for k, line in enumerate(lines) if line.startswith(("f ", "f\t"))]
+    polygons = _polygons(path, [lines[k][1:] for k in faces], [k + 1 for k in faces], len(vertices))
+    header = "\n".join(line for line in lines[:50] if line.startswith("#"))
+    return SurfaceFile.of(path, vertices, triangulate(*polygons), header=header)
+
+
+def _polygons(path: Path, lines: list[str], numbers: list[int], n: int) -> list[Array]:
+    """Corners of the faces, 0-based; `7/1/3` means corner 7 and negative indices count from the end of the vertices."""
+    if any("/" in line for line in lines):
+        lines = [re.sub(r"/\S*", "", line) for line in lines]
+    polygons = []
+    widths = np.array([len(line.split()) for line in lines])
+    for width in np.unique(widths):
+        mine = np.flatnonzero(widths == width)
+        polygons.append(number_rows([lines[k] for k in mine], int(width), path, [numbers[k] for k in mine], "face"))
+    if any((p == 0).any() for p in polygons):
+        raise InputError(f"{path}: a face names vertex 0: OBJ counts from 1")
+    return [np.where(p < 0, p + n, p - 1) for p in polygons]
+
+
+def write_obj(file: SurfaceFile) -> bytes:
+    """Encode as OBJ; fields are lost."""
+    surface = file.surface
+    head = f"# {NOTICE}\n# SPACE={file.space}\n# UNITS={file.units}\n"
+    return (head + join_rows("v %.9g %.9g %.9g\n", surface.vertices) + join_rows("f %d %d %d\n", surface.faces + 1)).encode()
+
+
+def knows_off(data: bytes) -> bool:
+    return re.match(rb"(\s*#[^\n]*\n)*\s*(ST)?C?N?OFF\b", data[:2000]) is not None
+
+
+def read_off(path: Path, data: bytes) -> SurfaceFile:
+    """Decode an ascii OFF file. Raises InputError naming the line."""
+    text = decode(data, path)
+    numbered = [(k, line.split("#")[0].strip()) for k, line in enumerate(text.splitlines(), 1)]
+    rows = [(k, line) for k, line in numbered if line]
+    first = re.sub(r"^(ST)?C?N?OFF", "", rows[0][1]).strip()
+    rows = [(rows[0][0], first), *rows[1:]] if first else rows[1:]
+    if not rows or not re.fullmatch(r"\d+\s+\d+(\s+\d+)?", rows[0][1]):
+        raise InputError(f"{path}: line 2: OFF must state its numbers of vertices and faces")
+    n, m = map(int, rows[0][1].split()[:2])
+    if len(rows) < 1 + n + m:
+        raise InputError(f"{path}: OFF declares {n} vertices and {m} faces but ends after {len(rows) - 1} rows: the file is truncated")
+    mine, faces = rows[1 : 1 + n], rows[1 + n : 1 + n + m]
+    width = len(mine[0][1].split()) if mine else 3
+    vertices = number_rows([line for _, line in mine], width, path, [k for k, _ in mine], "vertex")
+    if width < 3:
+        raise InputError(f"{path}: line {mine[0][0]}: vertex has {width} numbers: must be 3")
+    header = "\n".join(line for line in text.splitlines()[:20] if line.startswith("#"))
+    return SurfaceFile.of(path, vertices[:, :3], triangulate(*_off_polygons(path, faces)), header=header)
+
+
+def _off_polygons(path: Path, rows: list[tuple[int, str]]) -> list[Array]:
+    """Corners of the faces; numbers behind them are colours."""
+    polygons = []
+    words = [line.split() for _, line in rows]
+    shapes = np.array([(int(w[0]) if w[0].isdigit() else -1, len(w)) for w in words])
+    wrong = np.flatnonzero((shapes[:, 0] < 3) | (shapes[:, 0] >= shapes[:, 1]))
+    if len(wrong):
+        raise InputError(f"{path}: line {rows[wrong[0]][0]}: '{rows[wrong[0]][1][:40]}' is no face: a count and as many corners")
+    for corners, width in np.unique(shapes, axis=0):
+        mine = np.flatnonzero((shapes == (corners, width)).all(axis=1))
+        table = number_rows([rows[k][1] for k in mine], int(width), path, [rows[k][0] for k in mine], "face")
+        polygons.append(table[:, 1 : corners + 1])
+    return polygons
+
+
+def write_off(file: SurfaceFile) -> bytes:
+    """Encode as OFF; fields are lost."""
+    surface = file.surface
+    head = f"OFF\n# {NOTICE}\n# SPACE={file.space} UNITS={file.units}\n{len(surface.vertices)} {len(surface.faces)} 0\n"
+    return (head + join_rows("%.9g %.9g %.9g\n", surface.vertices) + join_rows("3 %d %d %d\n", surface.faces)).encode()
