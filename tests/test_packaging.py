@@ -1,14 +1,51 @@
-"""What pyproject.toml says must match the tree."""
+"""What pyproject.toml and constraints.txt say must match the tree and what is installed."""
 
 from __future__ import annotations
 
+import re
 import tomllib
+from importlib.metadata import PackageNotFoundError, distribution
 
+import pytest
 from conftest import ROOT
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
+CONSTRAINTS = [line for line in (ROOT / "constraints.txt").read_text().splitlines() if not line.startswith("#")]
+
+
+def installed(name: str, extras: frozenset[str], seen: dict[str, str]) -> dict[str, str]:
+    """Versions by name of a distribution and of everything it needs here, as far as it is installed."""
+    for text in distribution(name).requires or []:
+        need = Requirement(text)
+        key = canonicalize_name(need.name)
+        if key in seen or not any(need.marker is None or need.marker.evaluate({"extra": extra}) for extra in extras | {""}):
+            continue
+        try:
+            seen[key] = distribution(key).version
+        except PackageNotFoundError:  # an extra that was not asked for
+            continue
+        installed(key, frozenset(need.extras), seen)
+    return seen
 
 
 def test_every_package_is_listed() -> None:
     folders = {path.parent.relative_to(ROOT).as_posix().replace("/", ".") for path in (ROOT / "o3dls").rglob("__init__.py")}
     assert set(PROJECT["tool"]["setuptools"]["packages"]) == folders | {"o3dls.pipelines"}
+
+
+def test_every_installed_package_is_the_locked_one() -> None:
+    pins = {canonicalize_name(r.name): r for r in map(Requirement, CONSTRAINTS) if r.marker is None or r.marker.evaluate()}
+    here = installed("o3dls", frozenset(PROJECT["project"]["optional-dependencies"]), {})
+    assert len(here) > 50, "the walk over the requirements found next to nothing"
+    loose = {name: version for name, version in here.items() if name not in pins or version not in pins[name].specifier}
+    assert not loose, f"not as in constraints.txt (./dev test installs it; python tools/lock.py writes it): {loose}"
+
+
+@pytest.mark.parametrize("python", ["3.11", "3.12", "3.13", "3.14"])
+def test_every_python_has_one_exact_version(python: str) -> None:
+    rows = [Requirement(line) for line in CONSTRAINTS]
+    here = [r for r in rows if r.marker is None or r.marker.evaluate({"python_version": python})]
+    assert len({r.name for r in here}) == len(here)
+    assert all(re.fullmatch(r"==[\w.]+", str(r.specifier)) and r.url is None for r in rows)
