@@ -171,7 +171,7 @@ def _check(case: Case, folder: Folder) -> None:
             f"({', '.join(case.prior_landmarks)}); give both sides the same names"
         )
     rows = case.truth.outliers if case.truth else None
-    if rows is not None and len(rows) and not (0 <= rows.min() and rows.max() < len(case.points)):
+    if rows is not None and len(rows) and (rows.min() < 0 or rows.max() >= len(case.points)):
         raise InputError(f"{folder.path}: outliers.csv names row {rows.max()}: points have rows 0 to {len(case.points) - 1}")
 
 

@@ -61,7 +61,8 @@ def write_surface(path: str | Path, surface: Surface, *, space: str = "unknown",
     """Write a surface in the format of the suffix, or the named one; `space` and `units` are stated where the format can."""
     path = Path(path)
     if path.suffix == ".csv":
-        return polyline.write_polyline(path, surface)
+        polyline.write_polyline(path, surface)
+        return
     encode = writer_for(path, format)
     with staged_file(path) as staged:
         staged.write_bytes(encode(SurfaceFile(surface, space, units)))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -111,10 +112,8 @@ def _first_lengths(element: Element, body: memoryview, order: str) -> Mapping[st
     """Length of every list in the first row; 0 where the body is too short to tell."""
     lengths = {prop.name: 0 for prop in element.properties if prop.count}
     take = Taker(body, order)
-    try:
+    with suppress(EOFError):
         lengths |= {prop.name: len(values) for prop, values in walk(element, take) if prop.count} if element.rows else {}
-    except EOFError:
-        pass
     return lengths
 
 

@@ -18,7 +18,7 @@ TRIANGLE = np.dtype([("normal", "<f4", (3,)), ("corners", "<f4", (3, 3)), ("attr
 
 def knows(data: bytes) -> bool:
     """Binary STL is known by its size, which is checked first since a binary header may begin with `solid`."""
-    return _is_binary(data) or re.match(rb"\s*solid\b", data[:80]) is not None and b"facet" in data[:2000]
+    return _is_binary(data) or (re.match(rb"\s*solid\b", data[:80]) is not None and b"facet" in data[:2000])
 
 
 def _is_binary(data: bytes) -> bool:

@@ -160,5 +160,3 @@ def write(file: SurfaceFile) -> bytes:
         width = 1 if values.ndim == 1 else values.shape[1]
         parts += [f"{quote(name)} {width} {n} double\n".encode(), np.asarray(values).astype(">f8").tobytes(), b"\n"]
     return b"".join(parts) + b"\n"
-
-

@@ -22,6 +22,7 @@ from .text import flat_numbers
 
 TYPES = {f"{sign}Int{bits}": f"{'u' if sign else 'i'}{bits // 8}" for sign in ("", "U") for bits in (8, 16, 32, 64)}
 TYPES |= {"Float32": "f4", "Float64": "f8"}
+LONGEST_TEXT = 10_000
 UNPACK: dict[str, Callable[[bytes, int], bytes]] = {
     "vtkZLibDataCompressor": lambda packed, size: zlib.decompressobj().decompress(packed, size),
     "vtkLZMADataCompressor": lambda packed, size: lzma.LZMADecompressor().decompress(packed, size),
@@ -73,12 +74,15 @@ class Arrays:
         return int(text)
 
     def text(self, root: ElementTree.Element, name: str) -> str | None:
-        """A string of the field data, as codes in ascii; None where there is none."""
+        """A string of the field data, stored as character codes that end with 0; None where there is none."""
         array = root.find(f"PolyData/FieldData/*[@Name='{name}']")
-        if array is None or array.get("format") != "ascii":
+        if array is None:
             return None
-        codes = [int(word) for word in (array.text or "").split() if word.isdecimal()]
-        return "".join(chr(code) for code in codes if 0 < code < 128)
+        if array.get("format") == "ascii":
+            codes = bytes(int(word) for word in (array.text or "").split() if word.isdecimal() and int(word) < 128)
+        else:
+            codes = self._bytes(array, LONGEST_TEXT)
+        return codes.split(b"\0")[0].decode("utf-8", errors="replace")
 
     def tuples(self, array: ElementTree.Element, n: int) -> Array:
         """Values per point, (n,) or (n, k)."""
@@ -92,26 +96,30 @@ class Arrays:
         kind = array.get("type", "")
         if kind not in TYPES:
             raise InputError(f"{where} is of type '{kind}': must be one of {', '.join(TYPES)}")
-        match array.get("format"):
-            case "ascii":
-                return flat_numbers(array.text or "", count, where)
-            case "binary":
-                data = self._block((array.text or "").strip().encode("ascii", "replace"), True, where)
-            case "appended":
-                offset = self.count(array, "offset")
-                data = self._block(self.appended[offset:], self.in_base64, where)
-            case other:
-                raise InputError(f"{where} has format '{other}': must be ascii, binary or appended")
+        if array.get("format") == "ascii":
+            return flat_numbers(array.text or "", count, where)
         dtype = np.dtype(self.order + TYPES[kind])
+        data = self._bytes(array, count * dtype.itemsize)
         if len(data) != count * dtype.itemsize:
             raise InputError(f"{where} has {len(data)} bytes: {count} values of {kind} need {count * dtype.itemsize}")
         return np.frombuffer(data, dtype).astype(np.float64)
 
-    def _block(self, data: bytes, in_base64: bool, where: str) -> bytes:
+    def _bytes(self, array: ElementTree.Element, limit: int) -> bytes:
+        """Unpacked bytes of an array that is not ascii, little more than `limit` of them at most."""
+        where = f"{self.path}: array '{array.get('Name', '')}'"
+        match array.get("format"):
+            case "binary":
+                return self._block((array.text or "").strip().encode("ascii", "replace"), True, where, limit)
+            case "appended":
+                return self._block(self.appended[self.count(array, "offset") :], self.in_base64, where, limit)
+            case other:
+                raise InputError(f"{where} has format '{other}': must be ascii, binary or appended")
+
+    def _block(self, data: bytes, in_base64: bool, where: str, limit: int) -> bytes:
         """Unpacked bytes of one array: a header of sizes, then the data."""
         try:
             if self.compressor:
-                return self._unpack(data, in_base64, where)
+                return self._unpack(data, in_base64, where, limit)
             size = int(self._head(data, 1, in_base64)[0])
             first, last = self.head.itemsize, self.head.itemsize + size
             return (_decode(data, last)[first:] if in_base64 else data[first:last])[:size]
@@ -123,7 +131,7 @@ class Arrays:
         raw = _decode(data, size) if in_base64 else data[:size]
         return np.frombuffer(raw[:size], self.head, n)
 
-    def _unpack(self, data: bytes, in_base64: bool, where: str) -> bytes:
+    def _unpack(self, data: bytes, in_base64: bool, where: str, limit: int) -> bytes:
         blocks = int(self._head(data, 1, in_base64)[0])
         if blocks > len(data):
             raise InputError(f"{where} declares {blocks} packed blocks in {len(data)} bytes")
@@ -134,8 +142,11 @@ class Arrays:
         unpacked, at = [], 0
         for k, size in enumerate(head[3:].tolist()):
             full = int(head[2]) if k == blocks - 1 and head[2] else int(head[1])
-            unpacked.append(UNPACK[self.compressor or ""](packed[at : at + size], full))
+            unpacked.append(UNPACK[self.compressor or ""](packed[at : at + size], min(full, limit) + 1))
             at += size
+            limit -= len(unpacked[-1])
+            if limit < 0:  # more than the array can hold: a wrong count, or a bomb
+                break
         return b"".join(unpacked)
 
 

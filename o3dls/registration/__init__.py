@@ -1,0 +1,1 @@
+"""Registration kernels: arrays in, arrays out; numpy, scipy and numba only."""

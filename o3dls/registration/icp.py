@@ -1,0 +1,103 @@
+"""Iterative closest points: match, reject, weigh, step; again until the surface rests."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import SolverError
+from ..geometry import Array, apply
+from .match import Pairs, SurfaceMatcher
+from .metrics import Metric
+from .reject import Rule
+from .robust import EFFICIENT_95, kernel_weights, spread
+from .step import Body, Freedom, best_motion
+
+
+@dataclass(frozen=True)
+class Kernel:
+    """An M-estimator by name; `width` in robust standard deviations of the residuals (None: 95 % efficient)."""
+
+    name: str
+    width: float | None = None
+
+    def weights(self, residuals: Array, loosening: float) -> Array:
+        width = EFFICIENT_95[self.name] if self.width is None else self.width
+        return kernel_weights(self.name, residuals, width * loosening * spread(residuals))
+
+
+@dataclass(frozen=True)
+class Criteria:
+    """When to stop: a step (longest motion of a foot) below `tolerance`, or `iterations`; thresholds fall from `coarse`-fold to
+    one-fold over the first `anneal` iterations."""
+
+    tolerance: float = 1e-3
+    iterations: int = 60
+    coarse: float = 1.0
+    anneal: int = 0
+
+    def loosening(self, iteration: int) -> float:
+        return float(self.coarse ** max(0.0, 1.0 - iteration / self.anneal)) if self.anneal else 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Alignment:
+    """Where ICP came to rest: pose, the pairs and weights (n,) there, one record per iteration."""
+
+    T_map_prior: Array
+    pairs: Pairs
+    weights: Array
+    trace: tuple[Mapping[str, float], ...]
+    converged: bool
+
+
+def align(
+    points: Array,
+    surface: SurfaceMatcher,
+    T_map_prior: Array,
+    *,
+    metric: Metric,
+    rules: tuple[Rule, ...] = (),
+    kernel: Kernel | None = None,
+    freedom: Freedom = Freedom(),  # noqa: B008  frozen, so one instance may serve all calls
+    criteria: Criteria = Criteria(),  # noqa: B008
+) -> Alignment:
+    """Move `surface` from `T_map_prior` until it fits points (n, d). Raises SolverError where no step can be made."""
+    trace: list[Mapping[str, float]] = []
+    pairs, converged = surface.match(points, T_map_prior), False
+    for iteration in range(criteria.iterations):
+        loosening = criteria.loosening(iteration)
+        weights = _weights(pairs, metric, rules, kernel, loosening)
+        delta = best_motion(metric, pairs, weights, Body(T_map_prior, surface.radius), freedom)
+        step = float(np.linalg.norm(apply(delta, pairs.feet) - pairs.feet, axis=1).max())
+        if not np.isfinite(step):
+            raise SolverError(f"icp: iteration {iteration + 1} gave a step that is not finite")
+        trace.append(_record(pairs, weights, step, loosening))
+        T_map_prior = delta @ T_map_prior
+        pairs = surface.match(points, T_map_prior)
+        if step <= criteria.tolerance and loosening == 1.0:
+            converged = True
+            break
+    return Alignment(T_map_prior, pairs, _weights(pairs, metric, rules, kernel, 1.0), tuple(trace), converged)
+
+
+def _weights(pairs: Pairs, metric: Metric, rules: tuple[Rule, ...], kernel: Kernel | None, loosening: float) -> Array:
+    """Product of the rules' masks and the kernel's weights, (n,)."""
+    keep = np.logical_and.reduce([rule(pairs, loosening) for rule in rules]) if rules else np.ones(len(pairs.points), dtype=bool)
+    if keep.sum() < pairs.points.shape[1]:
+        raise SolverError(
+            f"icp: the rejection rules keep {keep.sum()} of {len(keep)} pairs (closest {pairs.distances.min():.3g}): "
+            "loosen them or begin nearer"
+        )
+    weights = keep.astype(np.float64)
+    if kernel is not None:
+        weights[keep] = kernel.weights(metric.residuals(pairs)[keep], loosening)
+    return weights
+
+
+def _record(pairs: Pairs, weights: Array, step: float, loosening: float) -> Mapping[str, float]:
+    kept = weights > 0.0
+    rms = float(np.sqrt((weights @ pairs.distances**2) / weights.sum()))
+    return {"pairs": int(kept.sum()), "rms": rms, "median": float(np.median(pairs.distances)), "step": step, "loosening": loosening}
