@@ -32,7 +32,6 @@ PUBLIC = {
     "Export": "export",
     "register": "open3d_api",
 }
-__all__ = ["PUBLIC", "__version__", *PUBLIC]  # noqa: PLE0604  (names are imported when they are first asked for, so that the help answers at once)
 
 
 def __getattr__(name: str) -> Any:

@@ -73,8 +73,10 @@ def _wanted(field: FieldInfo) -> str:
 
 
 def _unit(field: FieldInfo) -> str:
+    """The unit to show; a pure number (`1`) shows none."""
     extra = field.json_schema_extra
-    return str(extra.get("unit", "")) if isinstance(extra, dict) else ""
+    unit = str(extra.get("unit", "")) if isinstance(extra, dict) else ""
+    return "" if unit == "1" else unit
 
 
 def _words(field: FieldInfo) -> list[str]:

@@ -67,7 +67,8 @@ class Pipeline:
     def run(self, case: Case | None = None) -> Run:
         """Fit, cross-validate and score. Raises InputError where the case cannot be fitted so, SolverError where a stage fails."""
         case = case or self._own_case()
-        self.check_case(case)
+        if why := self.obstacles(case):
+            raise InputError("; ".join(why))
         begin = perf_counter()
         check_start(case, start_estimate(case), pose_is_known=not any(stage.finds_pose for stage in self.stages))
         estimates = self.fit(case)
@@ -94,20 +95,17 @@ class Pipeline:
             "write": [writer.record() for writer in self.writes],
         }
 
-    def check_case(self, case: Case) -> None:
-        """Raise InputError where a stage or writer cannot work on the case."""
-        for plugin in (*self.stages, *self.writes):
-            if why := plugin.obstacle(case):
-                raise InputError(f"case {case.name}: {plugin.name}: {why}")
+    def obstacles(self, case: Case) -> list[str]:
+        """Why stages or writers cannot work on the case, one sentence each."""
+        found = [(plugin.name, plugin.obstacle(case)) for plugin in (*self.stages, *self.writes)]
+        return [f"case {case.name}: {name}: {why}" for name, why in found if why]
 
     def allowed_by(self, case: Case) -> Self:
         """The pipeline without the stages and writers that cannot work on the case; each one dropped is said in the log."""
-        why = {id(plugin): plugin.obstacle(case) for plugin in (*self.stages, *self.writes)}
-        for plugin in (*self.stages, *self.writes):
-            if why[id(plugin)]:
-                log.info("%s is left out: %s", plugin.name, why[id(plugin)])
-        stages = [stage for stage in self.stages if not why[id(stage)]]
-        return replace(self, stages=stages, writes=[writer for writer in self.writes if not why[id(writer)]])
+        for why in self.obstacles(case):
+            log.info("left out: %s", why)
+        stages = [stage for stage in self.stages if not stage.obstacle(case)]
+        return replace(self, stages=stages, writes=[writer for writer in self.writes if not writer.obstacle(case)])
 
     def _own_case(self) -> Case:
         from .io.case_folder import read_case

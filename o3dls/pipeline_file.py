@@ -7,7 +7,9 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from .errors import PipelineError, did_you_mean
+from .errors import O3dlsError, PipelineError, did_you_mean
+from .io.atomic import check_free
+from .io.case_folder import read_case
 from .io.text import decode, read_bytes
 from .pipeline import Pipeline, order_mistakes
 from .resources import pipeline_file
@@ -32,6 +34,18 @@ def read_pipeline(path: str | Path, settings: Iterable[str] = ()) -> Pipeline:
         raise PipelineError(f"{path}: {error}") from None
     except PipelineError as error:
         raise PipelineError(*(f"{path}: {mistake}" for mistake in error.args)) from None
+
+
+def all_mistakes(path: str | Path, case: str | Path | None = None) -> list[str]:
+    """Every mistake of a pipeline file and of its case, or of the case named here, one sentence each; nothing is run or written."""
+    try:
+        pipeline = read_pipeline(path)
+        folder = case or pipeline.case
+        if pipeline.out:
+            check_free(pipeline.out)
+        return pipeline.obstacles(read_case(folder)) if folder else []
+    except O3dlsError as error:
+        return [str(mistake) for mistake in error.args]
 
 
 def default_pipeline(settings: Iterable[str] = ()) -> Pipeline:

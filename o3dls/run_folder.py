@@ -40,7 +40,7 @@ def write_run(run: Run, folder: str | Path | None = None, *, force: bool = False
         write_points(staged / "points.csv", run.points)
         if run.held_out:
             write_points(staged / "held_out.csv", run.held_out)
-        _write_rows(staged / "scores.csv", score_rows(run))
+        write_rows(staged / "scores.csv", score_rows(run))
         for name, estimate in run.estimates.items():
             _write_estimate(staged / "estimates" / name, run.case, estimate, run.unit)
         (staged / "run.json").write_text(json.dumps(record(run), indent=1, allow_nan=False) + "\n", encoding="utf-8")
@@ -143,10 +143,10 @@ def _estimate_record(run: Run, name: str) -> dict[str, Any]:
 def _write_estimate(folder: Path, case: Case, estimate: Estimate, unit: str) -> None:
     folder.mkdir(parents=True)
     surface = with_fields(case, estimate, unit)
-    names = ("surface.csv",) if case.dimension == 2 else ("surface.ply",)
+    names = ("surface.csv",) if case.dimension == 2 else ("surface.ply", "surface.vtp")
     for name in names:
         write_surface(folder / name, surface, space=case.frame, units=case.units)
-    _write_rows(folder / "trace.csv", estimate.trace)
+    write_rows(folder / "trace.csv", estimate.trace)
     if estimate.weights is not None:
         write_table(folder / "weights.csv", {"weight": estimate.weights})
 
@@ -164,7 +164,7 @@ def _read_estimate(folder: Path, found: Mapping[str, Any], unit: str) -> Estimat
     )
 
 
-def _write_rows(path: Path, rows: Any) -> None:
+def write_rows(path: Path, rows: Any) -> None:
     """Rows of records as a table; a value that a row has not is an empty cell."""
     names = dict.fromkeys(key for row in rows for key in row)
     if names:

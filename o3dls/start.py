@@ -9,9 +9,9 @@ from .errors import InputError
 from .estimate import Estimate
 from .evaluate import distances, landmark_errors
 from .geometry import Array, fit_similarity
+from .registration.landmarks import determined
 
 FEWEST_POINTS = 10
-NARROWEST = 0.02  # smallest spread of a line-up of landmarks, across it, relative to along it
 SPANS = (0.1, 4.0)  # extent of the points relative to the prior's: a single vein is 0.15, a chamber 1
 FARTHEST = 0.5  # median distance of the points from the prior after the start pose, relative to its diagonal
 
@@ -19,7 +19,7 @@ FARTHEST = 0.5  # median distance of the points from the prior after the start p
 def start_estimate(case: Case) -> Estimate:
     """The prior in its rough pose: rigid fit of the named landmarks, else `init`, else as it stands; the status says which."""
     names, prior, measured = case.landmark_pairs()
-    if len(names) >= 3 and not _in_line(prior) and not _in_line(measured):
+    if len(names) >= 3 and determined(prior) and determined(measured):
         start = _placed(case, fit_similarity(prior, measured, scale=False), "")
         error = np.sqrt((landmark_errors(case, start) ** 2).mean())
         return _placed(case, start.T_map_prior, f"rigid fit of {len(names)} landmarks ({', '.join(names)}), rms {error:.2f} {case.units}")
@@ -41,13 +41,6 @@ def check_start(case: Case, start: Estimate, *, pose_is_known: bool) -> None:
 
 def _placed(case: Case, T_map_prior: Array, status: str) -> Estimate:
     return Estimate(case.prior.transformed(T_map_prior), T_map_prior, status)
-
-
-def _in_line(points: Array) -> bool:
-    """True where points (n, d) leave a rotation free: they lie on one line (3D) or in one place (2D)."""
-    spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
-    rank = points.shape[1] - 1
-    return bool(spread[rank - 1] <= NARROWEST * spread[0]) if rank > 1 else bool(spread[0] == 0.0)
 
 
 def _check_span(case: Case, span: float) -> None:

@@ -114,6 +114,6 @@ class Broken(Stage):
 @pytest.fixture
 def tiny_stages(monkeypatch: pytest.MonkeyPatch) -> None:
     """Nudge, Greedy, Spy and Broken are found by name, as if a package had brought them."""
-    entries = {kind.name: EntryPoint(kind.name, f"tests.tiny:{kind.__name__}", "o3dls.stages") for kind in (Nudge, Greedy, Spy, Broken)}
+    entries = {kind.name: EntryPoint(kind.name, f"tiny:{kind.__name__}", "o3dls.stages") for kind in (Nudge, Greedy, Spy, Broken)}
     known = registry.registered
     monkeypatch.setattr(registry, "registered", lambda group: known(group) | (entries if group == "o3dls.stages" else {}))

@@ -1,0 +1,210 @@
+"""A pipeline: the same from text and from Python, every mistake named, nothing shown to a stage that it may not see."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from tiny import SHIFT, Greedy, Nudge, Spy, ball_case, disc_case, tiny_stages  # noqa: F401  (a fixture)
+
+from o3dls.errors import InputError, PipelineError
+from o3dls.geometry import similarity
+from o3dls.pipeline import Pipeline
+from o3dls.pipeline_file import pipeline_from, read_pipeline
+
+pytestmark = pytest.mark.usefixtures("tiny_stages")
+
+TEXT = """
+case = "cases/ball"
+out = "runs/ball"
+folds = 4
+
+[[stage]]
+use = "nudge"
+share = 0.5
+
+[[stage]]
+use = "nudge"
+as = "rest"
+after = "nudge"
+mode = "median"
+"""
+
+
+def written(folder: Path, text: str) -> Path:
+    path = folder / "pipe.toml"
+    path.write_text(text)
+    return path
+
+
+def mistakes(folder: Path, text: str, *settings: str) -> str:
+    with pytest.raises(PipelineError) as error:
+        read_pipeline(written(folder, text), settings)
+    assert "\n" not in str(error.value)
+    assert str(folder / "pipe.toml") in str(error.value)
+    return str(error.value)
+
+
+def test_text_and_python_give_equal_pipelines(tmp_path: Path) -> None:
+    stages = [Nudge(share=0.5), Nudge(as_="rest", after="nudge", mode="median")]
+    python = Pipeline(stages, case=tmp_path / "cases/ball", out=tmp_path / "runs/ball", folds=4)
+    assert read_pipeline(written(tmp_path, TEXT)) == python
+    assert read_pipeline(written(tmp_path, TEXT), ["rest.mode=mean"]) != python
+
+
+def test_the_record_of_a_pipeline_gives_it_back(tmp_path: Path) -> None:
+    pipeline = replace(read_pipeline(written(tmp_path, TEXT)), case=None, out=None)
+    record = pipeline.record()
+    assert record["stage"][0] == {"use": "nudge", "as": None, "after": None, "share": 0.5, "limit": 50.0, "mode": "mean"}
+    assert pipeline_from(record) == pipeline
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ('[[stage]]\nuse = "nudgee"', "[[stage]] 1: no stage 'nudgee': did you mean 'nudge'?"),
+        ('[[stage]]\nuse = "nudge"\nshar = 1', "nudge.shar: no such parameter: did you mean 'share'?"),
+        ('[[stage]]\nuse = "nudge"\nlimit = -1.0', "nudge.limit = -1.0 mm: must be within (0, inf] mm"),
+        ('[[stage]]\nuse = "nudge"\nshare = "all"', "nudge.share = 'all': must be within [0, 1]"),
+        ('[[stage]]\nuse = "nudge"\nmode = "meen"', "nudge.mode = 'meen': did you mean 'mean'?"),
+        ('[[stage]]\nuse = "nudge"\nas = "1 2"', "nudge.as = '1 2': must be text that matches"),
+        ('[[stage]]\nuse = "nudge"\n[[stage]]\nuse = "nudge"', "nudge: a second estimate named 'nudge'"),
+        ('[[stage]]\nuse = "nudge"\nas = "start"', "a second estimate named 'start'"),
+        ('[[stage]]\nuse = "nudge"\nafter = "nugde"', "nudge.after = 'nugde': no such estimate: did you mean 'nudge'?"),
+        ('[[stage]]\nuse = "nudge"\nafter = "spy"\n[[stage]]\nuse = "spy"', "nudge.after = 'spy': is not made before nudge"),
+        ("[[stage]]\nshare = 1.0", "[[stage]] 1: use: is missing"),
+        ("stage = 3", "stage = 3: must be a list of tables"),
+        ("stage = [3]", "[[stage]] 1: must be a table, not 3"),
+        ("folds = 3", "the pipeline has no stage"),
+        ('folds = 1\n[[stage]]\nuse = "nudge"', "folds = 1: must be 0 (no cross-validation) or a whole number within [2, 50]"),
+        ('fold = 3\n[[stage]]\nuse = "nudge"', "fold: no such key: did you mean 'folds'?"),
+        ('[[stage]]\nuse = "nudge"\n[[write]]\nuse = "reprot"', "[[write]] 1: no write 'reprot': did you mean 'report'?"),
+        ('[[stage]\nuse = "nudge"', "line 1"),
+    ],
+)
+def test_every_mistake_is_named(tmp_path: Path, text: str, sentence: str) -> None:
+    assert sentence in mistakes(tmp_path, text)
+
+
+def test_all_mistakes_are_named_at_once(tmp_path: Path) -> None:
+    said = mistakes(tmp_path, '[[stage]]\nuse = "nudge"\nshare = 7\nlimt = 1\n[[stage]]\nuse = "nudge"\nafter = "icp"')
+    for part in ("nudge.share = 7:", "nudge.limt", "a second estimate named 'nudge'"):
+        assert part in said
+
+
+@pytest.mark.parametrize(
+    ("setting", "sentence"),
+    [
+        ("nudge.share=2", "nudge.share = 2: must be within [0, 1]"),
+        ("icp.keep=2", "--set icp.keep=2: the pipeline has no 'icp'"),
+        ("nudge", "--set nudge: must be STAGE.PARAM=VALUE"),
+        ("folds=-2", "folds = -2"),
+    ],
+)
+def test_settings_are_checked_like_files(tmp_path: Path, setting: str, sentence: str) -> None:
+    assert sentence in mistakes(tmp_path, TEXT, setting)
+
+
+def test_settings_reach_text_numbers_and_top_keys(tmp_path: Path) -> None:
+    pipeline = read_pipeline(written(tmp_path, TEXT), ["rest.mode=mean", "nudge.share=0.25", "folds=0"])
+    assert (pipeline.stages[1].mode, pipeline.stages[0].share, pipeline.folds) == ("mean", 0.25, 0)  # type: ignore[attr-defined]
+
+
+def test_a_wrong_parameter_from_python_is_the_same_sentence() -> None:
+    with pytest.raises(PipelineError, match=r"^nudge.share = -1: must be within \[0, 1\]$"):
+        Nudge(share=-1)
+
+
+def test_stages_start_from_the_one_before_or_the_one_named() -> None:
+    pipeline = Pipeline([Nudge(), Nudge(as_="second", share=0.0), Nudge(as_="third", after="start")], folds=0)
+    assert pipeline.sources == {"nudge": "start", "second": "nudge", "third": "start"}
+    estimates = pipeline.run(ball_case()).estimates
+    assert list(estimates) == ["start", "nudge", "second", "third"]
+    np.testing.assert_array_equal(estimates["second"].T_map_prior, estimates["nudge"].T_map_prior)
+
+
+def test_no_stage_can_read_what_is_for_evaluation_only() -> None:
+    Spy.seen.clear()
+    Pipeline([Spy()], folds=3).run(ball_case())
+    assert len(Spy.seen) == 4
+    for case in Spy.seen:
+        assert case.truth is None
+        assert not case.files
+        assert set(case.points.type.tolist()) <= {"eam", "landmark"}
+        assert len(case.points.of("ablation")) == 0
+
+
+def test_deleting_the_truth_changes_nothing() -> None:
+    case = ball_case()
+    pipeline = Pipeline([Nudge()], folds=0)
+    with_truth, without = pipeline.run(case), pipeline.run(replace(case, truth=None))
+    np.testing.assert_array_equal(with_truth.estimates["nudge"].surface.vertices, without.estimates["nudge"].surface.vertices)
+    assert without.scores["nudge"] == {k: v for k, v in with_truth.scores["nudge"].items() if k in without.scores["nudge"]}
+
+
+def test_points_that_were_fitted_upstream_are_never_scored_as_held_out() -> None:
+    run = Pipeline([Nudge(), Greedy(), Nudge(as_="after_greedy"), Nudge(as_="clean", after="nudge")], folds=0).run(ball_case())
+    has_ablation = {name: "ablation" in sets for name, sets in run.scores.items()}
+    assert has_ablation == {"start": True, "nudge": True, "greedy": False, "after_greedy": False, "clean": True}
+    assert run.scores["greedy"]["fitted"]["n"] == run.scores["nudge"]["fitted"]["n"] + 10
+
+
+class TestStart:
+    def test_three_landmarks_come_first(self) -> None:
+        start = Pipeline([Nudge()], folds=0).run(replace(ball_case(), init=similarity(np.eye(3), SHIFT * 2))).estimates["start"]
+        assert start.status.startswith("rigid fit of 3 landmarks (a, b, c)")
+        np.testing.assert_allclose(start.T_map_prior, similarity(np.eye(3), SHIFT), atol=1e-12)
+
+    def test_init_comes_second_and_identity_last(self) -> None:
+        case = replace(ball_case(), prior_landmarks={})
+        assert "identity" in self.status(case)
+        assert "init" in self.status(replace(case, init=similarity(np.eye(3), SHIFT)))
+
+    def test_landmarks_on_a_line_fix_no_pose(self) -> None:
+        case = ball_case()
+        line = {name: np.array([0.0, 0.0, z]) for name, z in zip("abc", (-20.0, 0.0, 20.0), strict=True)}
+        assert "on one line" in self.status(replace(case, prior_landmarks=line))
+
+    def status(self, case: Any) -> str:
+        return Pipeline([Nudge()], folds=0).run(case).estimates["start"].status
+
+
+@pytest.mark.parametrize(
+    ("factor", "shift", "sentence"),
+    [(1e-3, 0.0, "in m, put"), (0.1 / 1.2, 0.0, "in cm, put"), (1e3, 0.0, "in um, put"), (1.0, 900.0, "half of the points are more than")],
+)
+def test_points_that_cannot_belong_to_the_prior_are_refused(factor: float, shift: float, sentence: str) -> None:
+    case = replace(ball_case(), prior_landmarks={})
+    case = replace(case, points=replace(case.points, xyz=case.points.xyz * factor + shift))
+    with pytest.raises(InputError, match=sentence):
+        Pipeline([Nudge()], folds=0).run(case)
+
+
+def test_points_far_away_are_no_mistake_where_a_stage_finds_the_pose() -> None:
+    class Finder(Nudge):
+        finds_pose = True
+
+    case = replace(ball_case(), prior_landmarks={})
+    far = replace(case, points=replace(case.points, xyz=case.points.xyz + 900.0))
+    run = Pipeline([Finder(limit=1e4)], folds=0).run(far)
+    assert run.scores["nudge"]["fitted"]["mean_mm"] < 1.0
+
+
+def test_too_few_points_are_refused() -> None:
+    with pytest.raises(InputError, match="9 points of type eam; at least 10"):
+        Pipeline([Nudge()], folds=0).run(ball_case(points=9))
+
+
+def test_a_stage_that_cannot_work_on_the_case_is_refused_or_left_out() -> None:
+    class Solid(Nudge):
+        def obstacle(self, case: Any) -> str | None:
+            return "needs a 3D case" if case.dimension == 2 else None
+
+    pipeline = Pipeline([Solid(as_="solid"), Nudge()], folds=0)
+    with pytest.raises(InputError, match="case disc: nudge: needs a 3D case"):
+        pipeline.run(disc_case())
+    assert pipeline.allowed_by(disc_case()) == Pipeline([Nudge()], folds=0)
+    assert pipeline.allowed_by(ball_case()) == pipeline
