@@ -29,7 +29,12 @@ def read_obj(path: Path, data: bytes) -> SurfaceFile:
     faces = [k for k, line in enumerate(lines) if line.startswith(("f ", "f\t"))]
     polygons = _polygons(path, [lines[k][1:] for k in faces], [k + 1 for k in faces], len(vertices))
     header = "\n".join(line for line in lines[:50] if line.startswith("#"))
-    return SurfaceFile.of(path, vertices, triangulate(*polygons), header=header)
+    triangles = triangulate(*polygons)
+    for what, found in (("vertices", len(vertices)), ("triangles", len(triangles))):
+        stated = re.search(rf"number of {what}: (\d+)", header)
+        if stated and int(stated[1]) != found:
+            raise InputError(f"{path}: its header states {stated[1]} {what}, there are {found}: the file is truncated")
+    return SurfaceFile.of(path, vertices, triangles, header=header)
 
 
 def _polygons(path: Path, lines: list[str], numbers: list[int], n: int) -> list[Array]:
@@ -38,6 +43,8 @@ def _polygons(path: Path, lines: list[str], numbers: list[int], n: int) -> list[
         lines = [re.sub(r"/\S*", "", line) for line in lines]
     polygons = []
     widths = np.array([len(line.split()) for line in lines])
+    if len(widths) and widths.min() < 3:
+        raise InputError(f"{path}: line {numbers[int(widths.argmin())]}: a face needs 3 corners, there are {widths.min()}")
     for width in np.unique(widths):
         mine = np.flatnonzero(widths == width)
         polygons.append(number_rows([lines[k] for k in mine], int(width), path, [numbers[k] for k in mine], "face"))
@@ -49,7 +56,8 @@ def _polygons(path: Path, lines: list[str], numbers: list[int], n: int) -> list[
 def write_obj(file: SurfaceFile) -> bytes:
     """Encode as OBJ; fields are lost."""
     surface = file.surface
-    head = f"# {NOTICE}\n# SPACE={file.space}\n# UNITS={file.units}\n"
+    counts = f"# number of vertices: {len(surface.vertices)}\n# number of triangles: {len(surface.faces)}\n"  # as Open3D states them
+    head = f"# {NOTICE}\n# SPACE={file.space}\n# UNITS={file.units}\n{counts}"
     return (head + join_rows("v %.9g %.9g %.9g\n", surface.vertices) + join_rows("f %d %d %d\n", surface.faces + 1)).encode()
 
 
@@ -82,7 +90,7 @@ def _off_polygons(path: Path, rows: list[tuple[int, str]]) -> list[Array]:
     """Corners of the faces; numbers behind them are colours."""
     polygons = []
     words = [line.split() for _, line in rows]
-    shapes = np.array([(int(w[0]) if w[0].isdigit() else -1, len(w)) for w in words])
+    shapes = np.array([(int(w[0]) if w[0].isdecimal() else -1, len(w)) for w in words]).reshape(-1, 2)
     wrong = np.flatnonzero((shapes[:, 0] < 3) | (shapes[:, 0] >= shapes[:, 1]))
     if len(wrong):
         raise InputError(f"{path}: line {rows[wrong[0]][0]}: '{rows[wrong[0]][1][:40]}' is no face: a count and as many corners")
