@@ -53,3 +53,24 @@ def test_bound_and_points_on_the_surface() -> None:
     assert tree.distance(surface.vertices).max() < 1e-12
     squared, face, _, _ = tree.query(np.array([[50.0, 0.0, 0.0]]), bound=1.0)
     assert np.isinf(squared[0]) and face[0] == -1
+
+
+@pytest.mark.parametrize("surface", [ring(), blob()], ids=["2D", "3D"])
+def test_a_hint_changes_the_time_and_not_the_answer(surface: Surface) -> None:
+    rng = np.random.default_rng(51907)
+    points = rng.normal(size=(40, surface.dimension)) * 2
+    tree = ClosestPoint(surface.vertices, surface.faces)
+    squared, _, foot, _ = tree.query(points)
+    hinted = tree.query(points, hint=rng.integers(len(surface.faces), size=40))
+    np.testing.assert_array_equal(hinted[0], squared)
+    np.testing.assert_allclose(hinted[2], foot, atol=1e-12)
+
+
+def test_a_triangle_without_area_is_a_segment_or_a_point() -> None:
+    vertices = np.array([[0.0, 0, 0], [2, 0, 0], [2, 0, 0], [1, 0, 0]])
+    for faces in ([[0, 1, 2]], [[1, 2, 0]], [[2, 0, 1]], [[0, 1, 3]], [[0, 3, 1]], [[3, 0, 1]]):
+        squared, _, foot, _ = ClosestPoint(vertices, np.array(faces)).query(np.array([[1.5, 1.0, 0.0], [-3.0, 0.0, 4.0]]))
+        np.testing.assert_allclose(squared, [1.0, 25.0], atol=1e-12)
+        np.testing.assert_allclose(foot, [[1.5, 0, 0], [0, 0, 0]], atol=1e-12)
+    squared = ClosestPoint(vertices, np.array([[1, 2, 1]])).query(np.array([[2.0, 3.0, 0.0]]))[0]
+    np.testing.assert_allclose(squared, 9.0)

@@ -11,27 +11,35 @@ LEAF = 4  # faces per leaf: fewer deepen the tree, more test triangles in vain
 
 
 class ClosestPoint:
-    """Closest points on a surface of vertices (n, d) and faces (m, d); `refit` follows moved vertices without rebuilding the tree."""
+    """Closest points on a surface of vertices (n, d) and faces (m, d); `refit` follows moved vertices without rebuilding the tree.
+
+    Inside, a segment of the plane is a triangle in space whose last two corners coincide, so that one kernel serves both.
+    """
 
     def __init__(self, vertices: Array, faces: Ints) -> None:
         self.faces = np.ascontiguousarray(faces, dtype=np.int64)
-        centres = vertices[self.faces].mean(axis=1)
-        self.order = np.argsort(_morton(centres), kind="stable")
+        self.order = np.argsort(_morton(vertices[self.faces].mean(axis=1)), kind="stable")
+        self.rank = np.argsort(self.order)
         self.leaves = 1 << max(0, int(np.ceil(np.log2(len(faces) / LEAF))))
         self.refit(vertices)
 
     def refit(self, vertices: Array) -> None:
         """Take new vertex positions (n, d); exact for any motion, fastest while neighbours stay neighbours."""
         self.vertices = np.ascontiguousarray(vertices, dtype=np.float64)
-        self.low, self.high = _boxes(self.vertices, self.faces, self.order, self.leaves)
+        self.corners, self.boxes = _arrange(self.vertices, self.faces, self.order, self.leaves)
 
-    def query(self, points: Array, bound: float = np.inf) -> tuple[Array, Ints, Array, Array]:
+    def query(self, points: Array, bound: float = np.inf, hint: Ints | None = None) -> tuple[Array, Ints, Array, Array]:
         """Squared distance (k,), face (k,), closest point (k, d) and barycentric weights (k, d) of points (k, d).
 
-        Beyond `bound` (a length) the face is -1 and the distance infinite.
+        Beyond `bound` (a length) the face is -1 and the distance infinite. `hint` (k,) names faces that are probably near, such as
+        those of the last query of an iteration: it halves the time and changes nothing but the choice between faces equally near.
         """
-        points = np.ascontiguousarray(points, dtype=np.float64)
-        return _query(points, self.vertices, self.faces, self.order, self.leaves, self.low, self.high, bound * bound)
+        n, d = points.shape
+        spatial = np.zeros((n, 3))
+        spatial[:, :d] = points
+        guess = np.full(n, -1) if hint is None else self.rank[hint]
+        squared, found, feet, weights = _query(spatial, self.corners, self.leaves, self.boxes, bound * bound, guess)
+        return squared, np.where(found < 0, -1, self.order[found]), feet[:, :d], weights[:, :d]
 
     def distance(self, points: Array) -> Array:
         """Unsigned distance (k,) of points (k, d)."""
@@ -51,33 +59,38 @@ def _morton(centres: Array) -> Ints:
 
 
 @njit(cache=True)
-def _boxes(vertices, faces, order, leaves):  # type: ignore[no-untyped-def]
-    """Bounding boxes of an implicit binary tree: children of node i are 2i+1 and 2i+2, the leaves come last."""
-    m, dim = faces.shape[0], vertices.shape[1]
-    low = np.full((2 * leaves - 1, dim), np.inf)
-    high = np.full((2 * leaves - 1, dim), -np.inf)
+def _arrange(vertices, faces, order, leaves):  # type: ignore[no-untyped-def]
+    """Corners (m, 3, 3) of the faces in tree order, and bounding boxes (low, high) of an implicit binary tree: children of node i
+    are 2i+1 and 2i+2, the leaves come last."""
+    m, dim = faces.shape
+    corners = np.zeros((m, 3, 3))
+    boxes = np.empty((2 * leaves - 1, 2, 3))
+    boxes[:, 0] = np.inf
+    boxes[:, 1] = -np.inf
     for leaf in range(leaves):
         node = leaves - 1 + leaf
         for k in range(leaf * m // leaves, (leaf + 1) * m // leaves):
-            for corner in range(dim):
+            for corner in range(3):
+                vertex = faces[order[k], min(corner, dim - 1)]
                 for axis in range(dim):
-                    x = vertices[faces[order[k], corner], axis]
-                    low[node, axis] = min(low[node, axis], x)
-                    high[node, axis] = max(high[node, axis], x)
+                    corners[k, corner, axis] = vertices[vertex, axis]
+                for axis in range(3):
+                    boxes[node, 0, axis] = min(boxes[node, 0, axis], corners[k, corner, axis])
+                    boxes[node, 1, axis] = max(boxes[node, 1, axis], corners[k, corner, axis])
     for node in range(leaves - 2, -1, -1):
-        for axis in range(dim):
-            low[node, axis] = min(low[2 * node + 1, axis], low[2 * node + 2, axis])
-            high[node, axis] = max(high[2 * node + 1, axis], high[2 * node + 2, axis])
-    return low, high
+        for axis in range(3):
+            boxes[node, 0, axis] = min(boxes[2 * node + 1, 0, axis], boxes[2 * node + 2, 0, axis])
+            boxes[node, 1, axis] = max(boxes[2 * node + 1, 1, axis], boxes[2 * node + 2, 1, axis])
+    return corners, boxes
 
 
 @njit(cache=True)
-def _box_distance(p, low, high):  # type: ignore[no-untyped-def]
-    total = 0.0
-    for axis in range(p.shape[0]):
-        gap = max(low[axis] - p[axis], p[axis] - high[axis], 0.0)
-        total += gap * gap
-    return total
+def _gap(x, y, z, boxes, node):  # type: ignore[no-untyped-def]
+    """Squared distance of a point from a box."""
+    dx = max(boxes[node, 0, 0] - x, x - boxes[node, 1, 0], 0.0)
+    dy = max(boxes[node, 0, 1] - y, y - boxes[node, 1, 1], 0.0)
+    dz = max(boxes[node, 0, 2] - z, z - boxes[node, 1, 2], 0.0)
+    return dx * dx + dy * dy + dz * dz
 
 
 @njit(cache=True)
@@ -93,81 +106,92 @@ def _on_segment(p, a, b, weights):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _on_triangle(p, a, b, c, weights):  # type: ignore[no-untyped-def]
-    """Barycentric weights of the closest point by Voronoi regions (Ericson, Real-Time Collision Detection, 5.1.5)."""
-    d1 = d2 = d3 = d4 = d5 = d6 = 0.0
-    for axis in range(3):
-        ab, ac = b[axis] - a[axis], c[axis] - a[axis]
-        d1 += ab * (p[axis] - a[axis])
-        d2 += ac * (p[axis] - a[axis])
-        d3 += ab * (p[axis] - b[axis])
-        d4 += ac * (p[axis] - b[axis])
-        d5 += ab * (p[axis] - c[axis])
-        d6 += ac * (p[axis] - c[axis])
-    weights[0] = weights[1] = weights[2] = 0.0
-    va, vb, vc = d3 * d6 - d5 * d4, d5 * d2 - d1 * d6, d1 * d4 - d3 * d2
-    if d1 <= 0.0 and d2 <= 0.0:
-        weights[0] = 1.0
-    elif d3 >= 0.0 and d4 <= d3:
-        weights[1] = 1.0
-    elif vc <= 0.0 and d1 >= 0.0 and d3 <= 0.0:
-        weights[1] = d1 / max(d1 - d3, 1e-300)  # zero where two corners coincide
-        weights[0] = 1.0 - weights[1]
-    elif d6 >= 0.0 and d5 <= d6:
-        weights[2] = 1.0
-    elif vb <= 0.0 and d2 >= 0.0 and d6 <= 0.0:
-        weights[2] = d2 / max(d2 - d6, 1e-300)
-        weights[0] = 1.0 - weights[2]
-    elif va <= 0.0 and d4 - d3 >= 0.0 and d5 - d6 >= 0.0:
-        weights[2] = (d4 - d3) / max((d4 - d3) + (d5 - d6), 1e-300)
-        weights[1] = 1.0 - weights[2]
-    else:
-        total = va + vb + vc
-        weights[0], weights[1], weights[2] = va / total, vb / total, vc / total
+    v, w = _second_and_third(
+        b[0] - a[0], b[1] - a[1], b[2] - a[2], c[0] - a[0], c[1] - a[1], c[2] - a[2], p[0] - a[0], p[1] - a[1], p[2] - a[2]
+    )
+    weights[0], weights[1], weights[2] = 1.0 - v - w, v, w
 
 
 @njit(cache=True)
-def _query(points, vertices, faces, order, leaves, low, high, bound2):  # type: ignore[no-untyped-def]
-    n, dim = points.shape
-    m = faces.shape[0]
-    best2 = np.full(n, np.inf)
-    best_face = np.full(n, -1, dtype=np.int64)
-    best_point = np.full((n, dim), np.nan)
-    best_weights = np.zeros((n, dim))
+def _second_and_third(bx, by, bz, cx, cy, cz, x, y, z):  # type: ignore[no-untyped-def]
+    """Barycentric weights of the second and third corner at the closest point, by Voronoi regions (Ericson, Real-Time Collision
+    Detection, 5.1.5); corners and point relative to the first corner. Scalars, because array views cost more than the sums."""
+    d1 = bx * x + by * y + bz * z
+    d2 = cx * x + cy * y + cz * z
+    if d1 <= 0.0 and d2 <= 0.0:
+        return 0.0, 0.0
+    bb, bc, cc = bx * bx + by * by + bz * bz, bx * cx + by * cy + bz * cz, cx * cx + cy * cy + cz * cz
+    d3, d4 = d1 - bb, d2 - bc
+    if d3 >= 0.0 and d4 <= d3:
+        return 1.0, 0.0
+    vc = d1 * d4 - d3 * d2
+    if vc <= 0.0 and d1 >= 0.0 and d3 <= 0.0 and bb > 0.0:
+        return d1 / bb, 0.0
+    d5, d6 = d1 - bc, d2 - cc
+    if d6 >= 0.0 and d5 <= d6:
+        return 0.0, 1.0
+    vb = d5 * d2 - d1 * d6
+    if vb <= 0.0 and d2 >= 0.0 and d6 <= 0.0:
+        return 0.0, d2 / max(cc, 1e-300)  # zero where all corners coincide
+    va = d3 * d6 - d5 * d4
+    if va <= 0.0 and d4 - d3 >= 0.0 and d5 - d6 >= 0.0:
+        w = (d4 - d3) / max((d4 - d3) + (d5 - d6), 1e-300)
+        return 1.0 - w, w
+    total = va + vb + vc
+    return vb / total, vc / total
+
+
+@njit(cache=True)
+def _nearest(x, y, z, corners, k):  # type: ignore[no-untyped-def]
+    """Squared distance of a point from face k, and the weights of its second and third corner."""
+    ax, ay, az = corners[k, 0, 0], corners[k, 0, 1], corners[k, 0, 2]
+    bx, by, bz = corners[k, 1, 0] - ax, corners[k, 1, 1] - ay, corners[k, 1, 2] - az
+    cx, cy, cz = corners[k, 2, 0] - ax, corners[k, 2, 1] - ay, corners[k, 2, 2] - az
+    v, w = _second_and_third(bx, by, bz, cx, cy, cz, x - ax, y - ay, z - az)
+    gx, gy, gz = x - ax - v * bx - w * cx, y - ay - v * by - w * cy, z - az - v * bz - w * cz
+    return gx * gx + gy * gy + gz * gz, v, w
+
+
+@njit(cache=True)
+def _query(points, corners, leaves, boxes, bound2, guess):  # type: ignore[no-untyped-def]
+    n, m = points.shape[0], corners.shape[0]
+    best2, found = np.full(n, np.inf), np.full(n, -1, dtype=np.int64)
+    feet, weights = np.full((n, 3), np.nan), np.zeros((n, 3))
     stack, stack_gap = np.empty(128, dtype=np.int64), np.empty(128)
-    weights, foot = np.zeros(dim), np.zeros(dim)
     for i in range(n):
-        p = points[i]
-        limit = bound2
-        stack[0], stack_gap[0], top = 0, _box_distance(p, low[0], high[0]), 1
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        limit, best, best_v, best_w = bound2, -1, 0.0, 0.0
+        if guess[i] >= 0:
+            gap, v, w = _nearest(x, y, z, corners, guess[i])
+            if gap <= limit:
+                limit, best, best_v, best_w = gap, guess[i], v, w
+        stack[0], stack_gap[0], top = 0, _gap(x, y, z, boxes, 0), 1
         while top > 0:
             top -= 1
             node = stack[top]
             if stack_gap[top] > limit:
                 continue
-            if node < leaves - 1:
+            while node < leaves - 1:  # down the nearer side; the farther waits
                 near, far = 2 * node + 1, 2 * node + 2
-                gap_near, gap_far = _box_distance(p, low[near], high[near]), _box_distance(p, low[far], high[far])
+                gap_near, gap_far = _gap(x, y, z, boxes, near), _gap(x, y, z, boxes, far)
                 if gap_far < gap_near:
                     near, far, gap_near, gap_far = far, near, gap_far, gap_near
-                stack[top], stack_gap[top] = far, gap_far
-                stack[top + 1], stack_gap[top + 1] = near, gap_near
-                top += 2
+                if gap_far <= limit:
+                    stack[top], stack_gap[top] = far, gap_far
+                    top += 1
+                if gap_near > limit:
+                    break
+                node = near
+            if node < leaves - 1:
                 continue
             leaf = node - (leaves - 1)
             for k in range(leaf * m // leaves, (leaf + 1) * m // leaves):
-                f = faces[order[k]]
-                if dim == 3:
-                    _on_triangle(p, vertices[f[0]], vertices[f[1]], vertices[f[2]], weights)
-                else:
-                    _on_segment(p, vertices[f[0]], vertices[f[1]], weights)
-                gap = 0.0
-                for axis in range(dim):
-                    foot[axis] = 0.0
-                    for corner in range(dim):
-                        foot[axis] += weights[corner] * vertices[f[corner], axis]
-                    gap += (p[axis] - foot[axis]) ** 2
-                if gap <= limit and gap < best2[i]:
-                    limit = gap
-                    best2[i], best_face[i] = gap, order[k]
-                    best_point[i], best_weights[i] = foot, weights
-    return best2, best_face, best_point, best_weights
+                gap, v, w = _nearest(x, y, z, corners, k)
+                if gap < limit or (gap == limit and best < 0):
+                    limit, best, best_v, best_w = gap, k, v, w
+        if best >= 0:
+            best2[i], found[i] = limit, best
+            weights[i, 0], weights[i, 1], weights[i, 2] = 1.0 - best_v - best_w, best_v, best_w
+            for axis in range(3):
+                feet[i, axis] = weights[i, 0] * corners[best, 0, axis] + best_v * corners[best, 1, axis] + best_w * corners[best, 2, axis]
+    return best2, found, feet, weights
