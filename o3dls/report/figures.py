@@ -1,0 +1,108 @@
+"""Static pictures: the same surfaces for paper, slides and browsers without WebGL."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..geometry import Array, Surface
+from .fields import Field, colour_table, colours_of, display_surface, known_fields, robust_range
+from .scene import for_display
+from .subject import Subject
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+PIXELS = 520
+INK = "#16191d"
+
+
+@contextmanager
+def plain_figure(width: float, height: float) -> Iterator[Figure]:
+    """A white figure in inches, without pyplot's global state."""
+    from matplotlib import rc_context
+    from matplotlib.figure import Figure
+
+    with rc_context({"font.family": "DejaVu Sans", "font.size": 9, "text.color": INK, "axes.labelcolor": INK}):
+        yield Figure(figsize=(width, height), facecolor="white")
+
+
+def png(figure: Figure, dpi: int = 130) -> bytes:
+    """The figure as PNG, equal for equal figures."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=dpi, metadata={"Software": "o3dls"})
+    return buffer.getvalue()
+
+
+def pictures_png(subject: Subject) -> bytes:
+    """Estimates side by side, coloured by the most telling field, from the front."""
+    columns = len(subject.shown)
+    with plain_figure(3.6 * columns + 0.6, 4.5) as figure:
+        draw_pictures(figure, subject, (0.02, 0.03, 0.96, 0.95))
+        return png(figure)
+
+
+def draw_pictures(figure: Figure, subject: Subject, box: tuple[float, float, float, float]) -> None:
+    """Draw the side-by-side pictures with their colour bar into a part (left, bottom, width, height) of a figure."""
+    from .raster import View
+
+    surfaces = [for_display(display_surface(subject, name)) for name in subject.shown]
+    field = known_fields(surfaces, subject.unit)[0]
+    left, bottom, width, height = box
+    each = width / len(surfaces)
+    last = surfaces[-1]
+    centre = (last.vertices.min(axis=0) + last.vertices.max(axis=0)) / 2
+    reach = max(float(np.linalg.norm(surface.vertices - centre, axis=1).max()) for surface in surfaces)
+    view = View(front_axes(subject.case.frame), centre, 2.0 * reach)
+    for k, (name, surface) in enumerate(zip(subject.shown, surfaces, strict=True)):
+        axes = figure.add_axes((left + k * each, bottom + 0.16 * height, each, 0.76 * height))
+        axes.imshow(painted(subject, name, surface, field, view), interpolation="antialiased")
+        axes.set_title(_short(name), fontsize=11, parse_math=False)
+        axes.set_axis_off()
+    _bar(figure, field, (left + 0.04 * width, bottom + 0.11 * height, 0.42 * width, 0.03 * height))
+    gaps = _point_field(subject)
+    _bar(figure, gaps, (left + 0.54 * width, bottom + 0.11 * height, 0.42 * width, 0.03 * height))
+
+
+def painted(subject: Subject, name: str, surface: Surface, field: Field, view: Any, pixels: int = PIXELS) -> Any:
+    """One picture: the surface in the colours of a field, the points in those of their distance."""
+    from .raster import Canvas
+
+    canvas = Canvas(view, pixels, pixels, (1, 1, 1))
+    values = surface.fields.get(field.key, np.full(len(surface.vertices), np.nan))
+    canvas.surface(surface, colours_of(values, field))
+    result = subject.results[name]
+    points = result.run.points.select(~np.isin(result.run.points.type, ["landmark"]))
+    gaps = points.columns[f"distance_{result.key}_{subject.unit}"]
+    canvas.balls(points.xyz, colours_of(gaps, _point_field(subject)), 1.0 if len(points) < 2000 else 0.5)
+    return canvas.pixels()
+
+
+def _point_field(subject: Subject) -> Field:
+    rows = ~np.isin(subject.case.points.type, ["landmark"])
+    results = [subject.results[name] for name in subject.shown]
+    gaps = np.concatenate([r.run.points.columns[f"distance_{r.key}_{subject.unit}"][rows] for r in results])
+    low, high = robust_range(gaps)
+    return Field("points", "distance of the points", subject.unit, "points", low, high)
+
+
+def front_axes(frame: str) -> Array:
+    """Right, up and towards the viewer of the view from the front (AP) in a frame; an unknown frame counts as LPS."""
+    side = -1.0 if frame == "RAS" else 1.0
+    return np.array([[side, 0, 0], [0, 0, 1], [0, -side, 0]])
+
+
+def _bar(figure: Figure, field: Field, box: tuple[float, float, float, float]) -> None:
+    axes = figure.add_axes(box)
+    axes.imshow(colour_table(field.colours)[None], aspect="auto", extent=(field.low, field.high, 0, 1))
+    axes.set_yticks([])
+    axes.set_xlabel(f"{field.label}, {field.unit}" if field.unit else field.label, fontsize=9, parse_math=False)
+    axes.tick_params(labelsize=8)
+
+
+def _short(name: str) -> str:
+    return name if len(name) <= 32 else name[:31] + "…"

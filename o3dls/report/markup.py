@@ -1,0 +1,56 @@
+"""HTML that cannot be broken by what users write: text is escaped unless it is `Html` already."""
+
+from __future__ import annotations
+
+import json
+from html import escape
+from typing import Any
+
+
+class Html(str):
+    """A piece of HTML that is safe to place in a page as it is."""
+
+
+Child = str | float | int | None
+
+
+def tag(name: str, /, *children: Child, **attributes: Child) -> Html:
+    """An element: plain text children and attribute values are escaped, None is left out.
+
+    A trailing underscore is dropped from attribute names (`class_`), other underscores become hyphens; True gives a bare attribute.
+    """
+    written = "".join(_attribute(key.rstrip("_").replace("_", "-"), value) for key, value in attributes.items())
+    if name in ("meta", "img", "input", "br"):
+        return Html(f"<{name}{written}>")
+    return Html(f"<{name}{written}>{join(*children)}</{name}>")
+
+
+def join(*children: Child) -> Html:
+    """Children one after the other, text escaped."""
+    return Html("".join(child if isinstance(child, Html) else escape(str(child)) for child in children if child is not None))
+
+
+def _attribute(key: str, value: Child) -> str:
+    if value is None or value is False:
+        return ""
+    return f" {key}" if value is True else f' {key}="{escape(str(value))}"'
+
+
+def data_block(identifier: str, value: Any) -> Html:
+    """A value as JSON for scripts to read; no text in it can end the element."""
+    text = json.dumps(value, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c").replace("\u2028", "\\u2028")
+    return Html(f'<script type="application/json" id="{escape(identifier)}">{text}</script>')
+
+
+def table(head: list[Child], rows: list[list[Child]], caption: Child = None) -> Html:
+    """A table whose first column is text and whose others are numbers; it scrolls by itself where the page is narrow."""
+    top = tag("tr", *(tag("th", cell, scope="col") for cell in head))
+    body = [tag("tr", tag("th", row[0], scope="row"), *(tag("td", cell) for cell in row[1:])) for row in rows]
+    inner = [tag("caption", caption)] if caption else []
+    whole = tag("table", *inner, tag("thead", top), tag("tbody", *body))
+    return tag("div", whole, class_="scroll", tabindex="0", role="region", aria_label=caption or "table")
+
+
+def millimetres(value: float | None, digits: int = 2) -> str:
+    """A length for a table; a dash where there is none."""
+    return "–" if value is None else f"{value:.{digits}f}"

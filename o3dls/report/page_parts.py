@@ -1,0 +1,30 @@
+"""Parts of a page that come from files: styles, scripts, pictures."""
+
+from __future__ import annotations
+
+import base64
+from importlib.resources import files
+
+from .markup import Html, data_block, join, tag
+
+SCRIPTS = ("decode.js", "materials.js", "panels.js", "points.js", "overlay.js", "controls.js", "start.js")
+
+
+def asset(name: str, folder: str = "static") -> str:
+    """The text of a file that comes with the report."""
+    return (files("o3dls.report") / folder / name).read_text(encoding="utf-8")
+
+
+def viewer_scripts(scene: object) -> Html:
+    """The 3D viewer's markup, its data, three.js, and our scripts in one scope."""
+    ours = "\n".join(asset(name) for name in SCRIPTS)
+    library = f"/* three.js\n{asset('three.LICENSE.txt', 'vendor')}*/\n{asset('three.min.js', 'vendor')}"
+    guard = "if (document.createElement('canvas').getContext('webgl2')) "  # without WebGL the static pictures stay
+    code = f'"use strict";\n{guard}(() => {{\n{ours}\n}})();'
+    return join(Html(asset("viewer.html")), data_block("scene", scene), tag("script", Html(library)), tag("script", Html(code)))
+
+
+def image(png: bytes, description: str, *, class_: str | None = "static") -> Html:
+    """A picture inside the page."""
+    source = "data:image/png;base64," + base64.b64encode(png).decode("ascii")
+    return tag("figure", tag("img", src=source, alt=description), class_=class_)

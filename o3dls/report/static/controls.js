@@ -1,0 +1,150 @@
+// The toolbar: every control changes `settings` or a shared uniform, then the panels are painted again.
+
+const $ = (id) => document.getElementById(id);
+const settings = {
+  field: null,
+  kinds: Object.fromEntries([...scene.points.names, "outliers"].map((name) => [name, true])),
+  labels: true,
+  pointRange: scene.points.range.slice(),
+};
+
+function option(select, value, text) {
+  const made = document.createElement("option");
+  made.value = value;
+  made.textContent = text;
+  select.append(made);
+}
+
+function checkbox(group, text, change) {
+  const label = document.createElement("label");
+  const box = document.createElement("input");
+  box.type = "checkbox";
+  box.checked = true;
+  box.addEventListener("change", () => change(box.checked));
+  label.append(box, ` ${text}`);
+  group.append(label);
+}
+
+function button(group, text, press) {
+  const made = document.createElement("button");
+  made.type = "button";
+  made.textContent = text;
+  made.addEventListener("click", press);
+  group.append(made);
+}
+
+function chooseField(key) {
+  const field = scene.fields.find((one) => one.key === key);
+  settings.field = field;
+  shared.mapped.value = Boolean(field);
+  for (const panel of panels) {
+    const data = field && scene.meshes[panel.mesh].fields[key];
+    setAttribute(panel.geometry, "value", data);
+    panel.note.textContent = field && !data ? `no ${field.label} here` : panel.caption;
+  }
+  $("surface-bar").hidden = !field;
+  if (!field) return invalidate();
+  shared.colours.value = textures[field.map];
+  showBar("surface-bar", field.map, field.unit ? `${field.label}, ${field.unit}` : field.label, field.range);
+  shared.range.value = field.range.slice();
+  invalidate();
+}
+
+function setAttribute(geometry, name, data) {
+  const count = geometry.getAttribute("position").count;
+  const values = data ? unpack(data) : new Float32Array(count).fill(MISSING);
+  geometry.setAttribute(name, new THREE.BufferAttribute(values, 1));
+}
+
+function showBar(id, map, name, range) {
+  const bar = $(id);
+  const context = bar.querySelector("canvas").getContext("2d");
+  const image = context.createImageData(256, 1);
+  image.data.set(textures[map].image.data);
+  context.putImageData(image, 0, 0);
+  bar.querySelector(".name").textContent = name;
+  writeRange(bar, range);
+}
+
+function writeRange(bar, [low, high]) {
+  bar.querySelector(".low").value = Number(low.toPrecision(3));
+  bar.querySelector(".high").value = Number(high.toPrecision(3));
+}
+
+function connectBar(id, apply, automatic) {
+  const bar = $(id);
+  const read = () => [".low", ".high"].map((part) => bar.querySelector(part).valueAsNumber);
+  const change = () => {
+    const [low, high] = read();
+    const right = low < high; // false for NaN too
+    bar.classList.toggle("wrong", !right);
+    if (right) apply([low, high]);
+  };
+  bar.querySelectorAll("input").forEach((input) => input.addEventListener("change", change));
+  bar.querySelector(".auto").addEventListener("click", () => {
+    bar.classList.remove("wrong");
+    writeRange(bar, automatic());
+    apply(automatic().slice());
+  });
+}
+
+function paintAllPoints() {
+  panels.forEach((panel) => paintPoints(panel, settings));
+  invalidate();
+}
+
+function setTranslucency(amount) {
+  shared.opacity.value = 1 - amount;
+  for (const { sides: [back, front] } of panels) {
+    for (const mesh of [back, front]) {
+      mesh.material.transparent = amount > 0;
+      mesh.material.depthWrite = amount === 0;
+      mesh.material.needsUpdate = true;
+    }
+    [back.renderOrder, front.renderOrder] = [1, 2];
+  }
+  invalidate();
+}
+
+function showGhost(name) {
+  for (const panel of panels) for (const [key, ghost] of Object.entries(panel.ghosts)) ghost.visible = key === name;
+  invalidate();
+}
+
+function cut() {
+  const axis = $("cut").value;
+  $("level").disabled = axis === "";
+  if (axis === "") {
+    shared.plane.value.set(0, 0, 0, 1);
+    contours = [];
+  } else {
+    const k = Number(axis);
+    const level = scene.box.low[k] + scene.box.size[k] * Number($("level").value);
+    shared.plane.value.set(0, 0, 0, level).setComponent(k, scene.cutSigns[k]);
+    shared.plane.value.w = scene.cutSigns[k] * level;
+    contours = contourSources().map((source) => ({ ...source, segments: sliceMesh(source.geometry, source.matrix, k, level) }));
+  }
+  legend();
+  paintAllPoints();
+}
+
+// Every estimate, the truth, and the prior where it was placed by the last panel.
+function contourSources() {
+  const sources = panels.map((panel) => ({ name: panel.name, colour: panel.colour, dash: panel.dash, geometry: panel.geometry }));
+  for (const [name, ghost] of Object.entries(panels[panels.length - 1].ghosts)) {
+    const { colour, dash } = scene.ghostStyles[name];
+    sources.push({ name, colour, dash, geometry: ghost.geometry, matrix: ghost.matrix });
+  }
+  return sources;
+}
+
+function legend() {
+  const parts = contours.map(({ name, colour, dash }) => {
+    const item = document.createElement("span");
+    const line = document.createElement("i");
+    line.style.borderTop = `3px ${dash.length ? "dashed" : "solid"} var(${colour})`;
+    item.append(line, name);
+    return item;
+  });
+  $("legend").replaceChildren(...parts);
+}

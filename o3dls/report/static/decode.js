@@ -1,0 +1,38 @@
+// What the page carries: meshes, fields and points as base64 arrays, written by scene.py.
+
+const scene = JSON.parse(document.getElementById("scene").textContent);
+const MISSING = -1e30; // a value that no field has; the shader paints it grey
+
+function bytes(text) {
+  const raw = atob(text);
+  const out = new Uint8Array(raw.length);
+  for (let i = 0; i < raw.length; i++) out[i] = raw.charCodeAt(i);
+  return out;
+}
+
+const uint16 = (text) => new Uint16Array(bytes(text).buffer);
+const uint32 = (text) => new Uint32Array(bytes(text).buffer);
+
+// Numbers stored in 16 bits between low and high; 65535 stands for a missing value.
+function unpack({ data, low, high }) {
+  const packed = uint16(data);
+  const step = (high - low) / 65534;
+  return Float32Array.from(packed, (k) => (k === 65535 ? MISSING : low + k * step));
+}
+
+// Coordinates stored in 16 bits inside the scene's box, so all meshes share one grid.
+function unpackPositions(data) {
+  const packed = uint16(data);
+  const out = new Float32Array(packed.length);
+  for (let i = 0; i < packed.length; i++) out[i] = scene.box.low[i % 3] + (packed[i] * scene.box.size[i % 3]) / 65535;
+  return out;
+}
+
+function decodeMesh(mesh) {
+  const geometry = new THREE.BufferGeometry();
+  const faces = mesh.wide ? uint32(mesh.faces) : uint16(mesh.faces);
+  geometry.setAttribute("position", new THREE.BufferAttribute(unpackPositions(mesh.positions), 3));
+  geometry.setIndex(new THREE.BufferAttribute(faces, 1));
+  geometry.computeVertexNormals();
+  return geometry;
+}

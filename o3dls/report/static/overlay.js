@@ -1,0 +1,106 @@
+// What is written over the pictures: contours in the cut, landmark names, axes and a scale bar.
+
+let contours = []; // of the cut: [{name, colour, dash, segments: Float32Array of x1 y1 z1 x2 y2 z2}]
+
+function project(x, y, z, width, height) {
+  const at = new THREE.Vector3(x, y, z).project(camera);
+  return [((at.x + 1) * width) / 2, ((1 - at.y) * height) / 2];
+}
+
+function drawOverlay(panel, context, ratio) {
+  const { width, height } = panel.canvas;
+  const ink = getComputedStyle(panel.canvas).color;
+  context.lineJoin = context.lineCap = "round";
+  for (const contour of contours) drawContour(contour, context, width, height, ratio);
+  if (settings.labels) for (const mark of scene.landmarks) drawLabel(mark, context, width, height, ratio, ink);
+  drawAxes(context, height, ratio, ink);
+  drawScaleBar(context, width, height, ratio, ink);
+}
+
+function drawContour({ colour, dash, segments }, context, width, height, ratio) {
+  context.strokeStyle = getComputedStyle(document.documentElement).getPropertyValue(colour); // a CSS variable: light and dark differ
+  context.lineWidth = 2 * ratio;
+  context.setLineDash(dash.map((n) => n * ratio));
+  context.beginPath();
+  for (let i = 0; i < segments.length; i += 6) {
+    context.moveTo(...project(segments[i], segments[i + 1], segments[i + 2], width, height));
+    context.lineTo(...project(segments[i + 3], segments[i + 4], segments[i + 5], width, height));
+  }
+  context.stroke();
+  context.setLineDash([]);
+}
+
+function drawLabel({ name, at }, context, width, height, ratio, ink) {
+  const [x, y] = project(...at, width, height);
+  const text = name.length > 24 ? `${name.slice(0, 23)}…` : name;
+  context.font = `${12 * ratio}px system-ui, sans-serif`;
+  const wide = context.measureText(text).width;
+  const left = Math.min(Math.max(x + 6 * ratio, 2 * ratio), width - wide - 6 * ratio);
+  context.fillStyle = getComputedStyle(host).backgroundColor;
+  context.globalAlpha = 0.8;
+  context.fillRect(left - 2 * ratio, y - 8 * ratio, wide + 4 * ratio, 16 * ratio);
+  context.globalAlpha = 1;
+  context.fillStyle = context.strokeStyle = ink;
+  context.textBaseline = "middle";
+  context.fillText(text, left, y);
+  context.lineWidth = 1.5 * ratio;
+  context.beginPath();
+  context.arc(x, y, 3.5 * ratio, 0, 2 * Math.PI);
+  context.stroke();
+}
+
+function drawAxes(context, height, ratio, ink) {
+  const [x, y] = [34 * ratio, height - 34 * ratio];
+  context.strokeStyle = context.fillStyle = ink;
+  context.lineWidth = 1.5 * ratio;
+  context.font = `${11 * ratio}px system-ui, sans-serif`;
+  context.textAlign = "center";
+  context.textBaseline = "middle";
+  scene.axes.forEach((letter, axis) => {
+    const end = new THREE.Vector3().setComponent(axis, 1).applyQuaternion(camera.quaternion.clone().invert());
+    context.beginPath();
+    context.moveTo(x, y);
+    context.lineTo(x + 18 * ratio * end.x, y - 18 * ratio * end.y);
+    context.stroke();
+    if (Math.hypot(end.x, end.y) > 0.3) context.fillText(letter, x + 26 * ratio * end.x, y - 26 * ratio * end.y);
+  });
+  context.textAlign = "start";
+}
+
+function drawScaleBar(context, width, height, ratio, ink) {
+  const perUnit = (width * camera.zoom) / (camera.right - camera.left);
+  const length = [1, 2, 5, 10, 20, 50, 100, 200].find((n) => n * perUnit > 40 * ratio) || 500;
+  const right = width - 12 * ratio;
+  context.strokeStyle = context.fillStyle = ink;
+  context.lineWidth = 3 * ratio;
+  context.beginPath();
+  context.moveTo(right - length * perUnit, height - 14 * ratio);
+  context.lineTo(right, height - 14 * ratio);
+  context.stroke();
+  context.font = `${11 * ratio}px system-ui, sans-serif`;
+  context.textAlign = "right";
+  context.textBaseline = "bottom";
+  context.fillText(`${length} ${scene.units}`, right, height - 18 * ratio);
+  context.textAlign = "start";
+}
+
+// Where a plane {axis, level} meets a mesh: one segment per triangle that it crosses.
+function sliceMesh(geometry, matrix, axis, level) {
+  const position = geometry.getAttribute("position");
+  const index = geometry.index.array;
+  const at = new Float32Array(position.array);
+  if (matrix) new THREE.BufferAttribute(at, 3).applyMatrix4(matrix);
+  const out = [];
+  for (let f = 0; f < index.length; f += 3) {
+    const cut = [];
+    for (let k = 0; k < 3; k++) {
+      const a = 3 * index[f + k], b = 3 * index[f + ((k + 1) % 3)];
+      const ha = at[a + axis] - level, hb = at[b + axis] - level;
+      if (ha < 0 === hb < 0) continue;
+      const t = ha / (ha - hb);
+      for (let c = 0; c < 3; c++) cut.push(at[a + c] + t * (at[b + c] - at[a + c]));
+    }
+    if (cut.length === 6) out.push(...cut);
+  }
+  return Float32Array.from(out);
+}

@@ -1,0 +1,127 @@
+// The pictures: one panel per estimate, one camera, one renderer that paints all panels in turn.
+
+const host = document.getElementById("panels");
+const renderer = makeRenderer();
+const camera = new THREE.OrthographicCamera(-1, 1, 1, -1, -4000, 4000);
+const target = new THREE.Vector3(...scene.centre);
+camera.up.set(0, 0, 1);
+
+const geometries = scene.meshes.map(decodeMesh);
+const panels = scene.panels.map(makePanel);
+let waiting = false;
+
+function makeRenderer() {
+  const made = new THREE.WebGLRenderer({ antialias: true, alpha: true, preserveDrawingBuffer: false });
+  made.outputColorSpace = THREE.LinearSRGBColorSpace; // colours on the screen are those of the colour bar
+  made.setClearColor(0x000000, 0);
+  return made;
+}
+
+function makePanel(description, index) {
+  const figure = document.createElement("figure");
+  const caption = document.createElement("figcaption");
+  const canvas = document.createElement("canvas");
+  caption.textContent = description.name;
+  canvas.tabIndex = 0;
+  canvas.setAttribute("role", "img");
+  canvas.setAttribute("aria-label", `${description.name}: surface in 3D. Drag or arrow keys turn it, + and - zoom, 0 resets.`);
+  figure.append(caption, canvas);
+  host.append(figure);
+  const note = document.createElement("small");
+  caption.append(note);
+
+  const world = new THREE.Scene();
+  const geometry = geometries[description.mesh];
+  const sides = [THREE.BackSide, THREE.FrontSide].map((side) => new THREE.Mesh(geometry, surfaceMaterial(side)));
+  sides.forEach((mesh) => world.add(mesh));
+  const ghosts = Object.fromEntries(Object.entries(description.ghosts).map(([name, ghost]) => [name, makeGhost(ghost, world)]));
+  const panel = { ...description, index, figure, canvas, note, world, geometry, sides, ghosts, balls: [], shown: true };
+  connect(panel);
+  return panel;
+}
+
+function makeGhost({ mesh, matrix }, world) {
+  const own = { mapped: { value: false }, hatched: { value: false }, opacity: { value: 0.12 }, plain: { value: new THREE.Vector3(0.45, 0.5, 0.6) } };
+  const ghost = new THREE.Mesh(geometries[mesh], surfaceMaterial(THREE.FrontSide, own));
+  ghost.material.transparent = true;
+  ghost.material.depthWrite = false;
+  ghost.matrixAutoUpdate = false;
+  if (matrix) ghost.matrix.set(...matrix);
+  ghost.visible = false;
+  world.add(ghost);
+  return ghost;
+}
+
+// Mouse, touch and keys of a panel move the one camera.
+function connect(panel) {
+  const controls = new THREE.OrbitControls(camera, panel.canvas);
+  controls.target = target;
+  controls.addEventListener("change", invalidate);
+  panel.canvas.addEventListener("keydown", (event) => {
+    const turn = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] }[event.key];
+    const zoom = { "+": 1.2, "=": 1.2, "-": 1 / 1.2 }[event.key];
+    if (turn) rotate(...turn.map((step) => (step * Math.PI) / 18));
+    else if (zoom) camera.zoom *= zoom;
+    else if (event.key === "0") resetView();
+    else return;
+    event.preventDefault();
+    invalidate();
+  });
+}
+
+function rotate(around, over) {
+  const offset = camera.position.clone().sub(target);
+  const right = new THREE.Vector3().crossVectors(camera.up, offset).normalize();
+  const tilt = offset.angleTo(camera.up) + over;
+  offset.applyAxisAngle(camera.up, around);
+  if (tilt > 0.02 && tilt < Math.PI - 0.02) offset.applyAxisAngle(right.applyAxisAngle(camera.up, around), over);
+  camera.position.copy(target).add(offset);
+}
+
+// Look from a direction of the scene's own axes.
+function lookFrom(direction) {
+  const from = new THREE.Vector3(...direction).normalize();
+  camera.position.copy(target).addScaledVector(from, 1000);
+  invalidate();
+}
+
+function resetView() {
+  target.set(...scene.centre);
+  camera.zoom = 1;
+  lookFrom(scene.views[0].from);
+}
+
+function invalidate() {
+  if (waiting) return;
+  waiting = true;
+  requestAnimationFrame(() => {
+    waiting = false;
+    drawAll();
+  });
+}
+
+function drawAll() {
+  const shown = panels.filter((panel) => panel.shown);
+  const ratio = Math.min(window.devicePixelRatio || 1, 2);
+  for (const panel of shown) {
+    const width = Math.round(panel.canvas.clientWidth * ratio);
+    const height = Math.round(panel.canvas.clientHeight * ratio);
+    if (!width || !height) continue;
+    fitCamera(width / height);
+    if (renderer.domElement.width !== width || renderer.domElement.height !== height) renderer.setSize(width, height, false);
+    renderer.render(panel.world, camera);
+    if (panel.canvas.width !== width || panel.canvas.height !== height) Object.assign(panel.canvas, { width, height });
+    const context = panel.canvas.getContext("2d");
+    context.clearRect(0, 0, width, height);
+    context.drawImage(renderer.domElement, 0, 0);
+    drawOverlay(panel, context, ratio);
+  }
+}
+
+function fitCamera(aspect) {
+  const half = scene.radius * 1.08 * Math.max(1, 1 / aspect);
+  Object.assign(camera, { left: -half * aspect, right: half * aspect, top: half, bottom: -half });
+  camera.lookAt(target);
+  camera.updateProjectionMatrix();
+  camera.updateMatrixWorld();
+}

@@ -1,0 +1,80 @@
+// Put the toolbar together, paint for the first time, and only then take the static pictures away.
+
+function savePicture() {
+  const shown = panels.filter((panel) => panel.shown);
+  const [width, height] = [shown[0].canvas.width, shown[0].canvas.height];
+  const out = document.createElement("canvas");
+  Object.assign(out, { width: width * shown.length, height: height + 110 });
+  const context = out.getContext("2d");
+  const style = getComputedStyle(document.body);
+  context.fillStyle = style.backgroundColor;
+  context.fillRect(0, 0, out.width, out.height);
+  context.fillStyle = style.color;
+  context.font = "22px system-ui, sans-serif";
+  shown.forEach((panel, k) => {
+    context.fillText(panel.name, k * width + 12, 30);
+    context.drawImage(panel.canvas, k * width, 40);
+  });
+  const bars = [...document.querySelectorAll(".bar")].filter((bar) => !bar.hidden);
+  bars.forEach((bar, k) => paintBar(context, bar, 12 + k * (out.width / 2), height + 56));
+  const link = document.createElement("a");
+  link.download = `${scene.file}.png`;
+  link.href = out.toDataURL("image/png");
+  link.click();
+}
+
+function paintBar(context, bar, x, y) {
+  const text = (part) => bar.querySelector(part).value;
+  context.drawImage(bar.querySelector("canvas"), x, y, 260, 14);
+  context.font = "16px system-ui, sans-serif";
+  context.fillText(`${text(".low")} to ${text(".high")}: ${bar.querySelector(".name").textContent}`, x, y + 34);
+}
+
+function fillToolbar() {
+  scene.fields.forEach(({ key, label }) => option($("field"), key, label));
+  option($("field"), "", "no colour");
+  scene.views.forEach(({ name, from }) => button($("views"), name, () => lookFrom(from)));
+  button($("views"), "Reset", resetView);
+  Object.keys(scene.ghostStyles).forEach((name) => option($("ghost"), name, name));
+  scene.cutNames.forEach((name, axis) => option($("cut"), axis, name));
+  if (panels.length > 1) panels.forEach((panel) => checkbox($("shown"), panel.name, (on) => showPanel(panel, on)));
+  const present = [...scene.points.names, ...(cloud.outliers.some((marks) => marks.includes(1)) ? ["outliers"] : [])];
+  present.forEach((name) => checkbox($("kinds"), name, (on) => { settings.kinds[name] = on; paintAllPoints(); }));
+  $("labels").parentElement.hidden = !scene.landmarks.length;
+  $("hatching").hidden = !scene.remoteness;
+}
+
+function showPanel(panel, on) {
+  panel.shown = on;
+  panel.figure.hidden = !on;
+  invalidate();
+}
+
+function connectToolbar() {
+  $("field").addEventListener("change", () => chooseField($("field").value));
+  $("translucent").addEventListener("input", () => setTranslucency(Number($("translucent").value)));
+  $("ghost").addEventListener("change", () => showGhost($("ghost").value));
+  $("cut").addEventListener("change", cut);
+  Object.assign($("level"), { min: 0, max: 1, step: 0.005, value: 0.5 });
+  $("level").addEventListener("input", cut);
+  $("labels").addEventListener("change", () => { settings.labels = $("labels").checked; invalidate(); });
+  $("hatched").addEventListener("change", () => { shared.hatched.value = $("hatched").checked; invalidate(); });
+  $("picture").addEventListener("click", savePicture);
+  connectBar("surface-bar", (range) => { shared.range.value = range; invalidate(); }, () => settings.field.range);
+  connectBar("point-bar", (range) => { settings.pointRange = range; paintAllPoints(); }, () => scene.points.range);
+  window.addEventListener("resize", invalidate);
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", invalidate);
+}
+
+fillToolbar();
+connectToolbar();
+$("viewer").hidden = false;
+document.getElementById("pictures").classList.add("live");
+for (const panel of panels) setAttribute(panel.geometry, "remoteness", scene.meshes[panel.mesh].fields[scene.remoteness]);
+showBar("point-bar", "points", `distance of the points, ${scene.units}`, scene.points.range);
+$("point-bar").hidden = !cloud.kinds.length;
+chooseField($("field").value);
+setTranslucency(0);
+panels.forEach((panel) => paintPoints(panel, settings));
+resetView();
+requestAnimationFrame(() => { document.documentElement.dataset.ready = Math.round(performance.now()); });

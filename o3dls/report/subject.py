@@ -1,0 +1,163 @@
+"""What a report is about: one case, the estimates to show, and their distances, from one finished run or several."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..case import Case
+from ..errors import InputError, did_you_mean
+from ..estimate import Estimate
+from ..geometry import Array
+from ..run import Run
+
+FAR = 10.0  # beyond this distance (case units; 3D) from every fitted point only the prior speaks
+MOST_SHOWN = 4
+HEADLINE = ("held_out", "cross_validated", "ablation", "fitted")  # which distances speak first
+SETS = {
+    "held_out": "held out",
+    "held_out_seen": "held out, mapped areas",
+    "held_out_unseen": "held out, unmapped areas",
+    "cross_validated": "left out in turn",
+    "ablation": "ablation, not fitted",
+    "correspondence": "true correspondence",
+    "landmarks": "landmarks",
+    "truth_to_surface": "truth to surface",
+    "surface_to_truth": "surface to truth",
+    "fitted": "fitted points",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Result:
+    """One estimate as the report shows it: its run, its name there, its own unique name, and what run.json says of it."""
+
+    name: str
+    key: str
+    run: Run
+
+    @property
+    def estimate(self) -> Estimate:
+        return self.run.estimates[self.key]
+
+    @property
+    def scores(self) -> Mapping[str, Any]:
+        return self.run.scores[self.key]
+
+    @property
+    def validity(self) -> Mapping[str, Any]:
+        return self.run.validity[self.key]
+
+    def measured(self, group: str) -> tuple[Array, Array]:
+        """Positions (n, d) and distances (n,) of a set of points; empty where the run has not that set."""
+        source, prefix = self.run.points, "distance"
+        if group == "cross_validated":
+            prefix = "left_out"
+        elif group.startswith("held_out"):
+            source = self.run.held_out or source.select(np.zeros(len(source), dtype=bool))
+        else:
+            source = source.select(np.isin(source.type, {"fitted": "eam"}.get(group, group)))
+        values = source.columns.get(f"{prefix}_{self.key}_{self.run.unit}")
+        if values is None or (group not in ("held_out", "cross_validated") and group not in self.scores):
+            return np.zeros((0, source.xyz.shape[1])), np.zeros(0)
+        known = np.isfinite(values)
+        return source.xyz[known], values[known]
+
+
+@dataclass(frozen=True, eq=False)
+class Subject:
+    """Results in order, names of the ones to show side by side, and the case, which all runs share."""
+
+    results: Mapping[str, Result]
+    shown: Sequence[str]
+    records: Sequence[Mapping[str, Any]] = field(default=())  # the run.json of each run
+    folders: Sequence[Path] = field(default=())
+
+    @property
+    def case(self) -> Case:
+        return self.last.run.case
+
+    @property
+    def unit(self) -> str:
+        return self.last.run.unit
+
+    @property
+    def last(self) -> Result:
+        """The estimate that the report is about: the last one shown."""
+        return self.results[self.shown[-1]]
+
+    @property
+    def first(self) -> Result | None:
+        """What it is compared with: the first one shown, where two are."""
+        return self.results[self.shown[0]] if len(self.shown) > 1 else None
+
+    @cached_property
+    def headline(self) -> str | None:
+        """The set of points whose distances speak first: one that was not fitted where there is one."""
+        return next((group for group in HEADLINE if len(self.last.measured(group)[1])), None)
+
+    @cached_property
+    def unmapped(self) -> float | None:
+        """Share of the last surface's area that is farther than FAR from every fitted point."""
+        surface = self.last.estimate.surface
+        gap = surface.fields.get(f"distance_to_nearest_point_{self.unit}")
+        if gap is None or surface.dimension == 2:
+            return None
+        far = (gap > FAR)[surface.faces].mean(axis=1)
+        return float((far * surface.face_areas).sum() / surface.area)
+
+
+def read_subject(folders: Sequence[Path], compare: Sequence[str] = ()) -> Subject:
+    """The subject of a report on finished run folders of one case. Raises InputError where they are of several cases."""
+    from ..run_folder import read_run
+
+    runs = [read_run(folder) for folder in folders]
+    records = [json.loads((folder / "run.json").read_text(encoding="utf-8")) for folder in folders]
+    _check_same_case(folders, runs)
+    prefixes = [""] if len(runs) == 1 else [f"{name} · " for name in _distinct_names(folders)]
+    results = [Result(prefix + key, key, run) for run, prefix in zip(runs, prefixes, strict=True) for key in run.estimates]
+    named = {result.name: result for result in results}
+    return Subject(named, _shown(named, runs, prefixes, compare), records, folders)
+
+
+def _shown(named: Mapping[str, Result], runs: Sequence[Run], prefixes: Sequence[str], compare: Sequence[str]) -> list[str]:
+    """The named estimates, in every run; without names the ICP, or what the run starts from, and the last."""
+    for name in compare:
+        if name not in named and all(name != result.key for result in named.values()):
+            raise InputError(f"report: no estimate '{name}'{did_you_mean(name, list(named))}")
+    if compare:
+        return [result.name for word in compare for result in named.values() if word in (result.name, result.key)][:MOST_SHOWN]
+    if len(runs) > 1:
+        return [prefix + run.final for run, prefix in zip(runs, prefixes, strict=True)][:MOST_SHOWN]
+    keys = list(runs[0].estimates)
+    baseline = next((key for key in reversed(keys[:-1]) if key.startswith("icp")), keys[max(0, len(keys) - 2)])
+    return list(dict.fromkeys([baseline, keys[-1]]))
+
+
+def _check_same_case(folders: Sequence[Path], runs: Sequence[Run]) -> None:
+    for folder, run in zip(folders, runs, strict=True):
+        if not _same(run.case, runs[0].case):
+            raise InputError(
+                f"{folder}: is of case '{run.case.name}', {folders[0]} of '{runs[0].case.name}', with another prior or other points; "
+                "a report shows runs of one case; for several cases there is o3dls compare"
+            )
+
+
+def _same(a: Case, b: Case) -> bool:
+    return np.array_equal(a.prior.vertices, b.prior.vertices) and np.array_equal(a.points.xyz, b.points.xyz)
+
+
+def _distinct_names(folders: Sequence[Path]) -> list[str]:
+    """Folder names, with as much of the path before them as tells them apart."""
+    parts = [folder.resolve().parts for folder in folders]
+    for depth in range(1, max(map(len, parts)) + 1):
+        names = ["/".join(part[-depth:]) for part in parts]
+        if len(set(names)) == len(names):
+            return names
+    raise InputError(f"{folders[0]}: the same run is named twice")

@@ -1,0 +1,80 @@
+"""The outcome in one sentence, and what speaks against it, most serious first."""
+
+from __future__ import annotations
+
+from .statistics import Difference, paired_difference
+from .subject import FAR, Result, Subject
+
+WORDS = {
+    "held_out": "the held-out points",
+    "cross_validated": "points left out of the fit in turn",
+    "ablation": "the ablation points, which were not fitted",
+    "fitted": "the fitted points (which it was fitted to: no proof)",
+}
+FEW_POINTS = 50
+
+
+def verdict(subject: Subject) -> str:
+    """One sentence: which is closer to unseen data, by how much, how sure, and how much of the surface has no data."""
+    parts = [_comparison(subject) or _alone(subject)]
+    if subject.unmapped is not None:
+        where = f"farther than {FAR:g} {subject.unit} from every fitted point"
+        parts.append(f"{100 * subject.unmapped:.0f} % of the surface is {where}: there only the prior speaks.")
+    return " ".join(parts)
+
+
+def headline_difference(subject: Subject) -> Difference | None:
+    """The paired difference between the first and the last estimate shown, on the headline set."""
+    return None if subject.first is None or subject.headline is None else difference(subject.first, subject.last, subject.headline)
+
+
+def difference(first: Result, second: Result, group: str) -> Difference | None:
+    """Paired difference of two results on a set of points; None where they do not share it."""
+    positions, a = first.measured(group)
+    other, b = second.measured(group)
+    if len(a) < 2 or positions.shape != other.shape or (positions != other).any():
+        return None
+    return paired_difference(a, b, positions)
+
+
+def _comparison(subject: Subject) -> str | None:
+    found = headline_difference(subject)
+    if found is None or subject.first is None or subject.headline is None:
+        return None
+    last, first, unit = subject.last.name, subject.first.name, subject.unit
+    means = f"mean distance {found.second:.2f} against {found.first:.2f} {unit}"
+    if not found.clear:
+        interval = f"95 % interval of the difference {found.low:+.2f} to {found.high:+.2f} {unit}"
+        return f"{last} and {first} cannot be told apart on {WORDS[subject.headline]}: {means} ({interval})."
+    way = "closer to" if found.mean < 0 else "farther from"
+    small, large = sorted((abs(found.low), abs(found.high)))
+    gain = f"{abs(found.mean):.2f} {unit} ({abs(found.percent):.0f} %), 95 % interval {small:.2f} to {large:.2f} {unit}"
+    return f"{last} is {way} {WORDS[subject.headline]} than {first} by {gain}: {means}."
+
+
+def _alone(subject: Subject) -> str:
+    if subject.headline is None:
+        return f"{subject.last.name}: there are no points to judge it by."
+    score = subject.last.scores[subject.headline]
+    mean = f"{score[f'mean_{subject.unit}']:.2f} {subject.unit}"
+    return f"{subject.last.name} is {mean} from {WORDS[subject.headline]} in the mean ({score['n']} points)."
+
+
+def warnings(subject: Subject) -> list[str]:
+    """Sentences on what a reader must know before trusting the pictures: invalid, not converged, weak, few data."""
+    chain = [subject.last] + ([subject.first] if subject.first else [])
+    said = [f"{result.name}: {fault}." for result in chain for fault in result.run.faults_of(result.key)]
+    said += [f"{result.name} did not converge: {result.estimate.status}" for result in chain if not result.estimate.converged]
+    said += [f"{result.name}: {text}" for result in _ancestors(subject) for text in result.estimate.warnings]
+    fitted = int((subject.case.points.type == "eam").sum())
+    if fitted < FEW_POINTS:
+        said.append(f"Only {fitted} points were fitted.")
+    if subject.headline == "fitted":
+        said.append("Every point was fitted, so nothing here proves how good the surface is away from them; cross-validate (folds = 5).")
+    return list(dict.fromkeys(said))
+
+
+def _ancestors(subject: Subject) -> list[Result]:
+    """The last estimate first, then the others of its run that are not the start, newest first."""
+    same = [result for result in subject.results.values() if result.run is subject.last.run]
+    return sorted(same, key=lambda result: result is not subject.last) if same else []

@@ -1,0 +1,46 @@
+"""The door to the report: as a writer of a pipeline, and as a function on finished run folders."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, ClassVar
+
+from pydantic import Field
+
+from ..stage import Writer
+
+if TYPE_CHECKING:
+    from ..run import Run
+
+REPORT = "report.html"
+
+
+class Report(Writer):
+    """Write report.html: the estimates side by side, with every number and how it was made."""
+
+    name: ClassVar = "report"
+    compare: tuple[str, ...] = Field((), max_length=4, description="estimates to show side by side; default: the ICP and the last")
+
+    @property
+    def refers_to(self) -> tuple[str, ...]:
+        return self.compare
+
+    def __call__(self, run: Run, folder: Path) -> None:
+        write_report([folder], folder / REPORT, compare=self.compare)
+
+
+def write_report(folders: Sequence[str | Path], out: str | Path | None = None, *, compare: Sequence[str] = ()) -> Path:
+    """Write one HTML page on finished run folders of one case; `out` defaults to report.html in the first folder.
+
+    `compare` names the estimates to show side by side. Raises InputError where a folder is no run, or the cases differ.
+    """
+    from ..io.atomic import staged_file
+    from .page import report_page
+    from .subject import read_subject
+
+    subject = read_subject([Path(folder) for folder in folders], compare)
+    path = Path(out) if out else Path(folders[0]) / REPORT
+    with staged_file(path) as staged:
+        staged.write_text(report_page(subject), encoding="utf-8")
+    return path

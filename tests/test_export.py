@@ -1,0 +1,69 @@
+"""Export: what is written reads back, in the frame that was asked for, with a sidecar and without the patient's name."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from o3dls.errors import InputError, PipelineError
+from o3dls.export import Export, export_run
+from o3dls.io.mesh import read_surface
+from tests.finished import bulged_case, finished, finished_2d
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    writes = (Export(format="carto_vtk", field="sd_mm", vmin=0.0, vmax=2.0), Export(estimate="icp", format="stl"))
+    return finished(tmp_path_factory.mktemp("export") / "run", bulged_case("Doe^Jane"), writes=writes)
+
+
+def test_writers_leave_files_with_sidecars(run: Path) -> None:
+    names = ("level_set.carto.vtk", "icp.stl")
+    assert {path.name for path in (run / "export").iterdir()} == {*names, *(f"{name}.json" for name in names)}
+    facts = json.loads((run / "export/level_set.carto.vtk.json").read_text())
+    assert facts["scalar"] == {"field": "sd_mm", "value_at_0": 0.0, "value_at_1": 2.0, "missing_vertices_at_0": 0}
+    assert facts["frame"] == "LPS"
+    assert facts["units"] == "mm"
+
+
+def test_carto_dialect_is_anonymous_and_scaled(run: Path) -> None:
+    text = (run / "export/level_set.carto.vtk").read_text(encoding="ascii")
+    assert text.startswith("# vtk DataFile Version 3.0\nPatientData Anon Anon 00000000\nASCII\nDATASET POLYDATA\n")
+    for path in (run / "export").iterdir():
+        assert b"Doe" not in path.read_bytes()
+
+
+@pytest.mark.parametrize("format", ["ply", "stl", "obj", "off", "vtk", "vtp", "carto_vtk"])
+def test_every_format_reads_back(run: Path, tmp_path: Path, format: str) -> None:
+    path = export_run(run, tmp_path / f"surface.{format.removeprefix('carto_')}", format=format)
+    written, known = read_surface(path), read_surface(run / "estimates/level_set/surface.ply")
+    assert written.area == pytest.approx(known.area, rel=1e-4)
+    assert written.watertight
+
+
+def test_other_frame_turns_the_surface(run: Path, tmp_path: Path) -> None:
+    lps, ras = (read_surface(export_run(run, tmp_path / f"{frame}.ply", frame=frame)) for frame in ("LPS", "RAS"))
+    np.testing.assert_allclose(ras.vertices, lps.vertices * [-1, -1, 1], atol=1e-9)
+    assert ras.volume == pytest.approx(lps.volume)
+
+
+def test_wrong_words_are_named(run: Path, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no estimate 'levelset': did you mean 'level_set'"):
+        export_run(run, tmp_path / "a.ply", estimate="levelset")
+    with pytest.raises(InputError, match="no format 'vpt': did you mean 'vtp'"):
+        export_run(run, tmp_path / "a.vpt", format="vpt")
+    with pytest.raises(PipelineError, match="vmin and vmax must be given together"):
+        Export(format="carto_vtk", vmin=1.0)
+    with pytest.raises(PipelineError, match="belong to the format carto_vtk"):
+        Export(format="ply", field="sd_mm")
+    with pytest.raises(InputError, match="no field 'sd'"):
+        export_run(run, tmp_path / "a.vtk", format="carto_vtk", field="sd")
+    assert not list(tmp_path.iterdir())
+
+
+def test_two_dimensions_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="the case is 2D"):
+        export_run(finished_2d(tmp_path / "run"))
