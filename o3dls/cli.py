@@ -148,6 +148,33 @@ def batch(cases: tuple[Path, ...], pipeline: Path | None, out: Path, settings: t
     return NOT_VALID if any(outcome.faults for outcome in outcomes) else DONE
 
 
+@cli.command()
+@click.argument("runs", metavar="RUN...", type=FOLDER, nargs=-1, required=True)
+@click.option("--out", type=FILE, help="HTML file to write; default: report.html in the first run folder")
+@click.option("--compare", multiple=True, metavar="ESTIMATE", help="estimate to show side by side; may be repeated; default: the ICP and the last")
+def report(runs: tuple[Path, ...], out: Path | None, compare: tuple[str, ...]) -> None:
+    """Write the report on a finished run, or on several runs of one case."""
+    from .report import write_report
+
+    click.echo(write_report(runs, out, compare=compare))
+
+
+@cli.command()
+@click.argument("run_folder", metavar="RUN", type=FOLDER)
+@click.option("--format", default="ply", show_default=True, help="ply, stl, obj, off, vtk, vtp, carto_vtk")
+@click.option("--estimate", help="estimate to write; default: the last")
+@click.option("--out", type=FILE, help="file to write; default: in the run's folder export/")
+@click.option("--frame", help="frame to write in, LPS or RAS; default: the frame of the case")
+@click.option("--field", help="carto_vtk: the field that becomes its one scalar")
+@click.option("--vmin", type=float, help="carto_vtk: value at the lower end of the colours")
+@click.option("--vmax", type=float, help="carto_vtk: value at the upper end of the colours")
+def export(run_folder: Path, out: Path | None, **options: Any) -> None:
+    """Write a surface of a finished run for other programs, with a sidecar that says frame, units and what the values mean."""
+    from .export import export_run
+
+    click.echo(export_run(run_folder, out, **options))
+
+
 def _needed(value: Path | None, option: str) -> Path:
     if value is None:
         raise click.UsageError(f"no {option} given, and the pipeline names none")
