@@ -151,7 +151,7 @@ def batch(cases: tuple[Path, ...], pipeline: Path | None, out: Path, settings: t
 @cli.command()
 @click.argument("runs", metavar="RUN...", type=FOLDER, nargs=-1, required=True)
 @click.option("--out", type=FILE, help="HTML file to write; default: report.html in the first run folder")
-@click.option("--compare", multiple=True, metavar="ESTIMATE", help="estimate to show side by side; may be repeated; default: the ICP and the last")
+@click.option("--compare", multiple=True, metavar="ESTIMATE", help="estimate to show; may be repeated; default: the ICP and the last")
 def report(runs: tuple[Path, ...], out: Path | None, compare: tuple[str, ...]) -> None:
     """Write the report on a finished run, or on several runs of one case."""
     from .report import write_report
