@@ -5,11 +5,13 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import InputError
-from ..geometry import Array, Ints
+from ..geometry import Array
 
 
 def read_bytes(path: str | Path) -> bytes:
@@ -78,6 +80,6 @@ def flat_numbers(text: str, count: int, where: str) -> Array:
         raise
 
 
-def join_rows(form: str, rows: Array | Ints) -> str:
+def join_rows(form: str, rows: NDArray[Any]) -> str:
     """One line per row, each written by the %-format `form`: the whole table in one operation, which is what makes it quick."""
     return (form * len(rows)) % tuple(rows.ravel().tolist())
