@@ -47,7 +47,7 @@ class Band:
     @cached_property
     def positions(self) -> Array:
         """Positions of the nodes, (n, d)."""
-        return (self.nodes + self.low) * self.spacing
+        return np.asarray((self.nodes + self.low) * self.spacing, dtype=np.float64)
 
     @cached_property
     def keys(self) -> Ints:
@@ -56,9 +56,9 @@ class Band:
 
     def find(self, indices: NDArray[np.integer]) -> Ints:
         """Row of each lattice index (k, d) of the box, or -1 where it is not in the band."""
-        inside = ((indices >= 0) & (indices < self.shape)).all(axis=1)
+        inside = np.asarray(((indices >= 0) & (indices < self.shape)).all(axis=1))
         keys = np.ravel_multi_index(tuple(np.where(inside[:, None], indices, 0).T), self.shape)
-        return self._rows(keys, inside)
+        return self._rows(np.asarray(keys, dtype=np.int64), inside)
 
     def _rows(self, keys: Ints, valid: NDArray[np.bool_]) -> Ints:
         rows = np.minimum(np.searchsorted(self.keys, keys), len(self) - 1)

@@ -101,7 +101,8 @@ def scatter_distance(corners, reach, shape, bits, table, count):  # type: ignore
                     excess = np.sqrt(aside2 + (k - cz) ** 2) - radius
                     if excess > 0.0 and excess * excess > limit:
                         continue
-                    gap2 = _segment_gap2(i - ax, j - ay, k - az, shape_of) if flat else _triangle_gap2(i - ax, j - ay, k - az, away, shape_of)
+                    x, y, z = i - ax, j - ay, k - az
+                    gap2 = _segment_gap2(x, y, shape_of) if flat else _triangle_gap2(x, y, z, away, shape_of)
                     if gap2 <= limit:
                         best[block, row | (k & mask)] = gap2
                         owner[block, row | (k & mask)] = m
@@ -129,7 +130,7 @@ def _measure(face, out):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, inline="always")
-def _segment_gap2(x, y, z, face):  # type: ignore[no-untyped-def]
+def _segment_gap2(x, y, face):  # type: ignore[no-untyped-def]
     """Squared distance from a point, given from corner a, to a segment."""
     along, length2 = x * face[7] + y * face[8], face[7] ** 2 + face[8] ** 2
     t = min(1.0, max(0.0, along / length2)) if length2 > 0.0 else 0.0

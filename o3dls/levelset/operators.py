@@ -5,7 +5,6 @@ from __future__ import annotations
 from itertools import permutations, product
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
 from ..geometry import Array, Ints
@@ -47,7 +46,7 @@ def laplacian(band: Band) -> sparse.csr_matrix:
 
 def delta(phi: Array, reach: float) -> Array:
     """Regularised Dirac function, 0 beyond |phi| = reach, integral 1."""
-    return np.where(np.abs(phi) < reach, (1.0 + np.cos(np.pi * phi / reach)) / (2.0 * reach), 0.0)
+    return np.asarray(np.where(np.abs(phi) < reach, (1.0 + np.cos(np.pi * phi / reach)) / (2.0 * reach), 0.0))
 
 
 def heaviside(phi: Array, reach: float) -> Array:
@@ -107,7 +106,7 @@ def _outward(vertices: Array, faces: Ints, band: Band, phi: Array, cells: Ints, 
     else:
         normal = np.cross(edge, vertices[faces[:, 2]] - vertices[faces[:, 0]])
     wrong = (normal * away).sum(axis=1) < 0.0
-    return np.where(wrong[:, None], faces[:, ::-1], faces)
+    return np.asarray(np.where(wrong[:, None], faces[:, ::-1], faces))
 
 
 def reinitialise(band: Band, phi: Array) -> SignedDistance:
@@ -125,6 +124,6 @@ def nearest_on(vertices: Array, faces: Ints, field: SignedDistance) -> tuple[Int
 def extend(values: Array, nearest: tuple[Ints, Array]) -> Array:
     """Values per vertex carried off the surface along its normals: each node takes the value at its closest point, (n,) or (n, k)."""
     corners, weights = nearest
-    return np.einsum("nc,nc...->n...", weights, values[corners])
+    return np.asarray(np.einsum("nc,nc...->n...", weights, values[corners]))
 
 

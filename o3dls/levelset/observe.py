@@ -1,0 +1,56 @@
+"""What points say of a surface: their noise, the share of outliers, and the distance that noise alone adds on a curved wall."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..geometry import Array, Surface
+from .closest import ClosestPoint
+from .distance import SignedDistance
+from .energy import Likelihood
+from .operators import mean_curvature
+
+SHARES = (0.02, 0.3)  # a share outside is not believed
+MOST_BENT = 0.6  # noise times curvature beyond which the bias is not to be trusted
+
+
+@dataclass(frozen=True, eq=False)
+class Noise:
+    """What is known of the noise beforehand: `sigma` (None: nothing), uncertain by `doubt` (of its logarithm), outliers with `share`."""
+
+    sigma: float | None = None
+    doubt: float = 0.5
+    share: float = 0.08
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """Points (n, d) with their likelihood, how uncertain its noise is, and the distance (n,) that noise adds on a curved wall."""
+
+    points: Array
+    likelihood: Likelihood
+    doubt: float
+    bias: Array
+
+    def with_noise(self, factor: float) -> Measured:
+        """The same points, their noise multiplied."""
+        return replace(self, likelihood=replace(self.likelihood, sigma=self.likelihood.sigma * factor))
+
+
+def observe(surface: Surface, psi: SignedDistance, points: Array, one_sided: NDArray[np.bool_], own: Array, noise: Noise) -> Measured:
+    """The points against a surface and its signed distance psi.
+
+    one_sided (n,): known to be inside only; own (n,): noise of single points where their file gives it, else NaN. Unknown noise is the
+    robust spread of the distances.
+    """
+    squared, _, feet, _ = ClosestPoint(surface.vertices, surface.faces).query(points)
+    spread = float(np.sqrt(np.median(squared[~one_sided])) / 0.6745) if noise.sigma is None else noise.sigma
+    sigma = np.where(np.isfinite(own), own, max(spread, 1e-6 * surface.diagonal))
+    likelihood = Likelihood(sigma, float(np.clip(noise.share, *SHARES)), surface.diagonal, one_sided)
+    bend = psi.band.interpolation(feet) @ mean_curvature(psi.band, psi.phi)
+    # the mean of the distance from a curved wall under noise of variance s^2 is s^2 / 2 times the sum of its curvatures
+    bias = np.where(one_sided, 0.0, 0.5 * sigma * np.clip(sigma * bend, -MOST_BENT, MOST_BENT))
+    return Measured(points, likelihood, noise.doubt, bias)

@@ -1,0 +1,216 @@
+"""Refine the deformed prior by what the points still say: corrections along its normals, coarse to fine, where evidence asks for them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse.linalg import cg
+
+from ..errors import SolverError
+from ..geometry import Array, Ints, Surface
+from .closest import ClosestPoint
+from .distance import signed_distance
+from .energy import Roughness
+from .evidence import Field, evidence
+from .observe import Measured
+
+COARSEST = 0.3  # longest correlation length tried, in diagonals of the surface; the others are halves of it
+NODES_PER_LENGTH = 4.0  # lattice nodes in a correlation length: finer changes the field by a percent
+HALF_BAND = 2.0  # half width of a field's band in nodes: enough that every foot has all its corners
+COOLING = 0.7  # most that the noise falls from one round to the next
+ROUNDS = 8  # times that the evidence sets amplitude and noise of a field
+STEADY = 0.15  # change of their logarithms that asks for no further round
+SETTLED = 1e-3  # relative fall of the energy at which a level ends
+FEWEST_NODES_WIDE = 3.0  # shortest correlation length, in spacings
+
+Terms = Callable[[Array], tuple[float, float]]  # field -> energies of data and prior
+
+
+class Wall:
+    """A surface that moves along its own normals: u (v,) outward, exact feet and signed distances of points at every position."""
+
+    def __init__(self, surface: Surface) -> None:
+        self.rest = surface.vertices
+        self.normals = surface.vertex_normals
+        self.faces = surface.faces
+        self.tree = ClosestPoint(surface.vertices, surface.faces)
+
+    def move(self, u: Array) -> Array:
+        """Put the wall at rest + u * normal; the vertices there."""
+        self.tree.refit(self.rest + u[:, None] * self.normals)
+        return self.tree.vertices
+
+    def look(self, points: Array) -> tuple[Array, Ints, Array]:
+        """Signed distance (n,), corner vertices (n, d) of the foot's face and its barycentric weights (n, d)."""
+        squared, face, foot, weights = self.tree.query(points)
+        corners = self.faces[face]
+        outward = np.einsum("nc,ncd->nd", weights, self.normals[corners])
+        return np.sqrt(squared) * np.where(((points - foot) * outward).sum(axis=1) < 0.0, -1.0, 1.0), corners, weights
+
+
+@dataclass(frozen=True)
+class Limits:
+    """spacing: lattice spacing that the result will have; evidence: nats that a field must earn; iterations: most per descent."""
+
+    spacing: float
+    evidence: float = 3.0
+    iterations: int = 20
+
+
+@dataclass(frozen=True, eq=False)
+class Correction:
+    """Outward correction u (v,) of a surface's vertices, the fields it is made of, and how the descent went."""
+
+    u: Array
+    fields: tuple[Field, ...]
+    noise: float  # factor on the noise given
+    trace: tuple[Mapping[str, float], ...]
+    converged: bool
+    status: str
+
+
+def refine(surface: Surface, measured: Measured, doubt: Callable[[], Array], limits: Limits) -> Correction:
+    """Minimise the energy over the correction u of a surface: coarse to fine, the strongest Matern field of those left.
+
+    doubt: gives the relative standard deviation (v,) that the motion leaves at every vertex; asked for only when there is something
+    to add.
+    """
+    wall, u, noise = Wall(surface), np.zeros(len(surface.vertices)), 1.0
+    fields: list[Field] = []
+    trace: list[Mapping[str, float]] = []
+    converged = True
+    lengths = _lengths(surface, measured, limits.spacing)
+    while lengths:
+        found = [_evidence(wall, measured.with_noise(noise), measured.with_noise(1.0), length) for length in lengths]
+        field = max(found, key=lambda field: field.gain)
+        if field.gain < limits.evidence:
+            break
+        u, field, steps, settled = _fit(wall, Level.of(surface, doubt(), field.length), measured, u, field, noise, limits.iterations)
+        noise, converged = field.noise, converged and settled
+        fields.append(field)
+        trace += steps
+        lengths = [length for length in lengths if length < field.length]
+    return Correction(u, tuple(fields), noise, tuple(trace), converged, _sentence(fields, trace, converged))
+
+
+def _lengths(surface: Surface, measured: Measured, spacing: float) -> list[float]:
+    """Correlation lengths from coarse to fine; shorter ones than the points' distance cannot be told from noise."""
+    between = (surface.area / len(measured.points)) ** (1.0 / (surface.dimension - 1))
+    lengths = COARSEST * surface.diagonal * 0.5 ** np.arange(10)
+    return [float(length) for length in lengths if length >= max(between, FEWEST_NODES_WIDE * spacing)]
+
+
+def _evidence(wall: Wall, believed: Measured, given: Measured, length: float, made: Array | None = None) -> Field:
+    """The field of a length in what the wall leaves unexplained, plus what `made` (v,) of the wall's position this field has made.
+
+    believed: the points with the noise as it is now, which says who is an outlier; given: with the noise as it was given.
+    """
+    distance, corners, weights = wall.look(believed.points)
+    rest = distance - believed.bias
+    pull = believed.likelihood.pull(rest)
+    weight = pull * believed.likelihood.weight(rest)
+    if made is not None:
+        rest = rest + np.einsum("nc,nc->n", weights, made[corners])
+    feet = np.einsum("nc,ncd->nd", weights, wall.rest[corners])
+    return evidence(feet, pull * rest, weight, given.likelihood.sigma, given.doubt, length)
+
+
+@dataclass(frozen=True, eq=False)
+class Level:
+    """One field on its band: `spread` (v, n) carries nodes to vertices, doubt included."""
+
+    prior: Roughness
+    spread: sparse.csr_matrix
+
+    @classmethod
+    def of(cls, surface: Surface, doubt: Array, length: float) -> Level:
+        step = length / NODES_PER_LENGTH
+        band = signed_distance(surface.vertices, surface.faces, step, HALF_BAND * step).band
+        return cls(Roughness.on(band, length, 1.0), sparse.csr_matrix(sparse.diags(doubt) @ band.interpolation(surface.vertices)))
+
+    def of_amplitude(self, amplitude: float) -> Level:
+        return replace(self, prior=replace(self.prior, amplitude=amplitude))
+
+
+def _fit(
+    wall: Wall, level: Level, measured: Measured, base: Array, field: Field, noise: float, iterations: int
+) -> tuple[Array, Field, list[Mapping[str, float]], bool]:
+    """Descend, then ask the evidence again from where the wall has come to, until amplitude and noise stay.
+
+    The noise falls slowly from the level before: points that the wall has yet to reach must not be taken for outliers.
+    """
+    f = np.zeros(level.spread.shape[1])
+    trace: list[Mapping[str, float]] = []
+    for _ in range(ROUNDS):
+        now = max(field.noise, COOLING * noise)
+        f, steps, settled = _descend(wall, level.of_amplitude(field.amplitude), measured.with_noise(now), base, f, iterations)
+        trace += steps
+        again = _evidence(wall, measured.with_noise(now), measured, field.length, level.spread @ f)
+        steady = abs(np.log(again.amplitude / field.amplitude)) + abs(np.log(again.noise / now)) < STEADY
+        field, noise = replace(again, gain=max(again.gain, field.gain), noise=max(again.noise, COOLING * now)), now
+        if steady:
+            break
+    return base + level.spread @ f, replace(field, noise=noise), trace, settled
+
+
+def _descend(
+    wall: Wall, level: Level, measured: Measured, base: Array, f: Array, iterations: int
+) -> tuple[Array, list[Mapping[str, float]], bool]:
+    """Gauss-Newton with reweighting over the nodes of one field, on top of base (v,); the energy with exact distances never rises."""
+
+    def terms(f: Array) -> tuple[float, float]:
+        wall.move(base + level.spread @ f)
+        return float(measured.likelihood.loss(wall.look(measured.points)[0] - measured.bias).sum()), level.prior.energy(f)
+
+    energy = sum(terms(f))
+    length = level.prior.length
+    trace: list[Mapping[str, float]] = [_record(length, 0, *terms(f))]
+    for iteration in range(1, iterations + 1):
+        direction = _newton(wall, level, measured, f) - f
+        f, found = _backtrack(terms, f, direction, energy)
+        trace.append(_record(length, iteration, *found))
+        fall, energy = energy - sum(found), sum(found)
+        if not np.isfinite(energy):
+            raise SolverError(f"level set: the energy is {energy} after iteration {iteration} at length {length:.3g}")
+        if fall <= SETTLED * max(1.0, abs(energy)):
+            return f, trace, True
+    return f, trace, False
+
+
+def _record(length: float, iteration: int, data: float, prior: float) -> Mapping[str, float]:
+    return {"length": length, "iteration": iteration, "data": data, "prior": prior, "energy": data + prior}
+
+
+def _newton(wall: Wall, level: Level, measured: Measured, f: Array) -> Array:
+    """Minimiser (n,) of the energy with feet and weights held: (S'S / a^2 + A' W A) f = A' W (A f + d)."""
+    distance, corners, weights = wall.look(measured.points)
+    rest = distance - measured.bias
+    precision = measured.likelihood.weight(rest) * measured.likelihood.pull(rest) / measured.likelihood.sigma**2
+    rows = np.repeat(np.arange(len(corners)), corners.shape[1])
+    at_feet = sparse.csr_matrix((weights.ravel(), (rows, corners.ravel())), shape=(len(corners), level.spread.shape[0])) @ level.spread
+    weighted = at_feet.T @ sparse.diags(precision)
+    matrix = (level.prior.operator.T @ level.prior.operator) / level.prior.amplitude**2 + weighted @ at_feet
+    diagonal = matrix.diagonal()
+    solution, _ = cg(matrix, weighted @ (at_feet @ f + rest), x0=f, rtol=1e-6, maxiter=2000, M=sparse.diags(1.0 / diagonal))
+    return np.asarray(solution)
+
+
+def _backtrack(terms: Terms, f: Array, direction: Array, energy: float) -> tuple[Array, tuple[float, float]]:
+    """Half the step until the energy does not rise; after ten halvings stay."""
+    for halving in range(10):
+        trial = f + 0.5**halving * direction
+        found = terms(trial)
+        if sum(found) <= energy:
+            return trial, found
+    return f, terms(f)
+
+
+def _sentence(fields: list[Field], trace: list[Mapping[str, float]], converged: bool) -> str:
+    if not fields:
+        return "nothing to add: the residuals of the points hold no field that the noise would not explain"
+    said = ", ".join(f"{field.amplitude:.2g} over {field.length:.3g} (evidence {field.gain:+.1f} nats)" for field in fields)
+    how = "converged" if converged else "stopped at the iteration limit"
+    return f"{how} after {len(trace) - len(fields)} iterations; fields: {said}"
