@@ -110,8 +110,9 @@ class _Lines(logging.Handler):
 def log_of_failure(out: Path) -> Iterator[None]:
     """Leave `<out>.failed.log`, which says what was done and why it ended, where the block fails; nothing where it does not."""
     lines: list[str] = []
-    handler = _Lines(lines)
+    handler, level = _Lines(lines), log.level
     log.addHandler(handler)
+    log.setLevel(min(log.getEffectiveLevel(), logging.INFO))
     try:
         yield
     except BaseException as error:
@@ -121,6 +122,7 @@ def log_of_failure(out: Path) -> Iterator[None]:
         raise
     finally:
         log.removeHandler(handler)
+        log.setLevel(level)
 
 
 def _estimate_record(run: Run, name: str) -> dict[str, Any]:

@@ -90,10 +90,13 @@ def registered(group: str) -> dict[str, EntryPoint]:
     return found
 
 
-def load(kind: str, name: Any, where: str = "") -> type[Plugin]:
-    """The class of a stage (kind 'stage') or writer (kind 'write') by name. Raises PipelineError with the closest known name."""
+def load(kind: str, name: Any) -> type[Plugin]:
+    """The class of a stage (kind 'stage') or writer (kind 'write') by name. Raises PipelineError where it is unknown or cannot be imported."""
     known = registered({"stage": "o3dls.stages", "write": "o3dls.writers"}[kind])
     if name not in known:
-        raise PipelineError(f"{where}no {kind} '{name}'" + did_you_mean(str(name), list(known)))
-    plugin: type[Plugin] = known[name].load()
+        raise PipelineError(f"no {kind} '{name}'" + did_you_mean(str(name), list(known)))
+    try:
+        plugin: type[Plugin] = known[name].load()
+    except (ImportError, AttributeError) as error:
+        raise PipelineError(f"{kind} '{name}' cannot be loaded from {known[name].value}: {error}") from error
     return plugin
