@@ -160,6 +160,16 @@ def report(runs: tuple[Path, ...], out: Path | None, compare: tuple[str, ...]) -
 
 
 @cli.command()
+@click.argument("runs", metavar="RUN...", type=FOLDER, nargs=-1, required=True)
+def compare(runs: tuple[Path, ...]) -> None:
+    """Print the scores of every estimate of several finished runs in one table."""
+    from .run_folder import read_run
+    from .tables import comparison
+
+    click.echo(comparison({str(folder): read_run(folder) for folder in runs}))
+
+
+@cli.command()
 @click.argument("run_folder", metavar="RUN", type=FOLDER)
 @click.option("--format", default="ply", show_default=True, help="ply, stl, obj, off, vtk, vtp, carto_vtk")
 @click.option("--estimate", help="estimate to write; default: the last")
@@ -173,6 +183,27 @@ def export(run_folder: Path, out: Path | None, **options: Any) -> None:
     from .export import export_run
 
     click.echo(export_run(run_folder, out, **options))
+
+
+@cli.command()
+def doctor() -> int:
+    """Check what o3dls needs of this machine, and say how to mend each fault."""
+    from .doctor import diagnose
+
+    checks = diagnose()
+    click.echo("\n".join(map(str, checks)))
+    return DONE if all(check.ok or not check.needed for check in checks) else NOT_VALID
+
+
+@cli.command()
+def doctor() -> int:
+    """Check this machine, and say how to mend each fault."""
+    from .doctor import diagnose
+
+    checks = diagnose()
+    for check in checks:
+        click.echo(check)
+    return DONE if all(check.ok for check in checks if check.needed) else NOT_VALID
 
 
 def _needed(value: Path | None, option: str) -> Path:
