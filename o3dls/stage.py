@@ -91,7 +91,7 @@ def registered(group: str) -> dict[str, EntryPoint]:
 
 
 def load(kind: str, name: Any) -> type[Plugin]:
-    """The class of a stage (kind 'stage') or writer (kind 'write') by name. Raises PipelineError where it is unknown or cannot be imported."""
+    """The class of a stage (kind 'stage') or writer (kind 'write') by name. Raises PipelineError where there is none or it cannot load."""
     known = registered({"stage": "o3dls.stages", "write": "o3dls.writers"}[kind])
     if name not in known:
         raise PipelineError(f"no {kind} '{name}'" + did_you_mean(str(name), list(known)))

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
+
+from .errors import InputError
 
 if TYPE_CHECKING:
     from .run import Run
@@ -30,11 +32,25 @@ def score_rows(run: Run) -> list[dict[str, Any]]:
 
 def score_table(run: Run) -> str:
     """Mean distances of every estimate side by side; the sets that the run has not are left out."""
-    shown = [heading for heading, (group, _) in SCREEN.items() if any(group in sets for sets in run.scores.values())]
-    lines = [["", *shown, "valid"]] + [[name, *_cells(run, name, shown), _verdict(run, name)] for name in run.estimates]
-    widths = [max(len(line[k]) for line in lines) for k in range(len(lines[0]))]
-    table = [[first.ljust(widths[0]), *map(str.rjust, rest, widths[1:])] for first, *rest in lines]
-    return "\n".join([f"{run.case.name}: mean distances in {run.unit}", *("  ".join(line) for line in table)])
+    return f"{run.case.name}: mean distances in {run.unit}\n{_table([(name, run, name) for name in run.estimates])}"
+
+
+def comparison(runs: Mapping[str, Run]) -> str:
+    """Mean distances of every estimate of several runs, by the runs' names; nothing is averaged. Raises InputError where units differ."""
+    units = {run.unit for run in runs.values()}
+    if len(units) > 1:
+        raise InputError(f"the runs are in different units ({', '.join(sorted(units))}): their distances cannot stand in one table")
+    rows = [(f"{label} {run.case.name} {name}", run, name) for label, run in runs.items() for name in run.estimates]
+    return f"run, case, estimate: mean distances in {units.pop()}\n{_table(rows)}"
+
+
+def _table(rows: Sequence[tuple[str, Run, str]]) -> str:
+    """Aligned lines of (label, run, name of an estimate)."""
+    shown = [heading for heading, (group, _) in SCREEN.items() if any(group in run.scores[name] for _, run, name in rows)]
+    lines = [["", *shown, "valid"]] + [[label, *_cells(run, name, shown), _verdict(run, name)] for label, run, name in rows]
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    aligned = [[first.ljust(widths[0]), *map(str.rjust, rest, widths[1:])] for first, *rest in lines]
+    return "\n".join("  ".join(line) for line in aligned)
 
 
 def _cells(run: Run, name: str, shown: list[str]) -> Iterator[str]:
