@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..geometry import Array, Ints, Surface
@@ -28,7 +29,7 @@ class SurfaceFile:
 
     @classmethod
     def of(
-        cls, path: Path, vertices: Array, faces: Ints, fields: Mapping[str, Array] | None = None, *,
+        cls, path: Path, vertices: Array, faces: Array | Ints, fields: Mapping[str, Array] | None = None, *,
         header: str = "", space: str | None = None, units: str | None = None, metadata: Mapping[str, Any] | None = None,
     ) -> SurfaceFile:  # fmt: skip
         """A checked surface; frame and units as given, else from `SPACE=` and `UNITS=` in the header text.
@@ -43,22 +44,25 @@ class SurfaceFile:
         if len(bad):
             raise InputError(f"{path}: vertex {bad[0]} is not finite: {vertices[bad[0]]}; {len(bad)} such vertices")
         check_faces(path, faces, len(vertices))
-        surface = Surface(vertices, faces.astype(np.int64), fields or {})
+        surface = Surface(vertices, faces[~collapsed(faces)].astype(np.int64), fields or {})
         return cls(surface, space if space in SPACES else "unknown", units or "unknown", metadata or {})
 
 
-def check_faces(path: Path, faces: Ints, n: int) -> None:
-    """Raise InputError where a face names a vertex that is not there, or one vertex twice."""
+def check_faces(path: Path, faces: Array | Ints, n: int) -> None:
+    """Raise InputError where a face names a vertex that is not there, or all faces are collapsed."""
     if not np.isfinite(faces).all() or (faces != np.floor(faces)).any():
         row = int(np.flatnonzero(~np.isfinite(faces).all(axis=1) | (faces != np.floor(faces)).any(axis=1))[0])
         raise InputError(f"{path}: triangle {row} has an index that is no whole number: {faces[row]}")
     bad = np.flatnonzero(((faces < 0) | (faces >= n)).any(axis=1))
     if len(bad):
         raise InputError(f"{path}: triangle {bad[0]} names vertices {faces[bad[0]].astype(int).tolist()}: there are {n}, counted from 0")
-    twice = np.flatnonzero((faces == np.roll(faces, 1, axis=1)).any(axis=1))
-    if len(twice):
-        row = faces[twice[0]].astype(int).tolist()
-        raise InputError(f"{path}: triangle {twice[0]} names one vertex twice: {row}; remove degenerate triangles")
+    if collapsed(faces).all():
+        raise InputError(f"{path}: triangle 0 names one vertex twice: {faces[0].astype(int).tolist()}, and so do all others")
+
+
+def collapsed(faces: Array | Ints) -> NDArray[np.bool_]:
+    """Mask (m,) of faces that name one vertex twice. They have no area and their edges cancel, so a surface is the same without."""
+    return np.asarray((faces == np.roll(faces, 1, axis=1)).any(axis=1))
 
 
 def triangulate(*polygons: Array | Ints) -> Ints:
