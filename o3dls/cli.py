@@ -187,16 +187,6 @@ def export(run_folder: Path, out: Path | None, **options: Any) -> None:
 
 @cli.command()
 def doctor() -> int:
-    """Check what o3dls needs of this machine, and say how to mend each fault."""
-    from .doctor import diagnose
-
-    checks = diagnose()
-    click.echo("\n".join(map(str, checks)))
-    return DONE if all(check.ok or not check.needed for check in checks) else NOT_VALID
-
-
-@cli.command()
-def doctor() -> int:
     """Check this machine, and say how to mend each fault."""
     from .doctor import diagnose
 

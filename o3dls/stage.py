@@ -6,9 +6,9 @@ from abc import ABC, abstractmethod
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar
 
-from pydantic import BaseModel, ConfigDict, Field, ModelWrapValidatorHandler, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from .case import FITTED_TYPES, Case
 from .errors import PipelineError, did_you_mean
@@ -25,14 +25,12 @@ class Plugin(BaseModel, ABC):
     model_config = ConfigDict(frozen=True, extra="forbid", populate_by_name=True, allow_inf_nan=False)
     name: ClassVar[str]
 
-    @model_validator(mode="wrap")
-    @classmethod
-    def _checked(cls, values: Any, make: ModelWrapValidatorHandler[Self]) -> Self:
-        """Say what is wrong in our words, from a file and from Python alike."""
+    def __init__(self, **parameters: Any) -> None:
+        """Say what is wrong in our words; a validator would not do, since those of subclasses run outside of it."""
         try:
-            return make(values)
+            super().__init__(**parameters)
         except ValidationError as error:
-            raise PipelineError(*mistakes(cls, error)) from None
+            raise PipelineError(*mistakes(type(self), error)) from None
 
     def record(self) -> dict[str, Any]:
         """Every parameter with its value, as a pipeline file would say it."""

@@ -189,7 +189,7 @@ class TestWrongInput:
     def test_points_in_metres(self) -> None:
         points = ball_case().points
         self.rewrite(points=replace(points, xyz=points.xyz / 1000.0))
-        self.refused("m")
+        self.refused("the points span 0.066", "if the points are in m, put the line '# units=m'")
 
     def test_no_point_near_the_prior(self) -> None:
         points = ball_case().points

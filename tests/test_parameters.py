@@ -1,0 +1,105 @@
+"""Plugins: parameters that explain and check themselves, names that belong to one plugin only."""
+
+from __future__ import annotations
+
+import re
+from importlib.metadata import EntryPoint
+from typing import ClassVar, Literal
+
+import pytest
+from pydantic import Field, field_validator, model_validator
+
+from o3dls import catalogue, stage
+from o3dls.errors import PipelineError
+from o3dls.parameters import describe
+from o3dls.stage import Plugin, load, registered
+
+
+class Sample(Plugin):
+    """A plugin with one parameter of each kind."""
+
+    name: ClassVar[str] = "sample"
+    length: float = Field(1.5, ge=0.0, description="a length", json_schema_extra={"unit": "mm"})
+    share: float | None = Field(None, gt=0.0, lt=1.0, description="a share", json_schema_extra={"unit": "1"})
+    count: int = Field(3, ge=1, le=9, description="a count")
+    word: Literal["one", "two"] = Field("one", description="a word")
+    words: tuple[Literal["red", "blue"], ...] = Field((), description="some words")
+    flag: bool = Field(True, description="a switch")
+
+    @field_validator("length")
+    @classmethod
+    def _not_thirteen(cls, value: float) -> float:
+        if value == 13.0:
+            raise ValueError("is unlucky")
+        return value
+
+    @model_validator(mode="after")
+    def _together(self) -> Sample:
+        if self.share and not self.flag:
+            raise ValueError("share needs flag = true")
+        return self
+
+
+@pytest.mark.parametrize(
+    ("given", "sentence"),
+    [
+        ({"length": -1.0}, "sample.length = -1.0 mm: must be within [0, inf] mm"),
+        ({"length": float("inf")}, "sample.length = inf mm: must be within [0, inf] mm"),
+        ({"length": 13.0}, "sample.length = 13.0 mm: is unlucky"),
+        ({"share": 1.0}, "sample.share = 1.0: must be within (0, 1)"),
+        ({"count": 2.5}, "sample.count = 2.5: must be a whole number within [1, 9]"),
+        ({"word": "tow"}, "sample.word = 'tow': did you mean 'two'?"),
+        ({"word": 2}, "sample.word = 2: must be one of one, two"),
+        ({"words": ["red", "bleu"]}, "sample.words = 'bleu': did you mean 'blue'?"),
+        ({"flag": "perhaps"}, "sample.flag = 'perhaps': must be true or false"),
+        ({"lenght": 1.0}, "sample.lenght: no such parameter: did you mean 'length'?"),
+        ({"share": 0.5, "flag": False}, "sample: share needs flag = true"),
+    ],
+)
+def test_a_mistake_is_said_in_one_sentence(given: dict[str, object], sentence: str) -> None:
+    with pytest.raises(PipelineError) as error:
+        Sample(**given)  # type: ignore[arg-type]
+    assert error.value.args == (sentence,)
+
+
+def test_several_mistakes_are_several_sentences() -> None:
+    with pytest.raises(PipelineError) as error:
+        Sample(length=-1.0, count=99)
+    assert len(error.value.args) == 2
+
+
+def test_parameters_describe_themselves() -> None:
+    shown = {p.name: (p.kind, p.default, p.unit, p.limits) for p in describe(Sample)}
+    assert shown == {
+        "length": ("number", 1.5, "mm", "[0, inf]"),
+        "share": ("number", None, "", "(0, 1)"),
+        "count": ("whole number", 3, "", "[1, 9]"),
+        "word": ("word", "one", "", "one, two"),
+        "words": ("list of word", (), "", "red, blue"),
+        "flag": ("true or false", True, "", ""),
+    }
+
+
+def test_two_plugins_of_one_name_are_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    twice = [EntryPoint("icp", module, "o3dls.stages") for module in ("a:A", "b:B")]
+    monkeypatch.setattr(stage, "entry_points", lambda group: twice)
+    with pytest.raises(PipelineError, match=r"two plugins are named 'icp' in o3dls.stages: a:A and b:B"):
+        registered.__wrapped__("o3dls.stages")
+
+
+def test_a_plugin_that_cannot_be_imported_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(stage, "registered", lambda group: {"ghost": EntryPoint("ghost", "no_such_module:Ghost", group)})
+    with pytest.raises(PipelineError, match="stage 'ghost' cannot be loaded from no_such_module:Ghost"):
+        load("stage", "ghost")
+
+
+@pytest.mark.parametrize(("kind", "group"), [("stage", "o3dls.stages"), ("write", "o3dls.writers")])
+def test_every_plugin_of_ours_is_whole(kind: str, group: str) -> None:
+    """Named as it is registered; each parameter says what it means; the record gives it back; it has a sheet."""
+    for name in registered(group):
+        plugin = load(kind, name)
+        assert plugin.name == name
+        assert plugin() == plugin.model_validate({k: v for k, v in plugin().record().items() if k != "use"})
+        for parameter in describe(plugin):
+            assert parameter.meaning, f"{name}.{parameter.name} says not what it means"
+        assert re.search(rf"^{name}: .", catalogue.sheet(name))
