@@ -1,0 +1,130 @@
+"""Named points of 3D Slicer: `.mrk.json` read and written, `.fcsv` read."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError
+from ..geometry import Array
+from .atomic import staged_file
+from .text import check_numbers, decode, read_bytes
+
+SCHEMA = "https://raw.githubusercontent.com/slicer/slicer/master/Modules/Loadable/Markups/Resources/Schema/markups-schema-v1.0.3.json#"
+TURN = np.array([-1.0, -1.0, 1.0])  # LPS to RAS and back
+MILLIMETRES = {"mm": 1.0, "um": 0.001, "cm": 10.0, "m": 1000.0}
+OLD_FRAMES = {"0": "RAS", "1": "LPS", "RAS": "RAS", "LPS": "LPS"}
+
+
+@dataclass(frozen=True, eq=False)
+class Markups:
+    """Named positions (n, 3) in mm and the frame they are in; names need not differ."""
+
+    names: tuple[str, ...]
+    xyz: Array
+    space: str
+
+    def in_space(self, space: str) -> Markups:
+        """The same places in LPS or RAS. Raises InputError where either frame is unknown."""
+        if self.space == space:
+            return self
+        if {self.space, space} != {"LPS", "RAS"}:
+            raise InputError(f"markups are in frame '{self.space}': cannot be brought to '{space}'")
+        return Markups(self.names, self.xyz * TURN, space)
+
+
+def read_markups(path: str | Path) -> Markups:
+    """Defined control points of a `.mrk.json` or `.fcsv` file, told by content. Raises InputError."""
+    path = Path(path)
+    text = decode(read_bytes(path), path)
+    return _read_json(path, text) if text.lstrip().startswith("{") else _read_fcsv(path, text)
+
+
+def _read_json(path: Path, text: str) -> Markups:
+    try:
+        tree = json.loads(text)
+    except (json.JSONDecodeError, RecursionError) as error:
+        raise InputError(f"{path}: is no JSON: {error}") from None
+    lists = tree.get("markups") if isinstance(tree, dict) else None
+    if not isinstance(lists, list) or not lists or not all(isinstance(item, dict) for item in lists):
+        raise InputError(f"{path}: has no list 'markups'; it is no Slicer markups file")
+    found = [_json_points(path, item) for item in lists]
+    spaces = {part.space for part in found}
+    if len(spaces) > 1:
+        raise InputError(f"{path}: its markups are in different frames ({', '.join(sorted(spaces))}); save them in one")
+    return Markups(tuple(n for part in found for n in part.names), np.concatenate([part.xyz for part in found]), spaces.pop())
+
+
+def _json_points(path: Path, item: Mapping[str, Any]) -> Markups:
+    """The points of one markup; its own frame and units are honoured, or refused."""
+    space, units = item.get("coordinateSystem", "LPS"), item.get("coordinateUnits", "mm")
+    units = units[0] if isinstance(units, list) and units else units
+    if space not in ("LPS", "RAS") or units not in MILLIMETRES:
+        raise InputError(
+            f"{path}: coordinateSystem '{space}' must be LPS or RAS, coordinateUnits '{units}' one of {', '.join(MILLIMETRES)}"
+        )
+    names, rows = [], []
+    points = item.get("controlPoints", [])
+    for k, point in enumerate(points if isinstance(points, list) else [points]):
+        if not isinstance(point, dict):
+            raise InputError(f"{path}: control point {k} is no object")
+        if point.get("positionStatus", "defined") != "defined":
+            continue
+        position = point.get("position")
+        if not (isinstance(position, list) and len(position) == 3 and all(type(v) in (int, float) and abs(v) < 1e9 for v in position)):
+            raise InputError(
+                f"{path}: control point {k} ('{point.get('label', '')}') has position {str(position)[:60]}: must be three numbers"
+            )
+        names.append(str(point.get("label", "")))
+        rows.append(position)
+    return Markups(tuple(names), np.array(rows, dtype=np.float64).reshape(-1, 3) * MILLIMETRES[units], space)
+
+
+def _read_fcsv(path: Path, text: str) -> Markups:
+    frame = re.search(r"^#\s*CoordinateSystem\s*=\s*(\w+)", text, re.MULTILINE)
+    if frame is None or frame[1] not in OLD_FRAMES:
+        raise InputError(f"{path}: states no '# CoordinateSystem = LPS' or RAS; without it left and right cannot be told")
+    columns = re.search(r"^#\s*columns\s*=\s*(.+)$", text, re.MULTILINE)
+    header = [name.strip() for name in columns[1].split(",")] if columns else []
+    if not {"x", "y", "z", "label"} <= set(header):
+        raise InputError(f"{path}: its line '# columns =' must name x, y, z and label")
+    names, rows = [], []
+    for number, line in enumerate(text.splitlines(), 1):
+        if not line.strip() or line.startswith("#"):
+            continue
+        cells = next(csv.reader([line]))
+        if len(cells) < len(header):
+            raise InputError(f"{path}: line {number} has {len(cells)} cells: the columns are {len(header)}")
+        row = dict(zip(header, cells, strict=False))
+        position = [row[axis] for axis in "xyz"]
+        check_numbers(position, 3, f"{path}: line {number}", "coordinate")
+        names.append(row["label"])
+        rows.append([float(cell) for cell in position])
+    xyz = np.array(rows, dtype=np.float64).reshape(-1, 3)
+    if not np.isfinite(xyz).all():
+        raise InputError(f"{path}: point '{names[int(np.flatnonzero(~np.isfinite(xyz).all(axis=1))[0])]}' is not finite")
+    return Markups(tuple(names), xyz, OLD_FRAMES[frame[1]])
+
+
+def write_markups(path: str | Path, markups: Markups) -> None:
+    """Write `.mrk.json` in the frame of the points, which must be known."""
+    if markups.space not in ("LPS", "RAS"):
+        raise InputError(f"{path}: Slicer must know the frame; it is '{markups.space}': must be LPS or RAS")
+    facing = [-1.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0, 1.0] if markups.space == "LPS" else np.eye(3).ravel().tolist()
+    flags = {"selected": True, "locked": False, "visibility": True, "positionStatus": "defined"}
+    points = [
+        {"id": str(k), "label": name, "description": "", "associatedNodeID": "", "position": xyz, "orientation": facing, **flags}
+        for k, (name, xyz) in enumerate(zip(markups.names, markups.xyz.tolist(), strict=True), 1)
+    ]
+    item = {"type": "Fiducial", "coordinateSystem": markups.space, "coordinateUnits": "mm", "locked": False, "labelFormat": "%N-%d"}
+    with staged_file(path) as staged:
+        staged.write_text(
+            json.dumps({"@schema": SCHEMA, "markups": [{**item, "controlPoints": points}]}, indent=1) + "\n", encoding="utf-8"
+        )
