@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..geometry import Array, Surface
+from .electrical import UNITS, with_electrical
 from .subject import Subject
 
 # Colours of matplotlib that colour-blind readers can order; small values are light, so that the shape stays visible where all is well.
 MAPS = {"sequential": "YlGnBu", "deviation": "BuPu", "signed": "RdBu_r", "electrical": "plasma", "points": "YlOrRd"}
 FIRST = 0.08  # share of a map's light end that is left out: it would be lost on white
 TRUTH = "distance_to_truth"
-ELECTRICAL = {"bipolar": "mV", "unipolar": "mV", "lat": "ms", "force": "g"}
 
 
 @dataclass(frozen=True)
@@ -30,10 +30,10 @@ class Field:
 
 
 def display_surface(subject: Subject, name: str) -> Surface:
-    """The surface of an estimate with every field that can be shown, the distance to truth among them where truth is known."""
+    """The surface of an estimate with every field that can be shown: electrical values, and the distance to truth where it is known."""
     from ..evaluate import distances
 
-    surface = subject.results[name].estimate.surface
+    surface = with_electrical(subject.results[name].estimate.surface, subject.case.points)
     truth = subject.case.truth.surface if subject.case.truth else None
     if truth is None:
         return surface
@@ -50,7 +50,7 @@ def known_fields(surfaces: Sequence[Surface], unit: str) -> list[Field]:
     ]
     there = dict.fromkeys(key for surface in surfaces for key, values in surface.fields.items() if values.ndim == 1)
     named = {field.key for field in words}
-    others = [Field(key, key, ELECTRICAL.get(key, ""), "electrical") for key in there if key not in named]
+    others = [Field(key, key, UNITS.get(key, ""), "electrical") for key in there if key not in named]
     return [_ranged(field, surfaces) for field in [*words, *others] if field.key in there]
 
 
@@ -70,6 +70,13 @@ def robust_range(values: Array, *, signed: bool = False, from_zero: bool = True)
         low, high = -max(abs(low), abs(high)), max(abs(low), abs(high))
     low = 0.0 if from_zero else low
     return (low, high) if high > low else (low, low + 1.0)
+
+
+def point_field(subject: Subject) -> Field:
+    """Distance of the points to the shown estimates, one range for all."""
+    gaps = [subject.results[name].point_distances for name in subject.shown]
+    low, high = robust_range(np.concatenate(gaps))
+    return Field("points", "distance of the points", subject.unit, "points", low, high)
 
 
 def colour_table(colours: str) -> Array:

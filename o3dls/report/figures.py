@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..geometry import Array, Surface
-from .fields import Field, colour_table, colours_of, display_surface, known_fields, robust_range
+from .fields import Field, colour_table, colours_of, display_surface, known_fields, point_field
 from .scene import for_display
 from .subject import Subject
 
@@ -64,7 +64,7 @@ def draw_pictures(figure: Figure, subject: Subject, box: tuple[float, float, flo
         axes.set_title(_short(name), fontsize=11, parse_math=False)
         axes.set_axis_off()
     _bar(figure, field, (left + 0.04 * width, bottom + 0.11 * height, 0.42 * width, 0.03 * height))
-    gaps = _point_field(subject)
+    gaps = point_field(subject)
     _bar(figure, gaps, (left + 0.54 * width, bottom + 0.11 * height, 0.42 * width, 0.03 * height))
 
 
@@ -76,18 +76,9 @@ def painted(subject: Subject, name: str, surface: Surface, field: Field, view: A
     values = surface.fields.get(field.key, np.full(len(surface.vertices), np.nan))
     canvas.surface(surface, colours_of(values, field))
     result = subject.results[name]
-    points = result.run.points.select(~np.isin(result.run.points.type, ["landmark"]))
-    gaps = points.columns[f"distance_{result.key}_{subject.unit}"]
-    canvas.balls(points.xyz, colours_of(gaps, _point_field(subject)), 1.0 if len(points) < 2000 else 0.5)
+    points = result.drawn_points
+    canvas.balls(points.xyz, colours_of(result.point_distances, point_field(subject)), 1.0 if len(points) < 2000 else 0.5)
     return canvas.pixels()
-
-
-def _point_field(subject: Subject) -> Field:
-    rows = ~np.isin(subject.case.points.type, ["landmark"])
-    results = [subject.results[name] for name in subject.shown]
-    gaps = np.concatenate([r.run.points.columns[f"distance_{r.key}_{subject.unit}"][rows] for r in results])
-    low, high = robust_range(gaps)
-    return Field("points", "distance of the points", subject.unit, "points", low, high)
 
 
 def front_axes(frame: str) -> Array:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from html import escape
 from typing import Any
 
@@ -42,13 +43,13 @@ def data_block(identifier: str, value: Any) -> Html:
     return Html(f'<script type="application/json" id="{escape(identifier)}">{text}</script>')
 
 
-def table(head: list[Child], rows: list[list[Child]], caption: Child = None) -> Html:
+def table(head: Sequence[Child], rows: Sequence[Sequence[Child]], caption: str = "") -> Html:
     """A table whose first column is text and whose others are numbers; it scrolls by itself where the page is narrow."""
     top = tag("tr", *(tag("th", cell, scope="col") for cell in head))
     body = [tag("tr", tag("th", row[0], scope="row"), *(tag("td", cell) for cell in row[1:])) for row in rows]
-    inner = [tag("caption", caption)] if caption else []
-    whole = tag("table", *inner, tag("thead", top), tag("tbody", *body))
-    return tag("div", whole, class_="scroll", tabindex="0", role="region", aria_label=caption or "table")
+    whole = tag("table", tag("thead", top), tag("tbody", *body))
+    said = tag("p", caption, class_="soft") if caption else None
+    return join(said, tag("div", whole, class_="scroll", tabindex="0", role="region", aria_label=caption or "table"))
 
 
 def millimetres(value: float | None, digits: int = 2) -> str:

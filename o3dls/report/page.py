@@ -30,8 +30,9 @@ def page(title: str, body: Html) -> str:
         tag("title", title),
         tag("style", Html(asset("report.css"))),
     )
+    script = tag("script", Html(f'"use strict";\n{asset("page.js")}'))
     footer = tag("footer", tag("p", f"Made by o3dls, an open research tool. {NOTICE}"))
-    return f"<!doctype html>\n{tag('html', tag('head', head), tag('body', tag('main', body), footer), lang='en')}\n"
+    return f"<!doctype html>\n{tag('html', tag('head', head), tag('body', tag('main', body), footer, script), lang='en')}\n"
 
 
 def _head(subject: Subject) -> Html:
@@ -42,7 +43,7 @@ def _head(subject: Subject) -> Html:
     return tag(
         "header",
         tag("h1", case.name),
-        tag("p", f"{steps}. Points: {kinds}. Prior: {len(case.prior.faces)} faces.", class_="soft"),
+        tag("p", f"{subject.date}. {steps}. Points: {kinds}. Prior: {len(case.prior.faces)} faces.", class_="soft"),
         tag("p", NOTICE, class_="notice"),
         tag("ul", *(tag("li", text) for text in said), class_="warnings", aria_label="Warnings") if said else None,
         tag("p", verdict(subject), class_="verdict"),

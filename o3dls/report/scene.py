@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from ..geometry import Array, Surface
-from .fields import MAPS, Field, colour_table, display_surface, known_fields, robust_range
+from .charts import STYLES
+from .fields import MAPS, Field, colour_table, display_surface, known_fields, point_field
 from .subject import FAR, Subject
 
 MOST_FACES = 60_000  # per estimate; more are decimated for display to
@@ -28,8 +29,7 @@ def scene(subject: Subject) -> Json:
     surfaces = [for_display(display_surface(subject, name)) for name in subject.shown]
     fields = known_fields(surfaces, subject.unit)
     ghosts = _ghosts(subject)
-    cloud = subject.case.points.select(~np.isin(subject.case.points.type, ["landmark"]))
-    everything = np.vstack([*(s.vertices for s in surfaces), *(g.vertices for g in ghosts.values()), cloud.xyz])
+    everything = np.vstack([*(s.vertices for s in [*surfaces, *ghosts.values()]), subject.case.points.xyz])
     low, size = everything.min(axis=0), np.maximum(np.ptp(everything, axis=0), 1e-6)
     centre = (surfaces[-1].vertices.min(axis=0) + surfaces[-1].vertices.max(axis=0)) / 2
     meshes = [_mesh(surface, low, size, fields) for surface in [*surfaces, *ghosts.values()]]
@@ -91,16 +91,14 @@ def _panel(subject: Subject, index: int, name: str, places: dict[str, int]) -> J
     ghosts = {key: {"mesh": mesh, "matrix": matrix.ravel().tolist() if key == "prior" else None} for key, mesh in places.items()}
     full = len(result.estimate.surface.faces)
     caption = f"{full} faces, {DISPLAY_FACES} shown" if full > MOST_FACES else ""
-    style: Json = {"colour": f"--s{index}", "dash": []}
+    style: Json = {"colour": f"--s{subject.style(name) % STYLES}", "dash": []}
     return {"name": name, "mesh": index, "ghosts": ghosts, "caption": caption, **style, **_judged(subject, name)}
 
 
 def _judged(subject: Subject, name: str) -> Json:
     """Distance of every point to the estimate, and 1 where the estimate took it for an outlier."""
-    result, points = subject.results[name], subject.results[name].run.points
-    rows = ~np.isin(points.type, ["landmark"])
-    values = points.columns[f"distance_{result.key}_{subject.unit}"][rows]
-    return {"residuals": _packed(values), "outliers": _text(outliers(subject, name)[rows].astype(np.uint8))}
+    marks = outliers(subject, name)[subject.case.points.type != "landmark"]
+    return {"residuals": _packed(subject.results[name].point_distances), "outliers": _text(marks.astype(np.uint8))}
 
 
 def outliers(subject: Subject, name: str) -> Array:
@@ -117,13 +115,10 @@ def outliers(subject: Subject, name: str) -> Array:
 
 
 def _points(subject: Subject, low: Array, size: Array) -> Json:
-    points = subject.case.points
-    rows = ~np.isin(points.type, ["landmark"])
-    names = list(dict.fromkeys(points.type[rows].tolist()))
-    kinds = np.array([names.index(kind) for kind in points.type[rows]], dtype=np.uint8)
-    gaps = [subject.results[n].run.points.columns[f"distance_{subject.results[n].key}_{subject.unit}"][rows] for n in subject.shown]
-    limits = list(robust_range(np.concatenate(gaps)))
-    return {"names": names, "kinds": _text(kinds), "positions": _grid(points.xyz[rows], low, size), "range": limits}
+    points, limits = subject.last.drawn_points, point_field(subject)
+    names = list(dict.fromkeys(points.type.tolist()))
+    kinds = np.array([names.index(kind) for kind in points.type], dtype=np.uint8)
+    return {"names": names, "kinds": _text(kinds), "positions": _grid(points.xyz, low, size), "range": [limits.low, limits.high]}
 
 
 def _landmarks(subject: Subject) -> list[Json]:

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+from .course_section import course_section
+from .distance_charts import spread_section
+from .electrical_section import electrical_section
 from .figures import pictures_png
 from .markup import join
+from .outline_sections import outline_section, slice_section
 from .page_parts import image, viewer_scripts
+from .paired_section import landmark_section, paired_section
 from .provenance import made_section
 from .scene import scene
 from .score_tables import score_section, validity_section
 from .section import Maker, Section
 from .subject import Subject
+from .sweep_section import sweep_section
 
 
 def picture_section(subject: Subject) -> Section | None:
@@ -20,4 +26,17 @@ def picture_section(subject: Subject) -> Section | None:
     return Section("pictures", "Side by side", join(static, viewer_scripts(scene(subject))))
 
 
-SECTIONS: tuple[Maker, ...] = (picture_section, score_section, validity_section, made_section)
+SECTIONS: tuple[Maker, ...] = (
+    picture_section,
+    outline_section,
+    score_section,
+    paired_section,
+    spread_section,
+    slice_section,
+    landmark_section,
+    electrical_section,
+    validity_section,
+    course_section,
+    sweep_section,
+    made_section,
+)

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from datetime import UTC, datetime
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ..case import Case
+from ..case import Case, Points
 from ..errors import InputError, did_you_mean
 from ..estimate import Estimate
 from ..geometry import Array
@@ -54,20 +55,34 @@ class Result:
     def validity(self) -> Mapping[str, Any]:
         return self.run.validity[self.key]
 
+    @property
+    def drawn_points(self) -> Points:
+        """The points that pictures show: all but landmarks."""
+        points = self.run.points
+        return points.select(points.type != "landmark")
+
+    @property
+    def point_distances(self) -> Array:
+        """Distances (n,) of the drawn points."""
+        return np.asarray(self.drawn_points.columns[f"distance_{self.key}_{self.run.unit}"])
+
     def measured(self, group: str) -> tuple[Array, Array]:
         """Positions (n, d) and distances (n,) of a set of points; empty where the run has not that set."""
-        source, prefix = self.run.points, "distance"
-        if group == "cross_validated":
-            prefix = "left_out"
-        elif group.startswith("held_out"):
-            source = self.run.held_out or source.select(np.zeros(len(source), dtype=bool))
-        else:
-            source = source.select(np.isin(source.type, {"fitted": "eam"}.get(group, group)))
-        values = source.columns.get(f"{prefix}_{self.key}_{self.run.unit}")
-        if values is None or (group not in ("held_out", "cross_validated") and group not in self.scores):
-            return np.zeros((0, source.xyz.shape[1])), np.zeros(0)
+        points = self._points_of(group)
+        prefix = "left_out" if group == "cross_validated" else "distance"
+        values = points.columns.get(f"{prefix}_{self.key}_{self.run.unit}")
+        if values is None or group not in self.scores:
+            return points.xyz[:0], np.zeros(0)
         known = np.isfinite(values)
-        return source.xyz[known], values[known]
+        return points.xyz[known], np.asarray(values[known])
+
+    def _points_of(self, group: str) -> Points:
+        """The measured or held-out points that a set is made of."""
+        held_out = self.run.held_out
+        if not group.startswith("held_out") or held_out is None:
+            return self.run.points.of({"fitted": "eam", "cross_validated": "eam"}.get(group, group))
+        unseen = held_out.columns.get("unseen", np.zeros(len(held_out))) > 0
+        return held_out.select({"held_out_seen": ~unseen, "held_out_unseen": unseen}.get(group, np.ones(len(held_out), dtype=bool)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,8 +91,9 @@ class Subject:
 
     results: Mapping[str, Result]
     shown: Sequence[str]
-    records: Sequence[Mapping[str, Any]] = field(default=())  # the run.json of each run
-    folders: Sequence[Path] = field(default=())
+    runs: Sequence[Run]
+    records: Sequence[Mapping[str, Any]]  # the run.json of each run
+    folders: Sequence[Path]
 
     @property
     def case(self) -> Case:
@@ -96,6 +112,20 @@ class Subject:
     def first(self) -> Result | None:
         """What it is compared with: the first one shown, where two are."""
         return self.results[self.shown[0]] if len(self.shown) > 1 else None
+
+    @property
+    def finals(self) -> list[Result]:
+        """The last estimate of each run."""
+        return [next(one for one in self.results.values() if one.run is run and one.key == run.final) for run in self.runs]
+
+    @property
+    def date(self) -> str:
+        """Day (UTC) on which the last run ended, by the time of its run.json."""
+        return datetime.fromtimestamp((self.folders[-1] / "run.json").stat().st_mtime, UTC).date().isoformat()
+
+    def style(self, name: str) -> int:
+        """Number of the colour and dash that an estimate has everywhere in the report."""
+        return list(self.results).index(name)
 
     @cached_property
     def headline(self) -> str | None:
@@ -123,7 +153,7 @@ def read_subject(folders: Sequence[Path], compare: Sequence[str] = ()) -> Subjec
     prefixes = [""] if len(runs) == 1 else [f"{name} · " for name in _distinct_names(folders)]
     results = [Result(prefix + key, key, run) for run, prefix in zip(runs, prefixes, strict=True) for key in run.estimates]
     named = {result.name: result for result in results}
-    return Subject(named, _shown(named, runs, prefixes, compare), records, folders)
+    return Subject(named, _shown(named, runs, prefixes, compare), runs, records, folders)
 
 
 def _shown(named: Mapping[str, Result], runs: Sequence[Run], prefixes: Sequence[str], compare: Sequence[str]) -> list[str]:

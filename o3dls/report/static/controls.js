@@ -128,14 +128,13 @@ function cut() {
   paintAllPoints();
 }
 
-// Every estimate, the truth, and the prior where it was placed by the last panel.
+// The prior where the last panel has it, the truth, and over them every estimate.
 function contourSources() {
-  const sources = panels.map((panel) => ({ name: panel.name, colour: panel.colour, dash: panel.dash, geometry: panel.geometry }));
-  for (const [name, ghost] of Object.entries(panels[panels.length - 1].ghosts)) {
-    const { colour, dash } = scene.ghostStyles[name];
-    sources.push({ name, colour, dash, geometry: ghost.geometry, matrix: ghost.matrix });
-  }
-  return sources;
+  const ghosts = Object.entries(panels[panels.length - 1].ghosts);
+  return [
+    ...ghosts.map(([name, { geometry, matrix }]) => ({ name, ...scene.ghostStyles[name], geometry, matrix })),
+    ...panels.map(({ name, colour, dash, geometry }) => ({ name, colour, dash, geometry })),
+  ];
 }
 
 function legend() {

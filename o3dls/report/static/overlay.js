@@ -19,7 +19,7 @@ function drawOverlay(panel, context, ratio) {
 
 function drawContour({ colour, dash, segments }, context, width, height, ratio) {
   context.strokeStyle = getComputedStyle(document.documentElement).getPropertyValue(colour); // a CSS variable: light and dark differ
-  context.lineWidth = 2 * ratio;
+  context.lineWidth = 1.8 * ratio;
   context.setLineDash(dash.map((n) => n * ratio));
   context.beginPath();
   for (let i = 0; i < segments.length; i += 6) {

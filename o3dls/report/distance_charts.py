@@ -1,0 +1,52 @@
+"""How the distances are spread: share of points within a distance, and how many lie at each."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..geometry import Array
+from .charts import Axis, Series, axis_over, grouped, line_chart
+from .markup import Html, join, tag
+from .section import Section
+from .subject import HEADLINE, SETS, Subject
+
+BINS = 24
+MOST = 400  # corners of a curve
+
+
+def spread_section(subject: Subject) -> Section | None:
+    """Curves and histograms of the headline set and of the other sets of points that were not fitted."""
+    sets = [group for group in HEADLINE if len(subject.last.measured(group)[1]) > 1]
+    if not sets:
+        return None
+    shown = [group for group in sets if group != "fitted"][:2] or sets
+    return Section("spread", "How the distances are spread", join(*(_pair(subject, group) for group in shown)))
+
+
+def _pair(subject: Subject, group: str) -> Html:
+    found = [(name, subject.style(name), subject.results[name].measured(group)[1]) for name in subject.results]
+    found = [one for one in found if len(one[2])]
+    reach = float(np.percentile(np.concatenate([gaps for _, _, gaps in found]), 99.5))
+    x = axis_over(f"distance, {subject.unit}", [np.array([0.0, reach])])
+    within = [Series(name, style, *_cumulative(gaps)) for name, style, gaps in found]
+    counts = [Series(name, style, *_histogram(gaps, reach)) for name, style, gaps in found]
+    within = [Series(s.name, s.style, np.minimum(s.x, reach), s.y) for s in within]
+    return join(
+        tag("h3", f"{SETS[group].capitalize()}, {len(found[0][2])} points"),
+        grouped(
+            line_chart("Share of points within a distance", within, x, Axis("share of points", 0.0, 1.0)),
+            line_chart("Number of points at a distance", counts, x, axis_over("points", [s.y for s in counts])),
+        ),
+    )
+
+
+def _cumulative(gaps: Array) -> tuple[Array, Array]:
+    """Corners of the empirical distribution, thinned where there are many."""
+    share = np.linspace(0, 1, min(len(gaps), MOST))
+    return np.concatenate([[0.0], np.quantile(gaps, share)]), np.concatenate([[0.0], share])
+
+
+def _histogram(gaps: Array, reach: float) -> tuple[Array, Array]:
+    """Outline of a histogram; distances beyond the reach count in its last bin."""
+    counts, edges = np.histogram(np.minimum(gaps, reach), bins=BINS, range=(0.0, reach))
+    return np.repeat(edges, 2)[1:-1], np.repeat(counts, 2).astype(np.float64)

@@ -1,0 +1,82 @@
+"""Outlines on paper: cross-sections of surfaces in 3D, and the pictures of a case in 2D."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..geometry import Array, Surface
+from .charts import grouped, legend, line_class
+from .fields import colours_of, point_field
+from .markup import Html, join, tag
+from .section import Section
+from .slices import Frame, Outline, drawing, slice_surface
+from .subject import Subject
+
+BESIDE = 2.0  # mm beside a plane within which points are drawn
+MARGIN = 0.03  # of the extent, around the outlines
+
+
+def slice_section(subject: Subject) -> Section | None:
+    """Contours of the shown estimates and the truth in three planes through the middle of the last."""
+    if subject.case.dimension == 2:
+        return None
+    low, high = (pick(axis=0) for pick in (subject.last.estimate.surface.vertices.min, subject.last.estimate.surface.vertices.max))
+    names = ("sagittal", "coronal", "axial")
+    pictures = [_slice(subject, f"{name}, {'xyz'[axis]} = {level:.0f} {subject.unit}", axis, level)
+                for axis, (name, level) in enumerate(zip(names, (low + high) / 2, strict=True))]  # fmt: skip
+    note = tag("p", f"Dots: eam points within {BESIDE:g} {subject.unit} of the plane.", class_="soft")
+    return Section("slices", "Cross-sections", join(grouped(*pictures), _legend(subject), note))
+
+
+def outline_section(subject: Subject) -> Section | None:
+    """In 2D: each shown estimate with the truth, the prior in its pose, and the points in the colours of their distance."""
+    if subject.case.dimension == 3:
+        return None
+    everything = np.vstack([surface.vertices for _, _, surface in _surfaces(subject)] + [subject.case.points.xyz])
+    frame = _frame(everything.min(axis=0), everything.max(axis=0))
+    return Section("pictures", "Side by side", join(grouped(*(_picture(subject, name, frame) for name in subject.shown)), _legend(subject)))
+
+
+def _picture(subject: Subject, name: str, frame: Frame) -> Html:
+    """One estimate over the truth and the prior, which is drawn as this estimate's similarity moved it."""
+    result = subject.results[name]
+    drawn = [one for one in _surfaces(subject) if one[0] in (name, "truth")]
+    placed = subject.case.prior.transformed(result.estimate.T_map_prior)
+    named = [("prior", "prior", placed), *drawn]
+    outlines = [Outline(label, classes, surface.vertices[surface.faces]) for label, classes, surface in named]
+    points = result.run.points.of("eam")
+    colours = _css(colours_of(points.columns[f"distance_{result.key}_{subject.unit}"], point_field(subject)))
+    return drawing(name, outlines, points.xyz, colours, frame)
+
+
+def _slice(subject: Subject, title: str, axis: int, level: float) -> Html | None:
+    outlines = [Outline(name, classes, slice_surface(surface, axis, level)) for name, classes, surface in _surfaces(subject)]
+    corners = np.concatenate([one.segments.reshape(-1, 2) for one in outlines])
+    if len(corners) == 0:
+        return None
+    points = subject.case.points.of("eam").xyz
+    near = np.delete(points[np.abs(points[:, axis] - level) < BESIDE], axis, axis=1)
+    side = subject.case.frame == "RAS"  # patient's left is drawn on the right, front on the left, head up
+    flip = (not side if axis == 0 else side, axis == 2 and not side)
+    return drawing(title, outlines, near, ["var(--soft)"] * len(near), _frame(corners.min(axis=0), corners.max(axis=0), flip))
+
+
+def _surfaces(subject: Subject) -> list[tuple[str, str, Surface]]:
+    """Name, CSS classes and surface of the truth and the shown estimates, in the order of drawing."""
+    truth = subject.case.truth.surface if subject.case.truth else None
+    shown = [(name, line_class(subject.style(name)), subject.results[name].estimate.surface) for name in subject.shown]
+    return [("truth", "truth", truth), *shown] if truth is not None else shown
+
+
+def _legend(subject: Subject) -> Html:
+    prior = [("prior", "prior")] if subject.case.dimension == 2 else []
+    return legend([(name, classes) for name, classes, _ in _surfaces(subject)] + prior)
+
+
+def _frame(low: Array, high: Array, flip: tuple[bool, bool] = (False, False)) -> Frame:
+    margin = MARGIN * float((high - low).max())
+    return Frame(low - margin, high + margin, flip)
+
+
+def _css(colours: Array) -> list[str]:
+    return ["#" + "".join(f"{round(255 * channel):02x}" for channel in colour) for colour in colours]
