@@ -46,16 +46,21 @@ class ClosestPoint:
         return np.asarray(np.sqrt(self.query(points)[0]))
 
 
-def _morton(centres: Array) -> Ints:
+@njit(cache=True)
+def _morton(centres):  # type: ignore[no-untyped-def]
     """Interleave the bits of the quantised coordinates, so that faces near in space are near in order."""
-    dim = centres.shape[1]
-    span = np.maximum(np.ptp(centres, axis=0).max(), 1e-300)
-    cells = ((centres - centres.min(axis=0)) / span * 2097151.0).astype(np.int64)  # 21 bits an axis fill 63
-    code = np.zeros(len(centres), dtype=np.int64)
-    for bit in range(21):
+    m, dim = centres.shape
+    low, span = np.empty(dim), 1e-300
+    for axis in range(dim):
+        low[axis] = centres[:, axis].min()
+        span = max(span, centres[:, axis].max() - low[axis])
+    codes = np.zeros(m, dtype=np.int64)
+    for i in range(m):
         for axis in range(dim):
-            code |= ((cells[:, axis] >> bit) & 1) << (bit * dim + axis)
-    return code
+            cell = np.int64((centres[i, axis] - low[axis]) / span * 2097151.0)  # 21 bits an axis fill 63
+            for bit in range(21):
+                codes[i] |= ((cell >> bit) & 1) << (bit * dim + axis)
+    return codes
 
 
 @njit(cache=True)

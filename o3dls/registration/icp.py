@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import SolverError
-from ..geometry import Array, apply
+from ..geometry import Array, apply, fit_similarity
 from .match import Pairs, SurfaceMatcher
-from .metrics import Metric
+from .metrics import Factors, Metric
 from .reject import Rule
 from .robust import EFFICIENT_95, kernel_weights, spread
 from .step import Body, Freedom, best_motion
@@ -33,8 +33,8 @@ class Criteria:
     """When to stop: a step (longest motion of a foot) below `tolerance`, or `iterations`; thresholds fall from `coarse`-fold to
     one-fold over the first `anneal` iterations."""
 
-    tolerance: float = 1e-3
-    iterations: int = 60
+    tolerance: float = 5e-3
+    iterations: int = 100
     coarse: float = 1.0
     anneal: int = 0
 
@@ -61,30 +61,36 @@ def align(
     metric: Metric,
     rules: tuple[Rule, ...] = (),
     kernel: Kernel | None = None,
-    freedom: Freedom = Freedom(),  # noqa: B008  frozen, so one instance may serve all calls
-    criteria: Criteria = Criteria(),  # noqa: B008
+    freedom: Freedom,
+    criteria: Criteria,
 ) -> Alignment:
     """Move `surface` from `T_map_prior` until it fits points (n, d). Raises SolverError where no step can be made."""
     trace: list[Mapping[str, float]] = []
     pairs, converged = surface.match(points, T_map_prior), False
     for iteration in range(criteria.iterations):
         loosening = criteria.loosening(iteration)
-        weights = _weights(pairs, metric, rules, kernel, loosening)
-        delta = best_motion(metric, pairs, weights, Body(T_map_prior, surface.radius), freedom)
+        factors = metric(pairs)
+        weights = _weights(factors, rules, kernel, loosening)
+        delta = best_motion(factors, weights, Body(T_map_prior, surface.radius), freedom)
         step = float(np.linalg.norm(apply(delta, pairs.feet) - pairs.feet, axis=1).max())
         if not np.isfinite(step):
             raise SolverError(f"icp: iteration {iteration + 1} gave a step that is not finite")
         trace.append(_record(pairs, weights, step, loosening))
         T_map_prior = delta @ T_map_prior
-        pairs = surface.match(points, T_map_prior)
+        pairs = surface.match(points, T_map_prior, pairs)
         if step <= criteria.tolerance and loosening == 1.0:
             converged = True
             break
-    return Alignment(T_map_prior, pairs, _weights(pairs, metric, rules, kernel, 1.0), tuple(trace), converged)
+    if freedom.strain_sd is not None:  # the strain was there so that it does not bend the pose: give the similarity nearest to it
+        vertices = surface.surface.vertices
+        T_map_prior = fit_similarity(vertices, apply(T_map_prior, vertices), scale=freedom.scale)
+        pairs = surface.match(points, T_map_prior, pairs)
+    return Alignment(T_map_prior, pairs, _weights(metric(pairs), rules, kernel, 1.0), tuple(trace), converged)
 
 
-def _weights(pairs: Pairs, metric: Metric, rules: tuple[Rule, ...], kernel: Kernel | None, loosening: float) -> Array:
+def _weights(factors: Factors, rules: tuple[Rule, ...], kernel: Kernel | None, loosening: float) -> Array:
     """Product of the rules' masks and the kernel's weights, (n,)."""
+    pairs = factors.pairs
     keep = np.logical_and.reduce([rule(pairs, loosening) for rule in rules]) if rules else np.ones(len(pairs.points), dtype=bool)
     if keep.sum() < pairs.points.shape[1]:
         raise SolverError(
@@ -93,7 +99,7 @@ def _weights(pairs: Pairs, metric: Metric, rules: tuple[Rule, ...], kernel: Kern
         )
     weights = keep.astype(np.float64)
     if kernel is not None:
-        weights[keep] = kernel.weights(metric.residuals(pairs)[keep], loosening)
+        weights[keep] = kernel.weights(factors.residuals[keep], loosening)
     return weights
 
 

@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..geometry import Array, Ints, Surface, apply, scale_of
 
+APART = 1e-7  # distance over the surface's radius from which on the direction of a gap is not rounding
+
 
 @dataclass(frozen=True, eq=False)
 class Pairs:
-    """Points (n, d), their feet on the surface (n, d), and the outward unit normals there (n, d), all in the map frame."""
+    """Points (n, d), their feet on the surface (n, d), the outward unit normals there (n, d), all in the map frame; faces (n,)."""
 
     points: Array
     feet: Array
     normals: Array
+    faces: Ints
 
     @property
     def gaps(self) -> Array:
@@ -28,7 +32,7 @@ class Pairs:
 
 
 class SurfaceMatcher:
-    """Closest points on a surface that moves by similarities: the tree is built once, in the prior frame."""
+    """Closest points on a surface that moves: the tree is built once, in the prior frame, and similarities move the points instead."""
 
     def __init__(self, surface: Surface) -> None:
         from ..levelset.closest import ClosestPoint
@@ -37,12 +41,31 @@ class SurfaceMatcher:
         self.tree = ClosestPoint(surface.vertices, surface.faces)
         self.radius = float(np.sqrt(surface.vertices.var(axis=0).sum()))
 
-    def match(self, points: Array, T_map_prior: Array) -> Pairs:
-        """Pairs of points (n, d) in the map frame with the surface moved by `T_map_prior`."""
-        _, faces, feet, _ = self.tree.query(apply(np.linalg.inv(T_map_prior), points))
-        normals = self._normals(faces) @ T_map_prior[:-1, :-1].T / scale_of(T_map_prior)
-        return Pairs(points, apply(T_map_prior, feet), normals)
+    def match(self, points: Array, T_map_prior: Array, last: Pairs | None = None) -> Pairs:
+        """Pairs of points (n, d) in the map frame with the surface moved by an affine matrix; the pairs of a pose nearby save time."""
+        hint = None if last is None else last.faces
+        if is_similarity(T_map_prior):
+            local = apply(np.asarray(np.linalg.inv(T_map_prior)), points)
+            _, faces, feet, _ = self.tree.query(local, hint=hint)
+            normals = self._normals(local - feet, self.surface.vertices, faces) @ T_map_prior[:-1, :-1].T / scale_of(T_map_prior)
+            return Pairs(points, apply(T_map_prior, feet), normals, faces)
+        vertices, tree = apply(T_map_prior, self.surface.vertices), copy(self.tree)
+        tree.refit(vertices)
+        _, faces, feet, _ = tree.query(points, hint=hint)
+        return Pairs(points, feet, self._normals(points - feet, vertices, faces), faces)
 
-    def _normals(self, faces: Ints) -> Array:
-        """Unit normals of the named faces only: a prior has a hundred times more faces than there are points."""
-        return Surface(self.surface.vertices, self.surface.faces[faces]).face_normals
+    def _normals(self, gaps: Array, vertices: Array, faces: Ints) -> Array:
+        """Outward unit normals: the gap's own direction, which varies smoothly where face normals jump (a step that sees the jumps
+        never comes to rest), or the face's normal where the point lies on it."""
+        corners = self.surface.faces[faces]  # of 250 faces, not of all
+        flat = Surface(vertices[corners.ravel()], np.arange(corners.size).reshape(corners.shape)).face_normals
+        outward = np.where((gaps * flat).sum(axis=1) < 0.0, -1.0, 1.0)
+        distances = np.linalg.norm(gaps, axis=1)
+        apart = distances > APART * self.radius
+        return np.where(apart[:, None], gaps * (outward / np.maximum(distances, 1e-300))[:, None], flat)
+
+
+def is_similarity(matrix: Array) -> bool:
+    """True where a homogeneous matrix scales all directions alike (and may mirror)."""
+    linear = matrix[:-1, :-1] / scale_of(matrix)
+    return bool(np.abs(linear.T @ linear - np.eye(len(linear))).max() < 1e-9)

@@ -1,46 +1,87 @@
-"""Small similarity motions about a centre: their tangent space, and the way back to a matrix."""
+"""Small motions about a centre, their tangent space and the way back to a matrix.
+
+A twist lists shift (d), rotation (1 in 2D, 3 in 3D), strain (2 or 5, where asked for) and log scale (1, where asked for), in this order.
+"""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from ..geometry import Array, similarity
+from ..geometry import Array, scale_of, similarity
 
 
-def tangent(positions: Array, centre: Array, *, scale: bool) -> Array:
-    """Velocity (n, d, k) of each position (n, d) under the k unit motions: d shifts, the rotations about `centre`, log scale."""
-    arm = positions - centre
-    n, d = arm.shape
-    shifts = np.broadcast_to(np.eye(d), (n, d, d))
-    turns = _turn(arm)
-    return np.concatenate([shifts, turns, arm[:, :, None]] if scale else [shifts, turns], axis=2)
+@dataclass(frozen=True)
+class Twist:
+    """Which parts a twist has in `d` dimensions, and where."""
+
+    d: int
+    strain: bool = False
+    scale: bool = False
+
+    @property
+    def turn(self) -> slice:
+        return slice(self.d, self.d + (1 if self.d == 2 else 3))
+
+    @property
+    def strains(self) -> slice:
+        return slice(self.turn.stop, self.turn.stop + self.strain * (2 if self.d == 2 else 5))
+
+    @property
+    def size(self) -> int:
+        return int(self.strains.stop) + self.scale
+
+    def tangent(self, positions: Array, centre: Array) -> Array:
+        """Velocity (n, d, size) of each position (n, d) under the unit motions about `centre`."""
+        arm = positions - centre
+        generators = [turns(self.d)] + [strains(self.d)] * self.strain + [np.eye(self.d)[None]] * self.scale
+        linear = np.einsum("gij,nj->nig", np.concatenate(generators), arm)
+        return np.concatenate([np.broadcast_to(np.eye(self.d), (len(arm), self.d, self.d)), linear], axis=2)
+
+    def motion(self, twist: Array, centre: Array) -> Array:
+        """Matrix (d+1, d+1) of the finite motion of a twist (size,) about `centre`."""
+        linear = rotation(twist[self.turn])
+        if self.strain:
+            values, vectors = np.linalg.eigh(np.tensordot(twist[self.strains], strains(self.d), axes=1))
+            linear = linear @ (vectors * np.exp(values)) @ vectors.T
+        if self.scale:
+            linear = linear * np.exp(twist[-1])
+        return similarity(linear, centre + twist[: self.d] - linear @ centre)
 
 
-def _turn(arm: Array) -> Array:
-    """Velocity (n, d, r) under unit rotation: one axis in 2D, three in 3D (e_j x arm)."""
-    if arm.shape[1] == 2:
-        return np.stack([-arm[:, 1], arm[:, 0]], axis=1)[:, :, None]
-    x, y, z = arm.T
-    o = np.zeros_like(x)
-    return np.stack([np.stack([o, -z, y], axis=1), np.stack([z, o, -x], axis=1), np.stack([-y, x, o], axis=1)], axis=2)
+def turns(d: int) -> Array:
+    """Generators (1 or 3, d, d) of the rotations: e_k x."""
+    if d == 2:
+        return np.array([[[0.0, -1.0], [1.0, 0.0]]])
+    generators = np.zeros((3, 3, 3))
+    for k in range(3):
+        generators[k, (k + 2) % 3, (k + 1) % 3], generators[k, (k + 1) % 3, (k + 2) % 3] = 1.0, -1.0
+    return generators
 
 
-def motion(twist: Array, centre: Array) -> Array:
-    """Matrix (d+1, d+1) of the finite motion of a twist (shift, rotation vector, optional log scale) about `centre`."""
-    d = len(centre)
-    turns = 1 if d == 2 else 3
-    factor = float(np.exp(twist[d + turns])) if len(twist) > d + turns else 1.0
-    linear = factor * rotation(twist[d : d + turns])
-    return similarity(linear, centre + twist[:d] - linear @ centre)
+def strains(d: int) -> Array:
+    """Generators (2 or 5, d, d) of the stretches that keep volume: symmetric, without trace, of equal size."""
+    if d == 2:
+        return np.array([[[0.0, 1.0], [1.0, 0.0]], [[1.0, 0.0], [0.0, -1.0]]])
+    shears = np.zeros((3, 3, 3))
+    for k in range(3):
+        shears[k, (k + 1) % 3, (k + 2) % 3] = shears[k, (k + 2) % 3, (k + 1) % 3] = 1.0
+    return np.concatenate([shears, [np.diag([1.0, -1.0, 0.0]), np.diag([1.0, 1.0, -2.0]) / np.sqrt(3.0)]])
+
+
+def strain_of(matrix: Array) -> Array:
+    """Coefficients (2 or 5,) of the volume-keeping stretch of an affine matrix, in the frame it maps to."""
+    linear = matrix[:-1, :-1] / scale_of(matrix)
+    values, vectors = np.linalg.eigh(linear @ linear.T)
+    stretch = (vectors * 0.5 * np.log(values)) @ vectors.T
+    generators = strains(len(linear))
+    return np.asarray(np.einsum("gij,ij->g", generators, stretch) / 2.0)  # each generator has squared norm 2
 
 
 def rotation(vector: Array) -> Array:
     """Rotation matrix of an angle (1,) in 2D or a rotation vector (3,) in 3D, radians."""
+    cross = np.tensordot(vector, turns(2 if len(vector) == 1 else 3), axes=1)
     angle = float(np.linalg.norm(vector))
-    if len(vector) == 1:
-        c, s = np.cos(vector[0]), np.sin(vector[0])
-        return np.array([[c, -s], [s, c]])
-    x, y, z = vector
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     half = np.sinc(angle / (2.0 * np.pi))  # sin(angle/2) / (angle/2), finite at zero
-    return np.asarray(np.eye(3) + np.sinc(angle / np.pi) * cross + 0.5 * half**2 * cross @ cross)
+    return np.asarray(np.eye(len(cross)) + np.sinc(angle / np.pi) * cross + 0.5 * half**2 * cross @ cross)

@@ -1,9 +1,9 @@
-"""Stage `icp`: iterative closest points from the measured points to the prior surface, in every variant of the literature."""
+"""Stage `icp`: iterative closest points from the measured points to the prior surface, in the variants of the literature."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field, field_validator, model_validator
@@ -12,8 +12,12 @@ from ..case import Case
 from ..errors import InputError
 from ..estimate import Estimate
 from ..geometry import Array
-from ..registration.robust import spread
 from ..stage import Stage
+
+if TYPE_CHECKING:
+    from ..registration.icp import Alignment
+    from ..registration.metrics import Metric
+    from ..registration.reject import Rule
 
 MetricName = Literal["point_to_point", "point_to_plane", "symmetric", "generalized"]
 KernelName = Literal["none", "huber", "cauchy", "geman_mcclure", "tukey", "welsch"]
@@ -21,64 +25,85 @@ RuleName = Literal["threshold", "trimmed", "deviations", "mad", "reciprocal", "n
 
 PRESETS: Mapping[str, Mapping[str, Any]] = {
     # Besl and McKay 1992, as most comparisons run it: rigid, every pair, equal weights
-    "standard": {"metric": "point_to_point", "scale": False, "kernel": "none", "reject": (), "freeze": None, "coarse": 1.0},
+    "standard": {"metric": "point_to_point", "scale": False, "strain_sd": None, "kernel": "none", "freeze": None, "coarse": 1.0},
     # as clinical systems mend it: rigid, far pairs rejected by statistics that tighten from coarse to fine
-    "modified": {"metric": "point_to_point", "scale": False, "kernel": "none", "reject": ("deviations",), "freeze": None, "coarse": 3.0},
+    "modified": {
+        "metric": "point_to_point", "scale": False, "strain_sd": None, "kernel": "none", "freeze": None, "coarse": 3.0,
+        "reject": ("deviations",),
+    },
     # the strongest we know: similarity, tangent planes, redescending weights, undetermined directions left alone
-    "robust": {"metric": "point_to_plane", "scale": True, "kernel": "tukey", "reject": (), "freeze": 5.0, "coarse": 2.0},
-}
-PARAMETER_OF = {
-    "threshold": "threshold",
-    "trimmed": "keep",
-    "deviations": "deviations",
-    "mad": "mad",
-    "reciprocal": "slack",
-    "normal_angle": "angle",
-}
+    "robust": {"metric": "point_to_plane", "scale": True, "strain_sd": 0.015, "kernel": "tukey", "freeze": 0.15, "coarse": 2.0},
+}  # fmt: skip
+PARAMETER_OF: Mapping[str, str] = {
+    "threshold": "threshold", "trimmed": "keep", "deviations": "deviations", "mad": "mad", "reciprocal": "slack", "normal_angle": "angle",
+}  # fmt: skip
+NEEDS_PLANES = ("freeze", "strain_sd")  # to metric point_to_point every direction looks determined
+
+
+def unit(name: str) -> dict[str, Any]:
+    return {"unit": name}
 
 
 class ICP(Stage):
-    """Move the prior onto the points by iterative closest points (points to surface); `preset` sets what is not given."""
+    """Move the prior onto the points by iterative closest points, points to surface; `preset` sets what is not given."""
 
     name: ClassVar[str] = "icp"
     preset: Literal["standard", "modified", "robust"] = Field("robust", description="values of the parameters that are not given")
     metric: MetricName = Field("point_to_plane", description="what a step minimises")
     scale: bool = Field(True, description="let the scale change: a similarity instead of a rigid motion")
-    scale_sd: float | None = Field(0.2, gt=0.0, description="log scale is pulled to zero with this standard deviation; none: not pulled")
-    scale_min: float = Field(0.5, gt=0.0, le=1.0, description="smallest scale")
-    scale_max: float = Field(2.0, ge=1.0, description="largest scale")
+    scale_sd: float | None = Field(
+        0.2, gt=0.0, description="log scale is pulled to zero with this sd; none: not pulled", json_schema_extra=unit("1")
+    )
+    scale_min: float = Field(0.5, gt=0.0, le=1.0, description="smallest scale", json_schema_extra=unit("1"))
+    scale_max: float = Field(2.0, ge=1.0, description="largest scale", json_schema_extra=unit("1"))
+    strain_sd: float | None = Field(
+        None,
+        gt=0.0,
+        description="sd of a strain fitted on the way, so that it does not bend the pose; none: no strain",
+        json_schema_extra=unit("1"),
+    )
     kernel: KernelName = Field("tukey", description="weights of the residuals")
     kernel_width: float | None = Field(
-        None, gt=0.0, description="width of the kernel; default: 95 % efficient on clean points", json_schema_extra={"unit": "robust sd"}
+        None, gt=0.0, description="width of the kernel; none: 95 % efficient on clean points", json_schema_extra=unit("robust sd")
     )
     reject: tuple[RuleName, ...] = Field((), description="rules that drop pairs, one or several")
-    threshold: float = Field(10.0, gt=0.0, description="rule threshold: longest distance", json_schema_extra={"unit": "mm"})
-    keep: float = Field(0.9, gt=0.0, le=1.0, description="rule trimmed: fraction of the closest pairs kept")
-    deviations: float = Field(
-        2.5, gt=0.0, description="rule deviations: distances up to mean + this many sd", json_schema_extra={"unit": "sd"}
+    threshold: float = Field(10.0, gt=0.0, description="rule threshold: longest distance", json_schema_extra=unit("mm"))
+    keep: float = Field(0.9, gt=0.0, le=1.0, description="rule trimmed: fraction of the pairs, the closest", json_schema_extra=unit("1"))
+    deviations: float = Field(2.5, gt=0.0, description="rule deviations: distances up to mean + this", json_schema_extra=unit("sd"))
+    mad: float = Field(3.0, gt=0.0, description="rule mad: distances up to median + this", json_schema_extra=unit("robust sd"))
+    slack: float = Field(
+        1.5, ge=1.0, description="rule reciprocal: longest distance over that of the foot's nearest point", json_schema_extra=unit("1")
     )
-    mad: float = Field(
-        3.0, gt=0.0, description="rule mad: distances up to median + this many robust sd", json_schema_extra={"unit": "robust sd"}
-    )
-    slack: float = Field(1.5, ge=1.0, description="rule reciprocal: distance of a pair over that of the foot's nearest point")
     angle: float = Field(
-        0.8, gt=0.0, le=1.5708, description="rule normal_angle: largest angle of the normals", json_schema_extra={"unit": "rad"}
+        0.8, gt=0.0, le=1.5708, description="rule normal_angle: largest angle of the normals", json_schema_extra=unit("rad")
     )
-    neighbours: int = Field(12, ge=3, description="points in a neighbourhood that gives a point its normal")
-    thickness: float = Field(1e-3, gt=0.0, le=1.0, description="metric generalized: variance across a patch over along it")
+    neighbours: int = Field(12, ge=3, description="points that give a point its normal, where one is needed")
+    thickness: float = Field(
+        1e-3, gt=0.0, le=1.0, description="metric generalized: variance across a patch over along it", json_schema_extra=unit("1")
+    )
     freeze: float | None = Field(
-        None, gt=0.0, description="motions less certain than this (rms over the surface) are not made", json_schema_extra={"unit": "mm"}
+        None,
+        gt=0.0,
+        description="motions less certain than this (rms over the surface) are not made; none: all are",
+        json_schema_extra=unit("radius"),
     )
-    coarse: float = Field(2.0, ge=1.0, description="factor on all thresholds at the first iteration; falls to 1")
-    anneal: int = Field(5, ge=0, description="iterations over which it falls")
-    tolerance: float = Field(1e-3, ge=0.0, description="converged when no foot moves farther", json_schema_extra={"unit": "mm"})
+    coarse: float = Field(
+        2.0, ge=1.0, description="factor on all thresholds and widths at the first iteration", json_schema_extra=unit("1")
+    )
+    anneal: int = Field(5, ge=0, description="iterations over which it falls to 1")
+    tolerance: float = Field(5e-3, ge=0.0, description="converged when no foot moves farther in a step", json_schema_extra=unit("mm"))
     iterations: int = Field(100, ge=1, description="most iterations")
 
     @model_validator(mode="before")
     @classmethod
     def _fill_from_preset(cls, given: Any) -> Any:
         preset = given.get("preset", "robust") if isinstance(given, dict) else None
-        return {**PRESETS[preset], **given} if isinstance(preset, str) and preset in PRESETS else given
+        if not isinstance(preset, str) or preset not in PRESETS:
+            return given
+        filled = {**PRESETS[preset], **given}
+        if filled["metric"] == "point_to_point":
+            filled |= {name: given.get(name) for name in NEEDS_PLANES}
+        return filled
 
     @field_validator("reject", mode="before")
     @classmethod
@@ -90,8 +115,9 @@ class ICP(Stage):
         for rule, parameter in PARAMETER_OF.items():
             if rule not in self.reject and getattr(self, parameter) != type(self).model_fields[parameter].default:
                 raise ValueError(f"{parameter} = {getattr(self, parameter)}: has no effect unless reject names '{rule}'")
-        if self.freeze is not None and self.metric == "point_to_point":
-            raise ValueError("freeze: has no meaning for metric 'point_to_point', which ties every direction to the start's pairs")
+        for parameter in NEEDS_PLANES:
+            if getattr(self, parameter) is not None and self.metric == "point_to_point":
+                raise ValueError(f"{parameter} = {getattr(self, parameter)}: has no effect with metric 'point_to_point'; must be left out")
         return self
 
     def __call__(self, case: Case, start: Estimate) -> Estimate:
@@ -99,7 +125,7 @@ class ICP(Stage):
         from ..registration.match import SurfaceMatcher
         from ..registration.step import Freedom
 
-        points = self._points(case)
+        points = fitted_points(case)
         normals = self._point_normals(points)
         found = align(
             points,
@@ -108,52 +134,65 @@ class ICP(Stage):
             metric=self._metric(normals),
             rules=tuple(self._rule(name, normals) for name in self.reject),
             kernel=None if self.kernel == "none" else Kernel(self.kernel, self.kernel_width),
-            freedom=Freedom(self.scale, self.scale_sd, (self.scale_min, self.scale_max), self.freeze),
+            freedom=Freedom(self.scale, self.scale_sd, (self.scale_min, self.scale_max), self.strain_sd, self.freeze),
             criteria=Criteria(self.tolerance, self.iterations, self.coarse, self.anneal),
         )
-        last = found.trace[-1]
-        kept = int((found.weights > 0.0).sum())
-        rest = f"after {len(found.trace)} iterations, {kept} of {len(points)} pairs kept, rms {last['rms']:.2f} {case.units}"
-        return Estimate(
-            surface=case.prior.transformed(found.T_map_prior),
-            T_map_prior=found.T_map_prior,
-            status=f"converged {rest}" if found.converged else f"not converged {rest}: still moving {last['step']:.2g} {case.units} a step",
-            converged=found.converged,
-            iterations=len(found.trace),
-            sigma=spread(found.pairs.distances),
-            weights=found.weights,
-            trace=found.trace,
-        )
+        return as_estimate(case, found, scale=self.scale)
 
-    def _points(self, case: Case) -> Array:
-        """The points to fit, refused where they cannot fix a pose."""
-        points = case.points.of("eam").xyz
-        fewest = 7 if case.dimension == 3 else 4
-        if len(np.unique(points, axis=0)) < fewest:
-            raise InputError(
-                f"case {case.name}: {len(points)} eam points in {len(np.unique(points, axis=0))} different places: icp needs {fewest} or more"
-            )
-        return points
-
-    def _point_normals(self, points: Array) -> Array | None:
+    def _point_normals(self, points: Array) -> Array:
+        """Normals of the points (n, d) where a part needs them, else none (0, d)."""
         from ..registration.normals import point_normals
 
         needed = self.metric in ("symmetric", "generalized") or "normal_angle" in self.reject
-        return point_normals(points, self.neighbours) if needed else None
+        return point_normals(points, self.neighbours) if needed else points[:0]
 
-    def _metric(self, normals: Array | None) -> Any:
+    def _metric(self, normals: Array) -> Metric:
         from ..registration import metrics
 
         if self.metric == "symmetric":
             return metrics.symmetric(normals)
         if self.metric == "generalized":
             return metrics.generalized(normals, self.thickness)
-        return metrics.point_to_point() if self.metric == "point_to_point" else metrics.point_to_plane()
+        return metrics.point_to_point if self.metric == "point_to_point" else metrics.point_to_plane
 
-    def _rule(self, name: str, normals: Array | None) -> Any:
+    def _rule(self, name: RuleName, normals: Array) -> Rule:
         from ..registration import reject
 
-        rules = {"threshold": reject.within, "trimmed": reject.trimmed, "deviations": reject.deviations, "mad": reject.median_deviations}
         if name == "normal_angle":
             return reject.normal_angle(self.angle, normals)
-        return reject.reciprocal(self.slack) if name == "reciprocal" else rules[name](getattr(self, PARAMETER_OF[name]))
+        rules = {
+            "threshold": reject.within, "trimmed": reject.trimmed, "deviations": reject.deviations,
+            "mad": reject.median_deviations, "reciprocal": reject.reciprocal,
+        }  # fmt: skip
+        return rules[name](getattr(self, PARAMETER_OF[name]))
+
+
+def fitted_points(case: Case) -> Array:
+    """The eam points (n, d), refused where they are too few or all in one place."""
+    points = case.points.of("eam").xyz
+    places, fewest = len(np.unique(points, axis=0)), 7 if case.dimension == 3 else 4
+    if places < fewest:
+        raise InputError(f"case {case.name}: {len(points)} eam points in {places} different places: a pose needs {fewest} or more")
+    return points
+
+
+def as_estimate(case: Case, found: Alignment, *, scale: bool) -> Estimate:
+    """What ICP found, in the words of an estimate, with what the points leave open."""
+    from ..registration.observability import spectrum
+    from ..registration.robust import spread
+
+    directions = spectrum(found.pairs, found.weights, case.prior.vertices, found.T_map_prior, scale=scale)
+    last, kept = found.trace[-1], int((found.weights > 0.0).sum())
+    rest = f"after {len(found.trace)} iterations, {kept} of {len(found.weights)} pairs kept, rms {last['rms']:.2f} {case.units}"
+    return Estimate(
+        surface=case.prior.transformed(found.T_map_prior),
+        T_map_prior=found.T_map_prior,
+        status=f"converged {rest}" if found.converged else f"not converged {rest}, last step {last['step']:.2g} {case.units}",
+        converged=found.converged,
+        iterations=len(found.trace),
+        sigma=spread(found.pairs.distances),
+        weights=found.weights,
+        trace=found.trace,
+        warnings=tuple(d.sentence(case.units) for d in directions if d.weak),
+        facts={"observability": [d.record() for d in directions]},
+    )

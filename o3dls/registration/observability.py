@@ -1,0 +1,113 @@
+"""Which motions of the surface the points determine, and how well: the spectrum of the point-to-plane Hessian."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..geometry import Array, scale_of
+from .match import Pairs
+from .metrics import point_to_plane
+from .pose import Twist
+from .step import normal_equations
+
+WEAK = 0.04  # standard deviation of a motion (rms over the surface, relative to its rms radius) from which on it is called weak
+LOST = 0.15  # ... and from which on it is not determined
+ROUND = 1.1  # axes of the surface that differ by less than this factor have no names
+AXES = {2: ("long", "short"), 3: ("long", "middle", "short")}
+
+
+@dataclass(frozen=True, eq=False)
+class Direction:
+    """One principal direction of uncertainty: its standard deviation as rms motion of the surface, and the parts of that motion:
+    shift (d,), rotation vector (r,) in radians, log scale; `meaning` names the largest part."""
+
+    sd: float
+    relative: float
+    shift: Array
+    turn: Array
+    log_scale: float
+    meaning: str
+
+    @property
+    def weak(self) -> bool:
+        return self.relative > WEAK
+
+    def sentence(self, units: str) -> str:
+        """What a reader should know of a weak direction."""
+        how = "not" if self.relative > LOST else "weakly"
+        return f"{self.meaning} is {how} determined by these points: sd {self.sd:.2g} {units} over the surface{self._amount()}"
+
+    def _amount(self) -> str:
+        """The same uncertainty in the motion's own unit."""
+        if self.meaning.startswith("rotation"):
+            return f" ({np.degrees(np.linalg.norm(self.turn)):.2g} degrees)"
+        return f" ({100.0 * abs(self.log_scale):.2g} %)" if self.meaning == "scale" else ""
+
+    def record(self) -> dict[str, Any]:
+        """JSON-ready, lengths in the case's unit, angles in degrees for readers."""
+        return {
+            "meaning": self.meaning,
+            "sd": self.sd,
+            "relative": self.relative,
+            "shift": self.shift.tolist(),
+            "turn_degrees": np.degrees(self.turn).tolist(),
+            "log_scale": self.log_scale,
+        }
+
+
+def spectrum(pairs: Pairs, weights: Array, vertices: Array, T_map_prior: Array, *, scale: bool) -> list[Direction]:
+    """The directions, least certain first, for independent residuals of the size found; `vertices` (n, d) in the prior frame."""
+    d = vertices.shape[1]
+    linear = T_map_prior[:-1, :-1]
+    centre = linear @ vertices.mean(axis=0) + T_map_prior[:-1, -1]
+    radius = scale_of(T_map_prior) * float(np.sqrt(vertices.var(axis=0).sum()))
+    parts = Twist(d, scale=scale)
+    factors = point_to_plane(pairs)
+    hessian, _ = normal_equations(factors, weights, parts, centre)
+    noise = np.sqrt(weights @ factors.residuals**2 / max(weights.sum() - len(hessian), 1.0))
+    units = np.ones(parts.size)
+    units[d:] /= radius
+    values, vectors = np.linalg.eigh(hessian * np.outer(units, units))
+    lengths, axes = _principal_axes(vertices @ linear.T)
+    found = []
+    for value, vector in zip(values, vectors.T, strict=True):
+        sd = float(min(noise / np.sqrt(max(value, 1e-300)), radius))  # beyond its own size a motion has no meaning
+        twist = sd * units * vector
+        log_scale = float(twist[-1]) if scale else 0.0
+        found.append(Direction(sd, sd / radius, twist[:d], twist[parts.turn], log_scale, _meaning(vector, parts, axes, lengths)))
+    return found
+
+
+def _principal_axes(vertices: Array) -> tuple[Array, Array]:
+    """Lengths (d,) and unit axes (d, d rows) of the surface, longest first."""
+    values, vectors = np.linalg.eigh(np.cov(vertices.T))
+    return np.sqrt(values[::-1]), vectors.T[::-1]
+
+
+def _meaning(vector: Array, parts: Twist, axes: Array, lengths: Array) -> str:
+    """Name of the largest part of a direction (in units of surface motion): shift along, rotation about an axis, or scale."""
+    shift, turn = vector[: parts.d], vector[parts.turn]
+    sizes = {"shift": float(shift @ shift), "rotation": float(turn @ turn), "scale": float(vector[-1] ** 2) if parts.scale else 0.0}
+    kind = max(sizes, key=lambda part: sizes[part])
+    if kind == "scale":
+        return "scale"
+    if kind == "rotation" and parts.d == 2:
+        return "rotation"
+    return f"{kind} {'along' if kind == 'shift' else 'about'} {_axis_name(shift if kind == 'shift' else turn, axes, lengths)}"
+
+
+def _axis_name(vector: Array, axes: Array, lengths: Array) -> str:
+    """`the long axis` where the vector lies within 30 degrees of an axis that is longer or shorter than the others, else its
+    coordinates."""
+    unit = vector / np.linalg.norm(vector)
+    along = np.abs(axes @ unit)
+    best = int(np.argmax(along))
+    others = np.delete(lengths, best)
+    distinct = bool((np.maximum(others / lengths[best], lengths[best] / others) > ROUND).all())
+    if along[best] > np.cos(np.pi / 6.0) and distinct:
+        return f"the {AXES[len(axes)][best]} axis"
+    unit = unit * (1.0 if unit[np.argmax(np.abs(unit))] > 0.0 else -1.0)
+    return "(" + ", ".join(f"{x:.2f}" for x in unit) + ")"
