@@ -29,7 +29,7 @@ def read_case(folder: str | Path, *, points: str | Path | None = None, units: st
     opened = open_folder(Path(folder), {k: v for k, v in (("units", units), ("frame", frame)) if v})
     prior = _surface(opened, "prior")
     if prior is None:
-        raise InputError(f"{opened.path}: no prior surface; there must be a file prior.ply (or .stl, .obj, .off, .vtk, .vtp, .mesh)")
+        raise InputError(f"{opened.path}: no prior surface; there must be a file prior.ply (or .stl, .vtp, .mesh, .nii.gz and others)")
     table = _points_table(opened, points)
     measured = _points(opened, table)
     case = Case(
@@ -52,7 +52,8 @@ def _surface(folder: Folder, role: str) -> Surface | None:
     path = folder.find(role)
     if path is None:
         return None
-    file = read_surface_file(path)
+    choice = {key: folder.settings.get(key) for key in ("label", "part", "box")} if role == "prior" else {}
+    file = read_surface_file(path, **choice)
     surface = file.surface.with_vertices(file.surface.vertices * folder.scale(file.units))
     if surface.dimension != folder.dimension:
         hint = f"say dimension = {surface.dimension} in case.toml"

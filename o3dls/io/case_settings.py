@@ -16,7 +16,7 @@ from .text import decode, read_bytes
 
 MILLIMETRES = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "um": 0.001, "px": 1.0}
 FILES = ("prior", "points", "prior_landmarks", "init", "truth", "held_out", "correspondence", "outliers")
-KEYS = {"name": str, "units": str, "frame": str, "dimension": int, "label": int, "cap": bool, "notes": str} | dict.fromkeys(FILES, str)
+KEYS = dict.fromkeys(("name", "units", "frame", "notes", "part", *FILES), str) | {"dimension": int, "label": int, "cap": bool, "box": list}
 
 
 @dataclass
@@ -82,11 +82,17 @@ def open_folder(path: Path, overrules: Mapping[str, str]) -> Folder:
     return folder
 
 
+def _is_box(value: Any) -> bool:
+    return len(value) == 6 and all(type(v) in (int, float) for v in value)
+
+
 def _check_setting(where: str, key: str, value: Any) -> None:
     if key not in KEYS:
         raise InputError(f"{where}: no such key" + did_you_mean(key, list(KEYS)))
     if type(value) is not KEYS[key]:
         raise InputError(f"{where} = {value!r}: must be of type {KEYS[key].__name__}")
+    if key == "box" and not _is_box(value):
+        raise InputError(f"{where} = {value!r}: must be six numbers, least x, y, z, then most")
     allowed = {"units": tuple(MILLIMETRES), "frame": SPACES, "dimension": (2, 3)}.get(key)
     if allowed and value not in allowed:
         raise InputError(f"{where} = {value!r}: must be one of {', '.join(map(str, allowed))}")
