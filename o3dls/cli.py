@@ -152,21 +152,25 @@ def batch(cases: tuple[Path, ...], pipeline: Path | None, out: Path, settings: t
 @click.argument("runs", metavar="RUN...", type=FOLDER, nargs=-1, required=True)
 @click.option("--out", type=FILE, help="HTML file to write; default: report.html in the first run folder")
 @click.option("--compare", multiple=True, metavar="ESTIMATE", help="estimate to show; may be repeated; default: the ICP and the last")
-def report(runs: tuple[Path, ...], out: Path | None, compare: tuple[str, ...]) -> None:
+@click.option("--slides/--no-slides", default=True, show_default=True, help="pictures in figures/ and a one-page PDF beside the page")
+def report(runs: tuple[Path, ...], out: Path | None, compare: tuple[str, ...], slides: bool) -> None:
     """Write the report on a finished run, or on several runs of one case."""
     from .report import write_report
 
-    click.echo(write_report(runs, out, compare=compare))
+    click.echo(write_report(runs, out, compare=compare, slides=slides))
 
 
 @cli.command()
 @click.argument("runs", metavar="RUN...", type=FOLDER, nargs=-1, required=True)
-def compare(runs: tuple[Path, ...]) -> None:
-    """Print the scores of every estimate of several finished runs in one table."""
+@click.option("--out", type=FILE, default=Path("compare.html"), show_default=True, help="HTML page to write")
+def compare(runs: tuple[Path, ...], out: Path) -> None:
+    """Compare finished runs of one case or many: scores in one table, and a page with the worst first and links to the reports."""
+    from .report import compare as write_comparison
     from .run_folder import read_run
     from .tables import comparison
 
     click.echo(comparison({str(folder): read_run(folder) for folder in runs}))
+    click.echo(write_comparison(runs, out))
 
 
 @cli.command()

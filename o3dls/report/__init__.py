@@ -1,7 +1,7 @@
-"""The side-by-side report: one offline HTML file of a finished run, or of several runs of one case."""
+"""The side-by-side report: one offline HTML file of a finished run, of several runs of one case, or of a cohort."""
 
 from __future__ import annotations
 
-from .writer import Report, write_report
+from .writer import Report, compare, write_report
 
-__all__ = ["Report", "write_report"]
+__all__ = ["Report", "compare", "write_report"]

@@ -13,6 +13,7 @@ from .markup import Html, join, tag
 
 WIDTH, HEIGHT = 640, 300
 LEFT, RIGHT, TOP, BOTTOM = 58, 12, 12, 44
+HEADROOM = 1.04
 STYLES = 6  # colours and dashes of report.css: s0..s5, d0..d5
 
 
@@ -69,7 +70,7 @@ def axis_over(label: str, values: Sequence[Array], *, zero: bool = True, log: bo
     known = np.concatenate([np.asarray(v)[np.isfinite(v)] for v in values]) if values else np.zeros(0)
     known = known[known > 0] if log else known
     low, high = (float(known.min()), float(known.max())) if len(known) else (0.0, 1.0)
-    low = min(low, 0.0) if zero and not log else low
+    low, high = (min(low, 0.0), high * HEADROOM) if zero and not log else (low, high)
     if high <= low:
         low, high = (low / 2, low * 2) if log else (low, low + 1.0)
     return Axis(label, low, high, log)

@@ -51,7 +51,7 @@ def _seconds(subject: Subject) -> Html:
     results = [result for result in subject.results.values() if result.estimate.seconds > 0]
     rows: list[list[Child]] = [[r.name, f"{r.estimate.seconds:.2f}", r.estimate.iterations, _bar(r, results)] for r in results]
     for folder, record in zip(subject.folders, subject.records, strict=True):
-        label = f"{folder.name}, whole run" if len(subject.records) > 1 else "whole run, scoring and cross-validation included"
+        label = f"{folder.name}, whole run" if len(subject.records) > 1 else "whole run, with scoring"
         rows.append([label, f"{record['seconds']:.2f}", None, None])
     return table(["", "seconds", "iterations", "share"], rows)
 

@@ -27,7 +27,7 @@ def _pair(subject: Subject, group: str) -> Html:
     found = [(name, subject.style(name), subject.results[name].measured(group)[1]) for name in subject.results]
     found = [one for one in found if len(one[2])]
     reach = float(np.percentile(np.concatenate([gaps for _, _, gaps in found]), 99.5))
-    x = axis_over(f"distance, {subject.unit}", [np.array([0.0, reach])])
+    x = Axis(f"distance, {subject.unit}", 0.0, max(reach, 1e-9))
     within = [Series(name, style, *_cumulative(gaps)) for name, style, gaps in found]
     counts = [Series(name, style, *_histogram(gaps, reach)) for name, style, gaps in found]
     within = [Series(s.name, s.style, np.minimum(s.x, reach), s.y) for s in within]

@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..geometry import Array, Surface
-from .electrical import UNITS, with_electrical
+from .display import TRUTH
+from .electrical import UNITS
 from .subject import Subject
 
 # Colours of matplotlib that colour-blind readers can order; small values are light, so that the shape stays visible where all is well.
 MAPS = {"sequential": "YlGnBu", "deviation": "BuPu", "signed": "RdBu_r", "electrical": "plasma", "points": "YlOrRd"}
 FIRST = 0.08  # share of a map's light end that is left out: it would be lost on white
-TRUTH = "distance_to_truth"
 
 
 @dataclass(frozen=True)
@@ -27,17 +27,6 @@ class Field:
     colours: str
     low: float = 0.0
     high: float = 1.0
-
-
-def display_surface(subject: Subject, name: str) -> Surface:
-    """The surface of an estimate with every field that can be shown: electrical values, and the distance to truth where it is known."""
-    from ..evaluate import distances
-
-    surface = with_electrical(subject.results[name].estimate.surface, subject.case.points)
-    truth = subject.case.truth.surface if subject.case.truth else None
-    if truth is None:
-        return surface
-    return replace(surface, fields={f"{TRUTH}_{subject.unit}": distances(surface.vertices, truth), **surface.fields})
 
 
 def known_fields(surfaces: Sequence[Surface], unit: str) -> list[Field]:

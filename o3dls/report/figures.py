@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..geometry import Array, Surface
-from .fields import Field, colour_table, colours_of, display_surface, known_fields, point_field
-from .scene import for_display
+from .fields import Field, colour_table, colours_of, known_fields, point_field
 from .subject import Subject
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-PIXELS = 520
+    from .raster import View
+
+PIXELS = (640, 500)  # width and height of one picture
+MARGIN = 1.12
 INK = "#16191d"
 
 
@@ -46,33 +49,38 @@ def pictures_png(subject: Subject) -> bytes:
         return png(figure)
 
 
-def draw_pictures(figure: Figure, subject: Subject, box: tuple[float, float, float, float]) -> None:
+def draw_pictures(figure: Figure, subject: Subject, box: tuple[float, float, float, float], *, behind: bool = False) -> None:
     """Draw the side-by-side pictures with their colour bar into a part (left, bottom, width, height) of a figure."""
-    from .raster import View
-
-    surfaces = [for_display(display_surface(subject, name)) for name in subject.shown]
+    surfaces = list(subject.surfaces.values())
     field = known_fields(surfaces, subject.unit)[0]
     left, bottom, width, height = box
     each = width / len(surfaces)
-    last = surfaces[-1]
-    centre = (last.vertices.min(axis=0) + last.vertices.max(axis=0)) / 2
-    reach = max(float(np.linalg.norm(surface.vertices - centre, axis=1).max()) for surface in surfaces)
-    view = View(front_axes(subject.case.frame), centre, 2.0 * reach)
+    view = _fitting_view(surfaces, front_axes(subject.case.frame, behind=behind))
     for k, (name, surface) in enumerate(zip(subject.shown, surfaces, strict=True)):
         axes = figure.add_axes((left + k * each, bottom + 0.16 * height, each, 0.76 * height))
         axes.imshow(painted(subject, name, surface, field, view), interpolation="antialiased")
-        axes.set_title(_short(name), fontsize=11, parse_math=False)
+        axes.set_title(drawable(name), fontsize=11, parse_math=False)
         axes.set_axis_off()
     _bar(figure, field, (left + 0.04 * width, bottom + 0.11 * height, 0.42 * width, 0.03 * height))
     gaps = point_field(subject)
     _bar(figure, gaps, (left + 0.54 * width, bottom + 0.11 * height, 0.42 * width, 0.03 * height))
 
 
-def painted(subject: Subject, name: str, surface: Surface, field: Field, view: Any, pixels: int = PIXELS) -> Any:
+def _fitting_view(surfaces: Sequence[Surface], axes: Array) -> View:
+    """The view along axes in which all surfaces just fit."""
+    from .raster import View
+
+    flat = np.vstack([surface.vertices for surface in surfaces]) @ axes.T
+    low, high = flat.min(axis=0), flat.max(axis=0)
+    width, height = (high - low)[:2]
+    return View(axes, (low + high) / 2 @ axes, MARGIN * max(height, width * PIXELS[1] / PIXELS[0]))
+
+
+def painted(subject: Subject, name: str, surface: Surface, field: Field, view: View) -> Any:
     """One picture: the surface in the colours of a field, the points in those of their distance."""
     from .raster import Canvas
 
-    canvas = Canvas(view, pixels, pixels, (1, 1, 1))
+    canvas = Canvas(view, *PIXELS, (1, 1, 1))
     values = surface.fields.get(field.key, np.full(len(surface.vertices), np.nan))
     canvas.surface(surface, colours_of(values, field))
     result = subject.results[name]
@@ -81,9 +89,9 @@ def painted(subject: Subject, name: str, surface: Surface, field: Field, view: A
     return canvas.pixels()
 
 
-def front_axes(frame: str) -> Array:
-    """Right, up and towards the viewer of the view from the front (AP) in a frame; an unknown frame counts as LPS."""
-    side = -1.0 if frame == "RAS" else 1.0
+def front_axes(frame: str, *, behind: bool = False) -> Array:
+    """Right, up and towards the viewer, seen from the front (AP) or from behind (PA), in a frame; an unknown one counts as LPS."""
+    side = -1.0 if (frame == "RAS") != behind else 1.0
     return np.array([[side, 0, 0], [0, 0, 1], [0, -side, 0]])
 
 
@@ -95,5 +103,15 @@ def _bar(figure: Figure, field: Field, box: tuple[float, float, float, float]) -
     axes.tick_params(labelsize=8)
 
 
-def _short(name: str) -> str:
-    return name if len(name) <= 32 else name[:31] + "…"
+def drawable(text: str, longest: int = 32) -> str:
+    """Text that the figures' font can draw: other letters become a box, and what is too long is cut."""
+    known = _letters()
+    cut = text if len(text) <= longest else text[: longest - 1] + "…"
+    return "".join(letter if ord(letter) in known else "□" for letter in cut)
+
+
+@cache
+def _letters() -> frozenset[int]:
+    from matplotlib.font_manager import findfont, get_font
+
+    return frozenset(get_font(findfont("DejaVu Sans")).get_charmap())

@@ -40,13 +40,16 @@ def outline_section(subject: Subject) -> Section | None:
 def _picture(subject: Subject, name: str, frame: Frame) -> Html:
     """One estimate over the truth and the prior, which is drawn as this estimate's similarity moved it."""
     result = subject.results[name]
-    drawn = [one for one in _surfaces(subject) if one[0] in (name, "truth")]
-    placed = subject.case.prior.transformed(result.estimate.T_map_prior)
-    named = [("prior", "prior", placed), *drawn]
-    outlines = [Outline(label, classes, surface.vertices[surface.faces]) for label, classes, surface in named]
+    outlines = [Outline(label, classes, surface.vertices[surface.faces]) for label, classes, surface in named_outlines(subject, name)]
     points = result.run.points.of("eam")
     colours = _css(colours_of(points.columns[f"distance_{result.key}_{subject.unit}"], point_field(subject)))
     return drawing(name, outlines, points.xyz, colours, frame)
+
+
+def named_outlines(subject: Subject, name: str) -> list[tuple[str, str, Surface]]:
+    """Name, CSS classes and surface of the prior, the truth and one estimate, in the order of drawing."""
+    placed = subject.case.prior.transformed(subject.results[name].estimate.T_map_prior)
+    return [("prior", "prior", placed), *(one for one in _surfaces(subject) if one[0] in (name, "truth"))]
 
 
 def _slice(subject: Subject, title: str, axis: int, level: float) -> Html | None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from .markup import Child, Html, join, millimetres, table, tag
@@ -34,7 +36,7 @@ def paired_section(subject: Subject) -> Section | None:
 
 
 def _cells(found: Difference) -> list[Child]:
-    interval = f"{found.low:+.2f} to {found.high:+.2f}"
+    interval = "too few" if math.isnan(found.low) else f"{found.low:+.2f} to {found.high:+.2f}"
     mean = tag("span", f"{found.mean:+.2f}", class_="best" if found.clear else None)
     return [mean, interval, f"{found.percent:+.0f} %", found.n, found.blocks]
 

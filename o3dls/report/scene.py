@@ -12,11 +12,10 @@ import numpy as np
 
 from ..geometry import Array, Surface
 from .charts import STYLES
-from .fields import MAPS, Field, colour_table, display_surface, known_fields, point_field
+from .display import MOST_FACES, decimated
+from .fields import MAPS, Field, colour_table, known_fields, point_field
 from .subject import FAR, Subject
 
-MOST_FACES = 60_000  # per estimate; more are decimated for display to
-DISPLAY_FACES = 36_000
 GHOST_FACES = 10_000
 BELIEVED = 0.5  # weights below mark a point as outlier
 LAST = 65535
@@ -26,7 +25,7 @@ GHOST_STYLES: dict[str, Json] = {"prior": {"colour": "--s5", "dash": [6, 4]}, "t
 
 def scene(subject: Subject) -> Json:
     """Everything that the viewer draws, JSON-ready."""
-    surfaces = [for_display(display_surface(subject, name)) for name in subject.shown]
+    surfaces = list(subject.surfaces.values())
     fields = known_fields(surfaces, subject.unit)
     ghosts = _ghosts(subject)
     everything = np.vstack([*(s.vertices for s in [*surfaces, *ghosts.values()]), subject.case.points.xyz])
@@ -53,34 +52,13 @@ def scene(subject: Subject) -> Json:
     }
 
 
-def for_display(surface: Surface, most: int = MOST_FACES, wanted: int = DISPLAY_FACES) -> Surface:
-    """The surface, or one of `wanted` faces where it has more than `most`; fields are carried over by closest point."""
-    if len(surface.faces) <= most:
-        return surface
-    from ..levelset.closest import ClosestPoint
-
-    small = _decimated(surface, wanted)
-    _, face, _, weights = ClosestPoint(surface.vertices, surface.faces).query(small.vertices)
-    corners = surface.faces[face]
-    fields = {key: np.einsum("nk,nk...->n...", weights, values[corners]) for key, values in surface.fields.items()}
-    return replace(small, fields=fields)
-
-
-def _decimated(surface: Surface, faces: int) -> Surface:
-    import open3d as o3d
-
-    corners = o3d.utility.Vector3iVector(surface.faces.astype(np.int32))
-    mesh = o3d.geometry.TriangleMesh(o3d.utility.Vector3dVector(surface.vertices), corners).simplify_quadric_decimation(faces)
-    return Surface(np.asarray(mesh.vertices), np.asarray(mesh.triangles))
-
-
 def _ghosts(subject: Subject) -> dict[str, Surface]:
     """The prior (in its own frame; each panel moves it) brought near by the last pose for packing, and the truth where known."""
     truth = subject.case.truth.surface if subject.case.truth else None
-    prior = for_display(replace(subject.case.prior, fields={}), 2 * GHOST_FACES, GHOST_FACES)
+    prior = decimated(replace(subject.case.prior, fields={}), 2 * GHOST_FACES, GHOST_FACES)
     ghosts = {"prior": prior.transformed(subject.last.estimate.T_map_prior)}
     if truth is not None:
-        ghosts["truth"] = for_display(replace(truth, fields={}), 2 * GHOST_FACES, GHOST_FACES)
+        ghosts["truth"] = decimated(replace(truth, fields={}), 2 * GHOST_FACES, GHOST_FACES)
     return ghosts
 
 
@@ -90,7 +68,7 @@ def _panel(subject: Subject, index: int, name: str, places: dict[str, int]) -> J
     matrix = result.estimate.T_map_prior @ np.linalg.inv(subject.last.estimate.T_map_prior)
     ghosts = {key: {"mesh": mesh, "matrix": matrix.ravel().tolist() if key == "prior" else None} for key, mesh in places.items()}
     full = len(result.estimate.surface.faces)
-    caption = f"{full} faces, {DISPLAY_FACES} shown" if full > MOST_FACES else ""
+    caption = f"{full} faces, {len(subject.surfaces[name].faces)} drawn" if full > MOST_FACES else ""
     style: Json = {"colour": f"--s{subject.style(name) % STYLES}", "dash": []}
     return {"name": name, "mesh": index, "ghosts": ghosts, "caption": caption, **style, **_judged(subject, name)}
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from .markup import Child, Html, join, table, tag
+from .markup import Child, Html, join, millimetres, table, tag
 from .section import Section
 from .subject import SETS, Result, Subject
 
@@ -16,12 +16,23 @@ NOTE = "Fitted points are no proof: a surface that follows the noise comes close
 def score_section(subject: Subject) -> Section:
     """Mean distances, one row per estimate: what was not fitted first, what was fitted last and marked."""
     results = list(subject.results.values())
-    sets = [group for group in SETS if any(group in result.scores for result in results)]
+    sets = _sets(results)
     heads: list[Child] = [_head(group) for group in sets]
     rows: list[list[Child]] = [[result.name, *_means(result, sets, results, subject.unit)] for result in results]
     main = table([f"mean distance, {subject.unit}", *heads], rows, CAPTION)
     full = tag("details", tag("summary", "Every set in full"), _full(results, sets, subject.unit))
     return Section("scores", "Distances", join(main, tag("p", NOTE, class_="soft"), *_truth(results, subject.unit), full))
+
+
+def mean_table(subject: Subject) -> tuple[list[str], list[tuple[str, list[str]]]]:
+    """Sets, and for each estimate its name and mean distances, as plain text."""
+    results = list(subject.results.values())
+    sets = _sets(results)
+    return sets, [(result.name, [millimetres(_mean(result, group, subject.unit)) for group in sets]) for result in results]
+
+
+def _sets(results: Sequence[Result]) -> list[str]:
+    return [group for group in SETS if any(group in result.scores for result in results)]
 
 
 def _head(group: str) -> Html:
@@ -90,7 +101,9 @@ def _valid(key: str, found: Mapping[str, Any]) -> str:
     value = found.get(key)
     if isinstance(value, bool):
         return "yes" if value else "no"
-    return _number(value, "{:+.1%}" if key == "volume_change" else "{:.1f}" if isinstance(value, float) else "{}")
+    if key == "volume_change" and value is not None:
+        return f"{round(value, 3) + 0.0:+.1%}"  # + 0.0: no minus before zero
+    return _number(value, "{:.1f}" if isinstance(value, float) else "{}")
 
 
 def _number(value: Any, form: str) -> str:

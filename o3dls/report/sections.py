@@ -6,7 +6,7 @@ from .course_section import course_section
 from .distance_charts import spread_section
 from .electrical_section import electrical_section
 from .figures import pictures_png
-from .markup import join
+from .markup import join, tag
 from .outline_sections import outline_section, slice_section
 from .page_parts import image, viewer_scripts
 from .paired_section import landmark_section, paired_section
@@ -22,8 +22,11 @@ def picture_section(subject: Subject) -> Section | None:
     """Estimates side by side in 3D, with static pictures for browsers that cannot."""
     if subject.case.dimension == 2:
         return None
+    shapes = "Balls: eam points; cubes: ablation points; diamonds: fitted points that were judged outliers. Grey: no value there."
+    frame = "" if subject.case.frame != "unknown" else " The case does not say its frame; the views take it for LPS."
+    note = tag("p", shapes + frame, class_="soft")
     static = image(pictures_png(subject), f"{' and '.join(subject.shown)} side by side, from the front, in one colour scale")
-    return Section("pictures", "Side by side", join(static, viewer_scripts(scene(subject))))
+    return Section("pictures", "Side by side", join(static, viewer_scripts(scene(subject)), note))
 
 
 SECTIONS: tuple[Maker, ...] = (

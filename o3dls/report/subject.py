@@ -15,8 +15,9 @@ import numpy as np
 from ..case import Case, Points
 from ..errors import InputError, did_you_mean
 from ..estimate import Estimate
-from ..geometry import Array
+from ..geometry import Array, Surface
 from ..run import Run
+from .display import displayed
 
 FAR = 10.0  # beyond this distance (case units; 3D) from every fitted point only the prior speaks
 MOST_SHOWN = 4
@@ -112,6 +113,11 @@ class Subject:
     def first(self) -> Result | None:
         """What it is compared with: the first one shown, where two are."""
         return self.results[self.shown[0]] if len(self.shown) > 1 else None
+
+    @cached_property
+    def surfaces(self) -> dict[str, Surface]:
+        """The shown estimates' surfaces as they are drawn."""
+        return {name: displayed(self.results[name].estimate.surface, self.case, self.unit) for name in self.shown}
 
     @property
     def finals(self) -> list[Result]:

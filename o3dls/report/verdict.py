@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import math
+
 from .statistics import Difference, paired_difference
 from .subject import FAR, Result, Subject
 
 WORDS = {
     "held_out": "the held-out points",
-    "cross_validated": "points left out of the fit in turn",
-    "ablation": "the ablation points, which were not fitted",
-    "fitted": "the fitted points (which it was fitted to: no proof)",
+    "cross_validated": "the points left out in turn",
+    "ablation": "the ablation points (not fitted)",
+    "fitted": "the fitted points (no proof: it was fitted to them)",
 }
 FEW_POINTS = 50
 
@@ -43,6 +45,8 @@ def _comparison(subject: Subject) -> str | None:
         return None
     last, first, unit = subject.last.name, subject.first.name, subject.unit
     means = f"mean distance {found.second:.2f} against {found.first:.2f} {unit}"
+    if math.isnan(found.low):
+        return f"{last} and {first} on {WORDS[subject.headline]}: {means} ({found.n} points, too few for an interval)."
     if not found.clear:
         interval = f"95 % interval of the difference {found.low:+.2f} to {found.high:+.2f} {unit}"
         return f"{last} and {first} cannot be told apart on {WORDS[subject.headline]}: {means} ({interval})."

@@ -22,18 +22,23 @@ class Report(Writer):
     name: ClassVar = "report"
     compare: tuple[str, ...] = Field((), max_length=4, description="estimates to show side by side; default: the ICP and the last")
 
+    slides: bool = Field(True, description="also write figures/*.png and report.pdf, one page")
+
     @property
     def refers_to(self) -> tuple[str, ...]:
         return self.compare
 
     def __call__(self, run: Run, folder: Path) -> None:
-        write_report([folder], folder / REPORT, compare=self.compare)
+        write_report([folder], folder / REPORT, compare=self.compare, slides=self.slides)
 
 
-def write_report(folders: Sequence[str | Path], out: str | Path | None = None, *, compare: Sequence[str] = ()) -> Path:
+def write_report(
+    folders: Sequence[str | Path], out: str | Path | None = None, *, compare: Sequence[str] = (), slides: bool = False
+) -> Path:
     """Write one HTML page on finished run folders of one case; `out` defaults to report.html in the first folder.
 
-    `compare` names the estimates to show side by side. Raises InputError where a folder is no run, or the cases differ.
+    `compare` names the estimates to show side by side; `slides` adds pictures in figures/ and a one-page PDF beside the page.
+    Raises InputError where a folder is no run, or the cases differ.
     """
     from ..io.atomic import staged_file
     from .page import report_page
@@ -43,4 +48,23 @@ def write_report(folders: Sequence[str | Path], out: str | Path | None = None, *
     path = Path(out) if out else Path(folders[0]) / REPORT
     with staged_file(path) as staged:
         staged.write_text(report_page(subject), encoding="utf-8")
+    if slides:
+        from .slides import write_slides
+
+        write_slides(subject, path.parent / "figures", path.with_suffix(".pdf"))
+    return path
+
+
+def compare(folders: Sequence[str | Path], out: str | Path = "compare.html") -> Path:
+    """Write one HTML page that compares finished runs, of one case or of many: the worst first, with links to their reports.
+
+    Raises InputError where a folder is no run.
+    """
+    from ..io.atomic import staged_file
+    from .cohort import cohort_page
+    from .subject import read_subject
+
+    path = Path(out)
+    with staged_file(path) as staged:
+        staged.write_text(cohort_page([read_subject([Path(folder)]) for folder in folders], path), encoding="utf-8")
     return path
