@@ -1,0 +1,160 @@
+"""A left atrium that moved between imaging and mapping: the prior is what the scanner saw, the points are what the catheter touched.
+
+Axes as in LPS: x to the patient's left, y to the back, z to the head; mm.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from o3dls import Case, Points, Surface, Truth
+
+from . import motion as moves
+from . import sampling, shapes
+from .meshing import mesh
+from .shapes import Array, Shape
+
+VEINS = {"LSPV": (0.80, 0.36, 0.48), "LIPV": (0.76, 0.50, -0.40), "RSPV": (-0.80, 0.30, 0.52), "RIPV": (-0.75, 0.52, -0.38)}
+APPENDAGE = np.array([0.62, -0.65, 0.44])
+MITRAL = np.array([0.34, -0.75, -0.57])
+SPACING = 1.5
+RING_POINTS = 40
+OSTIUM_SD = 2.0  # mm, how well an operator marks an ostium in the map
+
+
+@dataclass(frozen=True, eq=False)
+class Anatomy:
+    """Shape of an atrium at imaging, its veins' ostia (4, 3) with directions and radii, and the tip of its appendage."""
+
+    shape: Shape
+    ostia: Array
+    directions: Array
+    radii: Array
+    tip: Array
+
+
+def atrium(
+    seed: int = 7,
+    *,
+    motion: float = 1.0,
+    noise: float | None = None,
+    points: int = 250,
+    outliers: float | None = None,
+    unseen: float | None = None,
+) -> Case:
+    """The case of a seed. motion: 1 is a typical beat, 0 leaves the similarity only; noise: sd per axis in mm.
+
+    outliers: share of the points inside the chamber; unseen: share of the area without points. What is not given is drawn:
+    noise from 1 to 2 mm, outliers from 0.05 to 0.10, unseen from 0.15 to 0.25.
+    """
+    streams = np.random.default_rng((seed, 6871)).spawn(5)
+    noise, outliers, unseen = _drawn(streams[0], (noise, 1.0, 2.0), (outliers, 0.05, 0.10), (unseen, 0.15, 0.25))
+    body = anatomy(streams[1])
+    imaged = mesh(body.shape, (-50, -45, -42), (50, 45, 48), SPACING)
+    beat = heartbeat(streams[2], body, motion)
+    truth = imaged.with_vertices(beat(imaged.vertices))
+    prior, ostia = _scanned(streams[3], imaged, body)
+    hidden = sampling.patches(imaged, _bare(streams[0], body, imaged), unseen)
+    measured, inside = _mapped(streams[4], truth, (~hidden, _rings(body, imaged)), beat(body.ostia), (points, noise, outliers))
+    held_out = sampling.sites(streams[0], truth, 4000)
+    some = np.arange(0, len(prior.vertices), 5)
+    return Case(
+        name=f"atrium_{seed}",
+        prior=prior,
+        points=measured,
+        prior_landmarks=dict(zip(VEINS, ostia, strict=True)),
+        frame="LPS",
+        notes=f"synthetic left atrium: seed {seed}, motion {motion:g}, noise {noise:.2f} mm, outliers {outliers:.2f}, unseen {unseen:.2f}",
+        truth=Truth(truth, held_out.xyz, hidden[held_out.face], (prior.vertices[some], truth.vertices[some]), inside),
+    )
+
+
+def _drawn(rng: np.random.Generator, *wanted: tuple[float | None, float, float]) -> list[float]:
+    """What was asked for, or else a number between the two bounds; the stream advances either way."""
+    draws = [rng.uniform(low, high) for _, low, high in wanted]
+    return [draw if asked is None else asked for (asked, _, _), draw in zip(wanted, draws, strict=True)]
+
+
+def anatomy(rng: np.random.Generator) -> Anatomy:
+    """A chamber flattened towards the mitral valve, four veins and a bent appendage."""
+    axes = np.array([22.5, 17.5, 20.0]) * rng.uniform(0.93, 1.07, 3)
+    directions = np.array([_unit(_unit(np.array(v)) + 0.07 * rng.normal(size=3)) for v in VEINS.values()])
+    reach = 1.0 / np.linalg.norm(directions / axes, axis=1)  # from the centre to the wall
+    radii = rng.uniform(5.0, 7.0, 4)
+    ostia = directions * (reach + 2.0)[:, None]
+    ends = directions * (reach + rng.uniform(11.0, 17.0, 4))[:, None] + rng.normal(0.0, 1.5, (4, 3))
+    veins = [shapes.chain([0.4 * o, o, e], [1.25 * r, r, 0.85 * r], blend=2.0) for o, e, r in zip(ostia, ends, radii, strict=True)]
+    out = _unit(APPENDAGE)
+    wall = out / np.linalg.norm(out / axes)
+    bends = [0.6 * wall, wall + 4.0 * out, wall + 9.0 * out + [2.0, -1.0, 5.0], wall + 12.0 * out + [2.0, -1.0, 11.0]]
+    valve = _unit(MITRAL)
+    chamber = shapes.intersection(shapes.ellipsoid(axes), shapes.half_space(valve, 0.82 / float(np.linalg.norm(valve / axes))), blend=6.0)
+    shape = shapes.union(shapes.union(chamber, *veins, blend=5.0), shapes.chain(bends, [7.5, 6.5, 5.5, 3.5], blend=2.0), blend=4.0)
+    return Anatomy(shape, ostia, directions, radii, bends[-1])
+
+
+def heartbeat(rng: np.random.Generator, body: Anatomy, amount: float) -> moves.Motion:
+    """Motion from imaging to mapping: uneven change of volume by 10 to 25 %, tilt of the upper half, a bulge, ostia that shift."""
+    volume = (1.0 + rng.uniform(0.10, 0.25)) ** rng.choice([-1, 1])
+    wall = 20.0 * moves.direction(rng)
+    return moves.then(
+        moves.strain(volume ** (amount * rng.dirichlet([2.0, 2.0, 2.0]))),
+        moves.tilt([1.0, *(0.3 * rng.normal(size=2))], amount * rng.choice([-1, 1]) * np.deg2rad(rng.uniform(1.5, 3.5)), 20.0),
+        moves.drag(wall, amount * rng.choice([-1, 1]) * rng.uniform(2.5, 4.5) * _unit(wall), rng.uniform(8.0, 11.0)),
+        moves.drag(body.ostia, amount * rng.normal(0.0, 2.0, (4, 3)), 10.0),
+    )
+
+
+def _scanned(rng: np.random.Generator, imaged: Surface, body: Anatomy) -> tuple[Surface, Array]:
+    """The prior and its ostia: segmentation error of 0.3 mm, and a pose of the scanner's own, off by 3 to 10 degrees and mm, and 5 %."""
+    turned = rng.uniform(0.95, 1.05) * moves.turn(rng, np.deg2rad(rng.uniform(3.0, 10.0)))
+    shift = rng.uniform(3.0, 10.0) * moves.direction(rng)
+    vertices = moves.wobble(rng, 0.3, 6.0, 3)(imaged.vertices) @ turned.T + shift
+    return imaged.with_vertices(vertices), np.round(body.ostia @ turned.T + shift, 3)
+
+
+def _bare(rng: np.random.Generator, body: Anatomy, imaged: Surface) -> Array:
+    """Middles (3, 3) of what the catheter misses: the tip of the appendage and two patches of the wall."""
+    return np.vstack([body.tip, sampling.sites(rng, imaged, 2).xyz])
+
+
+def _rings(body: Anatomy, imaged: Surface) -> sampling.Mask:
+    """Faces where veins are isolated: bands of 5 mm about the ostia."""
+    to = sampling.centres(imaged)[:, None] - body.ostia
+    along = (to * body.directions).sum(axis=2)
+    beside = np.linalg.norm(to - along[:, :, None] * body.directions, axis=2)
+    return np.asarray(((np.abs(along) < 2.5) & (beside < body.radii + 5.0)).any(axis=1))
+
+
+def _mapped(
+    rng: np.random.Generator, truth: Surface, where: tuple[sampling.Mask, sampling.Mask], ostia: Array, amounts: tuple[int, float, float]
+) -> tuple[Points, sampling.Rows]:
+    """What the mapping system exports: mapping points, rings of ablation points, marked ostia; and the rows that are outliers.
+
+    where: faces that the catheter sees, faces that are ablated; amounts: number of points, noise (mm), share of outliers.
+    """
+    (seen, ablated), (n, noise, share) = where, amounts
+    touched = sampling.sites(rng, truth, n, sampling.clustered(rng, truth, seen))
+    rings = sampling.sites(rng, truth, RING_POINTS, ablated)
+    inside = np.sort(rng.choice(n, round(share * n), replace=False))
+    wall = touched.xyz.copy()
+    wall[inside] -= rng.uniform(3.0, 12.0, (len(inside), 1)) * truth.face_normals[touched.face[inside]]
+    sd = np.repeat([noise, OSTIUM_SD], [n + RING_POINTS, len(ostia)])
+    xyz = np.vstack([wall, rings.xyz, ostia])
+    electric = {
+        "bipolar": sampling.voltage(truth, sampling.sites(rng, truth, 1).xyz[0]),
+        "lat": sampling.activation(truth, truth.vertices[np.argmax(truth.vertices @ [-1.0, -0.5, 1.5])]),  # it comes over Bachmann's bundle
+    }
+    missing = np.full(len(ostia), np.nan)
+    columns = {name: np.concatenate([touched.read(truth, v), rings.read(truth, v), missing]) for name, v in electric.items()}
+    return Points(
+        np.round(xyz + sd[:, None] * rng.normal(size=xyz.shape), 3),
+        np.repeat(["eam", "ablation", "landmark"], [n, RING_POINTS, len(ostia)]),
+        {"name": np.array([""] * (n + RING_POINTS) + list(VEINS))} | {name: np.round(v, 2) for name, v in columns.items()},
+    ), inside
+
+
+def _unit(vector: Array) -> Array:
+    return np.asarray(vector / np.linalg.norm(vector))

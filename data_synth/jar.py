@@ -1,0 +1,41 @@
+"""A jar of 60 x 60 x 80 mm: a body of revolution with a lip; the prior is the jar as a shaky hand drew it."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.interpolate import PchipInterpolator
+
+from o3dls import Case, Points, Truth
+
+from . import sampling, shapes
+from .meshing import mesh
+from .motion import wobble
+from .shapes import Shape
+
+WALL = np.array([[12.0, 8], [16, 14], [20, 24], [21, 33], [19, 43], [13, 52], [9, 58], [9, 62], [11, 67], [14, 71]])  # radius, z
+ROUNDING = 1.5
+SPACING = 1.5
+
+
+def shape() -> Shape:
+    """The jar as a signed distance, its axis at x = y = 30."""
+    z = np.linspace(WALL[0, 1], WALL[-1, 1], 40)
+    side = np.column_stack([PchipInterpolator(WALL[:, 1], WALL[:, 0])(z), z])
+    outline = shapes.polygon(np.vstack([side, side[::-1] * [-1.0, 1.0]]))
+    return shapes.move(shapes.revolve(shapes.grow(outline, ROUNDING)), (30.0, 30.0, 0.0))
+
+
+def jar(seed: int = 7, *, percent: float = 6.0, points: int = 282) -> Case:
+    """The case of a seed; percent: noise per axis in percent of the points' standard deviation."""
+    scribe, hand = np.random.default_rng((seed, 2203)).spawn(2)
+    truth = mesh(shape(), (2, 2, 2), (58, 58, 78), SPACING)
+    xyz = sampling.sites(hand, truth, points).xyz
+    noise = percent / 100.0 * float(np.sqrt(xyz.var(axis=0).mean()))
+    xyz = np.round(xyz + noise * hand.normal(size=xyz.shape), 3)
+    return Case(
+        name=f"jar_{seed}",
+        prior=truth.with_vertices(wobble(scribe, 2.0, 10.0, 3)(truth.vertices)),
+        points=Points(xyz, np.repeat(["eam"], points)),
+        notes=f"synthetic jar: seed {seed}, noise {noise:.3f} mm ({percent:g} %)",
+        truth=Truth(truth, sampling.sites(hand, truth, 4000).xyz),
+    )

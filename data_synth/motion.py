@@ -1,0 +1,69 @@
+"""Motions as functions from points (n, d) to points; each is smooth and, at the sizes used here, without folds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .shapes import Array
+
+Motion = Callable[[Array], Array]
+
+
+def then(*motions: Motion) -> Motion:
+    """One motion after the other."""
+
+    def moved(p: Array) -> Array:
+        for motion in motions:
+            p = motion(p)
+        return p
+
+    return moved
+
+
+def strain(factors: ArrayLike) -> Motion:
+    """Stretch along the axes about the origin."""
+    return lambda p: p * np.asarray(factors)
+
+
+def tilt(axis: ArrayLike, angle: float, height: float) -> Motion:
+    """What lies above z = 0 turns by `angle` (rad) about an axis through the origin, what lies below by as much the other way.
+
+    The turn grows over about `height`.
+    """
+    unit = np.asarray(axis, dtype=np.float64) / np.linalg.norm(axis)
+
+    def moved(p: Array) -> Array:
+        turn = angle * np.tanh(p[:, 2:] / height)
+        along = (p @ unit)[:, None] * unit  # Rodrigues: the part along the axis stays
+        return np.asarray(along + np.cos(turn) * (p - along) + np.sin(turn) * np.cross(unit, p))
+
+    return moved
+
+
+def drag(centres: ArrayLike, shifts: ArrayLike, width: float) -> Motion:
+    """Gaussian shifts (k, d) about centres (k, d), of standard deviation `width`."""
+    c, s = np.atleast_2d(centres), np.atleast_2d(shifts)
+    return lambda p: p + np.exp(-((p[:, None] - c) ** 2).sum(axis=2) / (2.0 * width**2)) @ s
+
+
+def wobble(rng: np.random.Generator, amplitude: float, length: float, dimension: int) -> Motion:
+    """A random smooth shift: Gaussian field of standard deviation `amplitude` per axis and correlation length `length`."""
+    waves, phase = rng.normal(size=(200, dimension)) / length, rng.uniform(0.0, 2.0 * np.pi, 200)
+    weights = amplitude * np.sqrt(2.0 / 200) * rng.normal(size=(200, dimension))
+    return lambda p: p + np.cos(p @ waves.T + phase) @ weights
+
+
+def turn(rng: np.random.Generator, angle: float) -> Array:
+    """Rotation matrix (3, 3) by `angle` (rad) about a random axis."""
+    x, y, z = (axis := rng.normal(size=3)) / np.linalg.norm(axis)
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.asarray(np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * cross @ cross)
+
+
+def direction(rng: np.random.Generator) -> Array:
+    """Random unit vector (3,)."""
+    vector = rng.normal(size=3)
+    return np.asarray(vector / np.linalg.norm(vector))
