@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .case import Case, Points
-from .crossval import BLOCK_SEED
 from .estimate import Estimate
 from .evaluate import SAMPLING_SEED, distances, landmark_errors, measure, summary, truth_scores
 from .geometry import Array
@@ -139,7 +138,7 @@ def provenance(pipeline: Pipeline) -> Record:
     return {
         "pipeline": pipeline.record(),
         "versions": {"python": platform.python_version()} | {name: _version(name) for name in PACKAGES},
-        "seeds": {"surface_samples": SAMPLING_SEED, "blocks": BLOCK_SEED},
+        "seeds": {"surface_samples": SAMPLING_SEED},
         "threads": {"processors": os.cpu_count(), **threads},
     }
 

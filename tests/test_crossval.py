@@ -8,21 +8,37 @@ import numpy as np
 import pytest
 from tiny import Nudge, Spy, ball_case
 
-from o3dls.crossval import blocks, cross_validate, without
+from o3dls.crossval import blocks, cross_validate, fold_of, without
 from o3dls.evaluate import distances
 from o3dls.pipeline import Pipeline
 
 FOLDS = 4
 
 
-def test_blocks_are_compact_cover_everything_and_repeat() -> None:
+@pytest.mark.parametrize("count", [1, 2, 5, 12, 15])
+def test_blocks_are_compact_equal_and_cover_everything(count: int) -> None:
     points = ball_case().points.of("eam").xyz
-    label = blocks(points, FOLDS)
-    assert sorted(set(label.tolist())) == list(range(FOLDS))
-    np.testing.assert_array_equal(label, blocks(points, FOLDS))
-    centres = np.array([points[label == k].mean(axis=0) for k in range(FOLDS)])
-    own = np.linalg.norm(points - centres[label], axis=1)
-    assert (own[:, None] <= np.linalg.norm(points[:, None] - centres, axis=2) + 1e-9).mean() > 0.95
+    found = blocks(points, np.arange(60), count)
+    assert sorted(np.concatenate(found).tolist()) == list(range(60))
+    assert len(found) == count
+    assert max(map(len, found)) - min(map(len, found)) <= 1
+    spread = np.mean([np.linalg.norm(points[rows] - points[rows].mean(axis=0), axis=1).mean() for rows in found])
+    assert spread < 1.05 * 20.0 / np.sqrt(max(1, count / 3))  # the sphere's radius, shrinking as the share of its area does
+
+
+def test_folds_are_of_equal_size_and_repeat() -> None:
+    points = ball_case(points=103).points.of("eam").xyz
+    fold = fold_of(points, 5)
+    assert np.ptp(np.bincount(fold)) <= 3  # one per block
+    np.testing.assert_array_equal(fold, fold_of(points, 5))
+    assert set(fold_of(points[:12], 5).tolist()) == set(range(5))
+
+
+def test_neighbours_mostly_leave_together() -> None:
+    points = ball_case(points=300).points.of("eam").xyz
+    fold = fold_of(points, 5)
+    nearest = np.argsort(np.linalg.norm(points[:, None] - points, axis=2), axis=1)[:, 1]
+    assert (fold[nearest] == fold).mean() > 0.6  # of single points left out at random, a fifth
 
 
 def test_every_fold_is_fitted_without_its_points_and_scored_on_them() -> None:
@@ -30,7 +46,7 @@ def test_every_fold_is_fitted_without_its_points_and_scored_on_them() -> None:
     Spy.seen.clear()
     left_out = cross_validate(Pipeline([Spy(), Nudge()]).fit, case, FOLDS)
     eam = case.points.of("eam").xyz
-    label = blocks(eam, FOLDS)
+    label = fold_of(eam, FOLDS)
     assert set(left_out) == {"start", "spy", "nudge"}
     for fold, seen in enumerate(Spy.seen):
         shown = {tuple(p) for p in seen.points.of("eam").xyz}
