@@ -73,7 +73,8 @@ class Pipeline:
         check_start(case, start_estimate(case), pose_is_known=not any(stage.finds_pose for stage in self.stages))
         estimates = self.fit(case)
         left_out = cross_validate(lambda part: self.fit(part, logging.DEBUG), case, self.folds) if self.folds else {}
-        return Run.scored(case, self, estimates, left_out, seconds=lambda: perf_counter() - begin)
+        run = Run.scored(case, self, estimates, left_out)
+        return replace(run, provenance=run.provenance | {"seconds": perf_counter() - begin})
 
     def fit(self, case: Case, level: int = logging.INFO) -> dict[str, Estimate]:
         """Estimates by name, `start` first; each stage is shown the points that it fits, and neither truth nor held-out data."""

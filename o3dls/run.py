@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import platform
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -44,9 +44,7 @@ class Run:
     held_out: Points | None = None
 
     @classmethod
-    def scored(
-        cls, case: Case, pipeline: Pipeline, estimates: Mapping[str, Estimate], left_out: Mapping[str, Array], seconds: Callable[[], float]
-    ) -> Run:
+    def scored(cls, case: Case, pipeline: Pipeline, estimates: Mapping[str, Estimate], left_out: Mapping[str, Array]) -> Run:
         """Score estimates and judge their surfaces; `left_out` are the cross-validated distances of the eam points."""
         unit = unit_of(case)
         return cls(
@@ -57,7 +55,7 @@ class Run:
             validity={name: validity(e.surface, case.prior, unit) for name, e in estimates.items()},
             points=_with_distances(case, estimates, left_out, unit),
             held_out=_held_out(case, estimates, unit),
-            provenance=provenance(pipeline) | {"seconds": seconds()},
+            provenance=provenance(pipeline),
         )
 
     @property
