@@ -127,3 +127,34 @@ def extend(values: Array, nearest: tuple[Ints, Array]) -> Array:
     return np.asarray(np.einsum("nc,nc...->n...", weights, values[corners]))
 
 
+def combine(first: SignedDistance, second: SignedDistance, *, remove: bool) -> tuple[Band, Array]:
+    """The union of two insides, or the first without the second (`remove`), on the nodes around the new surface.
+
+    Both on one lattice; the result has the right sign everywhere and is a distance near either surface. Works on the full box: a change
+    of topology is rare.
+    """
+    a, b = first.band, second.band
+    low = np.minimum(a.low, b.low)
+    shape = np.maximum(a.low + a.shape, b.low + b.shape) - low
+    boxes = [np.full(shape, np.float32(f.band.width)) for f in (first, second)]
+    for box, f in zip(boxes, (first, second), strict=True):
+        start = f.band.low - low
+        box[tuple(slice(s, s + n) for s, n in zip(start, f.band.shape, strict=True))] = f.band.dense(f.phi)
+    mixed = np.maximum(boxes[0], -boxes[1]) if remove else np.minimum(boxes[0], boxes[1])
+    nodes = np.argwhere(np.abs(mixed) < a.width)
+    band = Band(a.spacing, a.width, low, tuple(int(n) for n in shape), np.ascontiguousarray(nodes, dtype=np.int32))
+    return band, mixed[tuple(nodes.T)].astype(np.float64)
+
+
+def largest_piece(vertices: Array, faces: Ints) -> tuple[Array, Ints]:
+    """The connected piece of a closed surface that encloses most, without the vertices of the others."""
+    from scipy.sparse.csgraph import connected_components
+
+    ends = np.roll(faces, -1, axis=1)
+    links = sparse.csr_matrix((np.ones(faces.size), (faces.ravel(), ends.ravel())), shape=(len(vertices), len(vertices)))
+    _, label = connected_components(links, directed=False)
+    corners = vertices[faces] - vertices.mean(axis=0)
+    piece = np.bincount(label[faces[:, 0]], weights=np.linalg.det(corners))
+    kept = faces[label[faces[:, 0]] == piece.argmax()]
+    used, renumbered = np.unique(kept, return_inverse=True)
+    return vertices[used], renumbered.reshape(kept.shape)

@@ -14,7 +14,7 @@ from ..geometry import Array, Ints, Surface
 from .closest import ClosestPoint
 from .distance import signed_distance
 from .energy import Roughness
-from .evidence import Field, evidence
+from .residual import Field, evidence
 from .observe import Measured
 
 COARSEST = 0.3  # longest correlation length tried, in diagonals of the surface; the others are halves of it

@@ -1,0 +1,157 @@
+"""Changes of topology, judged by evidence: thin parts of the prior that points deny are cut off, tubes that points trace are grown.
+
+A descent cannot find either: a point in the middle of a vein's mouth has its foot on the vein's wall, out of every robust reach. So
+whole changes are proposed, the likelihood of all points is compared before and after, and the best is made if it earns its nats.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from ..geometry import Array, Ints, Surface
+from .closest import ClosestPoint
+from .distance import SignedDistance, signed_distance
+from .grid import Band
+from .observe import Measured
+from .operators import combine, largest_piece, zero_set
+from .solver import Wall
+
+FINE = 8.0  # lattice nodes per mean radius of the body when parts are looked for
+BALLS = (0.35, 0.5, 0.65)  # radii of the balls that thin parts do not admit, in mean radii of the body
+STICKS_OUT = 0.3  # a part reaches at least this far off the opened body, in mean radii
+WITNESSES = 3  # points that must tell for a change
+TELLING = 0.5  # nats by which the new wall explains such a point better
+
+
+@dataclass(frozen=True, eq=False)
+class Change:
+    """A proposed change: closed surface of the region that it removes or adds, log evidence `gain`, and how many points are `witnesses`."""
+
+    removes: bool
+    region: tuple[Array, Ints]
+    gain: float
+    witnesses: int
+    centre: Array
+
+    @property
+    def sentence(self) -> str:
+        where = ", ".join(f"{x:.0f}" for x in self.centre)
+        return f"{'removed a part' if self.removes else 'grew a tube'} at ({where}), shown by {self.witnesses} points (evidence {self.gain:+.1f} nats)"
+
+
+def changed(surface: Surface, change: Change, spacing: float) -> Surface:
+    """The surface after a change, meshed from its level set: one piece, without the fields of the old one."""
+    width = 3.0 * spacing
+    before = signed_distance(surface.vertices, surface.faces, spacing, width)
+    region = signed_distance(*change.region, spacing, width)
+    band, phi = combine(before, region, remove=change.removes)
+    return Surface(*largest_piece(*zero_set(band, phi)))
+
+
+def body_radius(surface: Surface) -> float:
+    """d * volume / area: the radius of a ball, the half width of a thick body."""
+    return surface.dimension * surface.volume / surface.area
+
+
+def removal(surface: Surface, measured: Measured) -> Change | None:
+    """The thin part of the prior whose loss gains most, or None where no points speak against any."""
+    distance, _, _ = Wall(surface).look(measured.points)
+    denied = (distance < 0.0) & (measured.likelihood.weight(distance) < 0.5) & ~measured.likelihood.one_sided
+    if denied.sum() < WITNESSES:
+        return None
+    proposals = [change for part in _parts(surface) for change in _cuts(part, distance, measured)]
+    return max(proposals, key=lambda change: change.gain, default=None)
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """A thin part: `outside` (n,) is the distance of the lattice nodes from the body opened by a ball; `share` (n,) is 1 in the part,
+    falls to 0 over the radius of the ball around it, and is negative where the part has no say: in other parts and far away."""
+
+    field: SignedDistance
+    opened: ClosestPoint
+    ball: float
+    outside: Array
+    core: NDArray[np.bool_]
+    share: Array
+
+
+def _parts(surface: Surface) -> Iterator[Part]:
+    """Parts that balls of several sizes cannot enter: what opening the body by a ball takes away (veins, appendage, handles)."""
+    radius = body_radius(surface)
+    step = radius / FINE
+    field = signed_distance(surface.vertices, surface.faces, step, BALLS[-1] * radius + 2.0 * step)
+    for ball in (share * radius for share in BALLS):
+        vertices, faces = zero_set(field.band, field.phi + ball)  # centres of the balls that fit
+        if len(faces) == 0:
+            continue
+        opened = ClosestPoint(vertices, faces)
+        outside = _outside(opened, field.band.positions, field.phi, ball)
+        thin = (field.phi < 0.0) & (outside > 0.5 * step)
+        label = _pieces(field.band, thin)
+        for piece in range(label.max() + 1):
+            core = label == piece
+            if outside[core].max() >= STICKS_OUT * radius:
+                yield Part(field, opened, ball, outside, core, _share(field, core, thin, ball))
+
+
+def _share(field: SignedDistance, core: NDArray[np.bool_], thin: NDArray[np.bool_], reach: float) -> Array:
+    """Say of a part at every node, as in `Part`; a node outside the prior follows the closest node inside."""
+    inner = np.flatnonzero(field.phi < 0.0)
+    positions = field.band.positions
+    gap = cKDTree(positions[core]).query(positions, distance_upper_bound=reach)[0]
+    near = np.flatnonzero(gap < np.inf)
+    nearest = inner[cKDTree(positions[inner]).query(positions[near])[1]]
+    share = np.full(len(field.band), -1.0)
+    share[near] = np.where(core[nearest], 1.0, np.where(thin[nearest], -1.0, 1.0 - gap[near] / reach))
+    return share
+
+
+def _outside(opened: ClosestPoint, positions: Array, phi: Array, ball: float) -> Array:
+    """Signed distance from the opened body: the centres of fitting balls, grown by the ball."""
+    gap = opened.distance(positions)
+    return np.where(phi < -ball, -gap, gap) - ball
+
+
+def _pieces(band: Band, chosen: NDArray[np.bool_]) -> Ints:
+    """Connected pieces (n,) of the chosen nodes, numbered from 0; -1 elsewhere."""
+    rows, axes, sides = np.nonzero(band.neighbours >= 0)
+    other = band.neighbours[rows, axes, sides]
+    both = chosen[rows] & chosen[other]
+    links = csr_matrix((np.ones(both.sum()), (rows[both], other[both])), shape=(len(band), len(band)))
+    _, label = connected_components(links, directed=False)
+    named = np.full(len(band), -1)
+    named[chosen] = np.unique(label[chosen], return_inverse=True)[1]
+    return named
+
+
+def _cuts(part: Part, distance: Array, measured: Measured) -> Iterator[Change]:
+    """The part cut off at its best height above the opened body, if points show a wall there."""
+    likelihood, band = measured.likelihood, part.field.band
+    sigma = float(np.median(likelihood.sigma))
+    node = cKDTree(band.positions).query(measured.points)[1]
+    share, outside = part.share[node], _outside(part.opened, measured.points, part.field.phi[node], part.ball)
+    before = likelihood.loss(distance - measured.bias)
+    best, height = np.zeros(len(distance)), 0.0
+    for trial in np.arange(-part.ball, part.outside[part.core].max() - sigma, 0.5 * sigma):
+        above = outside - _level(trial, share)
+        gain = np.where(share > 0.0, before - likelihood.loss(np.maximum(distance, above)), 0.0)
+        if gain.sum() > best.sum():
+            best, height = gain, float(trial)
+    witnesses = int((best > TELLING).sum())
+    if witnesses >= WITNESSES:
+        above = np.where(part.share > 0.0, part.outside - _level(height, part.share), -band.spacing)
+        lost = part.core & (above > 0.0)
+        yield Change(True, zero_set(band, -above), float(best.sum()), witnesses, band.positions[lost].mean(axis=0))
+
+
+def _level(height: float, share: Array) -> Array:
+    """Where the cut runs: at its height over the part; a cut into the body rises to the body's wall around it."""
+    return height * share if height < 0.0 else np.full(len(share), height)
