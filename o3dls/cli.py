@@ -190,6 +190,45 @@ def export(run_folder: Path, out: Path | None, **options: Any) -> None:
 
 
 @cli.command()
+@click.argument("source", metavar="IN", type=FILE)
+@click.argument("target", metavar="OUT", type=FILE)
+@click.option("--format", help="format of OUT where its suffix does not tell, such as carto_vtk")
+@click.option("--units", help="units of IN where it does not state them: mm, cm, m, um")
+@click.option("--frame", help="frame of IN where it does not state it: LPS or RAS")
+@click.option("--to", help="frame to write, LPS or RAS")
+@click.option("--cap", is_flag=True, help="close the openings of a surface")
+@click.option("--faces", type=int, help="decimate to so many triangles")
+@click.option("--label", type=int, help="label volumes: the label to take")
+@click.option("--part", help="the named segment or volume to take")
+@click.option("--box", type=float, nargs=6, help="label volumes: cut to least x y z, most x y z (mm, LPS)")
+def convert(source: Path, target: Path, **options: Any) -> None:
+    """Write a surface, points, named places or a pose in another format; frame and units are said on both sides."""
+    from .convert import convert as convert_file
+
+    for sentence in convert_file(source, target, **options):
+        click.echo(sentence)
+
+
+@cli.command("import")
+@click.argument("study", type=FILE)
+@click.argument("out", metavar="DIR", type=FOLDER)
+@click.option("--map", "map_name", help="name of the map; default: the only one with points")
+@click.option("--prior", type=FILE, help="surface or label volume that becomes the prior")
+@click.option("--landmarks", type=FILE, help="places named on the prior: .mrk.json, .fcsv, or .csv with name,x,y,z")
+@click.option("--cap", is_flag=True, help="close the openings of the prior")
+@click.option("--label", type=int, help="label volume: the label to take")
+@click.option("--part", help="the named segment or volume of the prior")
+@click.option("--box", type=float, nargs=6, help="label volume: cut to least x y z, most x y z (mm, LPS)")
+@click.option("--force", is_flag=True, help="replace the folder if it is a case")
+def import_(study: Path, out: Path, map_name: str | None, **options: Any) -> None:
+    """Make a case folder of a CARTO 3, EnSite or OpenEP study (folder, zip or file), and say what was taken and what was left."""
+    from .io.study import import_study
+
+    found = import_study(study, map_name, out, **options)
+    click.echo("\n".join([*(f"took {line}" for line in found.took), *(f"left {line}" for line in found.left), str(out)]))
+
+
+@cli.command()
 def doctor() -> int:
     """Check this machine, and say how to mend each fault."""
     from .doctor import diagnose
@@ -198,6 +237,15 @@ def doctor() -> int:
     for check in checks:
         click.echo(check)
     return DONE if all(check.ok for check in checks if check.needed) else NOT_VALID
+
+
+@cli.command()
+@click.argument("run_folder", metavar="RUN", type=FOLDER)
+def view(run_folder: Path) -> None:
+    """Open a window on a finished run; keys switch estimates, colours, points, prior and truth."""
+    from .view import view as open_window
+
+    open_window(run_folder)
 
 
 def _needed(value: Path | None, option: str) -> Path:
