@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +10,7 @@ from ..case import Case, Points, Truth
 from ..errors import InputError
 from ..geometry import Array, Surface
 from .atomic import staged_folder
-from .case_settings import MILLIMETRES, Folder, open_folder
+from .case_settings import MILLIMETRES, Folder, open_folder, toml_lines
 from .mesh import read_surface_file, write_surface
 from .points import points_of, read_points_table, write_points
 from .repair import closed_outward
@@ -61,14 +60,15 @@ def _surface(folder: Folder, role: str) -> Surface | None:
     if role != "prior":  # a truth may be open: it is only measured against
         return surface
     if "units" not in folder.settings and file.units not in MILLIMETRES:
-        check_scale(path, surface.vertices, 1000.0)
+        check_scale(path, surface.vertices)
     return closed_outward(surface, str(path), cap=folder.settings.get("cap", False))
 
 
-def check_scale(path: Path, xyz: Array, largest: float = 20_000.0) -> None:
-    """Raise InputError where the extent of undeclared units cannot be that of a heart in mm."""
+def check_scale(path: Path, xyz: Array, smallest: float = 5.0) -> None:
+    """Raise InputError where the extent of undeclared units is not that of a heart in mm (atria: 60 to 160); extents that might be
+    either are let pass. `smallest`: extent from which, up to 18, centimetres are likely."""
     diagonal = float(np.linalg.norm(np.ptp(xyz, axis=0)))
-    likely = "m" if diagonal < 1 else "um" if diagonal > largest else None
+    likely = "m" if diagonal < 1 else "cm" if smallest <= diagonal <= 18 else "um" if diagonal > 20_000 else None
     if likely:
         raise InputError(f"{path}: extends over {diagonal:.3g} mm; if its units are {likely}, say --units {likely}, else --units mm")
 
@@ -93,7 +93,7 @@ def _points(folder: Folder, table: Table) -> Points:
     if fitted < FEWEST_POINTS:
         raise InputError(f"{table.path}: {fitted} points of type eam: at least {FEWEST_POINTS} are needed to fit a surface")
     if folder.dimension == 3 and "units" not in folder.settings and "units" not in table.notes:
-        check_scale(table.path, points.xyz)
+        check_scale(table.path, points.xyz, np.inf)  # a few points may lie close together
     return points
 
 
@@ -183,7 +183,7 @@ def write_case(folder: str | Path, case: Case, *, force: bool = False) -> None:
     with staged_folder(folder, force) as out:
         settings: dict[str, str | int] = {"name": case.name, "units": case.units, "frame": case.frame, "dimension": case.dimension}
         settings["notes"] = case.notes
-        (out / "case.toml").write_text("".join(f"{key} = {_toml(value)}\n" for key, value in settings.items()), encoding="utf-8")
+        (out / "case.toml").write_text(toml_lines(settings), encoding="utf-8")
         write_surface(out / f"prior.{suffix}", case.prior, units=case.units)
         write_points(out / "points.csv", case.points)
         if case.prior_landmarks:
@@ -206,7 +206,3 @@ def _write_truth(out: Path, truth: Truth, axes: tuple[str, ...], suffix: str, un
         write_table(out / "correspondence.csv", dict(zip(_pair_names(axes), columns, strict=True)))
     if truth.outliers is not None:
         write_table(out / "outliers.csv", {"row": truth.outliers})
-
-
-def _toml(value: str | int) -> str:
-    return json.dumps(value, ensure_ascii=False)

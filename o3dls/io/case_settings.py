@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -96,3 +97,8 @@ def _check_setting(where: str, key: str, value: Any) -> None:
     allowed = {"units": tuple(MILLIMETRES), "frame": SPACES, "dimension": (2, 3)}.get(key)
     if allowed and value not in allowed:
         raise InputError(f"{where} = {value!r}: must be one of {', '.join(map(str, allowed))}")
+
+
+def toml_lines(settings: Mapping[str, str | int | float | bool]) -> str:
+    """Settings as case.toml holds them; JSON's strings, numbers and booleans are TOML's too."""
+    return "".join(f"{key} = {json.dumps(value, ensure_ascii=False)}\n" for key, value in settings.items())

@@ -56,7 +56,7 @@ def read_surface_file(path: str | Path, **options: Any) -> SurfaceFile:
     path = Path(path)
     data = read_bytes(path)
     given = {name: value for name, value in options.items() if value is not None}
-    known = next((f for f in FORMATS if f.knows(data)), None)
+    known = _known(data)
     if known is None and path.suffix != ".csv":
         names = ", ".join(f.name for f in FORMATS)
         raise InputError(f"{path}: is no surface file that o3dls knows ({names}, csv in 2D); it begins with {data[:16]!r}")
@@ -64,6 +64,16 @@ def read_surface_file(path: str | Path, **options: Any) -> SurfaceFile:
         if known is None or name not in known.options:
             raise InputError(f"{path}: '{name}' means nothing for a {known.name if known else 'csv'} file")
     return known.read(path, data, **given) if known else SurfaceFile(polyline.read_polyline(path))
+
+
+def _known(data: bytes) -> Format | None:
+    return next((f for f in FORMATS if f.knows(data)), None)
+
+
+def is_surface(path: str | Path) -> bool:
+    """Whether a file is a surface in a known format, or a table of a 2D outline. Raises InputError where it cannot be read at all."""
+    data = read_bytes(path)
+    return _known(data) is not None or (Path(path).suffix == ".csv" and polyline.knows(data))
 
 
 def read_surface(path: str | Path) -> Surface:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,13 @@ import numpy as np
 from ..errors import InputError
 from ..geometry import Array, Ints, Surface
 from .table import read_table, write_table
+
+
+def knows(data: bytes) -> bool:
+    """A table whose first line that is no comment names x and y, but not z."""
+    header = next((line for line in data[:4000].splitlines() if line.strip() and not line.startswith(b"#")), b"")
+    names = {name.strip().lower() for name in re.split(rb"[,;\t]", header.removeprefix(b"\xef\xbb\xbf"))}
+    return {b"x", b"y"} <= names and b"z" not in names
 
 
 def read_polyline(path: str | Path) -> Surface:
