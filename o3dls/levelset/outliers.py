@@ -1,0 +1,78 @@
+"""Which points touch the wall: a mixture of contact and no contact that knows that catheters float inside, and in runs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from ..geometry import Array
+
+INSIDE_SHARE = 0.9  # of the points off the wall, those inside the chamber; the rest lie anywhere
+
+
+@dataclass(frozen=True)
+class Contact:
+    """State of the mixture: share of points off the wall, their usual depth (a length), and how runs persist (0 = none)."""
+
+    share: float = 0.08
+    depth: float = 8.0
+    persistence: float = 0.0
+
+
+def density(residual: Array, variance: Array, contact: Contact) -> tuple[Array, Array]:
+    """Densities (n,) of signed residuals (negative inside) for contact, N(0, variance), and for a point off the wall."""
+    touching = np.exp(-0.5 * residual**2 / variance) / np.sqrt(2.0 * np.pi * variance)
+    anywhere = (1.0 - INSIDE_SHARE) / (4.0 * contact.depth)
+    return touching, np.where(residual < 0.0, INSIDE_SHARE / contact.depth, 0.0) + anywhere
+
+
+def believe(residual: Array, variance: Array, odds: Array, contact: Contact) -> tuple[Array, Contact]:
+    """Probability of contact (n,) for points in the order they were taken, and the updated mixture.
+
+    `odds` (n,) multiplies each point's prior odds of being off the wall (contact force). Forward-backward smoothing over a
+    two-state chain (Rabiner 1989) lets neighbours in time share their fate, as far as the data show that they do.
+    """
+    touching, floating = density(residual, variance, contact)
+    weights, together = _chain(touching, floating * odds, contact.share, contact.persistence)
+    share = float(np.clip((1.0 - weights).mean(), 0.005, 0.5))
+    # a start of chance level: what is left of joint outliers beyond share^2 shows persistence; shrunk as by 20 pairs without any
+    pairs = (1.0 - weights)[:-1].sum()
+    chance = share * pairs
+    persistence = float(np.clip((together - chance) / (pairs * (1.0 - share) + 20.0 * share), 0.0, 0.9))
+    return weights, Contact(share, contact.depth, persistence)
+
+
+@njit(cache=True)
+def _chain(touching, floating, share, persistence):  # type: ignore[no-untyped-def]
+    """Smoothed probability of state 0 (touching) along the chain, and the expected number of floating neighbours."""
+    n = touching.shape[0]
+    stay = share + persistence * (1.0 - share)  # P(floating | floating before)
+    enter = share * (1.0 - persistence)  # P(floating | touching before): keeps `share` stationary
+    forward = np.empty((n, 2))
+    backward = np.ones((n, 2))
+    for i in range(n):
+        if i == 0:
+            a, b = 1.0 - share, share
+        else:
+            a = forward[i - 1, 0] * (1.0 - enter) + forward[i - 1, 1] * (1.0 - stay)
+            b = forward[i - 1, 0] * enter + forward[i - 1, 1] * stay
+        a, b = a * touching[i] + 1e-300, b * floating[i] + 1e-300
+        forward[i, 0], forward[i, 1] = a / (a + b), b / (a + b)
+    together = 0.0
+    for i in range(n - 2, -1, -1):
+        a, b = backward[i + 1, 0] * touching[i + 1], backward[i + 1, 1] * floating[i + 1]
+        backward[i, 0] = (1.0 - enter) * a + enter * b + 1e-300
+        backward[i, 1] = (1.0 - stay) * a + stay * b + 1e-300
+        both = forward[i, 1] * stay * b
+        every = forward[i, 0] * backward[i, 0] + forward[i, 1] * backward[i, 1]
+        together += both / every
+        total = backward[i, 0] + backward[i, 1]
+        backward[i, 0] /= total
+        backward[i, 1] /= total
+    weights = np.empty(n)
+    for i in range(n):
+        a, b = forward[i, 0] * backward[i, 0], forward[i, 1] * backward[i, 1]
+        weights[i] = a / (a + b)
+    return weights, together

@@ -1,0 +1,123 @@
+"""From points to rows of the linear system: one each while they are few; by patches of the surface when they are many."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..geometry import Array, Ints
+from .covariance import Observed
+
+
+@dataclass(frozen=True)
+class Data:
+    """What is fitted: points (n, d) with noise group (n,), noise relative to the group's (n,), odds of floating (n,), `inside` mask; landmarks."""
+
+    points: Array
+    group: Ints
+    relative: Array
+    odds: Array
+    inside: NDArray[np.bool_]
+    marks_prior: Array
+    marks_map: Array
+
+    @property
+    def groups(self) -> int:
+        return int(self.group.max(initial=0)) + 1
+
+
+@dataclass(frozen=True)
+class Feet:
+    """Foot point of each point: reference position (n, d), normal of the moved surface (n, d), share along the reference normal, residual."""
+
+    at: Array
+    normals: Array
+    along: Array
+    residual: Array
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Rows of the system: observations, residual (k,), noise group (k,), relative noise (k,), which row each point fell into (n,).
+
+    scatter holds, per noise group, the squares and the count of what the points of one row differ among themselves.
+    """
+
+    observed: Observed
+    residual: Array
+    group: Ints
+    relative: Array
+    of_point: Ints
+    scatter: tuple[Array, Array]
+
+
+LEAST = 1e-6  # weight of a point that is not believed: keeps its row, and so its left-out residual, defined
+
+
+def gather(feet: Feet, data: Data, weights: Array, marks: Array, most: int, patch: float) -> Rows:
+    """Rows of all points and landmarks. Above `most` points, those whose feet share a patch (a length) speak with one voice.
+
+    Patches small against the field's shortest length lose nothing: the precision-weighted mean is sufficient for a constant.
+    """
+    precision = np.maximum(weights, LEAST) / data.relative**2
+    of_point = np.arange(len(weights)) if len(weights) <= most else _patches(feet, data.group, patch)
+    count = int(of_point.max(initial=-1)) + 1
+    total = np.bincount(of_point, precision, minlength=count)
+
+    def mean(values: Array) -> Array:
+        columns = values.reshape(len(values), -1).T
+        return np.stack([np.bincount(of_point, precision * c, minlength=count) / total for c in columns], axis=-1)
+
+    group = np.zeros(count, dtype=np.int64)
+    group[of_point] = data.group
+    residual = mean(feet.residual)[:, 0]
+    spread = precision * (feet.residual - residual[of_point]) ** 2
+    scatter = np.bincount(data.group, spread, minlength=data.groups), np.zeros(data.groups)
+    believed = np.bincount(data.group, weights, minlength=data.groups)
+    if count < len(weights):
+        scatter = scatter[0], np.maximum(believed - np.bincount(group, minlength=data.groups), 0.0)
+    observed = Observed(mean(feet.at), mean(feet.normals), mean(feet.along)[:, 0])
+    rows = Rows(observed, residual, group, 1.0 / np.sqrt(total), of_point, scatter)
+    return _with_landmarks(rows, data, marks) if len(marks) else rows
+
+
+def _with_landmarks(rows: Rows, data: Data, marks: Array) -> Rows:
+    """Each landmark adds one row per axis, with a noise group of its own: picks are an order coarser than points."""
+    dim = marks.shape[1]
+    k = len(marks) * dim
+    observed = Observed(
+        np.vstack([rows.observed.at, np.repeat(marks, dim, axis=0)]),
+        np.vstack([rows.observed.directions, np.tile(np.eye(dim), (len(marks), 1))]),
+        np.r_[rows.observed.normal_part, np.zeros(k)],  # a landmark is in the vein's mouth, on no wall
+    )
+    residual = np.r_[rows.residual, (data.marks_map - marks).ravel()]
+    scatter = np.r_[rows.scatter[0], 0.0], np.r_[rows.scatter[1], 0.0]
+    group = np.r_[rows.group, np.full(k, data.groups)]
+    return Rows(observed, residual, group, np.r_[rows.relative, np.ones(k)], rows.of_point, scatter)
+
+
+def points_left_out(
+    rows: Rows, feet: Feet, noise: Array, row_residual: Array, row_variance: Array, noises: Array, data: Data
+) -> tuple[Array, Array]:
+    """Residual (n,) of each point to the fit without that point, and the variance (n,) to judge it by (fit plus noise).
+
+    A row's own left-out prediction N(m, v) takes in again what the other points of its patch say.
+    """
+    of = rows.of_point
+    own = (noises[data.group] * data.relative) ** 2
+    said = 1.0 / noise[of]  # precision of the whole row, weights included
+    mine = np.minimum(1.0 / own, said)
+    others = np.where(np.bincount(of)[of] > 1, said - mine, 0.0)
+    without_row = rows.residual[of] - row_residual[of]
+    var = 1.0 / (1.0 / row_variance[of] + others)
+    mean = var * (without_row / row_variance[of] + said * rows.residual[of] - mine * feet.residual) if others.any() else without_row
+    return feet.residual - mean, var + own
+
+
+def _patches(feet: Feet, group: Ints, patch: float) -> Ints:
+    """Number of the patch of each foot: same cell of the reference, same noise group, normals in the same orthant."""
+    cells = np.floor(feet.at / patch).astype(np.int64)
+    key = np.column_stack([cells, (feet.normals > 0).astype(np.int64), group])
+    return np.asarray(np.unique(key, axis=0, return_inverse=True)[1].ravel())

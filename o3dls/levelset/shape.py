@@ -1,0 +1,91 @@
+"""Normals and mean curvature of a moving simplicial surface, compiled: they are needed afresh at every step of a fit."""
+
+from __future__ import annotations
+
+from numba import njit
+import numpy as np
+
+from ..geometry import Array, Ints
+
+
+def normals_and_curvature(vertices: Array, faces: Ints, limit: float, smoothing: int = 3) -> tuple[Array, Array]:
+    """Unit vertex normals (n, d) and sum of principal curvatures (n,), positive on a sphere, within [-limit, limit] (1/length).
+
+    Curvature is the trace of the shape operator fitted to the normals of each face (Rusinkiewicz 2004), averaged over rings.
+    """
+    normals, area_vectors = _normals(vertices, faces)
+    return normals, _curvature(vertices, faces, normals, area_vectors, limit, smoothing)
+
+
+def vertex_normals(vertices: Array, faces: Ints) -> Array:
+    """Area-weighted unit vertex normals (n, d)."""
+    return np.asarray(_normals(vertices, faces)[0])
+
+
+@njit(cache=True)
+def _normals(vertices, faces):  # type: ignore[no-untyped-def]
+    n, dim = vertices.shape
+    total = np.zeros((n, dim))
+    areas = np.empty((faces.shape[0], dim))
+    for f in range(faces.shape[0]):
+        a, b = vertices[faces[f, 0]], vertices[faces[f, 1]]
+        if dim == 2:
+            areas[f, 0], areas[f, 1] = b[1] - a[1], a[0] - b[0]
+        else:
+            c = vertices[faces[f, 2]]
+            areas[f, 0] = 0.5 * ((b[1] - a[1]) * (c[2] - a[2]) - (b[2] - a[2]) * (c[1] - a[1]))
+            areas[f, 1] = 0.5 * ((b[2] - a[2]) * (c[0] - a[0]) - (b[0] - a[0]) * (c[2] - a[2]))
+            areas[f, 2] = 0.5 * ((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))
+        for corner in range(dim):
+            for k in range(dim):
+                total[faces[f, corner], k] += areas[f, k]
+    for i in range(n):
+        length = 0.0
+        for k in range(dim):
+            length += total[i, k] ** 2
+        length = np.sqrt(length) + 1e-300
+        for k in range(dim):
+            total[i, k] /= length
+    return total, areas
+
+
+@njit(cache=True)
+def _curvature(vertices, faces, normals, areas, limit, smoothing):  # type: ignore[no-untyped-def]
+    n, dim = vertices.shape
+    value, weight = np.zeros(n), np.full(n, 1e-300)
+    for f in range(faces.shape[0]):
+        a, b = faces[f, 0], faces[f, 1]
+        ee = en = 0.0
+        area = 0.0
+        for k in range(dim):
+            e = vertices[b, k] - vertices[a, k]
+            ee += e * e
+            en += e * (normals[b, k] - normals[a, k])
+            area += areas[f, k] ** 2
+        area = np.sqrt(area)
+        trace = en / max(ee, 1e-300)
+        if dim == 3:
+            c = faces[f, 2]
+            gg = eg = gn = mixed = 0.0
+            for k in range(3):
+                e, g = vertices[b, k] - vertices[a, k], vertices[c, k] - vertices[a, k]
+                gg += g * g
+                eg += e * g
+                gn += g * (normals[c, k] - normals[a, k])
+                mixed += 0.5 * (e * (normals[c, k] - normals[a, k]) + g * (normals[b, k] - normals[a, k]))
+            trace = (gg * en - 2.0 * eg * mixed + ee * gn) / max(ee * gg - eg * eg, 1e-300)
+        for corner in range(dim):
+            value[faces[f, corner]] += trace * area
+            weight[faces[f, corner]] += area
+    value = np.minimum(np.maximum(value / weight, -limit), limit)
+    for _ in range(smoothing):  # a face's mean is every vertex's neighbour: three rounds reach three rings
+        total, count = np.zeros(n), np.full(n, 1e-300)
+        for f in range(faces.shape[0]):
+            mean = 0.0
+            for corner in range(dim):
+                mean += value[faces[f, corner]] / dim
+            for corner in range(dim):
+                total[faces[f, corner]] += mean
+                count[faces[f, corner]] += 1.0
+        value = total / count
+    return value

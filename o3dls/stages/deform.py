@@ -1,0 +1,117 @@
+"""Stage `deform`: the smooth non-rigid motion T of the prior, with its posterior; amplitudes and noise set by the evidence."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
+
+import numpy as np
+from pydantic import Field
+
+from ..case import FITTED_TYPES, Case, Points
+from ..estimate import Estimate
+from ..geometry import Array
+from ..stage import Stage
+
+if TYPE_CHECKING:
+    from ..levelset.motion import Settings
+    from ..levelset.rows import Data
+
+
+class Deform(Stage):
+    """Fit a similarity, strains and a smooth motion field to the points, robustly; lengths are in rms radii of the prior (26 mm for an atrium)."""
+
+    name: ClassVar[str] = "deform"
+    vector: tuple[float, ...] = Field(
+        (1.15,), min_length=1, description="correlation lengths of the vector field", json_schema_extra={"unit": "rms radii"}
+    )
+    normal: tuple[float, ...] = Field(
+        (0.46,), description="correlation lengths of the field along the normal", json_schema_extra={"unit": "rms radii"}
+    )
+    landmarks: bool = Field(
+        True, description="fit the named landmarks too, with a noise level of their own, and let what lies around each move on its own"
+    )
+    ablation: Literal["hold_out", "fit"] = Field(
+        "hold_out", description="fit ablation points, with a noise level of their own, or hold them out"
+    )
+    contact_force: float = Field(
+        5.0, gt=0.0, description="force at which a point is as likely to touch the wall as the mean point", json_schema_extra={"unit": "g"}
+    )
+    spread: float = Field(
+        0.7,
+        gt=0.0,
+        description="how far the evidence may move an amplitude or noise level: sd of its logarithm",
+        json_schema_extra={"unit": "1"},
+    )
+    iterations: int = Field(25, ge=5, description="most iterations")
+
+    @property
+    def fits(self) -> tuple[str, ...]:
+        return (*FITTED_TYPES, "ablation") if self.ablation == "fit" else FITTED_TYPES
+
+    def __call__(self, case: Case, start: Estimate) -> Estimate:
+        from ..levelset.motion import fit_motion, similarity_part
+
+        began = time.perf_counter()
+        data = observed(case, self)
+        fit = fit_motion(case.prior.vertices, case.prior.faces, start.T_map_prior, data, self.settings())
+        eam = (data.group == 0) & ~data.inside
+        surface = replace(case.prior, vertices=fit.state.moved, fields={**case.prior.fields, f"sd_{case.units}": fit.sd})
+        return Estimate(
+            surface=surface,
+            T_map_prior=similarity_part(fit),
+            status=fit.status,
+            converged=fit.converged,
+            iterations=len(fit.trace),
+            seconds=time.perf_counter() - began,
+            sigma=float(fit.state.scales.noises[0]),
+            weights=fit.state.weights[eam],
+            motion=fit.motion,
+            trace=fit.trace,
+            facts=fit.facts,
+        )
+
+    def settings(self) -> Settings:
+        from ..levelset.motion import Settings
+
+        return Settings(vector=self.vector, normal=self.normal, spread=self.spread, iterations=self.iterations)
+
+
+def observed(case: Case, stage: Deform) -> Data:
+    """The fitted points as arrays: eam and inside points in noise group 0, ablation points in group 1, landmarks apart."""
+    from ..levelset.rows import Data
+
+    points = case.points.of(*stage.fits)
+    _, marks_prior, marks_map = case.landmark_pairs()
+    keep = slice(None) if stage.landmarks else slice(0)
+    return Data(
+        points=points.xyz,
+        group=(points.type == "ablation").astype(np.int64),
+        relative=_relative_noise(points),
+        odds=_odds_of_floating(points, stage.contact_force),
+        inside=points.type == "inside",
+        marks_prior=marks_prior[keep],
+        marks_map=marks_map[keep],
+    )
+
+
+def _numbers(points: Points, column: str) -> Array:
+    values: Any = points.columns.get(column, np.full(len(points), np.nan))
+    return np.asarray(values, dtype=np.float64)
+
+
+def _relative_noise(points: Points) -> Array:
+    """Each point's `sigma` over their median; 1 where it is not given."""
+    sigma = _numbers(points, "sigma")
+    given = np.isfinite(sigma) & (sigma > 0)
+    relative = np.ones(len(points))
+    if given.any():
+        relative[given] = sigma[given] / np.median(sigma[given])
+    return relative
+
+
+def _odds_of_floating(points: Points, force: float) -> Array:
+    """Factor on the odds of being off the wall: doubled for each `force` too little, halved for each too much, at most fourfold."""
+    pressed = _numbers(points, "force")
+    return np.where(np.isfinite(pressed), 2.0 ** np.clip((force - pressed) / force, -2.0, 2.0), 1.0)
