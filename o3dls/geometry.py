@@ -51,7 +51,7 @@ class Surface:
         edge = corners[:, 1] - corners[:, 0]
         if self.dimension == 2:  # a counter-clockwise outline has its outside on the right
             return np.column_stack([edge[:, 1], -edge[:, 0]])
-        return 0.5 * np.cross(edge, corners[:, 2] - corners[:, 0])
+        return np.asarray(0.5 * np.cross(edge, corners[:, 2] - corners[:, 0]))
 
     @cached_property
     def face_areas(self) -> Array:
