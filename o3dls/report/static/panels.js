@@ -101,6 +101,7 @@ function invalidate() {
 }
 
 function drawAll() {
+  host.dataset.looksFrom = JSON.stringify(camera.position.clone().sub(target).normalize().toArray());
   const shown = panels.filter((panel) => panel.shown);
   const ratio = Math.min(window.devicePixelRatio || 1, 2);
   for (const panel of shown) {

@@ -1,0 +1,81 @@
+"""Chromium without a screen, for tests of pages; skipped with a reason where it is not installed."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+QUIET = (
+    "--no-sandbox",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--no-first-run",
+    "--disable-quic",
+)
+WITH_WEBGL = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader")
+WITHOUT_WEBGL = ("--disable-gpu", "--disable-3d-apis", "--disable-software-rasterizer")
+
+
+@contextmanager
+def chromium() -> Iterator[Callable[..., Any]]:
+    """A function that starts a browser, with or without WebGL; all are closed at the end."""
+    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed: pages are not tested")
+    with playwright.sync_playwright() as started:
+        own = started.chromium.executable_path
+        path = next(filter(None, map(shutil.which, NAMES)), own if Path(own).is_file() else None)
+        if path is None:
+            pytest.skip("no Chromium: pages are not tested")
+        browsers = []
+
+        def launch(*, webgl: bool = True) -> Any:
+            args = [*QUIET, *(WITH_WEBGL if webgl else WITHOUT_WEBGL)]
+            browsers.append(started.chromium.launch(executable_path=path, args=args))
+            return browsers[-1]
+
+        yield launch
+        for browser in browsers:
+            browser.close()
+
+
+class Visit:
+    """A page that was opened, with what went wrong and what it asked of the network."""
+
+    def __init__(self, browser: Any, path: Path, *, width: int = 1440, height: int = 900, wait: bool = True, **options: Any) -> None:
+        self.page = browser.new_page(viewport={"width": width, "height": height}, **options)
+        self.errors: list[str] = []
+        self.requests: list[str] = []
+        self.page.on("pageerror", lambda error: self.errors.append(str(error)))
+        self.page.on("console", lambda message: self.errors.append(message.text) if message.type in ("error", "warning") else None)
+        self.page.on("request", lambda request: self.requests.append(request.url))
+        self.page.goto(path.resolve().as_uri())
+        if wait:
+            self.page.wait_for_function("document.documentElement.dataset.ready !== undefined", timeout=60_000)
+
+    def picture(self, index: int) -> Any:
+        """Pixels (height, width, 4) of a panel's canvas."""
+        import numpy as np
+
+        found = self.page.evaluate(
+            """index => {
+                const canvas = document.querySelectorAll('#panels canvas')[index];
+                const { data, width, height } = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height);
+                let text = '';
+                for (let i = 0; i < data.length; i += 8192) text += String.fromCharCode(...data.subarray(i, i + 8192));
+                return { text: btoa(text), width, height };
+            }""",
+            index,
+        )
+        import base64
+
+        return np.frombuffer(base64.b64decode(found["text"]), dtype=np.uint8).reshape(found["height"], found["width"], 4).astype(int)
+
+    def settle(self) -> None:
+        """Let the page paint what was asked for."""
+        self.page.evaluate("() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
