@@ -1,0 +1,277 @@
+"""Study exports become case folders: a synthetic study in every form, and the genuine CARTO export where it is."""
+
+from __future__ import annotations
+
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+from formats import marker, write_as
+
+from o3dls.case import Points
+from o3dls.errors import InputError
+from o3dls.geometry import Surface
+from o3dls.io import carto_mesh, carto_points, dif, ensite, openep, read_case, read_points, read_surface
+from o3dls.io.study import import_study, read_study
+from o3dls.io.surface_file import SurfaceFile
+
+SEED = 5_102_933
+EXPORT = "formats/carto_export"
+VOLUME_TOLERANCE = 2e-4  # relative: the study's XML prints six digits
+CARTO_XML = """<Study name="S"><Units Distance="mm" Angle="radian" /><Maps Count="2">
+<TagsTable Count="2"><Tag ID="101" Short_Name="LSPV" /><Tag ID="9" Short_Name="ABL" /></TagsTable>
+<Map Name="1-Map" FileNames="1-Map.mesh" Volume="{volume:.6g}"><CartoPoints Count="3">
+<Point Id="1" Position3D="1 2 3"><Tags Count="1">101</Tags></Point><Point Id="2"><Tags Count="2">101 9</Tags></Point><Point Id="3" />
+</CartoPoints></Map>
+<Map Name="2 empty µ" FileNames="2-Map.mesh" Volume="0"><CartoPoints Count="0" /></Map></Maps>
+<Meshes><Mesh FileName="CT.mesh"><RegistrationMatrix>1 0 0 0 0 1 0 0 0 0 1 0 4 5 6 1</RegistrationMatrix></Mesh></Meshes></Study>"""
+SITES = "  Session ChannelID SiteIndex X Y Z DurationTime AverageForce \r\n 1 0 1 22.5 83.4 10.5 10.4 3.068 \r\n"
+DXL = """Export File Version: 11
+Export from Study: s
+Field Scaling: off
+Data starts in row,9
+
+Map name:,lab
+Map type:,PP_bi
+***
+Rov trace,roving x,roving y,roving z,surface x,utilized, P-P,P-P valid,force (g),Rov Tick 1,...
+A,1,2,3,9,1,0.5,1,invalid,1,2,3
+B,4,5,6,9,0,0.7,1,4,1
+C,7,8,9,9,1,0.9,0,5,1
+EOF
+"""
+
+
+def carto_folder(folder: Path) -> Path:
+    folder.mkdir(parents=True)
+    shell = carto_mesh.write(SurfaceFile(marker()))
+    for name in ("1-Map.mesh", "2-Map.mesh", "CT.mesh"):
+        (folder / name).write_bytes(shell)
+    points = Points(
+        np.arange(9.0).reshape(3, 3), np.full(3, "eam"), {"bipolar": np.array([0.5, np.nan, 1.5]), "lat": np.array([-20.0, 10, np.nan])}
+    )
+    (folder / "1-Map_car.txt").write_bytes(carto_points.write_car("1-Map", points))
+    (folder / "VisiTagExport").mkdir()
+    (folder / "VisiTagExport/Sites.txt").write_text(SITES, newline="")
+    (folder / "Study 1.xml").write_text(CARTO_XML.format(volume=marker().volume / 1000), encoding="cp1252")
+    return folder
+
+
+def zipped(folder: Path, target: Path) -> Path:
+    with zipfile.ZipFile(target, "w", zipfile.ZIP_DEFLATED) as file:
+        for path in sorted(folder.rglob("*")):
+            file.write(path, Path("top") / path.relative_to(folder))
+    return target
+
+
+@pytest.mark.parametrize("form", ["folder", "zip", "zip in zip"])
+def test_carto_study_becomes_a_case(form: str, tmp_path: Path) -> None:
+    study = carto_folder(tmp_path / "Export Study")
+    if form != "folder":
+        study = zipped(study, tmp_path / "Export_Study_1.zip")
+    if form == "zip in zip":
+        (tmp_path / "outer").mkdir()
+        study = zipped((study.rename(tmp_path / "outer" / study.name)).parent, tmp_path / "all.zip")
+    found = import_study(study, "1-Map", tmp_path / "case", prior=write_as("stl", tmp_path))
+    points = read_points(tmp_path / "case/points.csv")
+    np.testing.assert_array_equal(points.type, ["eam", "ablation", "eam", "ablation", "landmark"])
+    np.testing.assert_allclose(points.xyz[3], [22.5, 83.4, 10.5])
+    np.testing.assert_allclose(points.xyz[4], [1.5, 2.5, 3.5])  # the mean of the two points tagged LSPV
+    np.testing.assert_array_equal(points.columns["bipolar"], [0.5, np.nan, 1.5, np.nan, np.nan])
+    np.testing.assert_array_equal(points.columns["lat"][:3], [-20, 10, np.nan])
+    assert points.columns["name"][4] == "LSPV"
+    assert read_surface(tmp_path / "case/prior.ply").volume == pytest.approx(marker().volume, rel=1e-5)
+    assert read_surface(tmp_path / "case/map.ply").volume == pytest.approx(marker().volume, rel=1e-4)
+    assert (tmp_path / "case/CT_vendor_registration.txt").read_text().splitlines()[3] == "4.0 5.0 6.0 1.0"
+    assert "not applied" in " ".join(found.left)
+    assert any("study: " in line and "NOT" not in line for line in found.took)
+    assert "2 empty µ" in " ".join(found.left)
+
+
+def test_maps_are_named_where_the_name_does_not_fit(tmp_path: Path) -> None:
+    folder = carto_folder(tmp_path / "s")
+    with pytest.raises(InputError, match=r"no map 'x': there are 1-Map \(3 points\), 2 empty µ \(0 points\)"):
+        import_study(folder, "x", tmp_path / "case")
+    assert not (tmp_path / "case").exists()
+    assert read_study(folder).name == "1-Map"  # the only one with points
+    with pytest.raises(InputError, match=r"holds no 2 empty µ_car\.txt"):
+        read_study(folder, "2 empty µ")
+    (folder / "Study 1.xml").unlink()
+    with pytest.raises(InputError, match="holds no CARTO 3 study"):
+        read_study(folder)
+
+
+def test_archives_that_cannot_be_opened_say_why(tmp_path: Path) -> None:
+    (tmp_path / "a.zip").write_bytes(b"7z\xbc\xaf\x27\x1c....")
+    with pytest.raises(InputError, match="is a 7-Zip archive"):
+        read_study(tmp_path / "a.zip")
+    whole = zipped(carto_folder(tmp_path / "s"), tmp_path / "b.zip").read_bytes()
+    (tmp_path / "b.zip").write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(InputError, match="no readable zip"):
+        read_study(tmp_path / "b.zip")
+    locked = bytearray(whole)
+    for mark, at in ((b"PK\x03\x04", 6), (b"PK\x01\x02", 8)):  # set the flag that says encrypted
+        start = -1
+        while (start := locked.find(mark, start + 1)) >= 0:
+            locked[start + at] |= 1
+    (tmp_path / "c.zip").write_bytes(bytes(locked))
+    with pytest.raises(InputError, match="password"):
+        read_study(tmp_path / "c.zip")
+
+
+def test_car_files_survive() -> None:
+    points = Points(np.array([[1.5, -2.25, 3.125]]), np.array(["eam"]), {name: np.array([1.25]) for name in carto_points.COLUMNS})
+    back, ids = carto_points.read_car(Path("a_car.txt"), carto_points.write_car("a", points))
+    np.testing.assert_array_equal(back.xyz, points.xyz)
+    assert ids.tolist() == [1]
+    assert {name: values[0] for name, values in back.columns.items()} == dict.fromkeys(carto_points.COLUMNS, 1.25)
+
+
+def test_carto_mesh_hides_what_carto_hides_and_knows_missing_values() -> None:
+    n = 5
+    mesh = carto_mesh.CartoMesh(
+        np.vstack([marker().vertices, [[0.0, 0, 0]]]), np.zeros((n, 3)), np.zeros(n, dtype=int),
+        np.vstack([marker().faces, [[0, 1, 4]], [[1, 2, 4]]]), np.zeros((6, 3)), np.array([0, 0, 0, 0, -1, -1_000_000]),
+        ("Bipolar", "µBi"), np.array([[1.0, 2, 3, 4, 5], [-10000.0] * 5, [-10000.0] * 5]).T,
+    )  # fmt: skip
+    data = carto_mesh.encode(mesh)
+    file = carto_mesh.read(Path("a.mesh"), data)
+    assert (len(file.surface.vertices), len(file.surface.faces), file.metadata["hidden_triangles"]) == (4, 4, 2)
+    assert list(file.surface.fields) == ["bipolar"]
+    assert len(carto_mesh.read(Path("a.mesh"), data, hidden=True).surface.faces) == 6
+    assert b"\xb5Bi" in data
+    assert carto_mesh.encode(carto_mesh.parse(Path("a.mesh"), data)) == data
+    for loose in (data.replace(b"\r\n", b"\n"), data.decode("cp1252").encode("utf-8")):
+        assert len(carto_mesh.read(Path("a.mesh"), loose).surface.faces) == 4
+    with pytest.raises(InputError, match=r"\[TrianglesSection\] has 5 rows, 6 are declared"):
+        carto_mesh.read(Path("a.mesh"), data.replace(b"       5 =        1        2        4", b";"))
+    with pytest.raises(InputError, match="Matrix is not the identity"):
+        carto_mesh.read(Path("a.mesh"), data.replace(b"= 1 0 0 0", b"= 2 0 0 0"))
+
+
+def test_dif_says_which_volume_and_what_is_missing() -> None:
+    values = np.array([0.5, np.nan, 1.5, 2.5])
+    data = dif.encode(Surface(marker().vertices, marker().faces, {"P-P Voltage": values}), field="P-P Voltage", name="LA")
+    file = dif.read(Path("a.xml"), data)
+    np.testing.assert_array_equal(file.surface.fields["P-P Voltage"], values)
+    assert (file.space, file.units, file.metadata["name"]) == ("LPS", "mm", "LA")
+    for patient in (b"PatientName", b"PatientID", b"PatientBirthDate"):
+        assert b"<" + patient + b">NA<" in data
+    volume = data[data.index(b"<Volume ") : data.index(b"</Volumes>")]
+    two = data.replace(volume, volume + volume.replace(b'"LA"', b'"RA"'))
+    with pytest.raises(InputError, match="holds 2 volumes; say which with --part: LA, RA"):
+        dif.read(Path("a.xml"), two)
+    assert dif.read(Path("a.xml"), two, part="RA").metadata["name"] == "RA"
+    with pytest.raises(InputError, match="has no volume 'La'; there are: LA, RA"):
+        dif.read(Path("a.xml"), two, part="La")
+    assert len(dif.read(Path("a.xml"), data.replace(b'Polygons number="4"', b'Polygons number="8"')).surface.faces) == 4
+
+
+def test_ensite_map_takes_utilised_points_at_the_electrode(tmp_path: Path) -> None:
+    folder = tmp_path / "s"
+    folder.mkdir()
+    (folder / "Map_PP_bi.csv").write_text(DXL)
+    (folder / "Map_LAT.csv").write_text(DXL.replace("PP_bi", "LAT_detected").replace(" P-P,P-P valid", "LAT,LAT valid"))
+    (folder / "Lesions.csv").write_text("Text,Type,Surface,x,y,z,Diameter\nL1,a,b,1.5,2.5,3.5,4\nEOF\n")
+    (folder / "DxLandmarkGeo.xml").write_bytes(
+        dif.encode(marker(), field="bipolar").replace(b'number="0">tag', b'number="1"><Label name="LSPV">1 2 3</Label>')
+    )
+    found = import_study(folder, None, tmp_path / "case")
+    points = read_points(tmp_path / "case/points.csv")
+    np.testing.assert_array_equal(points.type, ["eam", "eam", "ablation", "landmark"])
+    np.testing.assert_array_equal(points.xyz, [[1, 2, 3], [7, 8, 9], [1.5, 2.5, 3.5], [1, 2, 3]])
+    np.testing.assert_array_equal(points.columns["bipolar"][:2], [0.5, np.nan])
+    np.testing.assert_array_equal(points.columns["lat"][:2], [0.5, np.nan])
+    np.testing.assert_array_equal(points.columns["force"][:2], [np.nan, 5])
+    assert "field scaling off" in found.vendor
+    with pytest.raises(InputError, match="ends without EOF"):
+        ensite.read_map(Path("a.csv"), DXL[: DXL.index("C,7")].encode())
+    with pytest.raises(InputError, match="line 11, column 'roving y': value '5x'"):
+        ensite.read_map(Path("a.csv"), DXL.replace("B,4,5,", "B,4,5x,").encode())
+
+
+def test_ensite_cloud_lies_inside() -> None:
+    cloud = ensite.read_cloud(Path("Model_Point_Cloud.csv"), b"trn_x,trn_y,trn_z,raw_x\n1,2,3,4\n5,6,7,8\n")
+    assert cloud.type.tolist() == ["inside", "inside"]
+    np.testing.assert_array_equal(cloud.xyz, [[1, 2, 3], [5, 6, 7]])
+
+
+def test_openep_points_and_reference(tmp_path: Path) -> None:
+    electric = {
+        "egmX": np.arange(9.0).reshape(3, 3), "include": np.array([1.0, 0, 1]), "voltages": {"bipolar": np.array([0.1, 0.2, 0.3])},
+        "annotations": {"mapAnnot": np.array([2010.0, 2000, 1990]), "referenceAnnot": np.full(3, 2000.0)}, "sampleFrequency": 2000.0,
+    }  # fmt: skip
+    shell = {"X": marker().vertices, "Triangulation": marker().faces + 1.0}
+    tree = {"surface": {"triRep": shell}, "electric": electric, "rfindex": {"tag": {"X": np.array([[1.0, 1, 1], [2, 2, 2]])}}}
+    path = tmp_path / "s.mat"
+    path.write_bytes(openep.save(tree))
+    import_study(path, None, tmp_path / "case")
+    points = read_points(tmp_path / "case/points.csv")
+    np.testing.assert_array_equal(points.type, ["eam", "eam", "ablation", "ablation"])
+    np.testing.assert_allclose(points.columns["lat"][:2], [5.0, -5.0])
+    np.testing.assert_allclose(points.columns["bipolar"][:2], [0.1, 0.3])
+
+
+def test_matlab_73_is_read_too(tmp_path: Path) -> None:
+    h5py = pytest.importorskip("h5py")
+    path = tmp_path / "s.mat"
+    with h5py.File(path, "w", userblock_size=512) as file:
+        file["userdata/surface/triRep/X"] = marker().vertices.T
+        file["userdata/surface/triRep/Triangulation"] = marker().faces.T + 1.0
+        file["userdata/surface/act_bip"] = np.vstack([np.full(4, np.nan), marker().fields["bipolar"]])
+    data = b"MATLAB 7.3 MAT-file".ljust(512, b"\0") + path.read_bytes()[512:]
+    path.write_bytes(data)
+    surface = read_surface(path)
+    np.testing.assert_array_equal(surface.vertices, marker().vertices)
+    np.testing.assert_array_equal(surface.fields["bipolar"], marker().fields["bipolar"])
+
+
+def test_an_imported_case_runs_as_one(tmp_path: Path) -> None:
+    folder = carto_folder(tmp_path / "s")
+    rng = np.random.default_rng(SEED)
+    many = Points(rng.normal(size=(30, 3)) * 30, np.full(30, "eam"), {"bipolar": rng.normal(size=30)})
+    (folder / "1-Map_car.txt").write_bytes(carto_points.write_car("1-Map", many))
+    (tmp_path / "marks.csv").write_text("name,x,y,z\nLSPV,1,2,3\n")
+    import_study(folder, "1-Map", tmp_path / "case", prior=write_as("ply", tmp_path), landmarks=tmp_path / "marks.csv")
+    case = read_case(tmp_path / "case")
+    assert (len(case.points.of("eam")), case.landmark_pairs()[0], case.name) == (29, ["LSPV"], "1-Map")
+
+
+def test_genuine_meshes_are_rewritten_byte_for_byte(shared_data: Path) -> None:
+    meshes = sorted((shared_data / EXPORT).rglob("*.mesh"))
+    assert len(meshes) == 4
+    for path in meshes:
+        data = path.read_bytes()
+        assert carto_mesh.encode(carto_mesh.parse(path, data)) == data, path
+
+
+def test_genuine_carto_export_is_imported(shared_data: Path, tmp_path: Path) -> None:
+    for name, volume in (("1-Map", 79.9473), ("1-1-ReMap", 79.9473), ("2-Map", 32.5028), ("3-Map", 20.6055)):
+        found = read_study(shared_data / EXPORT, name)
+        assert found.shell is not None
+        assert found.shell.surface.volume / 1000 == pytest.approx(volume, rel=VOLUME_TOLERANCE)
+        assert (found.points.type == "ablation").sum() == 22
+    found = import_study(shared_data / EXPORT, None, tmp_path / "case")
+    points = read_points(tmp_path / "case/points.csv")
+    assert (len(points.of("eam")), len(points.of("ablation"))) == (2, 22)
+    np.testing.assert_allclose(points.xyz[0], [13.5681, 20.6895, 12.563])
+    assert (points.columns["unipolar"][0], points.columns["bipolar"][0]) == (1.902, 0.024)
+    assert np.isnan(points.columns["lat"][:2]).all()
+    assert points.columns["force"][2] == 3.068
+    assert found.name == "2-Map"
+
+
+def test_samples_of_study_formats(shared_data: Path, tmp_path: Path) -> None:
+    samples = shared_data / "formats/samples"
+    assert len(read_study(samples / "dif/Map_PP_bi.csv").points) == 19
+    assert len(read_study(samples / "openep_mat/synth_full.mat").points) == 12
+    for path in (
+        *samples.glob("carto_mesh/*.mesh"),
+        samples / "dif/synth_sphere_v5.xml",
+        *samples.glob("openep_mat/*.mat"),
+        samples / "opencarp/synth.elem",
+    ):
+        surface = read_surface(path)
+        np.testing.assert_allclose(surface.vertices.mean(axis=0), [10, -20, 30], atol=0.5)
+        assert np.linalg.norm(surface.vertices - [10, -20, 30], axis=1) == pytest.approx(25.0, abs=1e-3)
