@@ -13,7 +13,7 @@ from .estimate import Estimate
 from .evaluate import distances
 from .geometry import Array, Ints
 
-BLOCKS_PER_FOLD = 3  # on the phantoms this many foretell the held-out error; one foretells half as much again, single points too little
+BLOCKS_PER_FOLD = 3
 FEWEST_IN_BLOCK = 5
 log = logging.getLogger("o3dls")
 

@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from .case import Case
 from .estimate import Estimate
 from .evaluate import moved
 from .geometry import Array, Surface, apply
+from .transfer import with_electrical
 
 
 def with_fields(case: Case, estimate: Estimate, unit: str) -> Surface:
-    """The surface with `displacement_mm`, `sd_mm` (where there is a posterior), `distance_to_nearest_point_mm` and its own fields.
+    """The surface with `displacement_mm`, `sd_mm` (where there is a posterior), `distance_to_nearest_point_mm`, the electrical values
+    of the points carried to it (NaN far from all points), and its own fields.
 
     displacement is signed, outward positive: from the prior under `T_map_prior`, so it shows what a similarity cannot explain.
     """
-    from dataclasses import replace
-
-    surface = estimate.surface
+    surface = with_electrical(estimate.surface, case.points)
     fields = {f"displacement_{unit}": displacement(case.prior, estimate), f"distance_to_nearest_point_{unit}": _to_points(case, surface)}
     if estimate.motion is not None:
         fields[f"sd_{unit}"] = estimate.motion.sd(on_prior(case.prior, estimate), surface.vertex_normals)

@@ -112,6 +112,18 @@ def test_surfaces_carry_what_each_vertex_knows(tmp_path: Path) -> None:
         np.testing.assert_allclose(surface.fields["distance_to_nearest_point_mm"], nearest, atol=1e-5)
 
 
+@pytest.mark.parametrize("make", [ball_case, disc_case])
+def test_electrical_values_of_the_points_reach_the_wall(make: Any, tmp_path: Path) -> None:
+    case = make()
+    height = np.where(case.points.type == "eam", case.points.xyz[:, -1], np.nan)
+    case = replace(case, points=replace(case.points, columns={**case.points.columns, "bipolar": height}))
+    folder = Pipeline([Nudge()], folds=0).run(case).write(tmp_path / "run")
+    surface = read_surface(folder / f"estimates/nudge/surface.{'ply' if case.dimension == 3 else 'csv'}")
+    known = np.isfinite(surface.fields["bipolar"])
+    assert known.any()
+    assert np.abs(surface.fields["bipolar"] - surface.vertices[:, -1])[known].mean() < 0.1 * np.ptp(surface.vertices[:, -1])
+
+
 def test_points_carry_their_distance_to_every_estimate(tmp_path: Path) -> None:
     run = Pipeline([Nudge()]).run(ball_case())
     points = read_points(run.write(tmp_path / "run") / "points.csv")
