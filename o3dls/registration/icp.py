@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,17 +15,28 @@ from .reject import Rule
 from .robust import EFFICIENT_95, kernel_weights, spread
 from .step import Body, Freedom, best_motion
 
+KEPT = 0.01  # a pair that weighs less is not counted as kept
 
-@dataclass(frozen=True)
-class Kernel:
-    """An M-estimator by name; `width` in robust standard deviations of the residuals (None: 95 % efficient)."""
+Belief = Callable[[Factors, float], Array]
+"""Weights (n,) in [0, 1] of factors, under a loosening (>= 1) of the coarse-to-fine schedule."""
 
-    name: str
-    width: float | None = None
 
-    def weights(self, residuals: Array, loosening: float) -> Array:
-        width = EFFICIENT_95[self.name] if self.width is None else self.width
-        return kernel_weights(self.name, residuals, width * loosening * spread(residuals))
+def equal(factors: Factors, loosening: float) -> Array:
+    """Every pair counts the same."""
+    return np.ones(len(factors.pairs.points))
+
+
+def m_estimator(kernel: str, width: float | None = None) -> Belief:
+    """Weights of a robust kernel whose `width` is in robust standard deviations of the residuals (None: 95 % efficient)."""
+    factor = EFFICIENT_95[kernel] if width is None else width
+    return lambda factors, loosening: kernel_weights(kernel, factors.residuals, factor * loosening * spread(factors.residuals))
+
+
+def wall_or_cavity(radius: float) -> Belief:
+    """Probability that a point lies on the wall, not in the cavity of a surface of this rms radius."""
+    from .mixture import fit_mixture
+
+    return lambda factors, loosening: fit_mixture(factors.pairs.signed, radius, loosening).weights
 
 
 @dataclass(frozen=True)
@@ -60,36 +71,38 @@ def align(
     *,
     metric: Metric,
     rules: tuple[Rule, ...] = (),
-    kernel: Kernel | None = None,
+    belief: Belief = equal,
     freedom: Freedom,
     criteria: Criteria,
 ) -> Alignment:
     """Move `surface` from `T_map_prior` until it fits points (n, d). Raises SolverError where no step can be made."""
     trace: list[Mapping[str, float]] = []
-    pairs, converged = surface.match(points, T_map_prior), False
+    pairs, converged, moved, share = surface.match(points, T_map_prior), False, np.zeros_like(points), 1.0
     for iteration in range(criteria.iterations):
         loosening = criteria.loosening(iteration)
         factors = metric(pairs)
-        weights = _weights(factors, rules, kernel, loosening)
-        delta = best_motion(factors, weights, Body(T_map_prior, surface.radius), freedom)
-        step = float(np.linalg.norm(apply(delta, pairs.feet) - pairs.feet, axis=1).max())
-        if not np.isfinite(step):
+        weights = _weights(factors, rules, belief, loosening)
+        delta = best_motion(factors, weights, Body(T_map_prior, surface.radius), freedom, share)
+        last, moved = moved, apply(delta, pairs.feet) - pairs.feet
+        if not np.isfinite(moved).all():
             raise SolverError(f"icp: iteration {iteration + 1} gave a step that is not finite")
-        trace.append(_record(pairs, weights, step, loosening))
+        trace.append(_record(pairs, weights, moved, loosening))
         T_map_prior = delta @ T_map_prior
         pairs = surface.match(points, T_map_prior, pairs)
-        if step <= criteria.tolerance and loosening == 1.0:
+        if trace[-1]["step"] <= criteria.tolerance and loosening == 1.0:
             converged = True
             break
+        if _turns_back(last, moved):  # a point that hops between two walls: the minimum is the kink between them
+            share *= 0.5
     if freedom.strain_sd is not None:  # the strain was there so that it does not bend the pose: give the similarity nearest to it
         vertices = surface.surface.vertices
         T_map_prior = fit_similarity(vertices, apply(T_map_prior, vertices), scale=freedom.scale)
         pairs = surface.match(points, T_map_prior, pairs)
-    return Alignment(T_map_prior, pairs, _weights(metric(pairs), rules, kernel, 1.0), tuple(trace), converged)
+    return Alignment(T_map_prior, pairs, _weights(metric(pairs), rules, belief, 1.0), tuple(trace), converged)
 
 
-def _weights(factors: Factors, rules: tuple[Rule, ...], kernel: Kernel | None, loosening: float) -> Array:
-    """Product of the rules' masks and the kernel's weights, (n,)."""
+def _weights(factors: Factors, rules: tuple[Rule, ...], belief: Belief, loosening: float) -> Array:
+    """Product of the rules' masks and the beliefs, (n,)."""
     pairs = factors.pairs
     keep = np.logical_and.reduce([rule(pairs, loosening) for rule in rules]) if rules else np.ones(len(pairs.points), dtype=bool)
     if keep.sum() < pairs.points.shape[1]:
@@ -97,13 +110,15 @@ def _weights(factors: Factors, rules: tuple[Rule, ...], kernel: Kernel | None, l
             f"icp: the rejection rules keep {keep.sum()} of {len(keep)} pairs (closest {pairs.distances.min():.3g}): "
             "loosen them or begin nearer"
         )
-    weights = keep.astype(np.float64)
-    if kernel is not None:
-        weights[keep] = kernel.weights(factors.residuals[keep], loosening)
-    return weights
+    return keep * belief(factors, loosening)
 
 
-def _record(pairs: Pairs, weights: Array, step: float, loosening: float) -> Mapping[str, float]:
-    kept = weights > 0.0
+def _turns_back(last: Array, moved: Array) -> bool:
+    """True where a step mostly undoes the one before."""
+    return bool((last * moved).sum() < -0.5 * np.linalg.norm(last) * np.linalg.norm(moved))
+
+
+def _record(pairs: Pairs, weights: Array, moved: Array, loosening: float) -> Mapping[str, float]:
+    kept, step = weights > KEPT, float(np.linalg.norm(moved, axis=1).max())
     rms = float(np.sqrt((weights @ pairs.distances**2) / weights.sum()))
     return {"pairs": int(kept.sum()), "rms": rms, "median": float(np.median(pairs.distances)), "step": step, "loosening": loosening}

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..geometry import Array, Ints, Surface, apply, scale_of
+from .pose import rms_radius
 
 APART = 1e-7  # distance over the surface's radius from which on the direction of a gap is not rounding
 
@@ -30,6 +31,11 @@ class Pairs:
     def distances(self) -> Array:
         return np.asarray(np.linalg.norm(self.gaps, axis=1))
 
+    @property
+    def signed(self) -> Array:
+        """Distances (n,) from the tangent planes, negative inside."""
+        return np.asarray((self.gaps * self.normals).sum(axis=1))
+
 
 class SurfaceMatcher:
     """Closest points on a surface that moves: the tree is built once, in the prior frame, and similarities move the points instead."""
@@ -39,7 +45,7 @@ class SurfaceMatcher:
 
         self.surface = surface
         self.tree = ClosestPoint(surface.vertices, surface.faces)
-        self.radius = float(np.sqrt(surface.vertices.var(axis=0).sum()))
+        self.radius = rms_radius(surface.vertices)
 
     def match(self, points: Array, T_map_prior: Array, last: Pairs | None = None) -> Pairs:
         """Pairs of points (n, d) in the map frame with the surface moved by an affine matrix; the pairs of a pose nearby save time."""

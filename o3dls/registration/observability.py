@@ -10,7 +10,7 @@ import numpy as np
 from ..geometry import Array, scale_of
 from .match import Pairs
 from .metrics import point_to_plane
-from .pose import Twist
+from .pose import Twist, rms_radius
 from .step import normal_equations
 
 WEAK = 0.04  # standard deviation of a motion (rms over the surface, relative to its rms radius) from which on it is called weak
@@ -63,7 +63,7 @@ def spectrum(pairs: Pairs, weights: Array, vertices: Array, T_map_prior: Array, 
     d = vertices.shape[1]
     linear = T_map_prior[:-1, :-1]
     centre = linear @ vertices.mean(axis=0) + T_map_prior[:-1, -1]
-    radius = scale_of(T_map_prior) * float(np.sqrt(vertices.var(axis=0).sum()))
+    radius = scale_of(T_map_prior) * rms_radius(vertices)
     parts = Twist(d, scale=scale)
     factors = point_to_plane(pairs)
     hessian, _ = normal_equations(factors, weights, parts, centre)

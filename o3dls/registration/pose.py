@@ -50,6 +50,11 @@ class Twist:
         return similarity(linear, centre + twist[: self.d] - linear @ centre)
 
 
+def rms_radius(vertices: Array) -> float:
+    """Root mean square distance of vertices (n, d) from their middle: the lever that turns angles into lengths."""
+    return float(np.sqrt(vertices.var(axis=0).sum()))
+
+
 def turns(d: int) -> Array:
     """Generators (1 or 3, d, d) of the rotations: e_k x."""
     if d == 2:

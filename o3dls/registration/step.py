@@ -39,10 +39,12 @@ class Body:
         return float(np.log(scale_of(self.T_map_prior)))
 
 
-def best_motion(factors: Factors, weights: Array, body: Body, freedom: Freedom) -> Array:
-    """Matrix (d+1, d+1) of the motion that lessens the factors: the minimum where it is known in closed form, else a Newton step."""
-    known = factors.closed_form and freedom.freeze is None and freedom.strain_sd is None
-    return (_closed_form if known else _newton)(factors, weights, body, freedom)
+def best_motion(factors: Factors, weights: Array, body: Body, freedom: Freedom, share: float = 1.0) -> Array:
+    """Matrix (d+1, d+1) of the motion that lessens the factors: the minimum where it is known in closed form, else a `share` of a
+    Newton step."""
+    if factors.closed_form and freedom.freeze is None and freedom.strain_sd is None:
+        return _closed_form(factors, weights, body, freedom)
+    return _newton(factors, weights, body, freedom, share)
 
 
 def _closed_form(factors: Factors, weights: Array, body: Body, freedom: Freedom) -> Array:
@@ -62,7 +64,7 @@ def _closed_form(factors: Factors, weights: Array, body: Body, freedom: Freedom)
     return similarity(turn, target - factor * turn @ centre, factor)
 
 
-def _newton(factors: Factors, weights: Array, body: Body, freedom: Freedom) -> Array:
+def _newton(factors: Factors, weights: Array, body: Body, freedom: Freedom, share: float) -> Array:
     """Gauss-Newton step about the middle of the feet, in units of rms surface motion so that lengths and angles compare."""
     feet = factors.pairs.feet
     twist, centre, noise = freedom.twist(feet.shape[1]), feet.mean(axis=0), _noise(factors, weights)
@@ -77,7 +79,7 @@ def _newton(factors: Factors, weights: Array, body: Body, freedom: Freedom) -> A
         if abs(allowed - step[-1]) > 1e-9 * body.radius:  # held at a bound: the rest is solved again
             rest = _solve(hessian[:-1, :-1], gradient[:-1] - hessian[:-1, -1] * allowed, noise, freedom.freeze, body)
             step = np.append(rest, allowed)
-    return twist.motion(units * step, centre)
+    return twist.motion(share * units * step, centre)
 
 
 def normal_equations(factors: Factors, weights: Array, twist: Twist, centre: Array) -> tuple[Array, Array]:

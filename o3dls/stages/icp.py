@@ -15,12 +15,12 @@ from ..geometry import Array
 from ..stage import Stage
 
 if TYPE_CHECKING:
-    from ..registration.icp import Alignment
+    from ..registration.icp import Alignment, Belief
     from ..registration.metrics import Metric
     from ..registration.reject import Rule
 
 MetricName = Literal["point_to_point", "point_to_plane", "symmetric", "generalized"]
-KernelName = Literal["none", "huber", "cauchy", "geman_mcclure", "tukey", "welsch"]
+KernelName = Literal["none", "huber", "cauchy", "geman_mcclure", "tukey", "welsch", "mixture"]
 RuleName = Literal["threshold", "trimmed", "deviations", "mad", "reciprocal", "normal_angle"]
 
 PRESETS: Mapping[str, Mapping[str, Any]] = {
@@ -31,8 +31,8 @@ PRESETS: Mapping[str, Mapping[str, Any]] = {
         "metric": "point_to_point", "scale": False, "strain_sd": None, "kernel": "none", "freeze": None, "coarse": 3.0,
         "reject": ("deviations",),
     },
-    # the strongest we know: similarity, tangent planes, redescending weights, undetermined directions left alone
-    "robust": {"metric": "point_to_plane", "scale": True, "strain_sd": 0.015, "kernel": "tukey", "freeze": 0.15, "coarse": 2.0},
+    # the strongest we know: similarity, tangent planes, outliers told by depth, undetermined directions left alone
+    "robust": {"metric": "point_to_plane", "scale": True, "strain_sd": 0.015, "kernel": "mixture", "freeze": 0.15, "coarse": 1.5},
 }  # fmt: skip
 PARAMETER_OF: Mapping[str, str] = {
     "threshold": "threshold", "trimmed": "keep", "deviations": "deviations", "mad": "mad", "reciprocal": "slack", "normal_angle": "angle",
@@ -62,7 +62,9 @@ class ICP(Stage):
         description="sd of a strain fitted on the way, so that it does not bend the pose; none: no strain",
         json_schema_extra=unit("1"),
     )
-    kernel: KernelName = Field("tukey", description="weights of the residuals")
+    kernel: KernelName = Field(
+        "mixture", description="weights of the residuals; mixture: probability to lie on the wall, not inside the cavity"
+    )
     kernel_width: float | None = Field(
         None, gt=0.0, description="width of the kernel; none: 95 % efficient on clean points", json_schema_extra=unit("robust sd")
     )
@@ -115,25 +117,27 @@ class ICP(Stage):
         for rule, parameter in PARAMETER_OF.items():
             if rule not in self.reject and getattr(self, parameter) != type(self).model_fields[parameter].default:
                 raise ValueError(f"{parameter} = {getattr(self, parameter)}: has no effect unless reject names '{rule}'")
+        if self.kernel_width is not None and self.kernel in ("none", "mixture"):
+            raise ValueError(f"kernel_width = {self.kernel_width}: has no effect with kernel '{self.kernel}'; must be left out")
         for parameter in NEEDS_PLANES:
             if getattr(self, parameter) is not None and self.metric == "point_to_point":
                 raise ValueError(f"{parameter} = {getattr(self, parameter)}: has no effect with metric 'point_to_point'; must be left out")
         return self
 
     def __call__(self, case: Case, start: Estimate) -> Estimate:
-        from ..registration.icp import Criteria, Kernel, align
+        from ..registration.icp import Criteria, align
         from ..registration.match import SurfaceMatcher
         from ..registration.step import Freedom
 
         points = fitted_points(case)
-        normals = self._point_normals(points)
+        normals, surface = self._point_normals(points), SurfaceMatcher(case.prior)
         found = align(
             points,
-            SurfaceMatcher(case.prior),
+            surface,
             start.T_map_prior,
             metric=self._metric(normals),
             rules=tuple(self._rule(name, normals) for name in self.reject),
-            kernel=None if self.kernel == "none" else Kernel(self.kernel, self.kernel_width),
+            belief=self._belief(surface.radius),
             freedom=Freedom(self.scale, self.scale_sd, (self.scale_min, self.scale_max), self.strain_sd, self.freeze),
             criteria=Criteria(self.tolerance, self.iterations, self.coarse, self.anneal),
         )
@@ -154,6 +158,13 @@ class ICP(Stage):
         if self.metric == "generalized":
             return metrics.generalized(normals, self.thickness)
         return metrics.point_to_point if self.metric == "point_to_point" else metrics.point_to_plane
+
+    def _belief(self, radius: float) -> Belief:
+        from ..registration import icp
+
+        if self.kernel == "mixture":
+            return icp.wall_or_cavity(radius)
+        return icp.equal if self.kernel == "none" else icp.m_estimator(self.kernel, self.kernel_width)
 
     def _rule(self, name: RuleName, normals: Array) -> Rule:
         from ..registration import reject
@@ -178,21 +189,23 @@ def fitted_points(case: Case) -> Array:
 
 def as_estimate(case: Case, found: Alignment, *, scale: bool) -> Estimate:
     """What ICP found, in the words of an estimate, with what the points leave open."""
+    from ..registration.mixture import fit_mixture
     from ..registration.observability import spectrum
-    from ..registration.robust import spread
+    from ..registration.pose import rms_radius
 
+    mixture = fit_mixture(found.pairs.signed, rms_radius(case.prior.vertices))
     directions = spectrum(found.pairs, found.weights, case.prior.vertices, found.T_map_prior, scale=scale)
-    last, kept = found.trace[-1], int((found.weights > 0.0).sum())
-    rest = f"after {len(found.trace)} iterations, {kept} of {len(found.weights)} pairs kept, rms {last['rms']:.2f} {case.units}"
+    last = found.trace[-1]
+    rest = f"after {len(found.trace)} iterations, {last['pairs']} of {len(found.weights)} pairs kept, rms {last['rms']:.2f} {case.units}"
     return Estimate(
         surface=case.prior.transformed(found.T_map_prior),
         T_map_prior=found.T_map_prior,
         status=f"converged {rest}" if found.converged else f"not converged {rest}, last step {last['step']:.2g} {case.units}",
         converged=found.converged,
         iterations=len(found.trace),
-        sigma=spread(found.pairs.distances),
+        sigma=mixture.sigma,
         weights=found.weights,
         trace=found.trace,
         warnings=tuple(d.sentence(case.units) for d in directions if d.weak),
-        facts={"observability": [d.record() for d in directions]},
+        facts={"outlier_share": mixture.outliers, "observability": [d.record() for d in directions]},
     )
