@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -38,14 +39,28 @@ def read_pipeline(path: str | Path, settings: Iterable[str] = ()) -> Pipeline:
 
 def all_mistakes(path: str | Path, case: str | Path | None = None) -> list[str]:
     """Every mistake of a pipeline file and of its case, or of the case named here, one sentence each; nothing is run or written."""
-    try:
+    said: list[str] = []
+    pipeline: Pipeline | None = None
+    with _noted(said):
         pipeline = read_pipeline(path)
-        folder = case or pipeline.case
-        if pipeline.out:
+    folder = case or (pipeline and pipeline.case)
+    if pipeline and pipeline.out:
+        with _noted(said):
             check_free(pipeline.out)
-        return pipeline.obstacles(read_case(folder)) if folder else []
+    if folder:
+        with _noted(said):
+            subject = read_case(folder)
+            said += pipeline.obstacles(subject) if pipeline else []
+    return said
+
+
+@contextmanager
+def _noted(said: list[str]) -> Iterator[None]:
+    """Take the mistakes of the block as sentences, and go on."""
+    try:
+        yield
     except O3dlsError as error:
-        return [str(mistake) for mistake in error.args]
+        said += map(str, error.args)
 
 
 def default_pipeline(settings: Iterable[str] = ()) -> Pipeline:

@@ -102,6 +102,17 @@ def test_check_names_every_mistake_and_runs_nothing(case: Path, tmp_path: Path) 
     assert "[[stage]] 2: no stage 'icpp': did you mean 'icp'?" in lines[2]
 
 
+def test_check_names_mistakes_of_folders_too(case: Path, tmp_path: Path) -> None:
+    (case / "prior.ply").unlink()
+    (tmp_path / "taken").mkdir()
+    (tmp_path / "taken/file").write_text("mine")
+    (tmp_path / "pipe.toml").write_text(f'case = "{case.name}"\nout = "taken"\n{ICP}')
+    lines = o3dls("check", "pipe.toml", cwd=tmp_path).stderr.splitlines()
+    assert len(lines) == 2
+    assert "taken: exists already" in lines[0]
+    assert "no prior surface" in lines[1]
+
+
 def test_stages_lists_and_explains(tmp_path: Path) -> None:
     listed, one = o3dls("stages", cwd=tmp_path), o3dls("stages", "icp", cwd=tmp_path)
     for name in ("landmarks", "icp", "global_pose", "deform", "level_set", "report", "export"):
