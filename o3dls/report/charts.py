@@ -12,7 +12,7 @@ from ..geometry import Array
 from .markup import Html, join, tag
 
 WIDTH, HEIGHT = 640, 300
-LEFT, RIGHT, TOP, BOTTOM = 58, 12, 12, 44
+LEFT, RIGHT, TOP, BOTTOM = 60, 14, 12, 46
 HEADROOM = 1.04
 STYLES = 6  # colours and dashes of report.css: s0..s5, d0..d5
 
@@ -87,7 +87,7 @@ def _grid(x: Axis, y: Axis) -> list[Html]:
         *(tag("text", text, x=f"{at:.1f}", y=bottom + 16, text_anchor="middle") for at, text in across),
         *(tag("text", text, x=LEFT - 6, y=f"{at + 4:.1f}", text_anchor="end") for at, text in up),
         tag("text", x.label, x=(LEFT + right) / 2, y=HEIGHT - 8, text_anchor="middle"),
-        tag("text", y.label, x=-(TOP + bottom) / 2, y=14, text_anchor="middle", transform="rotate(-90)"),
+        tag("text", y.label, x=-(TOP + bottom) / 2, y=14, text_anchor="middle", transform="rotate(-90)", class_="upright"),
     ]
 
 

@@ -24,7 +24,8 @@ def spread_section(subject: Subject) -> Section | None:
 
 
 def _pair(subject: Subject, group: str) -> Html:
-    found = [(name, subject.style(name), subject.results[name].measured(group)[1]) for name in subject.results]
+    names = dict.fromkeys([next(iter(subject.results)), *subject.shown])  # where it began, and what is shown
+    found = [(name, subject.style(name), subject.results[name].measured(group)[1]) for name in names]
     found = [one for one in found if len(one[2])]
     reach = float(np.percentile(np.concatenate([gaps for _, _, gaps in found]), 99.5))
     x = Axis(f"distance, {subject.unit}", 0.0, max(reach, 1e-9))

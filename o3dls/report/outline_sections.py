@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..geometry import Array, Surface
-from .charts import grouped, legend, line_class
+from .charts import STYLES, grouped, legend, line_class
 from .fields import colours_of, point_field
 from .markup import Html, join, tag
 from .section import Section
@@ -34,7 +34,11 @@ def outline_section(subject: Subject) -> Section | None:
         return None
     everything = np.vstack([surface.vertices for _, _, surface in _surfaces(subject)] + [subject.case.points.xyz])
     frame = _frame(everything.min(axis=0), everything.max(axis=0))
-    return Section("pictures", "Side by side", join(grouped(*(_picture(subject, name, frame) for name in subject.shown)), _legend(subject)))
+    pictures = grouped(*(_picture(subject, name, frame) for name in subject.shown))
+    names = [(name, classes) for one in subject.shown for name, classes, _ in named_outlines(subject, one)]
+    gaps = point_field(subject)
+    note = f"Points: distance from the outline, from {gaps.low:.2g} (pale) to {gaps.high:.2g} {gaps.unit} (dark red)."
+    return Section("pictures", "Side by side", join(pictures, legend(names), tag("p", note, class_="soft")))
 
 
 def _picture(subject: Subject, name: str, frame: Frame) -> Html:
@@ -48,8 +52,10 @@ def _picture(subject: Subject, name: str, frame: Frame) -> Html:
 
 def named_outlines(subject: Subject, name: str) -> list[tuple[str, str, Surface]]:
     """Name, CSS classes and surface of the prior, the truth and one estimate, in the order of drawing."""
-    placed = subject.case.prior.transformed(subject.results[name].estimate.T_map_prior)
-    return [("prior", "prior", placed), *(one for one in _surfaces(subject) if one[0] in (name, "truth"))]
+    estimate = subject.results[name].estimate
+    placed = subject.case.prior.transformed(estimate.T_map_prior)
+    truth = [one for one in _surfaces(subject) if one[0] == "truth"]
+    return [("prior", "prior", placed), *truth, (name, f"s{subject.style(name) % STYLES}", estimate.surface)]
 
 
 def _slice(subject: Subject, title: str, axis: int, level: float) -> Html | None:
@@ -72,8 +78,7 @@ def _surfaces(subject: Subject) -> list[tuple[str, str, Surface]]:
 
 
 def _legend(subject: Subject) -> Html:
-    prior = [("prior", "prior")] if subject.case.dimension == 2 else []
-    return legend([(name, classes) for name, classes, _ in _surfaces(subject)] + prior)
+    return legend([(name, classes) for name, classes, _ in _surfaces(subject)])
 
 
 def _frame(low: Array, high: Array, flip: tuple[bool, bool] = (False, False)) -> Frame:

@@ -9,22 +9,23 @@ import numpy as np
 from .markup import Child, Html, join, millimetres, table, tag
 from .section import Section
 from .statistics import ROUNDS, Difference, paired_difference
-from .subject import HEADLINE, SETS, Result, Subject
+from .subject import SETS, Result, Subject
 from .verdict import difference
 
 REGION = 20.0  # points nearer than this to a landmark (mm) belong to its region, each to its nearest
 FEWEST = 8
+SMALLEST = 0.005  # differences below are not shown as found
 
 
 def paired_section(subject: Subject) -> Section | None:
-    """Every other estimate against the last one, on every set of points that they share."""
+    """The last estimate against every other on the set that speaks first, and against the first shown on all sets."""
     last = subject.last
-    sets = [group for group in (*HEADLINE, "held_out_seen", "held_out_unseen") if len(last.measured(group)[1]) > 1]
+    sets = [group for group in SETS if len(last.measured(group)[1]) > 1]
     rows = [
         [f"{last.name} − {other.name}", SETS[group], *_cells(found)]
         for group in sets
         for other in subject.results.values()
-        if other is not last and (found := difference(other, last, group))
+        if other is not last and (group == subject.headline or other is subject.first) and (found := difference(other, last, group))
     ]
     if not rows:
         return None
@@ -37,7 +38,7 @@ def paired_section(subject: Subject) -> Section | None:
 
 def _cells(found: Difference) -> list[Child]:
     interval = "too few" if math.isnan(found.low) else f"{found.low:+.2f} to {found.high:+.2f}"
-    mean = tag("span", f"{found.mean:+.2f}", class_="best" if found.clear else None)
+    mean = tag("span", f"{found.mean:+.2f}", class_="best" if found.clear and abs(found.mean) >= SMALLEST else None)
     return [mean, interval, f"{found.percent:+.0f} %", found.n, found.blocks]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from .certainty_sections import calibration_section, pose_section
 from .course_section import course_section
 from .distance_charts import spread_section
 from .electrical_section import electrical_section
@@ -37,6 +38,8 @@ SECTIONS: tuple[Maker, ...] = (
     spread_section,
     slice_section,
     landmark_section,
+    pose_section,
+    calibration_section,
     electrical_section,
     validity_section,
     course_section,

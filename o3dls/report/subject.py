@@ -21,6 +21,7 @@ from .display import displayed
 
 FAR = 10.0  # beyond this distance (case units; 3D) from every fitted point only the prior speaks
 MOST_SHOWN = 4
+BASELINE = "icp"  # estimates whose name begins so are what a result is compared with
 HEADLINE = ("held_out", "cross_validated", "ablation", "fitted")  # which distances speak first
 SETS = {
     "held_out": "held out",
@@ -111,8 +112,9 @@ class Subject:
 
     @property
     def first(self) -> Result | None:
-        """What it is compared with: the first one shown, where two are."""
-        return self.results[self.shown[0]] if len(self.shown) > 1 else None
+        """What it is compared with: of the others shown the ICP, or else the first."""
+        others = [self.results[name] for name in self.shown[:-1]]
+        return next((result for result in reversed(others) if result.key.startswith(BASELINE)), next(iter(others), None))
 
     @cached_property
     def surfaces(self) -> dict[str, Surface]:
@@ -172,7 +174,7 @@ def _shown(named: Mapping[str, Result], runs: Sequence[Run], prefixes: Sequence[
     if len(runs) > 1:
         return [prefix + run.final for run, prefix in zip(runs, prefixes, strict=True)][:MOST_SHOWN]
     keys = list(runs[0].estimates)
-    baseline = next((key for key in reversed(keys[:-1]) if key.startswith("icp")), keys[max(0, len(keys) - 2)])
+    baseline = next((key for key in reversed(keys[:-1]) if key.startswith(BASELINE)), keys[max(0, len(keys) - 2)])
     return list(dict.fromkeys([baseline, keys[-1]]))
 
 

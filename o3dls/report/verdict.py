@@ -14,15 +14,21 @@ WORDS = {
     "fitted": "the fitted points (no proof: it was fitted to them)",
 }
 FEW_POINTS = 50
+SMALLEST_SHARE = 0.005
 
 
 def verdict(subject: Subject) -> str:
     """One sentence: which is closer to unseen data, by how much, how sure, and how much of the surface has no data."""
     parts = [_comparison(subject) or _alone(subject)]
     if subject.unmapped is not None:
-        where = f"farther than {FAR:g} {subject.unit} from every fitted point"
-        parts.append(f"{100 * subject.unmapped:.0f} % of the surface is {where}: there only the prior speaks.")
+        parts.append(_unmapped(subject.unmapped, f"{FAR:g} {subject.unit}"))
     return " ".join(parts)
+
+
+def _unmapped(share: float, far: str) -> str:
+    if share < SMALLEST_SHARE:
+        return f"No part of the surface worth mention is farther than {far} from a fitted point."
+    return f"{100 * share:.0f} % of the surface is farther than {far} from every fitted point: there only the prior speaks."
 
 
 def headline_difference(subject: Subject) -> Difference | None:
@@ -68,7 +74,7 @@ def warnings(subject: Subject) -> list[str]:
     """Sentences on what a reader must know before trusting the pictures: invalid, not converged, weak, few data."""
     chain = [subject.last] + ([subject.first] if subject.first else [])
     said = [f"{result.name}: {fault}." for result in chain for fault in result.run.faults_of(result.key)]
-    said += [f"{result.name} did not converge: {result.estimate.status}" for result in chain if not result.estimate.converged]
+    said += [_unfinished(result) for result in chain if not result.estimate.converged]
     said += [f"{result.name}: {text}" for result in _ancestors(subject) for text in result.estimate.warnings]
     fitted = int((subject.case.points.type == "eam").sum())
     if fitted < FEW_POINTS:
@@ -76,6 +82,11 @@ def warnings(subject: Subject) -> list[str]:
     if subject.headline == "fitted":
         said.append("Every point was fitted, so nothing here proves how good the surface is away from them; cross-validate (folds = 5).")
     return list(dict.fromkeys(said))
+
+
+def _unfinished(result: Result) -> str:
+    status = result.estimate.status
+    return f"{result.name}: {status}" if "not converged" in status else f"{result.name} did not converge: {status}"
 
 
 def _ancestors(subject: Subject) -> list[Result]:

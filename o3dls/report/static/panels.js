@@ -120,7 +120,7 @@ function drawAll() {
 }
 
 function fitCamera(aspect) {
-  const half = scene.radius * 0.95 * Math.max(1, 1 / aspect);
+  const half = scene.radius * 1.02 * Math.max(1, 1 / aspect);
   Object.assign(camera, { left: -half * aspect, right: half * aspect, top: half, bottom: -half });
   camera.lookAt(target);
   camera.updateProjectionMatrix();
