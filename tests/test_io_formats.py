@@ -17,7 +17,7 @@ from o3dls.convert import convert
 from o3dls.errors import InputError
 from o3dls.geometry import Surface
 from o3dls.io import read_surface, read_surface_file
-from o3dls.io.labels import load
+from o3dls.io.images import read_image
 from o3dls.io.markups import Markups, read_markups, write_markups
 from o3dls.io.mesh import FORMATS
 from o3dls.io.objects import points_of, surface_of, to_open3d, to_pyvista, to_trimesh
@@ -190,7 +190,7 @@ def test_volumes_lie_where_other_libraries_find_them(tmp_path: Path) -> None:
     np.testing.assert_allclose(header["space origin"] + header["space directions"].T @ [1, 2, 3], place)
     write_volume(tmp_path / "m.nrrd", values > 0, 1.5, origin, space="unknown")
     assert nrrd.read(str(tmp_path / "m.nrrd"))[0].dtype == np.uint8
-    assert load(tmp_path / "m.nrrd", (tmp_path / "m.nrrd").read_bytes()).space == "unknown"
+    assert read_image(tmp_path / "m.nrrd", (tmp_path / "m.nrrd").read_bytes()).space == "unknown"
     with pytest.raises(InputError, match="NIfTI is RAS by definition"):
         write_volume(tmp_path / "u.nii", values, 1.5, origin, space="unknown")
 

@@ -10,7 +10,7 @@ import numpy as np
 from ..errors import InputError
 from ..geometry import Array, Ints
 from .surface_file import SurfaceFile
-from .text import join_rows, number_rows
+from .text import integers, join_rows, number_rows
 
 MISSING = -10_000.0
 MAGIC = b"#TriangulatedMeshVersion2.0"
@@ -98,8 +98,8 @@ def parse(path: Path, data: bytes) -> CartoMesh:
     colours = _rows(path, sections, "VerticesColorsSection", n, 1 + k)[:, 1:] if k else np.zeros((n, 0))
     attributes, headings = _attributes(path, sections, n)
     return CartoMesh(
-        vertices[:, 1:4], vertices[:, 4:7], vertices[:, 7].astype(np.int64),
-        triangles[:, 1:4].astype(np.int64), triangles[:, 4:7], triangles[:, 7].astype(np.int64),
+        vertices[:, 1:4], vertices[:, 4:7], integers(vertices[:, 7], f"{path}: GroupID"),
+        integers(triangles[:, 1:4], f"{path}: [TrianglesSection]"), triangles[:, 4:7], integers(triangles[:, 7], f"{path}: GroupID"),
         names, colours, headings, attributes,
         general.get("MeshID", "-1").strip(), general.get("MeshName", "").strip(), general.get("TopologyStatus", "0").strip(),
         _floats(path, general, "MeshColor", 4, (0.0, 1.0, 0.0, 1.0)), _floats(path, general, "Matrix", 16, tuple(np.eye(4).ravel())),
@@ -168,7 +168,7 @@ def _attributes(path: Path, sections: dict[str, list[tuple[int, str]]], n: int) 
     headings = tuple(line for line in lines if line.lstrip().startswith(";")) or ATTRIBUTE_HEADINGS
     if len(lines) <= len(headings):
         return np.zeros((0, 2), dtype=np.int64), headings
-    return _rows(path, sections, "VerticesAttributesSection", n, 2)[:, 1:].astype(np.int64), headings
+    return integers(_rows(path, sections, "VerticesAttributesSection", n, 2)[:, 1:], f"{path}: [VerticesAttributesSection]"), headings
 
 
 def encode(mesh: CartoMesh) -> bytes:

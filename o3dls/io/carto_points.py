@@ -12,7 +12,7 @@ from ..case import Points
 from ..errors import InputError
 from ..geometry import Array
 from .carto_mesh import MISSING
-from .text import decode, number_rows
+from .text import decode, integers, number_rows
 
 COLUMNS = {"unipolar": 10, "bipolar": 11, "lat": 12, "impedance": 13}
 FEWEST_COLUMNS = 14
@@ -40,7 +40,7 @@ def read_car(path: Path, data: bytes) -> tuple[Points, NDArray[np.int64]]:
         bad = int(np.flatnonzero(~np.isfinite(xyz).all(axis=1))[0])
         raise InputError(f"{path}: line {rows[bad][0]}: position {xyz[bad]} is not finite")
     columns = {name: present(table[:, 4 + k]) for k, name in enumerate(COLUMNS)}
-    return Points(xyz, np.full(len(rows), "eam"), columns), table[:, 0].astype(np.int64)
+    return Points(xyz, np.full(len(rows), "eam"), columns), integers(table[:, 0], f"{path}: point id")
 
 
 def present(values: Array) -> Array:

@@ -39,10 +39,15 @@ def truncated(path: Path, element: Element, found: int) -> InputError:
     return InputError(f"{path}: PLY declares {element.rows} rows of '{element.name}' and holds {found}: the file is truncated")
 
 
+def whole(count: Any) -> int:
+    """A count as it stands in a file; -1, which no list has, where it is no whole number."""
+    return int(count) if np.isfinite(count) and count == np.floor(count) and abs(count) < 1e12 else -1
+
+
 def walk(element: Element, take: Callable[[str, int], NDArray[Any]]) -> Iterator[tuple[Property, NDArray[Any]]]:
     """One row: every property with its values; `take(kind, n)` hands out the next n values."""
     for prop in element.properties:
-        n = int(take(prop.count, 1)[0]) if prop.count else 1
+        n = whole(take(prop.count, 1)[0]) if prop.count else 1
         yield prop, take(prop.kind, n)
 
 
@@ -79,7 +84,7 @@ def _columns(element: Element, table: NDArray[Any]) -> Columns | None:
     columns, k = Columns(), 0
     for prop in element.properties:
         if prop.count:
-            n = int(table[0, k]) if len(table) and k < table.shape[1] else 0
+            n = whole(table[0, k]) if len(table) and k < table.shape[1] else 0
             if k >= table.shape[1] or n < 0 or (table[:, k] != n).any():
                 return None
             columns[prop.name], k = table[:, k + 1 : k + 1 + n], k + 1 + n

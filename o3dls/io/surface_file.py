@@ -50,14 +50,18 @@ class SurfaceFile:
 
 def check_faces(path: Path, faces: Array | Ints, n: int) -> None:
     """Raise InputError where a face names a vertex that is not there, or all faces are collapsed."""
-    if not np.isfinite(faces).all() or (faces != np.floor(faces)).any():
-        row = int(np.flatnonzero(~np.isfinite(faces).all(axis=1) | (faces != np.floor(faces)).any(axis=1))[0])
-        raise InputError(f"{path}: triangle {row} has an index that is no whole number: {faces[row]}")
+    broken = np.flatnonzero((faces != np.floor(faces)).any(axis=1) | np.isnan(faces).any(axis=1))
+    if len(broken):
+        raise InputError(f"{path}: triangle {broken[0]} has an index that is no whole number: {_row(faces[broken[0]])}")
     bad = np.flatnonzero(((faces < 0) | (faces >= n)).any(axis=1))
     if len(bad):
-        raise InputError(f"{path}: triangle {bad[0]} names vertices {faces[bad[0]].astype(int).tolist()}: there are {n}, counted from 0")
+        raise InputError(f"{path}: triangle {bad[0]} names vertices {_row(faces[bad[0]])}: there are {n}, counted from 0")
     if collapsed(faces).all():
-        raise InputError(f"{path}: triangle 0 names one vertex twice: {faces[0].astype(int).tolist()}, and so do all others")
+        raise InputError(f"{path}: triangle 0 names one vertex twice: {_row(faces[0])}, and so do all others")
+
+
+def _row(indices: Array | Ints) -> str:
+    return f"[{', '.join(f'{value:g}' for value in indices)}]"
 
 
 def collapsed(faces: Array | Ints) -> NDArray[np.bool_]:

@@ -11,7 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from ..geometry import Array
+from ..geometry import Array, Ints
+
+LARGEST_WHOLE = 1 << 53
 
 
 def read_bytes(path: str | Path) -> bytes:
@@ -83,3 +85,11 @@ def flat_numbers(text: str, count: int, where: str) -> Array:
 def join_rows(form: str, rows: NDArray[Any]) -> str:
     """One line per row, each written by the %-format `form`: the whole table in one operation, which is what makes it quick."""
     return (form * len(rows)) % tuple(rows.ravel().tolist())
+
+
+def integers(values: Array, where: str) -> Ints:
+    """The same numbers as int64. Raises InputError where one is no whole number."""
+    bad = ~(np.abs(values) < LARGEST_WHOLE) | (values != np.floor(values))  # not-a-number compares false
+    if bad.any():
+        raise InputError(f"{where}: {values[bad][0]:g} must be a whole number")
+    return values.astype(np.int64)

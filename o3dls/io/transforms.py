@@ -14,6 +14,7 @@ from .surface_file import NOTICE
 from .text import decode, number_rows, read_bytes
 
 TURN = np.diag([-1.0, -1.0, 1.0, 1.0])  # LPS to RAS and back
+LARGEST = 1e9  # mm; also keeps products finite
 ITK_HEAD = "#Insight Transform File V1.0"
 
 
@@ -62,11 +63,13 @@ def _read_itk(path: Path, text: str) -> Array:
     values = number_rows([parts["Parameters"][1]], 12, path, [0], "Parameters")[0]
     centre = number_rows([parts["FixedParameters"][1]], 3, path, [0], "FixedParameters")[0]
     linear = values[:9].reshape(3, 3)
+    if not (np.abs([*values, *centre]) < LARGEST).all():
+        raise InputError(f"{path}: its parameters must be finite and below {LARGEST:g}")
     return _inverse(path, similarity(linear, values[9:] + centre - linear @ centre))
 
 
 def _inverse(path: Path, matrix: Array) -> Array:
-    if not np.isfinite(matrix).all() or abs(np.linalg.det(matrix[:3, :3])) < 1e-9:
+    if not (np.abs(matrix) < LARGEST).all() or abs(np.linalg.det(matrix[:3, :3])) < 1e-9:
         raise InputError(f"{path}: its transform cannot be turned around: it is singular or not finite")
     return np.asarray(np.linalg.inv(matrix), dtype=np.float64)
 

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import InputError
-from ..geometry import Array
-from .text import check_numbers
+from ..geometry import Array, Ints
+from .text import check_numbers, integers
 
 TYPES = {
     **dict.fromkeys(("bit", "unsigned_char"), "u1"),
@@ -73,6 +73,10 @@ class Cursor:
         if kind not in TYPES:
             raise self.error(f"'{kind[:20]}' is no VTK type; there are {', '.join(TYPES)}")
         return self._binary_numbers(n, kind) if self.binary else self._ascii_numbers(n)
+
+    def integers(self, n: int, kind: str) -> Ints:
+        """The next n numbers, which must be whole."""
+        return integers(self.numbers(n, kind), str(self.error("above")))
 
     def _binary_numbers(self, n: int, kind: str) -> Array:
         dtype = np.dtype(">" + TYPES[kind])

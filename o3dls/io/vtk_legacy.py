@@ -36,7 +36,7 @@ def read(path: Path, data: bytes) -> SurfaceFile:
                 cells = _cells(cursor, cursor.count(n), cursor.count(size))
                 polygons += _strips(cells) if what == "TRIANGLE_STRIPS" else cells if what in ("POLYGONS", "CELLS") else []
             case ["CELL_TYPES", n]:
-                _check_types(cursor, cursor.numbers(cursor.count(n), "int"))
+                _check_types(cursor, cursor.integers(cursor.count(n), "int"))
             case ["POINT_DATA" | "CELL_DATA" as where, n]:
                 on_points, rows = where == "POINT_DATA", cursor.count(n)
             case ["METADATA"]:
@@ -53,12 +53,12 @@ def _cells(cursor: Cursor, n: int, size: int) -> list[Array]:
     place = cursor.at
     words = cursor.words()
     if words[:1] == ["OFFSETS"]:
-        offsets = cursor.numbers(n, words[-1]).astype(np.int64)
-        corners = cursor.numbers(size, cursor.expect("CONNECTIVITY")[-1]).astype(np.int64)
+        offsets = cursor.integers(n, words[-1])
+        corners = cursor.integers(size, cursor.expect("CONNECTIVITY")[-1])
         lengths = np.diff(offsets)
     else:
         cursor.at = place
-        flat = cursor.numbers(size, "int").astype(np.int64)
+        flat = cursor.integers(size, "int")
         if size == 4 * n and (flat[::4] == 3).all():  # nearly every file
             return [flat.reshape(n, 4)[:, 1:].astype(np.float64)]
         offsets, corners, lengths = _unroll(cursor, flat, n)
@@ -88,8 +88,8 @@ def _strips(cells: list[Array]) -> list[Array]:
     return parts
 
 
-def _check_types(cursor: Cursor, types: Array) -> None:
-    wrong = sorted(set(types.astype(int).tolist()) - {5, 7, 9})
+def _check_types(cursor: Cursor, types: Ints) -> None:
+    wrong = sorted(set(types.tolist()) - {5, 7, 9})
     if wrong:
         raise cursor.error(f"cells of type {wrong[0]}: only triangles (5), polygons (7) and quads (9) are read; extract the surface first")
 

@@ -13,6 +13,7 @@ import numpy as np
 from ..errors import InputError
 from ..geometry import Array, Ints
 from .surface_file import NOTICE, SurfaceFile, triangulate
+from .text import integers
 from .vtp_arrays import Arrays, open_xml
 
 
@@ -59,7 +60,7 @@ def _polygons(path: Path, arrays: Arrays, piece: ElementTree.Element) -> list[Ar
     parts = {array.get("Name"): array for array in piece.findall("Polys/DataArray")}
     if not {"connectivity", "offsets"} <= parts.keys():
         raise InputError(f"{path}: <Polys> must hold the arrays connectivity and offsets")
-    offsets = np.concatenate([[0], arrays.numbers(parts["offsets"], n)]).astype(np.int64)
+    offsets = integers(np.concatenate([[0.0], arrays.numbers(parts["offsets"], n)]), f"{path}: <Polys> offsets")
     lengths = np.diff(offsets)
     if (lengths < 0).any():
         raise InputError(f"{path}: <Polys> offsets fall at polygon {int(np.flatnonzero(lengths < 0)[0])}; they must rise")

@@ -1,0 +1,56 @@
+"""MetaImage volumes (.mha, .mhd) as they are read; in LPS."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import InputError
+from ..geometry import Array
+from .text import number_rows
+from .voxels import LARGEST, Image, beside, count, inflate, shaped
+
+TYPES = {"CHAR": "i1", "UCHAR": "u1", "SHORT": "i2", "USHORT": "u2", "INT": "i4", "UINT": "u4", "LONG": "i4", "ULONG": "u4",
+              "LONG_LONG": "i8", "ULONG_LONG": "u8", "FLOAT": "f4", "DOUBLE": "f8"}  # fmt: skip
+
+
+def knows(data: bytes) -> bool:
+    return b"NDims" in data[:400]
+
+
+def read_meta(path: Path, data: bytes) -> Image:
+    """MetaImage: its matrix is in LPS, and its AnatomicalOrientation is not believed, since ITK writes one that means something else."""
+    end = re.search(rb"^ElementDataFile\s*=\s*([^\r\n]+)\r?\n?", data[:100_000], re.MULTILINE)
+    if end is None:
+        raise InputError(f"{path}: MetaImage header has no line ElementDataFile; the file is truncated")
+    pairs = (line.partition("=") for line in data[: end.start()].decode("utf-8", errors="replace").splitlines())
+    header = {key.strip(): value.strip() for key, _, value in pairs}
+    kind = header.get("ElementType", "").removeprefix("MET_")
+    if header.get("NDims") != "3" or kind not in TYPES or header.get("ElementNumberOfChannels", "1") != "1":
+        raise InputError(f"{path}: must have NDims = 3, one channel and an ElementType of {', '.join(TYPES)}; it is '{kind}'")
+    sizes = [int(n) if n == int(n) and abs(n) < 1e9 else -1 for n in _numbers(path, header, ("DimSize",), 3, None)]
+    order = ">" if "true" in (header.get(k, "").lower() for k in ("BinaryDataByteOrderMSB", "ElementByteOrderMSB")) else "<"
+    file = end[1].decode("utf-8", errors="replace").strip()
+    body = data[end.end() :] if file == "LOCAL" else beside(path, file)
+    need = count(path, sizes) * np.dtype(TYPES[kind]).itemsize
+    if header.get("CompressedData", "").lower() == "true":
+        body = inflate(path, body, need)
+    affine = np.eye(4)
+    rows = _numbers(path, header, ("TransformMatrix", "Rotation", "Orientation"), 9, np.eye(3).ravel()).reshape(3, 3)
+    affine[:3, :3] = rows.T * _numbers(path, header, ("ElementSpacing", "ElementSize"), 3, np.ones(3))
+    affine[:3, 3] = _numbers(path, header, ("Offset", "Position", "Origin"), 3, np.zeros(3))
+    return Image(shaped(path, body, order + TYPES[kind], sizes), affine)
+
+
+def _numbers(path: Path, header: Mapping[str, str], keys: tuple[str, ...], n: int, default: Array | None) -> Array:
+    key = next((key for key in keys if key in header), None)
+    if key is None and default is not None:
+        return default
+    text = header.get(key or "", "-")
+    values: Array = number_rows([text], n, path, [1], keys[0])[0]
+    if not (np.abs(values) < LARGEST).all():
+        raise InputError(f"{path}: {keys[0]} = {text[:60]}: must be finite and below {LARGEST:g}")
+    return values
