@@ -61,7 +61,7 @@ def tune(
     """Logarithms that maximise evidence times log-normal priors (MacKay 1992), by L-BFGS on the exact gradient.
 
     Noise variance of row i is (exp(log noise[group_i]) relative_i)^2; `relative` carries robust weights and per-point deviations;
-    `scatter`, squares and count per group, adds what points that share a row tell of the noise.
+    `scatter`, squares and count per group, adds what the rows leave out of what their points tell of the noise (rows.Rows).
     """
     squares, degrees = scatter
 

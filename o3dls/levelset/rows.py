@@ -42,7 +42,8 @@ class Feet:
 class Rows:
     """Rows of the system: observations, residual (k,), noise group (k,), relative noise (k,), which row each point fell into (n,).
 
-    scatter holds, per noise group, the squares and the count of what the points of one row differ among themselves.
+    scatter holds, per noise group, the squares by which points of one row differ, and how many more points are believed than
+    there are rows: a row half believed tells half as much of the noise (the M step of the mixture).
     """
 
     observed: Observed
@@ -74,10 +75,8 @@ def gather(feet: Feet, data: Data, weights: Array, marks: Array, most: int, patc
     group[of_point] = data.group
     residual = mean(feet.residual)[:, 0]
     spread = precision * (feet.residual - residual[of_point]) ** 2
-    scatter = np.bincount(data.group, spread, minlength=data.groups), np.zeros(data.groups)
     believed = np.bincount(data.group, weights, minlength=data.groups)
-    if count < len(weights):
-        scatter = scatter[0], np.maximum(believed - np.bincount(group, minlength=data.groups), 0.0)
+    scatter = np.bincount(data.group, spread, minlength=data.groups), believed - np.bincount(group, minlength=data.groups)
     observed = Observed(mean(feet.at), mean(feet.normals), mean(feet.along)[:, 0])
     rows = Rows(observed, residual, group, 1.0 / np.sqrt(total), of_point, scatter)
     return _with_landmarks(rows, data, marks) if len(marks) else rows
