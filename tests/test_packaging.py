@@ -3,8 +3,13 @@
 from __future__ import annotations
 
 import re
+import shutil
+import subprocess
+import sys
 import tomllib
+import zipfile
 from importlib.metadata import PackageNotFoundError, distribution
+from pathlib import Path
 
 import pytest
 from conftest import ROOT
@@ -33,6 +38,21 @@ def installed(name: str, extras: frozenset[str], seen: dict[str, str]) -> dict[s
 def test_every_package_is_listed() -> None:
     folders = {path.parent.relative_to(ROOT).as_posix().replace("/", ".") for path in (ROOT / "o3dls").rglob("__init__.py")}
     assert set(PROJECT["tool"]["setuptools"]["packages"]) == folders | {"o3dls.pipelines"}
+
+
+def test_the_wheel_holds_every_file_of_the_package_and_nothing_else(tmp_path: Path) -> None:
+    """Built from a copy, because the build leaves folders behind; setuptools is there, since dash needs it."""
+    for name in ("o3dls", "pipelines", "data_synth"):
+        shutil.copytree(ROOT / name, tmp_path / name, ignore=shutil.ignore_patterns("__pycache__"))
+    for name in ("pyproject.toml", "README.md", "LICENSE"):
+        shutil.copy(ROOT / name, tmp_path)
+    command = ["wheel", "--quiet", "--no-deps", "--no-build-isolation", "--wheel-dir", str(tmp_path / "out"), str(tmp_path)]
+    subprocess.run([sys.executable, "-m", "pip", *command], check=True)
+    (wheel,) = (tmp_path / "out").glob("*.whl")
+    packed = {name for name in zipfile.ZipFile(wheel).namelist() if ".dist-info/" not in name}
+    tree = {path.relative_to(tmp_path).as_posix() for path in (tmp_path / "o3dls").rglob("*") if path.is_file()}
+    pipelines = {f"o3dls/pipelines/{path.name}" for path in (ROOT / "pipelines").glob("*.*")}
+    assert packed == tree | pipelines
 
 
 def test_every_installed_package_is_the_locked_one() -> None:
