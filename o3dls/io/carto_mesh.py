@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -88,7 +89,8 @@ def _present(values: Array) -> Array:
 def parse(path: Path, data: bytes) -> CartoMesh:
     """Everything in the file. Raises InputError naming the line that does not fit."""
     sections = _sections(path, _decode(data))
-    general = {key.strip(): value for _, line in sections["GeneralAttributes"] for key, _, value in [line.partition("=")]}
+    lines = sections["GeneralAttributes"].text.splitlines()
+    general = {key.strip(): value for key, _, value in (line.partition("=") for line in lines)}
     n, m, k = (_count(path, general, key) for key in ("NumVertex", "NumTriangle", "NumVertexColors"))
     vertices = _rows(path, sections, "VerticesSection", n, 8)
     triangles = _rows(path, sections, "TrianglesSection", m, 8)
@@ -113,18 +115,22 @@ def _decode(data: bytes) -> str:
         return data.decode("cp1252", errors="replace")
 
 
-def _sections(path: Path, text: str) -> dict[str, list[tuple[int, str]]]:
-    """Numbered lines of every section without blank ones; comments stay, since the attributes name their columns in one."""
-    sections: dict[str, list[tuple[int, str]]] = {}
-    lines: list[tuple[int, str]] = []
-    for number, line in enumerate(text.splitlines(), 1):
-        if line.startswith("["):
-            name = line.partition("]")[0][1:]
-            if name in sections:
-                raise InputError(f"{path}: line {number}: section [{name}] is there twice")
-            lines = sections[name] = []
-        elif line.strip():
-            lines.append((number, line))
+@dataclass(frozen=True)
+class Section:
+    """Text of a section below its heading, and the line where that begins."""
+
+    text: str
+    line: int
+
+
+def _sections(path: Path, text: str) -> dict[str, Section]:
+    sections: dict[str, Section] = {}
+    headings = list(re.finditer(r"^\[([^\]\n]*)\][^\n]*\n?", text, re.MULTILINE))
+    for heading, after in zip(headings, [*headings[1:], None], strict=True):
+        line = text.count("\n", 0, heading.end()) + 1
+        if heading[1] in sections:
+            raise InputError(f"{path}: line {line - 1}: section [{heading[1]}] is there twice")
+        sections[heading[1]] = Section(text[heading.end() : after.start() if after else len(text)], line)
     for name in SECTIONS[:3]:
         if name not in sections:
             raise InputError(f"{path}: has no section [{name}]; the file is truncated or of another version")
@@ -144,29 +150,33 @@ def _floats(path: Path, general: dict[str, str], key: str, n: int, default: tupl
     return tuple(number_rows([general[key]], n, path, [0], key)[0].tolist())
 
 
-def _rows(path: Path, sections: dict[str, list[tuple[int, str]]], name: str, n: int, least: int) -> Array:
+def _rows(path: Path, sections: dict[str, Section], name: str, n: int, least: int) -> Array:
     """The rows `index = numbers` of a section, (n, 1 + columns), with at least `least` columns and nothing left out."""
-    numbered = [(k, line) for k, line in sections.get(name, []) if not line.lstrip().startswith(";")]
-    if len(numbered) != n:
-        raise InputError(f"{path}: [{name}] has {len(numbered)} rows, {n} are declared; the file is truncated or damaged")
-    if not numbered:
+    section = sections.get(name, Section("", 0))
+    first = re.search(r"^[ \t]*[^;\s]", section.text, re.MULTILINE)
+    start = first.start() if first else len(section.text)
+    lines = section.text[start:].replace("=", " ").splitlines()
+    lines = [line for line in lines if line and not line.isspace() and not (line[0] == ";" or line.lstrip()[0] == ";")]
+    at = section.line + section.text.count("\n", 0, start)
+    if len(lines) != n:
+        raise InputError(f"{path}: line {at}: [{name}] has {len(lines)} rows, {n} are declared; the file is truncated or damaged")
+    if not lines:
         return np.zeros((0, least))
-    lines, at = [line.replace("=", " ", 1) for _, line in numbered], [k for k, _ in numbered]
     width = len(lines[0].split())
     if width < least:
-        raise InputError(f"{path}: line {at[0]}: [{name}] row has {width} numbers: must be {least}")
-    rows = number_rows(lines, width, path, at, f"[{name}] row")
+        raise InputError(f"{path}: line {at}: [{name}] row has {width} numbers: must be {least}")
+    rows = number_rows(lines, width, path, range(at, at + n), f"[{name}] row")
     wrong = np.flatnonzero(rows[:, 0] != np.arange(n))
     if len(wrong):
-        raise InputError(f"{path}: line {at[wrong[0]]}: row is numbered {rows[wrong[0], 0]:g}: must be {wrong[0]}")
+        raise InputError(f"{path}: line {at + wrong[0]}: row is numbered {rows[wrong[0], 0]:g}: must be {wrong[0]}")
     return rows
 
 
-def _attributes(path: Path, sections: dict[str, list[tuple[int, str]]], n: int) -> tuple[Ints, tuple[str, ...]]:
+def _attributes(path: Path, sections: dict[str, Section], n: int) -> tuple[Ints, tuple[str, ...]]:
     """Flags per vertex and the comment lines above them, of which the first names the columns."""
-    lines = [line for _, line in sections.get("VerticesAttributesSection", [])]
-    headings = tuple(line for line in lines if line.lstrip().startswith(";")) or ATTRIBUTE_HEADINGS
-    if len(lines) <= len(headings):
+    text = sections.get("VerticesAttributesSection", Section("", 0)).text
+    headings = tuple(line.rstrip("\r") for line in re.findall(r"^[ \t]*;[^\n]*", text, re.MULTILINE)) or ATTRIBUTE_HEADINGS
+    if not re.search(r"^[ \t]*\d+[ \t]*=", text, re.MULTILINE):
         return np.zeros((0, 2), dtype=np.int64), headings
     return integers(_rows(path, sections, "VerticesAttributesSection", n, 2)[:, 1:], f"{path}: [VerticesAttributesSection]"), headings
 
@@ -187,7 +197,8 @@ def encode(mesh: CartoMesh) -> bytes:
         blocks += ["[VerticesColorsSection]\n" + heading, _numbered(" " + " %13.5f" * mesh.colours.shape[1], mesh.colours)]
     flags = _numbered(" " + "%6d" * mesh.attributes.shape[1], mesh.attributes)
     blocks.append("[VerticesAttributesSection]\n" + "".join(f"{line}\n" for line in mesh.attribute_headings) + flags)
-    return "\n".join(blocks).replace("\n", "\r\n").encode("cp1252", errors="replace")
+    text = "\n".join(blocks).replace("\n", "\r\n")
+    return text.encode() if text.isascii() else text.encode("cp1252", errors="replace")
 
 
 def _numbered(form: str, *columns: Array | Ints) -> str:

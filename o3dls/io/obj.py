@@ -10,7 +10,7 @@ import numpy as np
 from ..errors import InputError
 from ..geometry import Array
 from .surface_file import NOTICE, SurfaceFile, triangulate
-from .text import decode, join_rows, number_rows
+from .text import decode, join_rows, number_rows, rectangle
 
 
 def knows_obj(data: bytes) -> bool:
@@ -41,8 +41,9 @@ def _polygons(path: Path, lines: list[str], numbers: list[int], n: int) -> list[
     """Corners of the faces, 0-based; `7/1/3` means corner 7 and negative indices count from the end of the vertices."""
     if any("/" in line for line in lines):
         lines = [re.sub(r"/\S*", "", line) for line in lines]
+    table = rectangle(lines) if lines else None
+    widths = np.array([len(line.split()) for line in lines]) if table is None else np.full(len(lines), table.shape[1])
     polygons = []
-    widths = np.array([len(line.split()) for line in lines])
     if len(widths) and widths.min() < 3:
         raise InputError(f"{path}: line {numbers[int(widths.argmin())]}: a face needs 3 corners, there are {widths.min()}")
     for width in np.unique(widths):
@@ -68,11 +69,11 @@ def knows_off(data: bytes) -> bool:
 def read_off(path: Path, data: bytes) -> SurfaceFile:
     """Decode an ascii OFF file. Raises InputError naming the line."""
     text = decode(data, path)
-    numbered = [(k, line.split("#")[0].strip()) for k, line in enumerate(text.splitlines(), 1)]
-    rows = [(k, line) for k, line in numbered if line]
-    first = re.sub(r"^(ST)?C?N?OFF", "", rows[0][1]).strip()
+    lines = [line.partition("#")[0] for line in text.splitlines()] if "#" in text else text.splitlines()
+    rows = [(k, line) for k, line in enumerate(lines, 1) if line and not line.isspace()]
+    first = re.sub(r"^\s*(ST)?C?N?OFF", "", rows[0][1]).strip()
     rows = [(rows[0][0], first), *rows[1:]] if first else rows[1:]
-    if not rows or not re.fullmatch(r"\d+\s+\d+(\s+\d+)?", rows[0][1]):
+    if not rows or not re.fullmatch(r"\s*\d+\s+\d+(\s+\d+)?\s*", rows[0][1]):
         raise InputError(f"{path}: line 2: OFF must state its numbers of vertices and faces")
     n, m = map(int, rows[0][1].split()[:2])
     if len(rows) < 1 + n + m:
@@ -88,6 +89,9 @@ def read_off(path: Path, data: bytes) -> SurfaceFile:
 
 def _off_polygons(path: Path, rows: list[tuple[int, str]]) -> list[Array]:
     """Corners of the faces; numbers behind them are colours."""
+    table = rectangle([line for _, line in rows]) if rows else None
+    if table is not None and (table[:, 0] == 3).all() and table.shape[1] > 3:  # nearly every file
+        return [table[:, 1:4]]
     polygons = []
     words = [line.split() for _, line in rows]
     shapes = np.array([(int(w[0]) if w[0].isdecimal() else -1, len(w)) for w in words]).reshape(-1, 2)

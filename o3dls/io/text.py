@@ -46,15 +46,21 @@ def number_rows(lines: Sequence[str], columns: int, path: str | Path, at: Sequen
     """Exactly `columns` numbers from every line, (n, columns); `at` holds their line numbers. Raises InputError that names one."""
     if not lines:
         return np.zeros((0, columns))
-    try:
-        rows = np.loadtxt(lines, dtype=np.float64, comments=None, ndmin=2)
-        if rows.shape == (len(lines), columns):
-            return rows
-    except ValueError:
-        pass
+    rows = rectangle(lines)
+    if rows is not None and rows.shape[1] == columns:
+        return rows
     for number, line in zip(at, lines, strict=True):
         check_numbers(line.split(), columns, f"{path}: line {number}", what)
     raise InputError(f"{path}: line {at[0]}: {what} cannot be read as rows of {columns} numbers")
+
+
+def rectangle(lines: Sequence[str]) -> Array | None:
+    """The numbers of lines that all hold equally many, (n, columns); None where they do not, or a word is no number."""
+    try:
+        rows = np.loadtxt(lines, dtype=np.float64, comments=None, ndmin=2)
+    except ValueError:
+        return None
+    return rows if len(rows) == len(lines) else None
 
 
 def check_numbers(cells: Sequence[str], columns: int, where: str, what: str) -> None:
@@ -83,7 +89,15 @@ def flat_numbers(text: str, count: int, where: str) -> Array:
 
 
 def join_rows(form: str, rows: NDArray[Any]) -> str:
-    """One line per row, each written by the %-format `form`: the whole table in one operation, which is what makes it quick."""
+    """One line per row, each written by the %-format `form`: the whole table in one operation, which is what makes it quick.
+
+    Columns that hold one value only, such as the empty slots of a map, are written into the format first.
+    """
+    if rows.ndim == 2 and len(rows) > 1:
+        pieces = re.findall(r"[^%]*%[^dfg]*[dfg][^%]*", form)
+        constant = (rows == rows[0]).all(axis=0)
+        form = "".join(piece % value if same else piece for piece, value, same in zip(pieces, rows[0].tolist(), constant, strict=True))
+        rows = rows[:, ~constant]
     return (form * len(rows)) % tuple(rows.ravel().tolist())
 
 
