@@ -54,7 +54,7 @@ def robust_range(values: Array, *, signed: bool = False, from_zero: bool = True)
     values = values[np.isfinite(values)]
     if len(values) == 0:
         return 0.0, 1.0
-    low, high = (float(v) for v in np.percentile(values, [2, 98]))
+    low, high = (float(v) for v in np.percentile(values, [3, 97]))
     if signed:
         low, high = -max(abs(low), abs(high)), max(abs(low), abs(high))
     low = 0.0 if from_zero else low

@@ -25,7 +25,9 @@ def picture_section(subject: Subject) -> Section | None:
         return None
     shapes = "Balls: eam points; cubes: ablation points; diamonds: fitted points that were judged outliers. Grey: no value there."
     frame = "" if subject.case.frame != "unknown" else " The case does not say its frame; the views take it for LPS."
-    note = tag("p", shapes + frame, class_="soft")
+    left = len(subject.runs) - len(subject.shown)
+    more = f" The last {len(subject.shown)} runs are shown; the tables have all {len(subject.runs)}." if left > 0 else ""
+    note = tag("p", shapes + frame + more, class_="soft")
     static = image(pictures_png(subject), f"{' and '.join(subject.shown)} side by side, from the front, in one colour scale")
     return Section("pictures", "Side by side", join(static, viewer_scripts(scene(subject)), note))
 

@@ -118,7 +118,7 @@ def _table(figure: Figure, subject: Subject, box: tuple[float, float, float, flo
         sets, rows = [*sets[: MOST_COLUMNS - 1], sets[-1]], [(name, [*cells[: MOST_COLUMNS - 1], cells[-1]]) for name, cells in rows]
     axes = figure.add_axes(box)
     axes.set_axis_off()
-    heads = [SETS[group].replace(", ", ",\n").replace(" to ", "\nto ") for group in sets]
+    heads = [SETS[group].replace(", ", ",\n").replace(" to ", "\nto ") + "\n(seen by the fit)" * (group == "fitted") for group in sets]
     cells = [[drawable(name), *values] for name, values in rows[-MOST_ROWS:]]
     drawn = axes.table(cells, colLabels=[f"mean, {subject.unit}", *heads], loc="upper left", cellLoc="right", edges="horizontal")
     drawn.auto_set_font_size(False)

@@ -170,12 +170,18 @@ def _shown(named: Mapping[str, Result], runs: Sequence[Run], prefixes: Sequence[
         if name not in named and all(name != result.key for result in named.values()):
             raise InputError(f"report: no estimate '{name}'{did_you_mean(name, list(named))}")
     if compare:
-        return [result.name for word in compare for result in named.values() if word in (result.name, result.key)][:MOST_SHOWN]
+        return _few([result.name for word in compare for result in named.values() if word in (result.name, result.key)])
     if len(runs) > 1:
-        return [prefix + run.final for run, prefix in zip(runs, prefixes, strict=True)][:MOST_SHOWN]
+        return [prefix + run.final for run, prefix in zip(runs, prefixes, strict=True)][-MOST_SHOWN:]
     keys = list(runs[0].estimates)
     baseline = next((key for key in reversed(keys[:-1]) if key.startswith(BASELINE)), keys[max(0, len(keys) - 2)])
     return list(dict.fromkeys([baseline, keys[-1]]))
+
+
+def _few(names: list[str]) -> list[str]:
+    if len(names) > MOST_SHOWN:
+        raise InputError(f"report: {len(names)} estimates to show side by side ({', '.join(names)}): at most {MOST_SHOWN}")
+    return list(dict.fromkeys(names))
 
 
 def _check_same_case(folders: Sequence[Path], runs: Sequence[Run]) -> None:

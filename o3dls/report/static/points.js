@@ -9,9 +9,10 @@ const cloud = {
 const OUTLIER = [0.8, 0.2, 0.6];
 const SLAB = 3; // mm beside the cut within which points stay
 
-const size = cloud.kinds.length > 2000 ? 0.6 : 1.0;
+const many = cloud.kinds.length > 2000; // then smaller and coarser balls
+const size = many ? 0.6 : 1.0;
 const shapes = {
-  ball: new THREE.IcosahedronGeometry(size, cloud.kinds.length > 2000 ? 1 : 2),
+  ball: new THREE.IcosahedronGeometry(size, many ? 0 : 2),
   cube: new THREE.BoxGeometry(1.7 * size, 1.7 * size, 1.7 * size),
   diamond: new THREE.OctahedronGeometry(1.5 * size),
 };

@@ -2,6 +2,7 @@
 
 function savePicture() {
   const shown = panels.filter((panel) => panel.shown);
+  if (!shown.length) return;
   const [width, height] = [shown[0].canvas.width, shown[0].canvas.height];
   const out = document.createElement("canvas");
   Object.assign(out, { width: width * shown.length, height: height + 110 });
