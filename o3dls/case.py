@@ -18,7 +18,7 @@ FITTED_TYPES = ("eam", "inside")
 
 @dataclass(frozen=True, eq=False)
 class Points:
-    """Measured points: xyz (n, d) in the map frame, type (n,), and the other columns by name (numbers, NaN = missing, or text)."""
+    """Measured points: xyz (n, d) in the map frame, type (n,), further columns by name (numbers, NaN = missing, or text)."""
 
     xyz: Array
     type: NDArray[np.str_]
@@ -38,7 +38,7 @@ class Points:
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """What only evaluation may see: surface, held-out points (n, d) with their `unseen` mask, correspondence (prior, truth), outlier rows."""
+    """What only evaluation may see: surface, held-out points (n, d), their `unseen` mask, correspondence (prior, truth), outlier rows."""
 
     surface: Surface | None = None
     held_out: Array | None = None

@@ -59,14 +59,14 @@ class Surface:
 
     @cached_property
     def face_normals(self) -> Array:
-        return self.face_area_vectors / np.maximum(self.face_areas, 1e-300)[:, None]
+        return np.asarray(self.face_area_vectors / np.maximum(self.face_areas, 1e-300)[:, None])
 
     @cached_property
     def vertex_normals(self) -> Array:
         """Area-weighted unit normals, (n, d); zero at vertices without a face."""
         total = np.zeros_like(self.vertices)
         np.add.at(total, self.faces.ravel(), np.repeat(self.face_area_vectors, self.dimension, axis=0))
-        return total / np.maximum(np.linalg.norm(total, axis=1), 1e-300)[:, None]
+        return np.asarray(total / np.maximum(np.linalg.norm(total, axis=1), 1e-300)[:, None])
 
     @property
     def area(self) -> float:
@@ -107,7 +107,7 @@ class Surface:
 def apply(matrix: Array, points: ArrayLike) -> Array:
     """Points (n, d) under a homogeneous (d+1, d+1) matrix."""
     points = np.asarray(points, dtype=np.float64)
-    return points @ matrix[:-1, :-1].T + matrix[:-1, -1]
+    return np.asarray(points @ matrix[:-1, :-1].T + matrix[:-1, -1])
 
 
 def similarity(rotation: Array, translation: Array, scale: float = 1.0) -> Array:

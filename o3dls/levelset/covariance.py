@@ -1,8 +1,8 @@
 """Prior covariance of the motion field: what displacements of the prior are likely, before any point is seen.
 
-D(r) = A(r) b + sum_k u_k(r) + N(r) sum_k g_k(r) + sum_L exp(-|r-L|^2 / 2 l_a^2) c_L   at reference positions r (the posed prior):
-A b: translation, rotation, scale and traceless strains, nearly free; u, g: Matern 5/2 fields, of vectors and along the normal N
-(order >= 2, since point data have no hold on rougher fields over a surface); c_L: shifts of the anchors (vein ostia), which move on their own.
+D(r) = A(r) b + S(r) e + sum_k u_k(r) + N(r) sum_k g_k(r) + sum_L exp(-|r-L|^2 / 2 l_a^2) c_L   at positions r of the posed prior.
+A b: translation, rotation and scale, nearly free; S e: traceless strains; u, g: Matern 5/2 fields, of vectors and along the
+normal N (order >= 2: point data have no hold on rougher fields over a surface); c_L: shifts of anchors (vein ostia), each its own.
 """
 
 from __future__ import annotations
@@ -12,21 +12,20 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from ..geometry import Array
+from ..geometry import Array, Ints
 
 SQRT5 = 5.0**0.5
 
 
 @dataclass(frozen=True)
 class Covariance:
-    """Components of the field's covariance; their standard deviations come as one array: vector fields, normal fields, anchors.
+    """Components of the field's covariance; their standard deviations come as one array: vector, normal, strain, anchors.
 
-    centre (d,) and size (the surface's rms radius) set origin and unit of the affine part, whose standard deviations are
-    translation (lengths), rotation (rad), scale and strain; vector and normal are correlation lengths; anchors (k, d).
+    centre (d,) is the origin of the similarity part, whose own standard deviations are translation (a length), rotation (rad)
+    and scale; vector and normal are correlation lengths; anchors (k, d) reach as far as anchor_length.
     """
 
     centre: Array
-    size: float
     vector: tuple[float, ...]
     normal: tuple[float, ...]
     anchors: Array
@@ -34,28 +33,27 @@ class Covariance:
     translation: float
     rotation: float = 0.1
     scale: float = 0.1
-    strain: float = 0.05
-
-    @property
-    def count(self) -> int:
-        return len(self.vector) + len(self.normal) + (len(self.anchors) > 0)
 
     @property
     def lengths(self) -> Array:
         return np.array(self.vector + self.normal)
 
-    def affine(self, at: Array) -> Array:
-        """Features (n, d, k) of the affine part at positions (n, d), each scaled to unit variance."""
+    def similarity(self, at: Array) -> Array:
+        """Features (n, d, k) of the similarity part at positions (n, d), each scaled to unit variance."""
         x, dim = at - self.centre, at.shape[1]
         shift = np.broadcast_to(self.translation * np.eye(dim), (len(x), dim, dim))
-        linear = [self.rotation * m for m in _skew(dim)] + [self.scale * np.eye(dim)] + [self.strain * m for m in _traceless(dim)]
+        linear = [self.rotation * m for m in _skew(dim)] + [self.scale * np.eye(dim)]
         return np.concatenate([shift, np.stack([x @ m.T for m in linear], axis=2)], axis=2)
 
-    def anchored(self, at: Array) -> Array:
-        """Features (n, d, k d) of the anchors' shifts at positions (n, d)."""
+    def tunable(self, at: Array) -> list[Array]:
+        """Features (n, d, k) of strains and, where there are any, of the anchors' shifts, for unit standard deviations."""
+        strains = np.stack([(at - self.centre) @ m.T for m in _traceless(at.shape[1])], axis=2)
+        return [strains, self._anchored(at)] if len(self.anchors) else [strains]
+
+    def _anchored(self, at: Array) -> Array:
         dim = at.shape[1]
         reach = np.exp(-0.5 * ((at[:, None] - self.anchors[None]) ** 2).sum(axis=2) / self.anchor_length**2)
-        return np.einsum("nk,ab->nakb", reach, np.eye(dim)).reshape(len(at), dim, -1)
+        return np.asarray(np.einsum("nk,ab->nakb", reach, np.eye(dim)).reshape(len(at), dim, -1))
 
 
 @dataclass(frozen=True)
@@ -68,53 +66,48 @@ class Observed:
 
 
 def grams(cov: Covariance, obs: Observed) -> tuple[Array, list[Array]]:
-    """Fixed affine Gram matrix (n, n) and one unit-variance Gram matrix per tunable component."""
-    fixed = np.einsum("na,nak->nk", obs.directions, cov.affine(obs.at))
+    """Gram matrix (n, n) of the similarity part and one of unit variance per tunable component."""
+    fixed = _seen(obs, cov.similarity(obs.at))
     dots, sides = obs.directions @ obs.directions.T, np.outer(obs.normal_part, obs.normal_part)
     parts = [_matern(obs.at, obs.at, length) * dots for length in cov.vector]
     parts += [_matern(obs.at, obs.at, length) * sides for length in cov.normal]
-    if len(cov.anchors):
-        features = np.einsum("na,nak->nk", obs.directions, cov.anchored(obs.at))
-        parts.append(features @ features.T)
+    parts += [f @ f.T for f in (_seen(obs, features) for features in cov.tunable(obs.at))]
     return fixed @ fixed.T, parts
 
 
 def displacement(cov: Covariance, sds: Array, obs: Observed, alpha: Array, at: Array, normals: Array) -> Array:
     """Field (m, d) at positions `at` with reference `normals` (m, d), for observation weights alpha (n,) = C^-1 z."""
-    fixed = np.einsum("na,nak,n->k", obs.directions, cov.affine(obs.at), alpha)
-    field = cov.affine(at) @ fixed
+    field = cov.similarity(at) @ (alpha @ _seen(obs, cov.similarity(obs.at)))
     k = len(cov.lengths)
     pull = obs.directions * alpha[:, None]
     field += _field(at, normals, obs.at, pull, obs.normal_part * alpha, cov.lengths, sds[:k] ** 2, len(cov.vector))
-    if len(cov.anchors):
-        shifts = sds[k] ** 2 * np.einsum("na,nak,n->k", obs.directions, cov.anchored(obs.at), alpha)
-        field += cov.anchored(at) @ shifts
+    for sd, here, there in zip(sds[k:], cov.tunable(at), cov.tunable(obs.at), strict=True):
+        field += here @ (sd**2 * (alpha @ _seen(obs, there)))
     return np.asarray(field)
 
 
 def cross(cov: Covariance, sds: Array, a: Observed, b: Observed) -> Array:
     """Covariance (n, m) between two sets of observations."""
-    total = np.einsum("na,nak->nk", a.directions, cov.affine(a.at)) @ np.einsum("na,nak->nk", b.directions, cov.affine(b.at)).T
+    total = _seen(a, cov.similarity(a.at)) @ _seen(b, cov.similarity(b.at)).T
     dots, sides = a.directions @ b.directions.T, np.outer(a.normal_part, b.normal_part)
     for i, length in enumerate(cov.lengths):
         total += sds[i] ** 2 * _matern(a.at, b.at, length) * (dots if i < len(cov.vector) else sides)
-    if len(cov.anchors):
-        left, right = (np.einsum("na,nak->nk", o.directions, cov.anchored(o.at)) for o in (a, b))
-        total += sds[-1] ** 2 * left @ right.T
+    for sd, left, right in zip(sds[len(cov.lengths) :], cov.tunable(a.at), cov.tunable(b.at), strict=True):
+        total += sd**2 * _seen(a, left) @ _seen(b, right).T
     return np.asarray(total)
 
 
 def variance(cov: Covariance, sds: Array, obs: Observed) -> Array:
     """Prior variance (n,) of the observations: the diagonal of `cross(obs, obs)`."""
     k, split = len(cov.lengths), len(cov.vector)
-    total = (np.einsum("na,nak->nk", obs.directions, cov.affine(obs.at)) ** 2).sum(axis=1)
+    total = (_seen(obs, cov.similarity(obs.at)) ** 2).sum(axis=1)
     total += (sds[:split] ** 2).sum() * (obs.directions**2).sum(axis=1) + (sds[split:k] ** 2).sum() * obs.normal_part**2
-    if len(cov.anchors):
-        total += sds[k] ** 2 * (np.einsum("na,nak->nk", obs.directions, cov.anchored(obs.at)) ** 2).sum(axis=1)
+    for sd, features in zip(sds[k:], cov.tunable(obs.at), strict=True):
+        total += sd**2 * (_seen(obs, features) ** 2).sum(axis=1)
     return np.asarray(total)
 
 
-def interpolation(nodes: Array, at: Array, length: float, neighbours: int = 8) -> tuple[Array, Array]:
+def interpolation(nodes: Array, at: Array, length: float, neighbours: int = 8) -> tuple[Ints, Array]:
     """Indices and weights (m, k) that interpolate a field of the given correlation length from nodes: local kriging."""
     from scipy.spatial import cKDTree
 
@@ -124,7 +117,12 @@ def interpolation(nodes: Array, at: Array, length: float, neighbours: int = 8) -
     outer = _matern_of(np.linalg.norm(nodes[near] - at[:, None], axis=2) / length)
     inner += 1e-6 * np.eye(near.shape[1])  # nodes can coincide; a millionth of the variance is far below any noise
     weights = np.linalg.solve(inner, outer[..., None])[..., 0]
-    return near, weights / weights.sum(axis=1, keepdims=True)
+    return np.asarray(near, dtype=np.int64), np.asarray(weights / weights.sum(axis=1, keepdims=True))
+
+
+def _seen(obs: Observed, features: Array) -> Array:
+    """Features (n, d, k) as the observations see them: along their directions, (n, k)."""
+    return np.asarray(np.einsum("na,nak->nk", obs.directions, features))
 
 
 def _matern_of(distance: Array) -> Array:

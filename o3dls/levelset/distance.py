@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..geometry import Array, Ints
+from .closest import ClosestPoint
 from .grid import PAD, Band
 from .kernels import gather_band, scatter_distance, touched_blocks, winding
 
@@ -41,6 +42,23 @@ def signed_distance(vertices: Array, faces: Ints, spacing: float, width: float) 
         raise InputError(f"the surface is open ({open_rows} lattice rows enter it and never leave): it must be closed, cap its holes first")
     band = Band(spacing, width, low, tuple(int(n) for n in shape), np.ascontiguousarray(nodes[:, :dimension]))
     return SignedDistance(band, np.where(number > 0, -gap, gap) * spacing, face)
+
+
+def filled_distance(vertices: Array, faces: Ints, spacing: float, width: float) -> SignedDistance:
+    """Signed distance on all nodes inside a closed surface and on those within `width` outside: for coarse lattices, as its size is a volume."""
+    shell = signed_distance(vertices, faces, spacing, width)
+    band = shell.band
+    local = np.zeros((len(vertices), 3))
+    local[:, : band.dimension] = vertices / spacing - band.low
+    box = np.ones(3, dtype=np.int64)
+    box[: band.dimension] = band.shape
+    every = np.indices(tuple(box)).reshape(3, -1).T.astype(np.int32)
+    number, _ = winding(every, local, faces, box)
+    chosen = number > 0
+    chosen[band.keys] = True
+    filled = Band(spacing, width, band.low, band.shape, np.ascontiguousarray(every[chosen, : band.dimension]))
+    squared, face, _, _ = ClosestPoint(vertices, faces).query(filled.positions)
+    return SignedDistance(filled, np.sqrt(squared) * np.where(number[chosen] > 0, -1.0, 1.0), face.astype(np.int32))
 
 
 def _unsigned(corners: Array, reach: float, box: Ints, dimension: int) -> tuple[NDArray[np.int32], Array, NDArray[np.int32]]:

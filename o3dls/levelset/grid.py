@@ -93,6 +93,13 @@ class Band:
         total = np.asarray(matrix.sum(axis=1)).ravel()
         return sparse.csr_matrix(sparse.diags(1.0 / np.where(total > 0.0, total, 1.0)) @ matrix)
 
+    def whole(self, values: Array, elsewhere: float) -> tuple[Band, Array]:
+        """All nodes of the box as a band, with the values given on this one and `elsewhere` on the rest: for small, coarse boxes."""
+        nodes = np.indices(self.shape).reshape(self.dimension, -1).T.astype(np.int32)
+        every = np.full(len(nodes), elsewhere)
+        every[self.keys] = values
+        return Band(self.spacing, self.width, self.low, self.shape, np.ascontiguousarray(nodes)), every
+
     def dense(self, phi: Array) -> NDArray[np.float32]:
         """The level set on the whole box, float32: +width outside the band, -width inside it; for isosurfacing only."""
         from .kernels import fill_far

@@ -14,11 +14,15 @@ from .grid import Band
 from .observe import Measured
 from .operators import zero_set
 from .solver import Wall
-from .topology import TELLING, WITNESSES, Change, body_radius
+from .topology import TELLING, Change, body_radius, parts
 
 FAR = 2.0  # noise levels off the surface from which a point asks for a tube
 LINK = 0.6  # points closer than this, in radii of the body, may trace one tube
 TYPICAL, SPREAD = 0.35, 0.35  # radius of a tube in radii of the body (a vein of 5.5 mm on a body of 16 mm), and the sd of its logarithm
+SEEDS = 3  # far points that start a tube; nearer ones join in
+TRACED = 5  # points that must trace a tube: it has eight numbers to be fitted
+REACHES_OUT = 0.5  # how far a tube must stick out, and stay away from the thin parts that are there, in radii of the body
+THIN = 0.5  # radius of the ball that finds those parts, in radii of the body
 NODES = 6.0  # lattice nodes in a tube's radius
 
 
@@ -33,10 +37,10 @@ def _clusters(wall: Wall, surface: Surface, measured: Measured) -> Iterator[Arra
     """Groups (k, d) of neighbouring points that lie far outside."""
     distance = wall.look(measured.points)[0]
     far = measured.points[(distance > FAR * measured.likelihood.sigma) & ~measured.likelihood.one_sided]
-    if len(far) < WITNESSES:
+    if len(far) < SEEDS:
         return
     count, label = connected_components(cdist(far, far) < LINK * body_radius(surface), directed=False)
-    yield from (far[label == k] for k in range(count) if (label == k).sum() >= WITNESSES)
+    yield from (far[label == k] for k in range(count) if (label == k).sum() >= SEEDS)
 
 
 def cone(points: Array, tube: Array) -> Array:
@@ -62,10 +66,21 @@ def _tube(wall: Wall, surface: Surface, measured: Measured, cluster: Array) -> C
     before = measured.likelihood.loss(distance - measured.bias)
     gain = before - measured.likelihood.loss(np.minimum(distance, cone(measured.points, tube)) - measured.bias)
     witnesses = int((gain > TELLING).sum())
-    if witnesses < WITNESSES:
+    region = _mesh(tube, surface.dimension)
+    if witnesses < TRACED or not _stands_alone(wall, surface, region[0]):
         return None
     centre = tube[: 2 * surface.dimension].reshape(2, -1).mean(axis=0)
-    return Change(False, _mesh(tube, surface.dimension), float(gain.sum()) - _rarity(wall, tube, radius), witnesses, centre)
+    return Change(False, region, float(gain.sum()) - _rarity(wall, tube, radius), witnesses, centre)
+
+
+def _stands_alone(wall: Wall, surface: Surface, region: Array) -> bool:
+    """Whether a tube sticks out of the body, away from the thin parts that are there: a bump or a vein out of place is for the fields."""
+    radius, height = body_radius(surface), wall.look(region)[0]
+    if height.max() < REACHES_OUT * radius:
+        return False
+    tip = region[height.argmax()]
+    others = [np.linalg.norm(part.field.band.positions[part.core] - tip, axis=1).min() for part in parts(surface, (THIN,))]
+    return min(others, default=np.inf) > REACHES_OUT * radius
 
 
 def _first(wall: Wall, cluster: Array, radius: float) -> Array:

@@ -32,6 +32,7 @@ class Settings:
     normal_amplitude: float = 0.25
     anchor_amplitude: float = 0.8
     landmark_noise: float = 0.08  # rms radii
+    strain: float = 0.05
     depth: float = 0.3  # rms radii: how deep inside a point off the wall usually lies
     spread: float = 0.7
     rows: int = 1500  # more points than this share rows by patches of the surface
@@ -81,12 +82,15 @@ class Motion:
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """What one iteration hands to the next: positions (n, d) of the vertices, scales, mixture, and belief per point."""
+    """What one iteration hands to the next: vertices (n, d) where feet are sought, as moved by the field, scales, mixture, belief."""
 
+    feet_on: Array
     moved: Array
+    damping: float
     scales: Scales
     contact: Contact
     weights: Array
+    step: float = np.inf
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,7 +158,7 @@ class _Problem:
         size = float(np.sqrt(((posed - centre) ** 2).sum(axis=1).mean()))
         lengths = [tuple(size * x for x in group) for group in (settings.vector, settings.normal)]
         marks = apply(pose, data.marks_prior)
-        cov = Covariance(centre, size, lengths[0], lengths[1], marks, size * settings.anchor_length, translation=0.2 * size)
+        cov = Covariance(centre, lengths[0], lengths[1], marks, size * settings.anchor_length, translation=0.2 * size)
         nodes = _spaced(posed, 0.25 * min(lengths[0] + lengths[1]))
         near, spread = interpolation(posed[nodes], posed, min(lengths[0] + lengths[1]))
         tree = ClosestPoint(posed, faces)
@@ -166,11 +170,11 @@ class _Problem:
         s, distances = self.settings, np.sqrt(self.tree.query(self.data.points)[0])
         rms = max(1.4826 * float(np.median(distances[~self.data.inside])), 1e-4 * self.size)
         amplitudes = [s.vector_amplitude * rms] * len(s.vector) + [s.normal_amplitude * rms] * len(s.normal)
-        amplitudes += [s.anchor_amplitude * rms] * (len(self.marks) > 0)
+        amplitudes += [s.strain] + [s.anchor_amplitude * rms] * (len(self.marks) > 0)
         noises = [0.7 * rms] * self.data.groups + [s.landmark_noise * self.size] * (len(self.marks) > 0)
         log = np.log(np.array(amplitudes + noises))
         scales = Scales(log, log.copy(), np.full(len(log), s.spread), len(amplitudes))
-        return State(self.posed, scales, Contact(depth=s.depth * self.size), np.ones(len(self.data.points)))
+        return State(self.posed, self.posed, 1.0, scales, Contact(depth=s.depth * self.size), np.ones(len(self.data.points)))
 
     def resume(self, warm: MotionFit) -> State:
         weights = np.ones(len(self.data.points))
@@ -179,7 +183,7 @@ class _Problem:
 
     def step(self, state: State, iteration: int, *, tuning: bool) -> tuple[State, tuple[Rows, Posterior], dict[str, float]]:
         """One round of foot points, posterior and belief; early rounds are held stiff and trust points less."""
-        self.tree.refit(state.moved)
+        self.tree.refit(state.feet_on)
         feet = self.feet(state)
         rows = gather(feet, self.data, state.weights, self.marks, self.settings.rows, 0.25 * min(self.covariance.lengths))
         fixed, parts = grams(self.covariance, rows.observed)
@@ -192,13 +196,15 @@ class _Problem:
         moved = self.posed + self.spread_from_nodes(np.exp(log[: scales.fields]), rows.observed, posterior)
         residual, var = points_left_out(rows, feet, noise, *left_out(posterior, noise), np.exp(log[scales.fields :]), self.data)
         weights, contact = self.believe(state, residual, var)
-        step = float(np.linalg.norm(moved - state.moved, axis=1).mean())
+        step = float(np.linalg.norm(moved - state.feet_on, axis=1).mean())
+        damping = _damping(state, step, iteration)
+        feet_on = state.feet_on + damping * (moved - state.feet_on)
         record = {"energy": posterior.energy, "step": step, "sigma": float(scales.noises[0]), "off_wall": contact.share}
-        return State(moved, scales, contact, weights), (rows, posterior), record
+        return State(feet_on, moved, damping, scales, contact, weights, step), (rows, posterior), record
 
     def feet(self, state: State) -> Feet:
         """Foot points with normals, and the residual's bias: noise of sd s puts points s^2 H / 2 outside a wall of curvature H."""
-        normals, curvature = normals_and_curvature(state.moved, self.faces, limit=10.0 / self.size)
+        normals, curvature = normals_and_curvature(state.feet_on, self.faces, limit=10.0 / self.size)
         _, face, _, bary = self.tree.query(self.data.points)
         corner = self.faces[face]
         n = _unit_mean(normals, corner, bary)
@@ -235,7 +241,7 @@ class _Problem:
 
     def facts(self, state: State) -> dict[str, float]:
         names = [f"vector_{x:.3g}" for x in self.covariance.vector] + [f"normal_{x:.3g}" for x in self.covariance.normal]
-        names += ["anchors"] * (len(self.marks) > 0)
+        names += ["strain"] + ["anchors"] * (len(self.marks) > 0)
         facts = {f"amplitude_{name}": float(sd) for name, sd in zip(names, state.scales.sds, strict=True)}
         facts |= {"off_wall": state.contact.share, "persistence": state.contact.persistence}
         if len(self.marks):
@@ -243,7 +249,15 @@ class _Problem:
         return facts
 
 
+SETTLED = 5  # rounds in which amplitudes grow and noise shrinks: steps are large on purpose
 INFLATION = 1.2  # the posterior takes feet, normals and amplitudes as known: measured on development seeds, docs/method.md
+
+
+def _damping(state: State, step: float, iteration: int) -> float:
+    """Share of the next step that is taken: halved while steps do not shrink, since exact points can hold the feet in a cycle."""
+    if iteration <= SETTLED:
+        return 1.0
+    return max(0.5 * state.damping, 0.125) if step > 0.9 * state.step else min(1.25 * state.damping, 1.0)
 
 
 def similarity_part(motion: MotionFit) -> Array:

@@ -6,6 +6,7 @@ from itertools import permutations, product
 
 import numpy as np
 from scipy import sparse
+from scipy.sparse.csgraph import connected_components
 
 from ..geometry import Array, Ints
 from . import kernels
@@ -146,13 +147,16 @@ def combine(first: SignedDistance, second: SignedDistance, *, remove: bool) -> t
     return band, mixed[tuple(nodes.T)].astype(np.float64)
 
 
+def pieces(count: int, faces: Ints) -> Ints:
+    """Number (count,) of the connected piece that each of `count` vertices belongs to."""
+    ends = np.roll(faces, -1, axis=1)
+    links = sparse.csr_matrix((np.ones(faces.size), (faces.ravel(), ends.ravel())), shape=(count, count))
+    return np.asarray(connected_components(links, directed=False)[1], dtype=np.int64)
+
+
 def largest_piece(vertices: Array, faces: Ints) -> tuple[Array, Ints]:
     """The connected piece of a closed surface that encloses most, without the vertices of the others."""
-    from scipy.sparse.csgraph import connected_components
-
-    ends = np.roll(faces, -1, axis=1)
-    links = sparse.csr_matrix((np.ones(faces.size), (faces.ravel(), ends.ravel())), shape=(len(vertices), len(vertices)))
-    _, label = connected_components(links, directed=False)
+    label = pieces(len(vertices), faces)
     corners = vertices[faces] - vertices.mean(axis=0)
     piece = np.bincount(label[faces[:, 0]], weights=np.linalg.det(corners))
     kept = faces[label[faces[:, 0]] == piece.argmax()]

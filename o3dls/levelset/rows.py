@@ -13,7 +13,7 @@ from .covariance import Observed
 
 @dataclass(frozen=True)
 class Data:
-    """What is fitted: points (n, d) with noise group (n,), noise relative to the group's (n,), odds of floating (n,), `inside` mask; landmarks."""
+    """What is fitted: points (n, d), their noise group and noise relative to the group's, odds of floating, `inside` mask; landmarks."""
 
     points: Array
     group: Ints
@@ -30,7 +30,7 @@ class Data:
 
 @dataclass(frozen=True)
 class Feet:
-    """Foot point of each point: reference position (n, d), normal of the moved surface (n, d), share along the reference normal, residual."""
+    """Foot of each point: reference position (n, d), moved surface's normal (n, d), its share along the reference normal, residual."""
 
     at: Array
     normals: Array
@@ -76,7 +76,8 @@ def gather(feet: Feet, data: Data, weights: Array, marks: Array, most: int, patc
     residual = mean(feet.residual)[:, 0]
     spread = precision * (feet.residual - residual[of_point]) ** 2
     believed = np.bincount(data.group, weights, minlength=data.groups)
-    scatter = np.bincount(data.group, spread, minlength=data.groups), believed - np.bincount(group, minlength=data.groups)
+    squares = np.asarray(np.bincount(data.group, spread, minlength=data.groups), dtype=np.float64)
+    scatter = squares, believed - np.bincount(group, minlength=data.groups)
     observed = Observed(mean(feet.at), mean(feet.normals), mean(feet.along)[:, 0])
     rows = Rows(observed, residual, group, 1.0 / np.sqrt(total), of_point, scatter)
     return _with_landmarks(rows, data, marks) if len(marks) else rows

@@ -17,13 +17,13 @@ from scipy.spatial import cKDTree
 
 from ..geometry import Array, Ints, Surface
 from .closest import ClosestPoint
-from .distance import SignedDistance, signed_distance
+from .distance import SignedDistance, filled_distance, signed_distance
 from .grid import Band
 from .observe import Measured
 from .operators import combine, largest_piece, zero_set
 from .solver import Wall
 
-FINE = 8.0  # lattice nodes per mean radius of the body when parts are looked for
+FINE = 6.0  # lattice nodes per mean radius of the body when parts are looked for
 BALLS = (0.35, 0.5, 0.65)  # radii of the balls that thin parts do not admit, in mean radii of the body
 STICKS_OUT = 0.3  # a part reaches at least this far off the opened body, in mean radii
 WITNESSES = 3  # points that must tell for a change
@@ -66,7 +66,7 @@ def removal(surface: Surface, measured: Measured) -> Change | None:
     denied = (distance < 0.0) & (measured.likelihood.weight(distance) < 0.5) & ~measured.likelihood.one_sided
     if denied.sum() < WITNESSES:
         return None
-    proposals = [change for part in _parts(surface) for change in _cuts(part, distance, measured)]
+    proposals = [change for part in parts(surface) for change in _cuts(part, distance, measured)]
     return max(proposals, key=lambda change: change.gain, default=None)
 
 
@@ -83,12 +83,12 @@ class Part:
     share: Array
 
 
-def _parts(surface: Surface) -> Iterator[Part]:
+def parts(surface: Surface, balls: tuple[float, ...] = BALLS) -> Iterator[Part]:
     """Parts that balls of several sizes cannot enter: what opening the body by a ball takes away (veins, appendage, handles)."""
     radius = body_radius(surface)
     step = radius / FINE
-    field = signed_distance(surface.vertices, surface.faces, step, BALLS[-1] * radius + 2.0 * step)
-    for ball in (share * radius for share in BALLS):
+    field = filled_distance(surface.vertices, surface.faces, step, 2.0 * step)
+    for ball in (share * radius for share in balls):
         vertices, faces = zero_set(field.band, field.phi + ball)  # centres of the balls that fit
         if len(faces) == 0:
             continue
@@ -115,9 +115,11 @@ def _share(field: SignedDistance, core: NDArray[np.bool_], thin: NDArray[np.bool
 
 
 def _outside(opened: ClosestPoint, positions: Array, phi: Array, ball: float) -> Array:
-    """Signed distance from the opened body: the centres of fitting balls, grown by the ball."""
-    gap = opened.distance(positions)
-    return np.where(phi < -ball, -gap, gap) - ball
+    """Signed distance from the opened body: the centres of fitting balls, grown by the ball; deep inside, the old one."""
+    outside = phi.copy()
+    shallow = phi >= -ball
+    outside[shallow] = opened.distance(positions[shallow]) - ball
+    return outside
 
 
 def _pieces(band: Band, chosen: NDArray[np.bool_]) -> Ints:
@@ -149,7 +151,7 @@ def _cuts(part: Part, distance: Array, measured: Measured) -> Iterator[Change]:
     if witnesses >= WITNESSES:
         above = np.where(part.share > 0.0, part.outside - _level(height, part.share), -band.spacing)
         lost = part.core & (above > 0.0)
-        yield Change(True, zero_set(band, -above), float(best.sum()), witnesses, band.positions[lost].mean(axis=0))
+        yield Change(True, zero_set(*band.whole(-above, band.spacing)), float(best.sum()), witnesses, band.positions[lost].mean(axis=0))
 
 
 def _level(height: float, share: Array) -> Array:

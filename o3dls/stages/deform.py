@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 class Deform(Stage):
-    """Fit a similarity, strains and a smooth motion field to the points, robustly; lengths are in rms radii of the prior (26 mm for an atrium)."""
+    """Fit a similarity, strains and a smooth motion field, robustly. Lengths are in rms radii of the prior: 26 mm for an atrium."""
 
     name: ClassVar[str] = "deform"
     vector: tuple[float, ...] = Field(
