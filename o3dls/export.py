@@ -1,4 +1,4 @@
-"""Surfaces of a finished run for other programs: mesh formats and the dialect that CARTO imports, each with a sidecar of facts."""
+"""A finished run for other programs: surfaces, files for navigation systems, volumes, poses, each with a sidecar of facts."""
 
 from __future__ import annotations
 
@@ -10,34 +10,47 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from .errors import InputError, PipelineError, did_you_mean
-from .geometry import Surface
+from .geometry import Array, Surface
 from .stage import Writer
 
 if TYPE_CHECKING:
     from .case import Case
     from .run import Run
 
-FormatName = Literal["ply", "stl", "obj", "off", "vtk", "vtp", "carto_vtk"]
+FormatName = Literal[
+    "ply", "stl", "obj", "off", "vtk", "vtp", "carto_mesh", "openep", "opencarp", "carto_vtk", "dif",
+    "phi_nrrd", "phi_nifti", "mask_nrrd", "mask_nifti", "tfm", "txt",
+]  # fmt: skip
 FrameName = Literal["LPS", "RAS"]
-SUFFIXES = {"carto_vtk": "carto.vtk"}
+SUFFIXES = {
+    "carto_vtk": "carto.vtk", "carto_mesh": "mesh", "openep": "mat", "opencarp": "pts", "dif": "dif.xml",
+    "phi_nrrd": "phi.nrrd", "phi_nifti": "phi.nii.gz", "mask_nrrd": "mask.nrrd", "mask_nifti": "mask.nii.gz",
+}  # fmt: skip
+KEEP_FIELDS = ("ply", "vtk", "vtp", "openep", "carto_mesh", "opencarp")
+NEED_FRAME = ("phi_nifti", "mask_nifti", "tfm")  # formats that say LPS or RAS by definition
 NOTICE = "o3dls, research software, not for clinical use"
 
 
 class Export(Writer):
-    """Write the surface of an estimate into export/, in a format that other programs read, with a sidecar of facts."""
+    """Write an estimate into export/ as a surface, a file for a navigation system, a volume or a pose, with a sidecar of facts."""
 
     name: ClassVar = "export"
     estimate: str | None = Field(None, description="estimate to write; default: the last")
     format: FormatName = Field("ply", description="file format")
     frame: FrameName | None = Field(None, description="frame to write in; default: the frame of the case")
-    field: str | None = Field(None, description="carto_vtk: the field that becomes its one scalar; default: none, all vertices 1")
+    field: str | None = Field(None, description="carto_vtk, dif: the field that becomes its one scalar; default: none")
     vmin: float | None = Field(None, description="carto_vtk: value of the field at the lower end of the colours; default: its least")
     vmax: float | None = Field(None, description="carto_vtk: value of the field at the upper end of the colours; default: its largest")
 
+    faces: int | None = Field(None, ge=4, description="most triangles, by decimation; default: the limit of the system, else all")
+    spacing: float = Field(1.0, gt=0.0, description="phi and mask: size of a voxel", json_schema_extra={"unit": "mm"})
+
     @model_validator(mode="after")
     def _fitting(self) -> Export:
-        if self.format != "carto_vtk" and (self.field, self.vmin, self.vmax) != (None, None, None):
-            raise PipelineError(f"export: field, vmin and vmax belong to the format carto_vtk; {self.format} keeps every field as it is")
+        if self.format != "carto_vtk" and (self.vmin, self.vmax) != (None, None):
+            raise PipelineError(f"export: vmin and vmax belong to the format carto_vtk; {self.format} writes values as they are")
+        if self.format not in ("carto_vtk", "dif") and self.field is not None:
+            raise PipelineError(f"export: field belongs to the formats carto_vtk and dif; {self.format} keeps every field it can")
         if (self.vmin is None) != (self.vmax is None):
             raise PipelineError("export: vmin and vmax must be given together")
         return self
@@ -50,7 +63,11 @@ class Export(Writer):
         if case.dimension == 2:
             return "the case is 2D, and its outlines are in estimates/ as csv already"
         if self.frame and case.frame == "unknown":
-            return f"frame = {self.frame!r}: the frame of the case is unknown; say frame = \"LPS\" or \"RAS\" in its case.toml"
+            return f'frame = {self.frame!r}: the frame of the case is unknown; say frame = "LPS" or "RAS" in its case.toml'
+        if self.format in NEED_FRAME and case.frame == "unknown":
+            return (
+                f"format = {self.format!r} lies in LPS or RAS by definition, and the frame of the case is unknown; say it in its case.toml"
+            )
         return None
 
     def __call__(self, run: Run, folder: Path) -> None:
@@ -62,19 +79,43 @@ class Export(Writer):
 
     def write(self, surface: Surface, run: Run, name: str, path: Path) -> None:
         """Write an estimate's surface with its fields to a file, and beside it `<file>.json` with frame, units and meaning of values."""
-        from .io.mesh import write_surface
-
         space = self.frame or run.case.frame
         if space != run.case.frame:
             surface = surface.transformed(np.diag([-1.0, -1.0, 1.0, 1.0]))  # LPS and RAS differ by half a turn about z
         facts = _facts(run, name, self.format, space)
         path.parent.mkdir(parents=True, exist_ok=True)
-        if self.format == "carto_vtk":
-            facts["scalar"] = self._write_carto(surface, path)
-        else:
-            write_surface(path, surface, space=space, units=run.case.units, format=self.format)
-            facts["fields"] = sorted(surface.fields) if self.format in ("ply", "vtk", "vtp") else []
+        facts |= self._write(surface, path, space, run.case.units, run.estimates[name].T_map_prior, turned=space != run.case.frame)
         path.with_name(path.name + ".json").write_text(json.dumps(facts, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+
+    def _write(self, surface: Surface, path: Path, space: str, units: str, pose: Array, *, turned: bool) -> dict[str, Any]:
+        """Write one file of the format; what only this format has to say goes into the sidecar."""
+        from .io.mesh import write_surface
+        from .io.transforms import turned as in_other_frame
+        from .io.transforms import write_transform
+
+        if self.format in ("tfm", "txt"):
+            write_transform(path, in_other_frame(pose) if turned else pose, space)
+            return {}
+        surface = self._small_enough(surface)
+        counts = {"vertices": len(surface.vertices), "triangles": len(surface.faces)}
+        if self.format == "carto_vtk":
+            return counts | {"scalar": self._write_carto(surface, path)}
+        if self.format == "dif":
+            return counts | {"scalar": self._write_dif(surface, path)}
+        if self.format.startswith(("phi", "mask")):
+            return self._write_volume(surface, path, space)
+        write_surface(path, surface, space=space, units=units, format=self.format)
+        return counts | {"fields": sorted(surface.fields) if self.format in KEEP_FIELDS else []}
+
+    def _small_enough(self, surface: Surface) -> Surface:
+        """Decimated to `faces`, and to what an importing system takes."""
+        from .convert import decimated
+        from .io.dif import LIMITS
+
+        most = min(self.faces or len(surface.faces), LIMITS["triangles"] if self.format == "dif" else len(surface.faces))
+        if self.format == "dif" and len(surface.vertices) > LIMITS["vertices"]:
+            most = min(most, 2 * LIMITS["vertices"] - 4)  # Euler: a closed surface has two triangles per vertex, and two vertices more
+        return decimated(surface, most) if most < len(surface.faces) else surface
 
     def _write_carto(self, surface: Surface, path: Path) -> dict[str, Any]:
         from .io.atomic import staged_file
@@ -85,6 +126,28 @@ class Export(Writer):
         with staged_file(path) as staged:
             staged.write_bytes(encode(surface, scalar.values))
         return dict(scalar.meaning)
+
+    def _write_dif(self, surface: Surface, path: Path) -> dict[str, Any]:
+        from .io.atomic import staged_file
+        from .io.dif import encode
+
+        with staged_file(path) as staged:
+            staged.write_bytes(encode(surface, field=self.field))
+        missing = 0 if self.field is None else int((~np.isfinite(surface.fields[self.field])).sum())
+        return {"field": self.field, "values": "as they are", "missing_vertices_unsampled": missing}
+
+    def _write_volume(self, surface: Surface, path: Path, space: str) -> dict[str, Any]:
+        """Signed distance of the surface (mm, negative inside, cut at four voxels outside) or its inside as 0 and 1."""
+        from .io.volumes import write_volume
+        from .levelset.distance import filled_distance
+
+        outside = 4 * self.spacing
+        found = filled_distance(surface.vertices, surface.faces, self.spacing, outside)
+        phi = np.full(found.band.shape, outside)
+        phi[tuple(found.band.nodes.T)] = np.minimum(found.phi, outside)
+        write_volume(path, phi if self.format.startswith("phi") else phi < 0.0, self.spacing, found.band.origin, space=space)
+        meaning = "signed distance, negative inside" if self.format.startswith("phi") else "1 inside, 0 outside"
+        return {"spacing": self.spacing, "values": meaning}
 
 
 def export_run(

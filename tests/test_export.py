@@ -36,9 +36,9 @@ def test_carto_dialect_is_anonymous_and_scaled(run: Path) -> None:
         assert b"Doe" not in path.read_bytes()
 
 
-@pytest.mark.parametrize("format", ["ply", "stl", "obj", "off", "vtk", "vtp", "carto_vtk"])
+@pytest.mark.parametrize("format", ["ply", "stl", "obj", "off", "vtk", "vtp", "carto_vtk", "carto_mesh", "openep", "opencarp", "dif"])
 def test_every_format_reads_back(run: Path, tmp_path: Path, format: str) -> None:
-    path = export_run(run, tmp_path / f"surface.{format.removeprefix('carto_')}", format=format)
+    path = export_run(run, tmp_path / f"surface.{'pts' if format == 'opencarp' else format.removeprefix('carto_')}", format=format)
     written, known = read_surface(path), read_surface(run / "estimates/level_set/surface.ply")
     assert written.area == pytest.approx(known.area, rel=1e-4)
     assert written.watertight
@@ -57,11 +57,45 @@ def test_wrong_words_are_named(run: Path, tmp_path: Path) -> None:
         export_run(run, tmp_path / "a.vpt", format="vpt")
     with pytest.raises(PipelineError, match="vmin and vmax must be given together"):
         Export(format="carto_vtk", vmin=1.0)
-    with pytest.raises(PipelineError, match="belong to the format carto_vtk"):
+    with pytest.raises(PipelineError, match="belongs to the formats carto_vtk and dif"):
         Export(format="ply", field="sd_mm")
     with pytest.raises(InputError, match="no field 'sd'"):
         export_run(run, tmp_path / "a.vtk", format="carto_vtk", field="sd")
     assert not list(tmp_path.iterdir())
+
+
+def test_dif_is_anonymous_and_small_enough(run: Path, tmp_path: Path) -> None:
+    path = export_run(run, tmp_path / "a.xml", format="dif", field="sd_mm", faces=500)
+    assert b"Doe" not in path.read_bytes()
+    surface = read_surface(path)
+    assert len(surface.faces) <= 500
+    assert surface.watertight
+    assert "sd_mm" in surface.fields
+    facts = json.loads((tmp_path / "a.xml.json").read_text())
+    assert (facts["scalar"]["field"], facts["triangles"], facts["frame"]) == ("sd_mm", len(surface.faces), "LPS")
+
+
+@pytest.mark.parametrize("format", ["phi_nrrd", "phi_nifti", "mask_nrrd", "mask_nifti"])
+def test_volumes_hold_the_surface(run: Path, tmp_path: Path, format: str) -> None:
+    from o3dls.io.images import read_image
+
+    path = export_run(run, tmp_path / ("a.nrrd" if "nrrd" in format else "a.nii.gz"), format=format, frame="RAS")
+    image = read_image(path, path.read_bytes())
+    known = read_surface(run / "estimates/level_set/surface.ply")
+    inside = image.values < 0 if format.startswith("phi") else image.values == 1
+    assert inside.sum() * np.prod(image.spacing) == pytest.approx(known.volume, rel=0.05)
+    index = np.argwhere(inside)[:, ::-1].mean(axis=0)
+    np.testing.assert_allclose(image.affine[:3, :3] @ index + image.affine[:3, 3], known.vertices.mean(axis=0), atol=2.0)  # both in LPS
+
+
+def test_poses_move_the_prior_onto_the_map(run: Path, tmp_path: Path) -> None:
+    from o3dls.io.transforms import read_transform
+
+    expected = json.loads((run / "run.json").read_text())["estimates"]["level_set"]["T_map_prior"]
+    for name in ("a.tfm", "a.txt"):
+        matrix, space = read_transform(export_run(run, tmp_path / name, format=name[2:]))
+        assert space == "LPS"
+        np.testing.assert_allclose(matrix, expected, atol=1e-9)
 
 
 def test_two_dimensions_are_refused(tmp_path: Path) -> None:
