@@ -1,9 +1,8 @@
-"""MATLAB files as nested dictionaries of arrays: version 5 by scipy, version 7.3 by h5py."""
+"""MATLAB files as nested dictionaries of arrays: version 7.3 needs h5py."""
 
 from __future__ import annotations
 
 import io
-import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -11,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
+from .mat5 import read_mat5
 
 HDF5 = b"\x89HDF\r\n\x1a\n"
 LARGEST = 1 << 30  # values in one variable; more cannot be meant
@@ -22,20 +22,7 @@ def knows(data: bytes) -> bool:
 
 def load(path: Path, data: bytes) -> dict[str, Any]:
     """Variables by name; structs are dictionaries, cells of other things lists. Raises InputError where the file is damaged."""
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error")  # scipy warns and goes on where a variable is damaged or there twice
-            return _load_hdf5(path, data) if HDF5 in data[:1024] else _load_mat5(data)
-    except InputError:
-        raise
-    except Exception as error:  # two foreign parsers, which raise whatever they meet
-        raise InputError(f"{path}: is no readable MATLAB file: {error}; it is truncated or damaged") from error
-
-
-def _load_mat5(data: bytes) -> dict[str, Any]:
-    from scipy.io import loadmat
-
-    return dict(loadmat(io.BytesIO(data), simplify_cells=True))  # type: ignore[arg-type]  # the stubs leave files out
+    return _load_hdf5(path, data) if HDF5 in data[:1024] else read_mat5(path, data)
 
 
 def _load_hdf5(path: Path, data: bytes) -> dict[str, Any]:
@@ -43,8 +30,11 @@ def _load_hdf5(path: Path, data: bytes) -> dict[str, Any]:
         import h5py
     except ImportError as error:
         raise InputError(f"{path}: is a MATLAB 7.3 file, which needs h5py: pip install h5py, or save it with -v7") from error
-    with h5py.File(io.BytesIO(data), "r") as file:
-        return {name: _plain(file[name], file) for name in file if not name.startswith("#")}
+    try:
+        with h5py.File(io.BytesIO(data), "r") as file:
+            return {name: _plain(file[name], file) for name in file if not name.startswith("#")}
+    except Exception as error:  # a foreign parser, which raises whatever it meets
+        raise InputError(f"{path}: is no readable MATLAB 7.3 file: {error}; it is truncated or damaged") from error
 
 
 def _plain(node: Any, file: Any) -> Any:
