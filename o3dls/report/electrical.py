@@ -10,7 +10,7 @@ from ..case import Points
 from ..geometry import Array, Surface
 
 UNITS = {"bipolar": "mV", "unipolar": "mV", "lat": "ms", "force": "g"}
-FAR = 10.0  # mm beyond which a point says nothing about the wall
+FAR = 10.0  # mm beyond which a point says nothing about the wall: there only the prior speaks, and no value is carried
 
 
 def with_electrical(surface: Surface, points: Points) -> Surface:

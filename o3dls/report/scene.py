@@ -13,8 +13,9 @@ import numpy as np
 from ..geometry import Array, Surface
 from .charts import STYLES
 from .display import MOST_FACES, decimated
+from .electrical import FAR
 from .fields import MAPS, Field, colour_table, known_fields, point_field
-from .subject import FAR, Subject
+from .subject import Subject
 
 GHOST_FACES = 10_000
 BELIEVED = 0.5  # weights below mark a point as outlier

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 NOTICE = "o3dls. Research use only. Not for clinical use."
 COLOURS = ("#0072b2", "#c04f00", "#00785a", "#a3487e", "#6b6b00", "#5b5f66")  # s0..s5 of report.css
 DASHES: tuple[Any, ...] = ("-", (0, (7, 3)), (0, (2, 3)), (0, (9, 3, 2, 3)), (0, (4, 2)), (0, (1, 4)))
-MOST_COLUMNS, MOST_ROWS, MOST_WARNINGS = 7, 8, 3
+MOST_COLUMNS, MOST_ROWS, MOST_WARNINGS, HEAD_LINES = 7, 7, 3, 3
 
 
 def write_slides(subject: Subject, folder: Path, pdf: Path) -> None:
@@ -97,7 +97,8 @@ def _distances_png(subject: Subject) -> bytes:
 def _curve(axes: Axes, subject: Subject) -> None:
     """Share of points within a distance, on the set that speaks first."""
     group = subject.headline
-    gaps = {name: result.measured(group)[1] for name, result in subject.results.items()} if group else {}
+    names = dict.fromkeys([next(iter(subject.results)), *subject.shown])  # where it began, and what is shown
+    gaps = {name: subject.results[name].measured(group)[1] for name in names} if group else {}
     gaps = {name: np.sort(values) for name, values in gaps.items() if len(values)}
     for name, values in gaps.items():
         k = subject.style(name) % len(COLOURS)
@@ -118,7 +119,7 @@ def _table(figure: Figure, subject: Subject, box: tuple[float, float, float, flo
         sets, rows = [*sets[: MOST_COLUMNS - 1], sets[-1]], [(name, [*cells[: MOST_COLUMNS - 1], cells[-1]]) for name, cells in rows]
     axes = figure.add_axes(box)
     axes.set_axis_off()
-    heads = [SETS[group].replace(", ", ",\n").replace(" to ", "\nto ") + "\n(seen by the fit)" * (group == "fitted") for group in sets]
+    heads = [_wrapped(SETS[group] + " (seen by the fit)" * (group == "fitted"), 12) for group in sets]
     cells = [[drawable(name), *values] for name, values in rows[-MOST_ROWS:]]
     drawn = axes.table(cells, colLabels=[f"mean, {subject.unit}", *heads], loc="upper left", cellLoc="right", edges="horizontal")
     drawn.auto_set_font_size(False)
@@ -126,7 +127,7 @@ def _table(figure: Figure, subject: Subject, box: tuple[float, float, float, flo
     drawn.scale(1, 1.25)
     for (row, column), cell in drawn.get_celld().items():
         cell.set_edgecolor("#c9ced6")
-        cell.set_height(cell.get_height() * (1.7 if row == 0 else 1.0))
+        cell.set_height(cell.get_height() * (HEAD_LINES * 0.75 if row == 0 else 1.0))
         cell.get_text().set_parse_math(False)
         if column == 0:
             cell.get_text().set_horizontalalignment("left")

@@ -18,8 +18,8 @@ from ..estimate import Estimate
 from ..geometry import Array, Surface
 from ..run import Run
 from .display import displayed
+from .electrical import FAR
 
-FAR = 10.0  # beyond this distance (case units; 3D) from every fitted point only the prior speaks
 MOST_SHOWN = 4
 BASELINE = "icp"  # estimates whose name begins so are what a result is compared with
 HEADLINE = ("held_out", "cross_validated", "ablation", "fitted")  # which distances speak first

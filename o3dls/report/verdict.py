@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 
+from .electrical import FAR
 from .statistics import Difference, paired_difference
-from .subject import FAR, Result, Subject
+from .subject import Result, Subject
 
 WORDS = {
     "held_out": "the held-out points",
