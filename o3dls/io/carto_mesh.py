@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, field
+from itertools import zip_longest
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ import numpy as np
 from ..errors import InputError
 from ..geometry import Array, Ints
 from .surface_file import SurfaceFile
-from .text import integers, join_rows, number_rows
+from .text import integers, is_count, join_rows, number_rows
 
 MISSING = -10_000.0
 MAGIC = b"#TriangulatedMeshVersion2.0"
@@ -126,7 +127,7 @@ class Section:
 def _sections(path: Path, text: str) -> dict[str, Section]:
     sections: dict[str, Section] = {}
     headings = list(re.finditer(r"^\[([^\]\n]*)\][^\n]*\n?", text, re.MULTILINE))
-    for heading, after in zip(headings, [*headings[1:], None], strict=True):
+    for heading, after in zip_longest(headings, headings[1:]):
         line = text.count("\n", 0, heading.end()) + 1
         if heading[1] in sections:
             raise InputError(f"{path}: line {line - 1}: section [{heading[1]}] is there twice")
@@ -139,7 +140,7 @@ def _sections(path: Path, text: str) -> dict[str, Section]:
 
 def _count(path: Path, general: dict[str, str], key: str) -> int:
     text = general.get(key, "0" if key == "NumVertexColors" else "").strip()
-    if not text.isdecimal():
+    if not is_count(text):
         raise InputError(f"{path}: {key} = '{text[:20]}' must be a count")
     return int(text)
 

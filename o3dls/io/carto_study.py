@@ -18,6 +18,7 @@ from .archive import Archive
 from .carto_points import read_car, read_sites
 from .dif import parse_xml
 from .surface_file import SurfaceFile
+from .text import is_count
 
 ABLATION_TAG = "Ablation"
 LANDMARK = re.compile(r"^(LIPV|LSPV|RIPV|RSPV|LCPV|RMPV|MA|TA|IVC|SVC|CS)( OS)?$")
@@ -92,7 +93,7 @@ def _map(element: ElementTree.Element, tag_names: dict[str, str]) -> Map:
     points = element.findall("CartoPoints/Point")
     for point in points:
         ids = " ".join(tag.text or "" for tag in point.iterfind("Tags")).split()
-        if ids and point.get("Id", "").isdecimal():
+        if ids and is_count(point.get("Id", "")):
             tags[int(point.get("Id", ""))] = [tag_names.get(i, i) for i in ids]
     return Map(
         element.get("Name", ""),

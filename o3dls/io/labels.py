@@ -13,6 +13,7 @@ from ..errors import InputError, did_you_mean
 from ..geometry import Array, Surface, apply
 from .images import knows, read_image
 from .surface_file import SurfaceFile
+from .text import is_count
 from .voxels import Image
 
 __all__ = ["knows", "mask_surface", "read"]
@@ -41,9 +42,7 @@ def _segments(notes: Mapping[str, str]) -> dict[str, tuple[int, int]]:
     found, k = {}, 0
     while f"Segment{k}_Name" in notes:
         numbers = [notes.get(f"Segment{k}_{key}", "").strip() for key in ("Layer", "LabelValue")]
-        layer, label = (
-            int(text) if text.isdecimal() and len(text) < 10 else default for text, default in zip(numbers, (0, 1), strict=True)
-        )
+        layer, label = (int(text) if is_count(text) else default for text, default in zip(numbers, (0, 1), strict=True))
         found[notes[f"Segment{k}_Name"].strip()] = (layer, label)
         k += 1
     return found

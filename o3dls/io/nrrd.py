@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..geometry import Array
-from .text import flat_numbers
+from .text import flat_numbers, is_count
 from .voxels import LARGEST, Image, beside, count, inflate, shaped
 
 TYPES = {
@@ -46,7 +46,7 @@ def read_nrrd(path: Path, data: bytes) -> Image:
     file = header.get("data file") or header.get("datafile")
     if end is None and file is None:
         raise InputError(f"{path}: NRRD header does not end in a blank line; the file is truncated")
-    sizes = [int(word) if word.isdecimal() and len(word) < 10 else -1 for word in header.get("sizes", "").split()]
+    sizes = [int(word) if is_count(word) else -1 for word in header.get("sizes", "").split()]
     if len(sizes) not in (3, 4) or header.get("dimension") != str(len(sizes)):
         raise InputError(
             f"{path}: NRRD has dimension {header.get('dimension')} and sizes {header.get('sizes')}: must be 3, or 4 with layers first"

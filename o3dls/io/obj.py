@@ -10,7 +10,7 @@ import numpy as np
 from ..errors import InputError
 from ..geometry import Array
 from .surface_file import NOTICE, SurfaceFile, triangulate
-from .text import decode, join_rows, number_rows, rectangle
+from .text import decode, is_count, join_rows, number_rows, rectangle
 
 
 def knows_obj(data: bytes) -> bool:
@@ -31,7 +31,7 @@ def read_obj(path: Path, data: bytes) -> SurfaceFile:
     header = "\n".join(line for line in lines[:50] if line.startswith("#"))
     triangles = triangulate(*polygons)
     for what, found in (("vertices", len(vertices)), ("triangles", len(triangles))):
-        stated = re.search(rf"number of {what}: (\d+)", header)
+        stated = re.search(rf"number of {what}: (\d{{1,12}})\b", header)
         if stated and int(stated[1]) != found:
             raise InputError(f"{path}: its header states {stated[1]} {what}, there are {found}: the file is truncated")
     return SurfaceFile.of(path, vertices, triangles, header=header)
@@ -71,9 +71,11 @@ def read_off(path: Path, data: bytes) -> SurfaceFile:
     text = decode(data, path)
     lines = [line.partition("#")[0] for line in text.splitlines()] if "#" in text else text.splitlines()
     rows = [(k, line) for k, line in enumerate(lines, 1) if line and not line.isspace()]
+    if not rows:
+        raise InputError(f"{path}: holds no line but comments")
     first = re.sub(r"^\s*(ST)?C?N?OFF", "", rows[0][1]).strip()
     rows = [(rows[0][0], first), *rows[1:]] if first else rows[1:]
-    if not rows or not re.fullmatch(r"\s*\d+\s+\d+(\s+\d+)?\s*", rows[0][1]):
+    if not rows or not re.fullmatch(r"\s*\d{1,12}\s+\d{1,12}(\s+\d+)?\s*", rows[0][1]):
         raise InputError(f"{path}: line 2: OFF must state its numbers of vertices and faces")
     n, m = map(int, rows[0][1].split()[:2])
     if len(rows) < 1 + n + m:
@@ -94,7 +96,7 @@ def _off_polygons(path: Path, rows: list[tuple[int, str]]) -> list[Array]:
         return [table[:, 1:4]]
     polygons = []
     words = [line.split() for _, line in rows]
-    shapes = np.array([(int(w[0]) if w[0].isdecimal() else -1, len(w)) for w in words]).reshape(-1, 2)
+    shapes = np.array([(int(w[0]) if is_count(w[0]) else -1, len(w)) for w in words]).reshape(-1, 2)
     wrong = np.flatnonzero((shapes[:, 0] < 3) | (shapes[:, 0] >= shapes[:, 1]))
     if len(wrong):
         raise InputError(f"{path}: line {rows[wrong[0]][0]}: '{rows[wrong[0]][1][:40]}' is no face: a count and as many corners")

@@ -11,7 +11,7 @@ from ..errors import InputError
 from ..geometry import Array, Surface
 from .atomic import staged_file
 from .surface_file import SurfaceFile
-from .text import decode, join_rows, number_rows, read_bytes
+from .text import decode, is_count, join_rows, number_rows, read_bytes
 
 MICROMETRES = 1000.0
 
@@ -42,7 +42,7 @@ def read(path: Path, data: bytes) -> SurfaceFile:
 def _lines(path: Path) -> tuple[int, list[str]]:
     """The stated count and at least as many lines after it."""
     lines = [line for line in decode(read_bytes(path), path).splitlines() if line.strip()]
-    if not lines or not lines[0].strip().isdecimal():
+    if not lines or not is_count(lines[0].strip()):
         raise InputError(f"{path}: line 1 must state the number of rows")
     n = int(lines[0])
     if len(lines) - 1 < n:

@@ -12,6 +12,7 @@ from ..errors import InputError
 from ..geometry import Array
 from .ply_rows import Columns, Element, Property, ascii_rows, binary_rows, truncated
 from .surface_file import NOTICE, SurfaceFile, flatten_fields, gather_fields, triangulate
+from .text import is_count
 
 TYPES = {
     **dict.fromkeys(("char", "int8"), "i1"),
@@ -53,7 +54,7 @@ def _parse_header(path: Path, lines: list[str]) -> tuple[str, list[Element]]:
         match line.split():
             case ["format", kind, _] if kind in ORDERS:
                 order = ORDERS[kind]
-            case ["element", name, count] if count.isdecimal():
+            case ["element", name, count] if is_count(count):
                 elements.append(Element(name, int(count)))
             case ["property", "list", count, kind, name] if elements and {count, kind} <= TYPES.keys():
                 elements[-1].properties.append(Property(name, TYPES[kind], TYPES[count]))

@@ -101,6 +101,11 @@ def join_rows(form: str, rows: NDArray[Any]) -> str:
     return (form * len(rows)) % tuple(rows.ravel().tolist())
 
 
+def is_count(word: str) -> bool:
+    """Whether a word is a plain whole number of at most twelve digits."""
+    return word.isascii() and word.isdecimal() and len(word) <= 12
+
+
 def integers(values: Array, where: str) -> Ints:
     """The same numbers as int64. Raises InputError where one is no whole number."""
     bad = ~(np.abs(values) < LARGEST_WHOLE) | (values != np.floor(values))  # not-a-number compares false

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..geometry import Array, Ints
-from .text import check_numbers, integers
+from .text import check_numbers, integers, is_count
 
 TYPES = {
     **dict.fromkeys(("bit", "unsigned_char"), "u1"),
@@ -64,7 +64,7 @@ class Cursor:
 
     def count(self, word: str) -> int:
         """A number of things that the rest of the file could hold."""
-        if not word.isdecimal() or int(word) > len(self.data):
+        if not is_count(word) or int(word) > len(self.data):
             raise self.error(f"'{word[:20]}' is no count that a file of {len(self.data)} bytes can hold")
         return int(word)
 

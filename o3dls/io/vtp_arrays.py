@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..geometry import Array
-from .text import flat_numbers
+from .text import flat_numbers, is_count
 
 TYPES = {f"{sign}Int{bits}": f"{'u' if sign else 'i'}{bits // 8}" for sign in ("", "U") for bits in (8, 16, 32, 64)}
 TYPES |= {"Float32": "f4", "Float64": "f8"}
@@ -69,7 +69,7 @@ class Arrays:
 
     def count(self, piece: ElementTree.Element, name: str) -> int:
         text = piece.get(name, "0").strip()
-        if not text.isdecimal() or int(text) > self.size:
+        if not is_count(text) or int(text) > self.size:
             raise InputError(f"{self.path}: {name}='{text[:20]}' is no count")
         return int(text)
 
@@ -79,7 +79,7 @@ class Arrays:
         if array is None:
             return None
         if array.get("format") == "ascii":
-            codes = bytes(int(word) for word in (array.text or "").split() if word.isdecimal() and int(word) < 128)
+            codes = bytes(int(word) for word in (array.text or "").split() if is_count(word) and int(word) < 128)
         else:
             codes = self._bytes(array, LONGEST_TEXT)
         return codes.split(b"\0")[0].decode("utf-8", errors="replace")
