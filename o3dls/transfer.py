@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 Motion = Callable[[Array], Array]
+NEIGHBOURS = 64  # data that one vertex averages at most
+BLOCK = 4096  # vertices taken together, which bounds the memory
 REACH = 10.0  # mm: farther from every point nothing is claimed
 MOST_PROCESS_POINTS = 5000
 LENGTHS = (4.0, 8.0, 16.0, 32.0, 64.0)
@@ -109,12 +111,13 @@ def _nearest(wall: Wall, values: Array, surface: Surface, width: float) -> tuple
 
 
 def _gaussian(wall: Wall, values: Array, surface: Surface, width: float) -> tuple[Array, Array | None]:
-    """Weighted mean; a vertex beyond all weights takes the nearest datum."""
-    from scipy.spatial.distance import cdist
+    """Weighted mean of the nearest data; a vertex beyond all weights takes the very nearest."""
+    from scipy.spatial import cKDTree
 
-    squared = cdist(surface.vertices, wall.foot, "sqeuclidean")
-    weights = np.exp(-(squared - squared.min(axis=1, keepdims=True)) / (2 * width**2))  # the nearest has weight 1: no underflow
-    return weights @ values / weights.sum(axis=1), None
+    found = cKDTree(wall.foot).query(surface.vertices, k=np.arange(1, min(NEIGHBOURS, len(values)) + 1))
+    distance, row = np.asarray(found[0]), np.asarray(found[1])
+    weights = np.exp((distance[:, :1] ** 2 - distance**2) / (2 * width**2))  # the nearest has weight 1: no underflow
+    return (weights * values[row]).sum(axis=1) / weights.sum(axis=1), None
 
 
 def _harmonic(wall: Wall, values: Array, surface: Surface, width: float) -> tuple[Array, Array | None]:
@@ -164,9 +167,13 @@ def _process(wall: Wall, values: Array, surface: Surface, width: float) -> tuple
     )
     lower = np.linalg.cholesky(_matern(between, length) + noise**2 * np.eye(len(y)))
     weights = solve_triangular(lower.T, solve_triangular(lower, y, lower=True))
-    cross = _matern(cdist(surface.vertices, wall.foot), length)
-    explained = (solve_triangular(lower, cross.T, lower=True) ** 2).sum(axis=0)
-    return mean + scale * cross @ weights, scale * np.sqrt(np.maximum(1.0 - explained, 0.0))
+    found, sd = np.empty(len(surface.vertices)), np.empty(len(surface.vertices))
+    for start in range(0, len(found), BLOCK):
+        block = slice(start, start + BLOCK)
+        cross = _matern(cdist(surface.vertices[block], wall.foot), length)
+        explained = (solve_triangular(lower, cross.T, lower=True) ** 2).sum(axis=0)
+        found[block], sd[block] = mean + scale * cross @ weights, scale * np.sqrt(np.maximum(1.0 - explained, 0.0))
+    return found, sd
 
 
 def _matern(distance: Array, length: float) -> Array:
@@ -186,23 +193,35 @@ METHODS: Mapping[str, Interpolator] = {"nearest": _nearest, "gaussian": _gaussia
 
 
 def between(
-    source: Surface, target: Surface, *, source_motion: Motion | None = None, target_motion: Motion | None = None, reach: float = REACH
-) -> Surface:
+    source: Surface, target: Surface, *,
+    source_motion: Motion | None = None, target_motion: Motion | None = None,
+    reach: float = REACH, cycles: Mapping[str, float] | None = None,
+) -> Surface:  # fmt: skip
     """The target with the source's fields, read where the two surfaces meet once each has been moved by its motion.
 
     Give `source_motion` (such as an estimate's motion) to bring fields of the prior to the refined surface, `target_motion` to bring
     fields of the map back to the prior: a place is then followed through the deformation instead of taken for the nearest wall, which may
-    be another one. Vertices farther than `reach` from the source are NaN, as are those between corners without a value.
+    be another one. Vertices farther than `reach` from the source are NaN, as are those between corners without a value. `cycles` names
+    the fields that are times on a circle, and its length.
     """
     moved = source if source_motion is None else source.with_vertices(source_motion(source.vertices))
     places = target.vertices if target_motion is None else target_motion(target.vertices)
     wall = project(places, moved)
-    corners = moved.faces[wall.face]
-    fields = {name: np.einsum("nc,nc...->n...", wall.weights, values[corners]) for name, values in source.fields.items()}
-    fields = {
-        name: np.where((wall.distance <= reach).reshape(-1, *[1] * (values.ndim - 1)), values, np.nan) for name, values in fields.items()
-    }
-    return replace(target, fields={**target.fields, **fields})
+    far = wall.distance > reach
+    fields = dict(target.fields)
+    for name, values in source.fields.items():
+        corners = values[moved.faces[wall.face]]
+        cycle = (cycles or {}).get(name)
+        found = np.einsum("nc,nc...->n...", wall.weights, corners) if cycle is None else _mean_time(wall.weights, corners, cycle)
+        found[far] = np.nan
+        fields[name] = found
+    return replace(target, fields=fields)
+
+
+def _mean_time(weights: Array, times: Array, cycle: float) -> Array:
+    """Weighted mean (n,) of times (n, c) on a circle, near the first of each row."""
+    apart = np.mod(times - times[:, :1] + cycle / 2, cycle) - cycle / 2
+    return np.asarray(times[:, 0] + (weights * apart).sum(axis=1))
 
 
 def with_electrical(

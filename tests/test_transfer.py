@@ -127,6 +127,22 @@ def test_fields_follow_the_motion_not_the_nearest_wall() -> None:
     assert np.isnan(far.fields["place"]).all(axis=1).any()
 
 
+def test_times_between_corners_do_not_run_through_the_whole_cycle() -> None:
+    source = ball(level=3)
+    lat = np.mod(np.arctan2(source.vertices[:, 1], source.vertices[:, 0]) / (2 * np.pi) * CYCLE, CYCLE)
+    source = Surface(source.vertices, source.faces, {"lat": lat})
+    target = ball(level=4)
+    away = np.hypot(target.vertices[:, 0], target.vertices[:, 1]) > 8
+    truth = np.arctan2(target.vertices[:, 1], target.vertices[:, 0]) / (2 * np.pi) * CYCLE
+
+    def worst(cycles: dict[str, float]) -> float:
+        error = between(source, target, cycles=cycles).fields["lat"] - truth
+        return float(np.abs(np.mod(error + CYCLE / 2, CYCLE) - CYCLE / 2)[away].max())
+
+    assert worst({"lat": CYCLE}) < 0.03 * CYCLE
+    assert worst({}) > 0.2 * CYCLE
+
+
 def test_stiffness_is_the_dirichlet_energy() -> None:
     """On a plane the energy of a linear function is area times slope squared; in 2D, length times slope squared."""
     x, y = np.meshgrid(np.linspace(0, 3, 7), np.linspace(0, 2, 5), indexing="ij")
