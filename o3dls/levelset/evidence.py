@@ -5,12 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import LinAlgError, cho_solve
+from scipy.linalg import cho_solve
 from scipy.linalg.lapack import dpotrf, dpotri
 from scipy.optimize import minimize
 
 from ..errors import SolverError
-from ..geometry import Array, Ints
+from ..geometry import Array
+from .rows import Rows
 
 
 @dataclass(frozen=True)
@@ -39,11 +40,14 @@ def solve(matrix: Array, z: Array) -> tuple[Posterior, Array]:
 
 @dataclass(frozen=True)
 class Scales:
-    """Logarithms of what the evidence tunes: field amplitudes first, then one noise level per group of points; with their priors."""
+    """Logarithms of what the evidence tunes: field amplitudes first, then one noise level per group of points; with their priors
+    and the least values allowed.
+    """
 
     log: Array
     centre: Array
     spread: Array
+    least: Array
     fields: int
 
     @property
@@ -54,45 +58,53 @@ class Scales:
     def noises(self) -> Array:
         return np.asarray(np.exp(self.log[self.fields :]))
 
+    def noise_alone(self) -> Scales:
+        """The same noise levels without any field."""
+        k = self.fields
+        return Scales(self.log[k:], self.centre[k:], self.spread[k:], self.least[k:], 0)
 
-def tune(
-    scales: Scales, fixed: Array, parts: list[Array], z: Array, group: Ints, relative: Array, scatter: tuple[Array, Array], steps: int = 12
-) -> Array:
-    """Logarithms that maximise evidence times log-normal priors (MacKay 1992), by L-BFGS on the exact gradient.
 
-    Noise variance of row i is (exp(log noise[group_i]) relative_i)^2; `relative` carries robust weights and per-point deviations;
-    `scatter`, squares and count per group, adds what the rows leave out of what their points tell of the noise (rows.Rows).
-    """
-    squares, degrees = scatter
+def tune(scales: Scales, fixed: Array, parts: list[Array], rows: Rows, steps: int = 12) -> Array:
+    """Logarithms that maximise evidence times log-normal priors (MacKay 1992), by L-BFGS on the exact gradient."""
+    squares, degrees = rows.scatter
 
     def objective(log: Array) -> tuple[float, Array]:
-        matrix, noise = assemble(log, scales.fields, fixed, parts, group, relative)
+        matrix, noise = assemble(log, fixed, parts, rows)
         pull = (log - scales.centre) / scales.spread
         try:
-            posterior, inverse = solve(matrix, z)
-        except (SolverError, LinAlgError):
+            posterior, inverse = solve(matrix, rows.residual)
+        except SolverError:
             return 1e12, pull / scales.spread  # a step too far: the line search comes back
         slope = inverse - np.outer(posterior.alpha, posterior.alpha)
+        within = squares * np.exp(-2.0 * log[scales.fields :])
         gradient = np.empty_like(log)
         for k, part in enumerate(parts):
             gradient[k] = np.vdot(slope, part) * np.exp(2.0 * log[k])
-        within = 0.5 * squares * np.exp(-2.0 * log[scales.fields :])
-        gradient[scales.fields :] = np.bincount(group, np.diag(slope) * noise, minlength=len(squares)) - 2.0 * within + degrees
-        energy = posterior.energy + float(within.sum() + degrees @ log[scales.fields :])
+        gradient[scales.fields :] = np.bincount(rows.group, np.diag(slope) * noise, minlength=len(squares)) - within + degrees
+        energy = posterior.energy + float(0.5 * within.sum() + degrees @ log[scales.fields :])
         return energy + 0.5 * float(pull @ pull), gradient + pull / scales.spread
 
-    found = minimize(objective, scales.log, jac=True, method="L-BFGS-B", options={"maxiter": steps, "maxcor": 8})
+    limits = [(low, None) for low in scales.least]
+    found = minimize(objective, scales.log, jac=True, method="L-BFGS-B", bounds=limits, options={"maxiter": steps, "maxcor": 8})
     return np.asarray(found.x)
 
 
-def assemble(log: Array, fields: int, fixed: Array, parts: list[Array], group: Ints, relative: Array) -> tuple[Array, Array]:
-    """Covariance (n, n) of the residuals and its noise part (n,)."""
+def assemble(log: Array, fixed: Array, parts: list[Array], rows: Rows) -> tuple[Array, Array]:
+    """Covariance (n, n) of the residuals and its noise part (n,): (exp(log noise of the row's group) times its relative noise)^2."""
     matrix = fixed.copy()
     for k, part in enumerate(parts):
         matrix += np.exp(2.0 * log[k]) * part
-    noise = (np.exp(log[fields:])[group] * relative) ** 2
+    noise = (np.exp(log[len(parts) :])[rows.group] * rows.relative) ** 2
     matrix[np.diag_indices_from(matrix)] += noise
     return matrix, noise
+
+
+def free_energy(posterior: Posterior, log_noise: Array, rows: Rows) -> float:
+    """-log evidence in nats of believed points: a row of weight w stands for N(z; f, s^2)^w, not for N(z; f, s^2 / w)."""
+    squares, degrees = rows.scatter
+    within = 0.5 * float((squares * np.exp(-2.0 * log_noise)).sum()) + float(degrees @ log_noise)
+    believed = len(rows.residual) + float(degrees.sum())
+    return posterior.energy - float(np.log(rows.relative).sum()) + within + 0.5 * believed * float(np.log(2.0 * np.pi))
 
 
 def left_out(posterior: Posterior, noise: Array) -> tuple[Array, Array]:

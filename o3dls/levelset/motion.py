@@ -1,49 +1,27 @@
-"""The motion T of the prior: a similarity, strains and a smooth field with a posterior, fitted to points by evidence.
-
-One iteration: foot points on the moved surface; signed residuals along its normals, less the bias that curvature gives them;
-posterior of the field (`covariance`, `evidence`); each point's residual to the fit without it decides how far it is believed
-(`outliers`). Amplitudes and noise levels maximise the evidence. Equation numbers and reasons: docs/method.md.
-"""
+"""The motion T of the prior as a function of points, with its posterior, and the record of how it was fitted (`fit`)."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 
 from ..geometry import Array, Ints, apply, fit_similarity
 from .closest import ClosestPoint
-from .covariance import Covariance, Observed, cross, displacement, grams, interpolation, variance
-from .evidence import Posterior, Scales, assemble, left_out, posterior_variance, solve, tune
-from .outliers import Contact, believe
-from .rows import Data, Feet, Rows, gather, points_left_out
-from .shape import normals_and_curvature, vertex_normals
-
-
-@dataclass(frozen=True)
-class Settings:
-    """Free of units: lengths in rms radii of the prior, amplitudes in rms residuals of the start; the spreads are of their logarithms."""
-
-    vector: tuple[float, ...] = (1.15,)
-    normal: tuple[float, ...] = (0.46,)
-    anchor_length: float = 0.38
-    vector_amplitude: float = 0.5
-    normal_amplitude: float = 0.25
-    anchor_amplitude: float = 0.8
-    landmark_noise: float = 0.08  # rms radii
-    strain: float = 0.05
-    depth: float = 0.3  # rms radii: how deep inside a point off the wall usually lies
-    spread: float = 0.7
-    rows: int = 1500  # more points than this share rows by patches of the surface
-    iterations: int = 25
-    tune_at: tuple[int, ...] = (5, 9, 13)
-    tolerance: float = 2e-4  # rms radii: mean step of the surface that counts as standing still
+from .covariance import Covariance, Observed, cross, displacement, variance
+from .evidence import Posterior, Scales, posterior_variance
+from .outliers import Contact
+from .shape import unit_mean, vertex_normals
 
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """The fitted motion, prior frame to map frame, as a function of points with its posterior deviation (estimate.Motion)."""
+    """The fitted motion, prior frame to map frame, as a function of points with its posterior deviation (estimate.Motion).
+
+    share is the posterior probability that the points show a motion at all: the field is scaled by it, so that points which
+    cannot tell it from noise leave the prior in its pose. inflation calibrates the deviation (docs/method.md).
+    """
 
     vertices: Array  # of the prior, in its own frame
     faces: Ints
@@ -52,11 +30,12 @@ class Motion:
     sds: Array
     observed: Observed
     posterior: Posterior
+    share: float = 1.0
     inflation: float = 1.0
 
     def __call__(self, points: Array) -> Array:
         at, normals = self._reference(points)
-        return at + displacement(self.covariance, self.sds, self.observed, self.posterior.alpha, at, normals)
+        return at + self.share * self._field(at, normals)
 
     def sd(self, points: Array, normals: Array) -> Array:
         """Posterior standard deviation (n,) along unit `normals` (map frame) of where points (n, d) of the prior frame went."""
@@ -64,7 +43,11 @@ class Motion:
         asked = Observed(at, normals, (normals * own).sum(axis=1))
         crossed = cross(self.covariance, self.sds, self.observed, asked)
         var = posterior_variance(self.posterior.factor, variance(self.covariance, self.sds, asked), crossed)
-        return self.inflation * np.sqrt(var)
+        between = 0.0 if self.share == 1.0 else (self._field(at, own) * normals).sum(axis=1) ** 2
+        return self.inflation * np.sqrt(self.share * (var + (1.0 - self.share) * between))
+
+    def _field(self, at: Array, normals: Array) -> Array:
+        return displacement(self.covariance, self.sds, self.observed, self.posterior.alpha, at, normals)
 
     @cached_property
     def _tree(self) -> ClosestPoint:
@@ -77,7 +60,7 @@ class Motion:
     def _reference(self, points: Array) -> tuple[Array, Array]:
         """Positions in the reference pose, and the reference surface's normal nearest to them."""
         _, face, _, bary = self._tree.query(points)
-        return apply(self.T_map_prior, points), _unit_mean(self._normals, self.faces[face], bary)
+        return apply(self.T_map_prior, points), unit_mean(self._normals, self.faces[face], bary)
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,9 +78,13 @@ class State:
 
 @dataclass(frozen=True, eq=False)
 class MotionFit:
-    """Result: motion, moved vertices (n, d), their posterior deviation (n,), belief per point, noise levels, history, sentence."""
+    """Result: the motion, moved vertices (n, d), their posterior deviation (n,), last state, history, and a sentence.
+
+    energy is the free energy in nats: lower is likelier, comparable between fits of the same points.
+    """
 
     motion: Motion
+    vertices: Array
     state: State
     sd: Array
     converged: bool
@@ -109,179 +96,7 @@ class MotionFit:
     def energy(self) -> float:
         return self.trace[-1]["energy"]
 
-
-def fit_motion(
-    vertices: Array, faces: Ints, pose: Array, data: Data, settings: Settings | None = None, warm: MotionFit | None = None
-) -> MotionFit:
-    """Fit the motion of a surface (vertices (n, d), faces (m, d), prior frame) from a start pose (d+1, d+1) to `data` (map frame).
-
-    `warm` starts from an earlier fit of the same surface and keeps its amplitudes and noise levels.
-    """
-    settings = settings or Settings()
-    problem = _Problem.make(vertices, faces, pose, data, settings)
-    state = problem.start() if warm is None else problem.resume(warm)
-    trace: list[dict[str, float]] = []
-    first = 0 if warm is None else settings.iterations - 3
-    still = False
-    for iteration in range(first, settings.iterations):
-        state, solved, record = problem.step(state, iteration, tuning=warm is None and iteration in settings.tune_at)
-        trace.append(record)
-        still = iteration > max(settings.tune_at) and record["step"] < settings.tolerance * problem.size
-        if still:
-            break
-    return problem.result(state, solved, trace, still)
-
-
-@dataclass(frozen=True, eq=False)
-class _Problem:
-    """What stays fixed during a fit: the posed surface, its nodes, the data, the covariance."""
-
-    vertices: Array
-    faces: Ints
-    pose: Array
-    posed: Array
-    posed_normals: Array
-    data: Data
-    marks: Array  # landmarks of the prior in the reference pose
-    covariance: Covariance
-    settings: Settings
-    size: float
-    tree: ClosestPoint
-    nodes: Ints
-    near: Ints
-    spread: Array
-
-    @staticmethod
-    def make(vertices: Array, faces: Ints, pose: Array, data: Data, settings: Settings) -> _Problem:
-        posed = apply(pose, vertices)
-        centre = posed.mean(axis=0)
-        size = float(np.sqrt(((posed - centre) ** 2).sum(axis=1).mean()))
-        lengths = [tuple(size * x for x in group) for group in (settings.vector, settings.normal)]
-        marks = apply(pose, data.marks_prior)
-        cov = Covariance(centre, lengths[0], lengths[1], marks, size * settings.anchor_length, translation=0.2 * size)
-        nodes = _spaced(posed, 0.25 * min(lengths[0] + lengths[1]))
-        near, spread = interpolation(posed[nodes], posed, min(lengths[0] + lengths[1]))
-        tree = ClosestPoint(posed, faces)
-        normals = vertex_normals(posed, faces)
-        return _Problem(vertices, faces, pose, posed, normals, data, marks, cov, settings, size, tree, nodes, near, spread)
-
-    def start(self) -> State:
-        """Amplitudes and noise in proportion to the residuals of the start pose, judged by their median so that outliers have no say."""
-        s, distances = self.settings, np.sqrt(self.tree.query(self.data.points)[0])
-        rms = max(1.4826 * float(np.median(distances[~self.data.inside])), 1e-4 * self.size)
-        amplitudes = [s.vector_amplitude * rms] * len(s.vector) + [s.normal_amplitude * rms] * len(s.normal)
-        amplitudes += [s.strain] + [s.anchor_amplitude * rms] * (len(self.marks) > 0)
-        noises = [0.7 * rms] * self.data.groups + [s.landmark_noise * self.size] * (len(self.marks) > 0)
-        log = np.log(np.array(amplitudes + noises))
-        scales = Scales(log, log.copy(), np.full(len(log), s.spread), len(amplitudes))
-        return State(self.posed, self.posed, 1.0, scales, Contact(depth=s.depth * self.size), np.ones(len(self.data.points)))
-
-    def resume(self, warm: MotionFit) -> State:
-        weights = np.ones(len(self.data.points))
-        weights[: len(warm.state.weights)] = warm.state.weights
-        return replace(warm.state, weights=weights)
-
-    def step(self, state: State, iteration: int, *, tuning: bool) -> tuple[State, tuple[Rows, Posterior], dict[str, float]]:
-        """One round of foot points, posterior and belief; early rounds are held stiff and trust points less."""
-        self.tree.refit(state.feet_on)
-        feet = self.feet(state)
-        rows = gather(feet, self.data, state.weights, self.marks, self.settings.rows, 0.25 * min(self.covariance.lengths))
-        fixed, parts = grams(self.covariance, rows.observed)
-        scales = state.scales
-        if tuning:
-            scales = replace(scales, log=tune(scales, fixed, parts, rows.residual, rows.group, rows.relative, rows.scatter))
-        log = scales.log + _annealed(iteration, scales, self.data.groups)
-        matrix, noise = assemble(log, scales.fields, fixed, parts, rows.group, rows.relative)
-        posterior, _ = solve(matrix, rows.residual)
-        moved = self.posed + self.spread_from_nodes(np.exp(log[: scales.fields]), rows.observed, posterior)
-        residual, var = points_left_out(rows, feet, noise, *left_out(posterior, noise), np.exp(log[scales.fields :]), self.data)
-        weights, contact = self.believe(state, residual, var)
-        step = float(np.linalg.norm(moved - state.feet_on, axis=1).mean())
-        damping = _damping(state, step, iteration)
-        feet_on = state.feet_on + damping * (moved - state.feet_on)
-        record = {"energy": posterior.energy, "step": step, "sigma": float(scales.noises[0]), "off_wall": contact.share}
-        return State(feet_on, moved, damping, scales, contact, weights, step), (rows, posterior), record
-
-    def feet(self, state: State) -> Feet:
-        """Foot points with normals, and the residual's bias: noise of sd s puts points s^2 H / 2 outside a wall of curvature H."""
-        normals, curvature = normals_and_curvature(state.feet_on, self.faces, limit=10.0 / self.size)
-        _, face, _, bary = self.tree.query(self.data.points)
-        corner = self.faces[face]
-        n = _unit_mean(normals, corner, bary)
-        at = (self.posed[corner] * bary[:, :, None]).sum(axis=1)
-        sigma = state.scales.noises[self.data.group] * self.data.relative
-        bias = 0.5 * sigma**2 * (curvature[corner] * bary).sum(axis=1)
-        along = (n * _unit_mean(self.posed_normals, corner, bary)).sum(axis=1)
-        return Feet(at, n, along, ((self.data.points - at) * n).sum(axis=1) - bias)
-
-    def believe(self, state: State, residual: Array, var: Array) -> tuple[Array, Contact]:
-        """Belief per point; an `inside` point has a say only while the surface leaves it outside."""
-        weights = np.where(residual > 0.0, 1.0, 0.0)
-        wall = ~self.data.inside
-        weights[wall], contact = believe(residual[wall], var[wall], self.data.odds[wall], state.contact)
-        return weights, contact
-
-    def spread_from_nodes(self, sds: Array, observed: Observed, posterior: Posterior) -> Array:
-        """Displacement (n, d) of every vertex, interpolated from nodes that stand close together against the shortest length."""
-        at, normals = self.posed[self.nodes], self.posed_normals[self.nodes]
-        field = displacement(self.covariance, sds, observed, posterior.alpha, at, normals)
-        return np.asarray(np.einsum("nk,nkd->nd", self.spread, field[self.near]))
-
-    def result(self, state: State, solved: tuple[Rows, Posterior], trace: list[dict[str, float]], still: bool) -> MotionFit:
-        rows, posterior = solved
-        motion = Motion(
-            self.vertices, self.faces, self.pose, self.covariance, state.scales.sds, rows.observed, posterior, inflation=INFLATION
-        )
-        at_nodes = motion.sd(self.vertices[self.nodes], vertex_normals(state.moved, self.faces)[self.nodes])
-        sd = np.maximum((self.spread * at_nodes[self.near]).sum(axis=1), 0.0)
-        step = trace[-1]["step"]
-        word = "converged" if still else f"stopped after {len(trace)} iterations while the surface still moved {step:.3g} a step"
-        status = f"{word}; noise {state.scales.noises[0]:.3g}, {100 * state.contact.share:.0f} % of the points off the wall"
-        return MotionFit(motion, state, sd, still, status, tuple(trace), self.facts(state))
-
-    def facts(self, state: State) -> dict[str, float]:
-        names = [f"vector_{x:.3g}" for x in self.covariance.vector] + [f"normal_{x:.3g}" for x in self.covariance.normal]
-        names += ["strain"] + ["anchors"] * (len(self.marks) > 0)
-        facts = {f"amplitude_{name}": float(sd) for name, sd in zip(names, state.scales.sds, strict=True)}
-        facts |= {"off_wall": state.contact.share, "persistence": state.contact.persistence}
-        if len(self.marks):
-            facts["landmark_noise"] = float(state.scales.noises[-1])
-        return facts
-
-
-SETTLED = 5  # rounds in which amplitudes grow and noise shrinks: steps are large on purpose
-INFLATION = 1.2  # the posterior takes feet, normals and amplitudes as known: measured on development seeds, docs/method.md
-
-
-def _damping(state: State, step: float, iteration: int) -> float:
-    """Share of the next step that is taken: halved while steps do not shrink, since exact points can hold the feet in a cycle."""
-    if iteration <= SETTLED:
-        return 1.0
-    return max(0.5 * state.damping, 0.125) if step > 0.9 * state.step else min(1.25 * state.damping, 1.0)
-
-
-def similarity_part(motion: MotionFit) -> Array:
-    """Least-squares similarity (d+1, d+1) of the fitted motion."""
-    return fit_similarity(motion.motion.vertices, motion.state.moved)
-
-
-def _annealed(iteration: int, scales: Scales, groups: int) -> Array:
-    """Change of the logarithms in the first rounds: amplitudes grow from .3 to 1, noise shrinks from 3 to 1."""
-    change = np.zeros(len(scales.log))
-    change[: scales.fields] = np.log(min(1.0, 0.3 + 0.14 * iteration))
-    change[scales.fields : scales.fields + groups] = np.log((3.0, 2.0, 1.5, 1.2, 1.0)[min(iteration, 4)])
-    return change
-
-
-def _unit_mean(vectors: Array, corner: Ints, bary: Array) -> Array:
-    mean = (vectors[corner] * bary[:, :, None]).sum(axis=1)
-    return np.asarray(mean / np.maximum(np.linalg.norm(mean, axis=1), 1e-300)[:, None])
-
-
-def _spaced(points: Array, spacing: float) -> Ints:
-    """Indices of points that stand about `spacing` apart: the one nearest to the middle of each occupied cell."""
-    cells = np.floor((points - points.min(axis=0)) / spacing)
-    middle = ((points - points.min(axis=0)) / spacing - cells - 0.5) ** 2
-    order = np.lexsort((middle.sum(axis=1), *cells.T))
-    first = np.r_[True, (np.diff(cells[order], axis=0) != 0).any(axis=1)]
-    return np.asarray(np.sort(order[first]))
+    @property
+    def similarity(self) -> Array:
+        """Least-squares similarity (d+1, d+1) of the fitted motion."""
+        return fit_similarity(self.motion.vertices, self.vertices)

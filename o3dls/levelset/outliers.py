@@ -44,6 +44,15 @@ def believe(residual: Array, variance: Array, odds: Array, contact: Contact) -> 
     return weights, Contact(share, contact.depth, persistence)
 
 
+def mixture_energy(weights: Array, residual: Array, odds: Array, contact: Contact) -> float:
+    """What the beliefs cost, in nats: surprise at the points off the wall, prior of the labels, less the labels' entropy."""
+    _, floating = density(residual, np.ones(len(residual)), contact)
+    off = np.clip(1.0 - weights, 1e-12, 1.0)
+    on = np.clip(weights, 1e-12, 1.0)
+    prior = off * np.log(contact.share * odds * floating) + on * np.log(1.0 - contact.share)
+    return float((off * np.log(off) + on * np.log(on) - prior).sum())
+
+
 @njit(cache=True)
 def _chain(touching, floating, share, persistence):  # type: ignore[no-untyped-def]
     """Smoothed probability of state 0 (touching) along the chain, and the expected number of floating neighbours."""

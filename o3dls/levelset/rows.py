@@ -77,9 +77,9 @@ def gather(feet: Feet, data: Data, weights: Array, marks: Array, most: int, patc
     spread = precision * (feet.residual - residual[of_point]) ** 2
     believed = np.bincount(data.group, weights, minlength=data.groups)
     squares = np.asarray(np.bincount(data.group, spread, minlength=data.groups), dtype=np.float64)
-    scatter = squares, believed - np.bincount(group, minlength=data.groups)
+    more = np.asarray(believed - np.bincount(group, minlength=data.groups), dtype=np.float64)
     observed = Observed(mean(feet.at), mean(feet.normals), mean(feet.along)[:, 0])
-    rows = Rows(observed, residual, group, 1.0 / np.sqrt(total), of_point, scatter)
+    rows = Rows(observed, residual, group, 1.0 / np.sqrt(total), of_point, (squares, more))
     return _with_landmarks(rows, data, marks) if len(marks) else rows
 
 

@@ -22,6 +22,12 @@ def vertex_normals(vertices: Array, faces: Ints) -> Array:
     return np.asarray(_normals(vertices, faces)[0])
 
 
+def unit_mean(vectors: Array, corner: Ints, bary: Array) -> Array:
+    """Unit vectors (k, d): vectors (n, d) of the vertices, interpolated at corners (k, d) with barycentric weights (k, d)."""
+    mean = (vectors[corner] * bary[:, :, None]).sum(axis=1)
+    return np.asarray(mean / np.maximum(np.linalg.norm(mean, axis=1), 1e-300)[:, None])
+
+
 @njit(cache=True)
 def _normals(vertices, faces):  # type: ignore[no-untyped-def]
     n, dim = vertices.shape

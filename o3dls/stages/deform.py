@@ -15,7 +15,7 @@ from ..geometry import Array
 from ..stage import Stage
 
 if TYPE_CHECKING:
-    from ..levelset.motion import Settings
+    from ..levelset.fit import Settings
     from ..levelset.rows import Data
 
 
@@ -44,6 +44,11 @@ class Deform(Stage):
         description="how far the evidence may move an amplitude or noise level: sd of its logarithm",
         json_schema_extra={"unit": "1"},
     )
+    odds: float = Field(
+        0.0,
+        description="log odds against a motion beyond the pose, before the points are seen; raise it for templates that hardly deform",
+        json_schema_extra={"unit": "nats"},
+    )
     iterations: int = Field(25, ge=5, description="most iterations")
 
     @property
@@ -51,16 +56,16 @@ class Deform(Stage):
         return (*FITTED_TYPES, "ablation") if self.ablation == "fit" else FITTED_TYPES
 
     def __call__(self, case: Case, start: Estimate) -> Estimate:
-        from ..levelset.motion import fit_motion, similarity_part
+        from ..levelset.fit import fit_motion
 
         began = time.perf_counter()
         data = observed(case, self)
         fit = fit_motion(case.prior.vertices, case.prior.faces, start.T_map_prior, data, self.settings())
         eam = (data.group == 0) & ~data.inside
-        surface = replace(case.prior, vertices=fit.state.moved, fields={**case.prior.fields, f"sd_{case.units}": fit.sd})
+        surface = replace(case.prior, vertices=fit.vertices, fields={**case.prior.fields, f"sd_{case.units}": fit.sd})
         return Estimate(
             surface=surface,
-            T_map_prior=similarity_part(fit),
+            T_map_prior=fit.similarity,
             status=fit.status,
             converged=fit.converged,
             iterations=len(fit.trace),
@@ -73,9 +78,9 @@ class Deform(Stage):
         )
 
     def settings(self) -> Settings:
-        from ..levelset.motion import Settings
+        from ..levelset.fit import Settings
 
-        return Settings(vector=self.vector, normal=self.normal, spread=self.spread, iterations=self.iterations)
+        return Settings(vector=self.vector, normal=self.normal, spread=self.spread, odds=self.odds, iterations=self.iterations)
 
 
 def observed(case: Case, stage: Deform) -> Data:

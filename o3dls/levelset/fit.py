@@ -1,0 +1,239 @@
+"""Fitting the motion T of the prior: a similarity, strains and a smooth field, to points, by evidence.
+
+One iteration: foot points on the moved surface; signed residuals along its normals, less the bias that curvature gives them;
+posterior of the field (`covariance`, `evidence`); each point's residual to the fit without it decides how far it is believed
+(`outliers`). Amplitudes and noise levels maximise the evidence. Reasons and numbers: docs/method.md.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..geometry import Array, Ints, apply
+from .closest import ClosestPoint
+from .covariance import Covariance, Observed, displacement, grams, interpolation
+from .evidence import Posterior, Scales, assemble, free_energy, left_out, solve, tune
+from .motion import Motion, MotionFit, State
+from .outliers import Contact, believe, mixture_energy
+from .rows import Data, Feet, Rows, gather, points_left_out
+from .shape import normals_and_curvature, unit_mean, vertex_normals
+
+SETTLED = 5  # rounds in which amplitudes grow and noise shrinks: steps are large on purpose
+INFLATION = 1.2  # the posterior takes feet, normals and amplitudes as known: measured on development seeds, docs/method.md
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Free of units: lengths in rms radii of the prior, amplitudes in rms residuals of the start; the spreads are of their logarithms."""
+
+    vector: tuple[float, ...] = (1.15,)
+    normal: tuple[float, ...] = (0.46,)
+    anchor_length: float = 0.38
+    vector_amplitude: float = 0.5
+    normal_amplitude: float = 0.25
+    anchor_amplitude: float = 0.8
+    landmark_noise: float = 0.08  # rms radii
+    strain: float = 0.05
+    depth: float = 0.3  # rms radii: how deep inside a point off the wall usually lies
+    spread: float = 0.7
+    odds: float = 0.0  # nats against a motion beyond the pose, before the points are seen
+    finest: float = 0.01  # rms radii: no point is believed better than this
+    rows: int = 1500  # more points than this share rows by patches of the surface
+    iterations: int = 25
+    tune_at: tuple[int, ...] = (5, 9, 13)
+    tolerance: float = 2e-4  # rms radii: mean step of the surface that counts as standing still
+
+
+def fit_motion(
+    vertices: Array, faces: Ints, pose: Array, data: Data, settings: Settings | None = None, warm: MotionFit | None = None
+) -> MotionFit:
+    """Fit the motion of a surface (vertices (n, d), faces (m, d), prior frame) from a start pose (d+1, d+1) to `data` (map frame).
+
+    `warm` starts from an earlier fit of the same surface and keeps its amplitudes and noise levels.
+    """
+    settings = settings or Settings()
+    problem = _Problem.make(vertices, faces, pose if warm is None else warm.motion.T_map_prior, data, settings)
+    state = problem.start() if warm is None else problem.resume(warm)
+    trace: list[dict[str, float]] = []
+    still = False
+    for iteration in range(0 if warm is None else settings.iterations - 3, settings.iterations):
+        state, solved, record = problem.step(state, iteration, tuning=warm is None and iteration in settings.tune_at)
+        trace.append(record)
+        still = iteration > max(settings.tune_at) and record["step"] < settings.tolerance * problem.size
+        if still:
+            break
+    share = problem.share(trace[-1]["energy"]) if warm is None else warm.motion.share
+    return problem.result(state, solved, share, trace, still)
+
+
+@dataclass(frozen=True, eq=False)
+class _Problem:
+    """What stays fixed during a fit: the posed surface, its nodes, the data, the covariance."""
+
+    vertices: Array
+    faces: Ints
+    pose: Array
+    posed: Array
+    posed_normals: Array
+    data: Data
+    marks: Array  # landmarks of the prior in the reference pose
+    covariance: Covariance
+    settings: Settings
+    size: float
+    tree: ClosestPoint
+    nodes: Ints
+    near: Ints
+    spread: Array
+
+    @staticmethod
+    def make(vertices: Array, faces: Ints, pose: Array, data: Data, settings: Settings) -> _Problem:
+        posed = apply(pose, vertices)
+        centre = posed.mean(axis=0)
+        size = float(np.sqrt(((posed - centre) ** 2).sum(axis=1).mean()))
+        lengths = [tuple(size * x for x in group) for group in (settings.vector, settings.normal)]
+        marks = apply(pose, data.marks_prior)
+        cov = Covariance(centre, lengths[0], lengths[1], marks, size * settings.anchor_length, translation=0.2 * size)
+        nodes = _spaced(posed, 0.25 * min(lengths[0] + lengths[1]))
+        near, spread = interpolation(posed[nodes], posed, min(lengths[0] + lengths[1]))
+        tree = ClosestPoint(posed, faces)
+        normals = vertex_normals(posed, faces)
+        return _Problem(vertices, faces, pose, posed, normals, data, marks, cov, settings, size, tree, nodes, near, spread)
+
+    def start(self) -> State:
+        """Amplitudes and noise in proportion to the residuals of the start pose, judged by their median so that outliers have no say."""
+        s, distances = self.settings, np.sqrt(self.tree.query(self.data.points)[0])
+        rms = max(1.4826 * float(np.median(distances[~self.data.inside])), 1e-4 * self.size)
+        amplitudes = [s.vector_amplitude * rms] * len(s.vector) + [s.normal_amplitude * rms] * len(s.normal)
+        amplitudes += [s.strain] + [s.anchor_amplitude * rms] * (len(self.marks) > 0)
+        noises = [0.7 * rms] * self.data.groups + [s.landmark_noise * self.size] * (len(self.marks) > 0)
+        log = np.log(np.array(amplitudes + noises))
+        least = np.where(np.arange(len(log)) < len(amplitudes), -np.inf, np.log(s.finest * self.size))
+        scales = Scales(log, log.copy(), np.full(len(log), s.spread), least, len(amplitudes))
+        return State(self.posed, self.posed, 1.0, scales, Contact(depth=s.depth * self.size), np.ones(len(self.data.points)))
+
+    def resume(self, warm: MotionFit) -> State:
+        weights = np.ones(len(self.data.points))
+        weights[: len(warm.state.weights)] = warm.state.weights
+        return replace(warm.state, weights=weights)
+
+    def step(self, state: State, iteration: int, *, tuning: bool) -> tuple[State, tuple[Rows, Posterior], dict[str, float]]:
+        """One round of foot points, posterior and belief; early rounds are held stiff and trust points less."""
+        feet = self.feet(state)
+        rows = gather(feet, self.data, state.weights, self.marks, self.settings.rows, 0.25 * min(self.covariance.lengths))
+        fixed, parts = grams(self.covariance, rows.observed)
+        scales = state.scales
+        if tuning:
+            scales = replace(scales, log=tune(scales, fixed, parts, rows))
+        log = scales.log + _annealed(iteration, scales, self.data.groups)
+        matrix, noise = assemble(log, fixed, parts, rows)
+        posterior, _ = solve(matrix, rows.residual)
+        moved = self.posed + self.spread_from_nodes(np.exp(log[: scales.fields]), rows.observed, posterior)
+        residual, var = points_left_out(rows, feet, noise, *left_out(posterior, noise), np.exp(log[scales.fields :]), self.data)
+        weights, contact = self.believe(state, residual, var)
+        energy = free_energy(posterior, log[scales.fields :], rows) + self.label_energy(weights, residual, contact)
+        step = float(np.linalg.norm(moved - state.feet_on, axis=1).mean())
+        damping = _damping(state, step, iteration)
+        feet_on = state.feet_on + damping * (moved - state.feet_on)
+        record = {"energy": energy, "step": step, "sigma": float(scales.noises[0]), "off_wall": contact.share}
+        return State(feet_on, moved, damping, scales, contact, weights, step), (rows, posterior), record
+
+    def feet(self, state: State) -> Feet:
+        """Foot points with normals, and the residual's bias: noise of sd s puts points s^2 H / 2 outside a wall of curvature H."""
+        normals, curvature = normals_and_curvature(state.feet_on, self.faces, limit=10.0 / self.size)
+        self.tree.refit(state.feet_on)
+        _, face, _, bary = self.tree.query(self.data.points)
+        corner = self.faces[face]
+        n = unit_mean(normals, corner, bary)
+        at = (self.posed[corner] * bary[:, :, None]).sum(axis=1)
+        sigma = state.scales.noises[self.data.group] * self.data.relative
+        bias = 0.5 * sigma**2 * (curvature[corner] * bary).sum(axis=1)
+        along = (n * unit_mean(self.posed_normals, corner, bary)).sum(axis=1)
+        return Feet(at, n, along, ((self.data.points - at) * n).sum(axis=1) - bias)
+
+    def believe(self, state: State, residual: Array, var: Array) -> tuple[Array, Contact]:
+        """Belief per point; an `inside` point has a say only while the surface leaves it outside."""
+        weights = np.where(residual > 0.0, 1.0, 0.0)
+        wall = ~self.data.inside
+        weights[wall], contact = believe(residual[wall], var[wall], self.data.odds[wall], state.contact)
+        return weights, contact
+
+    def label_energy(self, weights: Array, residual: Array, contact: Contact) -> float:
+        wall = ~self.data.inside
+        return mixture_energy(weights[wall], residual[wall], self.data.odds[wall], contact)
+
+    def share(self, energy: float) -> float:
+        """Posterior probability of a motion beyond the pose: its free energy against that of the pose and noise alone."""
+        state = self.start()
+        feet = self.feet(state)
+        scales = state.scales.noise_alone()
+        weights, contact, alone = state.weights, state.contact, np.inf
+        for _ in range(6):
+            rows = gather(feet, self.data, weights, self.marks, self.settings.rows, 0.25 * min(self.covariance.lengths))
+            fixed, _ = grams(self.covariance, rows.observed)
+            scales = replace(scales, log=tune(scales, fixed, [], rows))
+            matrix, noise = assemble(scales.log, fixed, [], rows)
+            posterior, _ = solve(matrix, rows.residual)
+            residual, var = points_left_out(rows, feet, noise, *left_out(posterior, noise), np.exp(scales.log), self.data)
+            weights, contact = self.believe(replace(state, contact=contact), residual, var)
+            alone = free_energy(posterior, scales.log, rows) + self.label_energy(weights, residual, contact)
+        # amplitudes chosen by few points flatter their evidence: the small-sample correction of Hurvich and Tsai (1989)
+        tuned = len(state.scales.log) + self.covariance.similarity(self.posed[:1]).shape[2]
+        flattery = tuned * (tuned + 1.0) / max(len(self.data.points) - tuned - 1.0, 1.0)
+        return float(1.0 / (1.0 + np.exp(np.clip(energy - alone + flattery + self.settings.odds, -500.0, 500.0))))
+
+    def spread_from_nodes(self, sds: Array, observed: Observed, posterior: Posterior) -> Array:
+        """Displacement (n, d) of every vertex, interpolated from nodes that stand close together against the shortest length."""
+        at, normals = self.posed[self.nodes], self.posed_normals[self.nodes]
+        field = displacement(self.covariance, sds, observed, posterior.alpha, at, normals)
+        return np.asarray(np.einsum("nk,nkd->nd", self.spread, field[self.near]))
+
+    def result(self, state: State, solved: tuple[Rows, Posterior], share: float, trace: list[dict[str, float]], still: bool) -> MotionFit:
+        rows, posterior = solved
+        share = 1.0 if share > 0.999 else share
+        sds = state.scales.sds
+        motion = Motion(self.vertices, self.faces, self.pose, self.covariance, sds, rows.observed, posterior, share, INFLATION)
+        at_nodes = motion.sd(self.vertices[self.nodes], vertex_normals(state.moved, self.faces)[self.nodes])
+        sd = np.maximum((self.spread * at_nodes[self.near]).sum(axis=1), 0.0)
+        word = (
+            "converged" if still else f"stopped after {len(trace)} iterations while the surface still moved {trace[-1]['step']:.2g} a step"
+        )
+        status = f"{word}; noise {state.scales.noises[0]:.3g}, {100 * state.contact.share:.0f} % of the points off the wall"
+        if share < 0.95:
+            status += f"; the points show a motion beyond the pose with probability {share:.2f}, and the prior follows it that far"
+        vertices = self.posed + share * (state.moved - self.posed)
+        return MotionFit(motion, vertices, state, sd, still, status, tuple(trace), self.facts(state) | {"share": share})
+
+    def facts(self, state: State) -> dict[str, float]:
+        names = [f"vector_{x:.3g}" for x in self.covariance.vector] + [f"normal_{x:.3g}" for x in self.covariance.normal]
+        names += ["strain"] + ["anchors"] * (len(self.marks) > 0)
+        facts = {f"amplitude_{name}": float(sd) for name, sd in zip(names, state.scales.sds, strict=True)}
+        facts |= {"off_wall": state.contact.share, "persistence": state.contact.persistence}
+        if len(self.marks):
+            facts["landmark_noise"] = float(state.scales.noises[-1])
+        return facts
+
+
+def _damping(state: State, step: float, iteration: int) -> float:
+    """Share of the next step that is taken: halved while steps do not shrink, since exact points can hold the feet in a cycle."""
+    if iteration <= SETTLED:
+        return 1.0
+    return max(0.5 * state.damping, 0.125) if step > 0.9 * state.step else min(1.25 * state.damping, 1.0)
+
+
+def _annealed(iteration: int, scales: Scales, groups: int) -> Array:
+    """Change of the logarithms in the first rounds: amplitudes grow from .3 to 1, noise shrinks from 3 to 1."""
+    change = np.zeros(len(scales.log))
+    change[: scales.fields] = np.log(min(1.0, 0.3 + 0.14 * iteration))
+    change[scales.fields : scales.fields + groups] = np.log((3.0, 2.0, 1.5, 1.2, 1.0)[min(iteration, 4)])
+    return change
+
+
+def _spaced(points: Array, spacing: float) -> Ints:
+    """Indices of points that stand about `spacing` apart: the one nearest to the middle of each occupied cell."""
+    cells = np.floor((points - points.min(axis=0)) / spacing)
+    middle = ((points - points.min(axis=0)) / spacing - cells - 0.5) ** 2
+    order = np.lexsort((middle.sum(axis=1), *cells.T))
+    first = np.r_[True, (np.diff(cells[order], axis=0) != 0).any(axis=1)]
+    return np.asarray(np.sort(order[first]))
