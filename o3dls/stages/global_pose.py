@@ -1,0 +1,86 @@
+"""Stage `global_pose`: the pose of the prior when there is no start: no landmarks, any rotation."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+from pydantic import Field
+
+from ..case import Case
+from ..errors import InputError
+from ..estimate import Estimate
+from ..stage import Stage
+from .icp import as_estimate, fitted_points
+
+if TYPE_CHECKING:
+    from ..geometry import Array
+    from ..registration.global_pose import Candidate
+
+CERTAIN = 0.99  # confidence from which on a prior is refused as mirrored: a refusal must not be a mistake
+
+
+class GlobalPose(Stage):
+    """Search all rotations for the pose in which the points fit the prior, and say how sure it is against the runner-up."""
+
+    name: ClassVar[str] = "global_pose"
+    finds_pose: ClassVar[bool] = True
+    starts: int = Field(800, ge=24, le=100_000, description="rotations tried, spread evenly")
+    scale: bool = Field(True, description="let the scale change: a similarity instead of a rigid motion")
+    hands: bool = Field(True, description="try the mirror image too, and refuse the prior where that fits clearly better")
+    sure: float = Field(
+        0.95, ge=0.5, le=1.0, description="confidence below which the estimate counts as not converged", json_schema_extra={"unit": "1"}
+    )
+
+    def __call__(self, case: Case, start: Estimate) -> Estimate:
+        from ..registration.global_pose import candidates, confidence, mirrored
+        from ..registration.match import SurfaceMatcher
+
+        points, surface = fitted_points(case), SurfaceMatcher(case.prior)
+        best, *others = candidates(points, surface, starts=self.starts, scale=self.scale)
+        if self.hands:
+            other_hand = candidates(points, mirrored(surface), starts=self.starts, scale=self.scale)[0]
+            self._refuse_mirrored(case, best, other_hand, confidence(other_hand.costs, best.costs, points))
+        sure = min([confidence(best.costs, other.costs, points) for other in others], default=1.0)
+        return self._judged(as_estimate(case, best.alignment, scale=self.scale), best, others, sure)
+
+    def _refuse_mirrored(self, case: Case, best: Candidate, other: Candidate, sure: float) -> None:
+        if sure > CERTAIN:
+            gaps = [float(np.median(c.alignment.pairs.distances)) for c in (best, other)]
+            raise InputError(
+                f"case {case.name}: the points fit the mirror image of the prior (median distance {gaps[1]:.3g} {case.units}) better than "
+                f"the prior (median {gaps[0]:.3g} {case.units}), confidence {sure:.2f}: flip one axis of the prior, or set hands = false"
+            )
+
+    def _judged(self, estimate: Estimate, best: Candidate, others: list[Candidate], sure: float) -> Estimate:
+        """The estimate with what the search knows about the runner-up."""
+        runner = _runner_up(best.T_map_prior, others)
+        status = f"pose found with confidence {sure:.2f}{runner and f'; {runner}'}; icp {estimate.status}"
+        doubt = f"the pose is not certain (confidence {sure:.2f}; {runner}): check it, or give landmarks"
+        return replace(
+            estimate,
+            status=status,
+            converged=estimate.converged and sure >= self.sure,
+            warnings=estimate.warnings + ((doubt,) if sure < self.sure else ()),
+            facts={**estimate.facts, "confidence": sure, "candidates": [_record(best.T_map_prior, c) for c in (best, *others)]},
+        )
+
+
+def _runner_up(T_map_prior: Array, others: list[Candidate]) -> str:
+    from ..registration.global_pose import angle_of
+
+    if not others:
+        return ""
+    return f"the runner-up lies {np.degrees(angle_of(T_map_prior, others[0].T_map_prior)):.0f} degrees away"
+
+
+def _record(T_map_prior: Array, candidate: Candidate) -> dict[str, float]:
+    from ..registration.global_pose import angle_of
+
+    distances = candidate.alignment.pairs.distances
+    return {
+        "degrees_away": float(np.degrees(angle_of(T_map_prior, candidate.T_map_prior))),
+        "cost": float(candidate.costs.mean()),
+        "median": float(np.median(distances)),
+    }
