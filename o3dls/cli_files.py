@@ -65,10 +65,22 @@ def export(run_folder: Path, out: Path | None, **options: Any) -> None:
 @click.option("--box", type=float, nargs=6, help="label volumes: cut to least x y z, most x y z (mm, LPS)")
 def convert(source: Path, target: Path, **options: Any) -> None:
     """Write a surface, points, named places or a pose in another format; frame and units are said on both sides."""
-    from .convert import convert as convert_file
+    from .conversion import convert as convert_file
 
     for sentence in convert_file(source, target, **options):
         click.echo(sentence)
+
+
+@click.command()
+@click.argument("run_folder", metavar="RUN", type=FOLDER)
+@click.option("--estimate", help="estimate to send; default: the last")
+@click.option("--host", default="localhost", show_default=True, help="where the receiver listens")
+@click.option("--port", default=18944, show_default=True, help="its port; this is Slicer's")
+def send(run_folder: Path, **options: Any) -> None:
+    """Send a finished run live by OpenIGTLink: surface, landmarks, ablation points and pose, in RAS."""
+    from .live import send as send_run
+
+    click.echo(f"{send_run(run_folder, **options)} bytes sent")
 
 
 @click.command("import")

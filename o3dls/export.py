@@ -109,7 +109,7 @@ class Export(Writer):
 
     def _small_enough(self, surface: Surface) -> Surface:
         """Decimated to `faces`, and to what an importing system takes."""
-        from .convert import decimated
+        from .conversion import decimated
         from .io.dif import LIMITS
 
         most = min(self.faces or len(surface.faces), LIMITS["triangles"] if self.format == "dif" else len(surface.faces))

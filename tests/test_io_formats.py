@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from formats import FIELDS, SPACE, SUFFIX, TOLERANCE, marker, same_body, write_as
 
-from o3dls.convert import convert
+from o3dls.conversion import convert
 from o3dls.errors import InputError
 from o3dls.geometry import Surface
 from o3dls.io import read_surface, read_surface_file
@@ -315,6 +315,23 @@ def test_openigtlink_arrives_over_a_socket() -> None:
     assert struct.unpack(">12f", kinds[2][1])[9:] == pytest.approx(POSE[:3, 3])
     with pytest.raises(InputError, match="cannot send"):
         igtl.send(messages, "127.0.0.1", port, timeout=0.5)
+
+
+def test_a_run_is_sent_in_ras(tmp_path: Path) -> None:
+    from o3dls.io import igtl
+    from o3dls.live import messages
+    from tests.finished import bulged_case, finished
+
+    run = finished(tmp_path / "run", bulged_case("any"))
+    surface, pose, *rest = messages(run)
+    n = struct.unpack(">I", surface[58:62])[0]
+    sent = np.frombuffer(surface, ">f4", 3 * n, 98).reshape(n, 3)
+    estimate = next(iter(sorted((run / "estimates").glob("level_set/surface.ply"))))
+    np.testing.assert_allclose(sent, read_surface(estimate).vertices * [-1, -1, 1], atol=1e-4)
+    assert igtl.HEADER.unpack(pose[:58])[1].rstrip(b"\0") == b"TRANSFORM"
+    assert all(igtl.HEADER.unpack(m[:58])[1].rstrip(b"\0") == b"POINT" for m in rest)
+    with pytest.raises(InputError, match="no estimate 'levelset'"):
+        messages(run, "levelset")
 
 
 def test_objects_of_other_libraries_and_back() -> None:

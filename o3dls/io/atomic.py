@@ -11,7 +11,7 @@ from pathlib import Path
 
 from ..errors import InputError
 
-REPLACEABLE = ("run.json", "case.toml")  # only a folder that holds one of these, or nothing, is ever overwritten
+REPLACEABLE = ("run.json", "case.toml", "paper_results.json")  # only a folder that holds one of these, or nothing, is ever overwritten
 
 
 def _sibling(path: Path) -> Path:

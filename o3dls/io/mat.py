@@ -29,7 +29,7 @@ def _load_hdf5(path: Path, data: bytes) -> dict[str, Any]:
     try:
         import h5py
     except ImportError as error:
-        raise InputError(f"{path}: is a MATLAB 7.3 file, which needs h5py: pip install h5py, or save it with -v7") from error
+        raise InputError(f"{path}: is a MATLAB 7.3 file, which needs h5py: pip install 'o3dls[matlab]', or save it with -v7") from error
     try:
         with h5py.File(io.BytesIO(data), "r") as file:
             return {name: _plain(file[name], file) for name in file if not name.startswith("#")}

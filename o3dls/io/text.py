@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -57,8 +58,10 @@ def number_rows(lines: Sequence[str], columns: int, path: str | Path, at: Sequen
 def rectangle(lines: Sequence[str]) -> Array | None:
     """The numbers of lines that all hold equally many, (n, columns); None where they do not, or a word is no number."""
     try:
-        rows = np.loadtxt(lines, dtype=np.float64, comments=None, ndmin=2)
-    except ValueError:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")  # numpy warns where all lines are blank
+            rows = np.loadtxt(lines, dtype=np.float64, comments=None, ndmin=2)
+    except (ValueError, UserWarning):
         return None
     return rows if len(rows) == len(lines) else None
 

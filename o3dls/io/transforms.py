@@ -79,8 +79,8 @@ def _read_rows(path: Path, text: str) -> tuple[Array, str]:
     if len(lines) != 4:
         raise InputError(f"{path}: has {len(lines)} rows of numbers: a 4x4 transform has four")
     matrix = number_rows([line for _, line in lines], 4, path, [k for k, _ in lines], "row")
-    _inverse(path, matrix)
-    if not np.allclose(matrix[3], [0, 0, 0, 1]):
+    if not np.array_equal(matrix[3], [0, 0, 0, 1]):
         raise InputError(f"{path}: line {lines[3][0]}: the last row must be 0 0 0 1")
+    _inverse(path, matrix)
     stated = re.search(r"SPACE=(\w+)", text)
     return matrix, stated[1] if stated else "unknown"
