@@ -60,8 +60,13 @@ def _refined(points: Array, surface: SurfaceMatcher, found: Poses, row: int, *, 
         )
     except SolverError:
         return None
-    ratio = (alignment.pairs.distances / (WIDTHS[1] * surface.radius)) ** 2
-    return Candidate(alignment, ratio / (1.0 + ratio))
+    return Candidate(alignment, robust_costs(alignment.pairs.distances, surface.radius))
+
+
+def robust_costs(distances: Array, radius: float) -> Array:
+    """Geman-McClure costs (n,) in [0, 1] of distances (n,) from a surface of this rms radius."""
+    ratio = (distances / (WIDTHS[1] * radius)) ** 2
+    return np.asarray(ratio / (1.0 + ratio))
 
 
 def angle_of(a: Array, b: Array) -> float:

@@ -1,46 +1,53 @@
-"""Poses from named landmarks, and what the landmarks say about themselves: errors, mixed-up names, a mirrored side."""
+"""Poses from named landmarks, and what landmarks and points say about the names: exchanged ones, a mirrored side."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import combinations, permutations
 
 import numpy as np
 
-from ..geometry import Array, fit_similarity
+from ..geometry import Array, apply, fit_similarity
+from .global_pose import confidence
 
 NARROWEST = 0.05  # spread across the main line of the landmarks, relative to along it, below which a rotation is free
-MUCH_BETTER = 0.5  # another reading of the names must halve the error before it is believed
-NOTICEABLE = 0.1  # rms error relative to the landmarks' rms radius from which on other readings are tried
+NOTICEABLE = 0.1  # rms error relative to the landmarks' rms radius from which on the landmarks alone may accuse the names
+MUCH_BETTER = 0.5  # ... if another reading halves the error
+AS_GOOD = 2.0  # a reading whose error is at most this many times that of the names is for the points to judge
+CERTAIN = 0.99  # ... if they are this sure
+BETTER_FIT = 0.7  # ... and their cost falls by this factor
 ALL_ORDERS = 6  # up to 720 orders are tried; of more landmarks only exchanges of two
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Reading:
-    """Another way to read the landmarks that fits much better: an exchange of names (old index per landmark), or a mirrored side."""
+    """One way to read the landmarks: which old name each gets (`order`), whether the side is mirrored; the pose and its rms error."""
 
+    order: tuple[int, ...]
+    mirrored: bool
+    T_map_prior: Array
     rms: float
-    order: tuple[int, ...] = ()
 
     @property
-    def mirrored(self) -> bool:
-        return not self.order
+    def exchanged(self) -> list[int]:
+        """Indices of the landmarks whose names would change."""
+        return [i for i, j in enumerate(self.order) if i != j]
 
 
 def errors(prior: Array, measured: Array, matrix: Array) -> Array:
     """Distances (n,) of the moved prior landmarks (n, d) from the measured ones."""
-    return np.asarray(np.linalg.norm(prior @ matrix[:-1, :-1].T + matrix[:-1, -1] - measured, axis=1))
+    return np.asarray(np.linalg.norm(apply(matrix, prior) - measured, axis=1))
 
 
 def leave_one_out(prior: Array, measured: Array, weights: Array, *, scale: bool) -> Array:
     """Error (n,) of each landmark under the fit to all others; NaN where the others fix no pose."""
     out = np.full(len(prior), np.nan)
     for i in range(len(prior)):
-        others = np.arange(len(prior)) != i
-        if determined(prior[others]) and determined(measured[others]):
-            out[i] = errors(
-                prior[i : i + 1], measured[i : i + 1], fit_similarity(prior[others], measured[others], weights[others], scale=scale)
-            )[0]
+        rest = np.arange(len(prior)) != i
+        if determined(prior[rest]) and determined(measured[rest]):
+            matrix = fit_similarity(prior[rest], measured[rest], weights[rest], scale=scale)
+            out[i] = errors(prior[[i]], measured[[i]], matrix)[0]
     return out
 
 
@@ -53,30 +60,48 @@ def determined(points: Array) -> bool:
     return bool(spread[0] > 0.0 and spread[d - 2] > NARROWEST * spread[0])
 
 
-def better_reading(prior: Array, measured: Array, weights: Array, *, scale: bool) -> Reading | None:
-    """The exchange of names, or the mirrored side, under which the landmarks fit much better than as named; None where there is none."""
-    rms = _rms(prior, measured, weights, scale=scale)
-    if rms < NOTICEABLE * np.sqrt(measured.var(axis=0).sum()):
+def readings(prior: Array, measured: Array, weights: Array, *, scale: bool) -> list[Reading]:
+    """Every reading of landmarks (n, d), as named first."""
+    d, found = prior.shape[1], []
+    for mirrored in (False, True):
+        flip = np.diag([-1.0 if mirrored else 1.0, *np.ones(d)])
+        for order in _orders(len(prior)):
+            turned = apply(flip, prior[list(order)])
+            matrix = fit_similarity(turned, measured, weights, scale=scale)
+            misses = errors(turned, measured, matrix)
+            found.append(Reading(order, mirrored, matrix @ flip, float(np.sqrt(weights @ misses**2 / weights.sum()))))
+    return found
+
+
+def better_reading(found: list[Reading], radius: float, costs: Callable[[Reading], Array] | None, points: Array) -> Reading | None:
+    """The reading that should replace the names, None where they stand.
+
+    Names fall where another reading halves the error of the landmarks, whose rms radius is `radius`, unless the points say no; or
+    where the points are sure of a reading that fits the landmarks about as well: an atrium's ostia are nearly a rectangle, so that
+    they alone cannot tell left from right. `costs` gives the points' costs (n,) of a reading's pose, None where points are too few.
+    """
+    named, closest = found[0], min(found, key=lambda reading: reading.rms)
+    accused = named.rms > NOTICEABLE * radius and closest.rms < MUCH_BETTER * named.rms
+    limit = max(AS_GOOD * closest.rms, MUCH_BETTER * named.rms) if accused else AS_GOOD * named.rms
+    rivals = [reading for reading in found[1:] if reading.rms <= limit]
+    if not rivals:
         return None
-    readings = [Reading(_rms(prior[list(o)], measured, weights, scale=scale), o) for o in _orders(len(prior))]
-    mirror = np.ones(prior.shape[1])
-    mirror[0] = -1.0
-    readings.append(Reading(_rms(prior * mirror, measured, weights, scale=scale)))
-    best = min(readings, key=lambda reading: reading.rms)
-    return best if best.rms < MUCH_BETTER * rms else None
-
-
-def _rms(prior: Array, measured: Array, weights: Array, *, scale: bool) -> float:
-    distances = errors(prior, measured, fit_similarity(prior, measured, weights, scale=scale))
-    return float(np.sqrt(weights @ distances**2 / weights.sum()))
+    if costs is None:
+        return min(rivals, key=lambda reading: (reading.mirrored, len(reading.exchanged), reading.rms)) if accused else None
+    of_rivals, of_named = [costs(reading) for reading in rivals], costs(named)
+    best = int(np.argmin([cost.mean() for cost in of_rivals]))
+    gain = float(of_rivals[best].mean() / of_named.mean())
+    sure = gain < BETTER_FIT and confidence(of_rivals[best], of_named, points) > CERTAIN
+    return rivals[best] if sure or (accused and gain < 1.0) else None
 
 
 def _orders(n: int) -> list[tuple[int, ...]]:
+    """Orders to try, the identity first."""
     if n <= ALL_ORDERS:
-        return list(permutations(range(n)))[1:]
-    swapped = []
+        return list(permutations(range(n)))
+    orders = [list(range(n))]
     for i, j in combinations(range(n), 2):
         order = list(range(n))
         order[i], order[j] = j, i
-        swapped.append(tuple(order))
-    return swapped
+        orders.append(order)
+    return [tuple(order) for order in orders]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from pydantic import Field
@@ -10,9 +10,14 @@ from pydantic import Field
 from ..case import Case
 from ..errors import InputError, did_you_mean
 from ..estimate import Estimate
-from ..geometry import Array, fit_similarity
-from ..registration.landmarks import Reading, better_reading, determined, errors, leave_one_out
+from ..geometry import Array
+from ..registration.pose import rms_radius
 from ..stage import Stage
+
+if TYPE_CHECKING:
+    from ..registration.landmarks import Reading
+
+FEWEST_POINTS = 10  # fewer do not judge a pose
 
 
 class Landmarks(Stage):
@@ -30,25 +35,23 @@ class Landmarks(Stage):
         return None if len(names) >= fewest else f"{len(names)} landmark pairs: at least {fewest} are needed in {case.dimension}D"
 
     def __call__(self, case: Case, start: Estimate) -> Estimate:
+        from ..registration.landmarks import errors, leave_one_out, readings
+
         names, prior, measured = self._pairs(case)
         weights = self._weights(names)
-        reading = better_reading(prior, measured, weights, scale=self.scale)
-        if reading is not None:
-            raise InputError(
-                _mixed_up(case, names, reading, errors(prior, measured, fit_similarity(prior, measured, weights, scale=self.scale)))
-            )
-        matrix = fit_similarity(prior, measured, weights, scale=self.scale)
-        misses = errors(prior, measured, matrix)
-        rms = float(np.sqrt((misses**2).mean()))
+        found = readings(prior, measured, weights, scale=self.scale)
+        _refuse_mixed_up(case, names, measured, found)
+        named = found[0]
+        misses = errors(prior, measured, named.T_map_prior)
         alone = leave_one_out(prior, measured, weights, scale=self.scale)
+        kind = "similarity" if self.scale else "rigid motion"
         return Estimate(
-            surface=case.prior.transformed(matrix),
-            T_map_prior=matrix,
-            status=f"{'similarity' if self.scale else 'rigid motion'} from {len(names)} landmarks, rms {rms:.2f} {case.units}"
-            + _worst(names, alone, case.units),
+            surface=case.prior.transformed(named.T_map_prior),
+            T_map_prior=named.T_map_prior,
+            status=f"{kind} from {len(names)} landmarks, rms {named.rms:.2f} {case.units}{_worst(names, alone, case.units)}",
             iterations=1,
-            sigma=rms,
-            trace=({"pairs": len(names), "rms": rms},),
+            sigma=named.rms,
+            trace=({"pairs": len(names), "rms": named.rms},),
             facts={"landmarks": _table(names, misses, alone)},
         )
 
@@ -57,11 +60,14 @@ class Landmarks(Stage):
         obstacle = self.obstacle(case)
         if obstacle is not None:
             raise InputError(f"case {case.name}: {obstacle}; name them in points.csv and prior_landmarks.csv")
+        from ..registration.landmarks import determined
+
         names, prior, measured = case.landmark_pairs()
         for points, file in ((prior, "prior_landmarks.csv"), (measured, "points.csv")):
             if not determined(points):
                 raise InputError(
-                    f"case {case.name}: the landmarks {', '.join(names)} of {file} lie on one line and leave a rotation free; add one beside the line"
+                    f"case {case.name}: the landmarks {', '.join(names)} of {file} lie on one line and leave a rotation free; "
+                    "add one beside the line"
                 )
         return names, prior, measured
 
@@ -74,16 +80,29 @@ class Landmarks(Stage):
         return np.array([self.weights.get(name, 1.0) for name in names])
 
 
-def _mixed_up(case: Case, names: list[str], reading: Reading, misses: Array) -> str:
-    """What is wrong with the names, or with the side, in one sentence."""
-    rms = float(np.sqrt((misses**2).mean()))
-    gain = f"rms error {rms:.3g} {case.units} as named, {reading.rms:.3g} {case.units} otherwise"
-    if reading.mirrored:
-        return (
-            f"case {case.name}: the prior is a mirror image of the measured chamber by its landmarks ({gain}): flip one axis of the prior"
-        )
-    moved = [names[i] for i, j in enumerate(reading.order) if i != j]
-    return f"case {case.name}: the landmarks {' and '.join(moved)} look exchanged ({gain}): correct the names in points.csv or prior_landmarks.csv"
+def _refuse_mixed_up(case: Case, names: list[str], measured: Array, found: list[Reading]) -> None:
+    """Raise InputError where landmarks and points say that names are exchanged or the prior is mirrored."""
+    from ..registration.global_pose import robust_costs
+    from ..registration.landmarks import better_reading
+    from ..registration.match import SurfaceMatcher
+
+    points, surface = case.points.of("eam").xyz, SurfaceMatcher(case.prior)
+
+    def costs(reading: Reading) -> Array:
+        return robust_costs(surface.match(points, reading.T_map_prior).distances, surface.radius)
+
+    wrong = better_reading(found, rms_radius(measured), costs if len(points) >= FEWEST_POINTS else None, points)
+    if wrong is None:
+        return
+    what, mend = [], []
+    if wrong.exchanged:
+        what.append(f"the landmarks {' and '.join(names[i] for i in wrong.exchanged)} look exchanged")
+        mend.append("correct the names in points.csv or prior_landmarks.csv")
+    if wrong.mirrored:
+        what.append("the prior looks mirrored")
+        mend.append("flip one axis of the prior and of its landmarks")
+    gain = f"rms error {found[0].rms:.3g} {case.units} as named, {wrong.rms:.3g} {case.units} otherwise, where the points fit better"
+    raise InputError(f"case {case.name}: {' and '.join(what)} ({gain}): {' and '.join(mend)}")
 
 
 def _worst(names: list[str], alone: Array, units: str) -> str:
