@@ -196,6 +196,15 @@ def test_volumes_lie_where_other_libraries_find_them(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("space", ["LPS", "RAS"])
+def test_opencarp_word_for_word(tmp_path: Path) -> None:
+    base = write_as("opencarp", tmp_path)
+    assert base.read_text().splitlines()[:2] == ["4", "10000.000000 -20000.000000 30000.000000"]  # micrometres
+    assert base.with_suffix(".elem").read_text() == "4\nTr 0 2 1 1\nTr 0 1 3 1\nTr 1 2 3 1\nTr 0 3 2 1\n"
+    assert base.with_suffix(".lon").read_text() == "1\n" + "1.000000 0.000000 0.000000\n" * 4
+    assert (tmp_path / "opencarp_depth.dat").read_text() == "1\n2\n3\n4.5\n"
+    assert not (tmp_path / "opencarp_bipolar.dat").exists()  # it has a missing value, for which the format has no word
+
+
 def test_markups_keep_names_and_places(space: str, tmp_path: Path) -> None:
     marks = Markups(("LSPV", "RSPV µ"), marker().vertices[:2], space)
     write_markups(tmp_path / "a.mrk.json", marks)

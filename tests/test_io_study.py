@@ -8,6 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from formats import marker, write_as
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 
 from o3dls.case import Points
 from o3dls.errors import InputError
@@ -148,6 +151,33 @@ def test_carto_mesh_hides_what_carto_hides_and_knows_missing_values() -> None:
         carto_mesh.read(Path("a.mesh"), data.replace(b"       5 =        1        2        4", b";"))
     with pytest.raises(InputError, match="Matrix is not the identity"):
         carto_mesh.read(Path("a.mesh"), data.replace(b"= 1 0 0 0", b"= 2 0 0 0"))
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    vertices=arrays(np.float64, (6, 3), elements=st.integers(-99_999, 99_999).map(lambda k: k / 1000)),
+    colours=arrays(np.float64, (6, 2), elements=st.one_of(st.just(-10_000.0), st.integers(0, 9_999).map(lambda k: k / 100))),
+    groups=arrays(np.int64, 3, elements=st.sampled_from([0, 1, -1, -1_000_000])),
+)
+def test_any_carto_mesh_survives(vertices: np.ndarray, colours: np.ndarray, groups: np.ndarray) -> None:
+    groups[0] = 0
+    triangles = np.array([[0, 1, 2], [2, 1, 3], [3, 4, 5]])
+    mesh = carto_mesh.CartoMesh(
+        vertices, np.zeros((6, 3)), np.zeros(6, dtype=int), triangles, np.zeros((3, 3)), groups, ("Bipolar", "LAT"),
+        np.column_stack([colours, np.full(6, -10_000.0)]),
+    )  # fmt: skip
+    data = carto_mesh.encode(mesh)
+    assert carto_mesh.encode(carto_mesh.parse(Path("a.mesh"), data)) == data
+    surface = carto_mesh.read(Path("a.mesh"), data).surface
+    used = np.unique(triangles[groups >= 0])
+    np.testing.assert_allclose(surface.vertices, vertices[used], atol=1e-9)
+    assert len(surface.faces) == (groups >= 0).sum()
+    expected = np.where(colours[used] == -10_000.0, np.nan, colours[used])
+    for k, name in enumerate(("bipolar", "lat")):
+        if name in surface.fields:
+            np.testing.assert_allclose(surface.fields[name], expected[:, k])
+        else:  # a slot without any value is as good as none
+            assert not np.nan_to_num(expected[:, k]).any()
 
 
 def test_dif_says_which_volume_and_what_is_missing() -> None:
