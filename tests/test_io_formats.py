@@ -195,7 +195,6 @@ def test_volumes_lie_where_other_libraries_find_them(tmp_path: Path) -> None:
         write_volume(tmp_path / "u.nii", values, 1.5, origin, space="unknown")
 
 
-@pytest.mark.parametrize("space", ["LPS", "RAS"])
 def test_opencarp_word_for_word(tmp_path: Path) -> None:
     base = write_as("opencarp", tmp_path)
     assert base.read_text().splitlines()[:2] == ["4", "10000.000000 -20000.000000 30000.000000"]  # micrometres
@@ -205,6 +204,7 @@ def test_opencarp_word_for_word(tmp_path: Path) -> None:
     assert not (tmp_path / "opencarp_bipolar.dat").exists()  # it has a missing value, for which the format has no word
 
 
+@pytest.mark.parametrize("space", ["LPS", "RAS"])
 def test_markups_keep_names_and_places(space: str, tmp_path: Path) -> None:
     marks = Markups(("LSPV", "RSPV µ"), marker().vertices[:2], space)
     write_markups(tmp_path / "a.mrk.json", marks)
