@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
-from o3dls import Case, Points, Truth
+from o3dls import Case, Points, Surface, Truth
 
 from . import sampling, shapes
 from .meshing import mesh
@@ -25,16 +27,25 @@ def shape() -> Shape:
     return shapes.move(shapes.revolve(shapes.grow(outline, ROUNDING)), (30.0, 30.0, 0.0))
 
 
-def jar(seed: int = 7, *, percent: float = 6.0, points: int = 282) -> Case:
-    """The case of a seed; percent: noise per axis in percent of the points' standard deviation."""
+@cache
+def truth_surface() -> Surface:
+    """The jar as a mesh, the same for every seed."""
+    return mesh(shape(), (2, 2, 2), (58, 58, 78), SPACING)
+
+
+def jar(seed: int = 7, *, percent: float = 6.0, points: int = 282, amplitude: float = 2.0, length: float = 10.0) -> Case:
+    """The case of a seed; percent: noise per axis in percent of the points' standard deviation.
+
+    amplitude, length: how far the prior is off (sd per axis, mm) and over which correlation length.
+    """
     scribe, hand = np.random.default_rng((seed, 2203)).spawn(2)
-    truth = mesh(shape(), (2, 2, 2), (58, 58, 78), SPACING)
+    truth = truth_surface()
     xyz = sampling.sites(hand, truth, points).xyz
     noise = percent / 100.0 * float(np.sqrt(xyz.var(axis=0).mean()))
     xyz = np.round(xyz + noise * hand.normal(size=xyz.shape), 3)
     return Case(
         name=f"jar_{seed}",
-        prior=truth.with_vertices(wobble(scribe, 2.0, 10.0, 3)(truth.vertices)),
+        prior=truth.with_vertices(wobble(scribe, amplitude, length, 3)(truth.vertices)),
         points=Points(xyz, np.repeat(["eam"], points)),
         notes=f"synthetic jar: seed {seed}, noise {noise:.3f} mm ({percent:g} %)",
         truth=Truth(truth, sampling.sites(hand, truth, 4000).xyz),

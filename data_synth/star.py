@@ -32,8 +32,11 @@ def walk(n: int) -> Array:
     return np.column_stack([np.interp(at, way, axis) for axis in closed.T])
 
 
-def star(seed: int = 7, *, percent: float = 6.0, points: int = 33) -> Case:
-    """The case of a seed; percent: noise per axis in percent of the points' standard deviation."""
+def star(seed: int = 7, *, percent: float = 6.0, points: int = 33, amplitude: float = 3.0, length: float = 12.0) -> Case:
+    """The case of a seed; percent: noise per axis in percent of the points' standard deviation.
+
+    amplitude, length: how far the prior is off (sd per axis, px) and over which correlation length.
+    """
     scribe, hand = np.random.default_rng((seed, 3301)).spawn(2)
     index = np.arange(660)
     truth = Surface(walk(len(index)), np.column_stack([index, np.roll(index, -1)]))
@@ -41,7 +44,7 @@ def star(seed: int = 7, *, percent: float = 6.0, points: int = 33) -> Case:
     noise = percent / 100.0 * float(np.sqrt(xy.var(axis=0).mean()))
     return Case(
         name=f"star_{seed}",
-        prior=truth.with_vertices(wobble(scribe, 3.0, 12.0, 2)(truth.vertices)),
+        prior=truth.with_vertices(wobble(scribe, amplitude, length, 2)(truth.vertices)),
         points=Points(np.round(xy + noise * hand.normal(size=xy.shape), 3), np.repeat(["eam"], points)),
         units="px",
         notes=f"synthetic star: seed {seed}, noise {noise:.3f} px ({percent:g} %)",

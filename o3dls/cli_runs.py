@@ -1,4 +1,4 @@
-"""Commands that make runs: demo, run, check, stages, batch."""
+"""Commands that make runs: demo, run, check, stages, batch, paper."""
 
 from __future__ import annotations
 
@@ -90,6 +90,17 @@ def batch(cases: tuple[Path, ...], pipeline: Path | None, out: Path, settings: t
     if any(outcome.error for outcome in outcomes):
         return WRONG_INPUT
     return NOT_VALID if any(outcome.faults for outcome in outcomes) else DONE
+
+
+@click.command()
+@click.option("--out", type=FOLDER, required=True, help="folder to make: index.html, index.md, figures, and the numbers behind them")
+@click.option("--quick", is_flag=True, help="few seeds and levels: a minute instead of a quarter of an hour")
+@click.option("--force", is_flag=True, help="replace an earlier page in the same folder")
+def paper(out: Path, quick: bool, force: bool) -> None:
+    """Compute the paper's experiments and the questions it left open, with fixed seeds, and write one page about them."""
+    from .paper import make
+
+    click.echo(make(out, quick=quick, force=force))
 
 
 def _needed(value: Path | None, option: str) -> Path:

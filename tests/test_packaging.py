@@ -37,7 +37,7 @@ def installed(name: str, extras: frozenset[str], seen: dict[str, str]) -> dict[s
 
 def test_every_package_is_listed() -> None:
     folders = {path.parent.relative_to(ROOT).as_posix().replace("/", ".") for path in (ROOT / "o3dls").rglob("__init__.py")}
-    assert set(PROJECT["tool"]["setuptools"]["packages"]) == folders | {"o3dls.pipelines"}
+    assert set(PROJECT["tool"]["setuptools"]["packages"]) == folders | {"o3dls.pipelines", "data_synth"}
 
 
 def test_the_wheel_holds_every_file_of_the_package_and_nothing_else(tmp_path: Path) -> None:
@@ -50,7 +50,8 @@ def test_the_wheel_holds_every_file_of_the_package_and_nothing_else(tmp_path: Pa
     subprocess.run([sys.executable, "-m", "pip", *command], check=True)
     (wheel,) = (tmp_path / "out").glob("*.whl")
     packed = {name for name in zipfile.ZipFile(wheel).namelist() if ".dist-info/" not in name}
-    tree = {path.relative_to(tmp_path).as_posix() for path in (tmp_path / "o3dls").rglob("*") if path.is_file()}
+    folders = (tmp_path / "o3dls", tmp_path / "data_synth")
+    tree = {path.relative_to(tmp_path).as_posix() for folder in folders for path in folder.rglob("*") if path.is_file()}
     pipelines = {f"o3dls/pipelines/{path.name}" for path in (ROOT / "pipelines").glob("*.*")}
     assert packed == tree | pipelines
 

@@ -1,0 +1,82 @@
+"""What the page is made of, and the two languages it is written in."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from ..report.markup import Html, table, tag
+
+
+@dataclass(frozen=True)
+class Heading:
+    text: str
+    level: int = 2
+
+    def html(self) -> Html:
+        return tag(f"h{self.level}", self.text)
+
+    def markdown(self) -> str:
+        return f"{'#' * self.level} {self.text}"
+
+
+@dataclass(frozen=True)
+class Text:
+    text: str
+
+    def html(self) -> Html:
+        return tag("p", self.text)
+
+    def markdown(self) -> str:
+        return self.text
+
+
+@dataclass(frozen=True)
+class Command:
+    """A line for a shell that makes what stands above."""
+
+    line: str
+
+    def html(self) -> Html:
+        return tag("pre", self.line)
+
+    def markdown(self) -> str:
+        return f"```sh\n{self.line}\n```"
+
+
+@dataclass(frozen=True)
+class Table:
+    caption: str
+    head: Sequence[str]
+    rows: Sequence[Sequence[str]]
+
+    def html(self) -> Html:
+        return table(self.head, self.rows, self.caption)
+
+    def markdown(self) -> str:
+        lines = [self.head, ["---", *["---:"] * (len(self.head) - 1)], *self.rows]
+        return f"{self.caption}\n\n" + "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines)
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A PNG with its file name and what it shows."""
+
+    name: str
+    caption: str
+    png: bytes
+
+    @property
+    def file(self) -> str:
+        return f"figures/{self.name}.png"
+
+    def html(self) -> Html:
+        data = base64.b64encode(self.png).decode("ascii")
+        return tag("figure", tag("img", src=f"data:image/png;base64,{data}", alt=self.caption), tag("figcaption", self.caption))
+
+    def markdown(self) -> str:
+        return f"![{self.caption}]({self.file})\n\n*{self.caption}*"
+
+
+Block = Heading | Text | Command | Table | Figure

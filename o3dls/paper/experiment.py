@@ -1,0 +1,102 @@
+"""What an experiment is: independent tasks, each giving rows of numbers and the shapes that its figures show."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..case import Case
+from ..estimate import Estimate
+from ..evaluate import distances, measure
+from ..geometry import Array, Surface
+from ..pipeline import Pipeline
+from ..run import unit_of
+from ..validity import components, flipped_faces, self_intersections
+
+SEEDS = (
+    71633, 20914, 58207, 93341, 14768, 36052, 81199, 47520, 65883, 29016,
+    90427, 11385, 74291, 53608, 38874, 86143, 17459, 62730, 45296, 99871,
+)  # fmt: skip
+CLOSEST_POSSIBLE = np.sqrt(2.0 / np.pi)  # mean distance of points from the very truth, in units of their noise
+
+Row = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Scope:
+    """How much is computed: all seeds or a few, and where third-party data lie."""
+
+    quick: bool = False
+    data: Path | None = None
+
+    def seeds(self, full: int, quick: int = 1) -> tuple[int, ...]:
+        return SEEDS[: quick if self.quick else full]
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """Rows of numbers, and shapes by name: surfaces, or points (n, d)."""
+
+    rows: Sequence[Row]
+    shapes: Mapping[str, Surface | Array] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Task:
+    """A piece of an experiment that runs in a process of its own: a module-level function and its arguments."""
+
+    experiment: str
+    label: str
+    work: Callable[..., Outcome]
+    arguments: tuple[Any, ...]
+
+    def __call__(self) -> Outcome:
+        found = self.work(*self.arguments)
+        return Outcome([{"experiment": self.experiment, **row} for row in found.rows], found.shapes)
+
+
+def score(case: Case, pipeline: Pipeline, estimates: Mapping[str, Estimate], name: str) -> Row:
+    """Mean distances by set, the spread of those that matter, validity, and the seconds of all stages that led to the estimate."""
+    estimate, chain = estimates[name], chain_of(pipeline, name)
+    sets = measure(case, estimate, pipeline.fitted(name))
+    row: Row = {"method": name} | {key: float(values.mean()) for key, values in sets.items()}
+    row |= {f"{key}_p95": float(np.percentile(sets[key], 95.0)) for key in ("held_out", "truth_to_surface") if key in sets}
+    if "surface_to_truth" in sets:
+        row["assd"] = (row["truth_to_surface"] + row["surface_to_truth"]) / 2.0
+    return row | judged(estimate.surface) | {"unit": unit_of(case), "seconds": sum(estimates[stage].seconds for stage in chain)}
+
+
+def judged(surface: Surface) -> Row:
+    """Pieces, folds and closedness of a surface."""
+    return {
+        "components": components(surface),
+        "self_intersections": self_intersections(surface),
+        "flipped_faces": flipped_faces(surface),
+        "watertight": surface.watertight,
+    }
+
+
+def chain_of(pipeline: Pipeline, name: str) -> list[str]:
+    """The estimate and those that it started from."""
+    found, sources = [name], pipeline.sources
+    while found[-1] in sources:
+        found.append(sources[found[-1]])
+    return found
+
+
+def with_truth_distance(surface: Surface, truth: Surface) -> Surface:
+    """The surface with its distance to truth per vertex, for pictures."""
+    from dataclasses import replace
+
+    return replace(surface, fields={"distance_to_truth": distances(surface.vertices, truth)})
+
+
+def mean_sd(values: Array, digits: int = 2) -> str:
+    """Mean ± standard deviation for a table."""
+    if len(values) == 0:
+        return "–"
+    return f"{values.mean():.{digits}f}" + (f" ± {values.std():.{digits}f}" if len(values) > 1 else "")

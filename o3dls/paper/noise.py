@@ -1,0 +1,141 @@
+"""Star and jar under growing noise (the paper's figures 1 to 4)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..evaluate import distances
+from ..geometry import Array, Surface
+from ..pipeline import Pipeline
+from ..report.fields import Field
+from ..stages.deform import Deform
+from ..stages.icp import ICP
+from ..stages.level_set import LevelSet
+from .blocks import Block, Figure, Heading, Table, Text
+from .drawing import NAMES, curves, outlines, rendered
+from .experiment import Outcome, Row, Scope, Task, mean_sd, score, with_truth_distance
+from .generators import generate
+from .results import Results, column
+
+LEVELS = {"star": (2.0, 6.0, 10.0), "jar": (3.0, 6.0, 9.0, 12.0)}  # percent of the points' standard deviation
+SHOWN = ("icp", "similarity", "level_set")
+# How the template is bent. Points stand 15 px and 8 mm apart: what is much shorter than that, no method can see.
+BENT = {"star": {"amplitude": 8.0, "length": 40.0}, "jar": {"amplitude": 3.0, "length": 25.0}}
+
+
+def pipeline() -> Pipeline:
+    """The baseline, the best similarity, and ours; all from the template as it stands, and none profits from another."""
+    robust = ICP(as_="similarity", after="start")
+    return Pipeline([ICP(preset="standard"), robust, Deform(), LevelSet()], folds=0)
+
+
+def tasks(scope: Scope) -> list[Task]:
+    found = []
+    for shape, levels in LEVELS.items():
+        for percent in levels if not scope.quick or shape == "star" else levels[1:2]:
+            found += [
+                Task(shape, f"{shape}, {percent:g} %, seed {seed}", fit, (shape, percent, seed, seed == scope.seeds(1)[0]))
+                for seed in scope.seeds(20, 2 if shape == "star" else 1)
+            ]
+    return found
+
+
+def fit(shape: str, percent: float, seed: int, drawn: bool) -> Outcome:
+    """One seed at one level; `drawn` keeps the shapes for the figure."""
+    case = generate(shape, seed, percent=percent, **BENT[shape])
+    truth, plan = case.truth.surface, pipeline()
+    estimates = plan.fit(case)
+    floor = float(distances(case.points.xyz, truth).mean())
+    known = {"percent": percent, "seed": seed, "noise": _noise(case.points.xyz, percent), "floor": floor}
+    rows = [known | score(case, plan, estimates, name) for name in SHOWN]
+    if not drawn:
+        return Outcome(rows)
+    shapes = {name: with_truth_distance(estimates[name].surface, truth) for name in ("start", *SHOWN)}
+    return Outcome(rows, {f"{percent:g}/{name}": found for name, found in {**shapes, "truth": truth, "points": case.points.xyz}.items()})
+
+
+def _noise(points: Array, percent: float) -> float:
+    """The noise per axis, from the spread of the noisy points."""
+    share = percent / 100.0
+    return share * float(np.sqrt(points.var(axis=0).mean() / (1.0 + share**2)))
+
+
+def left_out(scope: Scope) -> dict[str, str]:
+    return {}
+
+
+def blocks(results: Results) -> list[Block]:
+    found: list[Block] = []
+    for shape, title in (("star", "Star in the plane (figures 1 and 2 of the paper)"), ("jar", "Jar (figures 3 and 4)")):
+        rows = results.of(shape)
+        found += [Heading(title), Text(_words(shape, rows)), _pictures(results, shape), _curves(shape, rows), _table(shape, rows)]
+    return found
+
+
+def _words(shape: str, rows: list[Row]) -> str:
+    unit, seeds = rows[0]["unit"], len({row["seed"] for row in rows})
+    size = "200 x 200 px, 33 points" if shape == "star" else "60 x 60 x 80 mm, 282 points"
+    bent = BENT[shape]
+    return (
+        f"{size}; the template is bent by {bent['amplitude']:g} {unit} (standard deviation per axis) over "
+        f"{bent['length']:g} {unit}; {seeds} seeds. Fitted: distance of the points that the methods saw. "
+        "Held out: distance of points of the truth that none saw. "
+        "The dashed line is what the truth itself would score on the fitted points: a method below it fits noise."
+    )
+
+
+def _by_level(rows: list[Row], key: str) -> dict[float, Array]:
+    return {level: column([row for row in rows if row["percent"] == level], key) for level in sorted({row["percent"] for row in rows})}
+
+
+def _curves(shape: str, rows: list[Row]) -> Figure:
+    methods = {method: [row for row in rows if row["method"] == method] for method in SHOWN}
+    sets = {"fitted": "fitted points", "held_out": "held out"}
+    panels = {title: {m: _by_level(own, key) for m, own in methods.items()} for key, title in sets.items()}
+    unit = rows[0]["unit"]
+    floor = {"truth on fitted points": _by_level(rows, "floor")}
+    drawn = curves(panels, "noise, % of the points' standard deviation", f"mean distance, {unit}", floor)
+    return Figure(f"{shape}_distance", f"Mean distance and its standard deviation over seeds against noise: {shape}.", drawn)
+
+
+def _table(shape: str, rows: list[Row]) -> Table:
+    unit = rows[0]["unit"]
+    head = ["noise, method", f"fitted, {unit}", f"held out, {unit}", "worst held out / ICP", "fitted / truth's own, least"]
+    head += ["pieces, most", "self-cuts, most", "s"]
+    lines = []
+    for level in sorted({row["percent"] for row in rows}):
+        base = column([r for r in rows if r["percent"] == level and r["method"] == "icp"], "held_out")
+        for method in SHOWN:
+            own = [row for row in rows if row["percent"] == level and row["method"] == method]
+            held = column(own, "held_out")
+            lines.append([
+                f"{level:g} %, {NAMES[method]}", mean_sd(column(own, "fitted")), mean_sd(held), f"{(held / base).max():.2f}",
+                f"{(column(own, 'fitted') / column(own, 'floor')).min():.2f}", f"{column(own, 'components').max():.0f}",
+                f"{column(own, 'self_intersections').max():.0f}", f"{column(own, 'seconds').mean():.1f}",
+            ])  # fmt: skip
+    return Table(f"{shape.capitalize()}: mean ± standard deviation over seeds", head, lines)
+
+
+def _pictures(results: Results, shape: str) -> Figure:
+    levels = sorted({row["percent"] for row in results.of(shape)})
+    if shape == "star":
+        return Figure("star", "Star: truth (grey), template and results in colour, points in black.", _stars(results, levels))
+    return Figure("jar", "Jar: distance to the true surface, one colour scale for all; points in black.", _jars(results, levels))
+
+
+def _stars(results: Results, levels: list[float]) -> bytes:
+    def panel(method: str, level: float) -> tuple[str, dict[str, Surface], Array]:
+        shapes = {name: results.shape(f"star/{level:g}/{name}") for name in ("truth", method)}
+        return f"{level:g} %, {NAMES[method]}", shapes, results.array(f"star/{level:g}/points")
+
+    return outlines([panel(method, level) for method in ("start", "icp", "level_set") for level in levels], len(levels))
+
+
+def _jars(results: Results, levels: list[float]) -> bytes:
+    scale = Field("distance_to_truth", "distance to the true surface", "mm", "sequential", 0.0, 5.0)
+
+    def panel(method: str, level: float) -> tuple[str, Surface, Array]:
+        return f"{level:g} %, {NAMES[method]}", results.shape(f"jar/{level:g}/{method}"), results.array(f"jar/{level:g}/points")
+
+    panels = [[panel(method, level) for level in levels] for method in ("start", "icp", "level_set")]
+    return rendered(panels, np.array([[0.8, -0.6, 0.0], [0.2, 0.27, 0.94], [-0.56, -0.75, 0.34]]), scale)

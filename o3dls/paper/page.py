@@ -1,0 +1,51 @@
+"""The page, HTML and Markdown, from a results folder alone."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ..io.atomic import staged_file
+from ..report.markup import Html, join, tag
+from . import noise
+from .blocks import Block, Command, Figure, Heading, Text
+from .results import Results
+
+SECTIONS = (noise,)
+STYLE = """body{font:16px/1.5 system-ui,sans-serif;max-width:62rem;margin:2rem auto;padding:0 1rem;color:#16191d;background:#fff}
+table{border-collapse:collapse;font-size:.9rem}td,th{padding:.2rem .6rem;border-bottom:1px solid #d5d9df;text-align:right}
+th:first-child{text-align:left}.scroll{overflow-x:auto}figure{margin:1.5rem 0}img{max-width:100%}
+figcaption,.soft{color:#4a5260;font-size:.9rem}
+pre{background:#f2f4f6;padding:.6rem;overflow-x:auto}"""
+
+
+def write_page(results: Results, folder: Path) -> Path:
+    """Write index.html, index.md and figures/ into a folder; the path of the HTML page."""
+    blocks = list(page(results))
+    (folder / "figures").mkdir(exist_ok=True)
+    for block in blocks:
+        if isinstance(block, Figure):
+            with staged_file(folder / block.file) as staged:
+                staged.write_bytes(block.png)
+    texts = {"index.md": "\n\n".join(block.markdown() for block in blocks) + "\n", "index.html": _html(blocks)}
+    for name, text in texts.items():
+        with staged_file(folder / name) as staged:
+            staged.write_text(text, encoding="utf-8")
+    return folder / "index.html"
+
+
+def page(results: Results) -> list[Block]:
+    """All blocks in order; a section without numbers says why it is empty."""
+    amount = "a quick look: few seeds, few levels" if results.quick else "all seeds"
+    blocks: list[Block] = [
+        Heading("The paper's experiments, and what it left open", 1),
+        Text(f"Made from paper_results.json beside this page ({amount}). Research software, not for clinical use."),
+        Command(f"o3dls paper --out DIR{' --quick' if results.quick else ''}"),
+    ]
+    for section in SECTIONS:
+        blocks += section.blocks(results)
+    return blocks
+
+
+def _html(blocks: list[Block]) -> str:
+    head = tag("head", tag("meta", charset="utf-8"), tag("title", "o3dls: the paper's experiments"), tag("style", Html(STYLE)))
+    return "<!doctype html>\n" + tag("html", head, tag("body", join(*(block.html() for block in blocks))), lang="en") + "\n"
