@@ -28,16 +28,16 @@ INFLATION = 1.2  # the posterior takes feet, normals and amplitudes as known: me
 class Settings:
     """Free of units: lengths in rms radii of the prior, amplitudes in rms residuals of the start; the spreads are of their logarithms."""
 
-    vector: tuple[float, ...] = (1.15,)
+    vector: tuple[float, ...] = (1.15, 0.46)
     normal: tuple[float, ...] = (0.46,)
     anchor_length: float = 0.38
-    vector_amplitude: float = 0.5
+    vector_amplitude: float = 0.5  # of the longest; each further length starts at half the one before
     normal_amplitude: float = 0.25
     anchor_amplitude: float = 0.8
     landmark_noise: float = 0.08  # rms radii
     strain: float = 0.05
     depth: float = 0.3  # rms radii: how deep inside a point off the wall usually lies
-    spread: float = 0.7
+    spread: float = 1.0
     odds: float = 0.0  # nats against a motion beyond the pose, before the points are seen
     finest: float = 0.01  # rms radii: no point is believed better than this
     rows: int = 1500  # more points than this share rows by patches of the surface
@@ -105,7 +105,8 @@ class _Problem:
         """Amplitudes and noise in proportion to the residuals of the start pose, judged by their median so that outliers have no say."""
         s, distances = self.settings, np.sqrt(self.tree.query(self.data.points)[0])
         rms = max(1.4826 * float(np.median(distances[~self.data.inside])), 1e-4 * self.size)
-        amplitudes = [s.vector_amplitude * rms] * len(s.vector) + [s.normal_amplitude * rms] * len(s.normal)
+        amplitudes = [s.vector_amplitude * rms / 2**k for k in range(len(s.vector))]
+        amplitudes += [s.normal_amplitude * rms / 2**k for k in range(len(s.normal))]
         amplitudes += [s.strain] + [s.anchor_amplitude * rms] * (len(self.marks) > 0)
         noises = [0.7 * rms] * self.data.groups + [s.landmark_noise * self.size] * (len(self.marks) > 0)
         log = np.log(np.array(amplitudes + noises))

@@ -24,7 +24,7 @@ class Deform(Stage):
 
     name: ClassVar[str] = "deform"
     vector: tuple[float, ...] = Field(
-        (1.15,), min_length=1, description="correlation lengths of the vector field", json_schema_extra={"unit": "rms radii"}
+        (1.15, 0.46), min_length=1, description="correlation lengths of the vector field", json_schema_extra={"unit": "rms radii"}
     )
     normal: tuple[float, ...] = Field(
         (0.46,), description="correlation lengths of the field along the normal", json_schema_extra={"unit": "rms radii"}
@@ -39,7 +39,7 @@ class Deform(Stage):
         5.0, gt=0.0, description="force at which a point is as likely to touch the wall as the mean point", json_schema_extra={"unit": "g"}
     )
     spread: float = Field(
-        0.7,
+        1.0,
         gt=0.0,
         description="how far the evidence may move an amplitude or noise level: sd of its logarithm",
         json_schema_extra={"unit": "1"},
