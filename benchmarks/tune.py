@@ -1,0 +1,93 @@
+"""Choose each peer's setting per group on development cases: python -m benchmarks.tune FOLDER... (about an hour for all groups).
+
+Every setting of peers.GRIDS is tried on the first case of a group, the best quarter on the others; the lowest mean symmetric
+distance to the truth wins and is written to benchmarks/tuned.json, with the number of settings tried. Real cases are tuned on
+themselves, in the peers' favour. Make development cases (seeds below 1000) as `python -m benchmarks.accuracy --help` shows.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Mapping
+from itertools import groupby
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.cases import Listed, find
+from benchmarks.peers import GRIDS, PEERS, applicable
+from o3dls.case import Case
+from o3dls.evaluate import distances, sample
+from o3dls.geometry import Array, Surface
+from o3dls.stages.icp import ICP
+from o3dls.start import start_estimate
+
+TUNED = Path(__file__).with_name("tuned.json")
+SAMPLES = 4000
+KEPT = 0.25  # share of the settings that go on to the second case
+
+
+def tuned() -> dict[str, dict[str, dict[str, Any]]]:
+    """Settings by group and peer."""
+    found: dict[str, dict[str, dict[str, Any]]] = json.loads(TUNED.read_text()) if TUNED.is_file() else {}
+    return found
+
+
+def pose_of(case: Case) -> Array:
+    """The pose that every non-rigid method starts from: our robust similarity ICP."""
+    return ICP()(case.visible(), start_estimate(case.visible())).T_map_prior
+
+
+def cost(case: Case, surface: Surface) -> float:
+    """Mean symmetric distance between a surface and the truth."""
+    assert case.truth is not None
+    assert case.truth.surface is not None
+    there, back = distances(sample(case.truth.surface, SAMPLES), surface), distances(sample(surface, SAMPLES), case.truth.surface)
+    return float(there.mean() + back.mean()) / 2.0
+
+
+def tune(cases: list[tuple[Case, Array]], peer: str) -> dict[str, Any]:
+    """The best of a peer's grid over the cases of one group."""
+    settings, costs = list(GRIDS[peer]), np.zeros(len(GRIDS[peer]))
+    for k, (case, pose) in enumerate(cases):
+        if k == 1:
+            best = np.argsort(costs, kind="stable")[: max(1, int(KEPT * len(settings)))]
+            settings, costs = [settings[i] for i in best], costs[best]
+        costs = costs + np.array([_tried(case, pose, peer, setting) for setting in settings])
+    winner = int(costs.argmin())
+    return {"parameters": settings[winner], "cost": round(float(costs[winner]) / len(cases), 4), "tried": len(GRIDS[peer]), "cases": len(cases)}
+
+
+def _tried(case: Case, pose: Array, peer: str, setting: Mapping[str, Any]) -> float:
+    try:
+        return cost(case, PEERS[peer](case, pose, **setting))
+    except (np.linalg.LinAlgError, ValueError, RuntimeError) as error:  # a setting that fails has lost, and says so
+        print(f"{case.name}: {peer} {setting}: {error}", file=sys.stderr)
+        return float("inf")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folders", nargs="+", type=Path, help="case folders, or folders of them")
+    parser.add_argument("--again", action="store_true", help="tune groups that benchmarks/tuned.json has already")
+    arguments = parser.parse_args()
+    for group, members in groupby(find(arguments.folders), key=lambda c: c.group):
+        _tune_group(group, list(members), arguments.again)
+
+
+def _tune_group(group: str, members: list[Listed], again: bool) -> None:
+    cases = [(case, pose_of(case)) for case in (m.read() for m in members)]
+    for peer in applicable(cases[0][0]):
+        if again or peer not in tuned().get(group, {}):
+            found = tune(cases, peer)
+            print(f"{group}: {peer}: {found}", flush=True)
+            merged = tuned()
+            merged.setdefault(group, {})[peer] = found
+            TUNED.write_text(json.dumps(merged, indent=1, sort_keys=True) + "\n")
+
+
+if __name__ == "__main__":
+    main()
