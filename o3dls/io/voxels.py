@@ -72,4 +72,6 @@ def beside(path: Path, name: str) -> bytes:
     """The bytes of a data file in the same folder. Raises InputError for a path that leads elsewhere."""
     if Path(name).name != name or not name or "\0" in name or "%" in name or name == "LIST" or len(name) > 200:
         raise InputError(f"{path}: names its data '{name[:60]}': must be one file in the same folder")
+    if not (path.parent / name).is_file():
+        raise InputError(f"{path}: its data file '{name}' is not beside it")
     return read_bytes(path.parent / name)
