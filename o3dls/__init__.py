@@ -32,6 +32,7 @@ PUBLIC = {
     "Landmarks": "stages.landmarks",
     "ICP": "stages.icp",
     "GlobalPose": "stages.global_pose",
+    "Recorded": "stages.recorded",
     "Deform": "stages.deform",
     "LevelSet": "stages.level_set",
     "Report": "report",

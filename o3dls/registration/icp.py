@@ -17,6 +17,9 @@ from .step import Body, Freedom, best_motion
 
 KEPT = 0.01  # a pair that weighs less is not counted as kept
 
+Solver = Callable[[Factors, Array, Body, Freedom, float], Array]
+"""Motion (d+1, d+1) of the surface from factors, weights (n,), body, freedom and the share of the step to take."""
+
 Belief = Callable[[Factors, float], Array]
 """Weights (n,) in [0, 1] of factors, under a loosening (>= 1) of the coarse-to-fine schedule."""
 
@@ -74,6 +77,7 @@ def align(
     belief: Belief = equal,
     freedom: Freedom,
     criteria: Criteria,
+    solve: Solver = best_motion,
 ) -> Alignment:
     """Move `surface` from `T_map_prior` until it fits points (n, d). Raises SolverError where no step can be made."""
     trace: list[Mapping[str, float]] = []
@@ -82,7 +86,7 @@ def align(
         loosening = criteria.loosening(iteration)
         factors = metric(pairs)
         weights = _weights(factors, rules, belief, loosening)
-        delta = best_motion(factors, weights, Body(T_map_prior, surface.radius), freedom, share)
+        delta = solve(factors, weights, Body(T_map_prior, surface.radius), freedom, share)
         last, moved = moved, apply(delta, pairs.feet) - pairs.feet
         if not np.isfinite(moved).all():
             raise SolverError(f"icp: iteration {iteration + 1} gave a step that is not finite")

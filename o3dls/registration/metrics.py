@@ -53,7 +53,7 @@ def symmetric(point_normals: Array) -> Metric:
     return factors
 
 
-def generalized(point_normals: Array, thickness: float = 1e-3) -> Metric:
+def generalized(point_normals: Array, thickness: float = 0.05) -> Metric:
     """Mahalanobis distance between two patches that are flat but for a relative variance `thickness` (Segal 2009)."""
 
     def flat(normals: Array) -> Array:

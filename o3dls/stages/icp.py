@@ -15,7 +15,7 @@ from ..geometry import Array
 from ..stage import Stage
 
 if TYPE_CHECKING:
-    from ..registration.icp import Alignment, Belief
+    from ..registration.icp import Alignment, Belief, Solver
     from ..registration.metrics import Metric
     from ..registration.reject import Rule
 
@@ -37,6 +37,7 @@ PRESETS: Mapping[str, Mapping[str, Any]] = {
 PARAMETER_OF: Mapping[str, str] = {
     "threshold": "threshold", "trimmed": "keep", "deviations": "deviations", "mad": "mad", "reciprocal": "slack", "normal_angle": "angle",
 }  # fmt: skip
+ONLY_OURS = ("scale_sd", "strain_sd", "freeze")
 NEEDS_PLANES = ("freeze", "strain_sd")  # to metric point_to_point every direction looks determined
 
 
@@ -49,6 +50,7 @@ class ICP(Stage):
 
     name: ClassVar[str] = "icp"
     preset: Literal["standard", "modified", "robust"] = Field("robust", description="values of the parameters that are not given")
+    engine: Literal["o3dls", "open3d"] = Field("o3dls", description="whose estimator makes a step; matching and rejection are always ours")
     metric: MetricName = Field("point_to_plane", description="what a step minimises")
     scale: bool = Field(True, description="let the scale change: a similarity instead of a rigid motion")
     scale_sd: float | None = Field(
@@ -87,7 +89,7 @@ class ICP(Stage):
         None,
         gt=0.0,
         description="motions less certain than this (rms over the surface) are not made; none: all are",
-        json_schema_extra=unit("radius"),
+        json_schema_extra=unit("rms radii"),
     )
     coarse: float = Field(
         2.0, ge=1.0, description="factor on all thresholds and widths at the first iteration", json_schema_extra=unit("1")
@@ -105,6 +107,8 @@ class ICP(Stage):
         filled = {**PRESETS[preset], **given}
         if filled["metric"] == "point_to_point":
             filled |= {name: given.get(name) for name in NEEDS_PLANES}
+        if filled.get("engine") == "open3d":
+            filled |= {name: given.get(name) for name in ONLY_OURS}
         return filled
 
     @field_validator("reject", mode="before")
@@ -124,11 +128,34 @@ class ICP(Stage):
                 raise ValueError(f"{parameter} = {getattr(self, parameter)}: has no effect with metric 'point_to_point'; must be left out")
         return self
 
+    @model_validator(mode="after")
+    def _open3d_can(self) -> ICP:
+        if self.engine == "o3dls":
+            return self
+        plain = self.metric == "point_to_point"
+        kernels = ("none",) if plain else ("none", "huber", "cauchy", "geman_mcclure", "tukey")
+        if self.kernel not in kernels:
+            raise ValueError(
+                f"kernel = '{self.kernel}': with engine 'open3d' and metric '{self.metric}' must be one of {', '.join(kernels)}"
+            )
+        if self.scale and not plain:
+            raise ValueError(f"scale = true: Open3D's {self.metric} is rigid; must be false, or metric 'point_to_point'")
+        for parameter in ONLY_OURS:
+            if getattr(self, parameter) is not None:
+                raise ValueError(f"{parameter} = {getattr(self, parameter)}: has no effect with engine 'open3d'; must be left out")
+        return self
+
+    def obstacle(self, case: Case) -> str | None:
+        return "Open3D's estimators are for 3D: use engine 'o3dls'" if self.engine == "open3d" and case.dimension == 2 else None
+
     def __call__(self, case: Case, start: Estimate) -> Estimate:
         from ..registration.icp import Criteria, align
         from ..registration.match import SurfaceMatcher
         from ..registration.step import Freedom
 
+        obstacle = self.obstacle(case)
+        if obstacle is not None:
+            raise InputError(f"case {case.name}: {obstacle}")
         points = fitted_points(case)
         normals, surface = self._point_normals(points), SurfaceMatcher(case.prior)
         found = align(
@@ -138,6 +165,7 @@ class ICP(Stage):
             metric=self._metric(normals),
             rules=tuple(self._rule(name, normals) for name in self.reject),
             belief=self._belief(surface.radius),
+            solve=self._solver(normals),
             freedom=Freedom(self.scale, self.scale_sd, (self.scale_min, self.scale_max), self.strain_sd, self.freeze),
             criteria=Criteria(self.tolerance, self.iterations, self.coarse, self.anneal),
         )
@@ -162,9 +190,19 @@ class ICP(Stage):
     def _belief(self, radius: float) -> Belief:
         from ..registration import icp
 
+        if self.engine == "open3d":  # which weighs by itself
+            return icp.equal
         if self.kernel == "mixture":
             return icp.wall_or_cavity(radius)
         return icp.equal if self.kernel == "none" else icp.m_estimator(self.kernel, self.kernel_width)
+
+    def _solver(self, normals: Array) -> Solver:
+        from ..open3d_steps import open3d_solver
+        from ..registration.step import best_motion
+
+        if self.engine == "o3dls":
+            return best_motion
+        return open3d_solver(self.metric, self.kernel, self.kernel_width, normals, self.thickness)
 
     def _rule(self, name: RuleName, normals: Array) -> Rule:
         from ..registration import reject
