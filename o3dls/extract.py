@@ -11,11 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import SolverError
-from .geometry import Array, Surface
+from .geometry import Array, Ints, Surface
 from .levelset.closest import ClosestPoint
 from .levelset.distance import SignedDistance
+from .levelset.operators import largest_piece, zero_set
 
-FEWEST_FACES = 50  # smaller loose pieces of an isosurface are lattice dust
+LOOSE = 0.1  # pieces with less than this share of the largest one's faces are dust, or what a fold has pinched off
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,22 +29,26 @@ class Extraction:
     isosurface_faces: int
 
 
-def extract(field: SignedDistance, *, smoothing: int = 5, keep: float = 0.5) -> Extraction:
-    """The surface phi = 0, wound outward. smoothing: Taubin passes; keep: share of the isosurface's faces that decimation leaves.
+def extract(field: SignedDistance, *, smoothing: int = 5, keep: float = 0.5, islands: bool = True) -> Extraction:
+    """The surface phi = 0, wound outward. smoothing: Taubin passes; keep: share of the isosurface's faces that decimation leaves;
+    islands: whether pieces beside the largest stay.
 
     Raises SolverError where phi has no zero set.
     """
     if not ((field.phi < 0.0).any() and (field.phi >= 0.0).any()):
         raise SolverError("the level set has no surface: phi does not change its sign")
     if field.band.dimension == 2:
-        from .levelset.operators import zero_set
-
-        contour = Surface(*zero_set(field.band, field.phi))
+        contour = _chosen(*zero_set(field.band, field.phi), islands)
         return Extraction(contour, 0.0, 0.0, len(contour.faces))
-    raw = isosurface(field)
+    found = isosurface(field)
+    raw = _chosen(found.vertices, found.faces, islands)
     clean = _clean(raw, smoothing, keep)
     shift = ClosestPoint(raw.vertices, raw.faces).distance(clean.vertices)
     return Extraction(clean, float(shift.mean()), float(shift.max()), len(raw.faces))
+
+
+def _chosen(vertices: Array, faces: Ints, islands: bool) -> Surface:
+    return Surface(vertices, faces) if islands else Surface(*largest_piece(vertices, faces))
 
 
 def isosurface(field: SignedDistance) -> Surface:
@@ -63,7 +68,7 @@ def _clean(raw: Surface, smoothing: int, keep: float) -> Surface:
     meshes = pymeshlab.MeshSet()
     meshes.add_mesh(pymeshlab.Mesh(raw.vertices, raw.faces.astype(np.int32)))
     meshes.meshing_repair_non_manifold_edges()
-    meshes.meshing_remove_connected_component_by_face_number(mincomponentsize=FEWEST_FACES)
+    meshes.meshing_remove_connected_component_by_face_number(mincomponentsize=int(LOOSE * _largest_piece(raw)) + 1)
     if smoothing:
         meshes.apply_coord_taubin_smoothing(stepsmoothnum=smoothing)
     if keep < 1.0:
@@ -72,6 +77,16 @@ def _clean(raw: Surface, smoothing: int, keep: float) -> Surface:
     meshes.meshing_remove_unreferenced_vertices()
     mesh = meshes.current_mesh()
     return Surface(mesh.vertex_matrix(), mesh.face_matrix())
+
+
+def _largest_piece(surface: Surface) -> int:
+    """Faces of the largest connected piece."""
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    a, b, n = surface.faces.ravel(), np.roll(surface.faces, -1, axis=1).ravel(), len(surface.vertices)
+    _, piece = connected_components(coo_matrix((np.ones(len(a)), (a, b)), shape=(n, n)), directed=False)
+    return int(np.bincount(piece[surface.faces[:, 0]]).max())
 
 
 def carry_fields(source: Surface, target: Surface) -> Surface:

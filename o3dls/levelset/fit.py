@@ -19,6 +19,7 @@ from .motion import Motion, MotionFit, State
 from .outliers import Contact, believe, mixture_energy
 from .rows import Data, Feet, Rows, gather, points_left_out
 from .shape import normals_and_curvature, unit_mean, vertex_normals
+from .unfold import unfold
 
 SETTLED = 5  # rounds in which amplitudes grow and noise shrinks: steps are large on purpose
 INFLATION = 1.2  # the posterior takes feet, normals and amplitudes as known: measured on development seeds, docs/method.md
@@ -203,8 +204,11 @@ class _Problem:
         status = f"{word}; noise {state.scales.noises[0]:.3g}, {100 * state.contact.share:.0f} % of the points off the wall"
         if share < 0.95:
             status += f"; the points show a motion beyond the pose with probability {share:.2f}, and the prior follows it that far"
-        vertices = self.posed + share * (state.moved - self.posed)
-        return MotionFit(motion, vertices, state, sd, still, status, tuple(trace), self.facts(state) | {"share": share})
+        vertices, folded = unfold(self.posed, self.posed + share * (state.moved - self.posed), self.faces)
+        if folded:
+            status += f"; {folded} faces folded over and were mended from their surroundings"
+        facts = self.facts(state) | {"share": share, "folded_faces": float(folded)}
+        return MotionFit(motion, vertices, state, sd, still, status, tuple(trace), facts)
 
     def facts(self, state: State) -> dict[str, float]:
         names = [f"vector_{x:.3g}" for x in self.covariance.vector] + [f"normal_{x:.3g}" for x in self.covariance.normal]

@@ -1,0 +1,56 @@
+"""Mending folds: where a steep field turned faces over, far from any point, the surface takes the bend of its surroundings."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.sparse import coo_matrix, csr_matrix, diags
+from scipy.sparse.linalg import spsolve
+
+from ..geometry import Array, Ints, Surface
+
+LEAST_COSINE = 0.25  # between a face's normal before and after: beyond 75 degrees a smooth motion is folding
+
+
+def unfold(rest: Array, moved: Array, faces: Ints, rounds: int = 12) -> tuple[Array, int]:
+    """Vertices (n, d) moved from `rest` with folds mended, and how many faces had folded.
+
+    Around turned faces the displacement is replaced by the one of least bending (biharmonic) that continues the surroundings;
+    the patch grows round the faces that are still turned until none is, or `rounds` are over.
+    """
+    displacement = moved - rest
+    turned = _turned(rest, moved, faces)
+    count = int(turned.sum())
+    if count == 0:
+        return moved, 0
+    adjacency = _adjacency(faces, len(rest))
+    laplacian = diags(np.asarray(adjacency.sum(axis=1)).ravel()) - adjacency
+    bending = csr_matrix(laplacian.T @ laplacian)
+    zone = np.zeros(len(rest), dtype=bool)
+    for attempt in range(rounds):
+        patch = np.zeros(len(rest), dtype=bool)
+        patch[faces[turned]] = True
+        for _ in range(2 + attempt // 2):
+            patch |= (adjacency @ patch.astype(np.float64)) > 0.0
+        zone |= patch
+        inside, outside = np.flatnonzero(zone), np.flatnonzero(~zone)
+        if len(outside) == 0:
+            break
+        rows = bending[inside]
+        displacement[inside] = spsolve(rows[:, inside].tocsc(), -(rows[:, outside] @ displacement[outside])).reshape(len(inside), -1)
+        turned = _turned(rest, rest + displacement, faces)
+        if not turned.any():
+            break
+    return rest + displacement, count
+
+
+def _turned(rest: Array, moved: Array, faces: Ints) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+    before, after = Surface(rest, faces).face_normals, Surface(moved, faces).face_normals
+    return np.asarray((before * after).sum(axis=1) < LEAST_COSINE)
+
+
+def _adjacency(faces: Ints, count: int) -> csr_matrix:
+    """Symmetric 0/1 matrix (n, n) of vertices that share an edge."""
+    a, b = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
+    both = coo_matrix((np.ones(2 * len(a)), (np.r_[a, b], np.r_[b, a])), shape=(count, count)).tocsr()
+    both.data[:] = 1.0
+    return csr_matrix(both)
