@@ -25,6 +25,7 @@ from o3dls.io.carto_study import find_study
 from o3dls.io.case_folder import read_case, write_case
 from o3dls.io.markups import Markups, read_markups, write_markups
 from o3dls.io.mesh import FORMATS, read_surface_file
+from o3dls.io.study import read_study
 from o3dls.io.transforms import read_transform, write_transform
 from o3dls.io.volumes import write_volume
 
@@ -210,6 +211,14 @@ def test_study_xml(tmp_path: Path) -> None:
     check("xml", tmp_path / "study/study.xml", CARTO_XML.format(volume=20.0).encode(), read)
 
 
+def test_study_zips(tmp_path: Path) -> None:
+    from test_io_study import carto_folder, zipped
+
+    (tmp_path / "study").mkdir()
+    data = zipped(carto_folder(tmp_path / "s"), tmp_path / "whole.zip").read_bytes()
+    check("zip", tmp_path / "study/study.zip", data, lambda p: read_study(p, "1-Map").points)
+
+
 def test_markups_and_poses(tmp_path: Path) -> None:
     path = tmp_path / "marks.json"
     write_markups(path, Markups(("A", "B"), np.arange(6.0).reshape(2, 3), "LPS"))
@@ -246,3 +255,14 @@ def test_a_shortened_data_set_is_refused(tmp_path: Path) -> None:
     path.write_bytes(path.read_bytes()[:-40])
     with pytest.raises(InputError, match="truncated or damaged"):
         read_surface_file(path)
+
+
+def test_matlab_73(tmp_path: Path) -> None:
+    h5py = pytest.importorskip("h5py")
+    path = tmp_path / "whole.mat"
+    with h5py.File(path, "w", userblock_size=512) as file:
+        file["userdata/surface/triRep/X"] = body().vertices.T
+        file["userdata/surface/triRep/Triangulation"] = body().faces.T + 1.0
+        file["userdata/surface/act_bip"] = np.vstack([np.zeros(len(body().vertices)), body().fields["bipolar"]])
+    data = b"MATLAB 7.3 MAT-file".ljust(512, b"\0") + path.read_bytes()[512:]
+    check("mat 7.3", tmp_path / "damaged.mat", data, read_surface_file)
