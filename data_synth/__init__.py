@@ -7,6 +7,7 @@ so that other noise or more points leave the anatomy as it is.
 
 from .atrium import atrium
 from .jar import jar
+from .patient import Patient, patient
 from .star import star
 
-__all__ = ["atrium", "jar", "star"]
+__all__ = ["Patient", "atrium", "jar", "patient", "star"]

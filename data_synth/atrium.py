@@ -56,8 +56,8 @@ def atrium(
     beat = heartbeat(streams[2], body, motion)
     truth = imaged.with_vertices(beat(imaged.vertices))
     prior, ostia = _scanned(streams[3], imaged, body)
-    hidden = sampling.patches(imaged, _bare(streams[0], body, imaged), unseen)
-    measured, inside = _mapped(streams[4], truth, (~hidden, _rings(body, imaged)), beat(body.ostia), (points, noise, outliers))
+    hidden = sampling.patches(imaged, bare(streams[0], body, imaged), unseen)
+    measured, inside = mapped(streams[4], truth, (~hidden, rings(body, imaged)), beat(body.ostia), (points, noise, outliers))
     held_out = sampling.sites(streams[0], truth, 4000)
     some = np.arange(0, len(prior.vertices), 5)
     return Case(
@@ -115,12 +115,12 @@ def _scanned(rng: np.random.Generator, imaged: Surface, body: Anatomy) -> tuple[
     return imaged.with_vertices(vertices), np.round(body.ostia @ turned.T + shift, 3)
 
 
-def _bare(rng: np.random.Generator, body: Anatomy, imaged: Surface) -> Array:
+def bare(rng: np.random.Generator, body: Anatomy, imaged: Surface) -> Array:
     """Middles (3, 3) of what the catheter misses: the tip of the appendage and two patches of the wall."""
     return np.vstack([body.tip, sampling.sites(rng, imaged, 2).xyz])
 
 
-def _rings(body: Anatomy, imaged: Surface) -> sampling.Mask:
+def rings(body: Anatomy, imaged: Surface) -> sampling.Mask:
     """Faces where veins are isolated: bands of 5 mm about the ostia."""
     to = sampling.centres(imaged)[:, None] - body.ostia
     along = (to * body.directions).sum(axis=2)
@@ -128,7 +128,7 @@ def _rings(body: Anatomy, imaged: Surface) -> sampling.Mask:
     return np.asarray(((np.abs(along) < 2.5) & (beside < body.radii + 5.0)).any(axis=1))
 
 
-def _mapped(
+def mapped(
     rng: np.random.Generator, truth: Surface, where: tuple[sampling.Mask, sampling.Mask], ostia: Array, amounts: tuple[int, float, float]
 ) -> tuple[Points, sampling.Rows]:
     """What the mapping system exports: mapping points, rings of ablation points, marked ostia; and the rows that are outliers.
@@ -137,18 +137,18 @@ def _mapped(
     """
     (seen, ablated), (n, noise, share) = where, amounts
     touched = sampling.sites(rng, truth, n, sampling.clustered(rng, truth, seen))
-    rings = sampling.sites(rng, truth, RING_POINTS, ablated)
+    burnt = sampling.sites(rng, truth, RING_POINTS, ablated)
     inside = np.sort(rng.choice(n, round(share * n), replace=False))
     wall = touched.xyz.copy()
     wall[inside] -= rng.uniform(3.0, 12.0, (len(inside), 1)) * truth.face_normals[touched.face[inside]]
     sd = np.repeat([noise, OSTIUM_SD], [n + RING_POINTS, len(ostia)])
-    xyz = np.vstack([wall, rings.xyz, ostia])
+    xyz = np.vstack([wall, burnt.xyz, ostia])
     electric = {
         "bipolar": sampling.voltage(truth, sampling.sites(rng, truth, 1).xyz[0]),
         "lat": sampling.activation(truth, truth.vertices[np.argmax(truth.vertices @ [-1.0, -0.5, 1.5])]),  # it comes over Bachmann's bundle
     }
     missing = np.full(len(ostia), np.nan)
-    columns = {name: np.concatenate([touched.read(truth, v), rings.read(truth, v), missing]) for name, v in electric.items()}
+    columns = {name: np.concatenate([touched.read(truth, v), burnt.read(truth, v), missing]) for name, v in electric.items()}
     return Points(
         np.round(xyz + sd[:, None] * rng.normal(size=xyz.shape), 3),
         np.repeat(["eam", "ablation", "landmark"], [n, RING_POINTS, len(ostia)]),

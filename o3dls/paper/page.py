@@ -6,11 +6,11 @@ from pathlib import Path
 
 from ..io.atomic import staged_file
 from ..report.markup import Html, join, tag
-from . import noise
+from . import atrium, noise
 from .blocks import Block, Command, Figure, Heading, Text
 from .results import Results
 
-SECTIONS = (noise,)
+SECTIONS = (noise, atrium)
 STYLE = """body{font:16px/1.5 system-ui,sans-serif;max-width:62rem;margin:2rem auto;padding:0 1rem;color:#16191d;background:#fff}
 table{border-collapse:collapse;font-size:.9rem}td,th{padding:.2rem .6rem;border-bottom:1px solid #d5d9df;text-align:right}
 th:first-child{text-align:left}.scroll{overflow-x:auto}figure{margin:1.5rem 0}img{max-width:100%}
