@@ -11,7 +11,7 @@ from itertools import product
 import numpy as np
 
 from o3dls.case import Case
-from o3dls.geometry import Array, Surface, apply
+from o3dls.geometry import Array, Surface
 from o3dls.levelset.closest import ClosestPoint
 
 Peer = Callable[..., Surface]
@@ -132,7 +132,9 @@ def _decimated(surface: Surface) -> Surface:
 
     if len(surface.faces) <= COARSE_FACES:
         return surface
-    mesh = o3d.geometry.TriangleMesh(o3d.utility.Vector3dVector(surface.vertices), o3d.utility.Vector3iVector(surface.faces.astype(np.int32)))
+    mesh = o3d.geometry.TriangleMesh(
+        o3d.utility.Vector3dVector(surface.vertices), o3d.utility.Vector3iVector(surface.faces.astype(np.int32))
+    )
     mesh = mesh.simplify_quadric_decimation(COARSE_FACES)
     return Surface(np.asarray(mesh.vertices), np.asarray(mesh.triangles))
 
@@ -149,7 +151,9 @@ def _grid(**values: tuple[object, ...]) -> list[dict[str, object]]:
 
 
 GRIDS: Mapping[str, list[dict[str, object]]] = {
-    "thin-plate": _grid(kernel=("linear", "thin_plate_spline"), smoothing=(1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0, 3000.0), reject=(2.5, 4.0, 8.0)),
+    "thin-plate": _grid(
+        kernel=("linear", "thin_plate_spline"), smoothing=(1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0, 3000.0), reject=(2.5, 4.0, 8.0)
+    ),
     "nricp_sumner": _grid(smooth=(0.1, 1.0, 10.0, 100.0), landmarks=(1.0, 10.0, 100.0, 1000.0), reject=(2.5, 4.0, 8.0), rounds=(5,)),
     "pycpd": _grid(moves=("points", "prior"), alpha=(0.1, 0.3, 1.0, 3.0, 10.0), beta=(0.15, 0.3, 0.6, 1.2), outliers=(0.1, 0.3)),
     "open3d icp": _grid(reach=(1.0, 1.5, 2.0, 3.0, 5.0, 8.0, 12.0, 100.0), kernel=("none", "shrinking"), samples=(3000, 10000, 30000)),

@@ -19,8 +19,8 @@ import numpy as np
 
 from benchmarks.cases import Listed, find
 from benchmarks.peers import GRIDS, PEERS, applicable
+from benchmarks.scores import truth_distances
 from o3dls.case import Case
-from o3dls.evaluate import distances, sample
 from o3dls.geometry import Array, Surface
 from o3dls.stages.icp import ICP
 from o3dls.start import start_estimate
@@ -43,9 +43,7 @@ def pose_of(case: Case) -> Array:
 
 def cost(case: Case, surface: Surface) -> float:
     """Mean symmetric distance between a surface and the truth."""
-    assert case.truth is not None
-    assert case.truth.surface is not None
-    there, back = distances(sample(case.truth.surface, SAMPLES), surface), distances(sample(surface, SAMPLES), case.truth.surface)
+    there, back = truth_distances(case, surface, SAMPLES)
     return float(there.mean() + back.mean()) / 2.0
 
 
@@ -58,7 +56,12 @@ def tune(cases: list[tuple[Case, Array]], peer: str) -> dict[str, Any]:
             settings, costs = [settings[i] for i in best], costs[best]
         costs = costs + np.array([_tried(case, pose, peer, setting) for setting in settings])
     winner = int(costs.argmin())
-    return {"parameters": settings[winner], "cost": round(float(costs[winner]) / len(cases), 4), "tried": len(GRIDS[peer]), "cases": len(cases)}
+    return {
+        "parameters": settings[winner],
+        "cost": round(float(costs[winner]) / len(cases), 4),
+        "tried": len(GRIDS[peer]),
+        "cases": len(cases),
+    }
 
 
 def _tried(case: Case, pose: Array, peer: str, setting: Mapping[str, Any]) -> float:

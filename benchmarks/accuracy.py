@@ -1,0 +1,113 @@
+"""Accuracy over folders of cases, o3dls beside its own parts and other methods: python -m benchmarks.accuracy FOLDER...
+
+Fresh seeds are made by the phantom generator, once per group (development seeds below 1000, judging above):
+
+    for s in $(seq 2001 2030); do
+        python phantom.py atrium $s cases/la_$s; python phantom.py atrium $s cases/lah_$s --motion 2
+        for p in 3 6 9 12; do python phantom.py jar $s cases/jar_$(printf %02d $p)_$s --percent $p; done
+        for p in 2 6 10; do python phantom.py star $s cases/star_$(printf %02d $p)_$s --percent $p; done
+    done
+
+Rows: start (landmarks), icp (our robust similarity), phi_only (level set after icp), deform (T only), level_set (T and phi), each
+peer as tuned by benchmarks.tune, and with --phantom phantom.py the generator's bound. Columns: mean +- standard error (worst).
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import multiprocessing
+import os
+import sys
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+from benchmarks.cases import Listed, find
+
+Record = dict[str, Any]
+
+
+def ours(case: Any) -> Iterator[tuple[str, Any, float]]:
+    """Estimates of the packaged pipeline, and of the level set without the motion: name, estimate, seconds from the start."""
+    from o3dls.pipeline import Pipeline
+    from o3dls.pipeline_file import read_pipeline
+    from o3dls.resources import pipeline_file
+    from o3dls.stages.level_set import LevelSet
+
+    default = read_pipeline(pipeline_file("default")).allowed_by(case)
+    pipeline = Pipeline([*default.stages, LevelSet(as_="phi_only", after="icp")], folds=0)
+    estimates = pipeline.fit(case)
+    for name, estimate in estimates.items():
+        seconds, at = 0.0, name
+        while at != "start":
+            seconds, at = seconds + estimates[at].seconds, pipeline.sources[at]
+        if name != "landmarks":
+            yield name, estimate, seconds
+
+
+def peers(case: Any, group: str, icp: Any, icp_seconds: float) -> Iterator[tuple[str, Any, float]]:
+    """Results of the other methods, as tuned for the group; where it was not tuned they are left out."""
+    from benchmarks.peers import PEERS, applicable
+    from benchmarks.tune import tuned
+    from o3dls.estimate import Estimate
+
+    for name in applicable(case):
+        if name not in tuned().get(group, {}):
+            print(f"{group}: {name} is not tuned (python -m benchmarks.tune), left out", file=sys.stderr)
+            continue
+        begin = perf_counter()
+        surface = PEERS[name](case.visible(), icp.T_map_prior, **tuned()[group][name]["parameters"])
+        yield name, Estimate(surface, icp.T_map_prior, name), icp_seconds + perf_counter() - begin
+
+
+def run(listed: Listed, phantom: Path | None) -> list[Record]:
+    """Records of every method on one case."""
+    from benchmarks.bound import MOTION, bound, load
+    from benchmarks.scores import scores
+
+    case = listed.read()
+    results = list(ours(case))
+    icp, seconds = next((estimate, seconds) for name, estimate, seconds in results if name == "icp")
+    results += list(peers(case, listed.group, icp, seconds))
+    records = [{"method": name, "seconds": seconds, **scores(case, estimate)} for name, estimate, seconds in results]
+    if phantom is not None and listed.group in MOTION:
+        records.append({"method": "bound", **bound(listed, case, load(phantom))})
+    return [{"group": listed.group, "case": listed.name, **record} for record in records]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folders", nargs="+", type=Path, help="case folders, or folders of them")
+    parser.add_argument("--phantom", type=Path, help="the generator's file, for its bound")
+    parser.add_argument("--records", type=Path, help="one JSON line per case and method; cases that are in it already are not run again")
+    parser.add_argument("--jobs", type=int, default=1, help="processes side by side (times are then those of a shared machine)")
+    arguments = parser.parse_args()
+    os.environ.update(dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1"))  # for the processes below
+    records = _read(arguments.records)
+    done = {record["case"] for record in records}
+    todo = [listed for listed in find(arguments.folders) if listed.name not in done]
+    with multiprocessing.get_context("spawn").Pool(arguments.jobs) as pool:
+        for found in pool.imap(partial(run, phantom=arguments.phantom), todo):
+            records += found
+            _keep(arguments.records, found)
+            print(f"{found[0]['case']} done", file=sys.stderr, flush=True)
+    from benchmarks.tables import tables
+
+    print(tables(records))
+
+
+def _read(path: Path | None) -> list[Record]:
+    return [json.loads(line) for line in path.read_text().splitlines()] if path and path.is_file() else []
+
+
+def _keep(path: Path | None, records: list[Record]) -> None:
+    if path:
+        with path.open("a") as file:
+            file.writelines(json.dumps(record) + "\n" for record in records)
+
+
+if __name__ == "__main__":
+    main()

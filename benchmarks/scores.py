@@ -1,0 +1,114 @@
+"""What a result is worth: distances to the truth, calibration, validity, as one flat record."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from o3dls.case import Case
+from o3dls.estimate import Estimate
+from o3dls.evaluate import SAMPLES, distances, sample
+from o3dls.geometry import Array, Surface
+from o3dls.validity import validity
+
+Record = dict[str, float]
+BAND_95 = 1.959964  # deviations that hold 95 % of a Gaussian
+FLAT_WITHIN = 0.9  # cosine to the slices' axis from which a piece of a ventricle's surface belongs to a flat end cap
+VERTICES = 2000  # vertices that calibration looks at
+SEED = 770_143_905
+
+
+def scores(case: Case, estimate: Estimate) -> Record:
+    """Distances in the case's units; a key is missing where the case cannot say it."""
+    return distance_scores(case, estimate) | calibration(case, estimate) | {"valid": is_valid(case, estimate.surface)}
+
+
+def distance_scores(case: Case, estimate: Estimate) -> Record:
+    truth, surface = case.truth, estimate.surface
+    assert truth is not None
+    assert truth.surface is not None
+    there, back = truth_distances(case, surface)
+    found = {"t2s": there.mean(), "s2t": back.mean(), "ssd": 0.5 * (there.mean() + back.mean())}
+    found["hd95"] = max(np.percentile(there, 95.0), np.percentile(back, 95.0))
+    found["fitted"] = distances(case.points.of("eam").xyz, surface).mean()
+    if len(case.points.of("ablation")):
+        found["ablation"] = distances(case.points.of("ablation").xyz, surface).mean()
+    if truth.held_out is not None:
+        gap = distances(truth.held_out, surface)
+        found["held_out"] = gap.mean()
+        if truth.unseen is not None and truth.unseen.any():
+            found |= {"seen": gap[~truth.unseen].mean(), "unseen": gap[truth.unseen].mean()}
+    if truth.correspondence is not None:
+        found["correspondence"] = np.linalg.norm(_carried(case, estimate, truth.correspondence[0]) - truth.correspondence[1], axis=1).mean()
+    return {name: float(value) for name, value in found.items()}
+
+
+def truth_distances(case: Case, surface: Surface, samples: int = SAMPLES) -> tuple[Array, Array]:
+    """Distances of samples of the truth to the surface and back; a ventricle's flat end caps, which carry no points, are left out."""
+    assert case.truth is not None
+    assert case.truth.surface is not None
+    truth, both = case.truth.surface, []
+    for source, target in ((truth, surface), (surface, truth)):
+        at = sample(source, samples)
+        both.append(distances(at[~_on_cap(at, source, truth)] if case.name.startswith("lv_") else at, target))
+    return both[0], both[1]
+
+
+def _on_cap(at: Array, source: Surface, truth: Surface) -> Array:
+    """Whether samples lie where the surface is across the slices, whose axis is the commonest normal of the truth."""
+    from o3dls.levelset.closest import ClosestPoint
+
+    normals, areas = truth.face_normals, truth.face_areas
+    axis = max(normals[np.argsort(-areas)[:50]], key=lambda n: float(areas[np.abs(normals @ n) > 0.999].sum()))
+    face = ClosestPoint(source.vertices, source.faces).query(at)[1]
+    return np.asarray(np.abs(source.face_normals[face] @ axis) > FLAT_WITHIN)
+
+
+def calibration(case: Case, estimate: Estimate) -> Record:
+    """sigma over the noise that the inliers really have; share of vertices within their 95 % band; rank correlation of the deviation
+    with the error, and what a perfect posterior of the same deviations would reach."""
+    truth, found = case.truth, Record()
+    assert truth is not None
+    assert truth.surface is not None
+    if estimate.sigma is not None and truth.held_out is not None:
+        inlier = np.ones(len(case.points.of("eam")), dtype=bool)
+        if truth.outliers is not None:
+            inlier[truth.outliers] = False
+        noise = np.sqrt((distances(case.points.of("eam").xyz[inlier], truth.surface) ** 2).mean())
+        found["sigma_ratio"] = float(estimate.sigma / noise)
+    sd = estimate.surface.fields.get(f"sd_{case.units}")
+    if sd is not None:
+        rows = np.linspace(0, len(sd) - 1, min(VERTICES, len(sd))).round().astype(int)
+        error = distances(estimate.surface.vertices[rows], truth.surface)
+        ideal = np.abs(np.random.default_rng(SEED).normal(size=len(rows)) * sd[rows])
+        found["cover95"] = float((error <= BAND_95 * sd[rows]).mean())
+        found["rank"], found["rank_ideal"] = _rank(sd[rows], error), _rank(sd[rows], ideal)
+    return found
+
+
+def is_valid(case: Case, surface: Surface) -> float:
+    """1 where the surface is closed, without self-intersection, and has pieces and handles as the truth (where closed) or the prior."""
+    assert case.truth is not None
+    assert case.truth.surface is not None
+    found = validity(surface, case.prior)
+    like = case.truth.surface if case.truth.surface.watertight else case.prior
+    wanted = validity(like, case.prior)
+    same = all(found[key] == wanted[key] for key in ("components", "euler"))
+    return float(bool(found["watertight"]) and same and found["self_intersections"] == 0)
+
+
+def _carried(case: Case, estimate: Estimate, at: Array) -> Array:
+    """Where points of the prior went: by the motion, or with the surface where it keeps the prior's vertices."""
+    from o3dls.levelset.closest import ClosestPoint
+
+    if estimate.motion is not None:
+        return estimate.motion(at)
+    _, face, _, bary = ClosestPoint(case.prior.vertices, case.prior.faces).query(at)
+    if len(estimate.surface.vertices) != len(case.prior.vertices):
+        return np.full(at.shape, np.nan)  # a surface of its own says nothing of where the prior went
+    return np.asarray(np.einsum("nc,ncd->nd", bary, estimate.surface.vertices[case.prior.faces[face]]))
+
+
+def _rank(a: Array, b: Array) -> float:
+    from scipy.stats import spearmanr
+
+    return float(spearmanr(a, b).statistic)
