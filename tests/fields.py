@@ -1,0 +1,60 @@
+"""Bodies, points and motions for the tests of the motion field, in 2D and 3D alike."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from o3dls.geometry import Array, Surface, outline
+from o3dls.levelset.covariance import Covariance, Observed, displacement
+from o3dls.levelset.rows import Data
+
+SIZE = 25.0  # about the rms radius of the bodies, mm
+
+
+def body(dimension: int, fineness: int = 3) -> Surface:
+    """A lopsided closed body without symmetry, about 25 mm in radius."""
+    if dimension == 2:
+        t = np.linspace(0, 2 * np.pi, 50 * fineness, endpoint=False)
+        radius = SIZE * (1 + 0.25 * np.cos(2 * t) + 0.12 * np.sin(3 * t))
+        return outline(radius[:, None] * np.column_stack([np.cos(t), np.sin(t)]))
+    import trimesh
+
+    ball = trimesh.creation.icosphere(subdivisions=fineness)
+    x, y, z = ball.vertices.T
+    radius = SIZE * (1 + 0.2 * x * y + 0.15 * z**3 + 0.15 * x**2)
+    return Surface(ball.vertices * radius[:, None], ball.faces)
+
+
+def spots(surface: Surface, count: int, seed: int) -> tuple[Array, Array, Array]:
+    """Area-uniform points (n, d) of a surface, with faces and barycentric weights to carry them along."""
+    rng = np.random.default_rng(seed)
+    face = rng.choice(len(surface.faces), count, p=surface.face_areas / surface.area)
+    bary = rng.dirichlet(np.ones(surface.dimension), count)
+    return np.einsum("nc,ncd->nd", bary, surface.vertices[surface.faces[face]]), face, bary
+
+
+def wall(points: Array, **changes: object) -> Data:
+    """Data of plain wall points, no landmarks."""
+    n, none = len(points), np.zeros((0, points.shape[1]))
+    plain = Data(points, np.zeros(n, dtype=np.int64), np.ones(n), np.ones(n), np.zeros(n, dtype=bool), none, none)
+    return replace(plain, **changes)
+
+
+def covariance(dimension: int, anchors: int = 0) -> Covariance:
+    marks = body(dimension).vertices[np.arange(anchors) * 7]
+    return Covariance(np.full(dimension, 0.5), (1.15 * SIZE,), (0.46 * SIZE,), marks, 0.38 * SIZE, translation=0.2 * SIZE)
+
+
+def bend(surface: Surface, seed: int, amplitude: float = 2.0) -> Array:
+    """Displacement (n, d) of the vertices, drawn from the prior of the field: pulls of random strength at 60 places, scaled."""
+    rng = np.random.default_rng(seed)
+    at = spots(surface, 60, seed)[0]
+    directions = rng.normal(size=at.shape)
+    obs = Observed(at, directions / np.linalg.norm(directions, axis=1)[:, None], np.zeros(len(at)))
+    cov = covariance(surface.dimension)
+    sds = np.array([1.0, 1e-6, 1e-6])
+    field = displacement(cov, sds, obs, rng.normal(size=len(at)), surface.vertices, surface.vertex_normals)
+    field -= field.mean(axis=0)
+    return amplitude * field / np.sqrt((field**2).sum(axis=1).mean())

@@ -1,0 +1,138 @@
+"""The Bayesian algebra against what defines it: numpy's dense formulas, central differences, and refits without a point."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from fields import body, covariance, spots, wall
+
+from o3dls.errors import SolverError
+from o3dls.geometry import Array
+from o3dls.levelset import evidence
+from o3dls.levelset.covariance import cross, grams, variance
+from o3dls.levelset.evidence import Scales, assemble, free_energy, left_out, posterior_variance, solve, tune
+from o3dls.levelset.rows import Feet, Rows, gather
+
+LOG = np.log([1.4, 0.6, 0.05, 1.3])  # vector field, normal field, strain, noise
+
+
+def rows_of(count: int, seed: int, weights: Array | None = None, groups: int = 1, most: int = 10_000, dimension: int = 3) -> Rows:
+    surface = body(dimension)
+    at, face, _ = spots(surface, count, seed)
+    rng = np.random.default_rng(seed + 1)
+    normals = surface.face_normals[face]
+    feet = Feet(at, normals, np.ones(count), rng.normal(size=count) * 2.0)
+    data = wall(at, group=rng.permutation(np.arange(count) % groups), relative=rng.uniform(0.7, 1.4, count))
+    return gather(feet, data, np.ones(count) if weights is None else weights, np.zeros((0, dimension)), most, 6.0)
+
+
+def scales(groups: int = 1) -> Scales:
+    log = np.r_[LOG[:3], np.full(groups, LOG[3])]
+    return Scales(log, log.copy(), np.full(len(log), 0.7), np.full(len(log), -np.inf), 3)
+
+
+def test_solve_is_the_dense_formula() -> None:
+    rows = rows_of(50, 40_787)
+    matrix, _ = assemble(LOG, *grams(covariance(3), rows.observed), rows)
+    posterior, inverse = solve(matrix, rows.residual)
+    np.testing.assert_allclose(inverse, np.linalg.inv(matrix), rtol=1e-8, atol=1e-10)
+    np.testing.assert_allclose(posterior.alpha, np.linalg.solve(matrix, rows.residual), rtol=1e-8)
+    gaussian = 0.5 * rows.residual @ np.linalg.solve(matrix, rows.residual) + 0.5 * np.linalg.slogdet(matrix)[1]
+    assert posterior.energy == pytest.approx(gaussian, rel=1e-10)
+    with pytest.raises(SolverError, match="not positive definite"):
+        solve(matrix - 1e6 * np.eye(50), rows.residual)
+
+
+@pytest.mark.parametrize("groups", [1, 2])
+@pytest.mark.parametrize("merged", [False, True])
+def test_gradient_of_the_evidence_against_central_differences(monkeypatch: pytest.MonkeyPatch, groups: int, merged: bool) -> None:
+    kept = []
+
+    def catch(objective, x, **_):  # type: ignore[no-untyped-def]
+        kept.append(objective)
+        return SimpleNamespace(x=x)
+
+    monkeypatch.setattr(evidence, "minimize", catch)
+    weights = np.random.default_rng(7_919).uniform(0.05, 1.0, 60)
+    rows = rows_of(60, 55_439, weights, groups, most=20 if merged else 1000)
+    tune(scales(groups), *grams(covariance(3), rows.observed), rows)
+    at = scales(groups).log + 0.1
+    slope = kept[0](at)[1]
+    for k in range(len(at)):
+        step = np.eye(len(at))[k] * 1e-5
+        assert slope[k] == pytest.approx((kept[0](at + step)[0] - kept[0](at - step)[0]) / 2e-5, rel=1e-5, abs=1e-5)
+
+
+def test_left_out_is_a_refit_without_the_point() -> None:
+    rows = rows_of(30, 82_903)
+    matrix, noise = assemble(LOG, *grams(covariance(3), rows.observed), rows)
+    posterior, _ = solve(matrix, rows.residual)
+    residual, var = left_out(posterior, noise)
+    for i in range(30):
+        others = np.arange(30) != i
+        gain = np.linalg.solve(matrix[np.ix_(others, others)], matrix[others, i])
+        assert residual[i] == pytest.approx(rows.residual[i] - gain @ rows.residual[others], abs=1e-8)
+        assert var[i] == pytest.approx(matrix[i, i] - noise[i] - gain @ matrix[others, i], abs=1e-8)
+
+
+def test_posterior_variance_is_the_dense_formula_and_falls_with_every_point() -> None:
+    cov, asked, before = covariance(3), rows_of(12, 5_701).observed, np.full(12, np.inf)
+    sds = np.exp(LOG[:3])
+    for count in (5, 20, 80):
+        rows = rows_of(80, 31_337)
+        first = Rows(*(_first(x, count) for x in (rows.observed, rows.residual, rows.group, rows.relative, rows.of_point)), rows.scatter)
+        matrix, _ = assemble(LOG, *grams(cov, first.observed), first)
+        crossed = cross(cov, sds, first.observed, asked)
+        var = posterior_variance(solve(matrix, first.residual)[0].factor, variance(cov, sds, asked), crossed)
+        dense = variance(cov, sds, asked) - np.einsum("nm,nk,km->m", crossed, np.linalg.inv(matrix), crossed)
+        np.testing.assert_allclose(var, dense, rtol=1e-6, atol=1e-9)
+        assert (var <= before + 1e-9).all()
+        before = var
+
+
+def _first(values, count):  # type: ignore[no-untyped-def]
+    if isinstance(values, np.ndarray):
+        return values[:count]
+    return type(values)(values.at[:count], values.directions[:count], values.normal_part[:count])
+
+
+def test_evidence_finds_amplitudes_and_noise_that_made_the_residuals() -> None:
+    """Pooled over draws: the maximum of the evidence is consistent, so its mean logarithm comes near the truth."""
+    rows, rng, found = rows_of(250, 12_409), np.random.default_rng(90_001), []
+    fixed, parts = grams(covariance(3), rows.observed)
+    true = np.log([2.0, 0.8, 0.05, 1.0])
+    root = np.linalg.cholesky(assemble(true, fixed, parts, rows)[0])
+    wide = Scales(LOG, LOG.copy(), np.full(4, 2.0), np.full(4, -np.inf), 3)
+    for _ in range(12):
+        drawn = Rows(rows.observed, root @ rng.normal(size=250), rows.group, rows.relative, rows.of_point, rows.scatter)
+        found.append(tune(wide, fixed, parts, drawn, steps=40))
+    assert abs(np.mean(found, axis=0)[3] - true[3]) < 0.05
+    assert abs(np.mean(found, axis=0)[0] - true[0]) < 0.35
+
+
+def test_free_energy_of_believed_points_is_the_gaussian_evidence() -> None:
+    rows = rows_of(40, 66_821)
+    matrix, _ = assemble(LOG, *grams(covariance(3), rows.observed), rows)
+    posterior, _ = solve(matrix, rows.residual)
+    gaussian = posterior.energy + 20.0 * np.log(2.0 * np.pi)
+    # what each point's own relative noise adds is the same for every setting and left out
+    assert free_energy(posterior, LOG[3:], rows) == pytest.approx(gaussian - np.log(rows.relative).sum())
+
+
+@pytest.mark.parametrize("belief", [1.0, 0.4])
+def test_free_energy_does_not_depend_on_merging(belief: float) -> None:
+    """Points at one place may share a row: sufficient statistics lose nothing."""
+    surface = body(3)
+    at, face, _ = spots(surface, 15, 24_593)
+    at, normals = np.repeat(at, 4, axis=0), np.repeat(surface.face_normals[face], 4, axis=0)
+    feet = Feet(at, normals, np.ones(60), np.random.default_rng(3_163).normal(size=60))
+    cov, none = covariance(3), np.zeros((0, 3))
+    energies, alphas = [], []
+    for most in (1000, 10):
+        rows = gather(feet, wall(at), np.full(60, belief), none, most, 1e-6)
+        matrix, _ = assemble(LOG, *grams(cov, rows.observed), rows)
+        posterior, _ = solve(matrix, rows.residual)
+        energies.append(free_energy(posterior, LOG[3:], rows))
+        alphas.append(np.bincount(np.arange(60) // 4, posterior.alpha) if most > 60 else posterior.alpha[rows.of_point[::4]])
+    np.testing.assert_allclose(alphas[0], alphas[1], rtol=1e-6, atol=1e-9)
+    assert energies[0] == pytest.approx(energies[1], abs=1e-6)
