@@ -9,7 +9,6 @@ from itertools import combinations, permutations
 import numpy as np
 
 from ..geometry import Array, apply, fit_similarity
-from .global_pose import confidence
 
 NARROWEST = 0.05  # spread across the main line of the landmarks, relative to along it, below which a rotation is free
 NOTICEABLE = 0.1  # rms error relative to the landmarks' rms radius from which on the landmarks alone may accuse the names
@@ -80,6 +79,8 @@ def better_reading(found: list[Reading], radius: float, costs: Callable[[Reading
     where the points are sure of a reading that fits the landmarks about as well: an atrium's ostia are nearly a rectangle, so that
     they alone cannot tell left from right. `costs` gives the points' costs (n,) of a reading's pose, None where points are too few.
     """
+    from .global_pose import confidence  # here, because it brings numba
+
     named, closest = found[0], min(found, key=lambda reading: reading.rms)
     accused = named.rms > NOTICEABLE * radius and closest.rms < MUCH_BETTER * named.rms
     limit = max(AS_GOOD * closest.rms, MUCH_BETTER * named.rms) if accused else AS_GOOD * named.rms
