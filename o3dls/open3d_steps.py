@@ -6,11 +6,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .geometry import Array
+from .geometry import Array, apply, scale_of
 from .registration.robust import EFFICIENT_95, spread
 
 if TYPE_CHECKING:
     from .registration.icp import Solver
+    from .registration.match import Pairs
     from .registration.metrics import Factors
     from .registration.step import Body, Freedom
 
@@ -18,51 +19,70 @@ KERNELS = ("none", "huber", "cauchy", "geman_mcclure", "tukey")
 
 
 def open3d_solver(metric: str, kernel: str, width: float | None, point_normals: Array, thickness: float) -> Solver:
-    """A solver for `align`: metric as in the stage `icp`, kernel among KERNELS, normals (n, 3) of the points where the metric needs
-    them. Estimators other than point_to_point move the points, as Open3D knows normals of the target; the motion is then inverted."""
+    """A solver for `align`: metric as in the stage `icp`, kernel among KERNELS, `width` in robust standard deviations (None: 95 %
+    efficient), normals (n, 3) of the points where the metric needs them, else none (0, 3)."""
 
     def solve(factors: Factors, weights: Array, body: Body, freedom: Freedom, share: float) -> Array:
-        import open3d as o3d
-
-        registration, kept, pairs = o3d.pipelines.registration, np.flatnonzero(weights > 0.0), factors.pairs
-        rows = o3d.utility.Vector2iVector(np.column_stack([np.arange(len(kept))] * 2).astype(np.int32))
-        surface = _cloud(o3d, pairs.feet[kept], pairs.normals[kept], thickness)
+        kept = np.flatnonzero(weights > 0.0)
         if metric == "point_to_point":
-            points = _cloud(o3d, pairs.points[kept], None, thickness)
-            estimator = registration.TransformationEstimationPointToPoint(freedom.scale)
-            return np.asarray(estimator.compute_transformation(surface, points, rows), dtype=np.float64)
-        towards = None
-        if len(point_normals):
-            along = (point_normals * pairs.normals).sum(axis=1, keepdims=True) >= 0.0
-            towards = np.where(along, point_normals, -point_normals)[kept]
-        loss = _loss(registration, kernel, (EFFICIENT_95.get(kernel, 1.0) if width is None else width) * spread(factors.residuals[kept]))
-        estimator = _estimator(registration, metric, loss, thickness)
-        matrix = estimator.compute_transformation(_cloud(o3d, pairs.points[kept], towards, thickness), surface, rows)
-        return np.asarray(np.linalg.inv(matrix), dtype=np.float64)
+            return _point_to_point(factors.pairs.points[kept], factors.pairs.feet[kept], scale=freedom.scale)
+        factor = EFFICIENT_95.get(kernel, 1.0) if width is None else width
+        normals = point_normals[kept] if len(point_normals) else point_normals
+        return _on_normals(metric, kernel, factor * spread(factors.residuals[kept]), factors.pairs.of(kept), normals, thickness, body)
 
     return solve
 
 
-def _cloud(o3d: Any, points: Array, normals: Array | None, thickness: float) -> Any:
+def _point_to_point(points: Array, feet: Array, *, scale: bool) -> Array:
+    import open3d as o3d
+
+    estimator = o3d.pipelines.registration.TransformationEstimationPointToPoint(scale)
+    return np.asarray(estimator.compute_transformation(_cloud(feet), _cloud(points), _one_to_one(len(points))), dtype=np.float64)
+
+
+def _on_normals(metric: str, kernel: str, width: float, pairs: Pairs, point_normals: Array, thickness: float, body: Body) -> Array:
+    """Open3D moves the points onto a surface at rest and turns them about the origin, so its steps are those of the prior's frame."""
+    import open3d as o3d
+
+    prior_map = np.asarray(np.linalg.inv(body.T_map_prior))
+    scale = scale_of(prior_map)
+    turn = prior_map[:3, :3] / scale
+    normals = pairs.normals @ turn.T
+    surface, points = _cloud(apply(prior_map, pairs.feet), normals, thickness), _cloud(apply(prior_map, pairs.points))
+    if len(point_normals):
+        points = _cloud(apply(prior_map, pairs.points), point_normals @ turn.T, thickness)
+    registration = o3d.pipelines.registration
+    if metric == "generalized":
+        estimator = registration.TransformationEstimationForGeneralizedICP(thickness, _loss(kernel, width * scale))
+    elif metric == "symmetric":  # its residual is along the sum of the normals, ours along their mean
+        estimator = registration.TransformationEstimationSymmetric(_loss(kernel, 2.0 * width * scale))
+    else:
+        estimator = registration.TransformationEstimationPointToPlane(_loss(kernel, width * scale))
+    matrix = estimator.compute_transformation(points, surface, _one_to_one(len(normals)))
+    return np.asarray(body.T_map_prior @ np.linalg.inv(matrix) @ prior_map, dtype=np.float64)
+
+
+def _one_to_one(count: int) -> Any:
+    import open3d as o3d
+
+    return o3d.utility.Vector2iVector(np.column_stack([np.arange(count)] * 2).astype(np.int32))
+
+
+def _cloud(points: Array, normals: Array | None = None, thickness: float = 1.0) -> Any:
+    import open3d as o3d
+
     cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points))
     if normals is not None:
         cloud.normals = o3d.utility.Vector3dVector(normals)
-        flat = np.eye(3) - (1.0 - thickness) * normals[:, :, None] * normals[:, None, :]
-        cloud.covariances = o3d.utility.Matrix3dVector(flat)
+        cloud.covariances = o3d.utility.Matrix3dVector(np.eye(3) - (1.0 - thickness) * normals[:, :, None] * normals[:, None, :])
     return cloud
 
 
-def _loss(registration: Any, kernel: str, width: float) -> Any:
-    width = max(width, 1e-9)
+def _loss(kernel: str, width: float) -> Any:
+    import open3d as o3d
+
+    registration, width = o3d.pipelines.registration, max(width, 1e-9)
     if kernel == "geman_mcclure":
         return registration.GMLoss(width**2)  # Open3D writes k / (k + r^2)^2
     losses = {"huber": registration.HuberLoss, "cauchy": registration.CauchyLoss, "tukey": registration.TukeyLoss}
     return losses[kernel](width) if kernel in losses else registration.L2Loss()
-
-
-def _estimator(registration: Any, metric: str, loss: Any, thickness: float) -> Any:
-    if metric == "generalized":
-        return registration.TransformationEstimationForGeneralizedICP(thickness, loss)
-    if metric == "symmetric":
-        return registration.TransformationEstimationSymmetric(loss)
-    return registration.TransformationEstimationPointToPlane(loss)

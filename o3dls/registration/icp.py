@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import SolverError
-from ..geometry import Array, apply, fit_similarity
+from ..geometry import Array, apply
 from .match import Pairs, SurfaceMatcher
 from .metrics import Factors, Metric
 from .reject import Rule
 from .robust import EFFICIENT_95, kernel_weights, spread
-from .step import Body, Freedom, best_motion
+from .step import Body, Freedom, best_motion, nearest_similarity
 
 KEPT = 0.01  # a pair that weighs less is not counted as kept
 
@@ -99,8 +99,7 @@ def align(
         if _turns_back(last, moved):  # a point that hops between two walls: the minimum is the kink between them
             share *= 0.5
     if freedom.strain_sd is not None:  # the strain was there so that it does not bend the pose: give the similarity nearest to it
-        vertices = surface.surface.vertices
-        T_map_prior = fit_similarity(vertices, apply(T_map_prior, vertices), scale=freedom.scale)
+        T_map_prior = nearest_similarity(T_map_prior, surface.surface.vertices, freedom)
         pairs = surface.match(points, T_map_prior, pairs)
     return Alignment(T_map_prior, pairs, _weights(metric(pairs), rules, belief, 1.0), tuple(trace), converged)
 

@@ -22,6 +22,10 @@ class Pairs:
     normals: Array
     faces: Ints
 
+    def of(self, rows: Ints) -> Pairs:
+        """The pairs of the given rows."""
+        return Pairs(self.points[rows], self.feet[rows], self.normals[rows], self.faces[rows])
+
     @property
     def gaps(self) -> Array:
         """From foot to point, (n, d)."""

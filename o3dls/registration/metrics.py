@@ -14,12 +14,13 @@ from .match import Pairs
 
 @dataclass(frozen=True, eq=False)
 class Factors:
-    """Pairs with the information matrices Omega (n, d, d) of their gaps; `lever` says where a rotation acts: 0 at the foot, 0.5 half
-    way to the point. `closed_form`: the minimum over all motions is known, so that one step reaches it."""
+    """Pairs with the information matrices Omega (n, d, d) of their gaps; `lever` says where a rotation acts: 1 at the point, because
+    Omega turns with the surface, 0.5 half way from the foot where both sides share the rotation. `closed_form`: the minimum over all
+    motions is known, so that one step reaches it."""
 
     pairs: Pairs
     information: Array
-    lever: float = 0.0
+    lever: float = 1.0
     closed_form: bool = False
 
     @cached_property

@@ -13,8 +13,8 @@ from .metrics import point_to_plane
 from .pose import Twist, rms_radius
 from .step import normal_equations
 
-WEAK = 0.04  # standard deviation of a motion (rms over the surface, relative to its rms radius) from which on it is called weak
-LOST = 0.15  # ... and from which on it is not determined
+WEAK = 0.03  # standard deviation of a motion (rms over the surface, relative to its rms radius) from which on it is called weak
+LOST = 0.05  # ... and from which on it is not determined
 ROUND = 1.1  # axes of the surface that differ by less than this factor have no names
 AXES = {2: ("long", "short"), 3: ("long", "middle", "short")}
 

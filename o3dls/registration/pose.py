@@ -32,12 +32,17 @@ class Twist:
     def size(self) -> int:
         return int(self.strains.stop) + self.scale
 
-    def tangent(self, positions: Array, centre: Array) -> Array:
-        """Velocity (n, d, size) of each position (n, d) under the unit motions about `centre`."""
+    def tangent(self, positions: Array, centre: Array, turned: Array | None = None) -> Array:
+        """Velocity (n, d, size) of each position (n, d) under the unit motions about `centre`; rotations may act at other positions
+        `turned` (n, d)."""
         arm = positions - centre
-        generators = [turns(self.d)] + [strains(self.d)] * self.strain + [np.eye(self.d)[None]] * self.scale
-        linear = np.einsum("gij,nj->nig", np.concatenate(generators), arm)
-        return np.concatenate([np.broadcast_to(np.eye(self.d), (len(arm), self.d, self.d)), linear], axis=2)
+        lever = arm if turned is None else turned - centre
+        parts = [np.broadcast_to(np.eye(self.d), (len(arm), self.d, self.d)), np.einsum("gij,nj->nig", turns(self.d), lever)]
+        if self.strain:
+            parts.append(np.einsum("gij,nj->nig", strains(self.d), arm))
+        if self.scale:
+            parts.append(arm[:, :, None])
+        return np.concatenate(parts, axis=2)
 
     def motion(self, twist: Array, centre: Array) -> Array:
         """Matrix (d+1, d+1) of the finite motion of a twist (size,) about `centre`."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..geometry import Array, fit_similarity, scale_of, similarity
+from ..geometry import Array, apply, fit_similarity, scale_of, similarity
 from .metrics import Factors
 from .pose import Twist, strain_of
 
@@ -82,10 +82,19 @@ def _newton(factors: Factors, weights: Array, body: Body, freedom: Freedom, shar
     return twist.motion(share * units * step, centre)
 
 
+def nearest_similarity(T_map_prior: Array, vertices: Array, freedom: Freedom) -> Array:
+    """The similarity that moves vertices (n, d) most like an affine matrix does, with a scale that `freedom` allows."""
+    target = apply(T_map_prior, vertices)
+    best = fit_similarity(vertices, target)
+    turn = best[:-1, :-1] / scale_of(best)
+    factor = np.exp(_bounded(np.log(scale_of(best)), freedom)) if freedom.scale else scale_of(T_map_prior)
+    return similarity(turn, target.mean(axis=0) - factor * turn @ vertices.mean(axis=0), float(factor))
+
+
 def normal_equations(factors: Factors, weights: Array, twist: Twist, centre: Array) -> tuple[Array, Array]:
     """Hessian (k, k) and descent gradient (k,) of half the metric over a twist about `centre`."""
     pairs = factors.pairs
-    tangent = twist.tangent(pairs.feet + factors.lever * pairs.gaps, centre)
+    tangent = twist.tangent(pairs.feet, centre, turned=pairs.feet + factors.lever * pairs.gaps)
     pulled = np.matmul(weights[:, None, None] * factors.information, tangent)
     return np.tensordot(pulled, tangent, axes=((0, 1), (0, 1))), np.tensordot(pulled, pairs.gaps, axes=((0, 1), (0, 1)))
 

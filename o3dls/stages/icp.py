@@ -32,7 +32,7 @@ PRESETS: Mapping[str, Mapping[str, Any]] = {
         "reject": ("deviations",),
     },
     # the strongest we know: similarity, tangent planes, outliers told by depth, undetermined directions left alone
-    "robust": {"metric": "point_to_plane", "scale": True, "strain_sd": 0.015, "kernel": "mixture", "freeze": 0.15, "coarse": 1.5},
+    "robust": {"metric": "point_to_plane", "scale": True, "strain_sd": 0.015, "kernel": "mixture", "freeze": 0.05, "coarse": 1.5},
 }  # fmt: skip
 PARAMETER_OF: Mapping[str, str] = {
     "threshold": "threshold", "trimmed": "keep", "deviations": "deviations", "mad": "mad", "reciprocal": "slack", "normal_angle": "angle",

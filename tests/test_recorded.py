@@ -1,0 +1,30 @@
+"""The recorded pose is taken as it is, and refused where there is none or where it is no pose."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from chamber import chamber, measured, pose
+
+from o3dls.errors import InputError
+from o3dls.estimate import Estimate
+from o3dls.stages.recorded import Recorded
+
+
+def test_the_recorded_matrix_is_the_estimate() -> None:
+    case = replace(measured(chamber(16), np.eye(4)), init=pose(20.0, 7.0, 1.02))
+    found = Recorded()(case, Estimate(case.prior, np.eye(4), "start"))
+    np.testing.assert_array_equal(found.T_map_prior, case.init)
+    np.testing.assert_allclose(found.surface.vertices, case.prior.transformed(case.init).vertices)
+
+
+def test_no_matrix_or_a_shear_is_refused() -> None:
+    case = measured(chamber(16), np.eye(4))
+    assert "no init.csv" in str(Recorded().obstacle(case))
+    for init, sentence in (
+        (None, "no init.csv"),
+        (np.diag([1.0, 1.2, 1.0, 1.0]), "shears or stretches"),
+        (np.diag([0.0, 0, 0, 1]), "shears"),
+    ):
+        with pytest.raises(InputError, match=sentence):
+            Recorded()(replace(case, init=init), Estimate(case.prior, np.eye(4), "start"))
