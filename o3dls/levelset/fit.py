@@ -22,7 +22,8 @@ from .shape import normals_and_curvature, unit_mean, vertex_normals
 from .unfold import unfold
 
 SETTLED = 5  # rounds in which amplitudes grow and noise shrinks: steps are large on purpose
-INFLATION = 1.2  # the posterior takes feet, normals and amplitudes as known: measured on development seeds, docs/method.md
+WARM_ROUNDS = 2  # after one more point the surface moves by a fraction of the noise: the second round moves it no more
+INFLATION = 1.3  # the posterior takes feet, normals and amplitudes as known: measured on development seeds, docs/method.md
 
 
 @dataclass(frozen=True)
@@ -52,14 +53,15 @@ def fit_motion(
 ) -> MotionFit:
     """Fit the motion of a surface (vertices (n, d), faces (m, d), prior frame) from a start pose (d+1, d+1) to `data` (map frame).
 
-    `warm` starts from an earlier fit of the same surface and keeps its amplitudes and noise levels.
+    `warm` starts from an earlier fit of the same surface to the first of the same points: its pose, amplitudes and noise levels
+    are kept, and a few rounds take in the further points.
     """
     settings = settings or Settings()
-    problem = _Problem.make(vertices, faces, pose if warm is None else warm.motion.T_map_prior, data, settings)
+    problem = _Problem.make(vertices, faces, pose, data, settings) if warm is None else replace(warm.problem, data=data)
     state = problem.start() if warm is None else problem.resume(warm)
     trace: list[dict[str, float]] = []
     still = False
-    for iteration in range(0 if warm is None else settings.iterations - 3, settings.iterations):
+    for iteration in range(0 if warm is None else settings.iterations - WARM_ROUNDS, settings.iterations):
         state, solved, record = problem.step(state, iteration, tuning=warm is None and iteration in settings.tune_at)
         trace.append(record)
         still = iteration > max(settings.tune_at) and record["step"] < settings.tolerance * problem.size
@@ -208,7 +210,7 @@ class _Problem:
         if folded:
             status += f"; {folded} faces folded over and were mended from their surroundings"
         facts = self.facts(state) | {"share": share, "folded_faces": float(folded)}
-        return MotionFit(motion, vertices, state, sd, still, status, tuple(trace), facts)
+        return MotionFit(motion, vertices, state, sd, still, status, tuple(trace), facts, self)
 
     def facts(self, state: State) -> dict[str, float]:
         names = [f"vector_{x:.3g}" for x in self.covariance.vector] + [f"normal_{x:.3g}" for x in self.covariance.normal]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -91,6 +92,7 @@ class MotionFit:
     status: str
     trace: tuple[dict[str, float], ...] = ()
     facts: dict[str, float] = field(default_factory=dict)
+    problem: Any = None  # what stayed fixed during the fit: a warm start takes it over
 
     @property
     def energy(self) -> float:

@@ -10,12 +10,14 @@ import numpy as np
 from pydantic import Field
 
 from ..case import FITTED_TYPES, Case, Points
+from ..errors import InputError
 from ..estimate import Estimate
 from ..geometry import Array
 from ..stage import Stage
 
 if TYPE_CHECKING:
     from ..levelset.fit import Settings
+    from ..levelset.motion import MotionFit
     from ..levelset.rows import Data
 
 
@@ -56,11 +58,13 @@ class Deform(Stage):
         return (*FITTED_TYPES, "ablation") if self.ablation == "fit" else FITTED_TYPES
 
     def __call__(self, case: Case, start: Estimate) -> Estimate:
+        return self._fitted(case, start.T_map_prior, observed(case, self))
+
+    def _fitted(self, case: Case, pose: Array, data: Data, warm: MotionFit | None = None) -> Estimate:
         from ..levelset.fit import fit_motion
 
         began = time.perf_counter()
-        data = observed(case, self)
-        fit = fit_motion(case.prior.vertices, case.prior.faces, start.T_map_prior, data, self.settings())
+        fit = fit_motion(case.prior.vertices, case.prior.faces, pose, data, self.settings(), warm)
         eam = (data.group == 0) & ~data.inside
         surface = replace(case.prior, vertices=fit.vertices, fields={**case.prior.fields, f"sd_{case.units}": fit.sd})
         return Estimate(
@@ -75,7 +79,21 @@ class Deform(Stage):
             motion=fit.motion,
             trace=fit.trace,
             facts=fit.facts,
+            fit=fit,
         )
+
+    def update(self, case: Case, estimate: Estimate) -> Estimate:
+        """An estimate of this stage after a few more points, in milliseconds: `case` has the points of before, and the new ones behind.
+
+        Pose, amplitudes and noise levels stay; motion, posterior and beliefs take in the new points. Raises InputError where the
+        estimate is not one of this stage, or the case has fewer points than it was fitted to.
+        """
+        data = observed(case.visible(self.fits), self)
+        if estimate.fit is None:
+            raise InputError("update: the estimate keeps no fit: it must come from the stage 'deform' of this session")
+        if len(data.points) < len(estimate.fit.state.weights):
+            raise InputError(f"update: {len(data.points)} points, fewer than the {len(estimate.fit.state.weights)} of the estimate")
+        return self._fitted(case, estimate.T_map_prior, data, estimate.fit)
 
     def settings(self) -> Settings:
         from ..levelset.fit import Settings
