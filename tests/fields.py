@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from o3dls.geometry import Array, Surface, outline
-from o3dls.levelset.covariance import Covariance, Observed, displacement
+from o3dls.geometry import Array, Surface, apply, fit_similarity, outline
+from o3dls.levelset.covariance import Covariance
 from o3dls.levelset.rows import Data
 
 SIZE = 25.0  # about the rms radius of the bodies, mm
@@ -48,13 +48,14 @@ def covariance(dimension: int, anchors: int = 0) -> Covariance:
 
 
 def bend(surface: Surface, seed: int, amplitude: float = 2.0) -> Array:
-    """Displacement (n, d) of the vertices, drawn from the prior of the field: pulls of random strength at 60 places, scaled."""
+    """Displacement (n, d) of the vertices from the vector field's prior, without what a pose would do: pulls at 60 places, scaled."""
     rng = np.random.default_rng(seed)
     at = spots(surface, 60, seed)[0]
-    directions = rng.normal(size=at.shape)
-    obs = Observed(at, directions / np.linalg.norm(directions, axis=1)[:, None], np.zeros(len(at)))
-    cov = covariance(surface.dimension)
-    sds = np.array([1.0, 1e-6, 1e-6])
-    field = displacement(cov, sds, obs, rng.normal(size=len(at)), surface.vertices, surface.vertex_normals)
-    field -= field.mean(axis=0)
-    return amplitude * field / np.sqrt((field**2).sum(axis=1).mean())
+    cov, pull = covariance(surface.dimension), rng.normal(size=at.shape)
+    field = np.zeros_like(surface.vertices)
+    for axis in range(surface.dimension):
+        r = np.linalg.norm(surface.vertices[:, None] - at[None], axis=2) * 5**0.5 / cov.vector[0]
+        field[:, axis] = ((1 + r + r * r / 3) * np.exp(-r)) @ pull[:, axis]
+    field = surface.vertices + 1e-3 * field
+    field -= apply(fit_similarity(surface.vertices, field), surface.vertices)
+    return np.asarray(amplitude * field / np.sqrt((field**2).sum(axis=1).mean()))

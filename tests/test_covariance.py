@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from fields import SIZE, body, covariance, spots
 
-from o3dls.levelset.covariance import Covariance, Observed, cross, displacement, grams, interpolation, variance
 from o3dls.geometry import Array
+from o3dls.levelset.covariance import Covariance, Observed, cross, displacement, grams, interpolation, variance
 
 DIMENSIONS = pytest.mark.parametrize(("dimension", "anchors"), [(2, 0), (2, 2), (3, 0), (3, 4)])
 ROUNDING = 1e-9

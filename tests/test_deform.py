@@ -1,0 +1,118 @@
+"""The stage around the fit: which points it shows, with what noise and odds, and what it says of the result."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from fields import bend, body, spots
+
+from o3dls.case import Case, Points
+from o3dls.estimate import Estimate
+from o3dls.evaluate import distances
+from o3dls.geometry import Array, apply
+from o3dls.stages.deform import Deform, observed
+
+NOISE = 0.8
+
+
+def bent_case(dimension: int = 3, count: int = 150) -> tuple[Case, Array]:
+    """A body whose wall points, ablation points and landmarks went along with a motion; and where its vertices truly went."""
+    surface = body(dimension)
+    truth = surface.vertices + bend(surface, 71_191)
+    _, face, bary = spots(surface, count + 30, 52_127)
+    xyz = np.einsum("nc,ncd->nd", bary, truth[surface.faces[face]])
+    xyz = xyz + NOISE * np.random.default_rng(4_637).normal(size=xyz.shape)
+    rows = [0, len(truth) // 3, len(truth) // 2]
+    kind = np.array(["eam"] * count + ["ablation"] * 30 + ["landmark"] * 3)
+    name = np.array([""] * (count + 30) + ["a", "b", "c"])
+    marks = {n: surface.vertices[r] for n, r in zip("abc", rows, strict=True)}
+    return Case("bent", surface, Points(np.vstack([xyz, truth[rows]]), kind, {"name": name}), marks), truth
+
+
+def started(case: Case) -> Estimate:
+    return Estimate(case.prior, np.eye(case.dimension + 1), "as it stands")
+
+
+def with_column(case: Case, **columns: Array) -> Case:
+    return replace(case, points=replace(case.points, columns={**case.points.columns, **columns}))
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_deform_comes_nearer_to_the_truth_and_says_how_sure_it_is(dimension: int) -> None:
+    case, truth = bent_case(dimension)
+    found = Deform()(case, started(case))
+    target = case.prior.with_vertices(truth)
+    assert distances(found.surface.vertices, target).mean() < 0.5 * distances(case.prior.vertices, target).mean()
+    assert found.converged
+    assert found.status.startswith("converged")
+    assert found.surface.fields["sd_mm"].shape == (len(case.prior.vertices),)
+    assert (found.surface.fields["sd_mm"] > 0.0).all()
+    assert found.weights is not None
+    assert found.weights.shape == (150,)
+    assert found.sigma == pytest.approx(NOISE, rel=0.3)
+    assert found.motion is not None
+    assert np.abs(found.motion(case.prior.vertices) - found.surface.vertices).max() < 0.1 * NOISE
+    pose = apply(found.T_map_prior, case.prior.vertices)
+    assert np.linalg.norm(pose - found.surface.vertices, axis=1).mean() < 3.0  # the similarity part of the motion
+    np.testing.assert_array_equal(case.prior.vertices, body(dimension).vertices)  # the case is never changed
+
+
+def test_ablation_points_are_held_out_or_fitted_with_their_own_noise() -> None:
+    case, _ = bent_case()
+    assert "ablation" not in Deform().fits
+    assert len(observed(case.visible(Deform().fits), Deform()).points) == 150
+    stage = Deform(ablation="fit")
+    data = observed(case.visible(stage.fits), stage)
+    np.testing.assert_array_equal(data.group, [0] * 150 + [1] * 30)
+    found = stage(case.visible(stage.fits), started(case))
+    assert found.weights is not None
+    assert len(found.weights) == 150  # those of the mapping points
+
+
+def test_landmarks_are_used_unless_told_otherwise() -> None:
+    case, _ = bent_case()
+    assert len(observed(case, Deform()).marks_prior) == 3
+    assert len(observed(case, Deform(landmarks=False)).marks_prior) == 0
+
+
+def test_sigma_of_single_points_is_relative_to_their_median() -> None:
+    case, _ = bent_case()
+    sigma = np.full(len(case.points), np.nan)
+    sigma[:3] = [1.0, 2.0, 4.0]
+    relative = observed(with_column(case, sigma=sigma), Deform()).relative
+    np.testing.assert_allclose(relative[:4], [0.5, 1.0, 2.0, 1.0])
+
+
+def test_points_that_hardly_press_are_doubted() -> None:
+    case, _ = bent_case()
+    force = np.where(np.arange(len(case.points)) < 75, 0.5, 20.0)
+    odds = observed(with_column(case, force=force), Deform()).odds
+    assert (odds[:75] > 1.5).all()
+    assert (odds[75:150] < 0.5).all()
+    plain = Deform()(case, started(case)).weights
+    pressed = Deform()(with_column(case, force=force), started(case)).weights
+    assert plain is not None
+    assert pressed is not None
+    assert (pressed[:75] - plain[:75]).mean() < (pressed[75:] - plain[75:]).mean()
+
+
+def test_a_noisy_point_with_its_sigma_known_pulls_less() -> None:
+    case, truth = bent_case()
+    noisy = np.arange(0, 150, 3)
+    xyz = case.points.xyz.copy()
+    xyz[noisy] += 3.0 * np.random.default_rng(88_001).normal(size=(len(noisy), 3))
+    sigma = np.full(len(xyz), 1.0)
+    sigma[noisy] = 4.0
+    worse = replace(case, points=replace(case.points, xyz=xyz))
+    target = case.prior.with_vertices(truth)
+    blind, told = (distances(Deform()(c, started(c)).surface.vertices, target).mean() for c in (worse, with_column(worse, sigma=sigma)))
+    assert told < blind
+
+
+def test_odds_against_motion_hold_the_prior_in_its_pose() -> None:
+    case, _ = bent_case()
+    held = Deform(odds=1e6)(case, started(case))
+    np.testing.assert_allclose(held.surface.vertices, case.prior.vertices, atol=1e-6)
+    assert "probability 0.00" in held.status
