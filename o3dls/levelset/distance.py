@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import binary_dilation
 
 from ..errors import InputError
 from ..geometry import Array, Ints
@@ -30,35 +31,40 @@ def signed_distance(vertices: Array, faces: Ints, spacing: float, width: float) 
     united. Raises InputError where the surface is open.
     """
     dimension = vertices.shape[1]
-    reach = width / spacing
-    low = np.floor(vertices.min(axis=0) / spacing - reach).astype(np.int64) - PAD
-    shape = (np.ceil(vertices.max(axis=0) / spacing + reach).astype(np.int64) + PAD + 1) - low
+    low, box, local = _lattice(vertices, spacing, width)
+    nodes, gap, face = _unsigned(local[faces], width / spacing, box, dimension)
+    band = Band(spacing, width, low, tuple(int(n) for n in box[:dimension]), np.ascontiguousarray(nodes[:, :dimension]))
+    return SignedDistance(band, np.where(_inside(nodes, local, faces, box), -gap, gap) * spacing, face)
+
+
+def filled_distance(vertices: Array, faces: Ints, spacing: float, steps: int) -> SignedDistance:
+    """Signed distance on all nodes inside a closed surface and on those within `steps` nodes of these: for coarse lattices only."""
+    dimension = vertices.shape[1]
+    low, box, local = _lattice(vertices, spacing, steps * spacing)
+    every = np.indices(tuple(box)).reshape(3, -1).T.astype(np.int32)
+    inside = _inside(every, local, faces, box)
+    near = binary_dilation(inside.reshape(box[:dimension]), iterations=steps).ravel()
+    band = Band(spacing, steps * spacing, low, tuple(int(n) for n in box[:dimension]), np.ascontiguousarray(every[near, :dimension]))
+    squared, face, _, _ = ClosestPoint(vertices, faces).query(band.positions)
+    return SignedDistance(band, np.sqrt(squared) * np.where(inside[near], -1.0, 1.0), face.astype(np.int32))
+
+
+def _lattice(vertices: Array, spacing: float, width: float) -> tuple[Ints, Ints, Array]:
+    """First lattice index (d,) of a box that holds a surface and its band, the box's shape (3,), and the vertices (v, 3) in its units."""
+    dimension = vertices.shape[1]
+    low = np.floor((vertices.min(axis=0) - width) / spacing).astype(np.int64) - PAD
+    box = np.ones(3, dtype=np.int64)
+    box[:dimension] = np.ceil((vertices.max(axis=0) + width) / spacing).astype(np.int64) + PAD + 1 - low
     local = np.zeros((len(vertices), 3))
     local[:, :dimension] = vertices / spacing - low
-    box = np.append(shape, 1)[:3]
-    nodes, gap, face = _unsigned(local[faces], reach, box, dimension)
+    return low, box, local
+
+
+def _inside(nodes: NDArray[np.int32], local: Array, faces: Ints, box: Ints) -> NDArray[np.bool_]:
     number, open_rows = winding(nodes, local, faces, box)
     if open_rows:
         raise InputError(f"the surface is open ({open_rows} lattice rows enter it and never leave): it must be closed, cap its holes first")
-    band = Band(spacing, width, low, tuple(int(n) for n in shape), np.ascontiguousarray(nodes[:, :dimension]))
-    return SignedDistance(band, np.where(number > 0, -gap, gap) * spacing, face)
-
-
-def filled_distance(vertices: Array, faces: Ints, spacing: float, width: float) -> SignedDistance:
-    """Signed distance on all nodes inside a closed surface and on those within `width` outside: for coarse lattices, as its size is a volume."""
-    shell = signed_distance(vertices, faces, spacing, width)
-    band = shell.band
-    local = np.zeros((len(vertices), 3))
-    local[:, : band.dimension] = vertices / spacing - band.low
-    box = np.ones(3, dtype=np.int64)
-    box[: band.dimension] = band.shape
-    every = np.indices(tuple(box)).reshape(3, -1).T.astype(np.int32)
-    number, _ = winding(every, local, faces, box)
-    chosen = number > 0
-    chosen[band.keys] = True
-    filled = Band(spacing, width, band.low, band.shape, np.ascontiguousarray(every[chosen, : band.dimension]))
-    squared, face, _, _ = ClosestPoint(vertices, faces).query(filled.positions)
-    return SignedDistance(filled, np.sqrt(squared) * np.where(number[chosen] > 0, -1.0, 1.0), face.astype(np.int32))
+    return np.asarray(number > 0)
 
 
 def _unsigned(corners: Array, reach: float, box: Ints, dimension: int) -> tuple[NDArray[np.int32], Array, NDArray[np.int32]]:

@@ -23,6 +23,7 @@ SEEDS = 3  # far points that start a tube; nearer ones join in
 TRACED = 5  # points that must trace a tube: it has eight numbers to be fitted
 REACHES_OUT = 0.5  # how far a tube must stick out, and stay away from the thin parts that are there, in radii of the body
 THIN = 0.5  # radius of the ball that finds those parts, in radii of the body
+SEEN = 0.5  # points that a new stretch of wall must be expected to gather, over those of evenly spread ones: some walls are never touched
 NODES = 6.0  # lattice nodes in a tube's radius
 
 
@@ -70,7 +71,15 @@ def _tube(wall: Wall, surface: Surface, measured: Measured, cluster: Array) -> C
     if witnesses < TRACED or not _stands_alone(wall, surface, region[0]):
         return None
     centre = tube[: 2 * surface.dimension].reshape(2, -1).mean(axis=0)
-    return Change(False, region, float(gain.sum()) - _rarity(wall, tube, radius), witnesses, centre)
+    doubt = _rarity(wall, tube, radius) + SEEN * len(measured.points) * _exposed(wall, region) / surface.area
+    return Change(False, region, float(gain.sum()) - doubt, witnesses, centre)
+
+
+def _exposed(wall: Wall, region: tuple[Array, Ints]) -> float:
+    """Area of a tube's surface outside the old one: evenly spread points would show it."""
+    tube = Surface(*region)
+    outside = wall.look(tube.vertices[tube.faces].mean(axis=1))[0] > 0.0
+    return float(tube.face_areas[outside].sum())
 
 
 def _stands_alone(wall: Wall, surface: Surface, region: Array) -> bool:

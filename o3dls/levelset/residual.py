@@ -26,6 +26,10 @@ class Field:
     noise: float
     gain: float
 
+    @property
+    def record(self) -> dict[str, float]:
+        return {"length": self.length, "amplitude": self.amplitude, "evidence_nats": self.gain}
+
 
 def evidence(feet: Array, residual: Array, weight: Array, sigma: Array, doubt: float, length: float) -> Field:
     """The best field of a given correlation length for residuals (n,) with noise sigma (n,) and weights (n,) at feet (n, d).

@@ -14,8 +14,8 @@ from ..geometry import Array, Ints, Surface
 from .closest import ClosestPoint
 from .distance import signed_distance
 from .energy import Roughness
-from .residual import Field, evidence
 from .observe import Measured
+from .residual import Field, evidence
 
 COARSEST = 0.3  # longest correlation length tried, in diagonals of the surface; the others are halves of it
 NODES_PER_LENGTH = 4.0  # lattice nodes in a correlation length: finer changes the field by a percent
@@ -72,11 +72,10 @@ class Correction:
     status: str
 
 
-def refine(surface: Surface, measured: Measured, doubt: Callable[[], Array], limits: Limits) -> Correction:
+def refine(surface: Surface, measured: Measured, doubt: Array, limits: Limits) -> Correction:
     """Minimise the energy over the correction u of a surface: coarse to fine, the strongest Matern field of those left.
 
-    doubt: gives the relative standard deviation (v,) that the motion leaves at every vertex; asked for only when there is something
-    to add.
+    doubt (v,): relative standard deviation that the motion leaves at every vertex: the prior holds where it is small.
     """
     wall, u, noise = Wall(surface), np.zeros(len(surface.vertices)), 1.0
     fields: list[Field] = []
@@ -88,7 +87,7 @@ def refine(surface: Surface, measured: Measured, doubt: Callable[[], Array], lim
         field = max(found, key=lambda field: field.gain)
         if field.gain < limits.evidence:
             break
-        u, field, steps, settled = _fit(wall, Level.of(surface, doubt(), field.length), measured, u, field, noise, limits.iterations)
+        u, field, steps, settled = _fit(wall, Level.of(surface, doubt, field.length), measured, u, field, noise, limits.iterations)
         noise, converged = field.noise, converged and settled
         fields.append(field)
         trace += steps

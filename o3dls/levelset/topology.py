@@ -27,6 +27,7 @@ FINE = 6.0  # lattice nodes per mean radius of the body when parts are looked fo
 BALLS = (0.35, 0.5, 0.65)  # radii of the balls that thin parts do not admit, in mean radii of the body
 STICKS_OUT = 0.3  # a part reaches at least this far off the opened body, in mean radii
 WITNESSES = 3  # points that must tell for a change
+UNTOUCHED = 1.5  # nats that a part without a single point on it is worth: one wall in five is never touched anyway
 TELLING = 0.5  # nats by which the new wall explains such a point better
 
 
@@ -42,8 +43,8 @@ class Change:
 
     @property
     def sentence(self) -> str:
-        where = ", ".join(f"{x:.0f}" for x in self.centre)
-        return f"{'removed a part' if self.removes else 'grew a tube'} at ({where}), shown by {self.witnesses} points (evidence {self.gain:+.1f} nats)"
+        done, where = "removed a part" if self.removes else "grew a tube", ", ".join(f"{x:.0f}" for x in self.centre)
+        return f"{done} at ({where}), shown by {self.witnesses} points (evidence {self.gain:+.1f} nats)"
 
 
 def changed(surface: Surface, change: Change, spacing: float) -> Surface:
@@ -87,7 +88,7 @@ def parts(surface: Surface, balls: tuple[float, ...] = BALLS) -> Iterator[Part]:
     """Parts that balls of several sizes cannot enter: what opening the body by a ball takes away (veins, appendage, handles)."""
     radius = body_radius(surface)
     step = radius / FINE
-    field = filled_distance(surface.vertices, surface.faces, step, 2.0 * step)
+    field = filled_distance(surface.vertices, surface.faces, step, 2)
     for ball in (share * radius for share in balls):
         vertices, faces = zero_set(field.band, field.phi + ball)  # centres of the balls that fit
         if len(faces) == 0:
@@ -106,7 +107,7 @@ def _share(field: SignedDistance, core: NDArray[np.bool_], thin: NDArray[np.bool
     """Say of a part at every node, as in `Part`; a node outside the prior follows the closest node inside."""
     inner = np.flatnonzero(field.phi < 0.0)
     positions = field.band.positions
-    gap = cKDTree(positions[core]).query(positions, distance_upper_bound=reach)[0]
+    gap = np.asarray(cKDTree(positions[core]).query(positions, distance_upper_bound=reach)[0])
     near = np.flatnonzero(gap < np.inf)
     nearest = inner[cKDTree(positions[inner]).query(positions[near])[1]]
     share = np.full(len(field.band), -1.0)
@@ -148,10 +149,13 @@ def _cuts(part: Part, distance: Array, measured: Measured) -> Iterator[Change]:
         if gain.sum() > best.sum():
             best, height = gain, float(trial)
     witnesses = int((best > TELLING).sum())
-    if witnesses >= WITNESSES:
-        above = np.where(part.share > 0.0, part.outside - _level(height, part.share), -band.spacing)
-        lost = part.core & (above > 0.0)
-        yield Change(True, zero_set(*band.whole(-above, band.spacing)), float(best.sum()), witnesses, band.positions[lost].mean(axis=0))
+    if witnesses < WITNESSES:
+        return
+    above = np.where(part.share > 0.0, part.outside - _level(height, part.share), -band.spacing)
+    lost = part.core & (above > 0.0)
+    nearby = np.isin(node, np.flatnonzero(lost)).any()
+    region = zero_set(*band.whole(-above, band.spacing))
+    yield Change(True, region, float(best.sum()) + (0.0 if nearby else UNTOUCHED), witnesses, band.positions[lost].mean(axis=0))
 
 
 def _level(height: float, share: Array) -> Array:

@@ -3,77 +3,113 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field
 
 from ..case import Case
 from ..estimate import Estimate
-from ..geometry import Array
+from ..geometry import Array, Surface
 from ..stage import Stage
 
 if TYPE_CHECKING:
     from ..levelset.distance import SignedDistance
-    from ..levelset.observe import Measured
+    from ..levelset.observe import Measured, Noise
+    from ..levelset.reach import Reached
 
-BAND = 3.0  # half width of the band in lattice spacings
+DOUBT = 0.1  # of the logarithm of a noise level that the motion found
 
 
 class LevelSet(Stage):
-    """Refine phi around the moved prior psi.T: robust foot-point forces, second-order prior, free topology; then extract its surface."""
+    """Refine phi around the moved prior psi.T by robust foot-point forces and a second-order prior, topology free; mesh its zero set."""
 
     name: ClassVar[str] = "level_set"
+    formulation: Literal["default", "paper"] = Field(
+        "default", description="ours, or equations 8-16 of the paper with the least repairs that make them computable"
+    )
     spacing: float = Field(1.0, gt=0.0, description="distance of the lattice nodes", json_schema_extra={"unit": "mm"})
-    evidence: float = Field(3.0, ge=0.0, description="log evidence that a correction needs to be made", json_schema_extra={"unit": "nats"})
-    iterations: int = Field(20, ge=1, description="most iterations per level")
+    evidence: float = Field(
+        3.0, ge=0.0, description="default: log evidence that a field of corrections must earn", json_schema_extra={"unit": "nats"}
+    )
+    change: float = Field(
+        6.0, ge=0.0, description="default: log evidence that a change of topology must earn", json_schema_extra={"unit": "nats"}
+    )
+    data: float = Field(10.0, ge=0.0, description="paper: weight of the data term, over the squared noise")
+    area: float = Field(0.2, ge=0.0, description="paper: weight of the area term")
+    shape: float = Field(0.3, ge=0.0, description="paper: weight of the shape term")
+    iterations: int = Field(20, ge=1, description="most iterations per level; paper: most reinitialisations")
     smoothing: int = Field(5, ge=0, description="Taubin passes on the extracted mesh")
     keep: float = Field(0.5, gt=0.0, le=1.0, description="share of the isosurface's faces left by decimation")
 
     def __call__(self, case: Case, start: Estimate) -> Estimate:
         from ..extract import carry_fields, extract
-        from ..levelset.distance import signed_distance
-        from ..levelset.solver import Limits, refine
 
         began = time.perf_counter()
-        prior = start.surface
-        psi = signed_distance(prior.vertices, prior.faces, self.spacing, BAND * self.spacing)
-        measured = _measured(case, start, psi)
-        found = refine(prior, measured, lambda: _doubt(case, start), Limits(self.spacing, self.evidence, self.iterations))
-        wall = prior.with_vertices(prior.vertices + found.u[:, None] * prior.vertex_normals) if found.fields else prior
-        phi = signed_distance(wall.vertices, wall.faces, self.spacing, BAND * self.spacing) if found.fields else psi
-        mesh = extract(phi, smoothing=self.smoothing, keep=self.keep)
-        surface = carry_fields(replace(wall, fields={**prior.fields, f"correction_{case.units}": found.u}), mesh.surface)
+        reached = self._by_the_paper(case, start) if self.formulation == "paper" else self._by_default(case, start)
+        mesh = extract(reached.phi, smoothing=self.smoothing, keep=self.keep, islands=reached.islands)
         return replace(
             start,
-            surface=surface,
-            status=found.status,
-            converged=found.converged,
-            iterations=len(found.trace) - len(found.fields),
+            surface=_with_unit(carry_fields(reached.wall, mesh.surface), case.units),
+            status=reached.status,
+            converged=reached.converged,
+            iterations=len(reached.trace),
             seconds=time.perf_counter() - began,
-            sigma=float(np.median(measured.likelihood.sigma)) * found.noise,
-            phi=phi,
-            trace=found.trace,
-            facts={"shift_mean": mesh.shift_mean, "shift_max": mesh.shift_max, "band_nodes": len(phi.band)},
+            sigma=reached.sigma,
+            phi=reached.phi,
+            trace=reached.trace,
+            warnings=(*start.warnings, *reached.warnings, *reached.faults(mesh.surface)),
+            facts={**reached.facts, "meshing_shift_mean": mesh.shift_mean, "meshing_shift_max": mesh.shift_max},
         )
 
+    def _by_default(self, case: Case, start: Estimate) -> Reached:
+        from ..levelset.reach import reach
+        from ..levelset.solver import Limits
 
-def _measured(case: Case, start: Estimate, psi: SignedDistance) -> Measured:
-    """The fitted points with the noise and the outliers that the start found among them."""
-    from ..levelset.observe import Noise, observe
+        limits = Limits(self.spacing, self.evidence, self.iterations)
+        change = self.change if start.motion is not None else np.inf  # what no motion explains would pass for another topology
+        return reach(start.surface, _observer(case, start), _doubt(case, start), limits, change=change)
+
+    def _by_the_paper(self, case: Case, start: Estimate) -> Reached:
+        """psi.T is the prior under the similarity alone, as the paper has it."""
+        from ..evaluate import distances
+        from ..levelset.paper import Weights, descend
+
+        prior = case.prior.transformed(start.T_map_prior)
+        points = case.points.of("eam").xyz
+        sigma = _noise(start).sigma or float(np.median(distances(points, prior))) / 0.6745
+        weights = Weights(self.data, self.area, self.shape)
+        return descend(prior, points, sigma, weights, spacing=self.spacing, cycles=self.iterations)
+
+
+def _observer(case: Case, start: Estimate) -> Callable[[Surface, SignedDistance], Measured]:
+    """How the fitted points look from a surface, with the noise and the outliers that the start found among them."""
+    from ..levelset.observe import observe
 
     points = case.points.of("eam", "inside")
-    noise = Noise()
-    if start.motion is not None and start.sigma is not None and start.weights is not None:
-        noise = Noise(start.sigma, 0.25, float(1.0 - start.weights.mean()))
     own = np.asarray(points.columns.get("sigma", np.full(len(points), np.nan)), dtype=np.float64)
-    return observe(start.surface, psi, points.xyz, points.type == "inside", own, noise)
+    return lambda surface, psi: observe(surface, psi, points.xyz, points.type == "inside", own, _noise(start))
+
+
+def _noise(start: Estimate) -> Noise:
+    from ..levelset.observe import Noise
+
+    if start.motion is None or start.sigma is None or start.weights is None:
+        return Noise()
+    return Noise(start.sigma, DOUBT, float(1.0 - start.weights.mean()))
 
 
 def _doubt(case: Case, start: Estimate) -> Array:
-    """How uncertain the motion is at each vertex, relative to its root mean square: half to twice; 1 everywhere where it does not say."""
-    if start.motion is None or len(start.surface.vertices) != len(case.prior.vertices):
+    """How uncertain the motion is at each vertex, relative to its root mean square, half to twice; 1 everywhere where it does not say."""
+    sd = start.surface.fields.get(f"sd_{case.units}")
+    if sd is None:
         return np.ones(len(start.surface.vertices))
-    sd = start.motion.sd(case.prior.vertices, start.surface.vertex_normals)
     return np.asarray(np.clip(sd / np.sqrt((sd**2).mean()), 0.5, 2.0))
+
+
+def _with_unit(surface: Surface, unit: str) -> Surface:
+    """The correction's field under the name that tells its unit."""
+    fields = {f"{name}_{unit}" if name == "correction" else name: values for name, values in surface.fields.items()}
+    return replace(surface, fields=fields)
