@@ -69,8 +69,8 @@ def grams(cov: Covariance, obs: Observed) -> tuple[Array, list[Array]]:
     """Gram matrix (n, n) of the similarity part and one of unit variance per tunable component."""
     fixed = _seen(obs, cov.similarity(obs.at))
     dots, sides = obs.directions @ obs.directions.T, np.outer(obs.normal_part, obs.normal_part)
-    parts = [_matern(obs.at, obs.at, length) * dots for length in cov.vector]
-    parts += [_matern(obs.at, obs.at, length) * sides for length in cov.normal]
+    correlation = {length: _matern(obs.at, obs.at, length) for length in {*cov.vector, *cov.normal}}
+    parts = [correlation[length] * dots for length in cov.vector] + [correlation[length] * sides for length in cov.normal]
     parts += [f @ f.T for f in (_seen(obs, features) for features in cov.tunable(obs.at))]
     return fixed @ fixed.T, parts
 
@@ -78,9 +78,11 @@ def grams(cov: Covariance, obs: Observed) -> tuple[Array, list[Array]]:
 def displacement(cov: Covariance, sds: Array, obs: Observed, alpha: Array, at: Array, normals: Array) -> Array:
     """Field (m, d) at positions `at` with reference `normals` (m, d), for observation weights alpha (n,) = C^-1 z."""
     field = cov.similarity(at) @ (alpha @ _seen(obs, cov.similarity(obs.at)))
-    k = len(cov.lengths)
-    pull = obs.directions * alpha[:, None]
-    field += _field(at, normals, obs.at, pull, obs.normal_part * alpha, cov.lengths, sds[:k] ** 2, len(cov.vector))
+    k, split = len(cov.lengths), len(cov.vector)
+    lengths, which = np.unique(cov.lengths, return_inverse=True)  # fields of one length share its exponential
+    free = np.bincount(which[:split], sds[:split] ** 2, minlength=len(lengths))
+    along = np.bincount(which[split:], sds[split:k] ** 2, minlength=len(lengths))
+    field += _field(at, normals, obs.at, obs.directions * alpha[:, None], obs.normal_part * alpha, lengths, free, along)
     for sd, here, there in zip(sds[k:], cov.tunable(at), cov.tunable(obs.at), strict=True):
         field += here @ (sd**2 * (alpha @ _seen(obs, there)))
     return np.asarray(field)
@@ -163,27 +165,25 @@ def _matern(a, b, length):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _field(at, normals, sources, pull, push, lengths, variances, split):  # type: ignore[no-untyped-def]
-    """Sum of Matern fields: `pull` (n, d) drives the vector kernels, `push` (n,) those along the normal."""
+def _field(at, normals, sources, pull, push, lengths, free, along):  # type: ignore[no-untyped-def]
+    """Sum of Matern fields: `pull` (n, d) drives those with variances `free`, `push` (n,) those with variances `along` the normal."""
     m, dim = at.shape
     out = np.zeros((m, dim))
     for i in range(m):
-        along = 0.0
+        out_along = 0.0
         for j in range(sources.shape[0]):
             r2 = 0.0
             for k in range(dim):
                 r2 += (at[i, k] - sources[j, k]) ** 2
             r = SQRT5 * np.sqrt(r2)
-            free = 0.0
+            toward = 0.0
             for q in range(lengths.shape[0]):
                 s = r / lengths[q]
-                value = variances[q] * (1.0 + s + s * s / 3.0) * np.exp(-s)
-                if q < split:
-                    free += value
-                else:
-                    along += value * push[j]
+                value = (1.0 + s + s * s / 3.0) * np.exp(-s)
+                toward += free[q] * value
+                out_along += along[q] * value * push[j]
             for k in range(dim):
-                out[i, k] += free * pull[j, k]
+                out[i, k] += toward * pull[j, k]
         for k in range(dim):
-            out[i, k] += along * normals[i, k]
+            out[i, k] += out_along * normals[i, k]
     return out

@@ -198,7 +198,8 @@ class _Problem:
         share = 1.0 if share > 0.999 else share
         sds = state.scales.sds
         motion = Motion(self.vertices, self.faces, self.pose, self.covariance, sds, rows.observed, posterior, share, INFLATION)
-        at_nodes = motion.sd(self.vertices[self.nodes], vertex_normals(state.moved, self.faces)[self.nodes])
+        now = vertex_normals(state.moved, self.faces)[self.nodes]
+        at_nodes = motion.sd_in_reference(self.posed[self.nodes], self.posed_normals[self.nodes], now)
         sd = np.maximum((self.spread * at_nodes[self.near]).sum(axis=1), 0.0)
         word = (
             "converged" if still else f"stopped after {len(trace)} iterations while the surface still moved {trace[-1]['step']:.2g} a step"

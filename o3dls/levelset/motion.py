@@ -40,7 +40,10 @@ class Motion:
 
     def sd(self, points: Array, normals: Array) -> Array:
         """Posterior standard deviation (n,) along unit `normals` (map frame) of where points (n, d) of the prior frame went."""
-        at, own = self._reference(points)
+        return self.sd_in_reference(*self._reference(points), normals)
+
+    def sd_in_reference(self, at: Array, own: Array, normals: Array) -> Array:
+        """The same for points that are known in the reference pose (n, d), with the reference surface's normals there."""
         asked = Observed(at, normals, (normals * own).sum(axis=1))
         crossed = cross(self.covariance, self.sds, self.observed, asked)
         var = posterior_variance(self.posterior.factor, variance(self.covariance, self.sds, asked), crossed)
