@@ -9,6 +9,7 @@ import pytest
 from fields import bend, body, spots
 
 from o3dls.case import Case, Points
+from o3dls.errors import InputError
 from o3dls.estimate import Estimate
 from o3dls.evaluate import distances
 from o3dls.geometry import Array, apply
@@ -116,3 +117,31 @@ def test_odds_against_motion_hold_the_prior_in_its_pose() -> None:
     held = Deform(odds=1e6)(case, started(case))
     np.testing.assert_allclose(held.surface.vertices, case.prior.vertices, atol=1e-6)
     assert "probability 0.00" in held.status
+
+
+def test_several_starts_end_in_the_likelier_basin() -> None:
+    case, truth = bent_case()
+    turned = np.diag([-1.0, -1.0, 1.0, 1.0])  # half a turn: no basin of the truth
+    lost = Estimate(case.prior.transformed(turned), turned, "half a turn off")
+    alone = Deform()(case.visible(), lost)
+    several = Deform(starts="several")(case.visible(), lost)
+    assert several.fit.energy <= alone.fit.energy
+    missed = [np.linalg.norm(e.surface.vertices - truth, axis=1).mean() for e in (several, alone)]
+    assert missed[0] < 0.2 * missed[1]  # the body's ends look alike: only its vertices tell that it was turned
+
+
+def test_one_more_point_updates_an_estimate_as_a_fit_from_nothing_would() -> None:
+    case, _ = bent_case()
+    stage = Deform()
+    eam = np.flatnonzero(case.points.type == "eam")
+    before = replace(case, points=case.points.select(np.delete(np.arange(len(case.points)), eam[-1])))
+    fitted = stage(before.visible(), started(case))
+    updated, afresh = stage.update(case, fitted), stage(case.visible(), started(case))
+    moved = np.linalg.norm(updated.surface.vertices - afresh.surface.vertices, axis=1).mean()
+    assert moved < 0.05  # mm: far below the noise; amplitudes are kept where the fit from nothing tunes them again
+    assert updated.weights is not None
+    assert len(updated.weights) == 150
+    with pytest.raises(InputError, match="fewer than"):
+        stage.update(before, updated)
+    with pytest.raises(InputError, match="keeps no fit"):
+        stage.update(case, started(case))

@@ -12,13 +12,15 @@ from pydantic import Field
 from ..case import FITTED_TYPES, Case, Points
 from ..errors import InputError
 from ..estimate import Estimate
-from ..geometry import Array
+from ..geometry import Array, fit_similarity
 from ..stage import Stage
 
 if TYPE_CHECKING:
     from ..levelset.fit import Settings
     from ..levelset.motion import MotionFit
     from ..levelset.rows import Data
+
+CLOSE = 3.0  # nats: a surface whose evidence is within a factor of 20 of the best is no worse a guess
 
 
 class Deform(Stage):
@@ -51,6 +53,9 @@ class Deform(Stage):
         description="log odds against a motion beyond the pose, before the points are seen; raise it for templates that hardly deform",
         json_schema_extra={"unit": "nats"},
     )
+    starts: Literal["given", "several"] = Field(
+        "given", description="fit from the given pose, or from those of the landmarks too, and keep what the evidence prefers"
+    )
     iterations: int = Field(25, ge=5, description="most iterations")
 
     @property
@@ -58,7 +63,16 @@ class Deform(Stage):
         return (*FITTED_TYPES, "ablation") if self.ablation == "fit" else FITTED_TYPES
 
     def __call__(self, case: Case, start: Estimate) -> Estimate:
-        return self._fitted(case, start.T_map_prior, observed(case, self))
+        data = observed(case, self)
+        fits = [self._fitted(case, pose, data) for pose in self._poses(case, start)]
+        best = min(fits, key=lambda estimate: float(estimate.fit.energy))
+        return replace(best, warnings=(*start.warnings, *_rivals(best, fits, case.units)))
+
+    def _poses(self, case: Case, start: Estimate) -> list[Array]:
+        _, prior, measured = case.landmark_pairs()
+        if self.starts == "given" or len(prior) < case.dimension:
+            return [start.T_map_prior]
+        return [start.T_map_prior, *(fit_similarity(prior, measured, scale=scale) for scale in (False, True))]
 
     def _fitted(self, case: Case, pose: Array, data: Data, warm: MotionFit | None = None) -> Estimate:
         from ..levelset.fit import fit_motion
@@ -99,6 +113,16 @@ class Deform(Stage):
         from ..levelset.fit import Settings
 
         return Settings(vector=self.vector, normal=self.normal, spread=self.spread, odds=self.odds, iterations=self.iterations)
+
+
+def _rivals(best: Estimate, fits: list[Estimate], unit: str) -> list[str]:
+    """A sentence where another start led to another surface that the points make almost as likely."""
+    for other in fits:
+        apart = float(np.linalg.norm(other.surface.vertices - best.surface.vertices, axis=1).mean())
+        behind = other.fit.energy - best.fit.energy
+        if behind < CLOSE and apart > best.fit.state.scales.noises[0]:
+            return [f"another start led to a surface {apart:.1f} {unit} away on average that is almost as likely ({behind:.1f} nats less)"]
+    return []
 
 
 def observed(case: Case, stage: Deform) -> Data:
