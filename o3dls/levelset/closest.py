@@ -1,4 +1,4 @@
-"""Exact closest points on triangles (3D) or segments (2D): a bounding-box tree over Morton order that follows a moving surface."""
+"""Exact closest points on triangles (3D) or segments (2D): a bounding-box tree, split at medians, that follows a moving surface."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ class ClosestPoint:
 
     def __init__(self, vertices: Array, faces: Ints) -> None:
         self.faces = np.ascontiguousarray(faces, dtype=np.int64)
-        self.order = np.argsort(_morton(vertices[self.faces].mean(axis=1)), kind="stable")
-        self.rank = np.argsort(self.order)
         self.leaves = 1 << max(0, int(np.ceil(np.log2(len(faces) / LEAF))))
+        self.order = _median_order(np.ascontiguousarray(vertices[self.faces].mean(axis=1).T), self.leaves)
+        self.rank = np.argsort(self.order)
         self.refit(vertices)
 
     def refit(self, vertices: Array) -> None:
@@ -47,20 +47,54 @@ class ClosestPoint:
 
 
 @njit(cache=True)
-def _morton(centres):  # type: ignore[no-untyped-def]
-    """Interleave the bits of the quantised coordinates, so that faces near in space are near in order."""
-    m, dim = centres.shape
-    low, span = np.empty(dim), 1e-300
-    for axis in range(dim):
-        low[axis] = centres[:, axis].min()
-        span = max(span, centres[:, axis].max() - low[axis])
-    codes = np.zeros(m, dtype=np.int64)
-    for i in range(m):
-        for axis in range(dim):
-            cell = np.int64((centres[i, axis] - low[axis]) / span * 2097151.0)  # 21 bits an axis fill 63
-            for bit in range(21):
-                codes[i] |= ((cell >> bit) & 1) << (bit * dim + axis)
-    return codes
+def _median_order(centres, leaves):  # type: ignore[no-untyped-def]
+    """Faces by leaf: each node's centres (d, m) are halved at the median of their longest extent, so that boxes hardly overlap."""
+    dim, m = centres.shape
+    order = np.arange(m)
+    stack = np.empty((128, 2), dtype=np.int64)
+    stack[0, 0], stack[0, 1], top = 0, leaves, 1
+    while top > 0:
+        top -= 1
+        first, last = stack[top, 0], stack[top, 1]
+        if last - first < 2:
+            continue
+        half = (first + last) // 2
+        low, high, middle = first * m // leaves, last * m // leaves, half * m // leaves
+        longest, axis = -1.0, 0
+        for k in range(dim):
+            least, most = np.inf, -np.inf
+            for i in range(low, high):
+                least, most = min(least, centres[k, order[i]]), max(most, centres[k, order[i]])
+            if most - least > longest:
+                longest, axis = most - least, k
+        _partition(centres[axis], order, low, high - 1, middle)
+        stack[top, 0], stack[top, 1] = first, half
+        stack[top + 1, 0], stack[top + 1, 1] = half, last
+        top += 2
+    return order
+
+
+@njit(cache=True)
+def _partition(values, order, left, right, middle):  # type: ignore[no-untyped-def]
+    """Rearrange order[left : right + 1] so that no value before `middle` exceeds one behind it (Hoare's selection)."""
+    while left < right:
+        pivot = values[order[(left + right) // 2]]
+        i, j = left, right
+        while i <= j:
+            while values[order[i]] < pivot:
+                i += 1
+            while values[order[j]] > pivot:
+                j -= 1
+            if i <= j:
+                order[i], order[j] = order[j], order[i]
+                i += 1
+                j -= 1
+        if middle <= j:
+            right = j
+        elif middle >= i:
+            left = i
+        else:
+            return
 
 
 @njit(cache=True)
