@@ -115,7 +115,7 @@ def test_on_the_same_pairs_both_take_the_same_step(metric: str) -> None:
     normals = point_normals(points) if metric != "point_to_plane" else points[:0]
     make = {"point_to_plane": metrics.point_to_plane, "symmetric": metrics.symmetric(normals), "generalized": metrics.generalized(normals)}
     pairs = SurfaceMatcher(PRIOR).match(points, T)
-    body = Body(T, 20.0)
+    body = Body.of(PRIOR.vertices).at(T)
     steps = [
         solve(make[metric](pairs), np.ones(len(points)), body, Freedom(), 1.0)
         for solve in (best_motion, open3d_solver(metric, "none", None, normals, 0.05))

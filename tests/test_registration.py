@@ -6,16 +6,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from chamber import chamber, outline_without_symmetry, pose, sampled
+from chamber import chamber, farthest_effect, outline_without_symmetry, pose, sampled
 from tiny import sphere
 
-from o3dls.geometry import Array, Surface, apply, scale_of
+from o3dls.geometry import Array, Surface, apply, fit_similarity, scale_of
 from o3dls.registration import metrics, reject
-from o3dls.registration.match import Pairs, SurfaceMatcher, is_similarity
+from o3dls.registration.icp import Criteria, align
+from o3dls.registration.match import Pairs, SurfaceMatcher
 from o3dls.registration.mixture import fit_mixture
 from o3dls.registration.normals import point_normals
 from o3dls.registration.observability import spectrum
-from o3dls.registration.pose import Twist, rotation, strain_of
+from o3dls.registration.pose import Twist, rotation, strains
 from o3dls.registration.robust import EFFICIENT_95, KERNELS, kernel_weights, spread
 from o3dls.registration.step import Body, Freedom, best_motion, normal_equations
 
@@ -53,7 +54,7 @@ def test_the_gradient_is_that_of_the_metric_by_central_differences(prior: Surfac
 @SHAPES
 def test_a_step_lessens_the_metric_and_a_second_on_the_same_pairs_has_nothing_to_do(prior: Surface) -> None:
     still = SurfaceMatcher(prior).match(apply(pose(3.0, 2.0, d=prior.dimension), sampled(prior, 80, 4_993)), np.eye(prior.dimension + 1))
-    weights, body = np.ones(80), Body(np.eye(prior.dimension + 1), 20.0)
+    weights, body = np.ones(80), Body.of(prior.vertices)
     for make in (metrics.point_to_point, metrics.point_to_plane):
         pairs = still
         for _ in range(8):
@@ -65,18 +66,38 @@ def test_a_step_lessens_the_metric_and_a_second_on_the_same_pairs_has_nothing_to
 
 
 @pytest.mark.parametrize("d", [2, 3])
-def test_a_twist_and_its_tangent_agree_and_strain_is_read_back(d: int) -> None:
+def test_a_twist_and_its_tangent_agree(d: int) -> None:
     rng = np.random.default_rng(66_103)
-    twist, points, centre = Twist(d, strain=True, scale=True), rng.normal(size=(5, d)), rng.normal(size=d)
+    twist, points, centre = Twist(d, scale=True), rng.normal(size=(5, d)), rng.normal(size=d)
     small = 1e-6 * rng.normal(size=twist.size)
     displaced = apply(twist.motion(small, centre), points) - points
     np.testing.assert_allclose(displaced, twist.tangent(points, centre) @ small, atol=1e-11)
-    only = np.zeros(twist.size)
-    only[twist.strains] = rng.normal(0.0, 0.1, twist.strains.stop - twist.strains.start)
-    matrix = twist.motion(only, centre)
-    assert scale_of(matrix) == pytest.approx(1.0)
-    assert not is_similarity(matrix)
-    np.testing.assert_allclose(strain_of(matrix), only[twist.strains], atol=1e-12)
+
+
+@SHAPES
+def test_a_strain_is_no_similarity_and_the_nearest_similarity_to_it_is_none(prior: Surface) -> None:
+    generators, vertices = strains(prior.vertices), prior.vertices - prior.vertices.mean(axis=0)
+    assert len(generators) == (2 if prior.dimension == 2 else 5)
+    for generator in generators:
+        strained = vertices + 0.01 * vertices @ generator.T
+        np.testing.assert_allclose(fit_similarity(vertices, strained), np.eye(prior.dimension + 1), atol=1e-4)  # but for its square
+        assert np.linalg.norm(strained - vertices, axis=1).max() > 0.05
+
+
+@SHAPES
+def test_a_pose_is_not_pulled_by_a_strain_that_it_may_assume(prior: Surface) -> None:
+    """Points on a quarter of a strained surface: the pose of the whole is the prior's own, and strain explains the rest."""
+    d = prior.dimension
+    middle = prior.vertices.mean(axis=0)
+    linear = np.eye(d) + 0.03 * strains(prior.vertices)[-1]
+    stretched = sampled(prior, 400, 83_417) @ linear.T + middle - linear @ middle
+    seen = stretched[stretched[:, 0] > middle[0]]
+    body, ends = Body.of(prior.vertices), []
+    for freedom in (Freedom(scale=True), Freedom(scale=True, strain_sd=0.05)):
+        found = align(seen, SurfaceMatcher(prior), np.eye(d + 1), metric=metrics.point_to_plane, freedom=freedom, criteria=Criteria())
+        ends.append(farthest_effect(found.T_map_prior, np.eye(d + 1), prior))
+    assert body.strained(prior.vertices).shape[2] == len(body.strains)
+    assert ends[1] < 0.5 * ends[0]
 
 
 def test_a_rotation_vector_turns_by_its_length() -> None:
@@ -88,14 +109,11 @@ def test_a_rotation_vector_turns_by_its_length() -> None:
 def test_pairs_are_closest_points_wherever_the_surface_is(prior: Surface) -> None:
     d = prior.dimension
     matrix, points = pose(40.0, 15.0, 1.3, d=d), sampled(prior, 50, 93_911, 2.0)
-    strained = Twist(d, strain=True).motion(np.r_[np.zeros(Twist(d).size), np.full(2 if d == 2 else 5, 0.05)], np.zeros(d)) @ matrix
-    for T in (matrix, strained):
-        found = SurfaceMatcher(prior).match(points, T)
-        there = prior.with_vertices(apply(T, prior.vertices))
-        exact = SurfaceMatcher(there).match(points, np.eye(d + 1))
-        np.testing.assert_allclose(found.feet, exact.feet, atol=1e-9)
-        np.testing.assert_allclose(found.normals, exact.normals, atol=1e-6)
-        np.testing.assert_allclose(np.abs(found.signed), found.distances, atol=1e-9)
+    found = SurfaceMatcher(prior).match(points, matrix)
+    exact = SurfaceMatcher(prior.with_vertices(apply(matrix, prior.vertices))).match(points, np.eye(d + 1))
+    np.testing.assert_allclose(found.feet, exact.feet, atol=1e-9)
+    np.testing.assert_allclose(found.normals, exact.normals, atol=1e-6)
+    np.testing.assert_allclose(np.abs(found.signed), found.distances, atol=1e-9)
 
 
 @pytest.mark.parametrize("kernel", KERNELS)

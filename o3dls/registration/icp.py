@@ -13,7 +13,7 @@ from .match import Pairs, SurfaceMatcher
 from .metrics import Factors, Metric
 from .reject import Rule
 from .robust import EFFICIENT_95, kernel_weights, spread
-from .step import Body, Freedom, best_motion, nearest_similarity
+from .step import Body, Freedom, best_motion
 
 KEPT = 0.01  # a pair that weighs less is not counted as kept
 
@@ -81,12 +81,13 @@ def align(
 ) -> Alignment:
     """Move `surface` from `T_map_prior` until it fits points (n, d). Raises SolverError where no step can be made."""
     trace: list[Mapping[str, float]] = []
+    body = Body.of(surface.surface.vertices)
     pairs, converged, moved, share = surface.match(points, T_map_prior), False, np.zeros_like(points), 1.0
     for iteration in range(criteria.iterations):
         loosening = criteria.loosening(iteration)
         factors = metric(pairs)
         weights = _weights(factors, rules, belief, loosening)
-        delta = solve(factors, weights, Body(T_map_prior, surface.radius), freedom, share)
+        delta = solve(factors, weights, body.at(T_map_prior), freedom, share)
         last, moved = moved, apply(delta, pairs.feet) - pairs.feet
         if not np.isfinite(moved).all():
             raise SolverError(f"icp: iteration {iteration + 1} gave a step that is not finite")
@@ -98,9 +99,6 @@ def align(
             break
         if _turns_back(last, moved):  # a point that hops between two walls: the minimum is the kink between them
             share *= 0.5
-    if freedom.strain_sd is not None:  # the strain was there so that it does not bend the pose: give the similarity nearest to it
-        T_map_prior = nearest_similarity(T_map_prior, surface.surface.vertices, freedom)
-        pairs = surface.match(points, T_map_prior, pairs)
     return Alignment(T_map_prior, pairs, _weights(metric(pairs), rules, belief, 1.0), tuple(trace), converged)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -42,7 +41,7 @@ class Pairs:
 
 
 class SurfaceMatcher:
-    """Closest points on a surface that moves: the tree is built once, in the prior frame, and similarities move the points instead."""
+    """Closest points on a surface that moves by similarities: the tree is built once, in the prior frame, and the points move instead."""
 
     def __init__(self, surface: Surface) -> None:
         from ..levelset.closest import ClosestPoint
@@ -52,23 +51,17 @@ class SurfaceMatcher:
         self.radius = rms_radius(surface.vertices)
 
     def match(self, points: Array, T_map_prior: Array, last: Pairs | None = None) -> Pairs:
-        """Pairs of points (n, d) in the map frame with the surface moved by an affine matrix; the pairs of a pose nearby save time."""
-        hint = None if last is None else last.faces
-        if is_similarity(T_map_prior):
-            local = apply(np.asarray(np.linalg.inv(T_map_prior)), points)
-            _, faces, feet, _ = self.tree.query(local, hint=hint)
-            normals = self._normals(local - feet, self.surface.vertices, faces) @ T_map_prior[:-1, :-1].T / scale_of(T_map_prior)
-            return Pairs(points, apply(T_map_prior, feet), normals, faces)
-        vertices, tree = apply(T_map_prior, self.surface.vertices), copy(self.tree)
-        tree.refit(vertices)
-        _, faces, feet, _ = tree.query(points, hint=hint)
-        return Pairs(points, feet, self._normals(points - feet, vertices, faces), faces)
+        """Pairs of points (n, d) in the map frame with the surface moved by `T_map_prior`; the pairs of a pose nearby save time."""
+        local = apply(np.asarray(np.linalg.inv(T_map_prior)), points)
+        _, faces, feet, _ = self.tree.query(local, hint=None if last is None else last.faces)
+        normals = self._normals(local - feet, faces) @ T_map_prior[:-1, :-1].T / scale_of(T_map_prior)
+        return Pairs(points, apply(T_map_prior, feet), normals, faces)
 
-    def _normals(self, gaps: Array, vertices: Array, faces: Ints) -> Array:
+    def _normals(self, gaps: Array, faces: Ints) -> Array:
         """Outward unit normals: the gap's own direction, which varies smoothly where face normals jump (a step that sees the jumps
         never comes to rest), or the face's normal where the point lies on it."""
         corners = self.surface.faces[faces]  # of 250 faces, not of all
-        flat = Surface(vertices[corners.ravel()], np.arange(corners.size).reshape(corners.shape)).face_normals
+        flat = Surface(self.surface.vertices[corners.ravel()], np.arange(corners.size).reshape(corners.shape)).face_normals
         outward = np.where((gaps * flat).sum(axis=1) < 0.0, -1.0, 1.0)
         distances = np.linalg.norm(gaps, axis=1)
         apart = distances > APART * self.radius

@@ -1,6 +1,6 @@
-"""Small motions about a centre, their tangent space and the way back to a matrix.
+"""Small similarity motions about a centre, their tangent space and the way back to a matrix.
 
-A twist lists shift (d), rotation (1 in 2D, 3 in 3D), strain (2 or 5, where asked for) and log scale (1, where asked for), in this order.
+A twist lists shift (d), rotation (1 in 2D, 3 in 3D) and log scale (1, where asked for), in this order.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..geometry import Array, scale_of, similarity
+from ..geometry import Array, similarity
 
 
 @dataclass(frozen=True)
@@ -17,7 +17,6 @@ class Twist:
     """Which parts a twist has in `d` dimensions, and where."""
 
     d: int
-    strain: bool = False
     scale: bool = False
 
     @property
@@ -25,12 +24,8 @@ class Twist:
         return slice(self.d, self.d + (1 if self.d == 2 else 3))
 
     @property
-    def strains(self) -> slice:
-        return slice(self.turn.stop, self.turn.stop + self.strain * (2 if self.d == 2 else 5))
-
-    @property
     def size(self) -> int:
-        return int(self.strains.stop) + self.scale
+        return int(self.turn.stop) + self.scale
 
     def tangent(self, positions: Array, centre: Array, turned: Array | None = None) -> Array:
         """Velocity (n, d, size) of each position (n, d) under the unit motions about `centre`; rotations may act at other positions
@@ -38,20 +33,11 @@ class Twist:
         arm = positions - centre
         lever = arm if turned is None else turned - centre
         parts = [np.broadcast_to(np.eye(self.d), (len(arm), self.d, self.d)), np.einsum("gij,nj->nig", turns(self.d), lever)]
-        if self.strain:
-            parts.append(np.einsum("gij,nj->nig", strains(self.d), arm))
-        if self.scale:
-            parts.append(arm[:, :, None])
-        return np.concatenate(parts, axis=2)
+        return np.concatenate([*parts, arm[:, :, None]] if self.scale else parts, axis=2)
 
     def motion(self, twist: Array, centre: Array) -> Array:
         """Matrix (d+1, d+1) of the finite motion of a twist (size,) about `centre`."""
-        linear = rotation(twist[self.turn])
-        if self.strain:
-            values, vectors = np.linalg.eigh(np.tensordot(twist[self.strains], strains(self.d), axes=1))
-            linear = linear @ (vectors * np.exp(values)) @ vectors.T
-        if self.scale:
-            linear = linear * np.exp(twist[-1])
+        linear = rotation(twist[self.turn]) * (np.exp(twist[-1]) if self.scale else 1.0)
         return similarity(linear, centre + twist[: self.d] - linear @ centre)
 
 
@@ -70,23 +56,27 @@ def turns(d: int) -> Array:
     return generators
 
 
-def strains(d: int) -> Array:
-    """Generators (2 or 5, d, d) of the stretches that keep volume: symmetric, without trace, of equal size."""
+def strains(vertices: Array) -> Array:
+    """Generators (2 or 5, d, d) of the stretches of a body with these vertices (n, d), about their middle, that no similarity imitates.
+
+    Symmetric and without trace, of squared norm 2, then freed of the part that rotation and scale explain at the vertices: the
+    similarity nearest to a strained body is the body itself.
+    """
+    d = vertices.shape[1]
+    raw = _traceless(d)
+    similar = np.concatenate([turns(d), np.eye(d)[None]])
+    spread = np.cov(vertices.T)
+    gram, shared = (np.einsum("gij,jk,hik->gh", similar, spread, other) for other in (similar, raw))
+    return np.asarray(raw - np.einsum("gh,gij->hij", np.linalg.solve(gram, shared), similar))
+
+
+def _traceless(d: int) -> Array:
     if d == 2:
         return np.array([[[0.0, 1.0], [1.0, 0.0]], [[1.0, 0.0], [0.0, -1.0]]])
     shears = np.zeros((3, 3, 3))
     for k in range(3):
         shears[k, (k + 1) % 3, (k + 2) % 3] = shears[k, (k + 2) % 3, (k + 1) % 3] = 1.0
     return np.concatenate([shears, [np.diag([1.0, -1.0, 0.0]), np.diag([1.0, 1.0, -2.0]) / np.sqrt(3.0)]])
-
-
-def strain_of(matrix: Array) -> Array:
-    """Coefficients (2 or 5,) of the volume-keeping stretch of an affine matrix, in the frame it maps to."""
-    linear = matrix[:-1, :-1] / scale_of(matrix)
-    values, vectors = np.linalg.eigh(linear @ linear.T)
-    stretch = (vectors * 0.5 * np.log(values)) @ vectors.T
-    generators = strains(len(linear))
-    return np.asarray(np.einsum("gij,ij->g", generators, stretch) / 2.0)  # each generator has squared norm 2
 
 
 def rotation(vector: Array) -> Array:

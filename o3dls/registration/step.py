@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..geometry import Array, apply, fit_similarity, scale_of, similarity
 from .metrics import Factors
-from .pose import Twist, strain_of
+from .pose import Twist, rms_radius, strains
 
 
 @dataclass(frozen=True)
 class Freedom:
-    """What the motion may do. Log scale and strain are pulled to zero with standard deviations `scale_sd` (None: not pulled) and
-    `strain_sd` (None: no strain); a direction whose uncertainty, as rms motion of the surface over its radius, exceeds `freeze`
-    is left where it is."""
+    """What the motion may do. Log scale is pulled to zero with standard deviation `scale_sd` (None: not pulled). With `strain_sd`
+    the body may strain by so much while a step is found, so that uneven stretch does not pull the pose; the strain is not kept.
+    A direction whose uncertainty, as rms motion of the surface over its radius, exceeds `freeze` is left where it is."""
 
     scale: bool = False
     scale_sd: float | None = None
@@ -23,20 +23,37 @@ class Freedom:
     strain_sd: float | None = None
     freeze: float | None = None
 
-    def twist(self, d: int) -> Twist:
-        return Twist(d, self.strain_sd is not None, self.scale)
-
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """The moving surface as far as a step must know it: its pose, and its rms radius in the prior frame."""
+    """What moves: vertices' middle (d,), rms radius and strain generators (k, d, d) in the prior frame, and the pose."""
 
-    T_map_prior: Array
+    middle: Array
     radius: float
+    strains: Array
+    T_map_prior: Array
+
+    @classmethod
+    def of(cls, vertices: Array) -> Body:
+        """The body of vertices (n, d), where it rests."""
+        return cls(vertices.mean(axis=0), rms_radius(vertices), strains(vertices), np.eye(vertices.shape[1] + 1))
+
+    def at(self, T_map_prior: Array) -> Body:
+        return replace(self, T_map_prior=T_map_prior)
+
+    @property
+    def scale(self) -> float:
+        return scale_of(self.T_map_prior)
 
     @property
     def log_scale(self) -> float:
-        return float(np.log(scale_of(self.T_map_prior)))
+        return float(np.log(self.scale))
+
+    def strained(self, positions: Array) -> Array:
+        """Velocity (n, d, k) of positions (n, d) in the map frame under the unit strains."""
+        turn = self.T_map_prior[:-1, :-1] / self.scale
+        arm = (positions - apply(self.T_map_prior, self.middle[None])) @ turn
+        return np.asarray(np.einsum("ij,gjk,nk->nig", turn, self.strains, arm))
 
 
 def best_motion(factors: Factors, weights: Array, body: Body, freedom: Freedom, share: float = 1.0) -> Array:
@@ -67,28 +84,37 @@ def _closed_form(factors: Factors, weights: Array, body: Body, freedom: Freedom)
 def _newton(factors: Factors, weights: Array, body: Body, freedom: Freedom, share: float) -> Array:
     """Gauss-Newton step about the middle of the feet, in units of rms surface motion so that lengths and angles compare."""
     feet = factors.pairs.feet
-    twist, centre, noise = freedom.twist(feet.shape[1]), feet.mean(axis=0), _noise(factors, weights)
+    twist, centre, noise = Twist(feet.shape[1], freedom.scale), feet.mean(axis=0), _noise(factors, weights)
     hessian, gradient = normal_equations(factors, weights, twist, centre)
-    _pull(hessian, gradient, noise, body, freedom)
+    if freedom.strain_sd is not None:
+        hessian, gradient = _without_strain(hessian, gradient, factors, weights, twist, centre, body, noise / freedom.strain_sd)
+    if freedom.scale and freedom.scale_sd is not None:
+        precision = (noise / freedom.scale_sd) ** 2
+        hessian[-1, -1] += precision
+        gradient[-1] -= precision * body.log_scale
     units = np.ones(twist.size)
-    units[twist.d :] /= body.radius * np.exp(body.log_scale)
+    units[twist.d :] /= body.radius * body.scale
     hessian, gradient = hessian * np.outer(units, units), gradient * units
-    step = _solve(hessian, gradient, noise, freedom.freeze, body)
+    least = 0.0 if freedom.freeze is None else (noise / (freedom.freeze * body.radius * body.scale)) ** 2
+    step = _solve(hessian, gradient, least)
     if freedom.scale:
         allowed = (_bounded(body.log_scale + step[-1] * units[-1], freedom) - body.log_scale) / units[-1]
         if abs(allowed - step[-1]) > 1e-9 * body.radius:  # held at a bound: the rest is solved again
-            rest = _solve(hessian[:-1, :-1], gradient[:-1] - hessian[:-1, -1] * allowed, noise, freedom.freeze, body)
-            step = np.append(rest, allowed)
+            step = np.append(_solve(hessian[:-1, :-1], gradient[:-1] - hessian[:-1, -1] * allowed, least), allowed)
     return twist.motion(share * units * step, centre)
 
 
-def nearest_similarity(T_map_prior: Array, vertices: Array, freedom: Freedom) -> Array:
-    """The similarity that moves vertices (n, d) most like an affine matrix does, with a scale that `freedom` allows."""
-    target = apply(T_map_prior, vertices)
-    best = fit_similarity(vertices, target)
-    turn = best[:-1, :-1] / scale_of(best)
-    factor = np.exp(_bounded(np.log(scale_of(best)), freedom)) if freedom.scale else scale_of(T_map_prior)
-    return similarity(turn, target.mean(axis=0) - factor * turn @ vertices.mean(axis=0), float(factor))
+def _without_strain(
+    hessian: Array, gradient: Array, factors: Factors, weights: Array, twist: Twist, centre: Array, body: Body, stiffness: float
+) -> tuple[Array, Array]:
+    """The normal equations of the twist after a strain, held to zero with this stiffness, has taken up what it can (Schur complement)."""
+    pairs, strained = factors.pairs, body.strained(factors.pairs.feet)
+    pulled = np.matmul(weights[:, None, None] * factors.information, strained)
+    own = np.tensordot(pulled, strained, axes=((0, 1), (0, 1))) + stiffness**2 * np.eye(strained.shape[2])
+    tangent = twist.tangent(pairs.feet, centre, turned=pairs.feet + factors.lever * pairs.gaps)
+    shared = np.tensordot(tangent, pulled, axes=((0, 1), (0, 1)))
+    taken = np.linalg.solve(own, np.column_stack([shared.T, np.tensordot(pulled, pairs.gaps, axes=((0, 1), (0, 1)))]))
+    return hessian - shared @ taken[:, :-1], gradient - shared @ taken[:, -1]
 
 
 def normal_equations(factors: Factors, weights: Array, twist: Twist, centre: Array) -> tuple[Array, Array]:
@@ -99,24 +125,10 @@ def normal_equations(factors: Factors, weights: Array, twist: Twist, centre: Arr
     return np.tensordot(pulled, tangent, axes=((0, 1), (0, 1))), np.tensordot(pulled, pairs.gaps, axes=((0, 1), (0, 1)))
 
 
-def _pull(hessian: Array, gradient: Array, noise: float, body: Body, freedom: Freedom) -> None:
-    """Add what is believed of scale and strain beforehand, in place."""
-    if freedom.scale and freedom.scale_sd is not None:
-        precision = (noise / freedom.scale_sd) ** 2
-        hessian[-1, -1] += precision
-        gradient[-1] -= precision * body.log_scale
-    if freedom.strain_sd is not None:
-        precision, rows = (noise / freedom.strain_sd) ** 2, freedom.twist(len(body.T_map_prior) - 1).strains
-        hessian[rows, rows] += precision * np.eye(rows.stop - rows.start)
-        gradient[rows] -= precision * strain_of(body.T_map_prior)
-
-
-def _solve(hessian: Array, gradient: Array, noise: float, freeze: float | None, body: Body) -> Array:
-    """Solve over the directions that are determined: all that have curvature, or those certain to within `freeze` radii."""
+def _solve(hessian: Array, gradient: Array, least: float) -> Array:
+    """Solve over the directions that are determined: those with more curvature than `least` and than rounding."""
     values, vectors = np.linalg.eigh(hessian)
-    floor = max(values[-1] * 1e-12, 1e-300)
-    if freeze is not None:
-        floor = max(floor, (noise / (freeze * body.radius * np.exp(body.log_scale))) ** 2)
+    floor = max(least, values[-1] * 1e-12, 1e-300)
     return np.asarray(vectors @ np.where(values > floor, (vectors.T @ gradient) / np.maximum(values, floor), 0.0))
 
 

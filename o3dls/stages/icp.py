@@ -83,7 +83,7 @@ class ICP(Stage):
     )
     neighbours: int = Field(12, ge=3, description="points that give a point its normal, where one is needed")
     thickness: float = Field(
-        1e-3, gt=0.0, le=1.0, description="metric generalized: variance across a patch over along it", json_schema_extra=unit("1")
+        0.05, gt=0.0, le=1.0, description="metric generalized: variance across a patch over along it", json_schema_extra=unit("1")
     )
     freeze: float | None = Field(
         None,
