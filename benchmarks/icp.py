@@ -45,9 +45,9 @@ REPEATS = 15
 
 def accuracy(listed: list[Listed]) -> None:
     """One row per variant: mean held-out distance, its worst excess over the rigid robust variant, scale error, iterations."""
-    held = {name: [] for name in VARIANTS}  # type: dict[str, list[float]]
-    scale = {name: [] for name in VARIANTS}  # type: dict[str, list[float]]
-    rounds = {name: [] for name in VARIANTS}  # type: dict[str, list[int]]
+    held: dict[str, list[float]] = {name: [] for name in VARIANTS}
+    scale: dict[str, list[float]] = {name: [] for name in VARIANTS}
+    rounds: dict[str, list[int]] = {name: [] for name in VARIANTS}
     for item in listed:
         case = item.read()
         seen, wanted = case.visible(), _best_scale(case)
@@ -62,8 +62,9 @@ def accuracy(listed: list[Listed]) -> None:
     for name in VARIANTS:
         over = max(np.subtract(held[name], held["robust, rigid"]))
         size = np.abs(scale[name])
-        row = f"{np.mean(held[name]):9.3f}{max(held[name]):8.2f}{over:9.2f}{np.sqrt((size**2).mean()):11.4f}{size.max():7.3f}{(size > 0.02).sum():7d}"
-        print(f"{name:32}{row}{np.mean(rounds[name]):7.1f}")
+        errors = f"{np.mean(held[name]):9.3f}{max(held[name]):8.2f}{over:9.2f}"
+        sizes = f"{np.sqrt((size**2).mean()):11.4f}{size.max():7.3f}{(size > 0.02).sum():7d}"
+        print(f"{name:32}{errors}{sizes}{np.mean(rounds[name]):7.1f}")
 
 
 def _held_out(case: Case, surface: Surface) -> Array:
