@@ -35,6 +35,7 @@ PUBLIC = {
     "Recorded": "stages.recorded",
     "Deform": "stages.deform",
     "LevelSet": "stages.level_set",
+    "Phases": "stages.phases",
     "Report": "report",
     "Export": "export",
     "register": "open3d_api",

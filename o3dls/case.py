@@ -61,6 +61,7 @@ class Case:
     notes: str = ""
     files: Mapping[str, str] = field(default_factory=dict)  # file name -> sha256
     truth: Truth | None = None
+    phases: tuple[Surface, ...] = ()  # further surfaces of the same patient in the prior's frame, in order of time
 
     def __post_init__(self) -> None:
         if self.points.xyz.shape[1:] != (self.dimension,):

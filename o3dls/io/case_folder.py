@@ -42,6 +42,7 @@ def read_case(folder: str | Path, *, points: str | Path | None = None, units: st
         notes=opened.settings.get("notes", ""),
         files=opened.hashes,
         truth=_truth(opened),
+        phases=_phases(opened),
     )
     _check(case, opened)
     return case
@@ -62,6 +63,18 @@ def _surface(folder: Folder, role: str) -> Surface | None:
     if "units" not in folder.settings and file.units not in MILLIMETRES:
         check_scale(path, surface.vertices)
     return closed_outward(surface, str(path), cap=folder.settings.get("cap", False))
+
+
+def _phases(folder: Folder) -> tuple[Surface, ...]:
+    """The surfaces in the folder phases/, in the order of their names."""
+    found = []
+    for path in sorted(p for p in (folder.path / "phases").glob("*") if p.is_file() and not p.name.startswith(".")):
+        file = read_surface_file(path)
+        if file.surface.dimension != folder.dimension:
+            raise InputError(f"{path}: is {file.surface.dimension}D, the case is {folder.dimension}D")
+        folder.note(path)
+        found.append(file.surface.with_vertices(file.surface.vertices * folder.scale(file.units)))
+    return tuple(found)
 
 
 def check_scale(path: Path, xyz: Array, smallest: float = 5.0) -> None:
@@ -191,6 +204,10 @@ def write_case(folder: str | Path, case: Case, *, force: bool = False) -> None:
             write_table(out / "prior_landmarks.csv", {"name": names, **dict(zip(axes, xyz.T, strict=True))})
         if case.init is not None:
             (out / "init.csv").write_text("\n".join(",".join(map(repr, row)) for row in case.init.tolist()) + "\n")
+        if case.phases:
+            (out / "phases").mkdir()
+        for k, phase in enumerate(case.phases, 1):
+            write_surface(out / "phases" / f"{k:02d}.{suffix}", phase, units=case.units)
         if case.truth is not None:
             _write_truth(out, case.truth, axes, suffix, case.units)
 

@@ -16,12 +16,12 @@ if TYPE_CHECKING:
 
 # Okabe and Ito's palette: told apart by colour-blind readers; each method also has a marker of its own
 COLOURS = {
-    "icp": "#d55e00", "similarity": "#e69f00", "deform": "#009e73", "level_set": "#0072b2", "paper": "#cc79a7", "truth": "#8a8f98",
+    "static": "#d55e00", "phases": "#0072b2", "icp": "#d55e00", "similarity": "#e69f00", "deform": "#009e73", "level_set": "#0072b2", "paper": "#cc79a7", "truth": "#8a8f98",
 }  # fmt: skip
-MARKERS = {"icp": "s", "similarity": "^", "deform": "v", "level_set": "o", "paper": "D"}
+MARKERS = {"static": "s", "phases": "o", "icp": "s", "similarity": "^", "deform": "v", "level_set": "o", "paper": "D"}
 NAMES = {
     "start": "template", "landmarks": "landmarks", "icp": "ICP, rigid", "similarity": "ICP, similarity", "deform": "motion T",
-    "level_set": "level set (ours)", "paper": "equation 16", "truth": "truth",
+    "level_set": "level set (ours)", "static": "static template", "phases": "temporal template", "paper": "equation 16", "truth": "truth",
 }  # fmt: skip
 INCH = 2.6
 BONE = (0.87, 0.85, 0.80)
