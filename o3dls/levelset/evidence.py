@@ -29,8 +29,9 @@ def solve(matrix: Array, z: Array) -> tuple[Posterior, Array]:
     factor, fault = dpotrf(matrix, lower=1, clean=1)
     if fault:
         raise SolverError(f"the covariance of the residuals is not positive definite (minor {fault} of {len(z)})")
-    inverse, _ = dpotri(factor, lower=1)
-    inverse = np.tril(inverse) + np.tril(inverse, -1).T
+    inverse, _ = dpotri(factor, lower=1)  # the lower half; the upper stays zero, as dpotrf left it
+    inverse = inverse + inverse.T
+    inverse[np.diag_indices_from(inverse)] *= 0.5
     alpha = inverse @ z
     energy = 0.5 * float(z @ alpha) + float(np.log(np.diag(factor)).sum())
     if not np.isfinite(energy):
