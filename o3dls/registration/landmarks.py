@@ -84,7 +84,8 @@ def better_reading(found: list[Reading], radius: float, costs: Callable[[Reading
     named, closest = found[0], min(found, key=lambda reading: reading.rms)
     accused = named.rms > NOTICEABLE * radius and closest.rms < MUCH_BETTER * named.rms
     limit = max(AS_GOOD * closest.rms, MUCH_BETTER * named.rms) if accused else AS_GOOD * named.rms
-    rivals = [reading for reading in found[1:] if reading.rms <= limit]
+    # a large motion lets a half-turned chamber pass by chance: unaccused, only a slip of two names or a mirror is believed
+    rivals = [r for r in found[1:] if r.rms <= limit and (accused or r.mirrored or len(r.exchanged) <= 2)]
     if not rivals:
         return None
     if costs is None:
