@@ -12,7 +12,8 @@ from ..errors import InputError
 from ..geometry import Array, Ints
 from .closest import ClosestPoint
 from .grid import PAD, Band
-from .kernels import gather_band, scatter_distance, touched_blocks, winding
+from .scatter import gather_band, scatter_distance, touched_blocks
+from .winding import winding
 
 
 @dataclass(frozen=True, eq=False)

@@ -67,9 +67,10 @@ class Band:
     @cached_property
     def neighbours(self) -> NDArray[np.int32]:
         """Rows of the previous and the next node along every axis, (n, d, 2); -1 where the band ends."""
-        strides = [int(np.prod(self.shape[axis + 1 :])) for axis in range(self.dimension)]
-        everywhere = np.ones(len(self), dtype=bool)  # the pad keeps every key inside the box
-        pairs = [[self._rows(self.keys - s, everywhere), self._rows(self.keys + s, everywhere)] for s in strides]
+        pairs = []
+        for axis, size in enumerate(self.shape):
+            stride, at = int(np.prod(self.shape[axis + 1 :])), self.nodes[:, axis]
+            pairs.append([self._rows(self.keys - stride, at > 0), self._rows(self.keys + stride, at < size - 1)])
         return np.ascontiguousarray(np.moveaxis(np.array(pairs, dtype=np.int32), 2, 0))
 
     def interpolation(self, points: Array) -> sparse.csr_matrix:

@@ -13,8 +13,8 @@ from ..geometry import Array, Ints, Surface
 from .grid import Band
 from .observe import Measured
 from .operators import zero_set
-from .solver import Wall
 from .topology import TELLING, Change, body_radius, parts
+from .wall import Wall
 
 FAR = 2.0  # noise levels off the surface from which a point asks for a tube
 LINK = 0.6  # points closer than this, in radii of the body, may trace one tube

@@ -22,16 +22,6 @@ def gradient(band: Band, phi: Array) -> Array:
     return np.asarray((phi[high] - phi[low]) / (steps * band.spacing))
 
 
-def upwind_slope(band: Band, phi: Array, speed: Array) -> Array:
-    """|grad phi| (n,) by Godunov's upwind differences for d phi/dt + speed |grad phi| = 0 (Osher, Sethian 1988)."""
-    own = np.arange(len(band))[:, None]
-    low, high = (np.where(band.neighbours[:, :, k] >= 0, band.neighbours[:, :, k], own) for k in (0, 1))
-    back, ahead = (phi[:, None] - phi[low]) / band.spacing, (phi[high] - phi[:, None]) / band.spacing
-    turn = np.where(speed >= 0.0, 1.0, -1.0)[:, None]
-    parts = np.maximum(np.maximum(turn * back, 0.0) ** 2, np.minimum(turn * ahead, 0.0) ** 2)
-    return np.asarray(np.sqrt(parts.sum(axis=1)))
-
-
 def mean_curvature(band: Band, phi: Array) -> Array:
     """div(grad phi / |grad phi|), (n,): sum of the principal curvatures of the level sets, positive on a sphere."""
     return np.asarray(kernels.curvature(phi, band.neighbours, band.spacing))
@@ -114,18 +104,6 @@ def reinitialise(band: Band, phi: Array) -> SignedDistance:
     """The exact signed distance of the zero set of phi, on the band around where that set now is: |grad phi| = 1 again."""
     vertices, faces = zero_set(band, phi)
     return signed_distance(vertices, faces, band.spacing, band.width)
-
-
-def nearest_on(vertices: Array, faces: Ints, field: SignedDistance) -> tuple[Ints, Array]:
-    """Corner vertices (n, d) of each node's closest face and the barycentric weights (n, d) of the closest point on it."""
-    weights = kernels.barycentric(field.band.positions, vertices, faces, field.face)
-    return faces[field.face], weights
-
-
-def extend(values: Array, nearest: tuple[Ints, Array]) -> Array:
-    """Values per vertex carried off the surface along its normals: each node takes the value at its closest point, (n,) or (n, k)."""
-    corners, weights = nearest
-    return np.asarray(np.einsum("nc,nc...->n...", weights, values[corners]))
 
 
 def combine(first: SignedDistance, second: SignedDistance, *, remove: bool) -> tuple[Band, Array]:

@@ -11,44 +11,23 @@ from scipy.sparse.linalg import cg
 
 from ..errors import SolverError
 from ..geometry import Array, Ints, Surface
-from .closest import ClosestPoint
 from .distance import signed_distance
 from .energy import Roughness
 from .observe import Measured
 from .residual import Field, evidence
+from .wall import Wall
 
 COARSEST = 0.3  # longest correlation length tried, in diagonals of the surface; the others are halves of it
 NODES_PER_LENGTH = 4.0  # lattice nodes in a correlation length: finer changes the field by a percent
 HALF_BAND = 2.0  # half width of a field's band in nodes: enough that every foot has all its corners
 COOLING = 0.7  # most that the noise falls from one round to the next
-ROUNDS = 8  # times that the evidence sets amplitude and noise of a field
+ROUNDS = 2  # times that the evidence sets amplitude and noise of a field
 STEADY = 0.15  # change of their logarithms that asks for no further round
+AS_GOOD = 2.0  # nats within which the longer of two fields is the better one
 SETTLED = 1e-3  # relative fall of the energy at which a level ends
 FEWEST_NODES_WIDE = 3.0  # shortest correlation length, in spacings
 
 Terms = Callable[[Array], tuple[float, float]]  # field -> energies of data and prior
-
-
-class Wall:
-    """A surface that moves along its own normals: u (v,) outward, exact feet and signed distances of points at every position."""
-
-    def __init__(self, surface: Surface) -> None:
-        self.rest = surface.vertices
-        self.normals = surface.vertex_normals
-        self.faces = surface.faces
-        self.tree = ClosestPoint(surface.vertices, surface.faces)
-
-    def move(self, u: Array) -> Array:
-        """Put the wall at rest + u * normal; the vertices there."""
-        self.tree.refit(self.rest + u[:, None] * self.normals)
-        return self.tree.vertices
-
-    def look(self, points: Array) -> tuple[Array, Ints, Array]:
-        """Signed distance (n,), corner vertices (n, d) of the foot's face and its barycentric weights (n, d)."""
-        squared, face, foot, weights = self.tree.query(points)
-        corners = self.faces[face]
-        outward = np.einsum("nc,ncd->nd", weights, self.normals[corners])
-        return np.sqrt(squared) * np.where(((points - foot) * outward).sum(axis=1) < 0.0, -1.0, 1.0), corners, weights
 
 
 @dataclass(frozen=True)
@@ -84,9 +63,10 @@ def refine(surface: Surface, measured: Measured, doubt: Array, limits: Limits) -
     lengths = _lengths(surface, measured, limits.spacing)
     while lengths:
         found = [_evidence(wall, measured.with_noise(noise), measured.with_noise(1.0), length) for length in lengths]
-        field = max(found, key=lambda field: field.gain)
-        if field.gain < limits.evidence:
+        best = max(field.gain for field in found)
+        if best < limits.evidence:
             break
+        field = next(field for field in found if field.gain > best - AS_GOOD)
         u, field, steps, settled = _fit(wall, Level.of(surface, doubt, field.length), measured, u, field, noise, limits.iterations)
         noise, converged = field.noise, converged and settled
         fields.append(field)
@@ -168,8 +148,7 @@ def _descend(
     length = level.prior.length
     trace: list[Mapping[str, float]] = [_record(length, 0, *terms(f))]
     for iteration in range(1, iterations + 1):
-        direction = _newton(wall, level, measured, f) - f
-        f, found = _backtrack(terms, f, direction, energy)
+        f, found = _backtrack(terms, f, _newton(wall, level, measured, f), energy)
         trace.append(_record(length, iteration, *found))
         fall, energy = energy - sum(found), sum(found)
         if not np.isfinite(energy):
@@ -184,17 +163,22 @@ def _record(length: float, iteration: int, data: float, prior: float) -> Mapping
 
 
 def _newton(wall: Wall, level: Level, measured: Measured, f: Array) -> Array:
-    """Minimiser (n,) of the energy with feet and weights held: (S'S / a^2 + A' W A) f = A' W (A f + d)."""
+    """Gauss-Newton step (n,): to the minimum of the energy with feet and weights held, by conjugate gradients."""
+    noise, prior = measured.likelihood, level.prior
     distance, corners, weights = wall.look(measured.points)
     rest = distance - measured.bias
-    precision = measured.likelihood.weight(rest) * measured.likelihood.pull(rest) / measured.likelihood.sigma**2
+    at_feet = _rows(corners, weights, level.spread.shape[0]) @ level.spread  # moving the wall out by 1 shortens a distance by 1
+    slope = prior.slope(f) - at_feet.T @ noise.slope(rest)
+    believed = noise.weight(rest) * noise.pull(rest) / noise.sigma**2
+    matrix = prior.operator.T @ prior.operator / prior.amplitude**2 + at_feet.T @ sparse.diags(believed) @ at_feet
+    step, _ = cg(matrix, -slope, rtol=1e-6, maxiter=2000, M=sparse.diags(1.0 / matrix.diagonal()))
+    return np.asarray(step)
+
+
+def _rows(corners: Ints, weights: Array, count: int) -> sparse.csr_matrix:
+    """Reading of values per vertex at feet, a (k, count) matrix."""
     rows = np.repeat(np.arange(len(corners)), corners.shape[1])
-    at_feet = sparse.csr_matrix((weights.ravel(), (rows, corners.ravel())), shape=(len(corners), level.spread.shape[0])) @ level.spread
-    weighted = at_feet.T @ sparse.diags(precision)
-    matrix = (level.prior.operator.T @ level.prior.operator) / level.prior.amplitude**2 + weighted @ at_feet
-    diagonal = matrix.diagonal()
-    solution, _ = cg(matrix, weighted @ (at_feet @ f + rest), x0=f, rtol=1e-6, maxiter=2000, M=sparse.diags(1.0 / diagonal))
-    return np.asarray(solution)
+    return sparse.csr_matrix((weights.ravel(), (rows, corners.ravel())), shape=(len(corners), count))
 
 
 def _backtrack(terms: Terms, f: Array, direction: Array, energy: float) -> tuple[Array, tuple[float, float]]:

@@ -21,7 +21,7 @@ from .distance import SignedDistance, filled_distance, signed_distance
 from .grid import Band
 from .observe import Measured
 from .operators import combine, largest_piece, zero_set
-from .solver import Wall
+from .wall import Wall
 
 FINE = 6.0  # lattice nodes per mean radius of the body when parts are looked for
 BALLS = (0.35, 0.5, 0.65)  # radii of the balls that thin parts do not admit, in mean radii of the body
