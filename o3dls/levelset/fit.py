@@ -21,6 +21,7 @@ from .rows import Data, Feet, Rows, gather, points_left_out
 from .shape import normals_and_curvature, unit_mean, vertex_normals
 from .unfold import unfold
 
+PATCH = 0.4  # shortest correlation lengths: where points share rows, smaller patches change nothing but the time
 SETTLED = 5  # rounds in which amplitudes grow and noise shrinks: steps are large on purpose
 WARM_ROUNDS = 2  # after one more point the surface moves by a fraction of the noise: the second round moves it no more
 INFLATION = 1.3  # the posterior takes feet, normals and amplitudes as known: measured on development seeds, docs/method.md
@@ -42,7 +43,7 @@ class Settings:
     spread: float = 1.0
     odds: float = 0.0  # nats against a motion beyond the pose, before the points are seen
     finest: float = 0.01  # rms radii: no point is believed better than this
-    rows: int = 1500  # more points than this share rows by patches of the surface
+    rows: int = 600  # more points than this share rows by patches of the surface
     iterations: int = 25
     tune_at: tuple[int, ...] = (5, 9, 13)
     tolerance: float = 2e-4  # rms radii: mean step of the surface that counts as standing still
@@ -125,7 +126,7 @@ class _Problem:
     def step(self, state: State, iteration: int, *, tuning: bool) -> tuple[State, tuple[Rows, Posterior], dict[str, float]]:
         """One round of foot points, posterior and belief; early rounds are held stiff and trust points less."""
         feet = self.feet(state)
-        rows = gather(feet, self.data, state.weights, self.marks, self.settings.rows, 0.25 * min(self.covariance.lengths))
+        rows = gather(feet, self.data, state.weights, self.marks, self.settings.rows, PATCH * min(self.covariance.lengths))
         fixed, parts = grams(self.covariance, rows.observed)
         scales = state.scales
         if tuning:
@@ -174,7 +175,7 @@ class _Problem:
         scales = state.scales.noise_alone()
         weights, contact, alone = state.weights, state.contact, np.inf
         for _ in range(6):
-            rows = gather(feet, self.data, weights, self.marks, self.settings.rows, 0.25 * min(self.covariance.lengths))
+            rows = gather(feet, self.data, weights, self.marks, self.settings.rows, PATCH * min(self.covariance.lengths))
             fixed, _ = grams(self.covariance, rows.observed)
             scales = replace(scales, log=tune(scales, fixed, [], rows))
             matrix, noise = assemble(scales.log, fixed, [], rows)
