@@ -116,7 +116,8 @@ def halving(seed: int, repeat: int) -> list[Row]:
     rows = [
         {
             "what": "halving",
-            "value": fine[0] / coarse[0],
+            "value": fine[0].clock / coarse[0].clock,
+            "cpu": fine[0].cpu / coarse[0].cpu,
             "unit": "x",
             "held_out_mm": error(case, fine[1].surface),
             "status": fine[1].status,
@@ -225,7 +226,7 @@ def _apart(part: str, seed: int, repeat: int) -> list[Row]:
     done = subprocess.run(command, capture_output=True, text=True, check=False, env=os.environ | dict.fromkeys(THREADS, "1"))
     if done.returncode:
         return [{"what": part, "value": float("nan"), "unit": "", "status": f"failed: {done.stderr.strip().splitlines()[-1]}"}]
-    return [json.loads(line) for line in done.stdout.splitlines()]
+    return [json.loads(line) for line in done.stdout.splitlines() if line.startswith("{")]  # libraries say things there too
 
 
 def _say(rows: list[Row]) -> None:
