@@ -17,6 +17,7 @@ from o3dls.registration.global_pose import angle_of, confidence
 from o3dls.registration.lattice import sample, signed_lattice
 from o3dls.registration.search import even_rotations, thinned
 from o3dls.stages.global_pose import GlobalPose
+from o3dls.stages.icp import ICP
 
 PRIOR = chamber(24)
 RIGHT = np.radians(10.0)
@@ -55,6 +56,19 @@ def test_a_mirrored_prior_is_refused_and_only_on_request_accepted() -> None:
     with pytest.raises(InputError, match="mirror image of the prior"):
         run(flipped)
     assert run(flipped, hands=False).T_map_prior.shape == (4, 4)
+
+
+def test_icp_on_request_refuses_a_pose_that_another_beats() -> None:
+    case = measured(PRIOR, np.eye(4), noise=0.5)
+    wrong = pose(150.0, 0.0)
+    good, far = (Estimate(PRIOR.transformed(T), T, "start") for T in (np.eye(4), wrong))
+    assert ICP(verify=True)(case, good).converged
+    assert ICP()(case, far).T_map_prior.shape == (4, 4)
+    with pytest.raises(InputError, match="degrees from a pose that fits the points clearly better"):
+        ICP(verify=True)(case, far)
+    flipped = replace(case, prior=Surface(PRIOR.vertices * [-1.0, 1.0, 1.0], PRIOR.faces[:, ::-1]))
+    with pytest.raises(InputError, match="mirror image of the prior"):
+        ICP(verify=True)(flipped, good)
 
 
 def test_a_rigid_search_keeps_the_scale() -> None:

@@ -26,6 +26,10 @@ class Candidate:
     alignment: Alignment
     costs: Array
 
+    @classmethod
+    def of(cls, alignment: Alignment, radius: float) -> Candidate:
+        return cls(alignment, robust_costs(alignment.pairs.distances, radius))
+
     @property
     def T_map_prior(self) -> Array:
         return self.alignment.T_map_prior
@@ -60,7 +64,7 @@ def _refined(points: Array, surface: SurfaceMatcher, found: Poses, row: int, *, 
         )
     except SolverError:
         return None
-    return Candidate(alignment, robust_costs(alignment.pairs.distances, surface.radius))
+    return Candidate.of(alignment, surface.radius)
 
 
 def robust_costs(distances: Array, radius: float) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -12,6 +13,7 @@ from ..geometry import Array
 DEPTH = 0.5  # how deep outliers lie, evenly, relative to the surface's rms radius
 INSIDE = 0.95  # share of the outliers that lie inside; the rest, and the deeper ones, are spread over twice the radius
 ROUNDS = 40
+ROOT = math.sqrt(2.0 * math.pi)
 
 
 class Mixture(NamedTuple):
@@ -33,20 +35,24 @@ def _outlier_density(signed: Array, depth: float, reach: float) -> Array:
     return np.where((signed < 0.0) & (signed > -depth), INSIDE / depth, (1.0 - INSIDE) / reach)
 
 
-@njit(cache=True)
-def _posterior(signed, density, sigma, share):  # type: ignore[no-untyped-def]
-    inlier = (1.0 - share) * np.exp(-0.5 * (signed / sigma) ** 2) / (np.sqrt(2.0 * np.pi) * sigma)
-    return inlier / (inlier + share * density)
+def _posterior(signed: Array, density: Array, sigma: float, share: float) -> Array:
+    inlier = (1.0 - share) * np.exp(-0.5 * (signed / sigma) ** 2) / (ROOT * sigma)
+    return np.asarray(inlier / (inlier + share * density))
 
 
 @njit(cache=True)
 def _fit(signed, density, sigma, floor):  # type: ignore[no-untyped-def]
     """Noise and outlier share at rest."""
-    share = 0.1
+    share, n = 0.1, len(signed)
     for _ in range(ROUNDS):
-        weights = _posterior(signed, density, sigma, share)
-        share = min(max((1.0 - weights).mean(), 0.01), 0.6)
-        last, sigma = sigma, max(np.sqrt((weights * signed**2).sum() / max(weights.sum(), 1e-300)), floor)
+        total, square = 0.0, 0.0
+        for i in range(n):
+            inlier = (1.0 - share) * math.exp(-0.5 * (signed[i] / sigma) ** 2) / (ROOT * sigma)
+            weight = inlier / (inlier + share * density[i])
+            total += weight
+            square += weight * signed[i] * signed[i]
+        share = min(max(1.0 - total / n, 0.01), 0.6)
+        last, sigma = sigma, max(math.sqrt(square / max(total, 1e-300)), floor)
         if abs(sigma - last) < 1e-4 * sigma:
             break
     return sigma, share

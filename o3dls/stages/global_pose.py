@@ -17,7 +17,10 @@ from .icp import as_estimate, fitted_points
 if TYPE_CHECKING:
     from ..geometry import Array
     from ..registration.global_pose import Candidate
+    from ..registration.icp import Alignment
+    from ..registration.match import SurfaceMatcher
 
+STARTS = 800
 CERTAIN = 0.99  # confidence from which on a prior is refused as mirrored: a refusal must not be a mistake
 
 
@@ -26,7 +29,7 @@ class GlobalPose(Stage):
 
     name: ClassVar[str] = "global_pose"
     finds_pose: ClassVar[bool] = True
-    starts: int = Field(800, ge=24, le=100_000, description="rotations tried, spread evenly")
+    starts: int = Field(STARTS, ge=24, le=100_000, description="rotations tried, spread evenly")
     scale: bool = Field(True, description="let the scale change: a similarity instead of a rigid motion")
     hands: bool = Field(True, description="try the mirror image too, and refuse the prior where that fits clearly better")
     sure: float = Field(
@@ -41,17 +44,9 @@ class GlobalPose(Stage):
         best, *others = candidates(points, surface, starts=self.starts, scale=self.scale)
         if self.hands:
             other_hand = candidates(points, mirrored(surface), starts=self.starts, scale=self.scale)[0]
-            self._refuse_mirrored(case, best, other_hand, confidence(other_hand.costs, best.costs, points))
+            refuse_mirrored(case, points, best, other_hand)
         sure = min([confidence(best.costs, other.costs, points) for other in others], default=1.0)
         return self._judged(as_estimate(case, best.alignment, scale=self.scale), best, others, sure)
-
-    def _refuse_mirrored(self, case: Case, best: Candidate, other: Candidate, sure: float) -> None:
-        if sure > CERTAIN:
-            gaps = [float(np.median(c.alignment.pairs.distances)) for c in (best, other)]
-            raise InputError(
-                f"case {case.name}: the points fit the mirror image of the prior (median distance {gaps[1]:.3g} {case.units}) better than "
-                f"the prior (median {gaps[0]:.3g} {case.units}), confidence {sure:.2f}: flip one axis of the prior, or set hands = false"
-            )
 
     def _judged(self, estimate: Estimate, best: Candidate, others: list[Candidate], sure: float) -> Estimate:
         """The estimate with what the search knows about the runner-up."""
@@ -64,6 +59,34 @@ class GlobalPose(Stage):
             converged=estimate.converged and sure >= self.sure,
             warnings=estimate.warnings + ((doubt,) if sure < self.sure else ()),
             facts={**estimate.facts, "confidence": sure, "candidates": [_record(best.T_map_prior, c) for c in (best, *others)]},
+        )
+
+
+def refuse_mirrored(case: Case, points: Array, best: Candidate, other: Candidate) -> None:
+    """Raise InputError where points (n, d) fit the mirror image of the prior, posed as `other`, clearly better than the prior."""
+    from ..registration.global_pose import confidence
+
+    sure = confidence(other.costs, best.costs, points)
+    if sure > CERTAIN:
+        gaps = [float(np.median(c.alignment.pairs.distances)) for c in (best, other)]
+        raise InputError(
+            f"case {case.name}: the points fit the mirror image of the prior (median distance {gaps[1]:.3g} {case.units}) better than "
+            f"the prior (median {gaps[0]:.3g} {case.units}), confidence {sure:.2f}: flip one axis of the prior"
+        )
+
+
+def refuse_beaten(case: Case, points: Array, surface: SurfaceMatcher, found: Alignment, *, scale: bool) -> None:
+    """Raise InputError where a search of all rotations finds a pose, or a mirror image, that fits points (n, d) clearly better."""
+    from ..registration.global_pose import Candidate, angle_of, candidates, confidence, mirrored
+    from ..registration.search import APART
+
+    own, best = Candidate.of(found, surface.radius), candidates(points, surface, starts=STARTS, scale=scale)[0]
+    refuse_mirrored(case, points, best, candidates(points, mirrored(surface), starts=STARTS, scale=scale)[0])
+    away = angle_of(own.T_map_prior, best.T_map_prior)
+    if away > APART and confidence(best.costs, own.costs, points) > CERTAIN:
+        raise InputError(
+            f"case {case.name}: icp ended {np.degrees(away):.0f} degrees from a pose that fits the points clearly better: "
+            "begin with the stage global_pose, or give landmarks"
         )
 
 

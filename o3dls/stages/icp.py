@@ -97,6 +97,9 @@ class ICP(Stage):
     anneal: int = Field(5, ge=0, description="iterations over which it falls to 1")
     tolerance: float = Field(5e-3, ge=0.0, description="converged when no foot moves farther in a step", json_schema_extra=unit("mm"))
     iterations: int = Field(100, ge=1, description="most iterations")
+    verify: bool = Field(
+        False, description="search all rotations, and the mirror image, and refuse a result that another pose clearly beats"
+    )
 
     @model_validator(mode="before")
     @classmethod
@@ -169,6 +172,10 @@ class ICP(Stage):
             freedom=Freedom(self.scale, self.scale_sd, (self.scale_min, self.scale_max), self.strain_sd, self.freeze),
             criteria=Criteria(self.tolerance, self.iterations, self.coarse, self.anneal),
         )
+        if self.verify:
+            from .global_pose import refuse_beaten
+
+            refuse_beaten(case, points, surface, found, scale=self.scale)
         return as_estimate(case, found, scale=self.scale)
 
     def _point_normals(self, points: Array) -> Array:
