@@ -50,7 +50,7 @@ class Template:
         if len(self.coefficients) < 4:
             return np.full(self.coefficients.shape[1], FEW)
         bend = self.coefficients[1:-1] - (self.coefficients[:-2] + self.coefficients[2:]) / 2.0
-        return np.sqrt((bend**2).mean(axis=0) / 1.5) + 1e-3  # a phase's own deviation has 1 / 1.5 of that variance
+        return np.asarray(np.sqrt((bend**2).mean(axis=0) / 1.5) + 1e-3)  # a phase's own deviation has 1 / 1.5 of that variance
 
     def between(self, c: Array) -> float:
         """Place on the way through the phases nearest to coefficients (k,): 2.25 is a quarter of the way from phase 2 to phase 3."""
@@ -63,7 +63,8 @@ class Template:
     def at(self, place: float) -> Array:
         """Coefficients (k,) at a place on the way."""
         before = min(int(place), len(self.coefficients) - 2)
-        return self.coefficients[before] + (place - before) * (self.coefficients[before + 1] - self.coefficients[before])
+        share = place - before
+        return np.asarray((1.0 - share) * self.coefficients[before] + share * self.coefficients[before + 1])
 
 
 def template(vertices: Array, faces: Ints, phases: Sequence[tuple[Array, Ints]], variance: float) -> Template:
@@ -173,7 +174,7 @@ class _Points:
         before = min(int(place), len(self.model.coefficients) - 2)
         way = self.model.coefficients[before + 1] - self.model.coefficients[before]
         spread = np.diag(self.model.aside**2) + np.outer(way, way)
-        return self.model.at(place), np.linalg.inv(spread)
+        return self.model.at(place), np.asarray(np.linalg.inv(spread))
 
 
 def _turns(lever: Array, normals: Array) -> Array:
@@ -213,4 +214,3 @@ class Chain:
     def _template(self, points: Array) -> Array:
         _, face, _, bary = self.tree.query(points)
         return np.asarray(points + np.einsum("nc,ncd->nd", bary, self.shift[self.faces[face]]))
-

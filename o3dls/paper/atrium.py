@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..case import Case
+from ..evaluate import distances
 from ..pipeline import Pipeline
 from ..report.fields import Field
 from ..report.figures import front_axes, plain_figure, png
@@ -16,7 +17,7 @@ from ..stages.landmarks import Landmarks
 from ..stages.level_set import LevelSet
 from .blocks import Block, Figure, Heading, Table, Text
 from .drawing import COLOURS, MARKERS, NAMES, rendered
-from .experiment import Outcome, Row, Scope, Task, mean_sd, score, with_truth_distance
+from .experiment import Outcome, Row, Scope, Task, mean_sd, score, truth_of, with_truth_distance
 from .generators import generate
 from .results import Results, column
 from .segment import segmented
@@ -41,14 +42,15 @@ def fit(seed: int, drawn: bool) -> Outcome:
     patient = generate("patient", seed)
     prior, mask = segmented(patient.scan, patient.affine, patient.inside)
     case = with_marks(replace(patient.case, prior=prior), MARKS)
-    plan, truth = pipeline(), case.truth.surface
+    plan, truth = pipeline(), truth_of(case)
     estimates = plan.fit(case)
-    known = {"seed": seed, "noise": 1.5, "size_ml": truth.volume / 1e3, "prior_ml": prior.volume / 1e3}
+    floor = float(distances(case.points.of("eam").xyz, truth).mean())
+    known = {"seed": seed, "noise": 1.5, "floor": floor, "size_ml": truth.volume / 1e3, "prior_ml": prior.volume / 1e3}
     rows = [known | score(case, plan, estimates, name) for name in SHOWN]
     if not drawn:
         return Outcome(rows)
     shapes = {name: with_truth_distance(estimates[name].surface, truth) for name in ("landmarks", *SHOWN)}
-    middle = patient.scan.shape[0] // 2
+    middle = patient.scan.shape[0] // 3  # where the ventricle touches
     views = {"slice": patient.scan[middle], "mask": mask[middle].astype(float), "points": case.points.of("eam", "ablation").xyz}
     return Outcome(rows, {**shapes, **views, "truth": truth, "prior": prior})
 
@@ -110,18 +112,16 @@ def _scan(results: Results) -> bytes:
             ax.imshow(grey, cmap="gray")
             if shown:
                 ax.contour(mask, [0.5], colors=[COLOURS["similarity"]], linewidths=1.5)
-            ax.set_title("label map" if shown else "angiogram, middle slice")
+            ax.set_title("label map" if shown else "angiogram, one slice")
             ax.set_axis_off()
-        figure.tight_layout()
+        figure.subplots_adjust(left=0.01, right=0.99, bottom=0.01, top=0.92, wspace=0.02)
         return png(figure)
 
 
 def _surfaces(results: Results) -> bytes:
     scale = Field("distance_to_truth", "distance to the true surface", "mm", "sequential", 0.0, 8.0)
     points = results.array("atrium/points")
-    panels = [
-        [(NAMES[m] + side, results.shape(f"atrium/{m}"), points) for m in ("landmarks", *SHOWN)] for side in (", front", ", back")
-    ]
+    panels = [[(NAMES[m] + side, results.shape(f"atrium/{m}"), points) for m in ("landmarks", *SHOWN)] for side in (", front", ", back")]
     front, back = (rendered([panel], front_axes("LPS", behind=behind), scale) for panel, behind in zip(panels, (False, True), strict=True))
     return _stacked(front, back)
 

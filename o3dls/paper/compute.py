@@ -10,13 +10,13 @@ from multiprocessing import get_context
 from pathlib import Path
 
 from ..io.atomic import check_free, staged_folder
-from . import atrium, noise
+from . import atrium, formulation, noise, real, related, temporal
 from .experiment import Outcome, Scope, Task
 from .results import read_results, write_results
 
 log = logging.getLogger("o3dls")
 DATA = "O3DLS_DATA"  # folder of third-party data; its experiments are left out where it is not set
-EXPERIMENTS = (noise, atrium)
+EXPERIMENTS = (noise, atrium, real, formulation, related, temporal)
 
 
 def make(out: Path, *, quick: bool = False, force: bool = False) -> Path:

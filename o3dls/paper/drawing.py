@@ -16,7 +16,8 @@ if TYPE_CHECKING:
 
 # Okabe and Ito's palette: told apart by colour-blind readers; each method also has a marker of its own
 COLOURS = {
-    "static": "#d55e00", "phases": "#0072b2", "icp": "#d55e00", "similarity": "#e69f00", "deform": "#009e73", "level_set": "#0072b2", "paper": "#cc79a7", "truth": "#8a8f98",
+    "static": "#d55e00", "phases": "#0072b2",
+    "icp": "#d55e00", "similarity": "#e69f00", "deform": "#009e73", "level_set": "#0072b2", "paper": "#cc79a7", "truth": "#8a8f98",
 }  # fmt: skip
 MARKERS = {"static": "s", "phases": "o", "icp": "s", "similarity": "^", "deform": "v", "level_set": "o", "paper": "D"}
 NAMES = {

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..case import Case
+from ..errors import InputError
 from ..estimate import Estimate
 from ..evaluate import distances, measure
 from ..geometry import Array, Surface
@@ -68,6 +69,13 @@ def score(case: Case, pipeline: Pipeline, estimates: Mapping[str, Estimate], nam
     if "surface_to_truth" in sets:
         row["assd"] = (row["truth_to_surface"] + row["surface_to_truth"]) / 2.0
     return row | judged(estimate.surface) | {"unit": unit_of(case), "seconds": sum(estimates[stage].seconds for stage in chain)}
+
+
+def truth_of(case: Case) -> Surface:
+    """The true surface of a synthetic case."""
+    if case.truth is None or case.truth.surface is None:
+        raise InputError(f"case {case.name}: has no true surface to be compared with")
+    return case.truth.surface
 
 
 def judged(surface: Surface) -> Row:

@@ -13,7 +13,7 @@ from ..stages.icp import ICP
 from ..stages.level_set import LevelSet
 from .blocks import Block, Figure, Heading, Table, Text
 from .drawing import NAMES, curves, outlines, rendered
-from .experiment import Outcome, Row, Scope, Task, mean_sd, score, with_truth_distance
+from .experiment import Outcome, Row, Scope, Task, mean_sd, score, truth_of, with_truth_distance
 from .generators import generate
 from .results import Results, column
 
@@ -43,7 +43,7 @@ def tasks(scope: Scope) -> list[Task]:
 def fit(shape: str, percent: float, seed: int, drawn: bool) -> Outcome:
     """One seed at one level; `drawn` keeps the shapes for the figure."""
     case = generate(shape, seed, percent=percent, **BENT[shape])
-    truth, plan = case.truth.surface, pipeline()
+    truth, plan = truth_of(case), pipeline()
     estimates = plan.fit(case)
     floor = float(distances(case.points.xyz, truth).mean())
     known = {"percent": percent, "seed": seed, "noise": _noise(case.points.xyz, percent), "floor": floor}

@@ -6,11 +6,12 @@ from pathlib import Path
 
 from ..io.atomic import staged_file
 from ..report.markup import Html, join, tag
-from . import atrium, noise
+from . import atrium, formulation, noise, real, related, temporal
 from .blocks import Block, Command, Figure, Heading, Text
+from .claims import claims
 from .results import Results
 
-SECTIONS = (noise, atrium)
+SECTIONS = (noise, atrium, real, formulation, related, temporal)
 STYLE = """body{font:16px/1.5 system-ui,sans-serif;max-width:62rem;margin:2rem auto;padding:0 1rem;color:#16191d;background:#fff}
 table{border-collapse:collapse;font-size:.9rem}td,th{padding:.2rem .6rem;border-bottom:1px solid #d5d9df;text-align:right}
 th:first-child{text-align:left}.scroll{overflow-x:auto}figure{margin:1.5rem 0}img{max-width:100%}
@@ -41,6 +42,7 @@ def page(results: Results) -> list[Block]:
         Text(f"Made from paper_results.json beside this page ({amount}). Research software, not for clinical use."),
         Command(f"o3dls paper --out DIR{' --quick' if results.quick else ''}"),
     ]
+    blocks += claims(results)
     for section in SECTIONS:
         blocks += section.blocks(results)
     return blocks

@@ -37,11 +37,12 @@ def _there(scope: Scope) -> bool:
 
 
 def tasks(scope: Scope) -> list[Task]:
-    if not _there(scope):
+    if scope.data is None or not _there(scope):
         return []
+    folder = str(scope.data / FOLDER)
     phases = range(1, COUNT, 2) if not scope.quick else (9,)
     return [
-        Task("temporal", f"temporal template, {kind} map of phase {phase}", fit, (str(scope.data / FOLDER), phase, kind, phase == 9))
+        Task("temporal", f"temporal template, {kind} map of phase {phase}", fit, (folder, phase, kind, phase == 9))
         for kind in MAPS for phase in phases
     ]  # fmt: skip
 
@@ -60,8 +61,8 @@ def fit(folder: str, phase: int, kind: str, drawn: bool) -> Outcome:
     rows = [{"map": kind, "phase": phase, "found_phase": place} | score(case, plan, estimates, name) for name in SHOWN]
     if not drawn:
         return Outcome(rows)
-    shapes = {name: with_truth_distance(estimates[name].surface, wanted) for name in SHOWN}
-    return Outcome(rows, {f"{kind}/{name}": found for name, found in {**shapes, "points": measured}.items()})
+    shapes = {f"{kind}/{name}": with_truth_distance(estimates[name].surface, wanted) for name in SHOWN}
+    return Outcome(rows, {**shapes, f"{kind}/points": measured})
 
 
 def _contour(folder: str, phase: int) -> Array:

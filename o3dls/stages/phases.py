@@ -21,10 +21,17 @@ class Phases(Stage):
 
     name: ClassVar[str] = "phases"
     variance: float = Field(
-        0.98, gt=0.0, le=1.0, description="share of the phases' variance that the modes of the template keep", json_schema_extra={"unit": "1"}
+        0.98,
+        gt=0.0,
+        le=1.0,
+        description="share of the phases' variance that the modes of the template keep",
+        json_schema_extra={"unit": "1"},
     )
     pose_sd: float = Field(
-        1.0, gt=0.0, description="how far the pose of the start may be off: phases and prior share one frame", json_schema_extra={"unit": "mm"}
+        1.0,
+        gt=0.0,
+        description="how far the pose of the start may be off: phases and prior share one frame",
+        json_schema_extra={"unit": "mm"},
     )
     iterations: int = Field(50, ge=1, description="most iterations in finding the phase")
 
@@ -52,7 +59,7 @@ class Phases(Stage):
             converged=found.converged and fitted.converged,
             iterations=len(found.trace) + fitted.iterations,
             seconds=time.perf_counter() - began,
-            motion=Chain(ClosestPoint(prior.vertices, prior.faces), prior.faces, shape - prior.vertices, fitted.motion),
+            motion=fitted.motion and Chain(ClosestPoint(prior.vertices, prior.faces), prior.faces, shape - prior.vertices, fitted.motion),
             trace=(*found.trace, *fitted.trace),
             facts={**fitted.facts, "phase": place, "modes": len(found.c), "coefficients": found.c.tolist()},
         )
