@@ -1,0 +1,91 @@
+"""Stage `phases`: points of a phase between two known ones are found there, whatever the meshes, and the pose stays what it is."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from o3dls import Case, Estimate, InputError, Phases, Pipeline, Points, Surface, read_case, write_case
+from o3dls.evaluate import distances, moved, sample
+from o3dls.geometry import apply, similarity
+from o3dls.levelset.phases import template
+
+NOISE = 0.3
+
+
+def ball(stretch: float) -> Surface:
+    """An ellipsoid of 30 mm that has grown along x and thinned along y."""
+    import trimesh
+
+    mesh = trimesh.creation.icosphere(subdivisions=3, radius=30.0)
+    return Surface(np.asarray(mesh.vertices) * [stretch, 1.0 / stretch, 1.0], np.asarray(mesh.faces))
+
+
+STRETCHES = (1.0, 1.06, 1.12, 1.18, 1.24)
+
+
+def case(at: float, *, mesh_again: bool = False) -> Case:
+    """Points of a stretch; the phases as meshes of their own where asked."""
+    prior, *others = (ball(s) for s in STRETCHES)
+    if mesh_again:
+        others = [Surface(o.vertices, np.roll(o.faces, 1, axis=0)) for o in others]
+    rng = np.random.default_rng(77041)
+    points = sample(ball(at), 150) + NOISE * rng.normal(size=(150, 3))
+    return Case("beating", prior, Points(points, np.repeat(["eam"], 150)), phases=tuple(others))
+
+
+def fitted(of: Case) -> Estimate:
+    return Pipeline([Phases()], folds=0).fit(of)["phases"]
+
+
+@pytest.mark.parametrize("mesh_again", [False, True])
+def test_a_phase_between_known_ones_is_found(mesh_again: bool) -> None:
+    found = fitted(case(1.15, mesh_again=mesh_again))
+    assert found.facts["phase"] == pytest.approx(2.5, abs=0.3)
+    assert distances(sample(ball(1.15), 3000), found.surface).mean() < 0.5 * NOISE
+    assert found.converged, found.status
+
+
+def test_the_motion_leads_from_the_prior_to_the_surface() -> None:
+    given = case(1.15)
+    found = fitted(given)
+    assert np.abs(moved(found, given.prior.vertices) - found.surface.vertices).max() < 0.2
+    sd = found.motion.sd(given.prior.vertices[:10], found.surface.vertex_normals[:10])  # type: ignore[union-attr]
+    assert (sd > 0.0).all()
+
+
+def test_a_turned_map_turns_the_result() -> None:
+    given = case(1.15)
+    turn = similarity(np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]), np.array([5.0, 7.0, -3.0]))
+    there = replace(given, points=replace(given.points, xyz=apply(turn, given.points.xyz)), init=turn)
+    assert np.allclose(fitted(there).surface.vertices, apply(turn, fitted(given).surface.vertices), atol=0.02)
+
+
+def test_points_of_a_known_phase_are_placed_on_it() -> None:
+    assert fitted(case(STRETCHES[3])).facts["phase"] == pytest.approx(3.0, abs=0.3)
+
+
+def test_the_template_holds_every_phase_that_it_was_made_of() -> None:
+    surfaces = [ball(s) for s in STRETCHES]
+    model = template(surfaces[0].vertices, surfaces[0].faces, [(s.vertices, s.faces) for s in surfaces[1:]], 1.0)
+    for surface, c in zip(surfaces, model.coefficients, strict=True):
+        assert np.allclose(model.shape(c), surface.vertices, atol=1e-6)
+    assert [model.between(c) for c in model.coefficients] == pytest.approx(range(5))
+
+
+def test_without_phases_the_stage_says_what_is_missing() -> None:
+    alone = replace(case(1.1), phases=())
+    with pytest.raises(InputError, match="phases/"):
+        Pipeline([Phases()], folds=0).run(alone)
+
+
+def test_phases_are_kept_in_the_case_folder(tmp_path: Path) -> None:
+    given = case(1.1)
+    write_case(tmp_path / "case", given)
+    again = read_case(tmp_path / "case")
+    assert len(again.phases) == len(STRETCHES) - 1
+    assert np.allclose(again.phases[-1].vertices, given.phases[-1].vertices, atol=1e-5)
+    assert any(name.startswith("phases") or name.startswith("01") for name in again.files)
