@@ -194,7 +194,8 @@ def test_mistakes_are_sentences(given: dict[str, object], sentence: str) -> None
 
 def test_a_preset_fills_what_is_not_given_and_the_record_makes_the_same_stage() -> None:
     assert ICP().kernel == "mixture"
-    assert ICP(kernel="tukey").strain_sd == PRESETS["robust"]["strain_sd"]
+    assert ICP(preset="robust") == ICP()
+    assert ICP(strain_sd="none", freeze="none") == ICP(strain_sd=None, freeze=None)
     assert ICP(reject="trimmed", keep=0.85).reject == ("trimmed",)
     for stage in (ICP(), ICP(preset="modified"), ICP(metric="point_to_point"), ICP(reject=["mad", "trimmed"], mad=2.0)):
         record = {key: value for key, value in stage.record().items() if key != "use"}

@@ -31,13 +31,14 @@ PRESETS: Mapping[str, Mapping[str, Any]] = {
         "metric": "point_to_point", "scale": False, "strain_sd": None, "kernel": "none", "freeze": None, "coarse": 3.0,
         "reject": ("deviations",),
     },
-    # the strongest we know: similarity, tangent planes, outliers told by depth, undetermined directions left alone
-    "robust": {"metric": "point_to_plane", "scale": True, "strain_sd": 0.015, "kernel": "mixture", "freeze": 0.05, "coarse": 1.5},
+    # the strongest we know, hence the defaults: similarity, tangent planes, outliers told by depth, undetermined directions left alone
+    "robust": {},
 }  # fmt: skip
 PARAMETER_OF: Mapping[str, str] = {
     "threshold": "threshold", "trimmed": "keep", "deviations": "deviations", "mad": "mad", "reciprocal": "slack", "normal_angle": "angle",
 }  # fmt: skip
 ONLY_OURS = ("scale_sd", "strain_sd", "freeze")
+NULLABLE = (*ONLY_OURS, "kernel_width")
 NEEDS_PLANES = ("freeze", "strain_sd")  # to metric point_to_point every direction looks determined
 
 
@@ -59,7 +60,7 @@ class ICP(Stage):
     scale_min: float = Field(0.5, gt=0.0, le=1.0, description="smallest scale", json_schema_extra=unit("1"))
     scale_max: float = Field(2.0, ge=1.0, description="largest scale", json_schema_extra=unit("1"))
     strain_sd: float | None = Field(
-        None,
+        0.015,
         gt=0.0,
         description="sd of a strain fitted on the way, so that it does not bend the pose; none: no strain",
         json_schema_extra=unit("1"),
@@ -86,13 +87,13 @@ class ICP(Stage):
         0.05, gt=0.0, le=1.0, description="metric generalized: variance across a patch over along it", json_schema_extra=unit("1")
     )
     freeze: float | None = Field(
-        None,
+        0.05,
         gt=0.0,
         description="motions less certain than this (rms over the surface) are not made; none: all are",
         json_schema_extra=unit("rms radii"),
     )
     coarse: float = Field(
-        2.0, ge=1.0, description="factor on all thresholds and widths at the first iteration", json_schema_extra=unit("1")
+        1.5, ge=1.0, description="factor on all thresholds and widths at the first iteration", json_schema_extra=unit("1")
     )
     anneal: int = Field(5, ge=0, description="iterations over which it falls to 1")
     tolerance: float = Field(5e-3, ge=0.0, description="converged when no foot moves farther in a step", json_schema_extra=unit("mm"))
@@ -104,11 +105,13 @@ class ICP(Stage):
     @model_validator(mode="before")
     @classmethod
     def _fill_from_preset(cls, given: Any) -> Any:
+        if isinstance(given, dict):  # a pipeline file has no other word for None
+            given = {name: None if value == "none" and name in NULLABLE else value for name, value in given.items()}
         preset = given.get("preset", "robust") if isinstance(given, dict) else None
         if not isinstance(preset, str) or preset not in PRESETS:
             return given
         filled = {**PRESETS[preset], **given}
-        if filled["metric"] == "point_to_point":
+        if filled.get("metric") == "point_to_point":
             filled |= {name: given.get(name) for name in NEEDS_PLANES}
         if filled.get("engine") == "open3d":
             filled |= {name: given.get(name) for name in ONLY_OURS}
