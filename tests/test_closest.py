@@ -52,7 +52,8 @@ def test_bound_and_points_on_the_surface() -> None:
     tree = ClosestPoint(surface.vertices, surface.faces)
     assert tree.distance(surface.vertices).max() < 1e-12
     squared, face, _, _ = tree.query(np.array([[50.0, 0.0, 0.0]]), bound=1.0)
-    assert np.isinf(squared[0]) and face[0] == -1
+    assert np.isinf(squared[0])
+    assert face[0] == -1
 
 
 @pytest.mark.parametrize("surface", [ring(), blob()], ids=["2D", "3D"])
