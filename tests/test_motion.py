@@ -78,6 +78,18 @@ def test_noise_alone_shows_no_motion(dimension: int) -> None:
 
 
 @BOTH
+def test_a_start_that_is_off_is_mended_where_the_pose_alone_explains_the_points(dimension: int) -> None:
+    surface = body(dimension)
+    turn = np.linalg.qr(np.eye(dimension) + 0.06 * np.random.default_rng(3_001).normal(size=(dimension, dimension)))[0]
+    there = similarity(turn * np.sign(np.diag(turn)), np.r_[3.0, np.zeros(dimension - 1)], 1.02)
+    points = apply(there, spots(surface, COUNT[dimension], 9_341)[0])
+    found = fit(surface, wall(points + NOISE * np.random.default_rng(2_887).normal(size=points.shape)))
+    truth = apply(there, surface.vertices)
+    assert off(surface, truth, found.vertices) < 0.2 * off(surface, truth, surface.vertices)
+    assert np.abs(found.motion(surface.vertices) - found.vertices).max() < 0.1 * NOISE
+
+
+@BOTH
 def test_the_fit_follows_when_the_whole_case_is_turned_shifted_and_scaled(dimension: int) -> None:
     """To the spacing of nodes and the order of the tree, which follow the axes."""
     surface, _, data = bent(dimension)

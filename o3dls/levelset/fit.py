@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..geometry import Array, Ints, apply
+from ..geometry import Array, Ints, apply, fit_similarity
 from .closest import ClosestPoint
 from .covariance import Covariance, Observed, displacement, grams, interpolation
 from .evidence import Posterior, Scales, assemble, free_energy, left_out, solve, tune
@@ -24,6 +24,7 @@ from .unfold import unfold
 PATCH = 0.4  # shortest correlation lengths: where points share rows, smaller patches change nothing but the time
 SETTLED = 5  # rounds in which amplitudes grow and noise shrinks: steps are large on purpose
 WARM_ROUNDS = 2  # after one more point the surface moves by a fraction of the noise: the second round moves it no more
+CERTAIN, DECISIVE = 0.999, 10.0  # a motion this probable is a motion; a pose better by so many nats is the pose
 INFLATION = 1.3  # the posterior takes feet, normals and amplitudes as known: measured on development seeds, docs/method.md
 
 
@@ -68,7 +69,9 @@ def fit_motion(
         still = iteration > max(settings.tune_at) and record["step"] < settings.tolerance * problem.size
         if still:
             break
-    share = problem.share(trace[-1]["energy"]) if warm is None else warm.motion.share
+    share, mended = problem.share(trace[-1]["energy"]) if warm is None else (warm.motion.share, problem.pose)
+    if mended is not problem.pose:
+        return fit_motion(vertices, faces, mended, data, settings)
     return problem.result(state, solved, share, trace, still)
 
 
@@ -168,25 +171,34 @@ class _Problem:
         wall = ~self.data.inside
         return mixture_energy(weights[wall], residual[wall], self.data.odds[wall], contact)
 
-    def share(self, energy: float) -> float:
-        """Posterior probability of a motion beyond the pose: its free energy against that of the pose and noise alone."""
+    def share(self, energy: float) -> tuple[float, Array]:
+        """Posterior probability of a motion beyond the pose, by free energies; and the pose, mended where alone it explains the points."""
+        alone, shift = self.pose_alone(1.0)
+        # amplitudes chosen by few points flatter their evidence: the small-sample correction of Hurvich and Tsai (1989)
+        tuned = len(self.start().scales.log) + self.covariance.similarity(self.posed[:1]).shape[2]
+        flattery = tuned * (tuned + 1.0) / max(len(self.data.points) - tuned - 1.0, 1.0)
+        share = float(1.0 / (1.0 + np.exp(np.clip(energy - alone + flattery + self.settings.odds, -500.0, 500.0))))
+        off = share < CERTAIN and alone + DECISIVE < self.pose_alone(0.0)[0]
+        return share, fit_similarity(self.posed, self.posed + shift) @ self.pose if off else self.pose
+
+    def pose_alone(self, free: float) -> tuple[float, Array]:
+        """Free energy of noise around the prior in a pose that is `free` to move (1) or not (0), and the pose's displacement (n, d)."""
         state = self.start()
         feet = self.feet(state)
         scales = state.scales.noise_alone()
-        weights, contact, alone = state.weights, state.contact, np.inf
+        weights, contact, energy, shift = state.weights, state.contact, np.inf, np.zeros_like(self.posed)
         for _ in range(6):
             rows = gather(feet, self.data, weights, self.marks, self.settings.rows, PATCH * min(self.covariance.lengths))
-            fixed, _ = grams(self.covariance, rows.observed)
+            seen = free * np.einsum("na,nak->nk", rows.observed.directions, self.covariance.similarity(rows.observed.at))
+            fixed = seen @ seen.T
             scales = replace(scales, log=tune(scales, fixed, [], rows))
             matrix, noise = assemble(scales.log, fixed, [], rows)
             posterior, _ = solve(matrix, rows.residual)
             residual, var = points_left_out(rows, feet, noise, *left_out(posterior, noise), np.exp(scales.log), self.data)
             weights, contact = self.believe(replace(state, contact=contact), residual, var)
-            alone = free_energy(posterior, scales.log, rows) + self.label_energy(weights, residual, contact)
-        # amplitudes chosen by few points flatter their evidence: the small-sample correction of Hurvich and Tsai (1989)
-        tuned = len(state.scales.log) + self.covariance.similarity(self.posed[:1]).shape[2]
-        flattery = tuned * (tuned + 1.0) / max(len(self.data.points) - tuned - 1.0, 1.0)
-        return float(1.0 / (1.0 + np.exp(np.clip(energy - alone + flattery + self.settings.odds, -500.0, 500.0))))
+            energy = free_energy(posterior, scales.log, rows) + self.label_energy(weights, residual, contact)
+            shift = self.covariance.similarity(self.posed) @ (posterior.alpha @ seen)
+        return energy, shift
 
     def spread_from_nodes(self, sds: Array, observed: Observed, posterior: Posterior) -> Array:
         """Displacement (n, d) of every vertex, interpolated from nodes that stand close together against the shortest length."""
@@ -196,7 +208,7 @@ class _Problem:
 
     def result(self, state: State, solved: tuple[Rows, Posterior], share: float, trace: list[dict[str, float]], still: bool) -> MotionFit:
         rows, posterior = solved
-        share = 1.0 if share > 0.999 else share
+        share = 1.0 if share > CERTAIN else share
         sds = state.scales.sds
         motion = Motion(self.vertices, self.faces, self.pose, self.covariance, sds, rows.observed, posterior, share, INFLATION)
         now = vertex_normals(state.moved, self.faces)[self.nodes]
