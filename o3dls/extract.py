@@ -29,7 +29,7 @@ class Extraction:
     isosurface_faces: int
 
 
-def extract(field: SignedDistance, *, smoothing: int = 5, keep: float = 0.5, islands: bool = True) -> Extraction:
+def extract(field: SignedDistance, *, smoothing: int = 3, keep: float = 0.5, islands: bool = True) -> Extraction:
     """The surface phi = 0, wound outward. smoothing: Taubin passes; keep: share of the isosurface's faces that decimation leaves;
     islands: whether pieces beside the largest stay.
 

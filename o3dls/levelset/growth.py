@@ -27,20 +27,19 @@ SEEN = 0.5  # points that a new stretch of wall must be expected to gather, over
 NODES = 6.0  # lattice nodes in a tube's radius
 
 
-def growth(surface: Surface, measured: Measured) -> Change | None:
+def growth(wall: Wall, measured: Measured) -> Change | None:
     """The tube whose union with the surface gains most, or None where no points outside ask for one."""
-    wall = Wall(surface)
-    proposals = [_tube(wall, surface, measured, cluster) for cluster in _clusters(wall, surface, measured)]
+    proposals = [_tube(wall, measured, cluster) for cluster in _clusters(wall, measured)]
     return max((change for change in proposals if change), key=lambda change: change.gain, default=None)
 
 
-def _clusters(wall: Wall, surface: Surface, measured: Measured) -> Iterator[Array]:
+def _clusters(wall: Wall, measured: Measured) -> Iterator[Array]:
     """Groups (k, d) of neighbouring points that lie far outside."""
     distance = wall.look(measured.points)[0]
     far = measured.points[(distance > FAR * measured.likelihood.sigma) & ~measured.likelihood.one_sided]
     if len(far) < SEEDS:
         return
-    count, label = connected_components(cdist(far, far) < LINK * body_radius(surface), directed=False)
+    count, label = connected_components(cdist(far, far) < LINK * body_radius(wall.surface), directed=False)
     yield from (far[label == k] for k in range(count) if (label == k).sum() >= SEEDS)
 
 
@@ -54,9 +53,9 @@ def cone(points: Array, tube: Array) -> Array:
     return np.asarray(gap - radii[0] - (radii[1] - radii[0]) * along)
 
 
-def _tube(wall: Wall, surface: Surface, measured: Measured, cluster: Array) -> Change | None:
+def _tube(wall: Wall, measured: Measured, cluster: Array) -> Change | None:
     """The most likely tube round a cluster, as a change where enough points tell for it."""
-    distance = wall.look(measured.points)[0]
+    distance, surface = wall.look(measured.points)[0], wall.surface
     radius = body_radius(surface)
 
     def cost(tube: Array) -> float:
@@ -68,7 +67,7 @@ def _tube(wall: Wall, surface: Surface, measured: Measured, cluster: Array) -> C
     gain = before - measured.likelihood.loss(np.minimum(distance, cone(measured.points, tube)) - measured.bias)
     witnesses = int((gain > TELLING).sum())
     region = _mesh(tube, surface.dimension)
-    if witnesses < TRACED or not _stands_alone(wall, surface, region[0]):
+    if witnesses < TRACED or not _stands_alone(wall, region[0]):
         return None
     centre = tube[: 2 * surface.dimension].reshape(2, -1).mean(axis=0)
     doubt = _rarity(wall, tube, radius) + SEEN * len(measured.points) * _exposed(wall, region) / surface.area
@@ -82,13 +81,13 @@ def _exposed(wall: Wall, region: tuple[Array, Ints]) -> float:
     return float(tube.face_areas[outside].sum())
 
 
-def _stands_alone(wall: Wall, surface: Surface, region: Array) -> bool:
+def _stands_alone(wall: Wall, region: Array) -> bool:
     """Whether a tube sticks out of the body, away from the thin parts that are there: a bump or a vein out of place is for the fields."""
-    radius, height = body_radius(surface), wall.look(region)[0]
+    radius, height = body_radius(wall.surface), wall.look(region)[0]
     if height.max() < REACHES_OUT * radius:
         return False
     tip = region[height.argmax()]
-    others = [np.linalg.norm(part.field.band.positions[part.core] - tip, axis=1).min() for part in parts(surface, (THIN,))]
+    others = [np.linalg.norm(part.field.band.positions[part.core] - tip, axis=1).min() for part in parts(wall.surface, (THIN,))]
     return min(others, default=np.inf) > REACHES_OUT * radius
 
 

@@ -7,11 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..geometry import Array, Surface
-from .closest import ClosestPoint
-from .distance import SignedDistance
+from ..geometry import Array
 from .energy import Likelihood
-from .operators import mean_curvature
+from .wall import Wall
 
 SHARES = (0.02, 0.3)  # a share outside is not believed
 MOST_BENT = 0.6  # noise times curvature beyond which the bias is not to be trusted
@@ -40,17 +38,17 @@ class Measured:
         return replace(self, likelihood=replace(self.likelihood, sigma=self.likelihood.sigma * factor))
 
 
-def observe(surface: Surface, psi: SignedDistance, points: Array, one_sided: NDArray[np.bool_], own: Array, noise: Noise) -> Measured:
-    """The points against a surface and its signed distance psi.
+def observe(wall: Wall, points: Array, one_sided: NDArray[np.bool_], own: Array, noise: Noise) -> Measured:
+    """The points against a wall.
 
     one_sided (n,): known to be inside only; own (n,): noise of single points where their file gives it, else NaN. Unknown noise is the
     robust spread of the distances.
     """
-    squared, _, feet, _ = ClosestPoint(surface.vertices, surface.faces).query(points)
-    spread = float(np.sqrt(np.median(squared[~one_sided])) / 0.6745) if noise.sigma is None else noise.sigma
-    sigma = np.where(np.isfinite(own), own, max(spread, 1e-6 * surface.diagonal))
-    likelihood = Likelihood(sigma, float(np.clip(noise.share, *SHARES)), surface.diagonal, one_sided)
-    bend = psi.band.interpolation(feet) @ mean_curvature(psi.band, psi.phi)
+    distance, corners, weights = wall.look(points)
+    spread = float(np.median(np.abs(distance[~one_sided]))) / 0.6745 if noise.sigma is None else noise.sigma
+    sigma = np.where(np.isfinite(own), own, max(spread, 1e-6 * wall.surface.diagonal))
+    likelihood = Likelihood(sigma, float(np.clip(noise.share, *SHARES)), wall.surface.diagonal, one_sided)
+    bend = np.einsum("nc,nc->n", weights, wall.curvature[corners])
     # the mean of the distance from a curved wall under noise of variance s^2 is s^2 / 2 times the sum of its curvatures
     bias = np.where(one_sided, 0.0, 0.5 * sigma * np.clip(sigma * bend, -MOST_BENT, MOST_BENT))
     return Measured(points, likelihood, noise.doubt, bias)

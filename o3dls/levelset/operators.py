@@ -5,6 +5,7 @@ from __future__ import annotations
 from itertools import permutations, product
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
@@ -123,6 +124,29 @@ def combine(first: SignedDistance, second: SignedDistance, *, remove: bool) -> t
     nodes = np.argwhere(np.abs(mixed) < a.width)
     band = Band(a.spacing, a.width, low, tuple(int(n) for n in shape), np.ascontiguousarray(nodes, dtype=np.int32))
     return band, mixed[tuple(nodes.T)].astype(np.float64)
+
+
+def linked(band: Band, chosen: NDArray[np.bool_]) -> Ints:
+    """Connected pieces (n,) of the chosen nodes, numbered from 0 by falling size; -1 elsewhere."""
+    rows, axes, sides = np.nonzero(band.neighbours >= 0)
+    other = band.neighbours[rows, axes, sides]
+    both = chosen[rows] & chosen[other]
+    links = sparse.csr_matrix((np.ones(both.sum()), (rows[both], other[both])), shape=(len(band), len(band)))
+    _, own, size = np.unique(connected_components(links, directed=False)[1][chosen], return_inverse=True, return_counts=True)
+    rank = np.empty(len(size), dtype=np.int64)
+    rank[np.argsort(-size, kind="stable")] = np.arange(len(size))
+    named = np.full(len(band), -1)
+    named[chosen] = rank[own]
+    return named
+
+
+def without_shreds(band: Band, phi: Array) -> Array:
+    """The level set with its largest inside and its largest outside alone: islands and cavities change their side."""
+    whole = phi.copy()
+    for side in (-1.0, 1.0):
+        chosen = side * whole > 0.0
+        whole[linked(band, chosen) > 0] *= -1.0
+    return whole
 
 
 def pieces(count: int, faces: Ints) -> Ints:

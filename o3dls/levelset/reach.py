@@ -12,9 +12,10 @@ from ..geometry import Array, Ints, Surface
 from .closest import ClosestPoint
 from .distance import SignedDistance, signed_distance
 from .observe import Measured
-from .operators import largest_piece, pieces, zero_set
+from .operators import pieces, without_shreds, zero_set
 from .reshape import reshape
 from .solver import Correction, Limits, refine
+from .wall import Wall
 
 HALF_BAND = 3.0  # half width of the band of phi, in spacings
 
@@ -41,29 +42,21 @@ class Reached:
         return (f"the mesh has pieces and Euler number {found}, the moved prior {meant}: where that runs into itself, walls are united",)
 
 
-def reach(
-    surface: Surface, observe: Callable[[Surface, SignedDistance], Measured], doubt: Array, limits: Limits, *, change: float
-) -> Reached:
+def reach(surface: Surface, observe: Callable[[Wall], Measured], doubt: Array, limits: Limits, *, change: float) -> Reached:
     """Refine a surface: changes of topology that earn `change` nats, then corrections along the normals.
 
-    observe: the points as seen from a surface with its signed distance; doubt (v,): relative standard deviation that the motion leaves
-    at every vertex. The result is the surface itself where there is nothing to add.
+    observe: the points as seen from a wall; doubt (v,): relative standard deviation that the motion leaves at every vertex. The result
+    is the surface itself where there is nothing to add.
     """
-
-    def seen(wall: Surface) -> Measured:
-        return observe(wall, psi if wall.vertices is surface.vertices else band_of(wall, limits.spacing))
-
-    psi = band_of(surface, limits.spacing)
-    base, changes = reshape(surface, seen, spacing=limits.spacing, threshold=change)
-    base = replace(base, fields=read_at(surface, {**surface.fields, "doubt": doubt}, base.vertices if changes else None))
-    measured = seen(base)
-    found = refine(base, measured, base.fields["doubt"], limits)
-    wall, phi, warnings = _settled(base, found, limits.spacing, None if changes else psi)
-    fields = {name: values for name, values in wall.fields.items() if name != "doubt"}
-    status = "; ".join([*(c.sentence for c in changes), found.status])
+    wall, changes = reshape(Wall(surface), observe, spacing=limits.spacing, threshold=change)
+    fields = read_at(surface, {**surface.fields, "doubt": doubt}, wall.rest if changes else None)
+    measured = observe(wall)
+    found = refine(wall, measured, fields.pop("doubt"), limits)
+    final, phi, warnings = _settled(wall, fields, found, limits.spacing)
     sigma = found.noise * float(np.median(measured.likelihood.sigma))
+    status = "; ".join([*(c.sentence for c in changes), found.status])
     facts = {"changes": [c.sentence for c in changes], "fields": [f.record for f in found.fields], "band_nodes": len(phi.band)}
-    return Reached(phi, replace(wall, fields=fields), sigma, status, found.converged, found.trace, warnings, facts)
+    return Reached(phi, final, sigma, status, found.converged, found.trace, warnings, facts)
 
 
 def band_of(surface: Surface, spacing: float) -> SignedDistance:
@@ -81,34 +74,40 @@ def read_at(surface: Surface, fields: Mapping[str, Array], points: Array | None)
 
 
 def _settled(
-    base: Surface, found: Correction, spacing: float, psi: SignedDistance | None
+    wall: Wall, fields: Mapping[str, Array], found: Correction, spacing: float
 ) -> tuple[Surface, SignedDistance, tuple[str, ...]]:
-    """The corrected wall and its level set: the correction is halved while it would tear or merge the surface, then the spacing.
+    """The corrected wall and its level set: a correction that would tear or merge the surface is halved; then gaps are closed.
 
-    A wall that runs into itself all the same is united there; the mesh may still come out whole.
+    Where a wall runs into itself all the same it is united; the mesh may still come out whole.
     """
-    kind = topology(base.vertices, base.faces)
+    kind = topology(wall.rest, wall.faces)
     for share in (1.0, 0.5, 0.25, 0.0) if found.fields else (0.0,):
         u = share * found.u
-        wall = replace(base, vertices=base.vertices + u[:, None] * base.vertex_normals, fields={**base.fields, "correction": u})
-        phi, same = _one_piece(psi if psi and not u.any() else band_of(wall, spacing), kind)
-        if same:
+        final = Surface(wall.rest + u[:, None] * wall.normals, wall.faces, {**fields, "correction": u})
+        phi = _whole(band_of(final, spacing), kind)
+        if _kind(phi) == kind:
             short = share < 1.0 and len(found.fields) > 0
-            return wall, phi, (f"the correction was taken by {share:.0%}: more would tear or merge the surface",) * short
-    fine, same = _one_piece(band_of(wall, 0.5 * spacing), kind)
-    if same:
-        return wall, fine, (f"lattice spacing halved to {0.5 * spacing:g}: at {spacing:g} the level set would merge walls",)
-    return wall, phi, ()
+            return final, phi, (f"the correction was taken by {share:.0%}: more would tear or merge the surface",) * short
+    for radius in (0.5 * spacing, spacing):
+        closed = _whole(_closed(phi, radius), kind)
+        if _kind(closed) == kind:
+            return final, closed, (f"the moved prior runs into itself: gaps narrower than {2.0 * radius:g} were closed",)
+    return final, phi, ()
 
 
-def _one_piece(phi: SignedDistance, kind: tuple[int, int]) -> tuple[SignedDistance, bool]:
-    """The level set without the shreds that a folded wall leaves, and whether its zero set is of the given kind."""
-    vertices, faces = zero_set(phi.band, phi.phi)
-    found = topology(vertices, faces)
-    if kind[0] == 1 and found[0] > 1:
-        piece = largest_piece(vertices, faces)
-        phi, found = signed_distance(*piece, phi.band.spacing, phi.band.width), topology(*piece)
-    return phi, found == kind
+def _closed(phi: SignedDistance, radius: float) -> SignedDistance:
+    """The level set grown by a radius and shrunk again: tunnels and gaps that a ball of the radius does not enter are gone."""
+    grown = signed_distance(*zero_set(phi.band, phi.phi - radius), phi.band.spacing, radius + 2.0 * phi.band.spacing)
+    return replace(grown, phi=grown.phi + radius)
+
+
+def _whole(phi: SignedDistance, kind: tuple[int, int]) -> SignedDistance:
+    """The level set of a surface in one piece, without the shreds that a folded wall leaves."""
+    return phi if kind[0] > 1 else replace(phi, phi=without_shreds(phi.band, phi.phi))
+
+
+def _kind(phi: SignedDistance) -> tuple[int, int]:
+    return topology(*zero_set(phi.band, phi.phi))
 
 
 def topology(vertices: Array, faces: Ints) -> tuple[int, int]:

@@ -6,28 +6,28 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ..geometry import Surface
 from .growth import growth
 from .observe import Measured
 from .topology import Change, changed, removal
+from .wall import Wall
 
 MOST = 4  # changes of one surface: more would be another surface
 
 
 def reshape(
-    surface: Surface, observe: Callable[[Surface], Measured], *, spacing: float, threshold: float
-) -> tuple[Surface, tuple[Change, ...]]:
-    """Make the best change, look again, until none earns `threshold` nats: the surface, untouched where there is none, and the changes.
+    wall: Wall, observe: Callable[[Wall], Measured], *, spacing: float, threshold: float
+) -> tuple[Wall, tuple[Change, ...]]:
+    """Make the best change, look again, until none earns `threshold` nats: the wall, the same one where there is none, and the changes.
 
-    observe: gives the points as seen from a surface.
+    observe: gives the points as seen from a wall.
     """
     made: list[Change] = []
     while np.isfinite(threshold) and len(made) < MOST:
-        measured = observe(surface)
-        proposals = [change for change in (removal(surface, measured), growth(surface, measured)) if change]
+        measured = observe(wall)
+        proposals = [change for change in (removal(wall, measured), growth(wall, measured)) if change]
         best = max(proposals, key=lambda change: change.gain, default=None)
         if best is None or best.gain < threshold:
             break
-        surface = changed(surface, best, spacing)
+        wall = Wall(changed(wall.surface, best, spacing))
         made.append(best)
-    return surface, tuple(made)
+    return wall, tuple(made)

@@ -51,12 +51,12 @@ class Correction:
     status: str
 
 
-def refine(surface: Surface, measured: Measured, doubt: Array, limits: Limits) -> Correction:
-    """Minimise the energy over the correction u of a surface: coarse to fine, the strongest Matern field of those left.
+def refine(wall: Wall, measured: Measured, doubt: Array, limits: Limits) -> Correction:
+    """Minimise the energy over the correction u of a wall: coarse to fine, the strongest Matern field of those left.
 
     doubt (v,): relative standard deviation that the motion leaves at every vertex: the prior holds where it is small.
     """
-    wall, u, noise = Wall(surface), np.zeros(len(surface.vertices)), 1.0
+    surface, u, noise = wall.surface, np.zeros(len(wall.rest)), 1.0
     fields: list[Field] = []
     trace: list[Mapping[str, float]] = []
     converged = True

@@ -11,16 +11,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_matrix
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from ..geometry import Array, Ints, Surface
 from .closest import ClosestPoint
 from .distance import SignedDistance, filled_distance, signed_distance
-from .grid import Band
 from .observe import Measured
-from .operators import combine, largest_piece, zero_set
+from .operators import combine, largest_piece, linked, zero_set
 from .wall import Wall
 
 FINE = 6.0  # lattice nodes per mean radius of the body when parts are looked for
@@ -61,13 +58,13 @@ def body_radius(surface: Surface) -> float:
     return surface.dimension * surface.volume / surface.area
 
 
-def removal(surface: Surface, measured: Measured) -> Change | None:
+def removal(wall: Wall, measured: Measured) -> Change | None:
     """The thin part of the prior whose loss gains most, or None where no points speak against any."""
-    distance, _, _ = Wall(surface).look(measured.points)
+    distance, _, _ = wall.look(measured.points)
     denied = (distance < 0.0) & (measured.likelihood.weight(distance) < 0.5) & ~measured.likelihood.one_sided
     if denied.sum() < WITNESSES:
         return None
-    proposals = [change for part in parts(surface) for change in _cuts(part, distance, measured)]
+    proposals = [change for part in parts(wall.surface) for change in _cuts(part, distance, measured)]
     return max(proposals, key=lambda change: change.gain, default=None)
 
 
@@ -96,7 +93,7 @@ def parts(surface: Surface, balls: tuple[float, ...] = BALLS) -> Iterator[Part]:
         opened = ClosestPoint(vertices, faces)
         outside = _outside(opened, field.band.positions, field.phi, ball)
         thin = (field.phi < 0.0) & (outside > 0.5 * step)
-        label = _pieces(field.band, thin)
+        label = linked(field.band, thin)
         for piece in range(label.max() + 1):
             core = label == piece
             if outside[core].max() >= STICKS_OUT * radius:
@@ -121,18 +118,6 @@ def _outside(opened: ClosestPoint, positions: Array, phi: Array, ball: float) ->
     shallow = phi >= -ball
     outside[shallow] = opened.distance(positions[shallow]) - ball
     return outside
-
-
-def _pieces(band: Band, chosen: NDArray[np.bool_]) -> Ints:
-    """Connected pieces (n,) of the chosen nodes, numbered from 0; -1 elsewhere."""
-    rows, axes, sides = np.nonzero(band.neighbours >= 0)
-    other = band.neighbours[rows, axes, sides]
-    both = chosen[rows] & chosen[other]
-    links = csr_matrix((np.ones(both.sum()), (rows[both], other[both])), shape=(len(band), len(band)))
-    _, label = connected_components(links, directed=False)
-    named = np.full(len(band), -1)
-    named[chosen] = np.unique(label[chosen], return_inverse=True)[1]
-    return named
 
 
 def _cuts(part: Part, distance: Array, measured: Measured) -> Iterator[Change]:

@@ -6,15 +6,18 @@ import numpy as np
 
 from ..geometry import Array, Ints, Surface
 from .closest import ClosestPoint
+from .shape import normals_and_curvature
+
+BENT = 20.0  # curvatures beyond this over the diagonal are noise of the mesh
 
 
 class Wall:
     """A surface that moves along its own normals: u (v,) outward, exact feet and signed distances of points at every position."""
 
     def __init__(self, surface: Surface) -> None:
-        self.rest = surface.vertices
-        self.normals = surface.vertex_normals
-        self.faces = surface.faces
+        self.surface = surface
+        self.rest, self.faces = surface.vertices, surface.faces
+        self.normals, self.curvature = normals_and_curvature(self.rest, self.faces, BENT / surface.diagonal)
         self.tree = ClosestPoint(surface.vertices, surface.faces)
 
     def move(self, u: Array) -> Array:

@@ -16,9 +16,9 @@ from ..geometry import Array, Surface
 from ..stage import Stage
 
 if TYPE_CHECKING:
-    from ..levelset.distance import SignedDistance
     from ..levelset.observe import Measured, Noise
     from ..levelset.reach import Reached
+    from ..levelset.wall import Wall
 
 DOUBT = 0.1  # of the logarithm of a noise level that the motion found
 
@@ -41,7 +41,7 @@ class LevelSet(Stage):
     area: float = Field(0.2, ge=0.0, description="paper: weight of the area term")
     shape: float = Field(0.3, ge=0.0, description="paper: weight of the shape term")
     iterations: int = Field(20, ge=1, description="most iterations per level; paper: most reinitialisations")
-    smoothing: int = Field(5, ge=0, description="Taubin passes on the extracted mesh")
+    smoothing: int = Field(3, ge=0, description="Taubin passes on the extracted mesh")
     keep: float = Field(0.5, gt=0.0, le=1.0, description="share of the isosurface's faces left by decimation")
 
     def __call__(self, case: Case, start: Estimate) -> Estimate:
@@ -84,13 +84,13 @@ class LevelSet(Stage):
         return descend(prior, points, sigma, weights, spacing=self.spacing, cycles=self.iterations)
 
 
-def _observer(case: Case, start: Estimate) -> Callable[[Surface, SignedDistance], Measured]:
-    """How the fitted points look from a surface, with the noise and the outliers that the start found among them."""
+def _observer(case: Case, start: Estimate) -> Callable[[Wall], Measured]:
+    """How the fitted points look from a wall, with the noise and the outliers that the start found among them."""
     from ..levelset.observe import observe
 
     points = case.points.of("eam", "inside")
     own = np.asarray(points.columns.get("sigma", np.full(len(points), np.nan)), dtype=np.float64)
-    return lambda surface, psi: observe(surface, psi, points.xyz, points.type == "inside", own, _noise(start))
+    return lambda wall: observe(wall, points.xyz, points.type == "inside", own, _noise(start))
 
 
 def _noise(start: Estimate) -> Noise:
