@@ -92,8 +92,10 @@ def cross(cov: Covariance, sds: Array, a: Observed, b: Observed) -> Array:
     """Covariance (n, m) between two sets of observations."""
     total = _seen(a, cov.similarity(a.at)) @ _seen(b, cov.similarity(b.at)).T
     dots, sides = a.directions @ b.directions.T, np.outer(a.normal_part, b.normal_part)
-    for i, length in enumerate(cov.lengths):
-        total += sds[i] ** 2 * _matern(a.at, b.at, length) * (dots if i < len(cov.vector) else sides)
+    lengths, which = np.unique(cov.lengths, return_inverse=True)  # fields of one length share its correlation
+    for k, length in enumerate(lengths):
+        shared = [sds[i] ** 2 * (dots if i < len(cov.vector) else sides) for i in np.flatnonzero(which == k)]
+        total += _matern(a.at, b.at, length) * sum(shared[1:], start=shared[0])
     for sd, left, right in zip(sds[len(cov.lengths) :], cov.tunable(a.at), cov.tunable(b.at), strict=True):
         total += sd**2 * _seen(a, left) @ _seen(b, right).T
     return np.asarray(total)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cho_solve
+from scipy.linalg import solve_triangular
 from scipy.linalg.lapack import dpotrf, dpotri
 from scipy.optimize import minimize
 
@@ -116,4 +116,5 @@ def left_out(posterior: Posterior, noise: Array) -> tuple[Array, Array]:
 
 def posterior_variance(factor: Array, prior_variance: Array, crossed: Array) -> Array:
     """Variance (m,) of linear functionals with prior variance (m,) and covariance `crossed` (n, m) to the observations."""
-    return np.asarray(np.maximum(prior_variance - (crossed * cho_solve((factor, True), crossed)).sum(axis=0), 0.0))
+    explained = solve_triangular(factor, crossed, lower=True, check_finite=False)
+    return np.asarray(np.maximum(prior_variance - np.einsum("nm,nm->m", explained, explained), 0.0))

@@ -119,5 +119,6 @@ def points_left_out(
 def _patches(feet: Feet, group: Ints, patch: float) -> Ints:
     """Number of the patch of each foot: same cell of the reference, same noise group, normals in the same orthant."""
     cells = np.floor(feet.at / patch).astype(np.int64)
-    key = np.column_stack([cells, (feet.normals > 0).astype(np.int64), group])
-    return np.asarray(np.unique(key, axis=0, return_inverse=True)[1].ravel())
+    key = np.column_stack([cells - cells.min(axis=0), (feet.normals > 0).astype(np.int64), group])
+    number = np.ravel_multi_index(tuple(key.T), tuple(key.max(axis=0) + 1))
+    return np.asarray(np.unique(number, return_inverse=True)[1].ravel())
