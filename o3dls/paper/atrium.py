@@ -140,7 +140,7 @@ def _stacked(*pictures: bytes) -> bytes:
 
 
 def _sizes(rows: list[Row]) -> bytes:
-    with plain_figure(4.6, 3.2) as figure:
+    with plain_figure(6.2, 3.2) as figure:
         ax = figure.subplots()
         for method in SHOWN:
             own = _of(rows, method)
@@ -148,6 +148,6 @@ def _sizes(rows: list[Row]) -> bytes:
             ax.plot(x, y, MARKERS[method], color=COLOURS[method], label=NAMES[method], markersize=5)
         ax.set(xlabel="true volume of the atrium, ml", ylabel="truth to surface, mm", ylim=(0.0, None))
         ax.grid(alpha=0.25)
-        ax.legend(fontsize=8)
+        ax.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1.0))
         figure.tight_layout()
         return png(figure)

@@ -31,21 +31,23 @@ Curve = Mapping[float, Array]  # samples (k,) by position on the axis
 
 
 def curves(panels: Mapping[str, Mapping[str, Curve]], x: str, y: str, lines: Mapping[str, Curve] | None = None) -> bytes:
-    """Panels side by side on one scale: mean over seeds per method, with one standard deviation; `lines` are dashed in every panel."""
-    with plain_figure(3.6 * len(panels), 3.0) as figure:
+    """Panels side by side on one scale: mean over seeds per method, with one standard deviation; `lines` are dashed in the first panel."""
+    with plain_figure(3.6 * len(panels), 3.3) as figure:
         axes = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
         for ax, (title, methods) in zip(axes, panels.items(), strict=True):
             for k, (method, curve) in enumerate(methods.items()):
                 _spread(ax, method, curve, k - (len(methods) - 1) / 2)
-            for name, curve in (lines or {}).items():
-                ax.plot(list(curve), [v.mean() for v in curve.values()], "--", color=COLOURS["truth"], label=name, zorder=1)
             ax.set_title(title)
             ax.set_xlabel(x)
             ax.grid(alpha=0.25)
+            ax.xaxis.get_major_locator().set_params(integer=True)
         axes[0].set_ylim(bottom=0.0)
         axes[0].set_ylabel(y)
-        axes[-1].legend(fontsize=8)
-        figure.tight_layout()
+        for name, curve in (lines or {}).items():
+            axes[0].plot(list(curve), [v.mean() for v in curve.values()], "--", color=COLOURS["truth"], label=name, zorder=1)
+        handles, labels = axes[0].get_legend_handles_labels()
+        figure.legend(handles, labels, fontsize=8, loc="upper center", ncols=len(labels))
+        figure.tight_layout(rect=(0.0, 0.0, 1.0, 0.92))
         return png(figure)
 
 

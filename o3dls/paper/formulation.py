@@ -135,8 +135,8 @@ def _curve(results: Results) -> bytes:
         right.plot(alphas, pieces, "D-", color=COLOURS["paper"])
         right.axhline(1.0, linestyle="--", color=COLOURS["truth"])
         left.set(xscale="log", xlabel="alpha", ylabel="mean distance, mm", ylim=(0.0, None))
-        right.set(xscale="log", yscale="log", xlabel="alpha", ylabel="pieces of the surface")
-        left.legend(fontsize=8)
+        right.set(xscale="log", yscale="log", xlabel="alpha", ylabel="pieces before clean-up", ylim=(0.8, max(2.0, 1.2 * max(pieces))))
+        left.legend(fontsize=7, loc="upper right")
         for ax in (left, right):
             ax.grid(alpha=0.25)
             ax.invert_xaxis()
