@@ -24,6 +24,7 @@ FINE = 6.0  # lattice nodes per mean radius of the body when parts are looked fo
 BALLS = (0.35, 0.5, 0.65)  # radii of the balls that thin parts do not admit, in mean radii of the body
 STICKS_OUT = 0.3  # a part reaches at least this far off the opened body, in mean radii
 WITNESSES = 3  # points that must tell for a change
+DEEP = 2.0  # noise levels inside from which a point may tell against a part
 UNTOUCHED = 1.5  # nats that a part without a single point on it is worth: one wall in five is never touched anyway
 TELLING = 0.5  # nats by which the new wall explains such a point better
 
@@ -61,8 +62,8 @@ def body_radius(surface: Surface) -> float:
 def removal(wall: Wall, measured: Measured) -> Change | None:
     """The thin part of the prior whose loss gains most, or None where no points speak against any."""
     distance, _, _ = wall.look(measured.points)
-    denied = (distance < 0.0) & (measured.likelihood.weight(distance) < 0.5) & ~measured.likelihood.one_sided
-    if denied.sum() < WITNESSES:
+    deep = (distance < -DEEP * measured.likelihood.sigma) & ~measured.likelihood.one_sided
+    if deep.sum() < WITNESSES:
         return None
     proposals = [change for part in parts(wall.surface) for change in _cuts(part, distance, measured)]
     return max(proposals, key=lambda change: change.gain, default=None)

@@ -1,0 +1,84 @@
+"""From a moved prior to a level set: nothing to add gives it back, and a wall is neither torn nor merged without evidence."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from shapes import ball_with_tube, circle, meshed, round_distance, sampled
+
+from o3dls.geometry import Array, Surface
+from o3dls.levelset.distance import signed_distance
+from o3dls.levelset.observe import Measured, Noise, observe
+from o3dls.levelset.operators import zero_set
+from o3dls.levelset.reach import Reached, reach, topology
+from o3dls.levelset.solver import Limits
+from o3dls.levelset.wall import Wall
+
+SEED = 223_606
+
+
+def run(surface: Surface, points: Array, change: float = np.inf) -> Reached:
+    def seen(wall: Wall) -> Measured:
+        return observe(wall, points, np.zeros(len(points), dtype=bool), np.full(len(points), np.nan), Noise(1.0, 0.25, 0.05))
+
+    return reach(surface, seen, np.ones(len(surface.vertices)), Limits(1.0), change=change)
+
+
+@pytest.mark.parametrize("surface", [circle(count=300), meshed(round_distance(20.0), 24.0, 2.0)], ids=["2D", "3D"])
+def test_nothing_to_add_gives_the_signed_distance_of_the_prior(surface: Surface) -> None:
+    surface = Surface(surface.vertices, surface.faces, {"label": surface.vertices[:, 0]})
+    found = run(surface, sampled(surface, 300, 1.0, SEED), change=6.0)
+    psi = signed_distance(surface.vertices, surface.faces, 1.0, 3.0)
+    assert (found.phi.phi == psi.phi).all()
+    assert (found.wall.vertices == surface.vertices).all()
+    assert (found.wall.fields["label"] == surface.fields["label"]).all()
+    assert (found.wall.fields["correction"] == 0.0).all()
+    assert found.converged
+    assert found.warnings == ()
+    assert found.facts["changes"] == []
+    assert found.sigma == pytest.approx(1.0)
+
+
+def test_fields_follow_a_change_of_topology() -> None:
+    prior = meshed(ball_with_tube, 34.0)
+    prior = Surface(prior.vertices, prior.faces, {"height": prior.vertices[:, 2]})
+    found = run(prior, sampled(meshed(round_distance(16.0), 20.0), 800, 1.0, SEED), change=6.0)
+    assert len(found.facts["changes"]) == 1
+    assert "removed a part" in found.status
+    away = found.wall.vertices[:, 0] < 5.0
+    np.testing.assert_allclose(found.wall.fields["height"][away], found.wall.vertices[away, 2], atol=0.3)
+
+
+def test_two_walls_closer_than_the_lattice_are_not_merged_into_a_handle() -> None:
+    """A bent tube whose end comes within a fifth of a spacing of the body: the lattice cannot see the gap."""
+
+    def hook(points: Array) -> Array:
+        q = points - [18.0, 0.0, 0.0]
+        arc = np.hypot(np.hypot(q[:, 0], q[:, 1]) - 9.0, q[:, 2]) - 3.0
+        open_end = (q[:, 0] < 1.0) & (q[:, 1] < 0.0)
+        return np.minimum(round_distance(16.0)(points), np.where(open_end, 3.0, arc))
+
+    prior = meshed(hook, 34.0, 0.5)
+    assert topology(prior.vertices, prior.faces) == (1, 2)
+    found = run(prior, sampled(prior, 300, 1.0, SEED))
+    assert topology(*zero_set(found.phi.band, found.phi.phi)) == (1, 2)
+
+
+def test_a_prior_that_overlaps_itself_is_united_in_one_piece() -> None:
+    ball = meshed(round_distance(10.0), 12.0)
+    x = ball.vertices[:, 0]
+    waist = 1.0 - 1.3 * np.exp(-((x / 2.0) ** 2))
+    squeezed = ball.with_vertices(ball.vertices * np.column_stack([np.ones_like(x), waist, np.ones_like(x)]))
+    found = run(squeezed, sampled(squeezed, 100, 1.0, SEED))
+    assert topology(*zero_set(found.phi.band, found.phi.phi))[0] == 1
+
+
+def test_topology_counts_pieces_and_handles() -> None:
+    from shapes import torus
+
+    ring = torus()
+    assert topology(ring.vertices, ring.faces) == (1, 0)
+    pair = Surface(np.vstack([ring.vertices, ring.vertices + 100.0]), np.vstack([ring.faces, ring.faces + len(ring.vertices)]))
+    assert topology(pair.vertices, pair.faces) == (2, 0)
+    round_line = circle(count=50)
+    assert topology(round_line.vertices, round_line.faces) == (1, 0)

@@ -1,0 +1,142 @@
+"""Changes of topology: a tube that points deny goes, a tube that they trace grows, and without evidence nothing happens."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from shapes import ball_with_tube, meshed, round_distance, sampled
+
+from o3dls.geometry import Array, Surface
+from o3dls.levelset.closest import ClosestPoint
+from o3dls.levelset.growth import cone, growth
+from o3dls.levelset.observe import Measured, Noise, observe
+from o3dls.levelset.reach import topology
+from o3dls.levelset.reshape import reshape
+from o3dls.levelset.topology import body_radius, changed, removal
+from o3dls.levelset.wall import Wall
+
+SIGMA, SEED, THRESHOLD = 1.0, 173_205, 6.0
+FINE = 0.5  # noise under which twenty points in a mouth of radius 5 tell a wall from a lumen
+
+
+def ball() -> Surface:
+    return meshed(round_distance(16.0), 20.0)
+
+
+def tubed() -> Surface:
+    return meshed(ball_with_tube, 34.0)
+
+
+def ring(points: Array) -> Array:
+    """A ball with a handle: half a torus whose ends run into the ball."""
+    q = points - [16.0, 0.0, 0.0]
+    handle = np.hypot(np.hypot(q[:, 0], q[:, 1]) - 10.0, q[:, 2]) - 3.5
+    return np.minimum(round_distance(16.0)(points), handle)
+
+
+def seen(wall: Wall, points: Array, sigma: float = SIGMA) -> Measured:
+    return observe(wall, points, np.zeros(len(points), dtype=bool), np.full(len(points), np.nan), Noise(sigma, 0.1, 0.05))
+
+
+def apart(a: Surface, b: Surface) -> float:
+    """Mean distance both ways."""
+    return float(
+        (ClosestPoint(a.vertices, a.faces).distance(b.vertices).mean() + ClosestPoint(b.vertices, b.faces).distance(a.vertices).mean()) / 2
+    )
+
+
+@pytest.mark.parametrize("truth", [ball(), tubed()], ids=["ball", "tube"])
+@pytest.mark.parametrize("count", [250, 1500])
+def test_a_right_prior_is_left_alone(truth: Surface, count: int) -> None:
+    points = sampled(truth, count, SIGMA, SEED)
+    points[: count // 12] *= np.random.default_rng(SEED).uniform(0.3, 0.9, (count // 12, 1))  # the catheter floats inside
+    wall = Wall(truth)
+    after, made = reshape(wall, lambda w: seen(w, points), spacing=1.0, threshold=THRESHOLD)
+    assert made == ()
+    assert after is wall
+
+
+def test_a_tube_across_whose_mouth_points_show_the_wall_is_removed_and_said() -> None:
+    truth = ball()
+    points = sampled(truth, 800, FINE, SEED)
+    after, made = reshape(Wall(tubed()), lambda w: seen(w, points, FINE), spacing=1.0, threshold=THRESHOLD)
+    assert len(made) == 1
+    assert made[0].removes
+    assert "removed a part at (2" in made[0].sentence
+    assert topology(after.rest, after.faces) == (1, 2)
+    assert apart(after.surface, truth) < 0.2 * apart(tubed(), truth)
+
+
+def test_a_tube_with_points_on_it_stays_however_many_lie_in_its_mouth() -> None:
+    truth = tubed()
+    stray = np.random.default_rng(SEED).uniform(-4.0, 4.0, (12, 3)) * [0.2, 1.0, 1.0] + [14.0, 0.0, 0.0]
+    points = np.vstack([sampled(truth, 800, SIGMA, SEED), stray])
+    change = removal(Wall(truth), seen(Wall(truth), points))
+    assert change is None or change.gain < THRESHOLD
+
+
+def test_a_handle_that_points_deny_is_removed() -> None:
+    truth, prior = ball(), meshed(ring, 34.0)
+    assert topology(prior.vertices, prior.faces) == (1, 0)
+    points = sampled(truth, 1500, FINE, SEED)
+    after, made = reshape(Wall(prior), lambda w: seen(w, points, FINE), spacing=1.0, threshold=THRESHOLD)
+    assert made
+    assert all(change.removes for change in made)
+    assert topology(after.rest, after.faces) == (1, 2)
+    assert apart(after.surface, truth) < 0.3 * apart(prior, truth)
+
+
+def test_a_tube_that_points_trace_is_grown_and_said() -> None:
+    truth = tubed()
+    points = sampled(truth, 400, SIGMA, SEED)
+    after, made = reshape(Wall(ball()), lambda w: seen(w, points), spacing=1.0, threshold=THRESHOLD)
+    assert len(made) == 1
+    assert not made[0].removes
+    assert "grew a tube at (" in made[0].sentence
+    assert topology(after.rest, after.faces) == (1, 2)
+    assert apart(after.surface, truth) < 0.35 * apart(ball(), truth)
+
+
+def test_three_stray_points_outside_grow_nothing() -> None:
+    stray = np.array([[24.0, 0.0, 0.0], [27.0, 2.0, 1.0], [25.0, -3.0, 2.0]])
+    points = np.vstack([sampled(ball(), 400, SIGMA, SEED), stray])
+    change = growth(Wall(ball()), seen(Wall(ball()), points))
+    assert change is None or change.gain < THRESHOLD
+
+
+def test_a_small_shift_of_everything_is_no_change_of_topology() -> None:
+    truth = tubed()
+    points = sampled(truth, 800, SIGMA, SEED) + np.array([0.0, 0.8, -0.6])
+    _, made = reshape(Wall(truth), lambda w: seen(w, points), spacing=1.0, threshold=THRESHOLD)
+    assert made == ()
+
+
+def test_radius_of_a_ball_is_its_radius() -> None:
+    assert body_radius(ball()) == pytest.approx(16.0, rel=0.01)
+
+
+def test_cone_is_a_distance_where_it_is_a_cylinder() -> None:
+    tube = np.array([0.0, 0.0, 0.0, 10.0, 0.0, 0.0, np.log(2.0), np.log(2.0)])
+    at = np.array([[5.0, 3.0, 4.0], [13.0, 0.0, 0.0], [-4.0, 0.0, 3.0], [5.0, 0.0, 0.0]])
+    np.testing.assert_allclose(cone(at, tube), [3.0, 1.0, 3.0, -2.0])
+
+
+def test_a_change_is_closed_in_one_piece_and_near_where_it_must_be() -> None:
+    prior = tubed()
+    change = removal(Wall(prior), seen(Wall(prior), sampled(ball(), 800, FINE, SEED), FINE))
+    assert change is not None
+    for spacing in (1.0, 0.5):
+        after = changed(prior, change, spacing)
+        assert after.watertight
+        assert topology(after.vertices, after.faces) == (1, 2)
+        far = after.vertices[:, 0] < 5.0  # the other side of the body is the prior's
+        assert ClosestPoint(prior.vertices, prior.faces).distance(after.vertices[far]).max() < 0.2 * spacing
+
+
+def test_equal_points_make_equal_changes() -> None:
+    points = sampled(tubed(), 400, SIGMA, SEED)
+    first, second = (growth(Wall(ball()), seen(Wall(ball()), points)) for _ in range(2))
+    assert first is not None
+    assert second is not None
+    assert first.gain == second.gain
+    assert (first.region[0] == second.region[0]).all()
