@@ -141,8 +141,9 @@ class Export(Writer):
         from .io.volumes import write_volume
         from .levelset.distance import filled_distance
 
-        outside = 4 * self.spacing
-        found = filled_distance(surface.vertices, surface.faces, self.spacing, outside)
+        steps = 4
+        outside = steps * self.spacing
+        found = filled_distance(surface.vertices, surface.faces, self.spacing, steps)
         phi = np.full(found.band.shape, outside)
         phi[tuple(found.band.nodes.T)] = np.minimum(found.phi, outside)
         write_volume(path, phi if self.format.startswith("phi") else phi < 0.0, self.spacing, found.band.origin, space=space)
