@@ -119,6 +119,9 @@ def points_left_out(
 def _patches(feet: Feet, group: Ints, patch: float) -> Ints:
     """Number of the patch of each foot: same cell of the reference, same noise group, normals in the same orthant."""
     cells = np.floor(feet.at / patch).astype(np.int64)
-    key = np.column_stack([cells - cells.min(axis=0), (feet.normals > 0).astype(np.int64), group])
-    number = np.ravel_multi_index(tuple(key.T), tuple(key.max(axis=0) + 1))
-    return np.asarray(np.unique(number, return_inverse=True)[1].ravel())
+    facing = (feet.normals > 0) @ (1 << np.arange(feet.normals.shape[1]))
+    number = np.zeros(len(cells), dtype=np.int64)
+    for column in (*cells.T, facing + (group << feet.normals.shape[1])):
+        wide = number * (np.ptp(column) + 1) + column - column.min()
+        number = np.unique(wide, return_inverse=True)[1].ravel()
+    return np.asarray(number)
