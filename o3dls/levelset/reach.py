@@ -34,6 +34,11 @@ class Reached:
     facts: Mapping[str, Any] = field(default_factory=dict)
     islands: bool = False  # whether pieces beside the largest belong to the result
 
+    @property
+    def unchanged(self) -> bool:
+        """True where nothing was added to the moved prior."""
+        return self.facts.get("changes") == [] and self.facts.get("fields") == []
+
     def faults(self, mesh: Surface) -> tuple[str, ...]:
         """What a mesh of phi has that the wall has not, as a warning; nothing where islands belong to the result."""
         found, meant = topology(mesh.vertices, mesh.faces), topology(self.wall.vertices, self.wall.faces)

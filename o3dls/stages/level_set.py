@@ -50,6 +50,8 @@ class LevelSet(Stage):
         began = time.perf_counter()
         reached = self._by_the_paper(case, start) if self.formulation == "paper" else self._by_default(case, start)
         mesh = extract(reached.phi, smoothing=self.smoothing, keep=self.keep, islands=reached.islands)
+        if case.dimension == 2 and reached.unchanged:  # a polyline needs no repair, and a lattice would cut its tips
+            mesh = replace(mesh, surface=reached.wall)
         return replace(
             start,
             surface=_with_unit(carry_fields(reached.wall, mesh.surface), case.units),
