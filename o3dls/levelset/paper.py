@@ -30,7 +30,7 @@ from .grid import Band
 from .operators import delta, gradient, heaviside, mean_curvature, reinitialise, zero_set
 from .reach import Reached, topology
 
-REACH = 1.5  # half width of the regularised delta and Heaviside functions, in spacings
+REACH = 2.0  # half width of the regularised delta and Heaviside functions in spacings: whole, so that sampling keeps their sums
 HALF_BAND = 5.0  # half width of the band, in spacings
 FREE = 3.0  # phi moves this near to the surface, in spacings; beyond it holds still, so that the zero set never meets the band's border
 SETTLED = 1e-4  # relative fall of the energy between two reinitialisations at which the descent ends

@@ -1,0 +1,150 @@
+"""The stage: nothing to add leaves the surface, a folded or wrong prior is mended, both formulations run in 2D and 3D."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from shapes import ball_with_tube, circle, meshed, round_distance, sampled
+
+from o3dls.case import Case, Points
+from o3dls.errors import PipelineError, SolverError
+from o3dls.estimate import Estimate
+from o3dls.evaluate import distances
+from o3dls.geometry import Array, Surface
+from o3dls.stages.level_set import LevelSet
+
+SEED = 264_575
+
+
+class Still:
+    """A motion that has been fitted and found nothing."""
+
+    def __call__(self, points: Array) -> Array:
+        return points
+
+    def sd(self, points: Array, normals: Array) -> Array:
+        return np.ones(len(points))
+
+
+def started(prior: Surface, points: Array, sigma: float, *, fitted: bool = True, units: str = "mm") -> tuple[Case, Estimate]:
+    case = Case("case", prior, Points(points, np.full(len(points), "eam")), units=units)
+    motion = {"motion": Still(), "sigma": sigma, "weights": np.ones(len(points))} if fitted else {}
+    surface = replace(prior, fields={f"sd_{units}": np.ones(len(prior.vertices)), **prior.fields})
+    return case, Estimate(surface, np.eye(prior.dimension + 1), "moved", **motion)
+
+
+@pytest.mark.parametrize("prior", [circle(20.0, 300), meshed(ball_with_tube, 34.0)], ids=["2D", "3D"])
+def test_nothing_to_add_leaves_the_surface_where_it_is(prior: Surface) -> None:
+    case, start = started(prior, sampled(prior, 300, 1.0, SEED), 1.0)
+    found = LevelSet()(case, start)
+    assert "nothing to add" in found.status
+    assert distances(prior.vertices, found.surface).mean() < 0.02  # half a chord's height at 1 mm
+    assert distances(found.surface.vertices, prior).max() < 0.3
+    assert found.surface.watertight
+    assert found.sigma == pytest.approx(1.0)
+    assert found.motion is start.motion
+    assert (found.surface.fields["correction_mm"] == 0.0).all()
+    assert (found.surface.fields["sd_mm"] == pytest.approx(1.0))
+    assert found.facts["changes"] == []
+    assert found.phi.band.spacing == 1.0
+
+
+def test_a_vein_that_the_truth_has_not_is_removed_and_said() -> None:
+    truth, prior = meshed(round_distance(16.0), 20.0), meshed(ball_with_tube, 34.0)
+    case, start = started(prior, sampled(truth, 800, 0.5, SEED), 0.5)
+    found = LevelSet()(case, start)
+    assert "removed a part at (" in found.status
+    assert len(found.facts["changes"]) == 1
+    assert distances(found.surface.vertices, truth).mean() < 0.1
+    kept = LevelSet(change=1e6)(case, start)
+    assert distances(kept.surface.vertices, truth).max() > 10.0
+
+
+def test_a_vein_that_the_prior_lacks_is_grown() -> None:
+    truth, prior = meshed(ball_with_tube, 34.0), meshed(round_distance(16.0), 20.0)
+    case, start = started(prior, sampled(truth, 400, 1.0, SEED), 1.0)
+    found = LevelSet()(case, start)
+    assert "grew a tube" in found.status
+    assert distances(truth.vertices, found.surface).mean() < 0.3 * distances(truth.vertices, prior).mean()
+
+
+def test_topology_is_not_judged_before_a_motion_was_fitted() -> None:
+    truth, prior = meshed(round_distance(16.0), 20.0), meshed(ball_with_tube, 34.0)
+    case, start = started(prior, sampled(truth, 800, 0.5, SEED), 0.5, fitted=False)
+    assert LevelSet()(case, start).facts["changes"] == []
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_what_a_pose_leaves_is_corrected(dimension: int) -> None:
+    """Without a motion before it, the level set alone brings the wall to the points."""
+    prior = circle(20.0, 300) if dimension == 2 else meshed(round_distance(20.0), 24.0)
+    stretch = np.array([1.12, 0.95, 1.0])[:dimension]
+    truth = prior.with_vertices(prior.vertices * stretch)
+    case, start = started(prior, sampled(truth, 500, 0.4, SEED), 0.4, fitted=False)
+    found = LevelSet()(case, start)
+    assert found.converged
+    assert distances(truth.vertices, found.surface).mean() < 0.3 * distances(truth.vertices, prior).mean()
+    assert np.abs(found.surface.fields["correction_mm"]).max() > 1.0
+    assert found.trace[-1]["energy"] < found.trace[0]["energy"]
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_paper_formulation_starts_from_the_similarity_alone(dimension: int) -> None:
+    prior = circle(20.0, 300) if dimension == 2 else meshed(round_distance(14.0), 18.0)
+    case, start = started(prior, sampled(prior, 200, 0.5, SEED), 0.5)
+    away = start.surface.with_vertices(start.surface.vertices + 5.0)  # a motion that the paper's T cannot have
+    found = LevelSet(formulation="paper")(case, replace(start, surface=away))
+    assert distances(prior.vertices, found.surface).mean() < 0.6
+    assert "piece" in found.status
+    assert found.facts["pieces"] >= 1
+
+
+def test_halved_spacing_is_no_worse() -> None:
+    prior = meshed(ball_with_tube, 34.0, 0.5)
+    case, start = started(prior, sampled(prior, 100, 1.0, SEED), 1.0)
+    errors = [distances(prior.vertices, LevelSet(spacing=h)(case, start).surface).mean() for h in (2.0, 1.0)]
+    assert errors[1] < 0.5 * errors[0]
+
+
+def test_folded_prior_comes_out_without_folds() -> None:
+    from o3dls.validity import validity
+
+    ball = meshed(round_distance(14.0), 18.0)
+    pole = ball.vertices[:, 2] > 13.0
+    folded = ball.with_vertices(ball.vertices + np.where(pole[:, None], [2.5, 0.0, -0.8], 0.0))
+    assert validity(folded, ball)["self_intersections"] > 0
+    case, start = started(folded, sampled(ball, 200, 1.0, SEED), 1.0)
+    found = validity(LevelSet()(case, start).surface, ball)
+    assert (found["components"], found["euler"], found["self_intersections"]) == (1, 2, 0)
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"spacing": 0.0}, r"level_set.spacing = 0.0 mm: must be within \(0, inf\] mm"),
+        ({"keep": 1.5}, r"level_set.keep = 1.5: must be within \(0, 1\]"),
+        ({"formulation": "papre"}, "did you mean 'paper'"),
+    ],
+)
+def test_parameters_are_checked(given: dict[str, float], said: str) -> None:
+    with pytest.raises(PipelineError, match=said):
+        LevelSet(**given)
+
+
+def test_no_surface_at_all_is_an_error() -> None:
+    """A prior thinner than the lattice has no node inside."""
+    prior = meshed(round_distance(16.0), 20.0)
+    thin = prior.with_vertices(prior.vertices * [1.0, 1.0, 1e-4] + [0.0, 0.0, 0.5])
+    case, start = started(thin, sampled(thin, 100, 0.1, SEED), 0.1)
+    with pytest.raises(SolverError, match="no surface"):
+        LevelSet()(case, start)
+
+
+def test_equal_inputs_give_equal_surfaces() -> None:
+    prior = meshed(round_distance(16.0), 20.0)
+    case, start = started(prior, sampled(prior, 200, 1.0, SEED), 1.0)
+    first, second = (LevelSet()(case, start) for _ in range(2))
+    assert (first.surface.vertices == second.surface.vertices).all()
+    assert first.facts == second.facts
