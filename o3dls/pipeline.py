@@ -112,13 +112,13 @@ class Pipeline:
         from .io.case_folder import read_case
 
         if self.case is None:
-            raise InputError("the pipeline names no case: give one to run(), or say case = \"folder\"")
+            raise InputError('the pipeline names no case: give one to run(), or say case = "folder"')
         return read_case(self.case)
 
 
 def _mistakes(pipeline: Pipeline) -> list[str]:
     """What is wrong with the whole, one sentence each; its parts have checked themselves."""
-    said = [] if pipeline.stages else ["the pipeline has no stage: add a [[stage]] with use = \"icp\""]
+    said = [] if pipeline.stages else ['the pipeline has no stage: add a [[stage]] with use = "icp"']
     if pipeline.folds not in range(MOST_FOLDS + 1) or pipeline.folds == 1:
         said.append(f"folds = {pipeline.folds!r}: must be 0 (no cross-validation) or a whole number within [2, {MOST_FOLDS}]")
     said += order_mistakes([(stage.name, stage.estimate_name, stage.after) for stage in pipeline.stages])

@@ -108,7 +108,7 @@ def _plugin(kind: str, table: Any) -> Plugin:
     if not isinstance(table, Mapping):
         raise PipelineError(f"must be a table, not {table!r}")
     if "use" not in table:
-        raise PipelineError(f"use: is missing; name the {kind}, such as use = \"{'icp' if kind == 'stage' else 'report'}\"")
+        raise PipelineError(f'use: is missing; name the {kind}, such as use = "{"icp" if kind == "stage" else "report"}"')
     return load(kind, table["use"]).model_validate({key: value for key, value in table.items() if key != "use"})
 
 

@@ -34,7 +34,7 @@ def write_run(run: Run, folder: str | Path | None = None, *, force: bool = False
     """Write run.json, scores.csv, points.csv, the case, the estimates, and what the writers of the pipeline make."""
     out = folder or (run.pipeline and run.pipeline.out)
     if not out:
-        raise InputError("the run has no folder to go to: give one to write(), or say out = \"folder\" in the pipeline")
+        raise InputError('the run has no folder to go to: give one to write(), or say out = "folder" in the pipeline')
     with staged_folder(out, force) as staged:
         write_case(staged / "case", run.case)
         write_points(staged / "points.csv", run.points)

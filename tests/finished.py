@@ -16,7 +16,7 @@ from o3dls.stage import Stage
 from tests.tiny import disc_case, sphere
 
 SEED = 551_908
-NASTY = "</script><script>window.bad = 1</script> \"quoted\" & 'single' <img src=x onerror=\"window.bad = 1\"> 左心房 предсердие"
+NASTY = '</script><script>window.bad = 1</script> "quoted" & \'single\' <img src=x onerror="window.bad = 1"> 左心房 предсердие'
 
 
 class Bulge:

@@ -46,7 +46,7 @@ def test_nothing_to_add_leaves_the_surface_where_it_is(prior: Surface) -> None:
     assert found.sigma == pytest.approx(1.0)
     assert found.motion is start.motion
     assert (found.surface.fields["correction_mm"] == 0.0).all()
-    assert (found.surface.fields["sd_mm"] == pytest.approx(1.0))
+    assert found.surface.fields["sd_mm"] == pytest.approx(1.0)
     assert found.facts["changes"] == []
     assert found.phi.band.spacing == 1.0
 

@@ -6,7 +6,6 @@ import json
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +20,7 @@ from o3dls.paper.segment import segmented, threshold
 
 
 @pytest.fixture(scope="module")
-def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """One quick page for all tests, by the command itself, without third-party data."""
     out = tmp_path_factory.mktemp("paper") / "page"
     environment = {"PATH": "/usr/bin:/bin", "OMP_NUM_THREADS": "1", "HOME": str(out.parent)}
@@ -30,12 +29,20 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     assert done.returncode == 0, done.stderr
     assert done.stdout.strip() == str(out / "index.html")
     assert "1 of " in done.stderr, "progress goes to stderr"
-    yield out
+    return out
 
 
 def test_a_quick_page_has_every_section_and_says_what_is_left_out(page: Path) -> None:
     text = (page / "index.md").read_text(encoding="utf-8")
-    for words in ("Star in the plane", "Jar", "Patient-like left atrium", "repair by repair", "headline", "Related systems", "What must hold"):
+    for words in (
+        "Star in the plane",
+        "Jar",
+        "Patient-like left atrium",
+        "repair by repair",
+        "headline",
+        "Related systems",
+        "What must hold",
+    ):
         assert words in text
     assert "no folder real/lv_phases in O3DLS_DATA" in text
     assert "not for clinical use" in text

@@ -1,6 +1,6 @@
 """Write constraints.txt: the versions that pip resolves for every supported Python, extras included, without addresses.
 
-    python tools/lock.py            # needs a python3.11, 3.12 ... on the PATH or from pyenv; a missing one is resolved through the newest
+python tools/lock.py            # needs a python3.11, 3.12 ... on the PATH or from pyenv; a missing one is resolved through the newest
 """
 
 from __future__ import annotations

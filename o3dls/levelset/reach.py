@@ -78,9 +78,7 @@ def read_at(surface: Surface, fields: Mapping[str, Array], points: Array | None)
     return {name: np.asarray(np.einsum("nc,nc...->n...", weights, values[corners])) for name, values in fields.items()}
 
 
-def _settled(
-    wall: Wall, fields: Mapping[str, Array], found: Correction, spacing: float
-) -> tuple[Surface, SignedDistance, tuple[str, ...]]:
+def _settled(wall: Wall, fields: Mapping[str, Array], found: Correction, spacing: float) -> tuple[Surface, SignedDistance, tuple[str, ...]]:
     """The corrected wall and its level set: a correction that would tear or merge the surface is halved; then gaps are closed.
 
     Where a wall runs into itself all the same it is united; the mesh may still come out whole.

@@ -14,9 +14,7 @@ from .wall import Wall
 MOST = 4  # changes of one surface: more would be another surface
 
 
-def reshape(
-    wall: Wall, observe: Callable[[Wall], Measured], *, spacing: float, threshold: float
-) -> tuple[Wall, tuple[Change, ...]]:
+def reshape(wall: Wall, observe: Callable[[Wall], Measured], *, spacing: float, threshold: float) -> tuple[Wall, tuple[Change, ...]]:
     """Make the best change, look again, until none earns `threshold` nats: the wall, the same one where there is none, and the changes.
 
     observe: gives the points as seen from a wall.

@@ -80,5 +80,3 @@ def colours_of(values: Array, field: Field) -> Array:
     """Colour (n, 3) of each value; grey where it is missing."""
     share = np.clip((np.nan_to_num(values) - field.low) / (field.high - field.low), 0, 1)
     return np.where(np.isfinite(values)[:, None], colour_table(field.colours)[np.round(255 * share).astype(int)], 0.72)
-
-
