@@ -27,7 +27,7 @@ def run(surface: Surface, points: Array, change: float = np.inf) -> Reached:
 @pytest.mark.parametrize("surface", [circle(count=300), meshed(round_distance(20.0), 24.0, 2.0)], ids=["2D", "3D"])
 def test_nothing_to_add_gives_the_signed_distance_of_the_prior(surface: Surface) -> None:
     surface = Surface(surface.vertices, surface.faces, {"label": surface.vertices[:, 0]})
-    found = run(surface, sampled(surface, 300, 1.0, SEED), change=6.0)
+    found = run(surface, sampled(surface, 300, 1.0, SEED), change=10.0)
     psi = signed_distance(surface.vertices, surface.faces, 1.0, 3.0)
     assert (found.phi.phi == psi.phi).all()
     assert (found.wall.vertices == surface.vertices).all()
@@ -42,7 +42,7 @@ def test_nothing_to_add_gives_the_signed_distance_of_the_prior(surface: Surface)
 def test_fields_follow_a_change_of_topology() -> None:
     prior = meshed(ball_with_tube, 34.0)
     prior = Surface(prior.vertices, prior.faces, {"height": prior.vertices[:, 2]})
-    found = run(prior, sampled(meshed(round_distance(16.0), 20.0), 800, 1.0, SEED), change=6.0)
+    found = run(prior, sampled(meshed(round_distance(16.0), 20.0), 800, 1.0, SEED), change=10.0)
     assert len(found.facts["changes"]) == 1
     assert "removed a part" in found.status
     away = found.wall.vertices[:, 0] < 5.0

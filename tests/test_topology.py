@@ -15,7 +15,7 @@ from o3dls.levelset.reshape import reshape
 from o3dls.levelset.topology import body_radius, changed, removal
 from o3dls.levelset.wall import Wall
 
-SIGMA, SEED, THRESHOLD = 1.0, 173_205, 6.0
+SIGMA, SEED, THRESHOLD = 1.0, 173_205, 10.0
 FINE = 0.5  # noise under which twenty points in a mouth of radius 5 tell a wall from a lumen
 
 

@@ -35,7 +35,7 @@ class LevelSet(Stage):
         3.0, ge=0.0, description="default: log evidence that a field of corrections must earn", json_schema_extra={"unit": "nats"}
     )
     change: float = Field(
-        6.0, ge=0.0, description="default: log evidence that a change of topology must earn", json_schema_extra={"unit": "nats"}
+        10.0, ge=0.0, description="default: log evidence that a change of topology must earn", json_schema_extra={"unit": "nats"}
     )
     data: float = Field(10.0, ge=0.0, description="paper: weight of the data term, over the squared noise")
     area: float = Field(0.2, ge=0.0, description="paper: weight of the area term")
