@@ -14,9 +14,9 @@ from hypothesis.extra.numpy import arrays
 
 from o3dls.case import Points
 from o3dls.errors import InputError
-from o3dls.geometry import Surface
+from o3dls.geometry import Surface, apply, similarity
 from o3dls.io import carto_mesh, carto_points, dif, ensite, openep, read_case, read_points, read_surface
-from o3dls.io.study import import_study, read_study
+from o3dls.io.study import Imported, _registered_shell, _write_registered, import_study, read_study, vendor_pose
 from o3dls.io.surface_file import SurfaceFile
 
 SEED = 5_102_933
@@ -90,6 +90,29 @@ def test_carto_study_becomes_a_case(form: str, tmp_path: Path) -> None:
     assert "not applied" in " ".join(found.left)
     assert any("study: " in line and "NOT" not in line for line in found.took)
     assert "2 empty µ" in " ".join(found.left)
+
+
+def test_the_direction_of_a_vendor_registration_is_told_by_the_points() -> None:
+    shell = marker().vertices
+    pose = similarity(np.eye(3), np.array([40.0, -25.0, 60.0]))
+    points = apply(pose, shell)[::3]
+    for printed in (pose, pose.T, np.linalg.inv(pose), np.linalg.inv(pose).T):
+        np.testing.assert_allclose(vendor_pose(shell, tuple(printed.ravel()), points), pose, atol=1e-9)
+    assert vendor_pose(shell, tuple(np.eye(4).ravel()), points) is None  # the identity has no direction
+    assert vendor_pose(shell, tuple(np.zeros(16)), points) is None
+
+
+def test_a_shell_that_the_system_registered_is_the_prior_where_none_is_given(tmp_path: Path) -> None:
+    shift = np.array([4.0, 5.0, 6.0])
+    rows = apply(similarity(np.eye(3), shift), marker().vertices)
+    found = Imported(Points(rows, np.full(len(rows), "eam")), vendor="CARTO 3")
+    found.shells["CT.mesh"] = SurfaceFile(marker())
+    found.registrations["CT.mesh"] = (1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, *shift, 1.0)
+    name, pose = _registered_shell(found) or ("", np.eye(4))
+    assert name == "CT.mesh"
+    _write_registered(tmp_path, name, pose, found)
+    np.testing.assert_allclose(np.loadtxt(tmp_path / "init.csv", delimiter=",")[:3, 3], shift)
+    assert read_surface(tmp_path / "prior.ply").volume == pytest.approx(marker().volume, rel=1e-5)
 
 
 def test_maps_are_named_where_the_name_does_not_fit(tmp_path: Path) -> None:

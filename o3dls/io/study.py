@@ -10,7 +10,7 @@ import numpy as np
 
 from ..case import Points
 from ..errors import InputError
-from ..geometry import Array
+from ..geometry import Array, apply
 from . import carto_study, dif, ensite, mat, openep
 from .archive import Archive
 from .atomic import staged_folder
@@ -23,6 +23,7 @@ from .surface_file import SurfaceFile
 from .table import read_table, write_table
 
 VOLUME_TOLERANCE = 2e-4
+CLEARLY_CLOSER = 0.5  # median gap to the points against that of the other direction
 
 
 @dataclass
@@ -47,8 +48,10 @@ def import_study(
 ) -> Imported:  # fmt: skip
     """Make a case folder of one map of a study (folder, zip or file); `prior` is a surface or label volume, `landmarks` names its places.
 
-    The folder holds points.csv, map.ply (the system's shell with its colours, for looking at) and what was given as prior. Without a
-    prior the case is not complete, and the result says so. `choice` goes to the prior's reader (label, part, box). Raises InputError.
+    The folder holds points.csv, map.ply (the system's shell with its colours, for looking at) and what was given as prior. Without one,
+    a single closed shell that the system had registered itself is the prior, and its registration init.csv, for stage `recorded` to
+    compare with; where there is none the case is not complete, and the result says so.
+    `choice` goes to the prior's reader (label, part, box). Raises InputError.
     """
     found = read_study(study, map_name)
     with staged_folder(out, force) as folder:
@@ -56,6 +59,8 @@ def import_study(
         space = "unknown"
         if prior is not None:
             space = _write_prior(folder, Path(prior), found, choice)
+        elif (registered := _registered_shell(found)) is not None:
+            space = _write_registered(folder, *registered, found)
         else:
             found.left.append("prior.ply: no prior was given; put the MRI or CT surface there before o3dls run")
         if landmarks is not None:
@@ -183,6 +188,45 @@ def _write_map(folder: Path, found: Imported) -> None:
     for name, matrix in found.registrations.items():
         rows = np.reshape(matrix, (4, 4)).tolist()
         (folder / f"{Path(name).stem}_vendor_registration.txt").write_text("".join(" ".join(map(repr, row)) + "\n" for row in rows))
+
+
+def vendor_pose(shell: Array, printed: tuple[float, ...], points: Array) -> Array | None:
+    """The vendor's registration as a pose (4, 4) of a shell's vertices (n, 3) in the map: rows or columns are told by the zeros.
+
+    Its direction is not documented: the one that brings the shell to the points is taken, None where neither is clearly closer.
+    """
+    from scipy.spatial import cKDTree
+
+    matrix = np.reshape(np.asarray(printed, dtype=np.float64), (4, 4))
+    if matrix[3, :3].any() and not matrix[:3, 3].any():
+        matrix = matrix.T
+    if not np.allclose(matrix[3], [0.0, 0.0, 0.0, 1.0]) or abs(np.linalg.det(matrix)) < 1e-9:
+        return None
+    readings = [matrix, np.asarray(np.linalg.inv(matrix), dtype=np.float64)]
+    gaps = [float(np.median(cKDTree(apply(reading, shell)).query(points)[0])) for reading in readings]
+    best = int(np.argmin(gaps))
+    return readings[best] if gaps[best] < CLEARLY_CLOSER * gaps[1 - best] else None
+
+
+def _registered_shell(found: Imported) -> tuple[str, Array] | None:
+    """Name and pose of the one imported shell that is closed and whose registration the points confirm."""
+    points = found.points.of("eam").xyz
+    poses = {
+        name: vendor_pose(found.shells[name].surface.vertices, printed, points)
+        for name, printed in found.registrations.items()
+        if len(points) and found.shells[name].surface.watertight
+    }
+    known = [(name, pose) for name, pose in poses.items() if pose is not None]
+    return known[0] if len(known) == 1 else None
+
+
+def _write_registered(folder: Path, name: str, pose: Array, found: Imported) -> str:
+    shell = found.shells[name]
+    write_surface(folder / "prior.ply", shell.surface, space=shell.space, units="mm")
+    (folder / "init.csv").write_text("".join(",".join(map(repr, row)) + "\n" for row in pose.tolist()), encoding="utf-8")
+    found.took.append(f"prior {name}, registered by the system itself: init.csv, in the direction that brings it to the points")
+    found.left = [line for line in found.left if not line.startswith(f"the vendor's registration of {name}")]
+    return shell.space
 
 
 def _write_prior(folder: Path, prior: Path, found: Imported, choice: dict[str, Any]) -> str:
