@@ -22,6 +22,7 @@ TYPICAL, SPREAD = 0.35, 0.35  # radius of a tube in radii of the body (a vein of
 SEEDS = 3  # far points that start a tube; nearer ones join in
 TRACED = 5  # points that must trace a tube: it has eight numbers to be fitted
 REACHES_OUT = 0.5  # how far a tube must stick out, and stay away from the thin parts that are there, in radii of the body
+NEARBY = 2.0  # points so near to a cluster, in radii of the body, are asked about its tube
 THIN = 0.5  # radius of the ball that finds those parts, in radii of the body
 SEEN = 0.5  # points that a new stretch of wall must be expected to gather, over those of evenly spread ones: some walls are never touched
 NODES = 6.0  # lattice nodes in a tube's radius
@@ -29,17 +30,16 @@ NODES = 6.0  # lattice nodes in a tube's radius
 
 def growth(wall: Wall, measured: Measured) -> Change | None:
     """The tube whose union with the surface gains most, or None where no points outside ask for one."""
-    proposals = [_tube(wall, measured, cluster) for cluster in _clusters(wall, measured)]
+    proposals = [_tube(wall, measured, cluster) for cluster in _clusters(wall.surface, measured)]
     return max((change for change in proposals if change), key=lambda change: change.gain, default=None)
 
 
-def _clusters(wall: Wall, measured: Measured) -> Iterator[Array]:
+def _clusters(surface: Surface, measured: Measured) -> Iterator[Array]:
     """Groups (k, d) of neighbouring points that lie far outside."""
-    distance = wall.look(measured.points)[0]
-    far = measured.points[(distance > FAR * measured.likelihood.sigma) & ~measured.likelihood.one_sided]
+    far = measured.points[(measured.distance > FAR * measured.likelihood.sigma) & ~measured.likelihood.one_sided]
     if len(far) < SEEDS:
         return
-    count, label = connected_components(cdist(far, far) < LINK * body_radius(wall.surface), directed=False)
+    count, label = connected_components(cdist(far, far) < LINK * body_radius(surface), directed=False)
     yield from (far[label == k] for k in range(count) if (label == k).sum() >= SEEDS)
 
 
@@ -55,8 +55,9 @@ def cone(points: Array, tube: Array) -> Array:
 
 def _tube(wall: Wall, measured: Measured, cluster: Array) -> Change | None:
     """The most likely tube round a cluster, as a change where enough points tell for it."""
-    distance, surface = wall.look(measured.points)[0], wall.surface
-    radius = body_radius(surface)
+    surface, radius = wall.surface, body_radius(wall.surface)
+    whole, measured = len(measured.points), measured.of(np.linalg.norm(measured.points - cluster.mean(axis=0), axis=1) < NEARBY * radius)
+    distance = measured.distance
 
     def cost(tube: Array) -> float:
         union = np.minimum(distance, cone(measured.points, tube))
@@ -70,7 +71,7 @@ def _tube(wall: Wall, measured: Measured, cluster: Array) -> Change | None:
     if witnesses < TRACED or not _stands_alone(wall, region[0]):
         return None
     centre = tube[: 2 * surface.dimension].reshape(2, -1).mean(axis=0)
-    doubt = _rarity(wall, tube, radius) + SEEN * len(measured.points) * _exposed(wall, region) / surface.area
+    doubt = _rarity(wall, tube, radius) + SEEN * whole * _exposed(wall, region) / surface.area
     return Change(False, region, float(gain.sum()) - doubt, witnesses, centre)
 
 

@@ -26,12 +26,19 @@ class Noise:
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """Points (n, d) with their likelihood, how uncertain its noise is, and the distance (n,) that noise adds on a curved wall."""
+    """Points (n, d) seen from a wall at signed distance (n,): their likelihood, how uncertain its noise is, and the bias (n,) of a
+    curved wall, which noise adds to the distance."""
 
     points: Array
+    distance: Array
     likelihood: Likelihood
     doubt: float
     bias: Array
+
+    def of(self, rows: NDArray[np.bool_]) -> Measured:
+        """The points of a mask (n,)."""
+        noise = replace(self.likelihood, sigma=self.likelihood.sigma[rows], one_sided=self.likelihood.one_sided[rows])
+        return replace(self, points=self.points[rows], distance=self.distance[rows], likelihood=noise, bias=self.bias[rows])
 
     def with_noise(self, factor: float) -> Measured:
         """The same points, their noise multiplied."""
@@ -51,4 +58,4 @@ def observe(wall: Wall, points: Array, one_sided: NDArray[np.bool_], own: Array,
     bend = np.einsum("nc,nc->n", weights, wall.curvature[corners])
     # the mean of the distance from a curved wall under noise of variance s^2 is s^2 / 2 times the sum of its curvatures
     bias = np.where(one_sided, 0.0, 0.5 * sigma * np.clip(sigma * bend, -MOST_BENT, MOST_BENT))
-    return Measured(points, likelihood, noise.doubt, bias)
+    return Measured(points, distance, likelihood, noise.doubt, bias)

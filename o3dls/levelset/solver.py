@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import sparse
-from scipy.sparse.linalg import cg
+from scipy.sparse.linalg import LinearOperator, cg
 
 from ..errors import SolverError
 from ..geometry import Array, Ints, Surface
@@ -24,7 +24,7 @@ COOLING = 0.7  # most that the noise falls from one round to the next
 ROUNDS = 2  # times that the evidence sets amplitude and noise of a field
 STEADY = 0.15  # change of their logarithms that asks for no further round
 AS_GOOD = 2.0  # nats within which the longer of two fields is the better one
-SETTLED = 1e-3  # relative fall of the energy at which a level ends
+SETTLED = 0.05  # fall of the energy, in nats, at which a descent ends
 FEWEST_NODES_WIDE = 3.0  # shortest correlation length, in spacings
 
 Terms = Callable[[Array], tuple[float, float]]  # field -> energies of data and prior
@@ -153,7 +153,7 @@ def _descend(
         fall, energy = energy - sum(found), sum(found)
         if not np.isfinite(energy):
             raise SolverError(f"level set: the energy is {energy} after iteration {iteration} at length {length:.3g}")
-        if fall <= SETTLED * max(1.0, abs(energy)):
+        if fall <= SETTLED:
             return f, trace, True
     return f, trace, False
 
@@ -170,9 +170,18 @@ def _newton(wall: Wall, level: Level, measured: Measured, f: Array) -> Array:
     at_feet = _rows(corners, weights, level.spread.shape[0]) @ level.spread  # moving the wall out by 1 shortens a distance by 1
     slope = prior.slope(f) - at_feet.T @ noise.slope(rest)
     believed = noise.weight(rest) * noise.pull(rest) / noise.sigma**2
-    matrix = prior.operator.T @ prior.operator / prior.amplitude**2 + at_feet.T @ sparse.diags(believed) @ at_feet
-    step, _ = cg(matrix, -slope, rtol=1e-6, maxiter=2000, M=sparse.diags(1.0 / matrix.diagonal()))
+
+    def apply(step: Array) -> Array:
+        return np.asarray(prior.slope(step) + at_feet.T @ (believed * (at_feet @ step)))
+
+    diagonal = _squares(prior.operator).T @ np.full(len(f), prior.amplitude**-2.0) + _squares(at_feet).T @ believed
+    matrix = LinearOperator((len(f), len(f)), matvec=apply, dtype=np.float64)
+    step, _ = cg(matrix, -slope, rtol=1e-6, maxiter=2000, M=sparse.diags(1.0 / diagonal))
     return np.asarray(step)
+
+
+def _squares(matrix: sparse.csr_matrix) -> sparse.csr_matrix:
+    return sparse.csr_matrix(matrix.multiply(matrix))
 
 
 def _rows(corners: Ints, weights: Array, count: int) -> sparse.csr_matrix:

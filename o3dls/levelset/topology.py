@@ -61,11 +61,10 @@ def body_radius(surface: Surface) -> float:
 
 def removal(wall: Wall, measured: Measured) -> Change | None:
     """The thin part of the prior whose loss gains most, or None where no points speak against any."""
-    distance, _, _ = wall.look(measured.points)
-    deep = (distance < -DEEP * measured.likelihood.sigma) & ~measured.likelihood.one_sided
+    deep = (measured.distance < -DEEP * measured.likelihood.sigma) & ~measured.likelihood.one_sided
     if deep.sum() < WITNESSES:
         return None
-    proposals = [change for part in parts(wall.surface) for change in _cuts(part, distance, measured)]
+    proposals = [change for part in parts(wall.surface) for change in _cuts(part, measured)]
     return max(proposals, key=lambda change: change.gain, default=None)
 
 
@@ -121,9 +120,9 @@ def _outside(opened: ClosestPoint, positions: Array, phi: Array, ball: float) ->
     return outside
 
 
-def _cuts(part: Part, distance: Array, measured: Measured) -> Iterator[Change]:
+def _cuts(part: Part, measured: Measured) -> Iterator[Change]:
     """The part cut off at its best height above the opened body, if points show a wall there."""
-    likelihood, band = measured.likelihood, part.field.band
+    likelihood, distance, band = measured.likelihood, measured.distance, part.field.band
     sigma = float(np.median(likelihood.sigma))
     node = cKDTree(band.positions).query(measured.points)[1]
     share, outside = part.share[node], _outside(part.opened, measured.points, part.field.phi[node], part.ball)
