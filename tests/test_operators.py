@@ -141,7 +141,10 @@ def test_combine_unites_or_removes(remove: bool) -> None:
     ball_volume = 4.0 / 3.0 * np.pi * r**3
     exact = ball_volume - lens if remove else 2.0 * ball_volume - lens
     assert surface.watertight
-    assert surface.volume == pytest.approx(exact, rel=0.01)
+    if remove:
+        assert surface.volume == pytest.approx(exact, rel=0.01)
+    else:
+        assert exact < surface.volume < 1.03 * exact  # the crease has a fillet
 
 
 def test_largest_piece_drops_islands_and_cavities() -> None:
