@@ -23,7 +23,7 @@ from .unfold import unfold
 
 PATCH = 0.4  # shortest correlation lengths: where points share rows, smaller patches change nothing but the time
 SETTLED = 5  # rounds in which amplitudes grow and noise shrinks: steps are large on purpose
-WARM_ROUNDS = 2  # after one more point the surface moves by a fraction of the noise: the second round moves it no more
+WARM_ROUNDS = 1  # one more point moves the surface by a fraction of the noise: a second round would move it by hundredths of that
 CERTAIN, DECISIVE = 0.999, 10.0  # a motion this probable is a motion; a pose better by so many nats is the pose
 INFLATION = 1.3  # the posterior takes feet, normals and amplitudes as known: measured on development seeds, docs/method.md
 
@@ -66,7 +66,8 @@ def fit_motion(
     for iteration in range(0 if warm is None else settings.iterations - WARM_ROUNDS, settings.iterations):
         state, solved, record = problem.step(state, iteration, tuning=warm is None and iteration in settings.tune_at)
         trace.append(record)
-        still = iteration > max(settings.tune_at) and record["step"] < settings.tolerance * problem.size
+        least = settings.tolerance * problem.size if warm is None else 0.1 * record["sigma"]  # an update stands within the noise
+        still = iteration > max(settings.tune_at) and record["step"] < least
         if still:
             break
     share, mended = problem.share(trace[-1]["energy"]) if warm is None else (warm.motion.share, problem.pose)
