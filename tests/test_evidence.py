@@ -13,7 +13,8 @@ from o3dls.levelset.covariance import cross, grams, variance
 from o3dls.levelset.evidence import Scales, assemble, free_energy, left_out, posterior_variance, solve, tune
 from o3dls.levelset.rows import Feet, Rows, gather
 
-LOG = np.log([1.4, 0.6, 0.05, 1.3])  # vector field, normal field, strain, noise
+LOG = np.log([1.4, 0.6, 0.04, 0.05, 1.3])  # vector field, normal field, bend, strain, noise
+FIELDS = len(LOG) - 1
 
 
 def rows_of(count: int, seed: int, weights: Array | None = None, groups: int = 1, most: int = 10_000, dimension: int = 3) -> Rows:
@@ -27,8 +28,8 @@ def rows_of(count: int, seed: int, weights: Array | None = None, groups: int = 1
 
 
 def scales(groups: int = 1) -> Scales:
-    log = np.r_[LOG[:3], np.full(groups, LOG[3])]
-    return Scales(log, log.copy(), np.full(len(log), 0.7), np.full(len(log), -np.inf), 3)
+    log = np.r_[LOG[:FIELDS], np.full(groups, LOG[-1])]
+    return Scales(log, log.copy(), np.full(len(log), 0.7), np.full(len(log), -np.inf), FIELDS)
 
 
 def test_solve_is_the_dense_formula() -> None:
@@ -77,7 +78,7 @@ def test_left_out_is_a_refit_without_the_point() -> None:
 
 def test_posterior_variance_is_the_dense_formula_and_falls_with_every_point() -> None:
     cov, asked, before = covariance(3), rows_of(12, 5_701).observed, np.full(12, np.inf)
-    sds = np.exp(LOG[:3])
+    sds = np.exp(LOG[:FIELDS])
     for count in (5, 20, 80):
         rows = rows_of(80, 31_337)
         first = Rows(*(_first(x, count) for x in (rows.observed, rows.residual, rows.group, rows.relative, rows.of_point)), rows.scatter)
@@ -100,13 +101,13 @@ def test_evidence_finds_amplitudes_and_noise_that_made_the_residuals() -> None:
     """Pooled over draws: the maximum of the evidence is consistent, so its mean logarithm comes near the truth."""
     rows, rng, found = rows_of(250, 12_409), np.random.default_rng(90_001), []
     fixed, parts = grams(covariance(3), rows.observed)
-    true = np.log([2.0, 0.8, 0.05, 1.0])
+    true = np.log([2.0, 0.8, 0.04, 0.05, 1.0])
     root = np.linalg.cholesky(assemble(true, fixed, parts, rows)[0])
-    wide = Scales(LOG, LOG.copy(), np.full(4, 2.0), np.full(4, -np.inf), 3)
+    wide = Scales(LOG, LOG.copy(), np.full(len(LOG), 2.0), np.full(len(LOG), -np.inf), FIELDS)
     for _ in range(12):
         drawn = Rows(rows.observed, root @ rng.normal(size=250), rows.group, rows.relative, rows.of_point, rows.scatter)
         found.append(tune(wide, fixed, parts, drawn, steps=40))
-    assert abs(np.mean(found, axis=0)[3] - true[3]) < 0.05
+    assert abs(np.mean(found, axis=0)[-1] - true[-1]) < 0.05
     assert abs(np.mean(found, axis=0)[0] - true[0]) < 0.35
 
 
@@ -116,7 +117,7 @@ def test_free_energy_of_believed_points_is_the_gaussian_evidence() -> None:
     posterior, _ = solve(matrix, rows.residual)
     gaussian = posterior.energy + 20.0 * np.log(2.0 * np.pi)
     # what each point's own relative noise adds is the same for every setting and left out
-    assert free_energy(posterior, LOG[3:], rows) == pytest.approx(gaussian - np.log(rows.relative).sum())
+    assert free_energy(posterior, LOG[FIELDS:], rows) == pytest.approx(gaussian - np.log(rows.relative).sum())
 
 
 @pytest.mark.parametrize("belief", [1.0, 0.4])
@@ -132,7 +133,7 @@ def test_free_energy_does_not_depend_on_merging(belief: float) -> None:
         rows = gather(feet, wall(at), np.full(60, belief), none, most, 1e-6)
         matrix, _ = assemble(LOG, *grams(cov, rows.observed), rows)
         posterior, _ = solve(matrix, rows.residual)
-        energies.append(free_energy(posterior, LOG[3:], rows))
+        energies.append(free_energy(posterior, LOG[FIELDS:], rows))
         alphas.append(np.bincount(np.arange(60) // 4, posterior.alpha) if most > 60 else posterior.alpha[rows.of_point[::4]])
     np.testing.assert_allclose(alphas[0], alphas[1], rtol=1e-6, atol=1e-9)
     assert energies[0] == pytest.approx(energies[1], abs=1e-6)

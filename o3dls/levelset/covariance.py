@@ -1,8 +1,9 @@
 """Prior covariance of the motion field: what displacements of the prior are likely, before any point is seen.
 
-D(r) = A(r) b + S(r) e + sum_k u_k(r) + N(r) sum_k g_k(r) + sum_L exp(-|r-L|^2 / 2 l_a^2) c_L   at positions r of the posed prior.
-A b: translation, rotation and scale, nearly free; S e: traceless strains; u, g: Matern 5/2 fields, of vectors and along the
-normal N (order >= 2: point data have no hold on rougher fields over a surface); c_L: shifts of anchors (vein ostia), each its own.
+D(r) = A(r) b + S(r) e + w(r) x (r - centre) + sum_k u_k(r) + N(r) sum_k g_k(r) + sum_L exp(-|r-L|^2 / 2 l_a^2) c_L
+at positions r of the posed prior. A b: translation, rotation and scale, nearly free; S e: traceless strains; w: a rotation that
+changes over the chamber, so that bending and twisting are cheap; u, g: Matern 5/2 fields, of vectors and along the normal N
+(order >= 2: point data have no hold on rougher fields over a surface); c_L: shifts of anchors (vein ostia), each its own.
 """
 
 from __future__ import annotations
@@ -19,15 +20,16 @@ SQRT5 = 5.0**0.5
 
 @dataclass(frozen=True)
 class Covariance:
-    """Components of the field's covariance; their standard deviations come as one array: vector, normal, strain, anchors.
+    """Components of the field's covariance; their standard deviations come as one array: vector, normal, bend, strain, anchors.
 
     centre (d,) is the origin of the similarity part, whose own standard deviations are translation (a length), rotation (rad)
-    and scale; vector and normal are correlation lengths; anchors (k, d) reach as far as anchor_length.
+    and scale; vector, normal and bend are correlation lengths; anchors (k, d) reach as far as anchor_length.
     """
 
     centre: Array
     vector: tuple[float, ...]
     normal: tuple[float, ...]
+    bend: float
     anchors: Array
     anchor_length: float
     translation: float
@@ -42,8 +44,11 @@ class Covariance:
         """Features (n, d, k) of the similarity part at positions (n, d), each scaled to unit variance."""
         x, dim = at - self.centre, at.shape[1]
         shift = np.broadcast_to(self.translation * np.eye(dim), (len(x), dim, dim))
-        linear = [self.rotation * m for m in _skew(dim)] + [self.scale * np.eye(dim)]
-        return np.concatenate([shift, np.stack([x @ m.T for m in linear], axis=2)], axis=2)
+        return np.concatenate([shift, self.rotation * self.turns(at), self.scale * x[:, :, None]], axis=2)
+
+    def turns(self, at: Array) -> Array:
+        """Features (n, d, k) of unit rotations about the centre."""
+        return np.stack([(at - self.centre) @ m.T for m in _skew(at.shape[1])], axis=2)
 
     def tunable(self, at: Array) -> list[Array]:
         """Features (n, d, k) of strains and, where there are any, of the anchors' shifts, for unit standard deviations."""
@@ -71,6 +76,8 @@ def grams(cov: Covariance, obs: Observed) -> tuple[Array, list[Array]]:
     dots, sides = obs.directions @ obs.directions.T, np.outer(obs.normal_part, obs.normal_part)
     correlation = {length: _matern(obs.at, obs.at, length) for length in {*cov.vector, *cov.normal}}
     parts = [correlation[length] * dots for length in cov.vector] + [correlation[length] * sides for length in cov.normal]
+    turns = _seen(obs, cov.turns(obs.at))
+    parts += [_matern(obs.at, obs.at, cov.bend) * (turns @ turns.T)]
     parts += [f @ f.T for f in (_seen(obs, features) for features in cov.tunable(obs.at))]
     return fixed @ fixed.T, parts
 
@@ -83,7 +90,9 @@ def displacement(cov: Covariance, sds: Array, obs: Observed, alpha: Array, at: A
     free = np.bincount(which[:split], sds[:split] ** 2, minlength=len(lengths))
     along = np.bincount(which[split:], sds[split:k] ** 2, minlength=len(lengths))
     field += _field(at, normals, obs.at, obs.directions * alpha[:, None], obs.normal_part * alpha, lengths, free, along)
-    for sd, here, there in zip(sds[k:], cov.tunable(at), cov.tunable(obs.at), strict=True):
+    turning = _matern(at, obs.at, cov.bend) @ (alpha[:, None] * _seen(obs, cov.turns(obs.at)))
+    field += sds[k] ** 2 * np.einsum("nak,nk->na", cov.turns(at), turning)
+    for sd, here, there in zip(sds[k + 1 :], cov.tunable(at), cov.tunable(obs.at), strict=True):
         field += here @ (sd**2 * (alpha @ _seen(obs, there)))
     return np.asarray(field)
 
@@ -93,10 +102,12 @@ def cross(cov: Covariance, sds: Array, a: Observed, b: Observed) -> Array:
     total = _seen(a, cov.similarity(a.at)) @ _seen(b, cov.similarity(b.at)).T
     dots, sides = a.directions @ b.directions.T, np.outer(a.normal_part, b.normal_part)
     lengths, which = np.unique(cov.lengths, return_inverse=True)  # fields of one length share its correlation
-    for k, length in enumerate(lengths):
-        shared = [sds[i] ** 2 * (dots if i < len(cov.vector) else sides) for i in np.flatnonzero(which == k)]
+    for index, length in enumerate(lengths):
+        shared = [sds[i] ** 2 * (dots if i < len(cov.vector) else sides) for i in np.flatnonzero(which == index)]
         total += _matern(a.at, b.at, length) * sum(shared[1:], start=shared[0])
-    for sd, left, right in zip(sds[len(cov.lengths) :], cov.tunable(a.at), cov.tunable(b.at), strict=True):
+    k = len(cov.lengths)
+    total += sds[k] ** 2 * _matern(a.at, b.at, cov.bend) * (_seen(a, cov.turns(a.at)) @ _seen(b, cov.turns(b.at)).T)
+    for sd, left, right in zip(sds[k + 1 :], cov.tunable(a.at), cov.tunable(b.at), strict=True):
         total += sd**2 * _seen(a, left) @ _seen(b, right).T
     return np.asarray(total)
 
@@ -106,7 +117,8 @@ def variance(cov: Covariance, sds: Array, obs: Observed) -> Array:
     k, split = len(cov.lengths), len(cov.vector)
     total = (_seen(obs, cov.similarity(obs.at)) ** 2).sum(axis=1)
     total += (sds[:split] ** 2).sum() * (obs.directions**2).sum(axis=1) + (sds[split:k] ** 2).sum() * obs.normal_part**2
-    for sd, features in zip(sds[k:], cov.tunable(obs.at), strict=True):
+    total += sds[k] ** 2 * (_seen(obs, cov.turns(obs.at)) ** 2).sum(axis=1)
+    for sd, features in zip(sds[k + 1 :], cov.tunable(obs.at), strict=True):
         total += sd**2 * (_seen(obs, features) ** 2).sum(axis=1)
     return np.asarray(total)
 

@@ -1,8 +1,8 @@
 """Fitting the motion T of the prior: a similarity, strains and a smooth field, to points, by evidence.
 
-One iteration: foot points on the moved surface; signed residuals along its normals, less the bias that curvature gives them;
-posterior of the field (`covariance`, `evidence`); each point's residual to the fit without it decides how far it is believed
-(`outliers`). Amplitudes and noise levels maximise the evidence. Reasons and numbers: docs/method.md.
+One iteration: where on the moved surface each point may have come from (`feet`), and how far along the normal; posterior of the
+field (`covariance`, `evidence`); each point's residual to the fit without it decides how far it is believed (`outliers`).
+Amplitudes and noise levels maximise the evidence. Reasons and numbers: docs/method.md.
 """
 
 from __future__ import annotations
@@ -15,10 +15,11 @@ from ..geometry import Array, Ints, apply, fit_similarity
 from .closest import ClosestPoint
 from .covariance import Covariance, Observed, displacement, grams, interpolation
 from .evidence import Posterior, Scales, assemble, free_energy, left_out, solve, tune
+from .feet import likely_feet
 from .motion import Motion, MotionFit, State
 from .outliers import Contact, believe, mixture_energy
 from .rows import Data, Feet, Rows, gather, points_left_out
-from .shape import normals_and_curvature, unit_mean, vertex_normals
+from .shape import vertex_normals
 from .unfold import unfold
 
 PATCH = 0.4  # shortest correlation lengths: where points share rows, smaller patches change nothing but the time
@@ -39,6 +40,8 @@ class Settings:
     normal_amplitude: float = 0.25
     anchor_amplitude: float = 0.8
     landmark_noise: float = 0.08  # rms radii
+    bend: float = 3.0  # correlation length, rms radii, of a rotation that changes over the chamber,
+    bend_amplitude: float = 0.7  # and its sd at one rms radius
     strain: float = 0.05
     depth: float = 0.3  # rms radii: how deep inside a point off the wall usually lies
     spread: float = 1.0
@@ -102,7 +105,7 @@ class _Problem:
         size = float(np.sqrt(((posed - centre) ** 2).sum(axis=1).mean()))
         lengths = [tuple(size * x for x in group) for group in (settings.vector, settings.normal)]
         marks = apply(pose, data.marks_prior)
-        cov = Covariance(centre, lengths[0], lengths[1], marks, size * settings.anchor_length, translation=0.2 * size)
+        cov = Covariance(centre, lengths[0], lengths[1], size * settings.bend, marks, size * settings.anchor_length, translation=0.2 * size)
         nodes = _spaced(posed, 0.25 * min(lengths[0] + lengths[1]))
         near, spread = interpolation(posed[nodes], posed, min(lengths[0] + lengths[1]))
         tree = ClosestPoint(posed, faces)
@@ -115,7 +118,7 @@ class _Problem:
         rms = max(1.4826 * float(np.median(distances[~self.data.inside])), 1e-4 * self.size)
         amplitudes = [s.vector_amplitude * rms / 2**k for k in range(len(s.vector))]
         amplitudes += [s.normal_amplitude * rms / 2**k for k in range(len(s.normal))]
-        amplitudes += [s.strain] + [s.anchor_amplitude * rms] * (len(self.marks) > 0)
+        amplitudes += [s.bend_amplitude * rms / self.size, s.strain] + [s.anchor_amplitude * rms] * (len(self.marks) > 0)
         noises = [0.7 * rms] * self.data.groups + [s.landmark_noise * self.size] * (len(self.marks) > 0)
         log = np.log(np.array(amplitudes + noises))
         least = np.where(np.arange(len(log)) < len(amplitudes), -np.inf, np.log(s.finest * self.size))
@@ -129,7 +132,7 @@ class _Problem:
 
     def step(self, state: State, iteration: int, *, tuning: bool) -> tuple[State, tuple[Rows, Posterior], dict[str, float]]:
         """One round of foot points, posterior and belief; early rounds are held stiff and trust points less."""
-        feet = self.feet(state)
+        feet = self.feet(state, _widening(iteration))
         rows = gather(feet, self.data, state.weights, self.marks, self.settings.rows, PATCH * min(self.covariance.lengths))
         fixed, parts = grams(self.covariance, rows.observed)
         scales = state.scales
@@ -148,18 +151,11 @@ class _Problem:
         record = {"energy": energy, "step": step, "sigma": float(scales.noises[0]), "off_wall": contact.share}
         return State(feet_on, moved, damping, scales, contact, weights, step), (rows, posterior), record
 
-    def feet(self, state: State) -> Feet:
-        """Foot points with normals, and the residual's bias: noise of sd s puts points s^2 H / 2 outside a wall of curvature H."""
-        normals, curvature = normals_and_curvature(state.feet_on, self.faces, limit=10.0 / self.size)
+    def feet(self, state: State, widening: float = 1.0) -> Feet:
+        """Where on the moved surface the points may have come from, by the noise levels of now times `widening`."""
         self.tree.refit(state.feet_on)
-        _, face, _, bary = self.tree.query(self.data.points)
-        corner = self.faces[face]
-        n = unit_mean(normals, corner, bary)
-        at = (self.posed[corner] * bary[:, :, None]).sum(axis=1)
-        sigma = state.scales.noises[self.data.group] * self.data.relative
-        bias = 0.5 * sigma**2 * (curvature[corner] * bary).sum(axis=1)
-        along = (n * unit_mean(self.posed_normals, corner, bary)).sum(axis=1)
-        return Feet(at, n, along, ((self.data.points - at) * n).sum(axis=1) - bias)
+        sd = widening * state.scales.noises[self.data.group] * self.data.relative
+        return likely_feet(self.tree, self.data.points, sd, self.posed, self.posed_normals)
 
     def believe(self, state: State, residual: Array, var: Array) -> tuple[Array, Contact]:
         """Belief per point; an `inside` point has a say only while the surface leaves it outside."""
@@ -176,11 +172,14 @@ class _Problem:
         """Posterior probability of a motion beyond the pose, by free energies; and the pose, mended where alone it explains the points."""
         alone, shift = self.pose_alone(1.0)
         # amplitudes chosen by few points flatter their evidence: the small-sample correction of Hurvich and Tsai (1989)
-        tuned = len(self.start().scales.log) + self.covariance.similarity(self.posed[:1]).shape[2]
-        flattery = tuned * (tuned + 1.0) / max(len(self.data.points) - tuned - 1.0, 1.0)
+        scales, pose = self.start().scales, self.covariance.similarity(self.posed[:1]).shape[2]
+        flattery = self.flattery(pose + len(scales.log)) - self.flattery(pose + len(scales.log) - scales.fields)
         share = float(1.0 / (1.0 + np.exp(np.clip(energy - alone + flattery + self.settings.odds, -500.0, 500.0))))
         off = share < CERTAIN and alone + DECISIVE < self.pose_alone(0.0)[0]
         return share, fit_similarity(self.posed, self.posed + shift) @ self.pose if off else self.pose
+
+    def flattery(self, parameters: int) -> float:
+        return parameters * (parameters + 1.0) / max(len(self.data.points) - parameters - 1.0, 1.0)
 
     def pose_alone(self, free: float) -> tuple[float, Array]:
         """Free energy of noise around the prior in a pose that is `free` to move (1) or not (0), and the pose's displacement (n, d)."""
@@ -229,7 +228,7 @@ class _Problem:
 
     def facts(self, state: State) -> dict[str, float]:
         names = [f"vector_{x:.3g}" for x in self.covariance.vector] + [f"normal_{x:.3g}" for x in self.covariance.normal]
-        names += ["strain"] + ["anchors"] * (len(self.marks) > 0)
+        names += ["bend", "strain"] + ["anchors"] * (len(self.marks) > 0)
         facts = {f"amplitude_{name}": float(sd) for name, sd in zip(names, state.scales.sds, strict=True)}
         facts |= {"off_wall": state.contact.share, "persistence": state.contact.persistence}
         if len(self.marks):
@@ -248,8 +247,13 @@ def _annealed(iteration: int, scales: Scales, groups: int) -> Array:
     """Change of the logarithms in the first rounds: amplitudes grow from .3 to 1, noise shrinks from 3 to 1."""
     change = np.zeros(len(scales.log))
     change[: scales.fields] = np.log(min(1.0, 0.3 + 0.14 * iteration))
-    change[scales.fields : scales.fields + groups] = np.log((3.0, 2.0, 1.5, 1.2, 1.0)[min(iteration, 4)])
+    change[scales.fields : scales.fields + groups] = np.log(_widening(iteration))
     return change
+
+
+def _widening(iteration: int) -> float:
+    """Factor on the noise in the first rounds: points pull from afar, and none decides alone."""
+    return (3.0, 2.0, 1.5, 1.2, 1.0)[min(iteration, 4)]
 
 
 def _spaced(points: Array, spacing: float) -> Ints:
