@@ -1,9 +1,10 @@
 """Prior covariance of the motion field: what displacements of the prior are likely, before any point is seen.
 
-D(r) = A(r) b + S(r) e + w(r) x (r - centre) + sum_k u_k(r) + N(r) sum_k g_k(r) + sum_L exp(-|r-L|^2 / 2 l_a^2) c_L
+D(r) = A(r) b + S(r) e + w(r) x (r - centre) + f(r) N(r) q + sum_k u_k(r) + N(r) sum_k g_k(r) + sum_L exp(-|r-L|^2 / 2 l_a^2) c_L
 at positions r of the posed prior. A b: translation, rotation and scale, nearly free; S e: traceless strains; w: a rotation that
-changes over the chamber, so that bending and twisting are cheap; u, g: Matern 5/2 fields, of vectors and along the normal N
-(order >= 2: point data have no hold on rougher fields over a surface); c_L: shifts of anchors (vein ostia), each its own.
+changes over the chamber, so that bending and twisting are cheap; q: the share of the prior's roughness that the wall has not
+(`fairing`); u, g: Matern 5/2 fields, of vectors and along the normal N (order >= 2: point data have no hold on rougher fields over
+a surface); c_L: shifts of anchors (vein ostia), each its own.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ SQRT5 = 5.0**0.5
 
 @dataclass(frozen=True)
 class Covariance:
-    """Components of the field's covariance; their standard deviations come as one array: vector, normal, bend, strain, anchors.
+    """Components of the field's covariance; their standard deviations come as one array: vector, normal, bend, fairing, strain, anchors.
 
     centre (d,) is the origin of the similarity part, whose own standard deviations are translation (a length), rotation (rad)
     and scale; vector, normal and bend are correlation lengths; anchors (k, d) reach as far as anchor_length.
@@ -63,11 +64,27 @@ class Covariance:
 
 @dataclass(frozen=True)
 class Observed:
-    """Linear observations `directions . D(at)` (n, d), with `normal_part` (n,) = directions . N (zero where D has no normal field)."""
+    """Linear observations `directions . D(at)` (n, d), with `normal_part` (n,) = directions . N and `fairing_part` (n,) =
+    directions . f N (both zero where D has no field along the normal).
+    """
 
     at: Array
     directions: Array
     normal_part: Array
+    fairing_part: Array
+
+
+@dataclass(frozen=True)
+class Places:
+    """Places on the posed prior: positions (m, d), its unit normals N (m, d), and how far f (m,) fairing would move it along them."""
+
+    at: Array
+    normals: Array
+    fairing: Array
+
+    def observed(self, directions: Array) -> Observed:
+        along = (self.normals * directions).sum(axis=1)
+        return Observed(self.at, directions, along, along * self.fairing)
 
 
 def grams(cov: Covariance, obs: Observed) -> tuple[Array, list[Array]]:
@@ -77,13 +94,14 @@ def grams(cov: Covariance, obs: Observed) -> tuple[Array, list[Array]]:
     correlation = {length: _matern(obs.at, obs.at, length) for length in {*cov.vector, *cov.normal}}
     parts = [correlation[length] * dots for length in cov.vector] + [correlation[length] * sides for length in cov.normal]
     turns = _seen(obs, cov.turns(obs.at))
-    parts += [_matern(obs.at, obs.at, cov.bend) * (turns @ turns.T)]
+    parts += [_matern(obs.at, obs.at, cov.bend) * (turns @ turns.T), np.outer(obs.fairing_part, obs.fairing_part)]
     parts += [f @ f.T for f in (_seen(obs, features) for features in cov.tunable(obs.at))]
     return fixed @ fixed.T, parts
 
 
-def displacement(cov: Covariance, sds: Array, obs: Observed, alpha: Array, at: Array, normals: Array) -> Array:
-    """Field (m, d) at positions `at` with reference `normals` (m, d), for observation weights alpha (n,) = C^-1 z."""
+def displacement(cov: Covariance, sds: Array, obs: Observed, alpha: Array, places: Places) -> Array:
+    """Field (m, d) at `places`, for observation weights alpha (n,) = C^-1 z."""
+    at, normals = places.at, places.normals
     field = cov.similarity(at) @ (alpha @ _seen(obs, cov.similarity(obs.at)))
     k, split = len(cov.lengths), len(cov.vector)
     lengths, which = np.unique(cov.lengths, return_inverse=True)  # fields of one length share its exponential
@@ -92,7 +110,8 @@ def displacement(cov: Covariance, sds: Array, obs: Observed, alpha: Array, at: A
     field += _field(at, normals, obs.at, obs.directions * alpha[:, None], obs.normal_part * alpha, lengths, free, along)
     turning = _matern(at, obs.at, cov.bend) @ (alpha[:, None] * _seen(obs, cov.turns(obs.at)))
     field += sds[k] ** 2 * np.einsum("nak,nk->na", cov.turns(at), turning)
-    for sd, here, there in zip(sds[k + 1 :], cov.tunable(at), cov.tunable(obs.at), strict=True):
+    field += sds[k + 1] ** 2 * (alpha @ obs.fairing_part) * places.fairing[:, None] * normals
+    for sd, here, there in zip(sds[k + 2 :], cov.tunable(at), cov.tunable(obs.at), strict=True):
         field += here @ (sd**2 * (alpha @ _seen(obs, there)))
     return np.asarray(field)
 
@@ -107,7 +126,8 @@ def cross(cov: Covariance, sds: Array, a: Observed, b: Observed) -> Array:
         total += _matern(a.at, b.at, length) * sum(shared[1:], start=shared[0])
     k = len(cov.lengths)
     total += sds[k] ** 2 * _matern(a.at, b.at, cov.bend) * (_seen(a, cov.turns(a.at)) @ _seen(b, cov.turns(b.at)).T)
-    for sd, left, right in zip(sds[k + 1 :], cov.tunable(a.at), cov.tunable(b.at), strict=True):
+    total += sds[k + 1] ** 2 * np.outer(a.fairing_part, b.fairing_part)
+    for sd, left, right in zip(sds[k + 2 :], cov.tunable(a.at), cov.tunable(b.at), strict=True):
         total += sd**2 * _seen(a, left) @ _seen(b, right).T
     return np.asarray(total)
 
@@ -118,7 +138,8 @@ def variance(cov: Covariance, sds: Array, obs: Observed) -> Array:
     total = (_seen(obs, cov.similarity(obs.at)) ** 2).sum(axis=1)
     total += (sds[:split] ** 2).sum() * (obs.directions**2).sum(axis=1) + (sds[split:k] ** 2).sum() * obs.normal_part**2
     total += sds[k] ** 2 * (_seen(obs, cov.turns(obs.at)) ** 2).sum(axis=1)
-    for sd, features in zip(sds[k + 1 :], cov.tunable(obs.at), strict=True):
+    total += sds[k + 1] ** 2 * obs.fairing_part**2
+    for sd, features in zip(sds[k + 2 :], cov.tunable(obs.at), strict=True):
         total += sd**2 * (_seen(obs, features) ** 2).sum(axis=1)
     return np.asarray(total)
 

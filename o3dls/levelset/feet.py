@@ -12,14 +12,15 @@ from numba import njit
 
 from ..geometry import Array
 from .closest import ClosestPoint, _gap, _nearest
+from .covariance import Places
 from .rows import Feet
 from .shape import vertex_normals
 
 REACH = 3.0  # elements less likely than exp(-3) times the closest are left out: more change no result, and cost time
 
 
-def likely_feet(tree: ClosestPoint, points: Array, sd: Array, posed: Array, posed_normals: Array) -> Feet:
-    """Feet of points (k, d) of noise sd (k,) on the tree's surface, whose vertices in the reference pose are `posed` (n, d).
+def likely_feet(tree: ClosestPoint, points: Array, sd: Array, rest: Places) -> Feet:
+    """Feet of points (k, d) of noise sd (k,) on the tree's surface, whose vertices in the reference pose are `rest`.
 
     The normals are means of unit normals: shorter where walls of several directions compete, and so is what the point tells.
     """
@@ -28,18 +29,18 @@ def likely_feet(tree: ClosestPoint, points: Array, sd: Array, posed: Array, pose
     normals = vertex_normals(tree.vertices, tree.faces)
     spatial = np.zeros((len(points), 3))
     spatial[:, : points.shape[1]] = points
-    at, mean, along, residual = _expected(
-        spatial, 2.0 * sd**2, closest2, tree.corners, tree.leaves, tree.boxes, faces, normals, posed, posed_normals
+    means = _expected(
+        spatial, 2.0 * sd**2, closest2, tree.corners, tree.leaves, tree.boxes, faces, normals, rest.at, rest.normals, rest.fairing
     )
-    return Feet(at, mean, along, residual)
+    return Feet(*means)
 
 
 @njit(cache=True)
-def _expected(points, width, closest2, corners, leaves, boxes, faces, normals, posed, posed_normals):  # type: ignore[no-untyped-def]
+def _expected(points, width, closest2, corners, leaves, boxes, faces, normals, posed, posed_normals, fairing):  # type: ignore[no-untyped-def]
     """Weighted means over faces, each at its closest point, with weights area * exp(-squared distance / width)."""
     n, m, dim = points.shape[0], faces.shape[0], posed.shape[1]
     at, mean, moved = np.zeros((n, dim)), np.zeros((n, dim)), np.zeros(dim)
-    along, residual = np.zeros(n), np.zeros(n)
+    along, fair, residual = np.zeros(n), np.zeros(n), np.zeros(n)
     stack, share = np.empty(128, dtype=np.int64), np.empty(3)
     for i in range(n):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
@@ -64,7 +65,9 @@ def _expected(points, width, closest2, corners, leaves, boxes, faces, normals, p
                 if dim == 2:  # a segment is a triangle whose last two corners coincide
                     share[1] += share[2]
                 weight = _measure(corners, k) * np.exp((closest2[i] - gap) / width[i])
-                length = rest_length = height = agreement = 0.0
+                length = rest_length = height = agreement = bump = 0.0
+                for c in range(dim):
+                    bump += share[c] * fairing[faces[k, c]]
                 for axis in range(dim):
                     normal = rest = offset = 0.0
                     for c in range(dim):
@@ -78,7 +81,9 @@ def _expected(points, width, closest2, corners, leaves, boxes, faces, normals, p
                 length, rest_length = np.sqrt(length) + 1e-300, np.sqrt(rest_length) + 1e-300
                 total += weight
                 residual[i] += weight * height / length
-                along[i] += weight * agreement / (length * rest_length)
+                agreement /= length * rest_length
+                along[i] += weight * agreement
+                fair[i] += weight * agreement * bump
                 for axis in range(dim):
                     for c in range(dim):
                         part = weight * share[c]
@@ -87,11 +92,12 @@ def _expected(points, width, closest2, corners, leaves, boxes, faces, normals, p
                         moved[axis] += part * (corners[k, c, axis] - posed[faces[k, c], axis])
         residual[i] /= total
         along[i] /= total
+        fair[i] /= total
         for axis in range(dim):
             at[i, axis] /= total
             mean[i, axis] /= total
             residual[i] += mean[i, axis] * moved[axis] / total  # from the foot's place in the reference pose
-    return at, mean, along, residual
+    return at, mean, along, fair, residual
 
 
 @njit(cache=True)

@@ -13,8 +13,9 @@ import numpy as np
 
 from ..geometry import Array, Ints, apply, fit_similarity
 from .closest import ClosestPoint
-from .covariance import Covariance, Observed, displacement, grams, interpolation
-from .evidence import Posterior, Scales, assemble, free_energy, left_out, solve, tune
+from .covariance import Covariance, Observed, Places, displacement, grams, interpolation
+from .evidence import Posterior, Scales, assemble, free_energy, gain_of_feature, left_out, solve, tune
+from .fairing import fairing
 from .feet import likely_feet
 from .motion import Motion, MotionFit, State
 from .outliers import Contact, believe, mixture_energy
@@ -42,6 +43,9 @@ class Settings:
     landmark_noise: float = 0.08  # rms radii
     bend: float = 3.0  # correlation length, rms radii, of a rotation that changes over the chamber,
     bend_amplitude: float = 0.7  # and its sd at one rms radius
+    fairing: float = 0.35  # rms radii: bumps shorter than this may be roughness of the prior; they go where the evidence
+    fairing_amplitude: float = 0.3  # (sd of the share that goes) prefers it by
+    fairing_nats: float = 3.0
     strain: float = 0.05
     depth: float = 0.3  # rms radii: how deep inside a point off the wall usually lies
     spread: float = 1.0
@@ -73,7 +77,7 @@ def fit_motion(
         still = iteration > max(settings.tune_at) and record["step"] < least
         if still:
             break
-    share, mended = problem.share(trace[-1]["energy"]) if warm is None else (warm.motion.share, problem.pose)
+    share, mended = problem.share(trace[-1]["energy"], state.scales) if warm is None else (warm.motion.share, problem.pose)
     if mended is not problem.pose:
         return fit_motion(vertices, faces, mended, data, settings)
     return problem.result(state, solved, share, trace, still)
@@ -86,8 +90,7 @@ class _Problem:
     vertices: Array
     faces: Ints
     pose: Array
-    posed: Array
-    posed_normals: Array
+    rest: Places  # the vertices in the reference pose
     data: Data
     marks: Array  # landmarks of the prior in the reference pose
     covariance: Covariance
@@ -109,8 +112,8 @@ class _Problem:
         nodes = _spaced(posed, 0.25 * min(lengths[0] + lengths[1]))
         near, spread = interpolation(posed[nodes], posed, min(lengths[0] + lengths[1]))
         tree = ClosestPoint(posed, faces)
-        normals = vertex_normals(posed, faces)
-        return _Problem(vertices, faces, pose, posed, normals, data, marks, cov, settings, size, tree, nodes, near, spread)
+        rest = Places(posed, vertex_normals(posed, faces), fairing(posed, faces, size * settings.fairing))
+        return _Problem(vertices, faces, pose, rest, data, marks, cov, settings, size, tree, nodes, near, spread)
 
     def start(self) -> State:
         """Amplitudes and noise in proportion to the residuals of the start pose, judged by their median so that outliers have no say."""
@@ -118,12 +121,16 @@ class _Problem:
         rms = max(1.4826 * float(np.median(distances[~self.data.inside])), 1e-4 * self.size)
         amplitudes = [s.vector_amplitude * rms / 2**k for k in range(len(s.vector))]
         amplitudes += [s.normal_amplitude * rms / 2**k for k in range(len(s.normal))]
-        amplitudes += [s.bend_amplitude * rms / self.size, s.strain] + [s.anchor_amplitude * rms] * (len(self.marks) > 0)
+        amplitudes += [s.bend_amplitude * rms / self.size, s.fairing_amplitude, s.strain] + [s.anchor_amplitude * rms] * (
+            len(self.marks) > 0
+        )
         noises = [0.7 * rms] * self.data.groups + [s.landmark_noise * self.size] * (len(self.marks) > 0)
         log = np.log(np.array(amplitudes + noises))
+        centre = log.copy()
+        log[len(s.vector + s.normal) + 1] = -np.inf  # no fairing, until the evidence asks for it
         least = np.where(np.arange(len(log)) < len(amplitudes), -np.inf, np.log(s.finest * self.size))
-        scales = Scales(log, log.copy(), np.full(len(log), s.spread), least, len(amplitudes))
-        return State(self.posed, self.posed, 1.0, scales, Contact(depth=s.depth * self.size), np.ones(len(self.data.points)))
+        scales = Scales(log, centre, np.full(len(log), s.spread), least, len(amplitudes))
+        return State(self.rest.at, self.rest.at, 1.0, scales, Contact(depth=s.depth * self.size), np.ones(len(self.data.points)))
 
     def resume(self, warm: MotionFit) -> State:
         weights = np.ones(len(self.data.points))
@@ -137,11 +144,11 @@ class _Problem:
         fixed, parts = grams(self.covariance, rows.observed)
         scales = state.scales
         if tuning:
-            scales = replace(scales, log=tune(scales, fixed, parts, rows))
+            scales = self.tuned(scales, fixed, parts, rows)
         log = scales.log + _annealed(iteration, scales, self.data.groups)
         matrix, noise = assemble(log, fixed, parts, rows)
         posterior, _ = solve(matrix, rows.residual)
-        moved = self.posed + self.spread_from_nodes(np.exp(log[: scales.fields]), rows.observed, posterior)
+        moved = self.rest.at + self.spread_from_nodes(np.exp(log[: scales.fields]), rows.observed, posterior)
         residual, var = points_left_out(rows, feet, noise, *left_out(posterior, noise), np.exp(log[scales.fields :]), self.data)
         weights, contact = self.believe(state, residual, var)
         energy = free_energy(posterior, log[scales.fields :], rows) + self.label_energy(weights, residual, contact)
@@ -151,11 +158,26 @@ class _Problem:
         record = {"energy": energy, "step": step, "sigma": float(scales.noises[0]), "off_wall": contact.share}
         return State(feet_on, moved, damping, scales, contact, weights, step), (rows, posterior), record
 
+    def tuned(self, scales: Scales, fixed: Array, parts: list[Array], rows: Rows) -> Scales:
+        """Scales of the greatest evidence; the prior's roughness is left as it is unless they are for fairing: a small share, got
+        by chance, would move every vein's end.
+        """
+        k = len(self.covariance.lengths) + 1
+        log = scales.log.copy()
+        log[k] = -np.inf
+        log = tune(replace(scales, log=log), fixed, parts, rows)
+        posterior, inverse = solve(assemble(log, fixed, parts, rows)[0], rows.residual)
+        gain, variance = gain_of_feature(rows.observed.fairing_part, inverse, posterior.alpha)
+        if gain > self.settings.fairing_nats:
+            log[k] = min(0.5 * np.log(variance), 0.0)
+            log = tune(replace(scales, log=log), fixed, parts, rows)
+        return replace(scales, log=log)
+
     def feet(self, state: State, widening: float = 1.0) -> Feet:
         """Where on the moved surface the points may have come from, by the noise levels of now times `widening`."""
         self.tree.refit(state.feet_on)
         sd = widening * state.scales.noises[self.data.group] * self.data.relative
-        return likely_feet(self.tree, self.data.points, sd, self.posed, self.posed_normals)
+        return likely_feet(self.tree, self.data.points, sd, self.rest)
 
     def believe(self, state: State, residual: Array, var: Array) -> tuple[Array, Contact]:
         """Belief per point; an `inside` point has a say only while the surface leaves it outside."""
@@ -168,15 +190,16 @@ class _Problem:
         wall = ~self.data.inside
         return mixture_energy(weights[wall], residual[wall], self.data.odds[wall], contact)
 
-    def share(self, energy: float) -> tuple[float, Array]:
+    def share(self, energy: float, scales: Scales) -> tuple[float, Array]:
         """Posterior probability of a motion beyond the pose, by free energies; and the pose, mended where alone it explains the points."""
         alone, shift = self.pose_alone(1.0)
         # amplitudes chosen by few points flatter their evidence: the small-sample correction of Hurvich and Tsai (1989)
-        scales, pose = self.start().scales, self.covariance.similarity(self.posed[:1]).shape[2]
-        flattery = self.flattery(pose + len(scales.log)) - self.flattery(pose + len(scales.log) - scales.fields)
+        noises, pose = len(scales.log) - scales.fields, self.covariance.similarity(self.rest.at[:1]).shape[2]
+        fields = int(np.isfinite(scales.log[: scales.fields]).sum())
+        flattery = self.flattery(pose + noises + fields) - self.flattery(pose + noises)
         share = float(1.0 / (1.0 + np.exp(np.clip(energy - alone + flattery + self.settings.odds, -500.0, 500.0))))
         off = share < CERTAIN and alone + DECISIVE < self.pose_alone(0.0)[0]
-        return share, fit_similarity(self.posed, self.posed + shift) @ self.pose if off else self.pose
+        return share, fit_similarity(self.rest.at, self.rest.at + shift) @ self.pose if off else self.pose
 
     def flattery(self, parameters: int) -> float:
         return parameters * (parameters + 1.0) / max(len(self.data.points) - parameters - 1.0, 1.0)
@@ -186,7 +209,7 @@ class _Problem:
         state = self.start()
         feet = self.feet(state)
         scales = state.scales.noise_alone()
-        weights, contact, energy, shift = state.weights, state.contact, np.inf, np.zeros_like(self.posed)
+        weights, contact, energy, shift = state.weights, state.contact, np.inf, np.zeros_like(self.rest.at)
         for _ in range(6):
             rows = gather(feet, self.data, weights, self.marks, self.settings.rows, PATCH * min(self.covariance.lengths))
             seen = free * np.einsum("na,nak->nk", rows.observed.directions, self.covariance.similarity(rows.observed.at))
@@ -197,22 +220,27 @@ class _Problem:
             residual, var = points_left_out(rows, feet, noise, *left_out(posterior, noise), np.exp(scales.log), self.data)
             weights, contact = self.believe(replace(state, contact=contact), residual, var)
             energy = free_energy(posterior, scales.log, rows) + self.label_energy(weights, residual, contact)
-            shift = self.covariance.similarity(self.posed) @ (posterior.alpha @ seen)
+            shift = self.covariance.similarity(self.rest.at) @ (posterior.alpha @ seen)
         return energy, shift
+
+    @property
+    def at_nodes(self) -> Places:
+        return Places(self.rest.at[self.nodes], self.rest.normals[self.nodes], self.rest.fairing[self.nodes])
 
     def spread_from_nodes(self, sds: Array, observed: Observed, posterior: Posterior) -> Array:
         """Displacement (n, d) of every vertex, interpolated from nodes that stand close together against the shortest length."""
-        at, normals = self.posed[self.nodes], self.posed_normals[self.nodes]
-        field = displacement(self.covariance, sds, observed, posterior.alpha, at, normals)
+        field = displacement(self.covariance, sds, observed, posterior.alpha, self.at_nodes)
         return np.asarray(np.einsum("nk,nkd->nd", self.spread, field[self.near]))
 
     def result(self, state: State, solved: tuple[Rows, Posterior], share: float, trace: list[dict[str, float]], still: bool) -> MotionFit:
         rows, posterior = solved
         share = 1.0 if share > CERTAIN else share
         sds = state.scales.sds
-        motion = Motion(self.vertices, self.faces, self.pose, self.covariance, sds, rows.observed, posterior, share, INFLATION)
+        motion = Motion(
+            self.vertices, self.faces, self.rest.fairing, self.pose, self.covariance, sds, rows.observed, posterior, share, INFLATION
+        )
         now = vertex_normals(state.moved, self.faces)[self.nodes]
-        at_nodes = motion.sd_in_reference(self.posed[self.nodes], self.posed_normals[self.nodes], now)
+        at_nodes = motion.sd_in_reference(self.at_nodes, now)
         sd = np.maximum((self.spread * at_nodes[self.near]).sum(axis=1), 0.0)
         word = (
             "converged" if still else f"stopped after {len(trace)} iterations while the surface still moved {trace[-1]['step']:.2g} a step"
@@ -220,7 +248,7 @@ class _Problem:
         status = f"{word}; noise {state.scales.noises[0]:.3g}, {100 * state.contact.share:.0f} % of the points off the wall"
         if share < 0.95:
             status += f"; the points show a motion beyond the pose with probability {share:.2f}, and the prior follows it that far"
-        vertices, folded = unfold(self.posed, self.posed + share * (state.moved - self.posed), self.faces)
+        vertices, folded = unfold(self.rest.at, self.rest.at + share * (state.moved - self.rest.at), self.faces)
         if folded:
             status += f"; {folded} faces folded over and were mended from their surroundings"
         facts = self.facts(state) | {"share": share, "folded_faces": float(folded)}
@@ -228,7 +256,7 @@ class _Problem:
 
     def facts(self, state: State) -> dict[str, float]:
         names = [f"vector_{x:.3g}" for x in self.covariance.vector] + [f"normal_{x:.3g}" for x in self.covariance.normal]
-        names += ["bend", "strain"] + ["anchors"] * (len(self.marks) > 0)
+        names += ["bend", "fairing", "strain"] + ["anchors"] * (len(self.marks) > 0)
         facts = {f"amplitude_{name}": float(sd) for name, sd in zip(names, state.scales.sds, strict=True)}
         facts |= {"off_wall": state.contact.share, "persistence": state.contact.persistence}
         if len(self.marks):

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..geometry import Array, Ints, apply, fit_similarity
 from .closest import ClosestPoint
-from .covariance import Covariance, Observed, cross, displacement, variance
+from .covariance import Covariance, Observed, Places, cross, displacement, variance
 from .evidence import Posterior, Scales, posterior_variance
 from .outliers import Contact
 from .shape import unit_mean, vertex_normals
@@ -26,6 +26,7 @@ class Motion:
 
     vertices: Array  # of the prior, in its own frame
     faces: Ints
+    fairing: Array  # how far (n,) fairing would move the vertices along their normals, in the map's unit
     T_map_prior: Array  # the reference pose, from which the field displaces
     covariance: Covariance
     sds: Array
@@ -35,23 +36,23 @@ class Motion:
     inflation: float = 1.0
 
     def __call__(self, points: Array) -> Array:
-        at, normals = self._reference(points)
-        return at + self.share * self._field(at, normals)
+        places = self._reference(points)
+        return places.at + self.share * self._field(places)
 
     def sd(self, points: Array, normals: Array) -> Array:
         """Posterior standard deviation (n,) along unit `normals` (map frame) of where points (n, d) of the prior frame went."""
-        return self.sd_in_reference(*self._reference(points), normals)
+        return self.sd_in_reference(self._reference(points), normals)
 
-    def sd_in_reference(self, at: Array, own: Array, normals: Array) -> Array:
-        """The same for points that are known in the reference pose (n, d), with the reference surface's normals there."""
-        asked = Observed(at, normals, (normals * own).sum(axis=1))
+    def sd_in_reference(self, places: Places, normals: Array) -> Array:
+        """The same for places that are known in the reference pose."""
+        asked = places.observed(normals)
         crossed = cross(self.covariance, self.sds, self.observed, asked)
         var = posterior_variance(self.posterior.factor, variance(self.covariance, self.sds, asked), crossed)
-        between = 0.0 if self.share == 1.0 else (self._field(at, own) * normals).sum(axis=1) ** 2
+        between = 0.0 if self.share == 1.0 else (self._field(places) * normals).sum(axis=1) ** 2
         return self.inflation * np.sqrt(self.share * (var + (1.0 - self.share) * between))
 
-    def _field(self, at: Array, normals: Array) -> Array:
-        return displacement(self.covariance, self.sds, self.observed, self.posterior.alpha, at, normals)
+    def _field(self, places: Places) -> Array:
+        return displacement(self.covariance, self.sds, self.observed, self.posterior.alpha, places)
 
     @cached_property
     def _tree(self) -> ClosestPoint:
@@ -61,10 +62,12 @@ class Motion:
     def _normals(self) -> Array:
         return vertex_normals(apply(self.T_map_prior, self.vertices), self.faces)
 
-    def _reference(self, points: Array) -> tuple[Array, Array]:
-        """Positions in the reference pose, and the reference surface's normal nearest to them."""
+    def _reference(self, points: Array) -> Places:
+        """Positions in the reference pose, and the reference surface's normal and roughness nearest to them."""
         _, face, _, bary = self._tree.query(points)
-        return apply(self.T_map_prior, points), unit_mean(self._normals, self.faces[face], bary)
+        corner = self.faces[face]
+        at, normals = apply(self.T_map_prior, points), unit_mean(self._normals, corner, bary)
+        return Places(at, normals, (self.fairing[corner] * bary).sum(axis=1))
 
 
 @dataclass(frozen=True, eq=False)

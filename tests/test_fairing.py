@@ -1,0 +1,71 @@
+"""Fairing against what is known: bumps go, long bends and round bodies stay, and neither frame nor fineness of the mesh matters."""
+
+import numpy as np
+import pytest
+import trimesh
+from fields import SIZE, body, wall
+
+from o3dls.geometry import Array, Surface, outline, similarity
+from o3dls.levelset.fairing import fairing
+from o3dls.levelset.fit import fit_motion
+from o3dls.levelset.shape import vertex_normals
+
+LENGTH = 0.35 * SIZE
+DIMENSIONS = pytest.mark.parametrize("dimension", [2, 3])
+
+
+def ball(dimension: int, fineness: int) -> Surface:
+    if dimension == 2:
+        t = np.linspace(0.0, 2.0 * np.pi, 60 * 2**fineness, endpoint=False)
+        return outline(SIZE * np.column_stack([np.cos(t), np.sin(t)]))
+    sphere = trimesh.creation.icosphere(subdivisions=fineness, radius=SIZE)
+    return Surface(sphere.vertices, sphere.faces)
+
+
+def bumps(surface: Surface, wavelength: float, seed: int = 3) -> Array:
+    """Smooth random heights (n,) of unit rms with waves of about the given length, from plane waves."""
+    rng = np.random.default_rng(seed)
+    waves = rng.normal(size=(40, surface.dimension))
+    waves *= 2.0 * np.pi / wavelength / np.linalg.norm(waves, axis=1)[:, None]
+    heights = np.cos(surface.vertices @ waves.T + rng.uniform(0, 2 * np.pi, 40)).sum(axis=1)
+    return np.asarray(heights / heights.std())
+
+
+def raised(surface: Surface, heights: Array) -> Surface:
+    return surface.with_vertices(surface.vertices + heights[:, None] * vertex_normals(surface.vertices, surface.faces))
+
+
+@DIMENSIONS
+def test_bumps_go_and_the_body_stays(dimension: int) -> None:
+    plain = ball(dimension, 4)
+    heights = 0.3 * bumps(plain, 0.6 * LENGTH)
+    bare, moved = fairing(*_parts(plain), LENGTH), fairing(*_parts(raised(plain, heights)), LENGTH)
+    assert np.corrcoef(moved - bare, -heights)[0, 1] > 0.88  # a wave that runs across the wall is long along it, and stays
+    assert np.linalg.norm(moved - bare + heights) < 0.5 * np.linalg.norm(heights)
+    assert np.abs(bare).max() < (LENGTH / SIZE) ** 4 * SIZE  # a ball of radius R: each pass takes (d - 1) (length / R)^2 / 2 at most
+
+
+@DIMENSIONS
+def test_frame_and_fineness_do_not_matter(dimension: int) -> None:
+    coarse, fine = (raised(x, 0.5 * bumps(x, LENGTH)) for x in (ball(dimension, 4), ball(dimension, 5)))
+    found = fairing(*_parts(coarse), LENGTH)
+    np.testing.assert_allclose(fairing(*_parts(fine), LENGTH)[: len(found)] if dimension == 3 else fairing(*_parts(fine), LENGTH)[::2],
+                               found, atol=0.1 * np.abs(found).max())  # fmt: skip
+    frame = similarity(np.eye(dimension), np.full(dimension, 5.0), 3.0)
+    np.testing.assert_allclose(fairing(*_parts(coarse.transformed(frame)), 3.0 * LENGTH), 3.0 * found, atol=1e-3 * SIZE)
+
+
+def test_a_fit_takes_the_roughness_away_where_the_points_lack_it_and_leaves_it_where_they_have_it() -> None:
+    plain = body(3, fineness=4)
+    rough = raised(plain, 0.03 * SIZE * bumps(plain, 0.7 * LENGTH))
+    rng = np.random.default_rng(19)
+    for truth, expected in ((plain, True), (rough, False)):
+        face = rng.choice(len(truth.faces), 250, p=truth.face_areas / truth.area)
+        points = np.einsum("nc,ncd->nd", rng.dirichlet(np.ones(3), 250), truth.vertices[truth.faces[face]])
+        points += 0.01 * SIZE * rng.normal(size=points.shape)
+        fit = fit_motion(rough.vertices, rough.faces, np.eye(4), wall(points))
+        assert (fit.facts["amplitude_fairing"] > 0.0) is expected
+
+
+def _parts(surface: Surface) -> tuple[Array, Array]:
+    return surface.vertices, surface.faces
