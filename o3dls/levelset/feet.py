@@ -17,6 +17,7 @@ from .rows import Feet
 from .shape import vertex_normals
 
 REACH = 3.0  # elements less likely than exp(-3) times the closest are left out: more change no result, and cost time
+FINE = 3.0  # what is smaller than the noise times the root of this is seen as its centre: exact enough for a Gaussian
 
 
 def likely_feet(tree: ClosestPoint, points: Array, sd: Array, rest: Places) -> Feet:
@@ -24,33 +25,121 @@ def likely_feet(tree: ClosestPoint, points: Array, sd: Array, rest: Places) -> F
 
     The normals are means of unit normals: shorter where walls of several directions compete, and so is what the point tells.
     """
+    dim = points.shape[1]
     faces = tree.faces[tree.order]
-    closest2 = tree.query(points)[0]
+    closest2, nearest, _, _ = tree.query(points)
     normals = vertex_normals(tree.vertices, tree.faces)
     spatial = np.zeros((len(points), 3))
-    spatial[:, : points.shape[1]] = points
-    means = _expected(
-        spatial, 2.0 * sd**2, closest2, tree.corners, tree.leaves, tree.boxes, faces, normals, rest.at, rest.normals, rest.fairing
-    )
-    return Feet(*means)
+    spatial[:, :dim] = points
+    centres = _elements(tree.corners, faces, np.full((len(faces), 3), 1.0 / dim), normals, rest.at, rest.normals, rest.fairing)
+    tree_of = (tree.corners, tree.leaves, tree.boxes, faces, centres, _nodes(centres, tree.leaves, tree.boxes))
+    sums = _expected(spatial, sd**2, closest2, tree.rank[nearest], *tree_of, normals, rest.at, rest.normals, rest.fairing)
+    at, mean, along, fair, height, moved = np.split(sums, [dim, 2 * dim, 2 * dim + 1, 2 * dim + 2, 2 * dim + 3], axis=1)
+    residual = height[:, 0] + (mean * moved).sum(axis=1)  # from the foot's place in the reference pose
+    return Feet(at, mean, along[:, 0], fair[:, 0], residual)
 
 
 @njit(cache=True)
-def _expected(points, width, closest2, corners, leaves, boxes, faces, normals, posed, posed_normals, fairing):  # type: ignore[no-untyped-def]
-    """Weighted means over faces, each at its closest point, with weights area * exp(-squared distance / width)."""
-    n, m, dim = points.shape[0], faces.shape[0], posed.shape[1]
-    at, mean, moved = np.zeros((n, dim)), np.zeros((n, dim)), np.zeros(dim)
-    along, fair, residual = np.zeros(n), np.zeros(n), np.zeros(n)
-    stack, share = np.empty(128, dtype=np.int64), np.empty(3)
+def _element(corners, faces, k, share, normals, rest, rest_normals, fairing, out):  # type: ignore[no-untyped-def]
+    """Write what face k holds at barycentric weights `share`: rest place, normal, its share along the rest normal and along the
+    fairing, normal . place, displacement; then the place, the face's measure and its greatest squared edge."""
+    dim = rest.shape[1]
+    length = rest_length = agreement = bump = height = 0.0
+    for axis in range(dim):
+        normal = rest_normal = place = origin = 0.0
+        for c in range(dim):
+            normal += share[c] * normals[faces[k, c], axis]
+            rest_normal += share[c] * rest_normals[faces[k, c], axis]
+            place += share[c] * corners[k, c, axis]
+            origin += share[c] * rest[faces[k, c], axis]
+        out[axis], out[dim + axis] = origin, normal
+        out[2 * dim + 3 + axis], out[3 * dim + 3 + axis] = place - origin, place
+        length += normal * normal
+        rest_length += rest_normal * rest_normal
+        agreement += normal * rest_normal
+        height += normal * place
+    length, rest_length = np.sqrt(length) + 1e-300, np.sqrt(rest_length) + 1e-300
+    for c in range(dim):
+        bump += share[c] * fairing[faces[k, c]]
+    for axis in range(dim):
+        out[dim + axis] /= length
+    out[2 * dim] = agreement / (length * rest_length)
+    out[2 * dim + 1] = out[2 * dim] * bump
+    out[2 * dim + 2] = height / length
+
+
+@njit(cache=True)
+def _elements(corners, faces, shares, normals, rest, rest_normals, fairing):  # type: ignore[no-untyped-def]
+    """What every face holds at its centre, (m, 4 d + 5), in tree order."""
+    m, dim = faces.shape
+    out = np.empty((m, 4 * dim + 5))
+    for k in range(m):
+        _element(corners, faces, k, shares[k], normals, rest, rest_normals, fairing, out[k])
+        ux, uy, uz = corners[k, 1, 0] - corners[k, 0, 0], corners[k, 1, 1] - corners[k, 0, 1], corners[k, 1, 2] - corners[k, 0, 2]
+        vx, vy, vz = corners[k, 2, 0] - corners[k, 0, 0], corners[k, 2, 1] - corners[k, 0, 1], corners[k, 2, 2] - corners[k, 0, 2]
+        x, y, z = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+        edge2 = max(ux * ux + uy * uy + uz * uz, vx * vx + vy * vy + vz * vz, (ux - vx) ** 2 + (uy - vy) ** 2 + (uz - vz) ** 2)
+        out[k, 4 * dim + 3] = np.sqrt(edge2) if dim == 2 else 0.5 * np.sqrt(x * x + y * y + z * z)
+        out[k, 4 * dim + 4] = edge2
+    return out
+
+
+@njit(cache=True)
+def _nodes(centres, leaves, boxes):  # type: ignore[no-untyped-def]
+    """What every node of the tree holds: the means of its faces, their measure, and the squared diagonal of its box."""
+    m, width = centres.shape
+    out = np.zeros((2 * leaves - 1, width))
+    for leaf in range(leaves):
+        node = leaves - 1 + leaf
+        for k in range(leaf * m // leaves, (leaf + 1) * m // leaves):
+            for q in range(width - 2):
+                out[node, q] += centres[k, width - 2] * centres[k, q]
+            out[node, width - 2] += centres[k, width - 2]
+    for node in range(leaves - 2, -1, -1):
+        for q in range(width - 1):
+            out[node, q] = out[2 * node + 1, q] + out[2 * node + 2, q]
+    for node in range(2 * leaves - 1):
+        for q in range(width - 2):
+            out[node, q] /= max(out[node, width - 2], 1e-300)
+        for axis in range(3):
+            out[node, width - 1] += (boxes[node, 1, axis] - boxes[node, 0, axis]) ** 2
+    return out
+
+
+@njit(cache=True)
+def _add(means, points, i, elements, k, closest2, sd2):  # type: ignore[no-untyped-def]
+    """Add to row i of the sums what element k holds, by its weight, which is returned. Indices, because array views cost more."""
+    dim = (elements.shape[1] - 5) // 4
+    gap = 0.0
+    for axis in range(dim):
+        gap += (points[i, axis] - elements[k, 3 * dim + 3 + axis]) ** 2
+    weight = elements[k, 4 * dim + 3] * np.exp(0.5 * (closest2 - gap) / sd2)
+    for q in range(3 * dim + 3):
+        means[i, q] += weight * elements[k, q]
+    for axis in range(dim):
+        means[i, 2 * dim + 2] -= weight * elements[k, dim + axis] * points[i, axis]
+    return weight
+
+
+@njit(cache=True)
+def _expected(points, sd2, closest2, nearest, corners, leaves, boxes, faces, centres, nodes, normals, rest, rest_normals, fairing):  # type: ignore[no-untyped-def]
+    """Means (n, 3 d + 3) of what the faces hold, with weights measure * exp(-squared distance / 2 sd2); the height is that of
+    the point over the face."""
+    n, m, dim = points.shape[0], faces.shape[0], rest.shape[1]
+    size = 3 * dim + 3
+    means = np.zeros((n, size))
+    stack, share, own = np.empty(128, dtype=np.int64), np.empty(3), np.empty((1, 4 * dim + 5))
     for i in range(n):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
-        limit, total = closest2[i] * (1.0 + 1e-12) + REACH * width[i], 0.0
-        moved[:] = 0.0
+        limit, total = closest2[i] * (1.0 + 1e-12) + 2.0 * REACH * sd2[i], 0.0
         stack[0], top = 0, 1
         while top > 0:
             top -= 1
             node = stack[top]
             if _gap(x, y, z, boxes, node) > limit:
+                continue
+            if nodes[node, 4 * dim + 4] < FINE * sd2[i]:
+                total += _add(means, points, i, nodes, node, closest2[i], sd2[i])
                 continue
             if node < leaves - 1:
                 stack[top], stack[top + 1] = 2 * node + 1, 2 * node + 2
@@ -58,54 +147,25 @@ def _expected(points, width, closest2, corners, leaves, boxes, faces, normals, p
                 continue
             leaf = node - (leaves - 1)
             for k in range(leaf * m // leaves, (leaf + 1) * m // leaves):
-                gap, share[1], share[2] = _nearest(x, y, z, corners, k)
+                if centres[k, 4 * dim + 4] < FINE * sd2[i]:
+                    total += _add(means, points, i, centres, k, closest2[i], sd2[i])
+                    continue
+                gap, share[1], share[2] = _nearest(x, y, z, corners, k)  # a face large against the noise is seen at its closest point
                 if gap > limit:
                     continue
                 share[0] = 1.0 - share[1] - share[2]
                 if dim == 2:  # a segment is a triangle whose last two corners coincide
                     share[1] += share[2]
-                weight = _measure(corners, k) * np.exp((closest2[i] - gap) / width[i])
-                length = rest_length = height = agreement = bump = 0.0
-                for c in range(dim):
-                    bump += share[c] * fairing[faces[k, c]]
-                for axis in range(dim):
-                    normal = rest = offset = 0.0
-                    for c in range(dim):
-                        normal += share[c] * normals[faces[k, c], axis]
-                        rest += share[c] * posed_normals[faces[k, c], axis]
-                        offset += share[c] * corners[k, c, axis]
-                    length += normal * normal
-                    rest_length += rest * rest
-                    height += normal * (points[i, axis] - offset)
-                    agreement += normal * rest
-                length, rest_length = np.sqrt(length) + 1e-300, np.sqrt(rest_length) + 1e-300
-                total += weight
-                residual[i] += weight * height / length
-                agreement /= length * rest_length
-                along[i] += weight * agreement
-                fair[i] += weight * agreement * bump
-                for axis in range(dim):
-                    for c in range(dim):
-                        part = weight * share[c]
-                        mean[i, axis] += part * normals[faces[k, c], axis] / length
-                        at[i, axis] += part * posed[faces[k, c], axis]
-                        moved[axis] += part * (corners[k, c, axis] - posed[faces[k, c], axis])
-        residual[i] /= total
-        along[i] /= total
-        fair[i] /= total
-        for axis in range(dim):
-            at[i, axis] /= total
-            mean[i, axis] /= total
-            residual[i] += mean[i, axis] * moved[axis] / total  # from the foot's place in the reference pose
-    return at, mean, along, fair, residual
-
-
-@njit(cache=True)
-def _measure(corners, k):  # type: ignore[no-untyped-def]
-    """Twice the area of face k, or, where its last two corners coincide, the length of the segment."""
-    ux, uy, uz = corners[k, 1, 0] - corners[k, 0, 0], corners[k, 1, 1] - corners[k, 0, 1], corners[k, 1, 2] - corners[k, 0, 2]
-    vx, vy, vz = corners[k, 2, 0] - corners[k, 0, 0], corners[k, 2, 1] - corners[k, 0, 1], corners[k, 2, 2] - corners[k, 0, 2]
-    x, y, z = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-    if ux == vx and uy == vy and uz == vz:
-        return np.sqrt(ux * ux + uy * uy + uz * uz)
-    return np.sqrt(x * x + y * y + z * z)
+                _element(corners, faces, k, share, normals, rest, rest_normals, fairing, own[0])
+                own[0, 4 * dim + 3] = centres[k, 4 * dim + 3]
+                total += _add(means, points, i, own, 0, closest2[i], sd2[i])
+        if total == 0.0:  # over a sharp edge every centre is far against the noise
+            total = 1.0
+            for q in range(size):
+                means[i, q] = centres[nearest[i], q]
+            for axis in range(dim):
+                means[i, 2 * dim + 2] -= centres[nearest[i], dim + axis] * points[i, axis]
+        for q in range(size):
+            means[i, q] /= total
+        means[i, 2 * dim + 2] *= -1.0
+    return means

@@ -25,6 +25,7 @@ from .unfold import unfold
 
 PATCH = 0.4  # shortest correlation lengths: where points share rows, smaller patches change nothing but the time
 SETTLED = 5  # rounds in which amplitudes grow and noise shrinks: steps are large on purpose
+MANY_ROUNDS = 6  # with all points, after a fit to some of them
 WARM_ROUNDS = 1  # one more point moves the surface by a fraction of the noise: a second round would move it by hundredths of that
 CERTAIN, DECISIVE = 0.999, 10.0  # a motion this probable is a motion; a pose better by so many nats is the pose
 INFLATION = 1.3  # the posterior takes feet, normals and amplitudes as known: measured on development seeds, docs/method.md
@@ -52,6 +53,7 @@ class Settings:
     odds: float = 0.0  # nats against a motion beyond the pose, before the points are seen
     finest: float = 0.01  # rms radii: no point is believed better than this
     rows: int = 600  # more points than this share rows by patches of the surface
+    many: int = 4000  # of more points than this, an even part finds amplitudes, noise and motion; all of them have the last word
     iterations: int = 25
     tune_at: tuple[int, ...] = (5, 9, 13)
     tolerance: float = 2e-4  # rms radii: mean step of the surface that counts as standing still
@@ -65,22 +67,42 @@ def fit_motion(
     `warm` starts from an earlier fit of the same surface to the first of the same points: its pose, amplitudes and noise levels
     are kept, and a few rounds take in the further points.
     """
+    if warm is not None:
+        return _proceed(warm, data, slice(len(warm.state.weights)), WARM_ROUNDS)
     settings = settings or Settings()
-    problem = _Problem.make(vertices, faces, pose, data, settings) if warm is None else replace(warm.problem, data=data)
-    state = problem.start() if warm is None else problem.resume(warm)
+    if len(data.points) > settings.many:
+        some = slice(None, None, -(-len(data.points) // settings.many))
+        first = fit_motion(vertices, faces, pose, data.at(some), settings)
+        return _proceed(first, data, some, MANY_ROUNDS)
+    problem = _Problem.make(vertices, faces, pose, data, settings)
+    state = problem.start()
     trace: list[dict[str, float]] = []
     still = False
-    for iteration in range(0 if warm is None else settings.iterations - WARM_ROUNDS, settings.iterations):
-        state, solved, record = problem.step(state, iteration, tuning=warm is None and iteration in settings.tune_at)
+    for iteration in range(settings.iterations):
+        state, solved, record = problem.step(state, iteration, tuning=iteration in settings.tune_at)
         trace.append(record)
-        least = settings.tolerance * problem.size if warm is None else 0.1 * record["sigma"]  # an update stands within the noise
-        still = iteration > max(settings.tune_at) and record["step"] < least
+        still = iteration > max(settings.tune_at) and record["step"] < settings.tolerance * problem.size
         if still:
             break
-    share, mended = problem.share(trace[-1]["energy"], state.scales) if warm is None else (warm.motion.share, problem.pose)
+    share, mended = problem.share(trace[-1]["energy"], state.scales)
     if mended is not problem.pose:
         return fit_motion(vertices, faces, mended, data, settings)
     return problem.result(state, solved, share, trace, still)
+
+
+def _proceed(earlier: MotionFit, data: Data, known: slice, rounds: int) -> MotionFit:
+    """Rounds with all of `data`, of which the earlier fit had the `known` points: pose, amplitudes and noise levels are kept."""
+    least = 0.1 * float(earlier.state.scales.noises[0])  # the surface stands within the noise
+    problem: _Problem = replace(earlier.problem, data=data)
+    weights = np.ones(len(data.points))
+    weights[known] = earlier.state.weights
+    state, trace = replace(earlier.state, weights=weights), list[dict[str, float]]()
+    for _ in range(rounds):
+        state, solved, record = problem.step(state, SETTLED + 1, tuning=False)
+        trace.append(record)
+        if record["step"] < least:
+            break
+    return problem.result(state, solved, earlier.motion.share, trace, trace[-1]["step"] < least)
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,11 +153,6 @@ class _Problem:
         least = np.where(np.arange(len(log)) < len(amplitudes), -np.inf, np.log(s.finest * self.size))
         scales = Scales(log, centre, np.full(len(log), s.spread), least, len(amplitudes))
         return State(self.rest.at, self.rest.at, 1.0, scales, Contact(depth=s.depth * self.size), np.ones(len(self.data.points)))
-
-    def resume(self, warm: MotionFit) -> State:
-        weights = np.ones(len(self.data.points))
-        weights[: len(warm.state.weights)] = warm.state.weights
-        return replace(warm.state, weights=weights)
 
     def step(self, state: State, iteration: int, *, tuning: bool) -> tuple[State, tuple[Rows, Posterior], dict[str, float]]:
         """One round of foot points, posterior and belief; early rounds are held stiff and trust points less."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,11 @@ class Data:
     @property
     def groups(self) -> int:
         return int(self.group.max(initial=0)) + 1
+
+    def at(self, which: slice) -> Data:
+        """Some of the points, all of the landmarks."""
+        names = ("points", "group", "relative", "odds", "inside")
+        return replace(self, **{name: getattr(self, name)[which] for name in names})
 
 
 @dataclass(frozen=True)
