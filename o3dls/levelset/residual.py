@@ -56,9 +56,7 @@ def _patches(feet: Array, length: float) -> Ints:
     return np.unique(cells - cells.min(axis=0), axis=0, return_inverse=True)[1].ravel()
 
 
-def _best(
-    at: Array, trust: Array, mean: Array, scatter: float, free: float, typical: float, doubt: float, length: float
-) -> Field:
+def _best(at: Array, trust: Array, mean: Array, scatter: float, free: float, typical: float, doubt: float, length: float) -> Field:
     """Amplitude and noise that maximise the evidence on a grid, in the eigenbasis of the whitened covariance.
 
     mean (n,): residuals with noise `typical` / trust (n,) at positions (n, d); scatter: weighted squares around the means, with
