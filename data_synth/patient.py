@@ -30,6 +30,7 @@ BLUR = 1.2  # mm over which a wall is spread by partial volume and the scanner's
 NOISE_OF_POINTS = 1.5
 BURNS = 120  # ablation points: thirty about each vein
 BULGES = (8.0, 9.0, -8.0)  # mm: two places bulge out, one goes in
+RIPPLE = (0.6, 6.0)  # mm, sd per axis and length: the wall is nowhere exactly where a smooth motion takes it
 MISSED = (4.2, 2.72)  # mm: see `filled`
 
 
@@ -72,7 +73,7 @@ def patient(seed: int = 7, *, missed: tuple[float, float] = MISSED, points: int 
 
 
 def filled(rng: np.random.Generator, body: Anatomy, at: tuple[Sites, Sites], missed: tuple[float, float]) -> moves.Motion:
-    """Motion from imaging to mapping: the body fills unevenly, turns, bulges; about the ostia, less or more of it.
+    """Motion from imaging to mapping: the body fills unevenly, turns, bulges, ripples; about the ostia, less or more of it.
 
     missed: how far (mean, mm) mapping and ablation sites shall lie from the imaged wall in its best rigid pose. The size of the motion
     follows from the first, its share about the ostia from the second: from the truth without noise, not from what a method makes of it.
@@ -92,13 +93,13 @@ def _drawn(rng: np.random.Generator, body: Anatomy, mapped_at: Sites) -> Callabl
     """A family of motions by size and by share that is held rigid about the ostia."""
     strain, tilt = rng.uniform(0.06, 0.10, 3), rng.choice([-1, 1]) * np.deg2rad(4.0)
     axis, ostia = [1.0, *(0.3 * rng.normal(size=2))], rng.normal(0.0, 0.6, (4, 3))
-    out = _apart(rng, len(BULGES), body.directions)
+    out, ripple = _apart(rng, len(BULGES), body.directions), moves.wobble(rng, *RIPPLE, 3)
 
     def beat(amount: float, held: float) -> moves.Motion:
         bulges = moves.drag(18.0 * out, amount * out * np.array(BULGES)[:, None], 21.0)
         free = moves.then(moves.strain(1.0 + amount * strain), moves.tilt(axis, amount * tilt, 20.0), bulges)
         rigid = moves.nearest_rigid(mapped_at.xyz, free(mapped_at.xyz))
-        return moves.then(moves.blend(free, rigid, held, body.ostia, 18.0), moves.drag(body.ostia, ostia, 15.0))
+        return moves.then(moves.blend(free, rigid, held, body.ostia, 18.0), moves.drag(body.ostia, ostia, 15.0), ripple)
 
     return beat
 

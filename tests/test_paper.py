@@ -6,6 +6,7 @@ import json
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -89,6 +90,19 @@ def without_times(results: Path) -> None:
         assert row["seconds"] > 0.0
         row["seconds"] = 0.0
     results.write_text(json.dumps(whole), encoding="utf-8")
+
+
+@pytest.mark.parametrize("percent", noise.LEVELS["star"])
+def test_on_the_star_of_the_readme_the_default_pipeline_beats_its_icp(percent: float) -> None:
+    from o3dls.evaluate import distances
+    from o3dls.paper.generators import generate
+    from o3dls.pipeline_file import default_pipeline
+
+    case = generate("star", 7, percent=percent)
+    estimates = replace(default_pipeline().allowed_by(case), folds=0).fit(case)
+    for points in (case.points.xyz, case.truth.held_out):
+        icp, ours = (distances(points, estimates[name].surface).mean() for name in ("icp", "level_set"))
+        assert ours < 0.9 * icp
 
 
 def test_the_full_scope_has_twenty_seeds_at_every_level() -> None:
