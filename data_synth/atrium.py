@@ -14,6 +14,7 @@ from o3dls import Case, Points, Surface, Truth
 from . import motion as moves
 from . import sampling, shapes
 from .meshing import mesh
+from .sampling import Mask, Sites
 from .shapes import Array, Shape
 
 VEINS = {"LSPV": (0.80, 0.36, 0.48), "LIPV": (0.76, 0.50, -0.40), "RSPV": (-0.80, 0.30, 0.52), "RIPV": (-0.75, 0.52, -0.38)}
@@ -57,7 +58,8 @@ def atrium(
     truth = imaged.with_vertices(beat(imaged.vertices))
     prior, ostia = _scanned(streams[3], imaged, body)
     hidden = sampling.patches(imaged, bare(streams[0], body, imaged), unseen)
-    measured, inside = mapped(streams[4], truth, (~hidden, rings(body, imaged)), beat(body.ostia), (points, noise, outliers))
+    at = visited(streams[4], truth, (~hidden, rings(body, imaged)), (points, RING_POINTS))
+    measured, inside = mapped(streams[4], truth, at, beat(body.ostia), noise, outliers)
     held_out = sampling.sites(streams[0], truth, 4000)
     some = np.arange(0, len(prior.vertices), 5)
     return Case(
@@ -120,7 +122,7 @@ def bare(rng: np.random.Generator, body: Anatomy, imaged: Surface) -> Array:
     return np.vstack([body.tip, sampling.sites(rng, imaged, 2).xyz])
 
 
-def rings(body: Anatomy, imaged: Surface) -> sampling.Mask:
+def rings(body: Anatomy, imaged: Surface) -> Mask:
     """Faces where veins are isolated: bands of 5 mm about the ostia."""
     to = sampling.centres(imaged)[:, None] - body.ostia
     along = (to * body.directions).sum(axis=2)
@@ -128,20 +130,25 @@ def rings(body: Anatomy, imaged: Surface) -> sampling.Mask:
     return np.asarray(((np.abs(along) < 2.5) & (beside < body.radii + 5.0)).any(axis=1))
 
 
+def visited(rng: np.random.Generator, surface: Surface, where: tuple[Mask, Mask], amounts: tuple[int, int]) -> tuple[Sites, Sites]:
+    """Where the catheter maps and where it ablates. where: faces that it sees, faces that are ablated; amounts: number of each."""
+    (seen, ablated), (n, burns) = where, amounts
+    return sampling.sites(rng, surface, n, sampling.clustered(rng, surface, seen)), sampling.sites(rng, surface, burns, ablated)
+
+
 def mapped(
-    rng: np.random.Generator, truth: Surface, where: tuple[sampling.Mask, sampling.Mask], ostia: Array, amounts: tuple[int, float, float]
+    rng: np.random.Generator, truth: Surface, at: tuple[Sites, Sites], ostia: Array, noise: float, share: float = 0.0
 ) -> tuple[Points, sampling.Rows]:
     """What the mapping system exports: mapping points, rings of ablation points, marked ostia; and the rows that are outliers.
 
-    where: faces that the catheter sees, faces that are ablated; amounts: number of points, noise (mm), share of outliers.
+    at: sites that the catheter visited on `truth`; noise: sd per axis in mm; share: of the mapping points inside the chamber.
     """
-    (seen, ablated), (n, noise, share) = where, amounts
-    touched = sampling.sites(rng, truth, n, sampling.clustered(rng, truth, seen))
-    burnt = sampling.sites(rng, truth, RING_POINTS, ablated)
+    touched, burnt = at
+    n, burns = len(touched.xyz), len(burnt.xyz)
     inside = np.sort(rng.choice(n, round(share * n), replace=False))
     wall = touched.xyz.copy()
     wall[inside] -= rng.uniform(3.0, 12.0, (len(inside), 1)) * truth.face_normals[touched.face[inside]]
-    sd = np.repeat([noise, OSTIUM_SD], [n + RING_POINTS, len(ostia)])
+    sd = np.repeat([noise, OSTIUM_SD], [n + burns, len(ostia)])
     xyz = np.vstack([wall, burnt.xyz, ostia])
     electric = {
         "bipolar": sampling.voltage(truth, sampling.sites(rng, truth, 1).xyz[0]),
@@ -151,8 +158,8 @@ def mapped(
     columns = {name: np.concatenate([touched.read(truth, v), burnt.read(truth, v), missing]) for name, v in electric.items()}
     return Points(
         np.round(xyz + sd[:, None] * rng.normal(size=xyz.shape), 3),
-        np.repeat(["eam", "ablation", "landmark"], [n, RING_POINTS, len(ostia)]),
-        {"name": np.array([""] * (n + RING_POINTS) + list(VEINS))} | {name: np.round(v, 2) for name, v in columns.items()},
+        np.repeat(["eam", "ablation", "landmark"], [n, burns, len(ostia)]),
+        {"name": np.array([""] * (n + burns) + list(VEINS))} | {name: np.round(v, 2) for name, v in columns.items()},
     ), inside
 
 

@@ -1,4 +1,4 @@
-"""A jar of 60 x 60 x 80 mm: a body of revolution with a lip; the prior is the jar as a shaky hand drew it."""
+"""A jar of 60 x 60 x 80 mm: a body of revolution with a lip; the prior is the jar bent as a whole, as a shaky hand drew it."""
 
 from __future__ import annotations
 
@@ -11,12 +11,13 @@ from o3dls import Case, Points, Surface, Truth
 
 from . import sampling, shapes
 from .meshing import mesh
-from .motion import wobble
+from .motion import bend, then, wobble
 from .shapes import Shape
 
 WALL = np.array([[12.0, 8], [16, 14], [20, 24], [21, 33], [19, 43], [13, 52], [9, 58], [9, 62], [11, 67], [14, 71]])  # radius, z
 ROUNDING = 1.5
 SPACING = 1.5
+BENT_OVER, SHAKEN_OVER = 60.0, 8.0  # mm
 
 
 def shape() -> Shape:
@@ -33,19 +34,20 @@ def truth_surface() -> Surface:
     return mesh(shape(), (2, 2, 2), (58, 58, 78), SPACING)
 
 
-def jar(seed: int = 7, *, percent: float = 6.0, points: int = 282, amplitude: float = 2.0, length: float = 10.0) -> Case:
+def jar(seed: int = 7, *, percent: float = 6.0, points: int = 282, bent: float = 2.0, shake: float = 0.3) -> Case:
     """The case of a seed; percent: noise per axis in percent of the points' standard deviation.
 
-    amplitude, length: how far the prior is off (sd per axis, mm) and over which correlation length.
+    bent: how far (rms, mm) the prior is off once it lies as well as it can; shake: sd per axis (mm) of the hand that drew it.
     """
     scribe, hand = np.random.default_rng((seed, 2203)).spawn(2)
     truth = truth_surface()
+    drawn = then(bend(scribe, truth.vertices, bent, BENT_OVER), wobble(scribe, shake, SHAKEN_OVER, 3))
     xyz = sampling.sites(hand, truth, points).xyz
     noise = percent / 100.0 * float(np.sqrt(xyz.var(axis=0).mean()))
     xyz = np.round(xyz + noise * hand.normal(size=xyz.shape), 3)
     return Case(
         name=f"jar_{seed}",
-        prior=truth.with_vertices(wobble(scribe, amplitude, length, 3)(truth.vertices)),
+        prior=truth.with_vertices(drawn(truth.vertices)),
         points=Points(xyz, np.repeat(["eam"], points)),
         notes=f"synthetic jar: seed {seed}, noise {noise:.3f} mm ({percent:g} %)",
         truth=Truth(truth, sampling.sites(hand, truth, 4000).xyz),

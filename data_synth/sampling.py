@@ -24,6 +24,10 @@ class Sites:
     face: Rows
     weights: Array
 
+    def on(self, surface: Surface) -> Sites:
+        """The same sites of the same wall where it has moved to."""
+        return Sites((surface.vertices[surface.faces[self.face]] * self.weights[:, :, None]).sum(axis=1), self.face, self.weights)
+
     def read(self, surface: Surface, values: Array) -> Array:
         """Values (n,) at the sites of a quantity given per vertex."""
         return np.asarray((values[surface.faces[self.face]] * self.weights).sum(axis=1))

@@ -1,4 +1,4 @@
-"""A five-pointed star in 200 x 200 px; the prior is the star as a shaky hand drew it."""
+"""A five-pointed star in 200 x 200 px; the prior is the star bent as a whole, as a shaky hand drew it."""
 
 from __future__ import annotations
 
@@ -6,11 +6,12 @@ import numpy as np
 
 from o3dls import Case, Points, Surface, Truth
 
-from .motion import wobble
+from .motion import bend, then, wobble
 from .shapes import Array, Shape, polygon
 
 CENTRE = (100.0, 96.0)
 RADII = (80.0, 38.0)  # of the five tips and of the five notches
+BENT_OVER, SHAKEN_OVER = 80.0, 12.0  # px: what 33 points, 16 px apart, can tell, and what they cannot
 
 
 def corners() -> Array:
@@ -32,19 +33,20 @@ def walk(n: int) -> Array:
     return np.column_stack([np.interp(at, way, axis) for axis in closed.T])
 
 
-def star(seed: int = 7, *, percent: float = 6.0, points: int = 33, amplitude: float = 3.0, length: float = 12.0) -> Case:
+def star(seed: int = 7, *, percent: float = 6.0, points: int = 33, bent: float = 8.0, shake: float = 2.0) -> Case:
     """The case of a seed; percent: noise per axis in percent of the points' standard deviation.
 
-    amplitude, length: how far the prior is off (sd per axis, px) and over which correlation length.
+    bent: how far (rms, px) the prior is off once it lies as well as it can; shake: sd per axis (px) of the hand that drew it.
     """
     scribe, hand = np.random.default_rng((seed, 3301)).spawn(2)
     index = np.arange(660)
     truth = Surface(walk(len(index)), np.column_stack([index, np.roll(index, -1)]))
+    drawn = then(bend(scribe, truth.vertices, bent, BENT_OVER), wobble(scribe, shake, SHAKEN_OVER, 2))
     xy = walk(points)
     noise = percent / 100.0 * float(np.sqrt(xy.var(axis=0).mean()))
     return Case(
         name=f"star_{seed}",
-        prior=truth.with_vertices(wobble(scribe, amplitude, length, 2)(truth.vertices)),
+        prior=truth.with_vertices(drawn(truth.vertices)),
         points=Points(np.round(xy + noise * hand.normal(size=xy.shape), 3), np.repeat(["eam"], points)),
         units="px",
         notes=f"synthetic star: seed {seed}, noise {noise:.3f} px ({percent:g} %)",

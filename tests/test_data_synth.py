@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 from conftest import ROOT
 
-from data_synth import atrium, jar, motion, shapes, star
+from data_synth import atrium, jar, motion, patient, shapes, star
 from data_synth.atrium import anatomy, heartbeat
 from data_synth.jar import shape as jar_shape
 from data_synth.meshing import mesh
 from data_synth.sampling import activation, patches, sites
 from data_synth.shapes import Array, Shape
 from data_synth.star import shape as star_shape
-from o3dls import Case, Surface, read_case
+from o3dls import ICP, Case, Landmarks, Pipeline, Surface, read_case
 from o3dls.evaluate import distances
 from o3dls.geometry import fit_similarity
 from o3dls.resources import demo_case
@@ -114,6 +114,28 @@ def test_wobble_has_the_size_and_length_it_is_asked_for() -> None:
     slope = (moved(points + step) - points - step - shift) / 1e-3
     assert shift.std() == pytest.approx(0.5, rel=0.15)
     assert slope.std() == pytest.approx(0.5 / 6.0, rel=0.25)  # of a squared-exponential field; 200 waves have no even share of directions
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_a_bend_is_as_large_as_it_is_asked_for_whatever_the_seed(dimension: int) -> None:
+    points = cloud(dimension, 30.0)
+    for seed in (SEED, 40_287, 91_436):
+        moved = motion.bend(np.random.default_rng(seed), points, 2.5, 40.0)(points)
+        assert motion.rms(motion.no_rigid(points, moved)) == pytest.approx(2.5, rel=1e-3)
+
+
+def test_a_blend_is_the_other_motion_at_a_centre_and_the_one_far_away() -> None:
+    still, shifted = (lambda p: p), (lambda p: p + np.array([0.0, 0.0, 2.0]))
+    blended = motion.blend(still, shifted, 1.0, np.zeros((3, 3)), 5.0)  # three centres in one place: wholly the other's
+    assert blended(np.array([[0.0, 0.0, 0.0], [50.0, 0.0, 0.0]])) == pytest.approx(np.array([[0.0, 0.0, 2.0], [50.0, 0.0, 0.0]]), abs=0.02)
+
+
+@pytest.mark.parametrize("seed", [5101, 5102])
+def test_the_usual_registration_of_a_patient_errs_as_in_the_paper(seed: int) -> None:
+    case = patient(seed).case
+    found = Pipeline([Landmarks(), ICP(preset="standard")], folds=0).fit(case)["icp"].surface
+    assert distances(case.points.of("eam").xyz, found).mean() == pytest.approx(4.5, abs=0.5)
+    assert distances(case.points.of("ablation").xyz, found).mean() == pytest.approx(3.2, abs=0.5)
 
 
 def test_the_same_seed_gives_the_same_case(case: Case) -> None:

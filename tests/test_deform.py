@@ -99,6 +99,18 @@ def test_points_that_hardly_press_are_doubted() -> None:
     assert (pressed[:75] - plain[:75]).mean() < (pressed[75:] - plain[75:]).mean()
 
 
+def test_outliers_pull_where_every_point_is_believed() -> None:
+    case, truth = bent_case()
+    middle, xyz = case.prior.vertices.mean(axis=0), case.points.xyz.copy()
+    xyz[:150:10] = middle + 0.6 * (xyz[:150:10] - middle)  # the catheter floats in the chamber
+    case = replace(case, points=replace(case.points, xyz=xyz))
+    doubted, believed = (Deform(outliers=how)(case, started(case)) for how in ("doubt", "believe"))
+    assert believed.weights is not None
+    assert believed.weights.min() > 0.999
+    off = [distances(found.surface.vertices, case.prior.with_vertices(truth)).mean() for found in (doubted, believed)]
+    assert off[0] < 0.7 * off[1]
+
+
 def test_a_noisy_point_with_its_sigma_known_pulls_less() -> None:
     case, truth = bent_case()
     noisy = np.arange(0, 150, 3)

@@ -12,7 +12,8 @@ from .experiment import Row
 from .results import Results, column
 from .temporal import gain
 
-LEAST_FIT = 0.7  # of what the truth itself scores on the fitted points: below it a method fits noise
+LEAST_FIT = 0.7  # of the noise per axis: below it a method fits noise
+BASELINE = 0.5  # mm: how near the baseline must be to the paper's
 
 
 @dataclass(frozen=True)
@@ -34,8 +35,8 @@ def claims(results: Results) -> list[Block]:
     return [
         Heading("What must hold"),
         Text(
-            "A fitted mean is compared with what the true surface itself scores on the same noisy points; in brackets, with the noise "
-            "per axis, of which the truth scores at most 0.80."
+            "A fitted mean is compared with the noise per axis, of which the true surface itself scores at most 0.80, less about its "
+            "corners; in brackets, with what it does score on the same points."
         ),
         Table("Claims, each with its number from the tables below", ["claim", "found", "bound", "holds"], rows),
     ]
@@ -52,7 +53,7 @@ def _noise(results: Results) -> list[Claim]:
                 Claim(f"{name}, fitted, worst seed", f"{fitted.max():.2f}", "< 1", bool(fitted.max() < 1.0)),
                 Claim(f"{name}, held out, mean", f"{_mean_ratio(rows, 'held_out'):.2f}", "< 1", _mean_ratio(rows, "held_out") < 1.0),
                 Claim(f"{name}, held out, worst seed", f"{held.max():.2f}", "<= 1.02", bool(held.max() <= 1.02)),
-                _fit(f"{shape}, {level:g} %: mean fitted over truth's own (over noise)", rows),
+                _fit(f"{shape}, {level:g} %: mean fitted over noise (over truth's own)", rows),
             ]
     return found
 
@@ -62,13 +63,19 @@ def _atrium(results: Results) -> list[Claim]:
     icp = [row for row in rows if row["method"] == "icp"]
     found = []
     for key, words, wanted in (("fitted", "EAM points", 4.5), ("ablation", "ablation points", 3.2)):
-        mean = column(icp, key).mean()
-        found.append(Claim(f"atrium: the baseline's {words}, mm", f"{mean:.2f}", f"{wanted:g} ± 0.5", bool(abs(mean - wanted) <= 0.5)))
+        found.append(_baseline(f"atrium: the baseline's {words}, mm (seeds within)", column(icp, key), wanted))
     for key, words, least in (("assd", "true-surface error", 0.46), ("ablation", "ablation points, not fitted,", 0.35)):
         fall, against = (1.0 - _mean_ratio(rows, key, base) for base in ("icp", "similarity"))
         words = f"atrium: {words} falls (against the best similarity ICP)"
         found.append(Claim(words, f"{100 * fall:.0f} % ({100 * against:.0f} %)", f">= {100 * least:.0f} %", fall >= least))
-    return [*found, _fit("atrium: mean fitted over truth's own (over noise)", rows)]
+    return [*found, _fit("atrium: mean fitted over noise (over truth's own)", rows)]
+
+
+def _baseline(words: str, values: Array, wanted: float) -> Claim:
+    """Mean and standard deviation over seeds both within half a millimetre of the paper's figure."""
+    mean, sd, within = values.mean(), values.std(), np.count_nonzero(np.abs(values - wanted) <= BASELINE)
+    found = f"{mean:.2f} ± {sd:.2f} ({within} of {len(values)})"
+    return Claim(words, found, f"{wanted:g} ± {BASELINE:g}", bool(abs(mean - wanted) + sd <= BASELINE))
 
 
 def _temporal(results: Results) -> list[Claim]:
@@ -82,7 +89,7 @@ def _fit(words: str, rows: list[Row]) -> Claim:
     own = [row for row in rows if row["method"] == "level_set"]
     fitted = column(own, "fitted").mean()
     of_truth, of_noise = (float(fitted / column(own, key).mean()) for key in ("floor", "noise"))
-    return Claim(words, f"{of_truth:.2f} ({of_noise:.2f})", f">= {LEAST_FIT}", of_truth >= LEAST_FIT)
+    return Claim(words, f"{of_noise:.2f} ({of_truth:.2f})", f">= {LEAST_FIT}", of_noise >= LEAST_FIT)
 
 
 def _ratio(rows: list[Row], key: str, base: str = "icp") -> Array:

@@ -18,10 +18,14 @@ from ..pipeline import Pipeline
 from ..run import unit_of
 from ..validity import components, flipped_faces, self_intersections
 
+# The rule: what a generator makes and what a method may set is chosen on development seeds; the page has other seeds, on which nothing was
+# ever chosen. They are the first hundred decimals of pi, five at a time, so that nobody picked them either. Where a claim fails on them,
+# improve on development seeds, and never take others here.
 SEEDS = (
-    71633, 20914, 58207, 93341, 14768, 36052, 81199, 47520, 65883, 29016,
-    90427, 11385, 74291, 53608, 38874, 86143, 17459, 62730, 45296, 99871,
+    14159, 26535, 89793, 23846, 26433, 83279, 50288, 41971, 69399, 37510,
+    58209, 74944, 59230, 78164, 6286, 20899, 86280, 34825, 34211, 70679,
 )  # fmt: skip
+DEVELOPMENT = range(5000, 5060)
 CLOSEST_POSSIBLE = np.sqrt(2.0 / np.pi)  # mean distance of points from the very truth, in units of their noise
 
 Row = dict[str, Any]

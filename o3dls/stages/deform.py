@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from ..levelset.motion import MotionFit
     from ..levelset.rows import Data
 
+NEVER = 1e-100  # odds of being off the wall that no residual outweighs, and whose logarithm is still a number
 CLOSE = 3.0  # nats: a surface whose evidence is within a factor of 20 of the best is no worse a guess
 
 
@@ -38,6 +39,9 @@ class Deform(Stage):
     )
     ablation: Literal["hold_out", "fit"] = Field(
         "hold_out", description="fit ablation points, with a noise level of their own, or hold them out"
+    )
+    outliers: Literal["doubt", "believe"] = Field(
+        "doubt", description="doubt points that seem to lie off the wall, or believe every point as if none could"
     )
     contact_force: float = Field(
         5.0, gt=0.0, description="force at which a point is as likely to touch the wall as the mean point", json_schema_extra={"unit": "g"}
@@ -136,7 +140,7 @@ def observed(case: Case, stage: Deform) -> Data:
         points=points.xyz,
         group=(points.type == "ablation").astype(np.int64),
         relative=_relative_noise(points),
-        odds=_odds_of_floating(points, stage.contact_force),
+        odds=_odds_of_floating(points, stage.contact_force) * (1.0 if stage.outliers == "doubt" else NEVER),
         inside=points.type == "inside",
         marks_prior=marks_prior[keep],
         marks_map=marks_map[keep],
