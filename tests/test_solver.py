@@ -70,6 +70,15 @@ def test_what_the_prior_lacks_is_found_and_the_energy_never_rises(dimension: int
         assert record["energy"] == pytest.approx(record["data"] + record["prior"])
 
 
+def test_without_coarse_to_fine_only_the_shortest_length_is_tried() -> None:
+    surface = body(3)
+    seen_ = seen(surface, bumpy_points(3, 400))
+    both, fine = (refine(Wall(surface), seen_, np.ones(len(surface.vertices)), Limits(0.5, coarse_to_fine=x)) for x in (True, False))
+    lengths = [{field.length for field in found.fields} for found in (both, fine)]
+    assert len(lengths[1]) <= 1
+    assert max(lengths[0]) > max(lengths[1], default=0.0)
+
+
 def test_more_points_find_it_better() -> None:
     surface = body(3)
     errors = []

@@ -32,11 +32,14 @@ Terms = Callable[[Array], tuple[float, float]]  # field -> energies of data and 
 
 @dataclass(frozen=True)
 class Limits:
-    """spacing: lattice spacing that the result will have; evidence: nats that a field must earn; iterations: most per descent."""
+    """spacing: lattice spacing that the result will have; evidence: nats that a field must earn; iterations: most per descent;
+    coarse_to_fine: whether fields of all correlation lengths are tried, or the shortest alone.
+    """
 
     spacing: float
     evidence: float = 3.0
     iterations: int = 20
+    coarse_to_fine: bool = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,6 +64,7 @@ def refine(wall: Wall, measured: Measured, doubt: Array, limits: Limits) -> Corr
     trace: list[Mapping[str, float]] = []
     converged = True
     lengths = _lengths(surface, measured, limits.spacing)
+    lengths = lengths if limits.coarse_to_fine else lengths[-1:]
     while lengths:
         found = [_evidence(wall, measured.with_noise(noise), measured.with_noise(1.0), length) for length in lengths]
         best = max(field.gain for field in found)

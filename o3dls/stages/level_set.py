@@ -37,6 +37,9 @@ class LevelSet(Stage):
     change: float = Field(
         10.0, ge=0.0, description="default: log evidence that a change of topology must earn", json_schema_extra={"unit": "nats"}
     )
+    coarse_to_fine: bool = Field(
+        True, description="default: try corrections of all correlation lengths, the longest first; or the shortest alone"
+    )
     data: float = Field(10.0, ge=0.0, description="paper: weight of the data term, over the squared noise")
     area: float = Field(0.2, ge=0.0, description="paper: weight of the area term")
     shape: float = Field(0.3, ge=0.0, description="paper: weight of the shape term")
@@ -70,7 +73,7 @@ class LevelSet(Stage):
         from ..levelset.reach import reach
         from ..levelset.solver import Limits
 
-        limits = Limits(self.spacing, self.evidence, self.iterations)
+        limits = Limits(self.spacing, self.evidence, self.iterations, self.coarse_to_fine)
         change = self.change if start.motion is not None else np.inf  # what no motion explains would pass for another topology
         return reach(start.surface, _observer(case, start), _doubt(case, start), limits, change=change)
 
