@@ -105,12 +105,14 @@ def _drawn(rng: np.random.Generator, body: Anatomy, mapped_at: Sites) -> Callabl
 
 
 def _apart(rng: np.random.Generator, count: int, veins: Array) -> Array:
-    """Directions (count, 3) away from the veins and from each other."""
+    """Directions (count, 3) away from the veins and from each other; where the first leave no place for the last, from anew."""
     found: list[Array] = []
-    for _ in range(1000):
-        one = moves.direction(rng)
-        if len(found) < count and (veins @ one).max() < 0.45 and all(one @ other < 0.5 for other in found):
-            found.append(one)
+    while len(found) < count:
+        found = []
+        for _ in range(1000):
+            one = moves.direction(rng)
+            if len(found) < count and (veins @ one).max() < 0.45 and all(one @ other < 0.5 for other in found):
+                found.append(one)
     return np.array(found)
 
 

@@ -130,6 +130,17 @@ def test_a_blend_is_the_other_motion_at_a_centre_and_the_one_far_away() -> None:
     assert blended(np.array([[0.0, 0.0, 0.0], [50.0, 0.0, 0.0]])) == pytest.approx(np.array([[0.0, 0.0, 2.0], [50.0, 0.0, 0.0]]), abs=0.02)
 
 
+def test_bulges_find_their_places_whatever_the_draw() -> None:
+    """Two directions can leave no place for a third: the draw begins anew."""
+    from data_synth.patient import _apart
+
+    veins = np.eye(3)[[0, 0, 1, 1]]
+    for seed in range(60):
+        found = _apart(np.random.default_rng(seed), 3, veins)
+        assert found.shape == (3, 3)
+        assert (found @ found.T - np.eye(3)).max() < 0.5
+
+
 @pytest.mark.parametrize("seed", [5101, 5102])
 def test_the_usual_registration_of_a_patient_errs_as_in_the_paper(seed: int) -> None:
     case = patient(seed).case

@@ -18,6 +18,7 @@ from .solver import Correction, Limits, refine
 from .wall import Wall
 
 HALF_BAND = 3.0  # half width of the band of phi, in spacings
+CLOSINGS = np.array([0.5, 1.0, 2.0, 3.0])  # spacings: the least that makes a wall whole which runs into itself
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,8 +92,9 @@ def _settled(wall: Wall, fields: Mapping[str, Array], found: Correction, spacing
         if _kind(phi) == kind:
             short = share < 1.0 and len(found.fields) > 0
             return final, phi, (f"the correction was taken by {share:.0%}: more would tear or merge the surface",) * short
-    for radius in (0.5 * spacing, spacing):
-        closed = _whole(_closed(phi, radius), kind)
+    for radius in CLOSINGS * spacing:
+        wide = signed_distance(final.vertices, final.faces, spacing, radius + HALF_BAND * spacing)
+        closed = _whole(_closed(_whole(wide, kind), radius), kind)
         if _kind(closed) == kind:
             return final, closed, (f"the moved prior runs into itself: gaps narrower than {2.0 * radius:g} were closed",)
     return final, phi, ()
