@@ -28,6 +28,7 @@ SETTLED = 5  # rounds in which amplitudes grow and noise shrinks: steps are larg
 MANY_ROUNDS = 6  # with all points, after a fit to some of them
 WARM_ROUNDS = 1  # one more point moves the surface by a fraction of the noise: a second round would move it by hundredths of that
 CERTAIN, DECISIVE = 0.999, 10.0  # a motion this probable is a motion; a pose better by so many nats is the pose
+SAME = 0.2  # nats: less than any decision turns on
 INFLATION = 1.3  # the posterior takes feet, normals and amplitudes as known: measured on development seeds, docs/method.md
 
 
@@ -53,7 +54,7 @@ class Settings:
     odds: float = 0.0  # nats against a motion beyond the pose, before the points are seen
     finest: float = 0.01  # rms radii: no point is believed better than this
     rows: int = 600  # more points than this share rows by patches of the surface
-    many: int = 4000  # of more points than this, an even part finds amplitudes, noise and motion; all of them have the last word
+    many: int = 3000  # of more points than this, an even part finds amplitudes, noise and motion; all of them have the last word
     iterations: int = 25
     tune_at: tuple[int, ...] = (5, 9, 13)
     tolerance: float = 2e-4  # rms radii: mean step of the surface that counts as standing still
@@ -131,7 +132,7 @@ class _Problem:
         lengths = [tuple(size * x for x in group) for group in (settings.vector, settings.normal)]
         marks = apply(pose, data.marks_prior)
         cov = Covariance(centre, lengths[0], lengths[1], size * settings.bend, marks, size * settings.anchor_length, translation=0.2 * size)
-        nodes = _spaced(posed, 0.25 * min(lengths[0] + lengths[1]))
+        nodes = _spaced(posed, 0.27 * min(lengths[0] + lengths[1]))
         near, spread = interpolation(posed[nodes], posed, min(lengths[0] + lengths[1]))
         tree = ClosestPoint(posed, faces)
         rest = Places(posed, vertex_normals(posed, faces), fairing(posed, faces, size * settings.fairing))
@@ -236,8 +237,10 @@ class _Problem:
             posterior, _ = solve(matrix, rows.residual)
             residual, var = points_left_out(rows, feet, noise, *left_out(posterior, noise), np.exp(scales.log), self.data)
             weights, contact = self.believe(replace(state, contact=contact), residual, var)
-            energy = free_energy(posterior, scales.log, rows) + self.label_energy(weights, residual, contact)
+            before, energy = energy, free_energy(posterior, scales.log, rows) + self.label_energy(weights, residual, contact)
             shift = self.covariance.similarity(self.rest.at) @ (posterior.alpha @ seen)
+            if abs(before - energy) < SAME:
+                break
         return energy, shift
 
     @property
