@@ -26,7 +26,6 @@ SEEDS = (
     58209, 74944, 59230, 78164, 6286, 20899, 86280, 34825, 34211, 70679,
 )  # fmt: skip
 DEVELOPMENT = range(5000, 5060)
-CLOSEST_POSSIBLE = np.sqrt(2.0 / np.pi)  # mean distance of points from the very truth, in units of their noise
 
 Row = dict[str, Any]
 
