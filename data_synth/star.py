@@ -11,7 +11,9 @@ from .shapes import Array, Shape, polygon
 
 CENTRE = (100.0, 96.0)
 RADII = (80.0, 38.0)  # of the five tips and of the five notches
-BENT_OVER, SHAKEN_OVER = 80.0, 12.0  # px: what 33 points, 16 px apart, can tell, and what they cannot
+# px: what 33 points, 16 px apart, can tell, and what they cannot. A template that is bent alone leaves the best estimator there is, which
+# knows the bend's covariance, a mean distance of 0.54 to 0.66 of the noise: 33 points less its degrees of freedom.
+BENT_OVER, SHAKEN_OVER = 80.0, 12.0
 
 
 def corners() -> Array:

@@ -26,7 +26,6 @@ SEEDS = (
     48111, 74502, 84102, 70193, 85211, 5559, 64462, 29489, 54930, 38196,
 )  # fmt: skip
 DEVELOPMENT = range(5000, 5060)
-CLOSEST_POSSIBLE = np.sqrt(2.0 / np.pi)  # mean distance of points from the very truth, in units of their noise
 
 Row = dict[str, Any]
 
