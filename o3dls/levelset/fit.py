@@ -85,10 +85,10 @@ def fit_motion(
         still = iteration > max(settings.tune_at) and record["step"] < settings.tolerance * problem.size
         if still:
             break
-    share, mended = problem.share(trace[-1]["energy"], state.scales)
+    share, mended, scales = problem.share(trace[-1]["energy"], state.scales)
     if mended is not problem.pose:
         return fit_motion(vertices, faces, mended, data, settings)
-    return problem.result(state, solved, share, trace, still)
+    return problem.result(replace(state, scales=scales), solved, share, trace, still)
 
 
 def _proceed(earlier: MotionFit, data: Data, known: slice, rounds: int) -> MotionFit:
@@ -208,27 +208,34 @@ class _Problem:
         wall = ~self.data.inside
         return mixture_energy(weights[wall], residual[wall], self.data.odds[wall], contact)
 
-    def share(self, energy: float, scales: Scales) -> tuple[float, Array]:
-        """Posterior probability of a motion beyond the pose, by free energies; and the pose, mended where alone it explains the points."""
-        alone, shift = self.pose_alone(1.0)
+    def share(self, energy: float, scales: Scales) -> tuple[float, Array, Scales]:
+        """Posterior probability of a motion beyond the pose, by free energies; and the pose, mended where alone it explains the points;
+        and the scales, whose noise levels are between those with and without the motion by that probability.
+        """
+        alone, shift, alone_noises = self.pose_alone(1.0)
         # amplitudes chosen by few points flatter their evidence: the small-sample correction of Hurvich and Tsai (1989)
         noises, pose = len(scales.log) - scales.fields, self.covariance.similarity(self.rest.at[:1]).shape[2]
         fields = int(np.isfinite(scales.log[: scales.fields]).sum())
         flattery = self.flattery(pose + noises + fields) - self.flattery(pose + noises)
         share = float(1.0 / (1.0 + np.exp(np.clip(energy - alone + flattery + self.settings.odds, -500.0, 500.0))))
         off = share < CERTAIN and alone + DECISIVE < self.pose_alone(0.0)[0]
-        return share, fit_similarity(self.rest.at, self.rest.at + shift) @ self.pose if off else self.pose
+        pose = fit_similarity(self.rest.at, self.rest.at + shift) @ self.pose if off else self.pose
+        if share > CERTAIN:
+            return share, pose, scales
+        log = scales.log.copy()
+        log[scales.fields :] = 0.5 * np.log(share * scales.noises**2 + (1.0 - share) * alone_noises**2)
+        return share, pose, replace(scales, log=log)
 
     def flattery(self, parameters: int) -> float:
         return parameters * (parameters + 1.0) / max(len(self.data.points) - parameters - 1.0, 1.0)
 
-    def pose_alone(self, free: float) -> tuple[float, Array]:
-        """Free energy of noise around the prior in a pose that is `free` to move (1) or not (0), and the pose's displacement (n, d)."""
+    def pose_alone(self, free: float) -> tuple[float, Array, Array]:
+        """Free energy of noise around the prior in a pose that is `free` to move (1) or not (0), the pose's displacement (n, d), noises."""
         state = self.start()
-        feet = self.feet(state)
         scales = state.scales.noise_alone()
         weights, contact, energy, shift = state.weights, state.contact, np.inf, np.zeros_like(self.rest.at)
         for _ in range(6):
+            feet = self.feet(replace(state, scales=scales))
             rows = gather(feet, self.data, weights, self.marks, self.settings.rows, PATCH * min(self.covariance.lengths))
             seen = free * np.einsum("na,nak->nk", rows.observed.directions, self.covariance.similarity(rows.observed.at))
             fixed = seen @ seen.T
@@ -241,7 +248,7 @@ class _Problem:
             shift = self.covariance.similarity(self.rest.at) @ (posterior.alpha @ seen)
             if abs(before - energy) < SAME:
                 break
-        return energy, shift
+        return energy, shift, scales.noises
 
     @property
     def at_nodes(self) -> Places:
