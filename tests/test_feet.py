@@ -83,3 +83,11 @@ def test_the_frame_does_not_matter(dimension: int) -> None:
     np.testing.assert_allclose(there.normals, here.normals @ turn.T, atol=close)
     np.testing.assert_allclose(there.residual, 2.0 * here.residual, atol=2.0 * close)
     np.testing.assert_allclose(there.along, here.along, atol=close)
+
+
+def test_a_point_far_off_a_sharp_edge_still_has_a_foot() -> None:
+    """Seen from 6000 times the noise, every face's centre is less likely than a number can say: the closest face speaks for all."""
+    box = trimesh.creation.box((0.1, 0.1, 0.1)).subdivide_to_size(0.012)
+    feet = feet_on(Surface(box.vertices, box.faces), np.array([[60.0, 60.0, 60.0]]), 0.01)
+    assert np.linalg.norm(feet.at[0] - 0.05) < 0.012
+    np.testing.assert_allclose(feet.residual[0], feet.normals[0] @ (60.0 - feet.at[0]), rtol=1e-9)

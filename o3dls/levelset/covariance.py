@@ -41,6 +41,11 @@ class Covariance:
     def lengths(self) -> Array:
         return np.array(self.vector + self.normal)
 
+    @property
+    def fairing_at(self) -> int:
+        """Where the standard deviation of fairing stands among those of the components."""
+        return len(self.lengths) + 1
+
     def similarity(self, at: Array) -> Array:
         """Features (n, d, k) of the similarity part at positions (n, d), each scaled to unit variance."""
         x, dim = at - self.centre, at.shape[1]

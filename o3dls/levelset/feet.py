@@ -159,7 +159,7 @@ def _expected(points, sd2, closest2, nearest, corners, leaves, boxes, faces, cen
                 _element(corners, faces, k, share, normals, rest, rest_normals, fairing, own[0])
                 own[0, 4 * dim + 3] = centres[k, 4 * dim + 3]
                 total += _add(means, points, i, own, 0, closest2[i], sd2[i])
-        if total == 0.0:  # over a sharp edge every centre is far against the noise
+        if total == 0.0:  # far off a sharp edge: total = 0 by underflow
             total = 1.0
             for q in range(size):
                 means[i, q] = centres[nearest[i], q]

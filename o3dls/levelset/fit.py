@@ -150,7 +150,7 @@ class _Problem:
         noises = [0.7 * rms] * self.data.groups + [s.landmark_noise * self.size] * (len(self.marks) > 0)
         log = np.log(np.array(amplitudes + noises))
         centre = log.copy()
-        log[len(s.vector + s.normal) + 1] = -np.inf  # no fairing, until the evidence asks for it
+        log[self.covariance.fairing_at] = -np.inf  # no fairing, until the evidence asks for it
         least = np.where(np.arange(len(log)) < len(amplitudes), -np.inf, np.log(s.finest * self.size))
         scales = Scales(log, centre, np.full(len(log), s.spread), least, len(amplitudes))
         return State(self.rest.at, self.rest.at, 1.0, scales, Contact(depth=s.depth * self.size), np.ones(len(self.data.points)))
@@ -180,7 +180,7 @@ class _Problem:
         """Scales of the greatest evidence; the prior's roughness is left as it is unless they are for fairing: a small share, got
         by chance, would move every vein's end.
         """
-        k = len(self.covariance.lengths) + 1
+        k = self.covariance.fairing_at
         log = scales.log.copy()
         log[k] = -np.inf
         log = tune(replace(scales, log=log), fixed, parts, rows)
