@@ -124,7 +124,10 @@ def _missed(imaged: Shape, beat: moves.Motion, at: tuple[Sites, Sites]) -> list[
     def posed(p: Array, pose: Array) -> Array:
         return np.asarray(Rotation.from_rotvec(pose[:3] / 20.0).apply(p) + pose[3:])  # 20 mm: turns and shifts of one size
 
-    best = least_squares(lambda pose: imaged(posed(moved[0], pose)), np.zeros(6), max_nfev=15).x
+    def heights(pose: Array) -> Array:
+        return np.asarray(imaged(posed(moved[0], pose)))
+
+    best = least_squares(heights, np.zeros(6), max_nfev=15).x
     return [float(np.abs(imaged(posed(p, best))).mean()) for p in moved]
 
 
