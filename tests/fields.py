@@ -44,7 +44,7 @@ def wall(points: Array, **changes: object) -> Data:
 
 def covariance(dimension: int, anchors: int = 0) -> Covariance:
     marks = body(dimension).vertices[np.arange(anchors) * 7]
-    return Covariance(np.full(dimension, 0.5), (1.15 * SIZE,), (0.46 * SIZE,), 3.0 * SIZE, marks, 0.38 * SIZE, translation=0.2 * SIZE)
+    return Covariance(np.full(dimension, 0.5), (1.15 * SIZE,), (0.46 * SIZE,), SIZE, marks, 0.38 * SIZE, translation=0.2 * SIZE)
 
 
 def bend(surface: Surface, seed: int, amplitude: float = 2.0) -> Array:

@@ -1,9 +1,9 @@
 """Prior covariance of the motion field: what displacements of the prior are likely, before any point is seen.
 
 D(r) = A(r) b + S(r) e + w(r) x (r - centre) + f(r) N(r) q + sum_k u_k(r) + N(r) sum_k g_k(r) + sum_L exp(-|r-L|^2 / 2 l_a^2) c_L
-at positions r of the posed prior. A b: translation, rotation and scale, nearly free; S e: traceless strains; w: a rotation that
-changes over the chamber, so that bending and twisting are cheap; q: the share of the prior's roughness that the wall has not
-(`fairing`); u, g: Matern 5/2 fields, of vectors and along the normal N (order >= 2: point data have no hold on rougher fields over
+at positions r of the posed prior. A b: translation, rotation and scale, nearly free; S e: traceless strains; w = B (r - centre): a
+rotation that changes over the chamber, so that bending and twisting are cheap; q: the share of the prior's roughness that the wall
+has not (`fairing`); u, g: Matern 5/2 fields, of vectors and along the normal N (order >= 2: point data have no hold on rougher fields over
 a surface); c_L: shifts of anchors (vein ostia), each its own.
 """
 
@@ -17,20 +17,22 @@ from numba import njit
 from ..geometry import Array, Ints
 
 SQRT5 = 5.0**0.5
+BLOCK = 4096  # places whose correlations are held at a time
 
 
 @dataclass(frozen=True)
 class Covariance:
-    """Components of the field's covariance; their standard deviations come as one array: vector, normal, bend, fairing, strain, anchors.
+    """Components of the field's covariance; their standard deviations come as one array: vector, normal, fairing, bend, strain, anchors.
 
     centre (d,) is the origin of the similarity part, whose own standard deviations are translation (a length), rotation (rad)
-    and scale; vector, normal and bend are correlation lengths; anchors (k, d) reach as far as anchor_length.
+    and scale; vector and normal are correlation lengths; a bend is measured by how far one turns over `radius`; anchors (k, d)
+    reach as far as anchor_length.
     """
 
     centre: Array
     vector: tuple[float, ...]
     normal: tuple[float, ...]
-    bend: float
+    radius: float
     anchors: Array
     anchor_length: float
     translation: float
@@ -44,7 +46,7 @@ class Covariance:
     @property
     def fairing_at(self) -> int:
         """Where the standard deviation of fairing stands among those of the components."""
-        return len(self.lengths) + 1
+        return len(self.lengths)
 
     def similarity(self, at: Array) -> Array:
         """Features (n, d, k) of the similarity part at positions (n, d), each scaled to unit variance."""
@@ -57,9 +59,11 @@ class Covariance:
         return np.stack([(at - self.centre) @ m.T for m in _skew(at.shape[1])], axis=2)
 
     def tunable(self, at: Array) -> list[Array]:
-        """Features (n, d, k) of strains and, where there are any, of the anchors' shifts, for unit standard deviations."""
-        strains = np.stack([(at - self.centre) @ m.T for m in _traceless(at.shape[1])], axis=2)
-        return [strains, self._anchored(at)] if len(self.anchors) else [strains]
+        """Features (n, d, k) of bends, strains and, where there are any, of the anchors' shifts, for unit standard deviations."""
+        x = at - self.centre
+        bends = np.einsum("nj,nak->nakj", x / self.radius, self.turns(at)).reshape(*x.shape, -1)
+        strains = np.stack([x @ m.T for m in _traceless(at.shape[1])], axis=2)
+        return [bends, strains, self._anchored(at)] if len(self.anchors) else [bends, strains]
 
     def _anchored(self, at: Array) -> Array:
         dim = at.shape[1]
@@ -98,8 +102,7 @@ def grams(cov: Covariance, obs: Observed) -> tuple[Array, list[Array]]:
     dots, sides = obs.directions @ obs.directions.T, np.outer(obs.normal_part, obs.normal_part)
     correlation = {length: _matern(obs.at, obs.at, length) for length in {*cov.vector, *cov.normal}}
     parts = [correlation[length] * dots for length in cov.vector] + [correlation[length] * sides for length in cov.normal]
-    turns = _seen(obs, cov.turns(obs.at))
-    parts += [_matern(obs.at, obs.at, cov.bend) * (turns @ turns.T), np.outer(obs.fairing_part, obs.fairing_part)]
+    parts += [np.outer(obs.fairing_part, obs.fairing_part)]
     parts += [f @ f.T for f in (_seen(obs, features) for features in cov.tunable(obs.at))]
     return fixed @ fixed.T, parts
 
@@ -112,11 +115,15 @@ def displacement(cov: Covariance, sds: Array, obs: Observed, alpha: Array, place
     lengths, which = np.unique(cov.lengths, return_inverse=True)  # fields of one length share its exponential
     free = np.bincount(which[:split], sds[:split] ** 2, minlength=len(lengths))
     along = np.bincount(which[split:], sds[split:k] ** 2, minlength=len(lengths))
-    field += _field(at, normals, obs.at, obs.directions * alpha[:, None], obs.normal_part * alpha, lengths, free, along)
-    turning = _matern(at, obs.at, cov.bend) @ (alpha[:, None] * _seen(obs, cov.turns(obs.at)))
-    field += sds[k] ** 2 * np.einsum("nak,nk->na", cov.turns(at), turning)
-    field += sds[k + 1] ** 2 * (alpha @ obs.fairing_part) * places.fairing[:, None] * normals
-    for sd, here, there in zip(sds[k + 2 :], cov.tunable(at), cov.tunable(obs.at), strict=True):
+    for begin in range(0, len(at), BLOCK):
+        block = slice(begin, begin + BLOCK)
+        for length, of_vector, of_normal in zip(lengths, free, along, strict=True):
+            correlation = _matern(at[block], obs.at, length)
+            pull = of_vector * alpha[:, None] * obs.directions
+            push = of_normal * alpha * obs.normal_part
+            field[block] += correlation @ pull + (correlation @ push)[:, None] * normals[block]
+    field += sds[k] ** 2 * (alpha @ obs.fairing_part) * places.fairing[:, None] * normals
+    for sd, here, there in zip(sds[k + 1 :], cov.tunable(at), cov.tunable(obs.at), strict=True):
         field += here @ (sd**2 * (alpha @ _seen(obs, there)))
     return np.asarray(field)
 
@@ -130,9 +137,8 @@ def cross(cov: Covariance, sds: Array, a: Observed, b: Observed) -> Array:
         shared = [sds[i] ** 2 * (dots if i < len(cov.vector) else sides) for i in np.flatnonzero(which == index)]
         total += _matern(a.at, b.at, length) * sum(shared[1:], start=shared[0])
     k = len(cov.lengths)
-    total += sds[k] ** 2 * _matern(a.at, b.at, cov.bend) * (_seen(a, cov.turns(a.at)) @ _seen(b, cov.turns(b.at)).T)
-    total += sds[k + 1] ** 2 * np.outer(a.fairing_part, b.fairing_part)
-    for sd, left, right in zip(sds[k + 2 :], cov.tunable(a.at), cov.tunable(b.at), strict=True):
+    total += sds[k] ** 2 * np.outer(a.fairing_part, b.fairing_part)
+    for sd, left, right in zip(sds[k + 1 :], cov.tunable(a.at), cov.tunable(b.at), strict=True):
         total += sd**2 * _seen(a, left) @ _seen(b, right).T
     return np.asarray(total)
 
@@ -142,9 +148,8 @@ def variance(cov: Covariance, sds: Array, obs: Observed) -> Array:
     k, split = len(cov.lengths), len(cov.vector)
     total = (_seen(obs, cov.similarity(obs.at)) ** 2).sum(axis=1)
     total += (sds[:split] ** 2).sum() * (obs.directions**2).sum(axis=1) + (sds[split:k] ** 2).sum() * obs.normal_part**2
-    total += sds[k] ** 2 * (_seen(obs, cov.turns(obs.at)) ** 2).sum(axis=1)
-    total += sds[k + 1] ** 2 * obs.fairing_part**2
-    for sd, features in zip(sds[k + 2 :], cov.tunable(obs.at), strict=True):
+    total += sds[k] ** 2 * obs.fairing_part**2
+    for sd, features in zip(sds[k + 1 :], cov.tunable(obs.at), strict=True):
         total += sd**2 * (_seen(obs, features) ** 2).sum(axis=1)
     return np.asarray(total)
 
@@ -154,22 +159,13 @@ def interpolation(nodes: Array, at: Array, length: float, neighbours: int = 8) -
     from scipy.spatial import cKDTree
 
     _, near = cKDTree(nodes).query(at, k=min(neighbours, len(nodes)))
-    near = near.reshape(len(at), -1)
-    inner = _matern_of(np.linalg.norm(nodes[near][:, :, None] - nodes[near][:, None], axis=3) / length)
-    outer = _matern_of(np.linalg.norm(nodes[near] - at[:, None], axis=2) / length)
-    inner += 1e-6 * np.eye(near.shape[1])  # nodes can coincide; a millionth of the variance is far below any noise
-    weights = np.linalg.solve(inner, outer[..., None])[..., 0]
-    return np.asarray(near, dtype=np.int64), np.asarray(weights / weights.sum(axis=1, keepdims=True))
+    near = np.asarray(near.reshape(len(at), -1), dtype=np.int64)
+    return near, _kriging(nodes, at, near, length)
 
 
 def _seen(obs: Observed, features: Array) -> Array:
     """Features (n, d, k) as the observations see them: along their directions, (n, k)."""
     return np.asarray(np.einsum("na,nak->nk", obs.directions, features))
-
-
-def _matern_of(distance: Array) -> Array:
-    s = SQRT5 * distance
-    return np.asarray((1.0 + s + s * s / 3.0) * np.exp(-s))
 
 
 def _skew(dim: int) -> list[Array]:
@@ -192,38 +188,46 @@ def _unit(dim: int, i: int, j: int) -> Array:
 
 @njit(cache=True)
 def _matern(a, b, length):  # type: ignore[no-untyped-def]
-    """Matern 5/2 correlation (n, m) of two point sets."""
-    out = np.empty((a.shape[0], b.shape[0]))
-    for i in range(a.shape[0]):
-        for j in range(b.shape[0]):
-            r2 = 0.0
-            for k in range(a.shape[1]):
-                r2 += (a[i, k] - b[j, k]) ** 2
-            s = SQRT5 * np.sqrt(r2) / length
-            out[i, j] = (1.0 + s + s * s / 3.0) * np.exp(-s)
+    """Matern 5/2 correlation (n, m) of two point sets, within 1e-11.
+
+    Plain loops and a polynomial for the exponential, exp(-s) = exp(-s / 256)^256, because a compiler turns these into vector
+    instructions, and calls of exp it does not: ten times faster.
+    """
+    n, m, dim = a.shape[0], b.shape[0], a.shape[1]
+    columns = np.ascontiguousarray(b.T)
+    out = np.zeros((n, m))
+    scale = SQRT5 / length
+    for i in range(n):
+        for k in range(dim):
+            for j in range(m):
+                out[i, j] += (a[i, k] - columns[k, j]) ** 2
+        for j in range(m):
+            s = min(scale * np.sqrt(out[i, j]), 40.0)  # beyond, nothing is left
+            x = s * (1 / 256)
+            e = 1.0 - x * (1.0 - x * (1 / 2 - x * (1 / 6 - x * (1 / 24 - x * (1 / 120)))))
+            e *= e
+            e *= e
+            e *= e
+            e *= e
+            e *= e
+            e *= e
+            e *= e
+            e *= e
+            out[i, j] = (1.0 + s + s * s * (1 / 3)) * e
     return out
 
 
 @njit(cache=True)
-def _field(at, normals, sources, pull, push, lengths, free, along):  # type: ignore[no-untyped-def]
-    """Sum of Matern fields: `pull` (n, d) drives those with variances `free`, `push` (n,) those with variances `along` the normal."""
-    m, dim = at.shape
-    out = np.zeros((m, dim))
+def _kriging(nodes, at, near, length):  # type: ignore[no-untyped-def]
+    """Weights (m, k), summing to one, of the nodes (m, k) near each place: correlations among them solved for those with it."""
+    m, k = near.shape
+    weights, here = np.empty((m, k)), np.empty((k, nodes.shape[1]))
     for i in range(m):
-        out_along = 0.0
-        for j in range(sources.shape[0]):
-            r2 = 0.0
-            for k in range(dim):
-                r2 += (at[i, k] - sources[j, k]) ** 2
-            r = SQRT5 * np.sqrt(r2)
-            toward = 0.0
-            for q in range(lengths.shape[0]):
-                s = r / lengths[q]
-                value = (1.0 + s + s * s / 3.0) * np.exp(-s)
-                toward += free[q] * value
-                out_along += along[q] * value * push[j]
-            for k in range(dim):
-                out[i, k] += toward * pull[j, k]
-        for k in range(dim):
-            out[i, k] += out_along * normals[i, k]
-    return out
+        for j in range(k):
+            here[j] = nodes[near[i, j]]
+        inner = _matern(here, here, length)
+        for j in range(k):
+            inner[j, j] += 1e-6  # nodes can coincide; a millionth of the variance is far below any noise
+        weights[i] = np.linalg.solve(inner, _matern(here, at[i : i + 1], length)[:, 0])
+        weights[i] /= weights[i].sum()
+    return weights

@@ -43,8 +43,7 @@ class Settings:
     normal_amplitude: float = 0.25
     anchor_amplitude: float = 0.8
     landmark_noise: float = 0.08  # rms radii
-    bend: float = 3.0  # correlation length, rms radii, of a rotation that changes over the chamber,
-    bend_amplitude: float = 0.7  # and its sd at one rms radius
+    bend_amplitude: float = 0.3  # of a rotation that changes over the chamber: what it moves over one rms radius
     fairing: float = 0.35  # rms radii: bumps shorter than this may be roughness of the prior; they go where the evidence
     fairing_amplitude: float = 0.3  # (sd of the share that goes) prefers it by
     fairing_nats: float = 3.0
@@ -131,7 +130,7 @@ class _Problem:
         size = float(np.sqrt(((posed - centre) ** 2).sum(axis=1).mean()))
         lengths = [tuple(size * x for x in group) for group in (settings.vector, settings.normal)]
         marks = apply(pose, data.marks_prior)
-        cov = Covariance(centre, lengths[0], lengths[1], size * settings.bend, marks, size * settings.anchor_length, translation=0.2 * size)
+        cov = Covariance(centre, lengths[0], lengths[1], size, marks, size * settings.anchor_length, translation=0.2 * size)
         nodes = _spaced(posed, 0.27 * min(lengths[0] + lengths[1]))
         near, spread = interpolation(posed[nodes], posed, min(lengths[0] + lengths[1]))
         tree = ClosestPoint(posed, faces)
@@ -144,7 +143,7 @@ class _Problem:
         rms = max(1.4826 * float(np.median(distances[~self.data.inside])), 1e-4 * self.size)
         amplitudes = [s.vector_amplitude * rms / 2**k for k in range(len(s.vector))]
         amplitudes += [s.normal_amplitude * rms / 2**k for k in range(len(s.normal))]
-        amplitudes += [s.bend_amplitude * rms / self.size, s.fairing_amplitude, s.strain] + [s.anchor_amplitude * rms] * (
+        amplitudes += [s.fairing_amplitude, s.bend_amplitude * rms / self.size, s.strain] + [s.anchor_amplitude * rms] * (
             len(self.marks) > 0
         )
         noises = [0.7 * rms] * self.data.groups + [s.landmark_noise * self.size] * (len(self.marks) > 0)
@@ -283,7 +282,7 @@ class _Problem:
 
     def facts(self, state: State) -> dict[str, float]:
         names = [f"vector_{x:.3g}" for x in self.covariance.vector] + [f"normal_{x:.3g}" for x in self.covariance.normal]
-        names += ["bend", "fairing", "strain"] + ["anchors"] * (len(self.marks) > 0)
+        names += ["fairing", "bend", "strain"] + ["anchors"] * (len(self.marks) > 0)
         facts = {f"amplitude_{name}": float(sd) for name, sd in zip(names, state.scales.sds, strict=True)}
         facts |= {"off_wall": state.contact.share, "persistence": state.contact.persistence}
         if len(self.marks):
