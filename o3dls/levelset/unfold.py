@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.sparse import coo_matrix, csr_matrix, diags
 from scipy.sparse.linalg import spsolve
+from scipy.spatial import cKDTree
 
-from ..geometry import Array, Ints, Surface
+from ..geometry import Array, Ints, Surface, fit_similarity
+from .shape import vertex_normals
 
-LEAST_COSINE = 0.25  # between a face's normal before and after: beyond 75 degrees a smooth motion is folding
+Mask = NDArray[np.bool_]
+LEAST_COSINE = 0.25  # between a face's normal and where its surroundings' rotation took it: beyond 75 degrees it is folding
+SURROUNDINGS = 0.3  # rms radii
 
 
 def unfold(rest: Array, moved: Array, faces: Ints, rounds: int = 12) -> tuple[Array, int]:
@@ -18,11 +23,13 @@ def unfold(rest: Array, moved: Array, faces: Ints, rounds: int = 12) -> tuple[Ar
     the patch grows round the faces that are still turned until none is, or `rounds` are over.
     """
     displacement = moved - rest
+    if not _leaning(rest, moved, faces).any():
+        return moved, 0
+    adjacency = _adjacency(faces, len(rest))
     turned = _turned(rest, moved, faces)
     count = int(turned.sum())
     if count == 0:
         return moved, 0
-    adjacency = _adjacency(faces, len(rest))
     laplacian = diags(np.asarray(adjacency.sum(axis=1)).ravel()) - adjacency
     bending = csr_matrix(laplacian.T @ laplacian)
     zone = np.zeros(len(rest), dtype=bool)
@@ -43,9 +50,33 @@ def unfold(rest: Array, moved: Array, faces: Ints, rounds: int = 12) -> tuple[Ar
     return rest + displacement, count
 
 
-def _turned(rest: Array, moved: Array, faces: Ints) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+def _turned(rest: Array, moved: Array, faces: Ints) -> Mask:
+    """Faces (m,) that turned over against their surroundings: what turned together has moved, and what turned alone is folded."""
+    turned = _leaning(rest, moved, faces)
+    which = np.flatnonzero(turned)
+    if len(which):
+        before, after = Surface(rest, faces[which]).face_normals, Surface(moved, faces[which]).face_normals
+        carried = np.einsum("nij,nj->ni", _rotations(rest, moved, faces, which), before)
+        turned[which] = (carried * after).sum(axis=1) < LEAST_COSINE
+    return turned
+
+
+def _leaning(rest: Array, moved: Array, faces: Ints) -> Mask:
+    """Faces (m,) whose normal is far from where it was: all that can have folded."""
     before, after = Surface(rest, faces).face_normals, Surface(moved, faces).face_normals
     return np.asarray((before * after).sum(axis=1) < LEAST_COSINE)
+
+
+def _rotations(rest: Array, moved: Array, faces: Ints, which: Ints) -> Array:
+    """Rotations (k, d, d) by which the surroundings of some faces went from rest to moved, in the least squares."""
+    dim, normals = rest.shape[1], vertex_normals(rest, faces)
+    own, facing = faces[which], Surface(rest, faces[which]).face_normals
+    radius = SURROUNDINGS * float(np.sqrt(rest.var(axis=0).sum()))
+    turns = np.empty((len(which), dim, dim))
+    for k, near in enumerate(cKDTree(rest).query_ball_point(rest[own].mean(axis=1), radius, return_sorted=True)):
+        here = np.r_[own[k], np.asarray(near)[normals[near] @ facing[k] > 0.0]]  # of the same wall, not of the one behind it
+        turns[k] = fit_similarity(rest[here], moved[here], scale=False)[:dim, :dim]
+    return turns
 
 
 def _adjacency(faces: Ints, count: int) -> csr_matrix:

@@ -1,0 +1,51 @@
+"""Folds are mended, and nothing else is: not what turned with its surroundings, however far."""
+
+import numpy as np
+import pytest
+from fields import SIZE, body
+
+from o3dls.geometry import Array, Surface
+from o3dls.levelset.unfold import unfold
+
+
+def pushed_through(surface: Surface, at: Array, depth: float, width: float) -> Array:
+    """Vertices after a dent at `at` that is narrower than it is deep, so that its sides overlap those around it."""
+    towards = at - surface.vertices
+    near = np.exp(-0.5 * (towards**2).sum(axis=1) / width**2)
+    return np.asarray(surface.vertices + depth * near[:, None] * towards)
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_a_fold_is_mended_where_it_is_and_counted(dimension: int) -> None:
+    surface = body(dimension, fineness=5)
+    at = surface.vertices[17]
+    moved = pushed_through(surface, at, 2.2, 0.16 * SIZE)  # past the middle: the surface there comes out on the other side
+    mended, count = unfold(surface.vertices, moved, surface.faces)
+    before, after = surface.face_normals, Surface(mended, surface.faces).face_normals
+    assert count > 0
+    assert (before * Surface(moved, surface.faces).face_normals).sum(axis=1).min() < 0.0 < (before * after).sum(axis=1).min()
+    far = np.linalg.norm(surface.vertices - at, axis=1) > SIZE
+    np.testing.assert_array_equal(mended[far], moved[far])
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_what_has_no_fold_comes_back_as_it_was(dimension: int) -> None:
+    surface = body(dimension, fineness=4)
+    moved = surface.vertices * 1.2 + 3.0
+    mended, count = unfold(surface.vertices, moved, surface.faces)
+    assert count == 0
+    np.testing.assert_array_equal(mended, moved)
+
+
+def test_a_body_twisted_far_has_no_fold() -> None:
+    """Normals at both ends are far from where they were, but so are those of their surroundings."""
+    ball = body(3, fineness=5)
+    rest = ball.vertices * [0.5, 0.5, 3.0]
+    angle = np.deg2rad(100.0) * np.tanh(rest[:, 2] / SIZE)
+    x, y, z = rest.T
+    moved = np.column_stack([np.cos(angle) * x - np.sin(angle) * y, np.sin(angle) * x + np.cos(angle) * y, z])
+    cosine = (Surface(rest, ball.faces).face_normals * Surface(moved, ball.faces).face_normals).sum(axis=1)
+    assert cosine.min() < -0.1  # by their own normals, many would pass for folded
+    mended, count = unfold(rest, moved, ball.faces)
+    assert count == 0
+    np.testing.assert_array_equal(mended, moved)
