@@ -10,10 +10,10 @@ from o3dls.errors import SolverError
 from o3dls.geometry import Array
 from o3dls.levelset import evidence
 from o3dls.levelset.covariance import cross, grams, variance
-from o3dls.levelset.evidence import Scales, assemble, free_energy, gain_of_feature, left_out, posterior_variance, solve, tune
+from o3dls.levelset.evidence import Scales, assemble, free_energy, left_out, posterior_variance, solve, tune
 from o3dls.levelset.rows import Feet, Rows, gather
 
-LOG = np.log([1.4, 0.6, 0.3, 0.04, 0.05, 1.3])  # vector field, normal field, fairing, bend, strain, noise
+LOG = np.log([1.4, 0.6, 0.04, 0.05, 1.3])  # vector field, normal field, bend, strain, noise
 FIELDS = len(LOG) - 1
 
 
@@ -22,7 +22,7 @@ def rows_of(count: int, seed: int, weights: Array | None = None, groups: int = 1
     at, face, _ = spots(surface, count, seed)
     rng = np.random.default_rng(seed + 1)
     normals = surface.face_normals[face]
-    feet = Feet(at, normals, np.ones(count), rng.normal(size=count), rng.normal(size=count) * 2.0)
+    feet = Feet(at, normals, np.ones(count), rng.normal(size=count) * 2.0)
     data = wall(at, group=rng.permutation(np.arange(count) % groups), relative=rng.uniform(0.7, 1.4, count))
     return gather(feet, data, np.ones(count) if weights is None else weights, np.zeros((0, dimension)), most, 6.0)
 
@@ -94,14 +94,14 @@ def test_posterior_variance_is_the_dense_formula_and_falls_with_every_point() ->
 def _first(values, count):  # type: ignore[no-untyped-def]
     if isinstance(values, np.ndarray):
         return values[:count]
-    return type(values)(values.at[:count], values.directions[:count], values.normal_part[:count], values.fairing_part[:count])
+    return type(values)(values.at[:count], values.directions[:count], values.normal_part[:count])
 
 
 def test_evidence_finds_amplitudes_and_noise_that_made_the_residuals() -> None:
     """Pooled over draws: the maximum of the evidence is consistent, so its mean logarithm comes near the truth."""
     rows, rng, found = rows_of(250, 12_409), np.random.default_rng(90_001), []
     fixed, parts = grams(covariance(3), rows.observed)
-    true = np.log([2.0, 0.8, 0.3, 0.04, 0.05, 1.0])
+    true = np.log([2.0, 0.8, 0.04, 0.05, 1.0])
     root = np.linalg.cholesky(assemble(true, fixed, parts, rows)[0])
     wide = Scales(LOG, LOG.copy(), np.full(len(LOG), 2.0), np.full(len(LOG), -np.inf), FIELDS)
     for _ in range(12):
@@ -126,7 +126,7 @@ def test_free_energy_does_not_depend_on_merging(belief: float) -> None:
     surface = body(3)
     at, face, _ = spots(surface, 15, 24_593)
     at, normals = np.repeat(at, 4, axis=0), np.repeat(surface.face_normals[face], 4, axis=0)
-    feet = Feet(at, normals, np.ones(60), np.zeros(60), np.random.default_rng(3_163).normal(size=60))
+    feet = Feet(at, normals, np.ones(60), np.random.default_rng(3_163).normal(size=60))
     cov, none = covariance(3), np.zeros((0, 3))
     energies, alphas = [], []
     for most in (1000, 10):
@@ -137,28 +137,3 @@ def test_free_energy_does_not_depend_on_merging(belief: float) -> None:
         alphas.append(np.bincount(np.arange(60) // 4, posterior.alpha) if most > 60 else posterior.alpha[rows.of_point[::4]])
     np.testing.assert_allclose(alphas[0], alphas[1], rtol=1e-6, atol=1e-9)
     assert energies[0] == pytest.approx(energies[1], abs=1e-6)
-
-
-def test_gain_of_a_feature_is_the_greatest_difference_of_evidence() -> None:
-    """Against a scan over the feature's variance with the dense formula; a feature that the residuals lack gains nothing."""
-    rows = rows_of(60, 8_111)
-    matrix, _ = assemble(LOG, *grams(covariance(3), rows.observed), rows)
-    feature = np.random.default_rng(6_067).normal(size=60)
-    for share in (0.0, 2.0):
-        residual = rows.residual + share * feature
-        posterior, inverse = solve(matrix, residual)
-        gain, variance = gain_of_feature(feature, inverse, posterior.alpha)
-        scan = [posterior.energy - solve(matrix + v * np.outer(feature, feature), residual)[0].energy for v in np.logspace(-6, 2, 400)]
-        assert gain == pytest.approx(max(0.0, *scan), abs=1e-3)
-        assert (variance > 0.0) == (gain > 0.0)
-    assert gain > 3.0
-
-
-def test_amplitudes_that_are_off_stay_off() -> None:
-    rows, off = rows_of(80, 3_301), scales()
-    off.log[3] = -np.inf
-    fixed, parts = grams(covariance(3), rows.observed)
-    log = tune(off, fixed, parts, rows)
-    assert log[3] == -np.inf
-    assert np.isfinite(np.delete(log, 3)).all()
-    np.testing.assert_array_equal(log[[0, 1]] != off.log[[0, 1]], True)

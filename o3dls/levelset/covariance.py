@@ -1,10 +1,9 @@
 """Prior covariance of the motion field: what displacements of the prior are likely, before any point is seen.
 
-D(r) = A(r) b + S(r) e + w(r) x (r - centre) + f(r) N(r) q + sum_k u_k(r) + N(r) sum_k g_k(r) + sum_L exp(-|r-L|^2 / 2 l_a^2) c_L
+D(r) = A(r) b + S(r) e + w(r) x (r - centre) + sum_k u_k(r) + N(r) sum_k g_k(r) + sum_L exp(-|r-L|^2 / 2 l_a^2) c_L
 at positions r of the posed prior. A b: translation, rotation and scale, nearly free; S e: traceless strains; w = B (r - centre): a
-rotation that changes over the chamber, so that bending and twisting are cheap; q: the share of the prior's roughness that the wall
-has not (`fairing`); u, g: Matern 5/2 fields, of vectors and along the normal N (order >= 2: point data have no hold on rougher fields over
-a surface); c_L: shifts of anchors (vein ostia), each its own.
+rotation that changes over the chamber, so that bending and twisting are cheap; u, g: Matern 5/2 fields, of vectors and along the
+normal N (order >= 2: point data have no hold on rougher fields over a surface); c_L: shifts of anchors (vein ostia), each its own.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ BLOCK = 4096  # places whose correlations are held at a time
 
 @dataclass(frozen=True)
 class Covariance:
-    """Components of the field's covariance; their standard deviations come as one array: vector, normal, fairing, bend, strain, anchors.
+    """Components of the field's covariance; their standard deviations come as one array: vector, normal, bend, strain, anchors.
 
     centre (d,) is the origin of the similarity part, whose own standard deviations are translation (a length), rotation (rad)
     and scale; vector and normal are correlation lengths; a bend is measured by how far one turns over `radius`; anchors (k, d)
@@ -43,11 +42,6 @@ class Covariance:
     def lengths(self) -> Array:
         return np.array(self.vector + self.normal)
 
-    @property
-    def fairing_at(self) -> int:
-        """Where the standard deviation of fairing stands among those of the components."""
-        return len(self.lengths)
-
     def similarity(self, at: Array) -> Array:
         """Features (n, d, k) of the similarity part at positions (n, d), each scaled to unit variance."""
         x, dim = at - self.centre, at.shape[1]
@@ -61,7 +55,8 @@ class Covariance:
     def tunable(self, at: Array) -> list[Array]:
         """Features (n, d, k) of bends, strains and, where there are any, of the anchors' shifts, for unit standard deviations."""
         x = at - self.centre
-        bends = np.einsum("nj,nak->nakj", x / self.radius, self.turns(at)).reshape(*x.shape, -1)
+        turns = self.turns(at)
+        bends = np.concatenate([turns * x[:, None, j : j + 1] / self.radius for j in range(x.shape[1])], axis=2)
         strains = np.stack([x @ m.T for m in _traceless(at.shape[1])], axis=2)
         return [bends, strains, self._anchored(at)] if len(self.anchors) else [bends, strains]
 
@@ -73,27 +68,22 @@ class Covariance:
 
 @dataclass(frozen=True)
 class Observed:
-    """Linear observations `directions . D(at)` (n, d), with `normal_part` (n,) = directions . N and `fairing_part` (n,) =
-    directions . f N (both zero where D has no field along the normal).
-    """
+    """Linear observations `directions . D(at)` (n, d), with `normal_part` (n,) = directions . N (zero where D has no field along it)."""
 
     at: Array
     directions: Array
     normal_part: Array
-    fairing_part: Array
 
 
 @dataclass(frozen=True)
 class Places:
-    """Places on the posed prior: positions (m, d), its unit normals N (m, d), and how far f (m,) fairing would move it along them."""
+    """Places on the posed prior: positions (m, d) and the unit normals N (m, d) along which it likes to move."""
 
     at: Array
     normals: Array
-    fairing: Array
 
     def observed(self, directions: Array) -> Observed:
-        along = (self.normals * directions).sum(axis=1)
-        return Observed(self.at, directions, along, along * self.fairing)
+        return Observed(self.at, directions, (self.normals * directions).sum(axis=1))
 
 
 def grams(cov: Covariance, obs: Observed) -> tuple[Array, list[Array]]:
@@ -102,7 +92,6 @@ def grams(cov: Covariance, obs: Observed) -> tuple[Array, list[Array]]:
     dots, sides = obs.directions @ obs.directions.T, np.outer(obs.normal_part, obs.normal_part)
     correlation = {length: _matern(obs.at, obs.at, length) for length in {*cov.vector, *cov.normal}}
     parts = [correlation[length] * dots for length in cov.vector] + [correlation[length] * sides for length in cov.normal]
-    parts += [np.outer(obs.fairing_part, obs.fairing_part)]
     parts += [f @ f.T for f in (_seen(obs, features) for features in cov.tunable(obs.at))]
     return fixed @ fixed.T, parts
 
@@ -122,8 +111,7 @@ def displacement(cov: Covariance, sds: Array, obs: Observed, alpha: Array, place
             pull = of_vector * alpha[:, None] * obs.directions
             push = of_normal * alpha * obs.normal_part
             field[block] += correlation @ pull + (correlation @ push)[:, None] * normals[block]
-    field += sds[k] ** 2 * (alpha @ obs.fairing_part) * places.fairing[:, None] * normals
-    for sd, here, there in zip(sds[k + 1 :], cov.tunable(at), cov.tunable(obs.at), strict=True):
+    for sd, here, there in zip(sds[k:], cov.tunable(at), cov.tunable(obs.at), strict=True):
         field += here @ (sd**2 * (alpha @ _seen(obs, there)))
     return np.asarray(field)
 
@@ -137,8 +125,7 @@ def cross(cov: Covariance, sds: Array, a: Observed, b: Observed) -> Array:
         shared = [sds[i] ** 2 * (dots if i < len(cov.vector) else sides) for i in np.flatnonzero(which == index)]
         total += _matern(a.at, b.at, length) * sum(shared[1:], start=shared[0])
     k = len(cov.lengths)
-    total += sds[k] ** 2 * np.outer(a.fairing_part, b.fairing_part)
-    for sd, left, right in zip(sds[k + 1 :], cov.tunable(a.at), cov.tunable(b.at), strict=True):
+    for sd, left, right in zip(sds[k:], cov.tunable(a.at), cov.tunable(b.at), strict=True):
         total += sd**2 * _seen(a, left) @ _seen(b, right).T
     return np.asarray(total)
 
@@ -148,8 +135,7 @@ def variance(cov: Covariance, sds: Array, obs: Observed) -> Array:
     k, split = len(cov.lengths), len(cov.vector)
     total = (_seen(obs, cov.similarity(obs.at)) ** 2).sum(axis=1)
     total += (sds[:split] ** 2).sum() * (obs.directions**2).sum(axis=1) + (sds[split:k] ** 2).sum() * obs.normal_part**2
-    total += sds[k] ** 2 * obs.fairing_part**2
-    for sd, features in zip(sds[k + 1 :], cov.tunable(obs.at), strict=True):
+    for sd, features in zip(sds[k:], cov.tunable(obs.at), strict=True):
         total += sd**2 * (_seen(obs, features) ** 2).sum(axis=1)
     return np.asarray(total)
 

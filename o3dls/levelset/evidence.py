@@ -66,54 +66,37 @@ class Scales:
 
 
 def tune(scales: Scales, fixed: Array, parts: list[Array], rows: Rows, steps: int = 12) -> Array:
-    """Logarithms that maximise evidence times log-normal priors (MacKay 1992), by L-BFGS on the exact gradient.
-
-    Amplitudes that are off (logarithm -inf) stay off.
-    """
+    """Logarithms that maximise evidence times log-normal priors (MacKay 1992), by L-BFGS on the exact gradient."""
     squares, degrees = rows.scatter
-    on = np.isfinite(scales.log)
 
-    def objective(x: Array) -> tuple[float, Array]:
-        log = scales.log.copy()
-        log[on] = x
+    def objective(log: Array) -> tuple[float, Array]:
         matrix, noise = assemble(log, fixed, parts, rows)
-        pull = ((log - scales.centre) / scales.spread)[on]
+        pull = (log - scales.centre) / scales.spread
         try:
             posterior, inverse = solve(matrix, rows.residual)
         except SolverError:
-            return 1e12, pull / scales.spread[on]  # a step too far: the line search comes back
+            return 1e12, pull / scales.spread  # a step too far: the line search comes back
         slope = inverse - np.outer(posterior.alpha, posterior.alpha)
         within = squares * np.exp(-2.0 * log[scales.fields :])
-        gradient = np.zeros_like(log)
-        for k in np.flatnonzero(on[: scales.fields]):
-            gradient[k] = np.vdot(slope, parts[k]) * np.exp(2.0 * log[k])
+        gradient = np.empty_like(log)
+        for k, part in enumerate(parts):
+            gradient[k] = np.vdot(slope, part) * np.exp(2.0 * log[k])
         gradient[scales.fields :] = np.bincount(rows.group, np.diag(slope) * noise, minlength=len(squares)) - within + degrees
         energy = posterior.energy + float(0.5 * within.sum() + degrees @ log[scales.fields :])
-        return energy + 0.5 * float(pull @ pull), gradient[on] + pull / scales.spread[on]
+        return energy + 0.5 * float(pull @ pull), gradient + pull / scales.spread
 
-    limits = [(low, None) for low in scales.least[on]]
-    found = minimize(objective, scales.log[on], jac=True, method="L-BFGS-B", bounds=limits, options={"maxiter": steps, "maxcor": 8})
-    best = scales.log.copy()
-    best[on] = found.x
-    return best
-
-
-def gain_of_feature(feature: Array, inverse: Array, alpha: Array) -> tuple[float, float]:
-    """Nats that one more feature (n,) would add to the evidence at its best variance, and that variance, in closed form.
-
-    inverse (n, n) is C^-1 without the feature, alpha (n,) = C^-1 z (Tipping and Faul 2003, the quality and sparsity factors).
-    """
-    quality, sparsity = float(feature @ alpha), float(feature @ inverse @ feature)
-    variance = max(quality**2 - sparsity, 0.0) / max(sparsity, 1e-300) ** 2
-    return 0.5 * (quality**2 * variance / (1.0 + variance * sparsity) - float(np.log1p(variance * sparsity))), variance
+    limits = [(low, None) for low in scales.least]
+    found = minimize(
+        objective, scales.log, jac=True, method="L-BFGS-B", bounds=limits, options={"maxiter": steps, "maxcor": 8, "ftol": 1e-6}
+    )
+    return np.asarray(found.x)
 
 
 def assemble(log: Array, fixed: Array, parts: list[Array], rows: Rows) -> tuple[Array, Array]:
     """Covariance (n, n) of the residuals and its noise part (n,): (exp(log noise of the row's group) times its relative noise)^2."""
     matrix = fixed.copy()
     for k, part in enumerate(parts):
-        if np.isfinite(log[k]):
-            matrix += np.exp(2.0 * log[k]) * part
+        matrix += np.exp(2.0 * log[k]) * part
     noise = (np.exp(log[len(parts) :])[rows.group] * rows.relative) ** 2
     matrix[np.diag_indices_from(matrix)] += noise
     return matrix, noise

@@ -31,20 +31,20 @@ def likely_feet(tree: ClosestPoint, points: Array, sd: Array, rest: Places) -> F
     normals = vertex_normals(tree.vertices, tree.faces)
     spatial = np.zeros((len(points), 3))
     spatial[:, :dim] = points
-    centres = _elements(tree.corners, faces, np.full((len(faces), 3), 1.0 / dim), normals, rest.at, rest.normals, rest.fairing)
+    centres = _elements(tree.corners, faces, np.full((len(faces), 3), 1.0 / dim), normals, rest.at, rest.normals)
     tree_of = (tree.corners, tree.leaves, tree.boxes, faces, centres, _nodes(centres, tree.leaves, tree.boxes))
-    sums = _expected(spatial, sd**2, closest2, tree.rank[nearest], *tree_of, normals, rest.at, rest.normals, rest.fairing)
-    at, mean, along, fair, height, moved = np.split(sums, [dim, 2 * dim, 2 * dim + 1, 2 * dim + 2, 2 * dim + 3], axis=1)
+    sums = _expected(spatial, sd**2, closest2, tree.rank[nearest], *tree_of, normals, rest.at, rest.normals)
+    at, mean, along, height, moved = np.split(sums, [dim, 2 * dim, 2 * dim + 1, 2 * dim + 2], axis=1)
     residual = height[:, 0] + (mean * moved).sum(axis=1)  # from the foot's place in the reference pose
-    return Feet(at, mean, along[:, 0], fair[:, 0], residual)
+    return Feet(at, mean, along[:, 0], residual)
 
 
 @njit(cache=True)
-def _element(corners, faces, k, share, normals, rest, rest_normals, fairing, out):  # type: ignore[no-untyped-def]
-    """Write what face k holds at barycentric weights `share`: rest place, normal, its share along the rest normal and along the
-    fairing, normal . place, displacement; then the place, the face's measure and its greatest squared edge."""
+def _element(corners, faces, k, share, normals, rest, rest_normals, out):  # type: ignore[no-untyped-def]
+    """Write what face k holds at barycentric weights `share`: rest place, normal, its share along the rest normal, normal . place,
+    displacement; then the place, the face's measure and its greatest squared edge."""
     dim = rest.shape[1]
-    length = rest_length = agreement = bump = height = 0.0
+    length = rest_length = agreement = height = 0.0
     for axis in range(dim):
         normal = rest_normal = place = origin = 0.0
         for c in range(dim):
@@ -53,34 +53,31 @@ def _element(corners, faces, k, share, normals, rest, rest_normals, fairing, out
             place += share[c] * corners[k, c, axis]
             origin += share[c] * rest[faces[k, c], axis]
         out[axis], out[dim + axis] = origin, normal
-        out[2 * dim + 3 + axis], out[3 * dim + 3 + axis] = place - origin, place
+        out[2 * dim + 2 + axis], out[3 * dim + 2 + axis] = place - origin, place
         length += normal * normal
         rest_length += rest_normal * rest_normal
         agreement += normal * rest_normal
         height += normal * place
     length, rest_length = np.sqrt(length) + 1e-300, np.sqrt(rest_length) + 1e-300
-    for c in range(dim):
-        bump += share[c] * fairing[faces[k, c]]
     for axis in range(dim):
         out[dim + axis] /= length
     out[2 * dim] = agreement / (length * rest_length)
-    out[2 * dim + 1] = out[2 * dim] * bump
-    out[2 * dim + 2] = height / length
+    out[2 * dim + 1] = height / length
 
 
 @njit(cache=True)
-def _elements(corners, faces, shares, normals, rest, rest_normals, fairing):  # type: ignore[no-untyped-def]
-    """What every face holds at its centre, (m, 4 d + 5), in tree order."""
+def _elements(corners, faces, shares, normals, rest, rest_normals):  # type: ignore[no-untyped-def]
+    """What every face holds at its centre, (m, 4 d + 4), in tree order."""
     m, dim = faces.shape
-    out = np.empty((m, 4 * dim + 5))
+    out = np.empty((m, 4 * dim + 4))
     for k in range(m):
-        _element(corners, faces, k, shares[k], normals, rest, rest_normals, fairing, out[k])
+        _element(corners, faces, k, shares[k], normals, rest, rest_normals, out[k])
         ux, uy, uz = corners[k, 1, 0] - corners[k, 0, 0], corners[k, 1, 1] - corners[k, 0, 1], corners[k, 1, 2] - corners[k, 0, 2]
         vx, vy, vz = corners[k, 2, 0] - corners[k, 0, 0], corners[k, 2, 1] - corners[k, 0, 1], corners[k, 2, 2] - corners[k, 0, 2]
         x, y, z = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
         edge2 = max(ux * ux + uy * uy + uz * uz, vx * vx + vy * vy + vz * vz, (ux - vx) ** 2 + (uy - vy) ** 2 + (uz - vz) ** 2)
-        out[k, 4 * dim + 3] = np.sqrt(edge2) if dim == 2 else 0.5 * np.sqrt(x * x + y * y + z * z)
-        out[k, 4 * dim + 4] = edge2
+        out[k, 4 * dim + 2] = np.sqrt(edge2) if dim == 2 else 0.5 * np.sqrt(x * x + y * y + z * z)
+        out[k, 4 * dim + 3] = edge2
     return out
 
 
@@ -109,26 +106,26 @@ def _nodes(centres, leaves, boxes):  # type: ignore[no-untyped-def]
 @njit(cache=True)
 def _add(means, points, i, elements, k, closest2, sd2):  # type: ignore[no-untyped-def]
     """Add to row i of the sums what element k holds, by its weight, which is returned. Indices, because array views cost more."""
-    dim = (elements.shape[1] - 5) // 4
+    dim = (elements.shape[1] - 4) // 4
     gap = 0.0
     for axis in range(dim):
-        gap += (points[i, axis] - elements[k, 3 * dim + 3 + axis]) ** 2
-    weight = elements[k, 4 * dim + 3] * np.exp(0.5 * (closest2 - gap) / sd2)
-    for q in range(3 * dim + 3):
+        gap += (points[i, axis] - elements[k, 3 * dim + 2 + axis]) ** 2
+    weight = elements[k, 4 * dim + 2] * np.exp(0.5 * (closest2 - gap) / sd2)
+    for q in range(3 * dim + 2):
         means[i, q] += weight * elements[k, q]
     for axis in range(dim):
-        means[i, 2 * dim + 2] -= weight * elements[k, dim + axis] * points[i, axis]
+        means[i, 2 * dim + 1] -= weight * elements[k, dim + axis] * points[i, axis]
     return weight
 
 
 @njit(cache=True)
-def _expected(points, sd2, closest2, nearest, corners, leaves, boxes, faces, centres, nodes, normals, rest, rest_normals, fairing):  # type: ignore[no-untyped-def]
-    """Means (n, 3 d + 3) of what the faces hold, with weights measure * exp(-squared distance / 2 sd2); the height is that of
+def _expected(points, sd2, closest2, nearest, corners, leaves, boxes, faces, centres, nodes, normals, rest, rest_normals):  # type: ignore[no-untyped-def]
+    """Means (n, 3 d + 2) of what the faces hold, with weights measure * exp(-squared distance / 2 sd2); the height is that of
     the point over the face."""
     n, m, dim = points.shape[0], faces.shape[0], rest.shape[1]
-    size = 3 * dim + 3
+    size = 3 * dim + 2
     means = np.zeros((n, size))
-    stack, share, own = np.empty(128, dtype=np.int64), np.empty(3), np.empty((1, 4 * dim + 5))
+    stack, share, own = np.empty(128, dtype=np.int64), np.empty(3), np.empty((1, 4 * dim + 4))
     for i in range(n):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
         limit, total = closest2[i] * (1.0 + 1e-12) + 2.0 * REACH * sd2[i], 0.0
@@ -138,7 +135,7 @@ def _expected(points, sd2, closest2, nearest, corners, leaves, boxes, faces, cen
             node = stack[top]
             if _gap(x, y, z, boxes, node) > limit:
                 continue
-            if nodes[node, 4 * dim + 4] < FINE * sd2[i]:
+            if nodes[node, 4 * dim + 3] < FINE * sd2[i]:
                 total += _add(means, points, i, nodes, node, closest2[i], sd2[i])
                 continue
             if node < leaves - 1:
@@ -147,7 +144,7 @@ def _expected(points, sd2, closest2, nearest, corners, leaves, boxes, faces, cen
                 continue
             leaf = node - (leaves - 1)
             for k in range(leaf * m // leaves, (leaf + 1) * m // leaves):
-                if centres[k, 4 * dim + 4] < FINE * sd2[i]:
+                if centres[k, 4 * dim + 3] < FINE * sd2[i]:
                     total += _add(means, points, i, centres, k, closest2[i], sd2[i])
                     continue
                 gap, share[1], share[2] = _nearest(x, y, z, corners, k)  # a face large against the noise is seen at its closest point
@@ -156,16 +153,16 @@ def _expected(points, sd2, closest2, nearest, corners, leaves, boxes, faces, cen
                 share[0] = 1.0 - share[1] - share[2]
                 if dim == 2:  # a segment is a triangle whose last two corners coincide
                     share[1] += share[2]
-                _element(corners, faces, k, share, normals, rest, rest_normals, fairing, own[0])
-                own[0, 4 * dim + 3] = centres[k, 4 * dim + 3]
+                _element(corners, faces, k, share, normals, rest, rest_normals, own[0])
+                own[0, 4 * dim + 2] = centres[k, 4 * dim + 2]
                 total += _add(means, points, i, own, 0, closest2[i], sd2[i])
         if total == 0.0:  # far off a sharp edge: total = 0 by underflow
             total = 1.0
             for q in range(size):
                 means[i, q] = centres[nearest[i], q]
             for axis in range(dim):
-                means[i, 2 * dim + 2] -= centres[nearest[i], dim + axis] * points[i, axis]
+                means[i, 2 * dim + 1] -= centres[nearest[i], dim + axis] * points[i, axis]
         for q in range(size):
             means[i, q] /= total
-        means[i, 2 * dim + 2] *= -1.0
+        means[i, 2 * dim + 1] *= -1.0
     return means

@@ -14,8 +14,8 @@ import numpy as np
 from ..geometry import Array, Ints, apply, fit_similarity
 from .closest import ClosestPoint
 from .covariance import Covariance, Observed, Places, displacement, grams, interpolation
-from .evidence import Posterior, Scales, assemble, free_energy, gain_of_feature, left_out, solve, tune
-from .fairing import fairing
+from .evidence import Posterior, Scales, assemble, free_energy, left_out, solve, tune
+from .fairing import fair
 from .feet import likely_feet
 from .motion import Motion, MotionFit, State
 from .outliers import Contact, believe, mixture_energy
@@ -28,6 +28,7 @@ SETTLED = 5  # rounds in which amplitudes grow and noise shrinks: steps are larg
 MANY_ROUNDS = 6  # with all points, after a fit to some of them
 WARM_ROUNDS = 1  # one more point moves the surface by a fraction of the noise: a second round would move it by hundredths of that
 CERTAIN, DECISIVE = 0.999, 10.0  # a motion this probable is a motion; a pose better by so many nats is the pose
+GLIMPSE_ROUNDS = 2  # the first one still has the feet of the rougher surface
 SAME = 0.2  # nats: less than any decision turns on
 INFLATION = 1.3  # the posterior takes feet, normals and amplitudes as known: measured on development seeds, docs/method.md
 
@@ -44,9 +45,9 @@ class Settings:
     anchor_amplitude: float = 0.8
     landmark_noise: float = 0.08  # rms radii
     bend_amplitude: float = 0.3  # of a rotation that changes over the chamber: what it moves over one rms radius
-    fairing: float = 0.35  # rms radii: bumps shorter than this may be roughness of the prior; they go where the evidence
-    fairing_amplitude: float = 0.3  # (sd of the share that goes) prefers it by
-    fairing_nats: float = 3.0
+    broad: float = 0.2  # rms radii: the field's normals do not follow bumps shorter than this
+    fairing: tuple[float, ...] = (0.35, 0.5, 0.6)  # rms radii: bumps shorter than one of these may be roughness of the prior; they
+    fairing_nats: float = 3.0  # go where the evidence prefers it by so much
     strain: float = 0.05
     depth: float = 0.3  # rms radii: how deep inside a point off the wall usually lies
     spread: float = 1.0
@@ -74,20 +75,16 @@ def fit_motion(
         some = slice(None, None, -(-len(data.points) // settings.many))
         first = fit_motion(vertices, faces, pose, data.at(some), settings)
         return _proceed(first, data, some, MANY_ROUNDS)
-    problem = _Problem.make(vertices, faces, pose, data, settings)
-    state = problem.start()
-    trace: list[dict[str, float]] = []
-    still = False
-    for iteration in range(settings.iterations):
-        state, solved, record = problem.step(state, iteration, tuning=iteration in settings.tune_at)
-        trace.append(record)
-        still = iteration > max(settings.tune_at) and record["step"] < settings.tolerance * problem.size
-        if still:
-            break
-    share, mended, scales = problem.share(trace[-1]["energy"], state.scales)
-    if mended is not problem.pose:
+    run = _run(_Problem.make(vertices, faces, pose, data, settings))
+    share, mended, scales = run.problem.share(run.energy, run.state.scales)
+    if mended is not pose:
         return fit_motion(vertices, faces, mended, data, settings)
-    return problem.result(replace(state, scales=scales), solved, share, trace, still)
+    length = run.problem.roughness(run) if share > CERTAIN else 0.0  # points that show no motion show no roughness either
+    if length:
+        smoother = _run(_Problem.make(vertices, faces, pose, data, settings, length))
+        if smoother.energy < run.energy:
+            run, scales = smoother, smoother.state.scales
+    return run.problem.result(replace(run.state, scales=scales), run.solved, share, run.trace, run.still)
 
 
 def _proceed(earlier: MotionFit, data: Data, known: slice, rounds: int) -> MotionFit:
@@ -105,6 +102,35 @@ def _proceed(earlier: MotionFit, data: Data, known: slice, rounds: int) -> Motio
     return problem.result(state, solved, earlier.motion.share, trace, trace[-1]["step"] < least)
 
 
+def _run(problem: _Problem) -> _Run:
+    """Iterate from nothing until the surface stands still."""
+    settings, state = problem.settings, problem.start()
+    trace: list[dict[str, float]] = []
+    still = False
+    for iteration in range(settings.iterations):
+        state, solved, record = problem.step(state, iteration, tuning=iteration in settings.tune_at)
+        trace.append(record)
+        still = iteration > max(settings.tune_at) and record["step"] < settings.tolerance * problem.size
+        if still:
+            break
+    return _Run(problem, state, solved, trace, still)
+
+
+@dataclass(frozen=True, eq=False)
+class _Run:
+    """A fit from nothing: what it solved, how it went, and whether it came to stand still."""
+
+    problem: _Problem
+    state: State
+    solved: tuple[Rows, Posterior]
+    trace: list[dict[str, float]]
+    still: bool
+
+    @property
+    def energy(self) -> float:
+        return self.trace[-1]["energy"]
+
+
 @dataclass(frozen=True, eq=False)
 class _Problem:
     """What stays fixed during a fit: the posed surface, its nodes, the data, the covariance."""
@@ -112,7 +138,8 @@ class _Problem:
     vertices: Array
     faces: Ints
     pose: Array
-    rest: Places  # the vertices in the reference pose
+    rest: Places  # the vertices in the reference pose,
+    faired: float  # and over what length they were smoothed there (0: not at all)
     data: Data
     marks: Array  # landmarks of the prior in the reference pose
     covariance: Covariance
@@ -124,18 +151,38 @@ class _Problem:
     spread: Array
 
     @staticmethod
-    def make(vertices: Array, faces: Ints, pose: Array, data: Data, settings: Settings) -> _Problem:
+    def make(vertices: Array, faces: Ints, pose: Array, data: Data, settings: Settings, faired: float = 0.0) -> _Problem:
         posed = apply(pose, vertices)
         centre = posed.mean(axis=0)
         size = float(np.sqrt(((posed - centre) ** 2).sum(axis=1).mean()))
         lengths = [tuple(size * x for x in group) for group in (settings.vector, settings.normal)]
         marks = apply(pose, data.marks_prior)
         cov = Covariance(centre, lengths[0], lengths[1], size, marks, size * settings.anchor_length, translation=0.2 * size)
-        nodes = _spaced(posed, 0.27 * min(lengths[0] + lengths[1]))
-        near, spread = interpolation(posed[nodes], posed, min(lengths[0] + lengths[1]))
-        tree = ClosestPoint(posed, faces)
-        rest = Places(posed, vertex_normals(posed, faces), fairing(posed, faces, size * settings.fairing))
-        return _Problem(vertices, faces, pose, rest, data, marks, cov, settings, size, tree, nodes, near, spread)
+        at = fair(posed, faces, faired) if faired else posed
+        nodes = _spaced(at, 0.27 * min(lengths[0] + lengths[1]))
+        near, spread = interpolation(at[nodes], at, min(lengths[0] + lengths[1]))
+        rest = Places(at, vertex_normals(fair(at, faces, size * settings.broad), faces))
+        return _Problem(vertices, faces, pose, rest, faired, data, marks, cov, settings, size, ClosestPoint(at, faces), nodes, near, spread)
+
+    def roughness(self, run: _Run) -> float:
+        """Length over which the points would have the prior smoothed (0: not at all).
+
+        A smoother prior is looked at where the fit has come to, with its motion, noise and beliefs: detail that the wall has is
+        missed at once there, before another motion could make up for it.
+        """
+        lengths = [self.size * x for x in self.settings.fairing]
+        if not lengths or self.glimpse(run.state, lengths[-1]) > run.energy - self.settings.fairing_nats:
+            return 0.0
+        return min(lengths, key=lambda length: self.glimpse(run.state, length))
+
+    def glimpse(self, state: State, length: float) -> float:
+        """Free energy of the prior smoothed over `length`, after a few rounds from a state of the prior as it is."""
+        at = fair(self.rest.at, self.faces, length)
+        seen = replace(self, rest=Places(at, vertex_normals(at, self.faces)), tree=ClosestPoint(at, self.faces))
+        state = replace(state, feet_on=at + state.moved - self.rest.at)
+        for _ in range(GLIMPSE_ROUNDS):
+            state, _, record = seen.step(state, SETTLED + 1, tuning=False)
+        return record["energy"]
 
     def start(self) -> State:
         """Amplitudes and noise in proportion to the residuals of the start pose, judged by their median so that outliers have no say."""
@@ -143,15 +190,11 @@ class _Problem:
         rms = max(1.4826 * float(np.median(distances[~self.data.inside])), 1e-4 * self.size)
         amplitudes = [s.vector_amplitude * rms / 2**k for k in range(len(s.vector))]
         amplitudes += [s.normal_amplitude * rms / 2**k for k in range(len(s.normal))]
-        amplitudes += [s.fairing_amplitude, s.bend_amplitude * rms / self.size, s.strain] + [s.anchor_amplitude * rms] * (
-            len(self.marks) > 0
-        )
+        amplitudes += [s.bend_amplitude * rms / self.size, s.strain] + [s.anchor_amplitude * rms] * (len(self.marks) > 0)
         noises = [0.7 * rms] * self.data.groups + [s.landmark_noise * self.size] * (len(self.marks) > 0)
         log = np.log(np.array(amplitudes + noises))
-        centre = log.copy()
-        log[self.covariance.fairing_at] = -np.inf  # no fairing, until the evidence asks for it
         least = np.where(np.arange(len(log)) < len(amplitudes), -np.inf, np.log(s.finest * self.size))
-        scales = Scales(log, centre, np.full(len(log), s.spread), least, len(amplitudes))
+        scales = Scales(log, log, np.full(len(log), s.spread), least, len(amplitudes))
         return State(self.rest.at, self.rest.at, 1.0, scales, Contact(depth=s.depth * self.size), np.ones(len(self.data.points)))
 
     def step(self, state: State, iteration: int, *, tuning: bool) -> tuple[State, tuple[Rows, Posterior], dict[str, float]]:
@@ -161,7 +204,7 @@ class _Problem:
         fixed, parts = grams(self.covariance, rows.observed)
         scales = state.scales
         if tuning:
-            scales = self.tuned(scales, fixed, parts, rows)
+            scales = replace(scales, log=tune(scales, fixed, parts, rows))
         log = scales.log + _annealed(iteration, scales, self.data.groups)
         matrix, noise = assemble(log, fixed, parts, rows)
         posterior, _ = solve(matrix, rows.residual)
@@ -174,21 +217,6 @@ class _Problem:
         feet_on = state.feet_on + damping * (moved - state.feet_on)
         record = {"energy": energy, "step": step, "sigma": float(scales.noises[0]), "off_wall": contact.share}
         return State(feet_on, moved, damping, scales, contact, weights, step), (rows, posterior), record
-
-    def tuned(self, scales: Scales, fixed: Array, parts: list[Array], rows: Rows) -> Scales:
-        """Scales of the greatest evidence; the prior's roughness is left as it is unless they are for fairing: a small share, got
-        by chance, would move every vein's end.
-        """
-        k = self.covariance.fairing_at
-        log = scales.log.copy()
-        log[k] = -np.inf
-        log = tune(replace(scales, log=log), fixed, parts, rows)
-        posterior, inverse = solve(assemble(log, fixed, parts, rows)[0], rows.residual)
-        gain, variance = gain_of_feature(rows.observed.fairing_part, inverse, posterior.alpha)
-        if gain > self.settings.fairing_nats:
-            log[k] = min(0.5 * np.log(variance), 0.0)
-            log = tune(replace(scales, log=log), fixed, parts, rows)
-        return replace(scales, log=log)
 
     def feet(self, state: State, widening: float = 1.0) -> Feet:
         """Where on the moved surface the points may have come from, by the noise levels of now times `widening`."""
@@ -211,13 +239,12 @@ class _Problem:
         """Posterior probability of a motion beyond the pose, by free energies; and the pose, mended where alone it explains the points;
         and the scales, whose noise levels are between those with and without the motion by that probability.
         """
-        alone, shift, alone_noises = self.pose_alone(1.0)
+        alone, shift, alone_noises = self.pose_alone(1.0, energy + DECISIVE + self.settings.odds)
         # amplitudes chosen by few points flatter their evidence: the small-sample correction of Hurvich and Tsai (1989)
         noises, pose = len(scales.log) - scales.fields, self.covariance.similarity(self.rest.at[:1]).shape[2]
-        fields = int(np.isfinite(scales.log[: scales.fields]).sum())
-        flattery = self.flattery(pose + noises + fields) - self.flattery(pose + noises)
+        flattery = self.flattery(pose + noises + scales.fields) - self.flattery(pose + noises)
         share = float(1.0 / (1.0 + np.exp(np.clip(energy - alone + flattery + self.settings.odds, -500.0, 500.0))))
-        off = share < CERTAIN and alone + DECISIVE < self.pose_alone(0.0)[0]
+        off = share < CERTAIN and alone + DECISIVE < self.pose_alone(0.0, np.inf)[0]
         pose = fit_similarity(self.rest.at, self.rest.at + shift) @ self.pose if off else self.pose
         if share > CERTAIN:
             return share, pose, scales
@@ -228,8 +255,11 @@ class _Problem:
     def flattery(self, parameters: int) -> float:
         return parameters * (parameters + 1.0) / max(len(self.data.points) - parameters - 1.0, 1.0)
 
-    def pose_alone(self, free: float) -> tuple[float, Array, Array]:
-        """Free energy of noise around the prior in a pose that is `free` to move (1) or not (0), the pose's displacement (n, d), noises."""
+    def pose_alone(self, free: float, clear: float) -> tuple[float, Array, Array]:
+        """Free energy of noise around the prior in a pose that is `free` to move (1) or not (0), the pose's displacement (n, d), noises.
+
+        Rounds end early once further ones cannot bring the energy below `clear`: drops shrink by a quarter or more a round.
+        """
         state = self.start()
         scales = state.scales.noise_alone()
         weights, contact, energy, shift = state.weights, state.contact, np.inf, np.zeros_like(self.rest.at)
@@ -245,13 +275,13 @@ class _Problem:
             weights, contact = self.believe(replace(state, contact=contact), residual, var)
             before, energy = energy, free_energy(posterior, scales.log, rows) + self.label_energy(weights, residual, contact)
             shift = self.covariance.similarity(self.rest.at) @ (posterior.alpha @ seen)
-            if abs(before - energy) < SAME:
+            if abs(before - energy) < SAME or energy - 3.0 * (before - energy) > clear:
                 break
         return energy, shift, scales.noises
 
     @property
     def at_nodes(self) -> Places:
-        return Places(self.rest.at[self.nodes], self.rest.normals[self.nodes], self.rest.fairing[self.nodes])
+        return Places(self.rest.at[self.nodes], self.rest.normals[self.nodes])
 
     def spread_from_nodes(self, sds: Array, observed: Observed, posterior: Posterior) -> Array:
         """Displacement (n, d) of every vertex, interpolated from nodes that stand close together against the shortest length."""
@@ -262,9 +292,7 @@ class _Problem:
         rows, posterior = solved
         share = 1.0 if share > CERTAIN else share
         sds = state.scales.sds
-        motion = Motion(
-            self.vertices, self.faces, self.rest.fairing, self.pose, self.covariance, sds, rows.observed, posterior, share, INFLATION
-        )
+        motion = Motion(self.vertices, self.faces, self.pose, self.rest, self.covariance, sds, rows.observed, posterior, share, INFLATION)
         now = vertex_normals(state.moved, self.faces)[self.nodes]
         at_nodes = motion.sd_in_reference(self.at_nodes, now)
         sd = np.maximum((self.spread * at_nodes[self.near]).sum(axis=1), 0.0)
@@ -274,15 +302,17 @@ class _Problem:
         status = f"{word}; noise {state.scales.noises[0]:.3g}, {100 * state.contact.share:.0f} % of the points off the wall"
         if share < 0.95:
             status += f"; the points show a motion beyond the pose with probability {share:.2f}, and the prior follows it that far"
+        if self.faired:
+            status += f"; the points show the prior to be rough, so it was smoothed over {self.faired:.2g} before it was moved"
         vertices, folded = unfold(self.rest.at, self.rest.at + share * (state.moved - self.rest.at), self.faces)
         if folded:
             status += f"; {folded} faces folded over and were mended from their surroundings"
-        facts = self.facts(state) | {"share": share, "folded_faces": float(folded)}
+        facts = self.facts(state) | {"share": share, "faired": self.faired, "folded_faces": float(folded)}
         return MotionFit(motion, vertices, state, sd, still, status, tuple(trace), facts, self)
 
     def facts(self, state: State) -> dict[str, float]:
         names = [f"vector_{x:.3g}" for x in self.covariance.vector] + [f"normal_{x:.3g}" for x in self.covariance.normal]
-        names += ["fairing", "bend", "strain"] + ["anchors"] * (len(self.marks) > 0)
+        names += ["bend", "strain"] + ["anchors"] * (len(self.marks) > 0)
         facts = {f"amplitude_{name}": float(sd) for name, sd in zip(names, state.scales.sds, strict=True)}
         facts |= {"off_wall": state.contact.share, "persistence": state.contact.persistence}
         if len(self.marks):

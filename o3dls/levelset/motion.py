@@ -13,7 +13,7 @@ from .closest import ClosestPoint
 from .covariance import Covariance, Observed, Places, cross, displacement, variance
 from .evidence import Posterior, Scales, posterior_variance
 from .outliers import Contact
-from .shape import unit_mean, vertex_normals
+from .shape import unit_mean
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,8 +26,8 @@ class Motion:
 
     vertices: Array  # of the prior, in its own frame
     faces: Ints
-    fairing: Array  # how far (n,) fairing would move the vertices along their normals, in the map's unit
-    T_map_prior: Array  # the reference pose, from which the field displaces
+    T_map_prior: Array  # the reference pose,
+    rest: Places  # and the vertices in it, from which the field displaces: faired where the points show the prior to be rough
     covariance: Covariance
     sds: Array
     observed: Observed
@@ -58,16 +58,13 @@ class Motion:
     def _tree(self) -> ClosestPoint:
         return ClosestPoint(self.vertices, self.faces)
 
-    @cached_property
-    def _normals(self) -> Array:
-        return vertex_normals(apply(self.T_map_prior, self.vertices), self.faces)
-
     def _reference(self, points: Array) -> Places:
-        """Positions in the reference pose, and the reference surface's normal and roughness nearest to them."""
+        """Positions in the reference pose, shifted as the surface nearest to them was, and that surface's normals."""
         _, face, _, bary = self._tree.query(points)
         corner = self.faces[face]
-        at, normals = apply(self.T_map_prior, points), unit_mean(self._normals, corner, bary)
-        return Places(at, normals, (self.fairing[corner] * bary).sum(axis=1))
+        shift = (self.rest.at - apply(self.T_map_prior, self.vertices))[corner]
+        at = apply(self.T_map_prior, points) + np.einsum("nc,ncd->nd", bary, shift)
+        return Places(at, unit_mean(self.rest.normals, corner, bary))
 
 
 @dataclass(frozen=True, eq=False)

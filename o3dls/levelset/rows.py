@@ -35,14 +35,11 @@ class Data:
 
 @dataclass(frozen=True)
 class Feet:
-    """Foot of each point: reference position (n, d), moved surface's normal (n, d), its share along the reference normal and along
-    the reference surface's fairing (n,), residual (n,).
-    """
+    """Foot of each point: reference position (n, d), moved surface's normal (n, d), its share along the reference normal (n,), residual."""
 
     at: Array
     normals: Array
     along: Array
-    fairing: Array
     residual: Array
 
 
@@ -86,7 +83,7 @@ def gather(feet: Feet, data: Data, weights: Array, marks: Array, most: int, patc
     believed = np.bincount(data.group, weights, minlength=data.groups)
     squares = np.asarray(np.bincount(data.group, spread, minlength=data.groups), dtype=np.float64)
     more = np.asarray(believed - np.bincount(group, minlength=data.groups), dtype=np.float64)
-    observed = Observed(mean(feet.at), mean(feet.normals), mean(feet.along)[:, 0], mean(feet.fairing)[:, 0])
+    observed = Observed(mean(feet.at), mean(feet.normals), mean(feet.along)[:, 0])
     rows = Rows(observed, residual, group, 1.0 / np.sqrt(total), of_point, (squares, more))
     return _with_landmarks(rows, data, marks) if len(marks) else rows
 
@@ -99,7 +96,6 @@ def _with_landmarks(rows: Rows, data: Data, marks: Array) -> Rows:
         np.vstack([rows.observed.at, np.repeat(marks, dim, axis=0)]),
         np.vstack([rows.observed.directions, np.tile(np.eye(dim), (len(marks), 1))]),
         np.r_[rows.observed.normal_part, np.zeros(k)],  # a landmark is in the vein's mouth, on no wall
-        np.r_[rows.observed.fairing_part, np.zeros(k)],
     )
     residual = np.r_[rows.residual, (data.marks_map - marks).ravel()]
     scatter = np.r_[rows.scatter[0], 0.0], np.r_[rows.scatter[1], 0.0]

@@ -57,6 +57,9 @@ class Deform(Stage):
         description="log odds against a motion beyond the pose, before the points are seen; raise it for templates that hardly deform",
         json_schema_extra={"unit": "nats"},
     )
+    roughness: Literal["mend", "keep"] = Field(
+        "mend", description="smooth the prior where the points show that the wall lacks its roughness, or keep all of its detail"
+    )
     starts: Literal["given", "several"] = Field(
         "given", description="fit from the given pose, or from those of the landmarks too, and keep what the evidence prefers"
     )
@@ -116,7 +119,8 @@ class Deform(Stage):
     def settings(self) -> Settings:
         from ..levelset.fit import Settings
 
-        return Settings(vector=self.vector, normal=self.normal, spread=self.spread, odds=self.odds, iterations=self.iterations)
+        plain = Settings(vector=self.vector, normal=self.normal, spread=self.spread, odds=self.odds, iterations=self.iterations)
+        return plain if self.roughness == "mend" else replace(plain, fairing=())
 
 
 def _rivals(best: Estimate, fits: list[Estimate], unit: str) -> list[str]:
