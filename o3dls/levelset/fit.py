@@ -23,6 +23,7 @@ from .rows import Data, Feet, Rows, gather, points_left_out
 from .shape import vertex_normals
 from .unfold import unfold
 
+Faired = tuple[float, Array]  # a length and the vertices (n, d) of the posed prior smoothed over it
 PATCH = 0.4  # shortest correlation lengths: where points share rows, smaller patches change nothing but the time
 SETTLED = 5  # rounds in which amplitudes grow and noise shrinks: steps are large on purpose
 MANY_ROUNDS = 6  # with all points, after a fit to some of them
@@ -79,9 +80,9 @@ def fit_motion(
     share, mended, scales = run.problem.share(run.energy, run.state.scales)
     if mended is not pose:
         return fit_motion(vertices, faces, mended, data, settings)
-    length = run.problem.roughness(run) if share > CERTAIN else 0.0  # points that show no motion show no roughness either
-    if length:
-        smoother = _run(_Problem.make(vertices, faces, pose, data, settings, length))
+    faired = run.problem.smoother(run) if share > CERTAIN else None  # points that show no motion show no roughness either
+    if faired is not None:
+        smoother = _run(_Problem.make(vertices, faces, pose, data, settings, faired))
         if smoother.energy < run.energy:
             run, scales = smoother, smoother.state.scales
     return run.problem.result(replace(run.state, scales=scales), run.solved, share, run.trace, run.still)
@@ -151,33 +152,37 @@ class _Problem:
     spread: Array
 
     @staticmethod
-    def make(vertices: Array, faces: Ints, pose: Array, data: Data, settings: Settings, faired: float = 0.0) -> _Problem:
+    def make(vertices: Array, faces: Ints, pose: Array, data: Data, settings: Settings, faired: Faired | None = None) -> _Problem:
         posed = apply(pose, vertices)
         centre = posed.mean(axis=0)
         size = float(np.sqrt(((posed - centre) ** 2).sum(axis=1).mean()))
         lengths = [tuple(size * x for x in group) for group in (settings.vector, settings.normal)]
         marks = apply(pose, data.marks_prior)
         cov = Covariance(centre, lengths[0], lengths[1], size, marks, size * settings.anchor_length, translation=0.2 * size)
-        at = fair(posed, faces, faired) if faired else posed
+        length, at = faired or (0.0, posed)
         nodes = _spaced(at, 0.27 * min(lengths[0] + lengths[1]))
         near, spread = interpolation(at[nodes], at, min(lengths[0] + lengths[1]))
         rest = Places(at, vertex_normals(fair(at, faces, size * settings.broad), faces))
-        return _Problem(vertices, faces, pose, rest, faired, data, marks, cov, settings, size, ClosestPoint(at, faces), nodes, near, spread)
+        return _Problem(vertices, faces, pose, rest, length, data, marks, cov, settings, size, ClosestPoint(at, faces), nodes, near, spread)
 
-    def roughness(self, run: _Run) -> float:
-        """Length over which the points would have the prior smoothed (0: not at all).
+    def smoother(self, run: _Run) -> Faired | None:
+        """The prior as the points would have it smoothed, if they would.
 
         A smoother prior is looked at where the fit has come to, with its motion, noise and beliefs: detail that the wall has is
-        missed at once there, before another motion could make up for it.
+        missed at once there, before another motion could make up for it. What the longest length gains, no shorter one may lose.
         """
         lengths = [self.size * x for x in self.settings.fairing]
-        if not lengths or self.glimpse(run.state, lengths[-1]) > run.energy - self.settings.fairing_nats:
-            return 0.0
-        return min(lengths, key=lambda length: self.glimpse(run.state, length))
+        if not lengths or self.glimpse(run.state, fair(self.rest.at, self.faces, lengths[-1])) > run.energy - self.settings.fairing_nats:
+            return None
+        priors = [
+            unfold(self.rest.at, fair(self.rest.at, self.faces, x), self.faces)[0] for x in lengths
+        ]  # thin parts fold when smoothed far
+        energies = [self.glimpse(run.state, at) for at in priors]
+        best = int(np.argmin(energies))
+        return (lengths[best], priors[best]) if max(energies) < run.energy else None
 
-    def glimpse(self, state: State, length: float) -> float:
-        """Free energy of the prior smoothed over `length`, after a few rounds from a state of the prior as it is."""
-        at = fair(self.rest.at, self.faces, length)
+    def glimpse(self, state: State, at: Array) -> float:
+        """Free energy of a prior whose vertices rest at `at`, after a few rounds from a state of this one."""
         seen = replace(self, rest=Places(at, vertex_normals(at, self.faces)), tree=ClosestPoint(at, self.faces))
         state = replace(state, feet_on=at + state.moved - self.rest.at)
         for _ in range(GLIMPSE_ROUNDS):
