@@ -13,7 +13,7 @@ PRECISION = 1e-3  # of the smoothed positions, in rms radii: far below any noise
 
 
 def fair(vertices: Array, faces: Ints, length: float) -> Array:
-    """Vertices (n, d) moved along their normals to where smoothing over `length` puts them: less their twice high-passed positions.
+    """Vertices (n, d) where smoothing over `length` puts them: less their twice high-passed positions, on a surface along its normals.
 
     One pass is an implicit step of the heat flow (Desbrun et al. 1999), x = (I - length^2 / 2 Laplace)^-1 y. Taken twice, what
     bends over more than the length stays as it is: a vein keeps its radius, a bump goes.
@@ -30,8 +30,10 @@ def fair(vertices: Array, faces: Ints, length: float) -> Array:
     error = PRECISION * float(np.sqrt((centred**2).sum() / n) * np.linalg.norm(mass))
     rough = centred - _smoothed(begin, near, mass, 0.5 * length**2, centred, centred, error)
     rough -= _smoothed(begin, near, mass, 0.5 * length**2, rough, np.zeros_like(rough), error)
+    if dim == 2:
+        return np.asarray(vertices - rough[:, :2])  # a curve that shortens as a whole does not come to cross itself
     normals = vertex_normals(vertices, faces)
-    return np.asarray(vertices - (rough[:, :dim] * normals).sum(axis=1, keepdims=True) * normals)
+    return np.asarray(vertices - (rough * normals).sum(axis=1, keepdims=True) * normals)  # else an uneven mesh drifts along the wall
 
 
 @njit(cache=True)
