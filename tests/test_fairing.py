@@ -57,6 +57,12 @@ def test_frame_and_fineness_do_not_matter(dimension: int) -> None:
     np.testing.assert_allclose(shift(larger, 3.0 * LENGTH), 3.0 * found, atol=1e-3 * SIZE)
 
 
+def test_a_vertex_of_no_face_stays_where_it_is() -> None:
+    plain = body(3, fineness=3)
+    lonely = np.vstack([plain.vertices, [[3.0 * SIZE, 0.0, 0.0]]])
+    np.testing.assert_allclose(fair(lonely, plain.faces, LENGTH)[-1], lonely[-1])
+
+
 def sampled(truth: Surface, noise: float, seed: int = 19) -> Array:
     rng = np.random.default_rng(seed)
     face = rng.choice(len(truth.faces), 250, p=truth.face_areas / truth.area)

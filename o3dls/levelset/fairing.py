@@ -10,6 +10,7 @@ from ..geometry import Array, Ints
 from .shape import vertex_normals
 
 PRECISION = 1e-3  # of the smoothed positions, in rms radii: far below any noise
+MOST_STEPS = 5000  # some 150 are usual
 
 
 def fair(vertices: Array, faces: Ints, length: float) -> Array:
@@ -23,8 +24,9 @@ def fair(vertices: Array, faces: Ints, length: float) -> Array:
     edges = coo_matrix((np.ones(2 * len(i)), (np.r_[i, j], np.r_[j, i])), shape=(n, n)).tocsr()
     begin, near = edges.indptr, edges.indices
     # with unit weights, mean squares of the edges are what makes the graph's Laplacian that of a surface of dim - 1 dimensions
-    squares = ((vertices[np.repeat(np.arange(n), np.diff(begin))] - vertices[near]) ** 2).sum(axis=1)
-    mass = np.add.reduceat(squares, begin[:-1]) / (2.0 * (dim - 1))
+    here = np.repeat(np.arange(n), np.diff(begin))
+    mass = np.bincount(here, ((vertices[here] - vertices[near]) ** 2).sum(axis=1), minlength=n) / (2.0 * (dim - 1))
+    mass = np.maximum(mass, 1e-12 * mass.max())  # a vertex of no face stays where it is
     centred = np.zeros((n, 3))
     centred[:, :dim] = vertices - vertices.mean(axis=0)
     error = PRECISION * float(np.sqrt((centred**2).sum() / n) * np.linalg.norm(mass))
@@ -46,7 +48,7 @@ def _smoothed(begin, near, mass, pull, y, guess, error):  # type: ignore[no-unty
     x, r, p, q = guess.copy(), np.empty((n, 3)), guess.copy(), np.empty((n, 3))
     weight = mass + pull * (begin[1:] - begin[:-1])
     rho, first = np.zeros(3), True
-    while True:
+    for _ in range(MOST_STEPS):
         along = np.zeros(3)
         for i in range(n):
             a = b = c = 0.0  # in registers
@@ -69,9 +71,10 @@ def _smoothed(begin, near, mass, pull, y, guess, error):  # type: ignore[no-unty
                 size[k] += r[i, k] ** 2
                 new[k] += r[i, k] ** 2 / weight[i]
         if size.max() <= error**2:
-            return x
+            break
         turn = np.zeros(3) if first else new / np.maximum(rho, 1e-300)
         for i in range(n):
             for k in range(3):
                 p[i, k] = r[i, k] / weight[i] + turn[k] * p[i, k]
         rho, first = new, False
+    return x
