@@ -30,15 +30,15 @@ from benchmarks.cases import Listed, find
 Record = dict[str, Any]
 
 
-def ours(case: Any) -> Iterator[tuple[str, Any, float]]:
-    """Estimates of the packaged pipeline, and of the level set without the motion: name, estimate, seconds from the start."""
+def ours(case: Any, plan: Path | None) -> Iterator[tuple[str, Any, float]]:
+    """Estimates of a pipeline (the packaged default), and of the level set without the motion: name, estimate, seconds from the start."""
     from o3dls.pipeline import Pipeline
     from o3dls.pipeline_file import read_pipeline
     from o3dls.resources import pipeline_file
     from o3dls.stages.level_set import LevelSet
 
-    default = read_pipeline(pipeline_file("default")).allowed_by(case)
-    pipeline = Pipeline([*default.stages, LevelSet(as_="phi_only", after="icp")], folds=0)
+    asked = read_pipeline(plan or pipeline_file("default")).allowed_by(case)
+    pipeline = Pipeline([*asked.stages, LevelSet(as_="phi_only", after="icp")], folds=0)
     estimates = pipeline.fit(case)
     for name, estimate in estimates.items():
         seconds, at = 0.0, name
@@ -63,13 +63,13 @@ def peers(case: Any, group: str, icp: Any, icp_seconds: float) -> Iterator[tuple
         yield name, Estimate(surface, icp.T_map_prior, name), icp_seconds + perf_counter() - begin
 
 
-def run(listed: Listed, phantom: Path | None) -> list[Record]:
+def run(listed: Listed, phantom: Path | None, plan: Path | None) -> list[Record]:
     """Records of every method on one case."""
     from benchmarks.bound import MOTION, bound, load
     from benchmarks.scores import scores
 
     case = listed.read()
-    results = list(ours(case))
+    results = list(ours(case, plan))
     icp, seconds = next((estimate, seconds) for name, estimate, seconds in results if name == "icp")
     results += list(peers(case, listed.group, icp, seconds))
     records = [{"method": name, "seconds": seconds, **scores(case, estimate)} for name, estimate, seconds in results]
@@ -82,6 +82,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folders", nargs="+", type=Path, help="case folders, or folders of them")
     parser.add_argument("--phantom", type=Path, help="the generator's file, for its bound")
+    parser.add_argument("--pipeline", type=Path, help="a pipeline file in place of the default pipeline")
     parser.add_argument("--records", type=Path, help="one JSON line per case and method; cases that are in it already are not run again")
     parser.add_argument("--jobs", type=int, default=1, help="processes side by side (times are then those of a shared machine)")
     arguments = parser.parse_args()
@@ -90,7 +91,7 @@ def main() -> None:
     done = {record["case"] for record in records}
     todo = [listed for listed in find(arguments.folders) if listed.name not in done]
     with multiprocessing.get_context("spawn").Pool(arguments.jobs) as pool:
-        for found in pool.imap(partial(run, phantom=arguments.phantom), todo):
+        for found in pool.imap(partial(run, phantom=arguments.phantom, plan=arguments.pipeline), todo):
             records += found
             _keep(arguments.records, found)
             print(f"{found[0]['case']} done", file=sys.stderr, flush=True)
