@@ -101,7 +101,7 @@ def displacement(cov: Covariance, sds: Array, obs: Observed, alpha: Array, place
     at, normals = places.at, places.normals
     field = cov.similarity(at) @ (alpha @ _seen(obs, cov.similarity(obs.at)))
     k, split = len(cov.lengths), len(cov.vector)
-    lengths, which = np.unique(cov.lengths, return_inverse=True)  # fields of one length share its exponential
+    lengths, which = np.unique(cov.lengths, return_inverse=True)  # fields of one length share its correlation
     free = np.bincount(which[:split], sds[:split] ** 2, minlength=len(lengths))
     along = np.bincount(which[split:], sds[split:k] ** 2, minlength=len(lengths))
     for begin in range(0, len(at), BLOCK):

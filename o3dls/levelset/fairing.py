@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
-from scipy.sparse import coo_matrix
 
 from ..geometry import Array, Ints
-from .shape import vertex_normals
+from .shape import neighbours, vertex_normals
 
 PRECISION = 1e-3  # of the smoothed positions, in rms radii: far below any noise
 MOST_STEPS = 5000  # some 150 are usual
@@ -20,8 +19,7 @@ def fair(vertices: Array, faces: Ints, length: float) -> Array:
     bends over more than the length stays as it is: a vein keeps its radius, a bump goes.
     """
     n, dim = vertices.shape
-    i, j = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
-    edges = coo_matrix((np.ones(2 * len(i)), (np.r_[i, j], np.r_[j, i])), shape=(n, n)).tocsr()
+    edges = neighbours(faces, n)
     begin, near = edges.indptr, edges.indices
     # with unit weights, mean squares of the edges are what makes the graph's Laplacian that of a surface of dim - 1 dimensions
     here = np.repeat(np.arange(n), np.diff(begin))

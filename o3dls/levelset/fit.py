@@ -171,12 +171,14 @@ class _Problem:
         A smoother prior is looked at where the fit has come to, with its motion, noise and beliefs: detail that the wall has is
         missed at once there, before another motion could make up for it. What the longest length gains, no shorter one may lose.
         """
-        lengths = [self.size * x for x in self.settings.fairing]
-        if not lengths or self.glimpse(run.state, fair(self.rest.at, self.faces, lengths[-1])) > run.energy - self.settings.fairing_nats:
+        lengths = sorted((self.size * x for x in self.settings.fairing), reverse=True)
+        if not lengths:
             return None
-        priors = [
-            unfold(self.rest.at, fair(self.rest.at, self.faces, x), self.faces)[0] for x in lengths
-        ]  # thin parts fold when smoothed far
+        longest = fair(self.rest.at, self.faces, lengths[0])
+        if self.glimpse(run.state, longest) > run.energy - self.settings.fairing_nats:
+            return None
+        smoothed = [longest, *(fair(self.rest.at, self.faces, x) for x in lengths[1:])]
+        priors = [unfold(self.rest.at, at, self.faces)[0] for at in smoothed]  # parts thinner than the length have folded
         energies = [self.glimpse(run.state, at) for at in priors]
         best = int(np.argmin(energies))
         return (lengths[best], priors[best]) if max(energies) < run.energy else None

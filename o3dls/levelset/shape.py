@@ -1,9 +1,10 @@
-"""Normals and mean curvature of a moving simplicial surface, compiled: they are needed afresh at every step of a fit."""
+"""Normals and mean curvature of a moving simplicial surface, compiled, since every step needs them afresh; and its vertices' graph."""
 
 from __future__ import annotations
 
 import numpy as np
 from numba import njit
+from scipy.sparse import coo_matrix, csr_matrix
 
 from ..geometry import Array, Ints
 
@@ -95,3 +96,11 @@ def _curvature(vertices, faces, normals, areas, limit, smoothing):  # type: igno
                 count[faces[f, corner]] += 1.0
         value = total / count
     return value
+
+
+def neighbours(faces: Ints, count: int) -> csr_matrix:
+    """Symmetric 0/1 matrix (n, n) of vertices that share an edge."""
+    a, b = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
+    both = coo_matrix((np.ones(2 * len(a)), (np.r_[a, b], np.r_[b, a])), shape=(count, count)).tocsr()
+    both.data[:] = 1.0
+    return csr_matrix(both)

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix, csr_matrix, diags
+from scipy.sparse import csr_matrix, diags
 from scipy.sparse.linalg import spsolve
 from scipy.spatial import cKDTree
 
 from ..geometry import Array, Ints, Surface, fit_similarity
-from .shape import vertex_normals
+from .shape import neighbours, vertex_normals
 
 Mask = NDArray[np.bool_]
 LEAST_COSINE = 0.25  # between a face's normal and where its surroundings' rotation took it: beyond 75 degrees it is folding
@@ -23,13 +23,11 @@ def unfold(rest: Array, moved: Array, faces: Ints, rounds: int = 12) -> tuple[Ar
     the patch grows round the faces that are still turned until none is, or `rounds` are over.
     """
     displacement = moved - rest
-    if not _leaning(rest, moved, faces).any():
-        return moved, 0
-    adjacency = _adjacency(faces, len(rest))
     turned = _turned(rest, moved, faces)
     count = int(turned.sum())
     if count == 0:
         return moved, 0
+    adjacency = neighbours(faces, len(rest))
     laplacian = diags(np.asarray(adjacency.sum(axis=1)).ravel()) - adjacency
     bending = csr_matrix(laplacian.T @ laplacian)
     zone = np.zeros(len(rest), dtype=bool)
@@ -52,36 +50,21 @@ def unfold(rest: Array, moved: Array, faces: Ints, rounds: int = 12) -> tuple[Ar
 
 def _turned(rest: Array, moved: Array, faces: Ints) -> Mask:
     """Faces (m,) that turned over against their surroundings: what turned together has moved, and what turned alone is folded."""
-    turned = _leaning(rest, moved, faces)
+    before, after = Surface(rest, faces).face_normals, Surface(moved, faces).face_normals
+    turned = np.asarray((before * after).sum(axis=1) < LEAST_COSINE)  # all that can have folded
     which = np.flatnonzero(turned)
     if len(which):
-        before, after = Surface(rest, faces[which]).face_normals, Surface(moved, faces[which]).face_normals
-        carried = np.einsum("nij,nj->ni", _rotations(rest, moved, faces, which), before)
-        turned[which] = (carried * after).sum(axis=1) < LEAST_COSINE
+        carried = np.einsum("nij,nj->ni", _rotations(rest, moved, faces, which, before[which]), before[which])
+        turned[which] = (carried * after[which]).sum(axis=1) < LEAST_COSINE
     return turned
 
 
-def _leaning(rest: Array, moved: Array, faces: Ints) -> Mask:
-    """Faces (m,) whose normal is far from where it was: all that can have folded."""
-    before, after = Surface(rest, faces).face_normals, Surface(moved, faces).face_normals
-    return np.asarray((before * after).sum(axis=1) < LEAST_COSINE)
-
-
-def _rotations(rest: Array, moved: Array, faces: Ints, which: Ints) -> Array:
-    """Rotations (k, d, d) by which the surroundings of some faces went from rest to moved, in the least squares."""
-    dim, normals = rest.shape[1], vertex_normals(rest, faces)
-    own, facing = faces[which], Surface(rest, faces[which]).face_normals
+def _rotations(rest: Array, moved: Array, faces: Ints, which: Ints, facing: Array) -> Array:
+    """Rotations (k, d, d) by which the surroundings of some faces, of normals `facing`, went from rest to moved (least squares)."""
+    dim, normals, own = rest.shape[1], vertex_normals(rest, faces), faces[which]
     radius = SURROUNDINGS * float(np.sqrt(rest.var(axis=0).sum()))
     turns = np.empty((len(which), dim, dim))
     for k, near in enumerate(cKDTree(rest).query_ball_point(rest[own].mean(axis=1), radius, return_sorted=True)):
         here = np.r_[own[k], np.asarray(near)[normals[near] @ facing[k] > 0.0]]  # of the same wall, not of the one behind it
         turns[k] = fit_similarity(rest[here], moved[here], scale=False)[:dim, :dim]
     return turns
-
-
-def _adjacency(faces: Ints, count: int) -> csr_matrix:
-    """Symmetric 0/1 matrix (n, n) of vertices that share an edge."""
-    a, b = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
-    both = coo_matrix((np.ones(2 * len(a)), (np.r_[a, b], np.r_[b, a])), shape=(count, count)).tocsr()
-    both.data[:] = 1.0
-    return csr_matrix(both)
