@@ -63,7 +63,7 @@ def peers(case: Any, group: str, icp: Any, icp_seconds: float) -> Iterator[tuple
         yield name, Estimate(surface, icp.T_map_prior, name), icp_seconds + perf_counter() - begin
 
 
-def run(listed: Listed, phantom: Path | None, plan: Path | None) -> list[Record]:
+def run(listed: Listed, phantom: Path | None, plan: Path | None, ours_alone: bool) -> list[Record]:
     """Records of every method on one case."""
     from benchmarks.bound import MOTION, bound, load
     from benchmarks.scores import scores
@@ -71,7 +71,8 @@ def run(listed: Listed, phantom: Path | None, plan: Path | None) -> list[Record]
     case = listed.read()
     results = list(ours(case, plan))
     icp, seconds = next((estimate, seconds) for name, estimate, seconds in results if name == "icp")
-    results += list(peers(case, listed.group, icp, seconds))
+    if not ours_alone:
+        results += list(peers(case, listed.group, icp, seconds))
     records = [{"method": name, "seconds": seconds, **scores(case, estimate)} for name, estimate, seconds in results]
     if phantom is not None and listed.group in MOTION:
         records.append({"method": "bound", **bound(listed, case, load(phantom))})
@@ -83,6 +84,7 @@ def main() -> None:
     parser.add_argument("folders", nargs="+", type=Path, help="case folders, or folders of them")
     parser.add_argument("--phantom", type=Path, help="the generator's file, for its bound")
     parser.add_argument("--pipeline", type=Path, help="a pipeline file in place of the default pipeline")
+    parser.add_argument("--ours", action="store_true", help="leave the other methods out")
     parser.add_argument("--records", type=Path, help="one JSON line per case and method; cases that are in it already are not run again")
     parser.add_argument("--jobs", type=int, default=1, help="processes side by side (times are then those of a shared machine)")
     arguments = parser.parse_args()
@@ -91,7 +93,7 @@ def main() -> None:
     done = {record["case"] for record in records}
     todo = [listed for listed in find(arguments.folders) if listed.name not in done]
     with multiprocessing.get_context("spawn").Pool(arguments.jobs) as pool:
-        for found in pool.imap(partial(run, phantom=arguments.phantom, plan=arguments.pipeline), todo):
+        for found in pool.imap(partial(run, phantom=arguments.phantom, plan=arguments.pipeline, ours_alone=arguments.ours), todo):
             records += found
             _keep(arguments.records, found)
             print(f"{found[0]['case']} done", file=sys.stderr, flush=True)

@@ -59,6 +59,22 @@ def test_follows_a_motion_drawn_from_its_prior(dimension: int) -> None:
     assert found.state.contact.share < 0.1
 
 
+def test_a_large_strain_is_found_although_small_ones_are_assumed() -> None:
+    """Six times the strain that is assumed, seen on two thirds of the wall: the rest goes along."""
+    surface = body(3)
+    stretch = np.diag([1.12, 0.94, 0.95])
+    truth = surface.vertices @ stretch
+    _, face, bary = spots(surface, 400, 61)
+    points = np.einsum("nc,ncd->nd", bary, truth[surface.faces[face]])
+    points = points[points[:, 2] < np.percentile(points[:, 2], 67.0)]
+    found = fit(surface, wall(points + NOISE * np.random.default_rng(62).normal(size=points.shape)))
+    unseen = truth[:, 2] > points[:, 2].max()
+    there = np.linalg.norm(found.vertices - apply(found.similarity, surface.vertices), axis=1)
+    assert there[unseen].mean() > 0.5 * NOISE  # it is no similarity that carried it
+    assert found.facts["amplitude_strain"] > 2.0 * Settings().strain
+    assert off(surface, truth, found.vertices) < 0.5 * NOISE
+
+
 @BOTH
 def test_points_on_the_prior_leave_it_where_it_is(dimension: int) -> None:
     surface = body(dimension)

@@ -43,15 +43,16 @@ class Settings:
     anchor_length: float = 0.38
     vector_amplitude: float = 0.5  # of the longest; each further length starts at half the one before
     normal_amplitude: float = 0.25
-    anchor_amplitude: float = 0.8
+    anchor_amplitude: float = 1.2
     landmark_noise: float = 0.08  # rms radii
     bend_amplitude: float = 0.3  # of a rotation that changes over the chamber: what it moves over one rms radius
     broad: float = 0.2  # rms radii: the field's normals do not follow bumps shorter than this
     fairing: tuple[float, ...] = (0.35, 0.5, 0.6)  # rms radii: bumps shorter than one of these may be roughness of the prior; they
     fairing_nats: float = 3.0  # go where the evidence prefers it by so much
-    strain: float = 0.05
+    strain: float = 0.02  # what large strains explain where the points are, they carry to where there are none
     depth: float = 0.3  # rms radii: how deep inside a point off the wall usually lies
     spread: float = 1.0
+    anchor_spread: float = 0.3  # the same for the anchors' amplitude: they are few, and one case tells little of it
     odds: float = 0.0  # nats against a motion beyond the pose, before the points are seen
     finest: float = 0.01  # rms radii: no point is believed better than this
     rows: int = 600  # more points than this share rows by patches of the surface
@@ -197,11 +198,14 @@ class _Problem:
         rms = max(1.4826 * float(np.median(distances[~self.data.inside])), 1e-4 * self.size)
         amplitudes = [s.vector_amplitude * rms / 2**k for k in range(len(s.vector))]
         amplitudes += [s.normal_amplitude * rms / 2**k for k in range(len(s.normal))]
-        amplitudes += [s.bend_amplitude * rms / self.size, s.strain] + [s.anchor_amplitude * rms] * (len(self.marks) > 0)
+        amplitudes += [s.bend_amplitude * rms / self.size, s.strain]
+        anchors = [s.anchor_amplitude * rms] * (len(self.marks) > 0)
         noises = [0.7 * rms] * self.data.groups + [s.landmark_noise * self.size] * (len(self.marks) > 0)
-        log = np.log(np.array(amplitudes + noises))
-        least = np.where(np.arange(len(log)) < len(amplitudes), -np.inf, np.log(s.finest * self.size))
-        scales = Scales(log, log, np.full(len(log), s.spread), least, len(amplitudes))
+        log = np.log(np.array(amplitudes + anchors + noises))
+        spread = np.repeat([s.spread, s.anchor_spread, s.spread], [len(amplitudes), len(anchors), len(noises)])
+        fields = len(amplitudes) + len(anchors)
+        least = np.where(np.arange(len(log)) < fields, -np.inf, np.log(s.finest * self.size))
+        scales = Scales(log, log, spread, least, fields)
         return State(self.rest.at, self.rest.at, 1.0, scales, Contact(depth=s.depth * self.size), np.ones(len(self.data.points)))
 
     def step(self, state: State, iteration: int, *, tuning: bool) -> tuple[State, tuple[Rows, Posterior], dict[str, float]]:
