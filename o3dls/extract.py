@@ -37,11 +37,9 @@ def extract(field: SignedDistance, *, smoothing: int = 3, keep: float = 0.5, isl
     """
     if not ((field.phi < 0.0).any() and (field.phi >= 0.0).any()):
         raise SolverError("the level set has no surface: phi does not change its sign")
+    raw = _chosen(*isosurface(field), islands)
     if field.band.dimension == 2:
-        contour = _chosen(*zero_set(field.band, field.phi), islands)
-        return Extraction(contour, 0.0, 0.0, len(contour.faces))
-    found = isosurface(field)
-    raw = _chosen(found.vertices, found.faces, islands)
+        return Extraction(raw, 0.0, 0.0, len(raw.faces))
     clean = _clean(raw, smoothing, keep)
     shift = ClosestPoint(raw.vertices, raw.faces).distance(clean.vertices)
     return Extraction(clean, float(shift.mean()), float(shift.max()), len(raw.faces))
@@ -51,14 +49,16 @@ def _chosen(vertices: Array, faces: Ints, islands: bool) -> Surface:
     return Surface(vertices, faces) if islands else Surface(*largest_piece(vertices, faces))
 
 
-def isosurface(field: SignedDistance) -> Surface:
-    """Flying-edges isosurface (Open3D) of a 3D level set, as it comes."""
+def isosurface(field: SignedDistance) -> tuple[Array, Ints]:
+    """Vertices and faces of phi = 0, wound outward: flying edges (Open3D) as they come, in 2D the zero set itself."""
+    if field.band.dimension == 2:
+        return zero_set(field.band, field.phi)
     import open3d as o3d
 
     box: NDArray[np.float32] = np.ascontiguousarray(field.band.dense(field.phi).T)  # Open3D's tensors are indexed z, y, x
     mesh = o3d.t.geometry.TriangleMesh.create_isosurfaces(o3d.core.Tensor.from_numpy(box), [0.0])
     vertices = mesh.vertex.positions.numpy().astype(np.float64) * field.band.spacing + field.band.origin
-    return Surface(vertices, mesh.triangle.indices.numpy()[:, ::-1])  # Open3D winds towards the smaller values
+    return vertices, mesh.triangle.indices.numpy()[:, ::-1]  # Open3D winds towards the smaller values
 
 
 def _clean(raw: Surface, smoothing: int, keep: float) -> Surface:

@@ -6,22 +6,23 @@ import numpy as np
 import pytest
 from shapes import ball_with_tube, circle, meshed, round_distance, sampled
 
-from o3dls.geometry import Array, Surface
-from o3dls.levelset.distance import signed_distance
+from o3dls.extract import isosurface
+from o3dls.geometry import Array, Ints, Surface
+from o3dls.levelset.distance import SignedDistance, signed_distance
 from o3dls.levelset.observe import Measured, Noise, observe
 from o3dls.levelset.operators import zero_set
-from o3dls.levelset.reach import Reached, reach, topology
+from o3dls.levelset.reach import Mesher, Reached, reach, topology
 from o3dls.levelset.solver import Limits
 from o3dls.levelset.wall import Wall
 
 SEED = 223_606
 
 
-def run(surface: Surface, points: Array, change: float = np.inf) -> Reached:
+def run(surface: Surface, points: Array, change: float = np.inf, mesh: Mesher = isosurface) -> Reached:
     def seen(wall: Wall) -> Measured:
         return observe(wall, points, np.zeros(len(points), dtype=bool), np.full(len(points), np.nan), Noise(1.0, 0.25, 0.05))
 
-    return reach(surface, seen, np.ones(len(surface.vertices)), Limits(1.0), change=change)
+    return reach(surface, seen, np.ones(len(surface.vertices)), Limits(1.0), change=change, mesh=mesh)
 
 
 @pytest.mark.parametrize("surface", [circle(count=300), meshed(round_distance(20.0), 24.0, 2.0)], ids=["2D", "3D"])
@@ -71,6 +72,22 @@ def test_a_prior_that_overlaps_itself_is_united_in_one_piece() -> None:
     squeezed = ball.with_vertices(ball.vertices * np.column_stack([np.ones_like(x), waist, np.ones_like(x)]))
     found = run(squeezed, sampled(squeezed, 100, 1.0, SEED))
     assert topology(*zero_set(found.phi.band, found.phi.phi))[0] == 1
+
+
+def test_it_is_the_mesh_that_has_to_be_whole() -> None:
+    """Where the mesh has a handle that the level set has not, gaps are closed until it has none."""
+    ball = meshed(round_distance(10.0), 12.0)
+    seen: list[SignedDistance] = []
+
+    def handled_twice(phi: SignedDistance) -> tuple[Array, Ints]:
+        from shapes import torus
+
+        seen.append(phi)
+        return (torus().vertices, torus().faces) if len(seen) < 3 else isosurface(phi)
+
+    found = run(ball, sampled(ball, 100, 1.0, SEED), mesh=handled_twice)
+    assert found.phi is seen[-1]
+    assert found.warnings == ("the moved prior runs into itself: gaps narrower than 2 were closed",)
 
 
 def test_topology_counts_pieces_and_handles() -> None:

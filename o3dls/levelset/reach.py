@@ -18,6 +18,7 @@ from .solver import Correction, Limits, refine
 from .wall import Wall
 
 HALF_BAND = 3.0  # half width of the band of phi, in spacings
+Mesher = Callable[[SignedDistance], tuple[Array, Ints]]
 CLOSINGS = np.array([0.5, 1.0, 2.0, 3.0])  # spacings: the least that makes a wall whole which runs into itself
 
 
@@ -48,17 +49,18 @@ class Reached:
         return (f"the mesh has pieces and Euler number {found}, the moved prior {meant}: where that runs into itself, walls are united",)
 
 
-def reach(surface: Surface, observe: Callable[[Wall], Measured], doubt: Array, limits: Limits, *, change: float) -> Reached:
+def reach(surface: Surface, observe: Callable[[Wall], Measured], doubt: Array, limits: Limits, *, change: float, mesh: Mesher) -> Reached:
     """Refine a surface: changes of topology that earn `change` nats, then corrections along the normals.
 
-    observe: the points as seen from a wall; doubt (v,): relative standard deviation that the motion leaves at every vertex. The result
-    is the surface itself where there is nothing to add.
+    observe: the points as seen from a wall; doubt (v,): relative standard deviation that the motion leaves at every vertex; mesh: what
+    will mesh phi, since methods cut cells of ambiguous signs differently, and it is the mesh that has to be whole. The result is the
+    surface itself where there is nothing to add.
     """
     wall, changes = reshape(Wall(surface), observe, spacing=limits.spacing, threshold=change)
     fields = read_at(surface, {**surface.fields, "doubt": doubt}, wall.rest if changes else None)
     measured = observe(wall)
     found = refine(wall, measured, fields.pop("doubt"), limits)
-    final, phi, warnings = _settled(wall, fields, found, limits.spacing)
+    final, phi, warnings = _settled(wall, fields, found, limits.spacing, mesh)
     sigma = found.noise * float(np.median(measured.likelihood.sigma))
     status = "; ".join([*(c.sentence for c in changes), found.status])
     facts = {"changes": [c.sentence for c in changes], "fields": [f.record for f in found.fields], "band_nodes": len(phi.band)}
@@ -79,7 +81,9 @@ def read_at(surface: Surface, fields: Mapping[str, Array], points: Array | None)
     return {name: np.asarray(np.einsum("nc,nc...->n...", weights, values[corners])) for name, values in fields.items()}
 
 
-def _settled(wall: Wall, fields: Mapping[str, Array], found: Correction, spacing: float) -> tuple[Surface, SignedDistance, tuple[str, ...]]:
+def _settled(
+    wall: Wall, fields: Mapping[str, Array], found: Correction, spacing: float, mesh: Mesher
+) -> tuple[Surface, SignedDistance, tuple[str, ...]]:
     """The corrected wall and its level set: a correction that would tear or merge the surface is halved; then gaps are closed.
 
     Where a wall runs into itself all the same it is united; the mesh may still come out whole.
@@ -89,13 +93,13 @@ def _settled(wall: Wall, fields: Mapping[str, Array], found: Correction, spacing
         u = share * found.u
         final = Surface(wall.rest + u[:, None] * wall.normals, wall.faces, {**fields, "correction": u})
         phi = _whole(band_of(final, spacing), kind)
-        if _kind(phi) == kind:
+        if topology(*mesh(phi)) == kind:
             short = share < 1.0 and len(found.fields) > 0
             return final, phi, (f"the correction was taken by {share:.0%}: more would tear or merge the surface",) * short
     for radius in CLOSINGS * spacing:
         wide = signed_distance(final.vertices, final.faces, spacing, radius + HALF_BAND * spacing)
         closed = _whole(_closed(_whole(wide, kind), radius), kind)
-        if _kind(closed) == kind:
+        if topology(*mesh(closed)) == kind:
             return final, closed, (f"the moved prior runs into itself: gaps narrower than {2.0 * radius:g} were closed",)
     return final, phi, ()
 
@@ -109,10 +113,6 @@ def _closed(phi: SignedDistance, radius: float) -> SignedDistance:
 def _whole(phi: SignedDistance, kind: tuple[int, int]) -> SignedDistance:
     """The level set of a surface in one piece, without the shreds that a folded wall leaves."""
     return phi if kind[0] > 1 else replace(phi, phi=without_shreds(phi.band, phi.phi))
-
-
-def _kind(phi: SignedDistance) -> tuple[int, int]:
-    return topology(*zero_set(phi.band, phi.phi))
 
 
 def topology(vertices: Array, faces: Ints) -> tuple[int, int]:

@@ -70,12 +70,13 @@ class LevelSet(Stage):
         )
 
     def _by_default(self, case: Case, start: Estimate) -> Reached:
+        from ..extract import isosurface
         from ..levelset.reach import reach
         from ..levelset.solver import Limits
 
         limits = Limits(self.spacing, self.evidence, self.iterations, self.coarse_to_fine)
         change = self.change if start.motion is not None else np.inf  # what no motion explains would pass for another topology
-        return reach(start.surface, _observer(case, start), _doubt(case, start), limits, change=change)
+        return reach(start.surface, _observer(case, start), _doubt(case, start), limits, change=change, mesh=isosurface)
 
     def _by_the_paper(self, case: Case, start: Estimate) -> Reached:
         """psi.T is the prior under the similarity alone, as the paper has it."""
