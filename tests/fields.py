@@ -42,9 +42,9 @@ def wall(points: Array, **changes: object) -> Data:
     return replace(plain, **changes)
 
 
-def covariance(dimension: int, anchors: int = 0) -> Covariance:
+def covariance(dimension: int, anchors: int = 0, up: Array | None = None) -> Covariance:
     marks = body(dimension).vertices[np.arange(anchors) * 7]
-    return Covariance(np.full(dimension, 0.5), (1.15 * SIZE,), (0.46 * SIZE,), SIZE, marks, 0.38 * SIZE, translation=0.2 * SIZE)
+    return Covariance(np.full(dimension, 0.5), (1.15 * SIZE,), (0.46 * SIZE,), SIZE, marks, 0.38 * SIZE, 0.2 * SIZE, up)
 
 
 def bend(surface: Surface, seed: int, amplitude: float = 2.0) -> Array:

@@ -7,8 +7,11 @@ from fields import SIZE, body, covariance, spots
 from o3dls.geometry import Array
 from o3dls.levelset.covariance import Covariance, Observed, Places, cross, displacement, grams, interpolation, variance
 
-DIMENSIONS = pytest.mark.parametrize(("dimension", "anchors"), [(2, 0), (2, 2), (3, 0), (3, 4)])
+DIMENSIONS = pytest.mark.parametrize(
+    ("dimension", "anchors", "up"), [(2, 0, None), (2, 2, None), (3, 0, None), (3, 4, None), (3, 4, (0.6, 0.0, 0.8))]
+)
 ROUNDING = 1e-9
+Up = tuple[float, ...] | None
 
 
 def observations(dimension: int, count: int, seed: int) -> Observed:
@@ -19,7 +22,7 @@ def observations(dimension: int, count: int, seed: int) -> Observed:
 
 
 def deviations(cov: Covariance) -> Array:
-    return np.array([1.5, 0.7, 0.11, 0.06] + [2.0] * (len(cov.anchors) > 0))
+    return np.array([1.5, 0.7, 0.11, 0.06] + [0.2] * (cov.up is not None) + [2.0] * (len(cov.anchors) > 0))
 
 
 def by_definition(cov: Covariance, sds: Array, a: Observed, b: Observed, i: int, j: int) -> float:
@@ -39,7 +42,10 @@ def by_definition(cov: Covariance, sds: Array, a: Observed, b: Observed, i: int,
             unit[p, q] = 1.0
             if p < q:
                 turning = (n @ (unit - unit.T) @ x) * (m @ (unit - unit.T) @ y)
-                total += (cov.rotation**2 + sds[2] ** 2 * (x @ y) / cov.radius**2) * turning
+                changes = sds[2] ** 2 * (x @ y) / cov.radius**2
+                if cov.up is not None:
+                    changes += sds[4] ** 2 * np.tanh(x @ cov.up / cov.radius) * np.tanh(y @ cov.up / cov.radius)
+                total += (cov.rotation**2 + changes) * turning
             # symmetric traceless matrices: all symmetric ones less the trace's share; sum over an orthonormal basis times sqrt(2)
             sym = (unit + unit.T) / 2 - np.eye(dim) * (p == q) / dim
             total += 2.0 * sds[3] ** 2 * (n @ sym @ x) * (m @ sym @ y)
@@ -47,21 +53,21 @@ def by_definition(cov: Covariance, sds: Array, a: Observed, b: Observed, i: int,
     total += sds[1] ** 2 * matern(cov.normal[0]) * a.normal_part[i] * b.normal_part[j]
     for anchor in cov.anchors:
         reach = [np.exp(-0.5 * ((at - anchor) ** 2).sum() / cov.anchor_length**2) for at in (a.at[i], b.at[j])]
-        total += sds[4] ** 2 * reach[0] * reach[1] * n @ m
+        total += sds[-1] ** 2 * reach[0] * reach[1] * n @ m
     return float(total)
 
 
 @DIMENSIONS
-def test_cross_is_the_definition_written_out(dimension: int, anchors: int) -> None:
-    cov = covariance(dimension, anchors)
+def test_cross_is_the_definition_written_out(dimension: int, anchors: int, up: Up) -> None:
+    cov = covariance(dimension, anchors, None if up is None else np.array(up))
     a, b = observations(dimension, 9, 71_033), observations(dimension, 6, 20_417)
     loop = [[by_definition(cov, deviations(cov), a, b, i, j) for j in range(6)] for i in range(9)]
     np.testing.assert_allclose(cross(cov, deviations(cov), a, b), loop, rtol=ROUNDING, atol=ROUNDING)
 
 
 @DIMENSIONS
-def test_gram_and_variance_agree_with_cross(dimension: int, anchors: int) -> None:
-    cov, obs = covariance(dimension, anchors), observations(dimension, 40, 9_187)
+def test_gram_and_variance_agree_with_cross(dimension: int, anchors: int, up: Up) -> None:
+    cov, obs = covariance(dimension, anchors, None if up is None else np.array(up)), observations(dimension, 40, 9_187)
     sds = deviations(cov)
     whole = cross(cov, sds, obs, obs)
     fixed, parts = grams(cov, obs)
@@ -71,8 +77,8 @@ def test_gram_and_variance_agree_with_cross(dimension: int, anchors: int) -> Non
 
 
 @DIMENSIONS
-def test_displacement_is_cross_along_every_axis(dimension: int, anchors: int) -> None:
-    cov, obs = covariance(dimension, anchors), observations(dimension, 30, 33_871)
+def test_displacement_is_cross_along_every_axis(dimension: int, anchors: int, up: Up) -> None:
+    cov, obs = covariance(dimension, anchors, None if up is None else np.array(up)), observations(dimension, 30, 33_871)
     sds, alpha = deviations(cov), np.random.default_rng(60_289).normal(size=30)
     surface = body(dimension)
     at, normals = surface.vertices[::11], surface.vertex_normals[::11]

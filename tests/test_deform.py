@@ -6,14 +6,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from chamber import chamber, sampled, tips
 from fields import bend, body, spots
+from scipy.spatial.transform import Rotation
 
 from o3dls.case import Case, Points
 from o3dls.errors import InputError
 from o3dls.estimate import Estimate
 from o3dls.evaluate import distances
-from o3dls.geometry import Array, apply
-from o3dls.stages.deform import Deform, observed
+from o3dls.geometry import Array, apply, similarity
+from o3dls.stages.deform import Deform, observed, upwards
 
 NOISE = 0.8
 
@@ -122,6 +124,50 @@ def test_a_noisy_point_with_its_sigma_known_pulls_less() -> None:
     target = case.prior.with_vertices(truth)
     blind, told = (distances(Deform()(c, started(c)).surface.vertices, target).mean() for c in (worse, with_column(worse, sigma=sigma)))
     assert told < blind
+
+
+VEINS = {
+    "LA-LSPV": [20.0, 8.0, 9.0],
+    "LA-LIPV": [20.0, 8.0, -9.0],
+    "rspv os": [-20.0, 8.0, 11.0],
+    "RIPV": [-20.0, 8.0, -7.0],
+    "LAA": [9.0, 0.0, 9.0],
+}
+
+
+@pytest.mark.parametrize(
+    ("names", "found"),
+    [(VEINS, True), (["LA-LSPV", "LA-LIPV"], True), (["LA-LSPV", "RIPV"], False), (["LAA"], False), ([], False)],
+)
+def test_names_of_veins_tell_what_is_up(names: list[str], found: bool) -> None:
+    up = upwards({name: np.array(VEINS[name]) for name in names})
+    if found:
+        np.testing.assert_allclose(up, [0.0, 0.0, 1.0], atol=1e-12)
+    else:
+        assert up is None
+
+
+@pytest.mark.parametrize(
+    ("along", "least", "most"), [(2, 0.0, 0.85), (1, 1.0, 1.3)], ids=["between bottom and top", "between front and back"]
+)
+def test_a_bend_is_carried_to_where_no_points_are(along: int, least: float, most: float) -> None:
+    """One half of a chamber turned against the other: where veins are named, better between bottom and top, little worse otherwise."""
+    posed, missed = chamber(20), []
+    pose = similarity(Rotation.from_rotvec([0.4, -0.9, 0.3]).as_matrix(), np.array([3.0, 5.0, -2.0]))  # up is read in the prior's own frame
+    prior, x = posed.transformed(np.linalg.inv(pose)), posed.vertices
+    marks = {name: apply(np.linalg.inv(pose), at[None])[0] for name, at in tips(posed).items()}
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        axis = rng.normal(size=3)
+        truth = posed.with_vertices(x + 0.3 * np.tanh(x[:, [along]] / 25.0) * np.cross(axis / np.linalg.norm(axis), x))
+        points = sampled(truth, 300, seed, NOISE)
+        points = points[points[:, along] < 8.0]
+        case = Case("bent", prior, Points(points, np.full(len(points), "eam")), marks)
+        unseen, start = x[:, along] > 12.0, Estimate(posed, pose, "as it stands")
+        found = [Deform(bends=way)(case, start).surface.vertices[unseen] for way in ("upright", "any")]
+        missed.append([distances(at, truth).mean() for at in found])
+    upright, alike = np.mean(missed, axis=0)
+    assert least * alike < upright < most * alike
 
 
 def test_odds_against_motion_hold_the_prior_in_its_pose() -> None:

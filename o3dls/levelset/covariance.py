@@ -1,9 +1,11 @@
 """Prior covariance of the motion field: what displacements of the prior are likely, before any point is seen.
 
 D(r) = A(r) b + S(r) e + w(r) x (r - centre) + sum_k u_k(r) + N(r) sum_k g_k(r) + sum_L exp(-|r-L|^2 / 2 l_a^2) c_L
-at positions r of the posed prior. A b: translation, rotation and scale, nearly free; S e: traceless strains; w = B (r - centre): a
-rotation that changes over the chamber, so that bending and twisting are cheap; u, g: Matern 5/2 fields, of vectors and along the
-normal N (order >= 2: point data have no hold on rougher fields over a surface); c_L: shifts of anchors (vein ostia), each its own.
+at positions r of the posed prior. A b: translation, rotation and scale, nearly free; S e: traceless strains; w = B (r - centre) +
+h tanh((r - centre) . up / radius): a rotation that changes over the chamber, so that bending and twisting are cheap, B in any way, h
+(tilts, where `up` is known) from bottom to top, levelling off so that the ends of veins do not whirl; u, g: Matern 5/2 fields, of
+vectors and along the normal N (order >= 2: point data have no hold on rougher fields over a surface); c_L: shifts of anchors (vein
+ostia), each its own.
 """
 
 from __future__ import annotations
@@ -21,11 +23,11 @@ BLOCK = 4096  # places whose correlations are held at a time
 
 @dataclass(frozen=True)
 class Covariance:
-    """Components of the field's covariance; their standard deviations come as one array: vector, normal, bend, strain, anchors.
+    """Components of the field's covariance; their standard deviations come as one array: vector, normal, bend, strain, tilt, anchors.
 
     centre (d,) is the origin of the similarity part, whose own standard deviations are translation (a length), rotation (rad)
-    and scale; vector and normal are correlation lengths; a bend is measured by how far one turns over `radius`; anchors (k, d)
-    reach as far as anchor_length.
+    and scale; vector and normal are correlation lengths; a bend is measured by how far one turns over `radius`; a tilt is one along
+    the unit vector up (d,), where there is one; anchors (k, d) reach as far as anchor_length.
     """
 
     centre: Array
@@ -35,6 +37,7 @@ class Covariance:
     anchors: Array
     anchor_length: float
     translation: float
+    up: Array | None = None
     rotation: float = 0.1
     scale: float = 0.1
 
@@ -53,12 +56,14 @@ class Covariance:
         return np.stack([(at - self.centre) @ m.T for m in _skew(at.shape[1])], axis=2)
 
     def tunable(self, at: Array) -> list[Array]:
-        """Features (n, d, k) of bends, strains and, where there are any, of the anchors' shifts, for unit standard deviations."""
-        x = at - self.centre
-        turns = self.turns(at)
+        """Features (n, d, k) of bends, strains and, where there are any, tilts and shifts of the anchors, for unit standard deviations."""
+        x, turns = at - self.centre, self.turns(at)
         bends = np.concatenate([turns * x[:, None, j : j + 1] / self.radius for j in range(x.shape[1])], axis=2)
         strains = np.stack([x @ m.T for m in _traceless(at.shape[1])], axis=2)
-        return [bends, strains, self._anchored(at)] if len(self.anchors) else [bends, strains]
+        found = [bends, strains]
+        if self.up is not None:
+            found.append(turns * np.tanh(x @ self.up / self.radius)[:, None, None])
+        return [*found, self._anchored(at)] if len(self.anchors) else found
 
     def _anchored(self, at: Array) -> Array:
         dim = at.shape[1]

@@ -45,7 +45,8 @@ class Settings:
     normal_amplitude: float = 0.25
     anchor_amplitude: float = 1.2
     landmark_noise: float = 0.08  # rms radii
-    bend_amplitude: float = 0.3  # of a rotation that changes over the chamber: what it moves over one rms radius
+    bend_amplitude: float = 0.3  # of a rotation that changes over the chamber: what it moves over one rms radius;
+    tilt_amplitude: float = 0.6  # of one that changes from bottom to top, where that is known: others are then half as large
     broad: float = 0.2  # rms radii: the field's normals do not follow bumps shorter than this
     fairing: tuple[float, ...] = (0.35, 0.5, 0.6)  # rms radii: bumps shorter than one of these may be roughness of the prior; they
     fairing_nats: float = 3.0  # go where the evidence prefers it by so much
@@ -159,7 +160,8 @@ class _Problem:
         size = float(np.sqrt(((posed - centre) ** 2).sum(axis=1).mean()))
         lengths = [tuple(size * x for x in group) for group in (settings.vector, settings.normal)]
         marks = apply(pose, data.marks_prior)
-        cov = Covariance(centre, lengths[0], lengths[1], size, marks, size * settings.anchor_length, translation=0.2 * size)
+        up = None if data.up is None else pose[:-1, :-1] @ data.up / np.linalg.norm(pose[:-1, :-1] @ data.up)
+        cov = Covariance(centre, lengths[0], lengths[1], size, marks, size * settings.anchor_length, 0.2 * size, up)
         length, at = faired or (0.0, posed)
         nodes = _spaced(at, 0.27 * min(lengths[0] + lengths[1]))
         near, spread = interpolation(at[nodes], at, min(lengths[0] + lengths[1]))
@@ -198,7 +200,8 @@ class _Problem:
         rms = max(1.4826 * float(np.median(distances[~self.data.inside])), 1e-4 * self.size)
         amplitudes = [s.vector_amplitude * rms / 2**k for k in range(len(s.vector))]
         amplitudes += [s.normal_amplitude * rms / 2**k for k in range(len(s.normal))]
-        amplitudes += [s.bend_amplitude * rms / self.size, s.strain]
+        upright = self.covariance.up is not None
+        amplitudes += [s.bend_amplitude * rms / self.size / (1 + upright), s.strain, *[s.tilt_amplitude * rms / self.size] * upright]
         anchors = [s.anchor_amplitude * rms] * (len(self.marks) > 0)
         noises = [0.7 * rms] * self.data.groups + [s.landmark_noise * self.size] * (len(self.marks) > 0)
         log = np.log(np.array(amplitudes + anchors + noises))
@@ -323,7 +326,7 @@ class _Problem:
 
     def facts(self, state: State) -> dict[str, float]:
         names = [f"vector_{x:.3g}" for x in self.covariance.vector] + [f"normal_{x:.3g}" for x in self.covariance.normal]
-        names += ["bend", "strain"] + ["anchors"] * (len(self.marks) > 0)
+        names += ["bend", "strain"] + ["tilt"] * (self.covariance.up is not None) + ["anchors"] * (len(self.marks) > 0)
         facts = {f"amplitude_{name}": float(sd) for name, sd in zip(names, state.scales.sds, strict=True)}
         facts |= {"off_wall": state.contact.share, "persistence": state.contact.persistence}
         if len(self.marks):

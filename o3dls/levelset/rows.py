@@ -13,7 +13,10 @@ from .covariance import Observed
 
 @dataclass(frozen=True)
 class Data:
-    """What is fitted: points (n, d), their noise group and noise relative to the group's, odds of floating, `inside` mask; landmarks."""
+    """What is fitted: points (n, d), their noise group and noise relative to the group's, odds of floating, `inside` mask; landmarks.
+
+    up (d,), where it is known: the direction of the prior, in its own frame, along which it bends most.
+    """
 
     points: Array
     group: Ints
@@ -22,6 +25,7 @@ class Data:
     inside: NDArray[np.bool_]
     marks_prior: Array
     marks_map: Array
+    up: Array | None = None
 
     @property
     def groups(self) -> int:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 import time
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
@@ -20,6 +22,7 @@ if TYPE_CHECKING:
     from ..levelset.motion import MotionFit
     from ..levelset.rows import Data
 
+VEIN = re.compile(r"(?<![A-Z])[LR][SI]PV(?![A-Z])")
 NEVER = 1e-100  # odds of being off the wall that no residual outweighs, and whose logarithm is still a number
 CLOSE = 3.0  # nats: a surface whose evidence is within a factor of 20 of the best is no worse a guess
 
@@ -39,6 +42,9 @@ class Deform(Stage):
     )
     ablation: Literal["hold_out", "fit"] = Field(
         "hold_out", description="fit ablation points, with a noise level of their own, or hold them out"
+    )
+    bends: Literal["upright", "any"] = Field(
+        "upright", description="expect an atrium to bend between bottom and top, where the names of veins tell these, or any way alike"
     )
     outliers: Literal["doubt", "believe"] = Field(
         "doubt", description="doubt points that seem to lie off the wall, or believe every point as if none could"
@@ -148,7 +154,20 @@ def observed(case: Case, stage: Deform) -> Data:
         inside=points.type == "inside",
         marks_prior=marks_prior[keep],
         marks_map=marks_map[keep],
+        up=upwards(case.prior_landmarks) if stage.bends == "upright" else None,
     )
+
+
+def upwards(landmarks: Mapping[str, Array]) -> Array | None:
+    """Unit vector from the inferior to the superior pulmonary veins by their names (LSPV, LIPV, RSPV, RIPV); None where these are missing.
+
+    Named by side, so that one side is enough and two sides count alike.
+    """
+    veins = {found[0]: at for name, at in landmarks.items() if (found := VEIN.search(name.upper()))}
+    rises = [veins[f"{side}SPV"] - veins[f"{side}IPV"] for side in "LR" if {f"{side}SPV", f"{side}IPV"} <= set(veins)]
+    rise = np.sum(rises, axis=0)
+    length = float(np.linalg.norm(rise))
+    return np.asarray(rise / length) if length > 0.0 else None
 
 
 def _numbers(points: Points, column: str) -> Array:
