@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -32,10 +33,17 @@ def main() -> None:
 @click.option("--points", type=click.IntRange(min=10), default=250, show_default=True, help="mapping points")
 @click.option("--outliers", type=SHARE, help="share of the points inside the chamber; default: drawn from 0.05 to 0.10")
 @click.option("--unseen", type=SHARE, help="share of the wall without points; default: drawn from 0.15 to 0.25")
+@click.option(
+    "--lacks",
+    type=click.Choice(["neither", "prior", "truth"]),
+    default="neither",
+    show_default=True,
+    help="which surface lacks a vein that the other has",
+)
 @FORCE
-def _atrium(folder: Path, force: bool, **options: float) -> None:
+def _atrium(folder: Path, force: bool, **options: Any) -> None:
     """A left atrium that moved between imaging and mapping."""
-    _write(folder, atrium(**options), force)  # type: ignore[arg-type]  # click has checked each
+    _write(folder, atrium(**options), force)
 
 
 @main.command("jar")

@@ -5,7 +5,8 @@ Axes as in LPS: x to the patient's left, y to the back, z to the head; mm.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
@@ -21,19 +22,32 @@ VEINS = {"LSPV": (0.80, 0.36, 0.48), "LIPV": (0.76, 0.50, -0.40), "RSPV": (-0.80
 APPENDAGE = np.array([0.62, -0.65, 0.44])
 MITRAL = np.array([0.34, -0.75, -0.57])
 SPACING = 1.5
+SAME = 0.05  # mm: a wall that both surfaces have, vertices are put onto it within a hundredth
 RING_POINTS = 40
 OSTIUM_SD = 2.0  # mm, how well an operator marks an ostium in the map
 
 
 @dataclass(frozen=True, eq=False)
 class Anatomy:
-    """Shape of an atrium at imaging, its veins' ostia (4, 3) with directions and radii, and the tip of its appendage."""
+    """An atrium at imaging: its parts, its veins' ostia (n, 3) with directions and radii, and the tip of its appendage."""
 
-    shape: Shape
+    chamber: Shape
+    veins: dict[str, Shape]
+    appendage: Shape
     ostia: Array
     directions: Array
     radii: Array
     tip: Array
+
+    @property
+    def shape(self) -> Shape:
+        return shapes.union(shapes.union(self.chamber, *self.veins.values(), blend=5.0), self.appendage, blend=4.0)
+
+    def without(self, vein: str) -> Anatomy:
+        """The same atrium, had this vein never grown."""
+        keep = [name != vein for name in self.veins]
+        veins = {name: shape for name, shape in self.veins.items() if name != vein}
+        return replace(self, veins=veins, ostia=self.ostia[keep], directions=self.directions[keep], radii=self.radii[keep])
 
 
 def atrium(
@@ -44,33 +58,45 @@ def atrium(
     points: int = 250,
     outliers: float | None = None,
     unseen: float | None = None,
+    lacks: Literal["neither", "prior", "truth"] = "neither",
 ) -> Case:
     """The case of a seed. motion: 1 is a typical beat, 0 leaves the similarity only; noise: sd per axis in mm.
 
     outliers: share of the points inside the chamber; unseen: share of the area without points. What is not given is drawn:
-    noise from 1 to 2 mm, outliers from 0.05 to 0.10, unseen from 0.15 to 0.25.
+    noise from 1 to 2 mm, outliers from 0.05 to 0.10, unseen from 0.15 to 0.25. lacks: which surface lacks a vein that the other has;
+    the four take turns with the seed.
     """
     streams = np.random.default_rng((seed, 6871)).spawn(5)
     noise, outliers, unseen = _drawn(streams[0], (noise, 1.0, 2.0), (outliers, 0.05, 0.10), (unseen, 0.15, 0.25))
     body = anatomy(streams[1])
-    imaged = mesh(body.shape, (-50, -45, -42), (50, 45, 48), SPACING)
+    vein = list(VEINS)[seed % len(VEINS)]
+    known = body.without(vein) if lacks == "prior" else body
+    there = body.without(vein) if lacks == "truth" else body
+    imaged = _meshed(known)
+    rest = imaged if known is there else _meshed(there)
     beat = heartbeat(streams[2], body, motion)
-    truth = imaged.with_vertices(beat(imaged.vertices))
-    prior, ostia = _scanned(streams[3], imaged, body)
-    hidden = sampling.patches(imaged, bare(streams[0], body, imaged), unseen)
-    at = visited(streams[4], truth, (~hidden, rings(body, imaged)), (points, RING_POINTS))
-    measured, inside = mapped(streams[4], truth, at, beat(body.ostia), noise, outliers)
+    truth = rest.with_vertices(beat(rest.vertices))
+    prior, ostia = _scanned(streams[3], imaged, known)
+    hidden = sampling.patches(rest, bare(streams[0], body, rest), unseen)
+    at = visited(streams[4], truth, (~hidden, rings(there, rest)), (points, RING_POINTS))
+    measured, inside = mapped(streams[4], truth, at, dict(zip(there.veins, beat(there.ostia), strict=True)), noise, outliers)
     held_out = sampling.sites(streams[0], truth, 4000)
     some = np.arange(0, len(prior.vertices), 5)
+    some = some[np.abs(there.shape(imaged.vertices[some])) < SAME]
+    drawn = f"seed {seed}, motion {motion:g}, noise {noise:.2f} mm, outliers {outliers:.2f}, unseen {unseen:.2f}"
     return Case(
         name=f"atrium_{seed}",
         prior=prior,
         points=measured,
-        prior_landmarks=dict(zip(VEINS, ostia, strict=True)),
+        prior_landmarks=dict(zip(known.veins, ostia, strict=True)),
         frame="LPS",
-        notes=f"synthetic left atrium: seed {seed}, motion {motion:g}, noise {noise:.2f} mm, outliers {outliers:.2f}, unseen {unseen:.2f}",
-        truth=Truth(truth, held_out.xyz, hidden[held_out.face], (prior.vertices[some], truth.vertices[some]), inside),
+        notes=f"synthetic left atrium: {drawn}" + ("" if lacks == "neither" else f"; the {lacks} lacks the {vein}"),
+        truth=Truth(truth, held_out.xyz, hidden[held_out.face], (prior.vertices[some], beat(imaged.vertices[some])), inside),
     )
+
+
+def _meshed(body: Anatomy) -> Surface:
+    return mesh(body.shape, (-50, -45, -42), (50, 45, 48), SPACING)
 
 
 def _drawn(rng: np.random.Generator, *wanted: tuple[float | None, float, float]) -> list[float]:
@@ -87,14 +113,14 @@ def anatomy(rng: np.random.Generator) -> Anatomy:
     radii = rng.uniform(5.0, 7.0, 4)
     ostia = directions * (reach + 2.0)[:, None]
     ends = directions * (reach + rng.uniform(11.0, 17.0, 4))[:, None] + rng.normal(0.0, 1.5, (4, 3))
-    veins = [shapes.chain([0.4 * o, o, e], [1.25 * r, r, 0.85 * r], blend=2.0) for o, e, r in zip(ostia, ends, radii, strict=True)]
+    tubes = (shapes.chain([0.4 * o, o, e], [1.25 * r, r, 0.85 * r], blend=2.0) for o, e, r in zip(ostia, ends, radii, strict=True))
     out = _unit(APPENDAGE)
     wall = out / np.linalg.norm(out / axes)
     bends = [0.6 * wall, wall + 4.0 * out, wall + 9.0 * out + [2.0, -1.0, 5.0], wall + 12.0 * out + [2.0, -1.0, 11.0]]
     valve = _unit(MITRAL)
     chamber = shapes.intersection(shapes.ellipsoid(axes), shapes.half_space(valve, 0.82 / float(np.linalg.norm(valve / axes))), blend=6.0)
-    shape = shapes.union(shapes.union(chamber, *veins, blend=5.0), shapes.chain(bends, [7.5, 6.5, 5.5, 3.5], blend=2.0), blend=4.0)
-    return Anatomy(shape, ostia, directions, radii, bends[-1])
+    appendage = shapes.chain(bends, [7.5, 6.5, 5.5, 3.5], blend=2.0)
+    return Anatomy(chamber, dict(zip(VEINS, tubes, strict=True)), appendage, ostia, directions, radii, bends[-1])
 
 
 def heartbeat(rng: np.random.Generator, body: Anatomy, amount: float) -> moves.Motion:
@@ -137,7 +163,7 @@ def visited(rng: np.random.Generator, surface: Surface, where: tuple[Mask, Mask]
 
 
 def mapped(
-    rng: np.random.Generator, truth: Surface, at: tuple[Sites, Sites], ostia: Array, noise: float, share: float = 0.0
+    rng: np.random.Generator, truth: Surface, at: tuple[Sites, Sites], ostia: dict[str, Array], noise: float, share: float = 0.0
 ) -> tuple[Points, sampling.Rows]:
     """What the mapping system exports: mapping points, rings of ablation points, marked ostia; and the rows that are outliers.
 
@@ -149,7 +175,7 @@ def mapped(
     wall = touched.xyz.copy()
     wall[inside] -= rng.uniform(3.0, 12.0, (len(inside), 1)) * truth.face_normals[touched.face[inside]]
     sd = np.repeat([noise, OSTIUM_SD], [n + burns, len(ostia)])
-    xyz = np.vstack([wall, burnt.xyz, ostia])
+    xyz = np.vstack([wall, burnt.xyz, *ostia.values()])
     electric = {
         "bipolar": sampling.voltage(truth, sampling.sites(rng, truth, 1).xyz[0]),
         "lat": sampling.activation(truth, truth.vertices[np.argmax(truth.vertices @ [-1.0, -0.5, 1.5])]),  # it comes over Bachmann's bundle
@@ -159,7 +185,7 @@ def mapped(
     return Points(
         np.round(xyz + sd[:, None] * rng.normal(size=xyz.shape), 3),
         np.repeat(["eam", "ablation", "landmark"], [n, burns, len(ostia)]),
-        {"name": np.array([""] * (n + burns) + list(VEINS))} | {name: np.round(v, 2) for name, v in columns.items()},
+        {"name": np.array([""] * (n + burns) + list(ostia))} | {name: np.round(v, 2) for name, v in columns.items()},
     ), inside
 
 

@@ -56,7 +56,8 @@ def patient(seed: int = 7, *, missed: tuple[float, float] = MISSED, points: int 
     at = visited(streams[4], imaged, (~hidden, rings(body, imaged)), (points, BURNS))
     beat = filled(streams[2], body, at, missed)
     truth = imaged.with_vertices(beat(imaged.vertices))
-    measured, _ = mapped(streams[4], truth, (at[0].on(truth), at[1].on(truth)), beat(body.ostia), NOISE_OF_POINTS)
+    ostia = dict(zip(VEINS, beat(body.ostia), strict=True))
+    measured, _ = mapped(streams[4], truth, (at[0].on(truth), at[1].on(truth)), ostia, NOISE_OF_POINTS)
     held_out = sampling.sites(streams[0], truth, 4000)
     turned, shift = moves.turn(streams[3], np.deg2rad(12.0)), 15.0 * moves.direction(streams[3])
     case = Case(
