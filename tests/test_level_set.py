@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from fields import wall
 from shapes import ball_with_tube, circle, meshed, round_distance, sampled
 
 from o3dls.case import Case, Points
@@ -13,6 +14,7 @@ from o3dls.errors import PipelineError, SolverError
 from o3dls.estimate import Estimate
 from o3dls.evaluate import distances
 from o3dls.geometry import Array, Surface
+from o3dls.levelset.fit import fit_motion
 from o3dls.stages.level_set import LevelSet
 
 SEED = 264_575
@@ -30,9 +32,11 @@ class Still:
 
 def started(prior: Surface, points: Array, sigma: float, *, fitted: bool = True, units: str = "mm") -> tuple[Case, Estimate]:
     case = Case("case", prior, Points(points, np.full(len(points), "eam")), units=units)
-    motion = {"motion": Still(), "sigma": sigma, "weights": np.ones(len(points))} if fitted else {}
+    pose = np.eye(prior.dimension + 1)
+    fit = fit_motion(prior.vertices, prior.faces, pose, wall(points)) if fitted else None
+    motion = {"motion": Still(), "sigma": sigma, "weights": np.ones(len(points)), "fit": fit} if fitted else {}
     surface = replace(prior, fields={f"sd_{units}": np.ones(len(prior.vertices)), **prior.fields})
-    return case, Estimate(surface, np.eye(prior.dimension + 1), "moved", **motion)
+    return case, Estimate(surface, pose, "moved", **motion)
 
 
 @pytest.mark.parametrize("prior", [circle(20.0, 300), meshed(ball_with_tube, 34.0)], ids=["2D", "3D"])
@@ -53,11 +57,16 @@ def test_nothing_to_add_leaves_the_surface_where_it_is(prior: Surface) -> None:
 
 def test_a_vein_that_the_truth_has_not_is_removed_and_said() -> None:
     truth, prior = meshed(round_distance(16.0), 20.0), meshed(ball_with_tube, 34.0)
+    prior = replace(prior, fields={"height": prior.vertices[:, 2]})
     case, start = started(prior, sampled(truth, 800, 0.5, SEED), 0.5)
     found = LevelSet()(case, start)
     assert "removed a part at (" in found.status
     assert len(found.facts["changes"]) == 1
     assert distances(found.surface.vertices, truth).mean() < 0.1
+    assert found.motion is found.fit.motion
+    assert found.motion is not start.motion
+    away = found.surface.vertices[:, 0] < 5.0
+    np.testing.assert_allclose(found.surface.fields["height"][away], found.surface.vertices[away, 2], atol=0.3)
     kept = LevelSet(change=1e6)(case, start)
     assert distances(kept.surface.vertices, truth).max() > 10.0
 

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from fields import wall
 from shapes import ball_with_tube, meshed, round_distance, sampled
 
 from o3dls.geometry import Array, Surface
 from o3dls.levelset.closest import ClosestPoint
+from o3dls.levelset.fit import fit_motion
 from o3dls.levelset.growth import cone, growth
+from o3dls.levelset.motion import MotionFit
 from o3dls.levelset.observe import Measured, Noise, observe
 from o3dls.levelset.reach import topology
 from o3dls.levelset.reshape import reshape
-from o3dls.levelset.topology import body_radius, changed, removal
+from o3dls.levelset.topology import Change, body_radius, changed, removals
 from o3dls.levelset.wall import Wall
 
 SIGMA, SEED, THRESHOLD = 1.0, 173_205, 10.0
@@ -38,6 +41,16 @@ def seen(wall: Wall, points: Array, sigma: float = SIGMA) -> Measured:
     return observe(wall, points, np.zeros(len(points), dtype=bool), np.full(len(points), np.nan), Noise(sigma, 0.1, 0.05))
 
 
+def reshaped(prior: Surface, points: Array) -> tuple[MotionFit, MotionFit, tuple[Change, ...]]:
+    """The fit of a prior, of what its topology became, and the changes."""
+    fit = fit_motion(prior.vertices, prior.faces, np.eye(4), wall(points))
+    return fit, *reshape(fit, spacing=1.0, threshold=THRESHOLD)
+
+
+def surface(fit: MotionFit) -> Surface:
+    return Surface(fit.vertices, fit.motion.faces)
+
+
 def apart(a: Surface, b: Surface) -> float:
     """Mean distance both ways."""
     return float(
@@ -50,51 +63,51 @@ def apart(a: Surface, b: Surface) -> float:
 def test_a_right_prior_is_left_alone(truth: Surface, count: int) -> None:
     points = sampled(truth, count, SIGMA, SEED)
     points[: count // 12] *= np.random.default_rng(SEED).uniform(0.3, 0.9, (count // 12, 1))  # the catheter floats inside
-    wall = Wall(truth)
-    after, made = reshape(wall, lambda w: seen(w, points), spacing=1.0, threshold=THRESHOLD)
+    before, after, made = reshaped(truth, points)
     assert made == ()
-    assert after is wall
+    assert after is before
 
 
 def test_a_tube_across_whose_mouth_points_show_the_wall_is_removed_and_said() -> None:
     truth = ball()
     points = sampled(truth, 800, FINE, SEED)
-    after, made = reshape(Wall(tubed()), lambda w: seen(w, points, FINE), spacing=1.0, threshold=THRESHOLD)
+    before, after, made = reshaped(tubed(), points)
     assert len(made) == 1
     assert made[0].removes
     assert "removed a part at (2" in made[0].sentence
-    assert topology(after.rest, after.faces) == (1, 2)
-    assert apart(after.surface, truth) < 0.2 * apart(tubed(), truth)
+    assert made[0].gain == pytest.approx(before.energy - after.energy - made[0].price)
+    assert topology(after.vertices, after.motion.faces) == (1, 2)
+    assert apart(surface(after), truth) < 0.2 * apart(tubed(), truth)
 
 
 def test_a_tube_with_points_on_it_stays_however_many_lie_in_its_mouth() -> None:
     truth = tubed()
     stray = np.random.default_rng(SEED).uniform(-4.0, 4.0, (12, 3)) * [0.2, 1.0, 1.0] + [14.0, 0.0, 0.0]
     points = np.vstack([sampled(truth, 800, SIGMA, SEED), stray])
-    change = removal(Wall(truth), seen(Wall(truth), points))
-    assert change is None or change.gain < THRESHOLD
+    assert all(change.gain < THRESHOLD for change in removals(Wall(truth), seen(Wall(truth), points)))
+    assert reshaped(truth, points)[2] == ()
 
 
 def test_a_handle_that_points_deny_is_removed() -> None:
     truth, prior = ball(), meshed(ring, 34.0)
     assert topology(prior.vertices, prior.faces) == (1, 0)
     points = sampled(truth, 1500, FINE, SEED)
-    after, made = reshape(Wall(prior), lambda w: seen(w, points, FINE), spacing=1.0, threshold=THRESHOLD)
+    _, after, made = reshaped(prior, points)
     assert made
     assert all(change.removes for change in made)
-    assert topology(after.rest, after.faces) == (1, 2)
-    assert apart(after.surface, truth) < 0.3 * apart(prior, truth)
+    assert topology(after.vertices, after.motion.faces) == (1, 2)
+    assert apart(surface(after), truth) < 0.3 * apart(prior, truth)
 
 
 def test_a_tube_that_points_trace_is_grown_and_said() -> None:
     truth = tubed()
     points = sampled(truth, 400, SIGMA, SEED)
-    after, made = reshape(Wall(ball()), lambda w: seen(w, points), spacing=1.0, threshold=THRESHOLD)
+    _, after, made = reshaped(ball(), points)
     assert len(made) == 1
     assert not made[0].removes
     assert "grew a tube at (" in made[0].sentence
-    assert topology(after.rest, after.faces) == (1, 2)
-    assert apart(after.surface, truth) < 0.35 * apart(ball(), truth)
+    assert topology(after.vertices, after.motion.faces) == (1, 2)
+    assert apart(surface(after), truth) < 0.35 * apart(ball(), truth)
 
 
 def test_three_stray_points_outside_grow_nothing() -> None:
@@ -107,8 +120,7 @@ def test_three_stray_points_outside_grow_nothing() -> None:
 def test_a_small_shift_of_everything_is_no_change_of_topology() -> None:
     truth = tubed()
     points = sampled(truth, 800, SIGMA, SEED) + np.array([0.0, 0.8, -0.6])
-    _, made = reshape(Wall(truth), lambda w: seen(w, points), spacing=1.0, threshold=THRESHOLD)
-    assert made == ()
+    assert reshaped(truth, points)[2] == ()
 
 
 def test_radius_of_a_ball_is_its_radius() -> None:
@@ -123,8 +135,8 @@ def test_cone_is_a_distance_where_it_is_a_cylinder() -> None:
 
 def test_a_change_is_closed_in_one_piece_and_near_where_it_must_be() -> None:
     prior = tubed()
-    change = removal(Wall(prior), seen(Wall(prior), sampled(ball(), 800, FINE, SEED), FINE))
-    assert change is not None
+    cuts = removals(Wall(prior), seen(Wall(prior), sampled(ball(), 800, FINE, SEED), FINE))
+    change = max(cuts, key=lambda cut: cut.gain)
     for spacing in (1.0, 0.5):
         after = changed(prior, change, spacing)
         assert after.watertight

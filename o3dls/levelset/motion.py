@@ -102,6 +102,17 @@ class MotionFit:
         return self.trace[-1]["energy"]
 
     @property
+    def sigma(self) -> float:
+        """Noise of the mapping points."""
+        return float(self.state.scales.noises[0])
+
+    @property
+    def weights(self) -> Array:
+        """Belief (k,) in each mapping point."""
+        data = self.problem.data
+        return np.asarray(self.state.weights[(data.group == 0) & ~data.inside])
+
+    @property
     def similarity(self) -> Array:
         """Least-squares similarity (d+1, d+1) of the fitted motion."""
         return fit_similarity(self.motion.vertices, self.vertices)

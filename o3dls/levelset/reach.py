@@ -9,11 +9,9 @@ from typing import Any
 import numpy as np
 
 from ..geometry import Array, Ints, Surface
-from .closest import ClosestPoint
 from .distance import SignedDistance, signed_distance
 from .observe import Measured
 from .operators import pieces, without_shreds, zero_set
-from .reshape import reshape
 from .solver import Correction, Limits, refine
 from .wall import Wall
 
@@ -39,7 +37,7 @@ class Reached:
     @property
     def unchanged(self) -> bool:
         """True where nothing was added to the moved prior."""
-        return self.facts.get("changes") == [] and self.facts.get("fields") == []
+        return self.facts.get("fields") == []
 
     def faults(self, mesh: Surface) -> tuple[str, ...]:
         """What a mesh of phi has that the wall has not, as a warning; nothing where islands belong to the result."""
@@ -49,22 +47,20 @@ class Reached:
         return (f"the mesh has pieces and Euler number {found}, the moved prior {meant}: where that runs into itself, walls are united",)
 
 
-def reach(surface: Surface, observe: Callable[[Wall], Measured], doubt: Array, limits: Limits, *, change: float, mesh: Mesher) -> Reached:
-    """Refine a surface: changes of topology that earn `change` nats, then corrections along the normals.
+def reach(surface: Surface, observe: Callable[[Wall], Measured], doubt: Array, limits: Limits, *, mesh: Mesher) -> Reached:
+    """Refine a surface by corrections along its normals.
 
     observe: the points as seen from a wall; doubt (v,): relative standard deviation that the motion leaves at every vertex; mesh: what
     will mesh phi, since methods cut cells of ambiguous signs differently, and it is the mesh that has to be whole. The result is the
     surface itself where there is nothing to add.
     """
-    wall, changes = reshape(Wall(surface), observe, spacing=limits.spacing, threshold=change)
-    fields = read_at(surface, {**surface.fields, "doubt": doubt}, wall.rest if changes else None)
+    wall = Wall(surface)
     measured = observe(wall)
-    found = refine(wall, measured, fields.pop("doubt"), limits)
-    final, phi, warnings = _settled(wall, fields, found, limits.spacing, mesh)
+    found = refine(wall, measured, doubt, limits)
+    final, phi, warnings = _settled(wall, found, limits.spacing, mesh)
     sigma = found.noise * float(np.median(measured.likelihood.sigma))
-    status = "; ".join([*(c.sentence for c in changes), found.status])
-    facts = {"changes": [c.sentence for c in changes], "fields": [f.record for f in found.fields], "band_nodes": len(phi.band)}
-    return Reached(phi, final, sigma, status, found.converged, found.trace, warnings, facts)
+    facts = {"fields": [f.record for f in found.fields], "band_nodes": len(phi.band)}
+    return Reached(phi, final, sigma, found.status, found.converged, found.trace, warnings, facts)
 
 
 def band_of(surface: Surface, spacing: float) -> SignedDistance:
@@ -72,18 +68,7 @@ def band_of(surface: Surface, spacing: float) -> SignedDistance:
     return signed_distance(surface.vertices, surface.faces, spacing, HALF_BAND * spacing)
 
 
-def read_at(surface: Surface, fields: Mapping[str, Array], points: Array | None) -> dict[str, Array]:
-    """Fields per vertex read at the surface's closest points to `points` (n, d); as they are where these are the vertices (None)."""
-    if points is None:
-        return dict(fields)
-    _, face, _, weights = ClosestPoint(surface.vertices, surface.faces).query(points)
-    corners = surface.faces[face]
-    return {name: np.asarray(np.einsum("nc,nc...->n...", weights, values[corners])) for name, values in fields.items()}
-
-
-def _settled(
-    wall: Wall, fields: Mapping[str, Array], found: Correction, spacing: float, mesh: Mesher
-) -> tuple[Surface, SignedDistance, tuple[str, ...]]:
+def _settled(wall: Wall, found: Correction, spacing: float, mesh: Mesher) -> tuple[Surface, SignedDistance, tuple[str, ...]]:
     """The corrected wall and its level set: a correction that would tear or merge the surface is halved; then gaps are closed.
 
     Where a wall runs into itself all the same it is united; the mesh may still come out whole.
@@ -91,7 +76,7 @@ def _settled(
     kind = topology(wall.rest, wall.faces)
     for share in (1.0, 0.5, 0.25, 0.0) if found.fields else (0.0,):
         u = share * found.u
-        final = Surface(wall.rest + u[:, None] * wall.normals, wall.faces, {**fields, "correction": u})
+        final = Surface(wall.rest + u[:, None] * wall.normals, wall.faces, {**wall.surface.fields, "correction": u})
         phi = _whole(band_of(final, spacing), kind)
         if topology(*mesh(phi)) == kind:
             short = share < 1.0 and len(found.fields) > 0

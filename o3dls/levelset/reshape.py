@@ -1,31 +1,79 @@
-"""Change the topology of a surface as long as evidence asks for it."""
+"""Change the topology of the prior as long as evidence asks for it.
+
+A motion makes up for a wrong topology as well as it can: it stretches the wall into a vein that the prior lacks, and it doubts the
+points in the mouth of one that is not there. So a change is proposed where the points look odd (`growth`, `topology`), made to the
+prior in its pose, and judged by the free energy of a motion fitted anew.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import heapq
+from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
+from ..geometry import Array, Surface, apply
+from .closest import ClosestPoint
+from .fit import fit_motion
 from .growth import growth
-from .observe import Measured
-from .topology import Change, changed, removal
+from .motion import MotionFit
+from .observe import Measured, Noise, observe
+from .topology import Change, changed, removals
 from .wall import Wall
 
-MOST = 4  # changes of one surface: more would be another surface
+MOST = 4  # changes of one prior: more would be another one
+CUTS = 3  # cuts that are looked at closely: those that the likelihood prefers
 
 
-def reshape(wall: Wall, observe: Callable[[Wall], Measured], *, spacing: float, threshold: float) -> tuple[Wall, tuple[Change, ...]]:
-    """Make the best change, look again, until none earns `threshold` nats: the wall, the same one where there is none, and the changes.
+def reshape(fit: MotionFit, *, spacing: float, threshold: float) -> tuple[MotionFit, tuple[Change, ...]]:
+    """Make the best change, look again, until none earns `threshold` nats: the fit of the changed prior, and the changes.
 
-    observe: gives the points as seen from a wall.
+    spacing: of the lattice on which the prior is changed. The fit is the same one where there is nothing to change.
     """
     made: list[Change] = []
-    while np.isfinite(threshold) and len(made) < MOST:
-        measured = observe(wall)
-        proposals = [change for change in (removal(wall, measured), growth(wall, measured)) if change]
-        best = max(proposals, key=lambda change: change.gain, default=None)
+    while len(made) < MOST:
+        tried = [_tried(fit, change, spacing) for change in _proposals(fit, threshold)]
+        best, after = max(tried, key=lambda pair: pair[0].gain, default=(None, fit))
         if best is None or best.gain < threshold:
             break
-        wall = Wall(changed(wall.surface, best, spacing))
+        fit = after
         made.append(best)
-    return wall, tuple(made)
+    return fit, tuple(made)
+
+
+def _proposals(fit: MotionFit, threshold: float) -> Iterator[Change]:
+    """Changes of the prior in its pose. Tubes are looked for before the motion, which would hide them; cuts, whose points must lie on a
+    wall that is not there, after it."""
+    posed = Surface(fit.motion.rest.at, fit.motion.faces)
+    before, after = Wall(posed), Wall(posed.with_vertices(fit.vertices))
+    tube = growth(before, _seen(fit, before, moved=False))
+    if tube and tube.gain >= threshold:
+        yield tube
+    cuts = removals(after, _seen(fit, after, moved=True))
+    for cut in heapq.nlargest(CUTS, cuts, key=lambda change: change.gain):
+        vertices, faces = cut.region
+        yield replace(cut, region=(_back(fit, vertices), faces), centre=_back(fit, cut.centre[None])[0])
+
+
+def _seen(fit: MotionFit, wall: Wall, *, moved: bool) -> Measured:
+    """The points of the fit as they look from a wall that has moved to them, or not yet: then their spread tells the noise."""
+    data, state = fit.problem.data, fit.state
+    own = state.scales.noises[data.group] * data.relative if moved else np.full(len(data.points), np.nan)
+    noise = Noise(fit.sigma if moved else None, share=float(1.0 - state.weights[~data.inside].mean()))
+    return observe(wall, data.points, data.inside, own, noise)
+
+
+def _back(fit: MotionFit, points: Array) -> Array:
+    """Points (n, d) near the moved wall before the motion: as its closest place was."""
+    _, face, _, weights = ClosestPoint(fit.vertices, fit.motion.faces).query(points)
+    return np.asarray(points - np.einsum("nc,ncd->nd", weights, (fit.vertices - fit.motion.rest.at)[fit.motion.faces[face]]))
+
+
+def _tried(fit: MotionFit, change: Change, spacing: float) -> tuple[Change, MotionFit]:
+    """A change with what it gains once the motion of the changed prior is fitted, and that fit."""
+    motion, problem = fit.motion, fit.problem
+    posed = changed(Surface(motion.rest.at, motion.faces), change, spacing)
+    prior = apply(np.asarray(np.linalg.inv(motion.T_map_prior)), posed.vertices)
+    after = fit_motion(prior, posed.faces, motion.T_map_prior, problem.data, replace(problem.settings, fairing=()))
+    return replace(change, gain=fit.energy - after.energy - change.price), after

@@ -1,7 +1,7 @@
-"""Changes of topology, judged by evidence: thin parts of the prior that points deny are cut off, tubes that points trace are grown.
+"""Changes of topology: thin parts of the prior that points deny are cut off, tubes that points trace are grown (`growth`).
 
 A descent cannot find either: a point in the middle of a vein's mouth has its foot on the vein's wall, out of every robust reach. So
-whole changes are proposed, the likelihood of all points is compared before and after, and the best is made if it earns its nats.
+whole changes are proposed where the likelihood of all points is higher after than before; `reshape` judges them.
 """
 
 from __future__ import annotations
@@ -31,11 +31,13 @@ TELLING = 0.5  # nats by which the new wall explains such a point better
 
 @dataclass(frozen=True, eq=False)
 class Change:
-    """A proposed change: closed surface of the region that it removes or adds, log evidence `gain`, and how many points are `witnesses`."""
+    """A proposed change: closed surface of the region that it removes or adds, log evidence `gain`, less the `price` (nats) of what is
+    rare beforehand, and how many points are `witnesses`."""
 
     removes: bool
     region: tuple[Array, Ints]
     gain: float
+    price: float
     witnesses: int
     centre: Array
 
@@ -59,13 +61,12 @@ def body_radius(surface: Surface) -> float:
     return surface.dimension * surface.volume / surface.area
 
 
-def removal(wall: Wall, measured: Measured) -> Change | None:
-    """The thin part of the prior whose loss gains most, or None where no points speak against any."""
+def removals(wall: Wall, measured: Measured) -> Iterator[Change]:
+    """Cuts of thin parts of the prior that points speak against, each at the height over the body that gains most."""
     deep = (measured.distance < -DEEP * measured.likelihood.sigma) & ~measured.likelihood.one_sided
-    if deep.sum() < WITNESSES:
-        return None
-    proposals = [change for part in parts(wall.surface) for change in _cuts(part, measured)]
-    return max(proposals, key=lambda change: change.gain, default=None)
+    if deep.sum() >= WITNESSES:
+        for part in parts(wall.surface):
+            yield from _cuts(part, measured)
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,7 +141,8 @@ def _cuts(part: Part, measured: Measured) -> Iterator[Change]:
     lost = part.core & (above > 0.0)
     nearby = np.isin(node, np.flatnonzero(lost)).any()
     region = zero_set(*band.whole(-above, band.spacing))
-    yield Change(True, region, float(best.sum()) + (0.0 if nearby else UNTOUCHED), witnesses, band.positions[lost].mean(axis=0))
+    price = 0.0 if nearby else -UNTOUCHED
+    yield Change(True, region, float(best.sum()) - price, price, witnesses, band.positions[lost].mean(axis=0))
 
 
 def _level(height: float, share: Array) -> Array:

@@ -92,7 +92,6 @@ class Deform(Stage):
 
         began = time.perf_counter()
         fit = fit_motion(case.prior.vertices, case.prior.faces, pose, data, self.settings(), warm)
-        eam = (data.group == 0) & ~data.inside
         surface = replace(case.prior, vertices=fit.vertices, fields={**case.prior.fields, f"sd_{case.units}": fit.sd})
         return Estimate(
             surface=surface,
@@ -101,8 +100,8 @@ class Deform(Stage):
             converged=fit.converged,
             iterations=len(fit.trace),
             seconds=time.perf_counter() - began,
-            sigma=float(fit.state.scales.noises[0]),
-            weights=fit.state.weights[eam],
+            sigma=fit.sigma,
+            weights=fit.weights,
             motion=fit.motion,
             trace=fit.trace,
             facts=fit.facts,

@@ -51,6 +51,7 @@ class LevelSet(Stage):
         from ..extract import carry_fields, extract
 
         began = time.perf_counter()
+        start, changes = self._reshaped(case, start)
         reached = self._by_the_paper(case, start) if self.formulation == "paper" else self._by_default(case, start)
         mesh = extract(reached.phi, smoothing=self.smoothing, keep=self.keep, islands=reached.islands)
         if case.dimension == 2 and reached.unchanged:  # a polyline needs no repair, and a lattice would cut its tips
@@ -58,7 +59,7 @@ class LevelSet(Stage):
         return replace(
             start,
             surface=_with_unit(carry_fields(reached.wall, mesh.surface), case.units),
-            status=reached.status,
+            status="; ".join([*changes, reached.status]),
             converged=reached.converged,
             iterations=len(reached.trace),
             seconds=time.perf_counter() - began,
@@ -66,8 +67,25 @@ class LevelSet(Stage):
             phi=reached.phi,
             trace=reached.trace,
             warnings=(*start.warnings, *reached.warnings, *reached.faults(mesh.surface)),
-            facts={**reached.facts, "meshing_shift_mean": mesh.shift_mean, "meshing_shift_max": mesh.shift_max},
+            facts={**reached.facts, "changes": changes, "meshing_shift_mean": mesh.shift_mean, "meshing_shift_max": mesh.shift_max},
         )
+
+    def _reshaped(self, case: Case, start: Estimate) -> tuple[Estimate, list[str]]:
+        """The start with the changes of topology that earn their nats, and these as sentences: none without a motion that was fitted."""
+        if self.formulation == "paper" or start.fit is None:
+            return start, []
+        from ..extract import carry_fields
+        from ..levelset.reshape import reshape
+
+        fit, changes = reshape(start.fit, spacing=self.spacing, threshold=self.change)
+        if not changes:
+            return start, []
+        surface = carry_fields(start.surface, Surface(fit.vertices, fit.motion.faces))
+        surface = replace(surface, fields={**surface.fields, f"sd_{case.units}": fit.sd})
+        found = replace(
+            start, surface=surface, T_map_prior=fit.similarity, motion=fit.motion, sigma=fit.sigma, weights=fit.weights, fit=fit
+        )
+        return found, [change.sentence for change in changes]
 
     def _by_default(self, case: Case, start: Estimate) -> Reached:
         from ..extract import isosurface
@@ -75,8 +93,7 @@ class LevelSet(Stage):
         from ..levelset.solver import Limits
 
         limits = Limits(self.spacing, self.evidence, self.iterations, self.coarse_to_fine)
-        change = self.change if start.motion is not None else np.inf  # what no motion explains would pass for another topology
-        return reach(start.surface, _observer(case, start), _doubt(case, start), limits, change=change, mesh=isosurface)
+        return reach(start.surface, _observer(case, start), _doubt(case, start), limits, mesh=isosurface)
 
     def _by_the_paper(self, case: Case, start: Estimate) -> Reached:
         """psi.T is the prior under the similarity alone, as the paper has it."""
