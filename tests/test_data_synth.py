@@ -5,6 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -83,6 +84,24 @@ def test_blends_change_only_what_is_near_the_groove() -> None:
     assert (soft <= sharp).all()
     assert (sharp - soft).max() <= 0.25
     assert shapes.intersection(left, right)(points) == pytest.approx(np.maximum(left(points), right(points)))
+
+
+@pytest.mark.parametrize("lacks", ["prior", "truth"])
+def test_one_surface_lacks_a_vein_and_all_that_belongs_to_it(lacks: Literal["prior", "truth"]) -> None:
+    both, one = atrium(SEED), atrium(SEED, lacks=lacks)
+    known, marked = set(one.prior_landmarks), set(one.points.columns["name"]) - {""}
+    assert len(known ^ marked) == 1
+    assert len(marked if lacks == "truth" else known) == 3
+    assert f"the {lacks} lacks the {(known ^ marked).pop()}" in one.notes
+    smaller, same = (one.truth.surface, one.prior) if lacks == "truth" else (one.prior, one.truth.surface)
+    whole, like = (both.truth.surface, both.prior) if lacks == "truth" else (both.prior, both.truth.surface)
+    assert smaller.volume < 0.99 * whole.volume
+    assert same.volume == pytest.approx(like.volume)
+    assert smaller.watertight
+    at, to = one.truth.correspondence
+    assert distances(at, one.prior).max() < 1e-9
+    assert distances(to, one.truth.surface).max() < 0.2  # chords of the mesh
+    assert len(at) < len(both.truth.correspondence[0])
 
 
 def test_a_mesh_lies_on_its_shape_and_is_closed() -> None:

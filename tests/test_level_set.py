@@ -9,6 +9,8 @@ import pytest
 from fields import wall
 from shapes import ball_with_tube, circle, meshed, round_distance, sampled
 
+from data_synth import atrium
+from o3dls import ICP, Deform, Landmarks, Pipeline
 from o3dls.case import Case, Points
 from o3dls.errors import PipelineError, SolverError
 from o3dls.estimate import Estimate
@@ -77,6 +79,14 @@ def test_a_vein_that_the_prior_lacks_is_grown() -> None:
     found = LevelSet()(case, start)
     assert "grew a tube" in found.status
     assert distances(truth.vertices, found.surface).mean() < 0.3 * distances(truth.vertices, prior).mean()
+
+
+def test_a_vein_is_grown_though_a_motion_stretched_the_wall_into_it() -> None:
+    case = atrium(104, lacks="prior")
+    found = Pipeline([Landmarks(), ICP(), Deform(), LevelSet()], folds=0).fit(case)
+    assert "grew a tube" in found["level_set"].status
+    before, after = (distances(case.truth.held_out, found[name].surface).mean() for name in ("deform", "level_set"))
+    assert after < 0.85 * before
 
 
 def test_topology_is_not_judged_before_a_motion_was_fitted() -> None:
