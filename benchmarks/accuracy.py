@@ -8,6 +8,13 @@ Fresh seeds are made by the phantom generator, once per group (development seeds
         for p in 2 6 10; do python phantom.py star $s cases/star_$(printf %02d $p)_$s --percent $p; done
     done
 
+and, by our own generator, atria of which the prior has a vein too many or too few, by the number of points:
+
+    for n in 250 1000; do for s in $(seq 2001 2030); do
+        python -m data_synth atrium cases/extra_${n}_$s --seed $s --points $n --lacks truth
+        python -m data_synth atrium cases/missing_${n}_$s --seed $s --points $n --lacks prior
+    done; done
+
 Rows: start (landmarks), icp (our robust similarity), phi_only (level set after icp), deform (T only), level_set (T and phi), each
 peer as tuned by benchmarks.tune, and with --phantom phantom.py the generator's bound. Columns: mean +- standard error (worst).
 """

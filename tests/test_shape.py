@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 from fields import body
+from shapes import meshed, round_distance
 
-from o3dls.geometry import Surface, apply, outline, similarity
-from o3dls.levelset.shape import normals_and_curvature, unit_mean, vertex_normals
+from o3dls.geometry import Array, Surface, apply, outline, similarity
+from o3dls.levelset.shape import evened, normals_and_curvature, unit_mean, vertex_normals
 
 NO_LIMIT = 1e9
 
@@ -71,3 +72,15 @@ def test_unit_mean_interpolates_and_has_length_one() -> None:
 
 def _parts(surface: Surface) -> tuple[np.ndarray, np.ndarray]:
     return surface.vertices, surface.faces
+
+
+def test_slivers_of_a_lattice_become_triangles_on_the_same_surface() -> None:
+    sphere = meshed(round_distance(8.3), 10.0)
+
+    def shortest(vertices: Array) -> float:
+        corners = vertices[sphere.faces]
+        return float(np.quantile(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2), 0.02))
+
+    even = evened(sphere.vertices, sphere.faces)
+    assert shortest(even) > 2.0 * shortest(sphere.vertices)
+    assert np.abs(np.linalg.norm(even, axis=1) - 8.3).max() < 0.1  # chords of edges of 1 mm lie 0.02 inside: a few times that

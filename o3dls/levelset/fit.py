@@ -50,6 +50,7 @@ class Settings:
     broad: float = 0.2  # rms radii: the field's normals do not follow bumps shorter than this
     fairing: tuple[float, ...] = (0.35, 0.5, 0.6)  # rms radii: bumps shorter than one of these may be roughness of the prior; they
     fairing_nats: float = 3.0  # go where the evidence prefers it by so much
+    mend: bool = True  # faces that a steep field turned over
     strain: float = 0.02  # what large strains explain where the points are, they carry to where there are none
     depth: float = 0.3  # rms radii: how deep inside a point off the wall usually lies
     spread: float = 1.0
@@ -318,7 +319,9 @@ class _Problem:
             status += f"; the points show a motion beyond the pose with probability {share:.2f}, and the prior follows it that far"
         if self.faired:
             status += f"; the points show the prior to be rough, so it was smoothed over {self.faired:.2g} before it was moved"
-        vertices, folded = unfold(self.rest.at, self.rest.at + share * (state.moved - self.rest.at), self.faces)
+        vertices, folded = self.rest.at + share * (state.moved - self.rest.at), 0
+        if self.settings.mend:
+            vertices, folded = unfold(self.rest.at, vertices, self.faces)
         if folded:
             status += f"; {folded} faces folded over and were mended from their surroundings"
         facts = self.facts(state) | {"share": share, "faired": self.faired, "folded_faces": float(folded)}

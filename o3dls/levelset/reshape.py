@@ -20,6 +20,7 @@ from .growth import growth
 from .motion import MotionFit
 from .observe import Measured, Noise, observe
 from .topology import Change, changed, removals
+from .unfold import unfold
 from .wall import Wall
 
 MOST = 4  # changes of one prior: more would be another one
@@ -29,7 +30,8 @@ CUTS = 3  # cuts that are looked at closely: those that the likelihood prefers
 def reshape(fit: MotionFit, *, spacing: float, threshold: float) -> tuple[MotionFit, tuple[Change, ...]]:
     """Make the best change, look again, until none earns `threshold` nats: the fit of the changed prior, and the changes.
 
-    spacing: of the lattice on which the prior is changed. The fit is the same one where there is nothing to change.
+    spacing: of the lattice on which the prior is changed, or the length of its edges if these are longer. The fit is the same one where
+    there is nothing to change.
     """
     made: list[Change] = []
     while len(made) < MOST:
@@ -37,7 +39,7 @@ def reshape(fit: MotionFit, *, spacing: float, threshold: float) -> tuple[Motion
         best, after = max(tried, key=lambda pair: pair[0].gain, default=(None, fit))
         if best is None or best.gain < threshold:
             break
-        fit = after
+        fit = replace(after, vertices=unfold(after.motion.rest.at, after.vertices, after.motion.faces)[0])
         made.append(best)
     return fit, tuple(made)
 
@@ -70,10 +72,18 @@ def _back(fit: MotionFit, points: Array) -> Array:
     return np.asarray(points - np.einsum("nc,ncd->nd", weights, (fit.vertices - fit.motion.rest.at)[fit.motion.faces[face]]))
 
 
+def _edge(surface: Surface) -> float:
+    """Mean length of an edge: a lattice of this spacing changes the surface and keeps its detail."""
+    corners = surface.vertices[surface.faces]
+    return float(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).mean())
+
+
 def _tried(fit: MotionFit, change: Change, spacing: float) -> tuple[Change, MotionFit]:
-    """A change with what it gains once the motion of the changed prior is fitted, and that fit."""
+    """A change with what it gains once the motion of the changed prior is fitted, and that fit, whose folds are not mended yet."""
     motion, problem = fit.motion, fit.problem
-    posed = changed(Surface(motion.rest.at, motion.faces), change, spacing)
+    posed = Surface(motion.rest.at, motion.faces)
+    posed = changed(posed, change, max(spacing, _edge(posed)))
     prior = apply(np.asarray(np.linalg.inv(motion.T_map_prior)), posed.vertices)
-    after = fit_motion(prior, posed.faces, motion.T_map_prior, problem.data, replace(problem.settings, fairing=()))
+    settings = replace(problem.settings, fairing=(), mend=False)
+    after = fit_motion(prior, posed.faces, motion.T_map_prior, problem.data, settings)
     return replace(change, gain=fit.energy - after.energy - change.price), after

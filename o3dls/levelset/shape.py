@@ -98,6 +98,20 @@ def _curvature(vertices, faces, normals, areas, limit, smoothing):  # type: igno
     return value
 
 
+def evened(vertices: Array, faces: Ints, rounds: int = 8) -> Array:
+    """Vertices (n, d) moved along their surface towards the mean of their neighbours: a lattice's slivers become triangles.
+
+    Slivers turn over in any motion, and where they meet, a mean over neighbours is none over the surface.
+    """
+    adjacency = neighbours(faces, len(vertices))
+    valence = np.asarray(adjacency.sum(axis=1))
+    for _ in range(rounds):
+        step = adjacency @ vertices / valence - vertices
+        normals = vertex_normals(vertices, faces)
+        vertices = vertices + 0.5 * (step - (step * normals).sum(axis=1, keepdims=True) * normals)
+    return np.asarray(vertices)
+
+
 def neighbours(faces: Ints, count: int) -> csr_matrix:
     """Symmetric 0/1 matrix (n, n) of vertices that share an edge."""
     a, b = faces.ravel(), np.roll(faces, -1, axis=1).ravel()

@@ -18,6 +18,7 @@ from .closest import ClosestPoint
 from .distance import SignedDistance, filled_distance, signed_distance
 from .observe import Measured
 from .operators import combine, largest_piece, linked, zero_set
+from .shape import evened
 from .wall import Wall
 
 FINE = 6.0  # lattice nodes per mean radius of the body when parts are looked for
@@ -53,7 +54,8 @@ def changed(surface: Surface, change: Change, spacing: float) -> Surface:
     before = signed_distance(surface.vertices, surface.faces, spacing, width)
     region = signed_distance(*change.region, spacing, width)
     band, phi = combine(before, region, remove=change.removes)
-    return Surface(*largest_piece(*zero_set(band, phi)))
+    vertices, faces = largest_piece(*zero_set(band, phi))
+    return Surface(evened(vertices, faces), faces)
 
 
 def body_radius(surface: Surface) -> float:
