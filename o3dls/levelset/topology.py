@@ -26,6 +26,7 @@ BALLS = (0.35, 0.5, 0.65)  # radii of the balls that thin parts do not admit, in
 STICKS_OUT = 0.3  # a part reaches at least this far off the opened body, in mean radii
 WITNESSES = 3  # points that must tell for a change
 DEEP = 2.0  # noise levels inside from which a point may tell against a part
+SEARCHED = 4.0  # nats that the best of some fifty cuts (parts, balls, heights) gains by being the best
 UNTOUCHED = 1.5  # nats that a part without a single point on it is worth: one wall in five is never touched anyway
 TELLING = 0.5  # nats by which the new wall explains such a point better
 
@@ -143,7 +144,7 @@ def _cuts(part: Part, measured: Measured) -> Iterator[Change]:
     lost = part.core & (above > 0.0)
     nearby = np.isin(node, np.flatnonzero(lost)).any()
     region = zero_set(*band.whole(-above, band.spacing))
-    price = 0.0 if nearby else -UNTOUCHED
+    price = SEARCHED - (0.0 if nearby else UNTOUCHED)
     yield Change(True, region, float(best.sum()) - price, price, witnesses, band.positions[lost].mean(axis=0))
 
 
