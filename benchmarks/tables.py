@@ -74,7 +74,8 @@ def _comparisons(records: list[Record]) -> list[str]:
     if "level_set" not in by:
         return []
     means = {name: float(np.mean([r[key] for r in own.values()])) for name, own in by.items() if name != "bound"}
-    said = [_against(by["level_set"], by[name], name, key) for name in ("icp", "deform") if name in by]
+    pairs = [("icp", key), *(("deform", k) for k in dict.fromkeys((key, "ssd")))]
+    said = [_against(by["level_set"], by[name], name, k) for name, k in pairs if name in by]
     if "icp" in by and any("unseen" in r for r in records):
         said.append(_against(by["level_set"], by["icp"], "icp", "unseen"))
     others = {name: mean for name, mean in means.items() if name not in OURS}
@@ -87,9 +88,9 @@ def _comparisons(records: list[Record]) -> list[str]:
 def _against(ours: dict[str, Record], theirs: dict[str, Record], name: str, key: str) -> str:
     both = [case for case in ours if case in theirs and key in ours[case]]
     a, b = (np.array([side[case][key] for case in both]) for side in (ours, theirs))
-    worse = int((a - b > TOLERATED).sum())
+    worse, better = int((a - b > TOLERATED).sum()), int((b - a > TOLERATED).sum())
     return (
-        f"  {key}: level_set - {name} = {_signed(a - b)}; worse by more than {TOLERATED} in {worse} of {len(both)}; "
+        f"  {key}: level_set - {name} = {_signed(a - b)}; by more than {TOLERATED} worse in {worse}, better in {better} of {len(both)}; "
         f"largest ratio {float((a / b).max()):.3f}"
     )
 
