@@ -22,23 +22,15 @@ from o3dls.stages.level_set import LevelSet
 SEED = 264_575
 
 
-class Still:
-    """A motion that has been fitted and found nothing."""
-
-    def __call__(self, points: Array) -> Array:
-        return points
-
-    def sd(self, points: Array, normals: Array) -> Array:
-        return np.ones(len(points))
-
-
 def started(prior: Surface, points: Array, sigma: float, *, fitted: bool = True, units: str = "mm") -> tuple[Case, Estimate]:
     case = Case("case", prior, Points(points, np.full(len(points), "eam")), units=units)
     pose = np.eye(prior.dimension + 1)
-    fit = fit_motion(prior.vertices, prior.faces, pose, wall(points)) if fitted else None
-    motion = {"motion": Still(), "sigma": sigma, "weights": np.ones(len(points)), "fit": fit} if fitted else {}
     surface = replace(prior, fields={f"sd_{units}": np.ones(len(prior.vertices)), **prior.fields})
-    return case, Estimate(surface, pose, "moved", **motion)
+    start = Estimate(surface, pose, "moved")
+    if fitted:
+        fit = fit_motion(prior.vertices, prior.faces, pose, wall(points))
+        start = replace(start, motion=fit.motion, sigma=sigma, weights=np.ones(len(points)), fit=fit)
+    return case, start
 
 
 @pytest.mark.parametrize("prior", [circle(20.0, 300), meshed(ball_with_tube, 34.0)], ids=["2D", "3D"])
@@ -64,6 +56,7 @@ def test_a_vein_that_the_truth_has_not_is_removed_and_said() -> None:
     found = LevelSet()(case, start)
     assert "removed a part at (" in found.status
     assert len(found.facts["changes"]) == 1
+    assert any("removed a part" in warning for warning in found.warnings)
     assert distances(found.surface.vertices, truth).mean() < 0.1
     assert found.motion is found.fit.motion
     assert found.motion is not start.motion

@@ -66,7 +66,7 @@ class LevelSet(Stage):
             sigma=reached.sigma,
             phi=reached.phi,
             trace=reached.trace,
-            warnings=(*start.warnings, *reached.warnings, *reached.faults(mesh.surface)),
+            warnings=(*start.warnings, *(f"{change}: look at it" for change in changes), *reached.warnings, *reached.faults(mesh.surface)),
             facts={**reached.facts, "changes": changes, "meshing_shift_mean": mesh.shift_mean, "meshing_shift_max": mesh.shift_max},
         )
 
@@ -82,9 +82,9 @@ class LevelSet(Stage):
             return start, []
         surface = carry_fields(start.surface, Surface(fit.vertices, fit.motion.faces))
         surface = replace(surface, fields={**surface.fields, f"sd_{case.units}": fit.sd})
-        found = replace(
-            start, surface=surface, T_map_prior=fit.similarity, motion=fit.motion, sigma=fit.sigma, weights=fit.weights, fit=fit
-        )
+        found = replace(start, surface=surface, sigma=fit.sigma, weights=fit.weights, fit=fit)
+        if start.motion is start.fit.motion:  # a motion that begins earlier, as that of `phases`, stays what it was
+            found = replace(found, T_map_prior=fit.similarity, motion=fit.motion)
         return found, [change.sentence for change in changes]
 
     def _by_default(self, case: Case, start: Estimate) -> Reached:
