@@ -72,7 +72,7 @@ def _tube(wall: Wall, measured: Measured, cluster: Array) -> Change | None:
         return None
     centre = tube[: 2 * surface.dimension].reshape(2, -1).mean(axis=0)
     doubt = _rarity(wall, tube, radius) + SEEN * whole * _exposed(wall, region) / surface.area
-    return Change(False, region, float(gain.sum()) - doubt, doubt, witnesses, centre)
+    return Change(False, region, float(gain.sum()) - doubt, doubt, witnesses, cluster, centre)
 
 
 def _exposed(wall: Wall, region: tuple[Array, Ints]) -> float:

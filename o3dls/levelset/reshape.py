@@ -15,15 +15,16 @@ import numpy as np
 
 from ..geometry import Array, Surface, apply
 from .closest import ClosestPoint
-from .fit import fit_motion
+from .fit import Settings, fit_motion
 from .growth import growth
 from .motion import MotionFit
 from .observe import Measured, Noise, observe
-from .topology import Change, changed, removals
-from .unfold import unfold
+from .rows import Data
+from .topology import DEEP, WITNESSES, Change, changed, removals
 from .wall import Wall
 
 MOST = 4  # changes of one prior: more would be another one
+ENOUGH = 1000  # points that propose and judge a change
 CUTS = 3  # cuts that are looked at closely: those that the likelihood prefers
 
 
@@ -35,11 +36,10 @@ def reshape(fit: MotionFit, *, spacing: float, threshold: float) -> tuple[Motion
     """
     made: list[Change] = []
     while len(made) < MOST:
-        tried = [_tried(fit, change, spacing) for change in _proposals(fit, threshold)]
-        best, after = max(tried, key=lambda pair: pair[0].gain, default=(None, fit))
+        best = max(_judged(fit, list(_proposals(fit, threshold)), spacing), key=lambda change: change.gain, default=None)
         if best is None or best.gain < threshold:
             break
-        fit = replace(after, vertices=unfold(after.motion.rest.at, after.vertices, after.motion.faces)[0])
+        fit = _fitted(fit, best, spacing, fit.problem.data, fit.problem.settings)
         made.append(best)
     return fit, tuple(made)
 
@@ -60,10 +60,16 @@ def _proposals(fit: MotionFit, threshold: float) -> Iterator[Change]:
 
 def _seen(fit: MotionFit, wall: Wall, *, moved: bool) -> Measured:
     """The points of the fit as they look from a wall that has moved to them, or not yet: then their spread tells the noise."""
-    data, state = fit.problem.data, fit.state
-    own = state.scales.noises[data.group] * data.relative if moved else np.full(len(data.points), np.nan)
-    noise = Noise(fit.sigma if moved else None, share=float(1.0 - state.weights[~data.inside].mean()))
+    data, weights = _part(fit), fit.state.weights[~fit.problem.data.inside]
+    own = fit.state.scales.noises[data.group] * data.relative if moved else np.full(len(data.points), np.nan)
+    noise = Noise(fit.sigma if moved else None, share=float(1.0 - weights.mean()))
     return observe(wall, data.points, data.inside, own, noise)
+
+
+def _part(fit: MotionFit) -> Data:
+    """An even part of many points: what changes the topology is no detail."""
+    data: Data = fit.problem.data
+    return data.at(slice(None, None, max(1, len(data.points) // ENOUGH)))
 
 
 def _back(fit: MotionFit, points: Array) -> Array:
@@ -78,12 +84,31 @@ def _edge(surface: Surface) -> float:
     return float(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).mean())
 
 
-def _tried(fit: MotionFit, change: Change, spacing: float) -> tuple[Change, MotionFit]:
-    """A change with what it gains once the motion of the changed prior is fitted, and that fit, whose folds are not mended yet."""
-    motion, problem = fit.motion, fit.problem
+def _judged(fit: MotionFit, changes: list[Change], spacing: float) -> Iterator[Change]:
+    """Changes with what each gains once a motion is fitted anew. The prior without a change is meshed on the same lattice: many points
+    see the difference."""
+    if not changes:
+        return
+    part = _part(fit)
+    settings = replace(fit.problem.settings, mend=False)
+    whole = _fitted(fit, None, spacing, part, settings).energy
+    for change in changes:
+        after = _fitted(fit, change, spacing, part, settings)
+        if _explained(change, after):
+            yield replace(change, gain=whole - after.energy - change.price)
+
+
+def _explained(change: Change, after: MotionFit) -> bool:
+    """Whether the odd points lie on the new wall, in the median. Points that float in the mouth of a part that was never touched gain
+    something by any wall near them, many points gain much, and yet it does not run through them."""
+    distance = Wall(Surface(after.vertices, after.motion.faces)).look(change.odd)[0]
+    return len(distance) >= WITNESSES and float(np.median(np.abs(distance))) < DEEP * after.sigma
+
+
+def _fitted(fit: MotionFit, change: Change | None, spacing: float, data: Data, settings: Settings) -> MotionFit:
+    """The motion of the prior after a change."""
+    motion = fit.motion
     posed = Surface(motion.rest.at, motion.faces)
     posed = changed(posed, change, max(spacing, _edge(posed)))
     prior = apply(np.asarray(np.linalg.inv(motion.T_map_prior)), posed.vertices)
-    settings = replace(problem.settings, fairing=(), mend=False)
-    after = fit_motion(prior, posed.faces, motion.T_map_prior, problem.data, settings)
-    return replace(change, gain=fit.energy - after.energy - change.price), after
+    return fit_motion(prior, posed.faces, motion.T_map_prior, data, replace(settings, fairing=()))

@@ -26,7 +26,6 @@ BALLS = (0.35, 0.5, 0.65)  # radii of the balls that thin parts do not admit, in
 STICKS_OUT = 0.3  # a part reaches at least this far off the opened body, in mean radii
 WITNESSES = 3  # points that must tell for a change
 DEEP = 2.0  # noise levels inside from which a point may tell against a part
-SEARCHED = 4.0  # nats that the best of some fifty cuts (parts, balls, heights) gains by being the best
 UNTOUCHED = 1.5  # nats that a part without a single point on it is worth: one wall in five is never touched anyway
 TELLING = 0.5  # nats by which the new wall explains such a point better
 
@@ -41,6 +40,7 @@ class Change:
     gain: float
     price: float
     witnesses: int
+    odd: Array  # the points (k, d) that ask for it: deep inside about a part, or far outside
     centre: Array
 
     @property
@@ -49,12 +49,13 @@ class Change:
         return f"{done} at ({where}), shown by {self.witnesses} points (evidence {self.gain:+.1f} nats)"
 
 
-def changed(surface: Surface, change: Change, spacing: float) -> Surface:
-    """The surface after a change, meshed from its level set: one piece, without the fields of the old one."""
+def changed(surface: Surface, change: Change | None, spacing: float) -> Surface:
+    """The surface after a change (None: as it is), meshed from its level set: one piece, without the fields of the old one."""
     width = 3.0 * spacing
     before = signed_distance(surface.vertices, surface.faces, spacing, width)
-    region = signed_distance(*change.region, spacing, width)
-    band, phi = combine(before, region, remove=change.removes)
+    band, phi = before.band, before.phi
+    if change is not None:
+        band, phi = combine(before, signed_distance(*change.region, spacing, width), remove=change.removes)
     vertices, faces = largest_piece(*zero_set(band, phi))
     return Surface(evened(vertices, faces), faces)
 
@@ -138,14 +139,16 @@ def _cuts(part: Part, measured: Measured) -> Iterator[Change]:
         if gain.sum() > best.sum():
             best, height = gain, float(trial)
     witnesses = int((best > TELLING).sum())
-    if witnesses < WITNESSES:
+    deep = (share > 0.0) & (distance < -DEEP * likelihood.sigma) & ~likelihood.one_sided
+    near = np.abs(np.maximum(distance, outside - _level(height, share))[deep]) < DEEP * likelihood.sigma[deep]
+    if witnesses < WITNESSES or near.sum() < WITNESSES:
         return
     above = np.where(part.share > 0.0, part.outside - _level(height, part.share), -band.spacing)
     lost = part.core & (above > 0.0)
     nearby = np.isin(node, np.flatnonzero(lost)).any()
     region = zero_set(*band.whole(-above, band.spacing))
-    price = SEARCHED - (0.0 if nearby else UNTOUCHED)
-    yield Change(True, region, float(best.sum()) - price, price, witnesses, band.positions[lost].mean(axis=0))
+    price = 0.0 if nearby else -UNTOUCHED
+    yield Change(True, region, float(best.sum()) - price, price, witnesses, measured.points[deep], band.positions[lost].mean(axis=0))
 
 
 def _level(height: float, share: Array) -> Array:
