@@ -1,4 +1,4 @@
-"""From a moved prior to its refined level set: topology by evidence, corrections by evidence, and no tear or merger without it."""
+"""From a moved prior to its refined level set: corrections by evidence, and no tear or merger without it."""
 
 from __future__ import annotations
 

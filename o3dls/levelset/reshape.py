@@ -14,7 +14,6 @@ from dataclasses import replace
 import numpy as np
 
 from ..geometry import Array, Surface, apply
-from .closest import ClosestPoint
 from .fit import Settings, fit_motion
 from .growth import growth
 from .motion import MotionFit
@@ -55,7 +54,7 @@ def _proposals(fit: MotionFit, threshold: float) -> Iterator[Change]:
     cuts = removals(after, _seen(fit, after, moved=True))
     for cut in heapq.nlargest(CUTS, cuts, key=lambda change: change.gain):
         vertices, faces = cut.region
-        yield replace(cut, region=(_back(fit, vertices), faces), centre=_back(fit, cut.centre[None])[0])
+        yield replace(cut, region=(_back(fit, after, vertices), faces), centre=_back(fit, after, cut.centre[None])[0])
 
 
 def _seen(fit: MotionFit, wall: Wall, *, moved: bool) -> Measured:
@@ -72,10 +71,10 @@ def _part(fit: MotionFit) -> Data:
     return data.at(slice(None, None, max(1, len(data.points) // ENOUGH)))
 
 
-def _back(fit: MotionFit, points: Array) -> Array:
+def _back(fit: MotionFit, moved: Wall, points: Array) -> Array:
     """Points (n, d) near the moved wall before the motion: as its closest place was."""
-    _, face, _, weights = ClosestPoint(fit.vertices, fit.motion.faces).query(points)
-    return np.asarray(points - np.einsum("nc,ncd->nd", weights, (fit.vertices - fit.motion.rest.at)[fit.motion.faces[face]]))
+    _, corners, weights = moved.look(points)
+    return np.asarray(points - np.einsum("nc,ncd->nd", weights, (fit.vertices - fit.motion.rest.at)[corners]))
 
 
 def _edge(surface: Surface) -> float:

@@ -67,10 +67,14 @@ def body_radius(surface: Surface) -> float:
 
 def removals(wall: Wall, measured: Measured) -> Iterator[Change]:
     """Cuts of thin parts of the prior that points speak against, each at the height over the body that gains most."""
-    deep = (measured.distance < -DEEP * measured.likelihood.sigma) & ~measured.likelihood.one_sided
-    if deep.sum() >= WITNESSES:
+    if _deep(measured).sum() >= WITNESSES:
         for part in parts(wall.surface):
             yield from _cuts(part, measured)
+
+
+def _deep(measured: Measured) -> NDArray[np.bool_]:
+    """Points (n,) so far inside that they may tell against a part."""
+    return np.asarray((measured.distance < -DEEP * measured.likelihood.sigma) & ~measured.likelihood.one_sided)
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,7 +143,7 @@ def _cuts(part: Part, measured: Measured) -> Iterator[Change]:
         if gain.sum() > best.sum():
             best, height = gain, float(trial)
     witnesses = int((best > TELLING).sum())
-    deep = (share > 0.0) & (distance < -DEEP * likelihood.sigma) & ~likelihood.one_sided
+    deep = _deep(measured) & (share > 0.0)
     near = np.abs(np.maximum(distance, outside - _level(height, share))[deep]) < DEEP * likelihood.sigma[deep]
     if witnesses < WITNESSES or near.sum() < WITNESSES:
         return
