@@ -21,12 +21,13 @@ class ClosestPoint:
         self.leaves = 1 << max(0, int(np.ceil(np.log2(len(faces) / LEAF))))
         self.order = _median_order(np.ascontiguousarray(vertices[self.faces].mean(axis=1).T), self.leaves)
         self.rank = np.argsort(self.order)
+        self.in_order = self.faces[self.order]
         self.refit(vertices)
 
     def refit(self, vertices: Array) -> None:
         """Take new vertex positions (n, d); exact for any motion, fastest while neighbours stay neighbours."""
         self.vertices = np.ascontiguousarray(vertices, dtype=np.float64)
-        self.corners, self.boxes = _arrange(self.vertices, self.faces, self.order, self.leaves)
+        self.corners, self.boxes = _arrange(self.vertices, self.in_order, self.leaves)
 
     def query(self, points: Array, bound: float = np.inf, hint: Ints | None = None) -> tuple[Array, Ints, Array, Array]:
         """Squared distance (k,), face (k,), closest point (k, d) and barycentric weights (k, d) of points (k, d).
@@ -98,8 +99,8 @@ def _partition(values, order, left, right, middle):  # type: ignore[no-untyped-d
 
 
 @njit(cache=True)
-def _arrange(vertices, faces, order, leaves):  # type: ignore[no-untyped-def]
-    """Corners (m, 3, 3) of the faces in tree order, and bounding boxes (low, high) of an implicit binary tree: children of node i
+def _arrange(vertices, faces, leaves):  # type: ignore[no-untyped-def]
+    """Corners (m, 3, 3) of faces in tree order, and bounding boxes (low, high) of an implicit binary tree: children of node i
     are 2i+1 and 2i+2, the leaves come last."""
     m, dim = faces.shape
     corners = np.zeros((m, 3, 3))
@@ -110,7 +111,7 @@ def _arrange(vertices, faces, order, leaves):  # type: ignore[no-untyped-def]
         node = leaves - 1 + leaf
         for k in range(leaf * m // leaves, (leaf + 1) * m // leaves):
             for corner in range(3):
-                vertex = faces[order[k], min(corner, dim - 1)]
+                vertex = faces[k, min(corner, dim - 1)]
                 for axis in range(dim):
                     corners[k, corner, axis] = vertices[vertex, axis]
                 for axis in range(3):

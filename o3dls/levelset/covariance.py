@@ -14,8 +14,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
+from scipy import sparse
+from scipy.spatial import cKDTree
 
-from ..geometry import Array, Ints
+from ..geometry import Array
 
 SQRT5 = 5.0**0.5
 BLOCK = 4096  # places whose correlations are held at a time
@@ -145,13 +147,12 @@ def variance(cov: Covariance, sds: Array, obs: Observed) -> Array:
     return np.asarray(total)
 
 
-def interpolation(nodes: Array, at: Array, length: float, neighbours: int = 8) -> tuple[Ints, Array]:
-    """Indices and weights (m, k) that interpolate a field of the given correlation length from nodes: local kriging."""
-    from scipy.spatial import cKDTree
-
-    _, near = cKDTree(nodes).query(at, k=min(neighbours, len(nodes)))
-    near = np.asarray(near.reshape(len(at), -1), dtype=np.int64)
-    return near, _kriging(nodes, at, near, length)
+def interpolation(nodes: Array, at: Array, length: float, neighbours: int = 8) -> sparse.csr_matrix:
+    """Matrix (m, nodes) that interpolates a field of the given correlation length at places `at` (m, d) from nodes: local kriging."""
+    k = min(neighbours, len(nodes))
+    near = cKDTree(nodes).query(at, k=k)[1].reshape(len(at), k)
+    begin = np.arange(0, near.size + 1, k)
+    return sparse.csr_matrix((_kriging(nodes, at, near, length).ravel(), near.ravel(), begin), shape=(len(at), len(nodes)))
 
 
 def _seen(obs: Observed, features: Array) -> Array:
@@ -210,15 +211,42 @@ def _matern(a, b, length):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _kriging(nodes, at, near, length):  # type: ignore[no-untyped-def]
-    """Weights (m, k), summing to one, of the nodes (m, k) near each place: correlations among them solved for those with it."""
+    """Weights (m, k), summing to one, of the nodes (m, k) near each place: correlations among them solved for those with it.
+
+    By Cholesky's factorisation written out: on so small a system a library's call takes longer than its arithmetic.
+    """
     m, k = near.shape
-    weights, here = np.empty((m, k)), np.empty((k, nodes.shape[1]))
+    dim, scale = nodes.shape[1], SQRT5 / length
+    weights, factor = np.empty((m, k)), np.empty((k, k))
     for i in range(m):
+        w = weights[i]
         for j in range(k):
-            here[j] = nodes[near[i, j]]
-        inner = _matern(here, here, length)
+            for q in range(j + 1):
+                other = at[i] if q == j else nodes[near[i, q]]
+                gap = 0.0
+                for axis in range(dim):
+                    gap += (nodes[near[i, j], axis] - other[axis]) ** 2
+                s = scale * np.sqrt(gap)
+                correlation = (1.0 + s + s * s * (1 / 3)) * np.exp(-s)
+                if q == j:
+                    w[j] = correlation
+                else:
+                    factor[j, q] = correlation
+            factor[j, j] = 1.0 + 1e-6  # nodes can coincide; a millionth of the variance is far below any noise
         for j in range(k):
-            inner[j, j] += 1e-6  # nodes can coincide; a millionth of the variance is far below any noise
-        weights[i] = np.linalg.solve(inner, _matern(here, at[i : i + 1], length)[:, 0])
-        weights[i] /= weights[i].sum()
+            for q in range(j + 1):
+                for c in range(q):
+                    factor[j, q] -= factor[j, c] * factor[q, c]
+                factor[j, q] = np.sqrt(factor[j, j]) if q == j else factor[j, q] / factor[q, q]
+            for c in range(j):
+                w[j] -= factor[j, c] * w[c]
+            w[j] /= factor[j, j]
+        total = 0.0
+        for j in range(k - 1, -1, -1):
+            for c in range(j + 1, k):
+                w[j] -= factor[c, j] * w[c]
+            w[j] /= factor[j, j]
+            total += w[j]
+        for j in range(k):
+            w[j] /= total
     return weights

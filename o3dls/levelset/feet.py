@@ -26,20 +26,19 @@ def likely_feet(tree: ClosestPoint, points: Array, sd: Array, rest: Places) -> F
     The normals are means of unit normals: shorter where walls of several directions compete, and so is what the point tells.
     """
     dim = points.shape[1]
-    faces = tree.faces[tree.order]
     closest2, nearest, _, _ = tree.query(points)
     normals = vertex_normals(tree.vertices, tree.faces)
     spatial = np.zeros((len(points), 3))
     spatial[:, :dim] = points
-    centres = _elements(tree.corners, faces, np.full((len(faces), 3), 1.0 / dim), normals, rest.at, rest.normals)
-    tree_of = (tree.corners, tree.leaves, tree.boxes, faces, centres, _nodes(centres, tree.leaves, tree.boxes))
+    centres = _elements(tree.corners, tree.in_order, normals, rest.at, rest.normals)
+    tree_of = (tree.corners, tree.leaves, tree.boxes, tree.in_order, centres, _nodes(centres, tree.leaves, tree.boxes))
     sums = _expected(spatial, sd**2, closest2, tree.rank[nearest], *tree_of, normals, rest.at, rest.normals)
     at, mean, along, height, moved = np.split(sums, [dim, 2 * dim, 2 * dim + 1, 2 * dim + 2], axis=1)
     residual = height[:, 0] + (mean * moved).sum(axis=1)  # from the foot's place in the reference pose
     return Feet(at, mean, along[:, 0], residual)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", inline="always")
 def _element(corners, faces, k, share, normals, rest, rest_normals, out):  # type: ignore[no-untyped-def]
     """Write what face k holds at barycentric weights `share`: rest place, normal, its share along the rest normal, normal . place,
     displacement; then the place, the face's measure and its greatest squared edge."""
@@ -65,13 +64,13 @@ def _element(corners, faces, k, share, normals, rest, rest_normals, out):  # typ
     out[2 * dim + 1] = height / length
 
 
-@njit(cache=True)
-def _elements(corners, faces, shares, normals, rest, rest_normals):  # type: ignore[no-untyped-def]
+@njit(cache=True, error_model="numpy")
+def _elements(corners, faces, normals, rest, rest_normals):  # type: ignore[no-untyped-def]
     """What every face holds at its centre, (m, 4 d + 4), in tree order."""
     m, dim = faces.shape
-    out = np.empty((m, 4 * dim + 4))
+    out, share = np.empty((m, 4 * dim + 4)), np.full(dim, 1.0 / dim)
     for k in range(m):
-        _element(corners, faces, k, shares[k], normals, rest, rest_normals, out[k])
+        _element(corners, faces, k, share, normals, rest, rest_normals, out[k])
         ux, uy, uz = corners[k, 1, 0] - corners[k, 0, 0], corners[k, 1, 1] - corners[k, 0, 1], corners[k, 1, 2] - corners[k, 0, 2]
         vx, vy, vz = corners[k, 2, 0] - corners[k, 0, 0], corners[k, 2, 1] - corners[k, 0, 1], corners[k, 2, 2] - corners[k, 0, 2]
         x, y, z = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
@@ -81,7 +80,7 @@ def _elements(corners, faces, shares, normals, rest, rest_normals):  # type: ign
     return out
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _nodes(centres, leaves, boxes):  # type: ignore[no-untyped-def]
     """What every node of the tree holds: the means of its faces, their measure, and the squared diagonal of its box."""
     m, width = centres.shape
@@ -103,7 +102,7 @@ def _nodes(centres, leaves, boxes):  # type: ignore[no-untyped-def]
     return out
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", inline="always")
 def _add(means, points, i, elements, k, closest2, sd2):  # type: ignore[no-untyped-def]
     """Add to row i of the sums what element k holds, by its weight, which is returned. Indices, because array views cost more."""
     dim = (elements.shape[1] - 4) // 4
@@ -118,7 +117,7 @@ def _add(means, points, i, elements, k, closest2, sd2):  # type: ignore[no-untyp
     return weight
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _expected(points, sd2, closest2, nearest, corners, leaves, boxes, faces, centres, nodes, normals, rest, rest_normals):  # type: ignore[no-untyped-def]
     """Means (n, 3 d + 2) of what the faces hold, with weights measure * exp(-squared distance / 2 sd2); the height is that of
     the point over the face."""

@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import sparse
 
 from ..geometry import Array, Ints, apply, fit_similarity
 from .closest import ClosestPoint
@@ -151,8 +152,7 @@ class _Problem:
     size: float
     tree: ClosestPoint
     nodes: Ints
-    near: Ints
-    spread: Array
+    spread: sparse.csr_matrix  # from nodes to vertices
 
     @staticmethod
     def make(vertices: Array, faces: Ints, pose: Array, data: Data, settings: Settings, faired: Faired | None = None) -> _Problem:
@@ -165,9 +165,9 @@ class _Problem:
         cov = Covariance(centre, lengths[0], lengths[1], size, marks, size * settings.anchor_length, 0.2 * size, up)
         length, at = faired or (0.0, posed)
         nodes = _spaced(at, 0.27 * min(lengths[0] + lengths[1]))
-        near, spread = interpolation(at[nodes], at, min(lengths[0] + lengths[1]))
+        spread = interpolation(at[nodes], at, min(lengths[0] + lengths[1]))
         rest = Places(at, vertex_normals(fair(at, faces, size * settings.broad), faces))
-        return _Problem(vertices, faces, pose, rest, length, data, marks, cov, settings, size, ClosestPoint(at, faces), nodes, near, spread)
+        return _Problem(vertices, faces, pose, rest, length, data, marks, cov, settings, size, ClosestPoint(at, faces), nodes, spread)
 
     def smoother(self, run: _Run) -> Faired | None:
         """The prior as the points would have it smoothed, if they would.
@@ -301,7 +301,7 @@ class _Problem:
     def spread_from_nodes(self, sds: Array, observed: Observed, posterior: Posterior) -> Array:
         """Displacement (n, d) of every vertex, interpolated from nodes that stand close together against the shortest length."""
         field = displacement(self.covariance, sds, observed, posterior.alpha, self.at_nodes)
-        return np.asarray(np.einsum("nk,nkd->nd", self.spread, field[self.near]))
+        return np.asarray(self.spread @ field)
 
     def result(self, state: State, solved: tuple[Rows, Posterior], share: float, trace: list[dict[str, float]], still: bool) -> MotionFit:
         rows, posterior = solved
@@ -310,7 +310,7 @@ class _Problem:
         motion = Motion(self.vertices, self.faces, self.pose, self.rest, self.covariance, sds, rows.observed, posterior, share, INFLATION)
         now = vertex_normals(state.moved, self.faces)[self.nodes]
         at_nodes = motion.sd_in_reference(self.at_nodes, now)
-        sd = np.maximum((self.spread * at_nodes[self.near]).sum(axis=1), 0.0)
+        sd = np.maximum(self.spread @ at_nodes, 0.0)
         word = (
             "converged" if still else f"stopped after {len(trace)} iterations while the surface still moved {trace[-1]['step']:.2g} a step"
         )
