@@ -15,6 +15,7 @@ from .geometry import Array, Ints, Surface
 from .levelset.closest import ClosestPoint
 from .levelset.distance import SignedDistance
 from .levelset.operators import largest_piece, zero_set
+from .validity import self_intersections
 
 LOOSE = 0.1  # pieces with less than this share of the largest one's faces are dust, or what a fold has pinched off
 
@@ -31,7 +32,7 @@ class Extraction:
 
 def extract(field: SignedDistance, *, smoothing: int = 3, keep: float = 0.5, islands: bool = True) -> Extraction:
     """The surface phi = 0, wound outward. smoothing: Taubin passes; keep: share of the isosurface's faces that decimation leaves;
-    islands: whether pieces beside the largest stay.
+    islands: whether pieces beside the largest stay. Smoothing that would make the surface cut itself is left out.
 
     Raises SolverError where phi has no zero set.
     """
@@ -41,6 +42,8 @@ def extract(field: SignedDistance, *, smoothing: int = 3, keep: float = 0.5, isl
     if field.band.dimension == 2:
         return Extraction(raw, 0.0, 0.0, len(raw.faces))
     clean = _clean(raw, smoothing, keep)
+    if smoothing and self_intersections(clean):  # where two walls are closer than the lattice tells apart
+        clean = _clean(raw, 0, keep)
     shift = ClosestPoint(raw.vertices, raw.faces).distance(clean.vertices)
     return Extraction(clean, float(shift.mean()), float(shift.max()), len(raw.faces))
 

@@ -67,6 +67,14 @@ def test_overlapping_parts_are_united_and_lattice_aligned_faces_are_counted_once
     assert ((field.phi < 0.0) == inside)[clear].all()
 
 
+@pytest.mark.parametrize("surface", [circle(count=60), torus()], ids=["2D", "3D"])
+def test_a_part_turned_inside_out_stays(surface: Surface) -> None:
+    """A pinched surface winds round its far end the other way: what lies there is as much inside as before."""
+    turned = Surface(surface.vertices, surface.faces[:, ::-1])
+    as_it_was, found = (signed_distance(s.vertices, s.faces, 1.0, 3.0) for s in (surface, turned))
+    np.testing.assert_allclose(found.phi, as_it_was.phi, atol=FLOAT32)
+
+
 def test_filled_distance_agrees_with_the_band_and_holds_the_whole_inside() -> None:
     surface = torus()
     full, band = (

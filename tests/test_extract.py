@@ -8,11 +8,11 @@ from shapes import ball_with_tube, circle, meshed, round_distance, torus
 
 from o3dls.errors import SolverError
 from o3dls.evaluate import distances
-from o3dls.extract import carry_fields, extract, isosurface
+from o3dls.extract import _clean, carry_fields, extract, isosurface
 from o3dls.geometry import Surface
 from o3dls.levelset.distance import SignedDistance, signed_distance
 from o3dls.levelset.reach import topology
-from o3dls.validity import validity
+from o3dls.validity import self_intersections, validity
 
 
 def field(surface: Surface, spacing: float = 1.0) -> SignedDistance:
@@ -38,6 +38,16 @@ def test_clean_up_is_measured_and_can_be_left_out() -> None:
     assert 0.0 < clean.shift_mean < 0.05
     assert clean.shift_mean < clean.shift_max
     assert len(bare.surface.faces) == bare.isosurface_faces
+
+
+def test_smoothing_that_would_make_the_walls_of_a_slot_cross_is_left_out() -> None:
+    def slotted(points: np.ndarray) -> np.ndarray:
+        slot = np.maximum(np.abs(points[:, 2] - 0.05 * points[:, 0]) - 0.25, -4.0 - points[:, 0])
+        return np.maximum(round_distance(12.0)(points), -slot)
+
+    phi = field(meshed(slotted, 15.0, 0.25))
+    assert self_intersections(_clean(Surface(*isosurface(phi)), 3, 0.5)) > 0  # as it would be
+    assert self_intersections(extract(phi).surface) == 0
 
 
 def test_isosurface_is_of_second_order() -> None:

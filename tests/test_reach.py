@@ -61,7 +61,9 @@ def test_a_prior_that_overlaps_itself_is_united_in_one_piece() -> None:
     waist = 1.0 - 1.3 * np.exp(-((x / 2.0) ** 2))
     squeezed = ball.with_vertices(ball.vertices * np.column_stack([np.ones_like(x), waist, np.ones_like(x)]))
     found = run(squeezed, sampled(squeezed, 100, 1.0, SEED))
-    assert topology(*zero_set(found.phi.band, found.phi.phi))[0] == 1
+    vertices, faces = zero_set(found.phi.band, found.phi.phi)
+    assert topology(vertices, faces)[0] == 1
+    np.testing.assert_allclose([vertices[:, 0].min(), vertices[:, 0].max()], [-10.0, 10.0], atol=0.1)  # both sides of the waist are there
 
 
 def test_it_is_the_mesh_that_has_to_be_whole() -> None:

@@ -28,8 +28,8 @@ class SignedDistance:
 def signed_distance(vertices: Array, faces: Ints, spacing: float, width: float) -> SignedDistance:
     """Distance of the nodes within `width` (length) of a closed surface: exact but for float32 rounding.
 
-    vertices (v, d), faces (m, d), d = 2 or 3. Inside is where the surface winds round a node at least once, so parts that overlap are
-    united. Raises InputError where the surface is open.
+    vertices (v, d), faces (m, d), d = 2 or 3. Inside is where the surface winds round a node, either way: parts that overlap are united,
+    and a part that a fold turned inside out, such as the tip of a rim, stays. Raises InputError where the surface is open.
     """
     dimension = vertices.shape[1]
     low, box, local = _lattice(vertices, spacing, width)
@@ -65,7 +65,7 @@ def _inside(nodes: NDArray[np.int32], local: Array, faces: Ints, box: Ints) -> N
     number, open_rows = winding(nodes, local, faces, box)
     if open_rows:
         raise InputError(f"the surface is open ({open_rows} lattice rows enter it and never leave): it must be closed, cap its holes first")
-    return np.asarray(number > 0)
+    return np.asarray(number != 0)
 
 
 def _unsigned(corners: Array, reach: float, box: Ints, dimension: int) -> tuple[NDArray[np.int32], Array, NDArray[np.int32]]:

@@ -18,6 +18,7 @@ from .wall import Wall
 HALF_BAND = 3.0  # half width of the band of phi, in spacings
 Mesher = Callable[[SignedDistance], tuple[Array, Ints]]
 CLOSINGS = np.array([0.5, 1.0, 2.0, 3.0])  # spacings: the least that makes a wall whole which runs into itself
+JOININGS = CLOSINGS[:2]  # these are tried with what a fold has pinched off, before that goes: the tip of a rim is anatomy
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,21 +78,34 @@ def _settled(wall: Wall, found: Correction, spacing: float, mesh: Mesher) -> tup
     for share in (1.0, 0.5, 0.25, 0.0) if found.fields else (0.0,):
         u = share * found.u
         final = Surface(wall.rest + u[:, None] * wall.normals, wall.faces, {**wall.surface.fields, "correction": u})
-        phi = _whole(band_of(final, spacing), kind)
+        less = (f"the correction was taken by {share:.0%}: more would tear or merge the surface",) if found.fields and share < 1.0 else ()
+        phi = band_of(final, spacing)
+        for radius in (0.0, *JOININGS * spacing):
+            joined = _closed(final, radius, spacing) if radius else phi
+            if topology(*mesh(joined)) == kind:
+                return final, joined, (*less, *_closing(radius))
+        phi = _whole(phi, kind)
         if topology(*mesh(phi)) == kind:
-            short = share < 1.0 and len(found.fields) > 0
-            return final, phi, (f"the correction was taken by {share:.0%}: more would tear or merge the surface",) * short
+            return final, phi, less
     for radius in CLOSINGS * spacing:
-        wide = signed_distance(final.vertices, final.faces, spacing, radius + HALF_BAND * spacing)
-        closed = _whole(_closed(_whole(wide, kind), radius), kind)
+        closed = _whole(_closed(final, radius, spacing, kind), kind)
         if topology(*mesh(closed)) == kind:
-            return final, closed, (f"the moved prior runs into itself: gaps narrower than {2.0 * radius:g} were closed",)
+            return final, closed, _closing(radius)
     return final, phi, ()
 
 
-def _closed(phi: SignedDistance, radius: float) -> SignedDistance:
-    """The level set grown by a radius and shrunk again: tunnels and gaps that a ball of the radius does not enter are gone."""
-    grown = signed_distance(*zero_set(phi.band, phi.phi - radius), phi.band.spacing, radius + 2.0 * phi.band.spacing)
+def _closing(radius: float) -> tuple[str, ...]:
+    return (f"the moved prior runs into itself: gaps narrower than {2.0 * radius:g} were closed",) if radius > 0.0 else ()
+
+
+def _closed(surface: Surface, radius: float, spacing: float, kind: tuple[int, int] | None = None) -> SignedDistance:
+    """The level set of a surface grown by a radius and shrunk again: tunnels and gaps that a ball of the radius does not enter are gone.
+
+    kind: of what topology the surface should be, where its shreds are to go before it grows.
+    """
+    phi = signed_distance(surface.vertices, surface.faces, spacing, radius + HALF_BAND * spacing)
+    phi = phi if kind is None else _whole(phi, kind)
+    grown = signed_distance(*zero_set(phi.band, phi.phi - radius), spacing, radius + 2.0 * spacing)
     return replace(grown, phi=grown.phi + radius)
 
 
