@@ -73,6 +73,7 @@ def test_a_part_turned_inside_out_stays(surface: Surface) -> None:
     turned = Surface(surface.vertices, surface.faces[:, ::-1])
     as_it_was, found = (signed_distance(s.vertices, s.faces, 1.0, 3.0) for s in (surface, turned))
     np.testing.assert_allclose(found.phi, as_it_was.phi, atol=FLOAT32)
+    assert (signed_distance(turned.vertices, turned.faces, 1.0, 3.0, inverted=False).phi >= 0.0).all()
 
 
 def test_filled_distance_agrees_with_the_band_and_holds_the_whole_inside() -> None:

@@ -25,17 +25,18 @@ class SignedDistance:
     face: NDArray[np.int32]
 
 
-def signed_distance(vertices: Array, faces: Ints, spacing: float, width: float) -> SignedDistance:
+def signed_distance(vertices: Array, faces: Ints, spacing: float, width: float, *, inverted: bool = True) -> SignedDistance:
     """Distance of the nodes within `width` (length) of a closed surface: exact but for float32 rounding.
 
-    vertices (v, d), faces (m, d), d = 2 or 3. Inside is where the surface winds round a node, either way: parts that overlap are united,
-    and a part that a fold turned inside out, such as the tip of a rim, stays. Raises InputError where the surface is open.
+    vertices (v, d), faces (m, d), d = 2 or 3. Inside is where the surface winds round a node: parts that overlap are united. inverted:
+    whether what it winds round the other way, as a part that a fold turned inside out, is inside too. Raises InputError where the surface
+    is open.
     """
     dimension = vertices.shape[1]
     low, box, local = _lattice(vertices, spacing, width)
     nodes, gap, face = _unsigned(local[faces], width / spacing, box, dimension)
     band = Band(spacing, width, low, tuple(int(n) for n in box[:dimension]), np.ascontiguousarray(nodes[:, :dimension]))
-    return SignedDistance(band, np.where(_inside(nodes, local, faces, box), -gap, gap) * spacing, face)
+    return SignedDistance(band, np.where(_inside(nodes, local, faces, box, inverted=inverted), -gap, gap) * spacing, face)
 
 
 def filled_distance(vertices: Array, faces: Ints, spacing: float, steps: int) -> SignedDistance:
@@ -61,11 +62,11 @@ def _lattice(vertices: Array, spacing: float, width: float) -> tuple[Ints, Ints,
     return low, box, local
 
 
-def _inside(nodes: NDArray[np.int32], local: Array, faces: Ints, box: Ints) -> NDArray[np.bool_]:
+def _inside(nodes: NDArray[np.int32], local: Array, faces: Ints, box: Ints, *, inverted: bool = True) -> NDArray[np.bool_]:
     number, open_rows = winding(nodes, local, faces, box)
     if open_rows:
         raise InputError(f"the surface is open ({open_rows} lattice rows enter it and never leave): it must be closed, cap its holes first")
-    return np.asarray(number != 0)
+    return np.asarray((number != 0) if inverted else (number > 0))
 
 
 def _unsigned(corners: Array, reach: float, box: Ints, dimension: int) -> tuple[NDArray[np.int32], Array, NDArray[np.int32]]:

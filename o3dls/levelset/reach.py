@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -18,7 +18,7 @@ from .wall import Wall
 HALF_BAND = 3.0  # half width of the band of phi, in spacings
 Mesher = Callable[[SignedDistance], tuple[Array, Ints]]
 CLOSINGS = np.array([0.5, 1.0, 2.0, 3.0])  # spacings: the least that makes a wall whole which runs into itself
-JOININGS = CLOSINGS[:2]  # these are tried with what a fold has pinched off, before that goes: the tip of a rim is anatomy
+JOININGS = CLOSINGS[:2]  # for what a fold has pinched off, before that goes, and for a correction, before it is halved
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,11 +66,11 @@ def reach(surface: Surface, observe: Callable[[Wall], Measured], doubt: Array, l
 
 def band_of(surface: Surface, spacing: float) -> SignedDistance:
     """The signed distance of a surface on a band of the usual width."""
-    return signed_distance(surface.vertices, surface.faces, spacing, HALF_BAND * spacing)
+    return _band(surface, 0.0, spacing)
 
 
 def _settled(wall: Wall, found: Correction, spacing: float, mesh: Mesher) -> tuple[Surface, SignedDistance, tuple[str, ...]]:
-    """The corrected wall and its level set: a correction that would tear or merge the surface is halved; then gaps are closed.
+    """The corrected wall and its level set: gaps are closed where it runs into itself; a correction that tears or merges it is halved.
 
     Where a wall runs into itself all the same it is united; the mesh may still come out whole.
     """
@@ -78,34 +78,37 @@ def _settled(wall: Wall, found: Correction, spacing: float, mesh: Mesher) -> tup
     for share in (1.0, 0.5, 0.25, 0.0) if found.fields else (0.0,):
         u = share * found.u
         final = Surface(wall.rest + u[:, None] * wall.normals, wall.faces, {**wall.surface.fields, "correction": u})
-        less = (f"the correction was taken by {share:.0%}: more would tear or merge the surface",) if found.fields and share < 1.0 else ()
-        phi = band_of(final, spacing)
-        for radius in (0.0, *JOININGS * spacing):
-            joined = _closed(final, radius, spacing) if radius else phi
-            if topology(*mesh(joined)) == kind:
-                return final, joined, (*less, *_closing(radius))
-        phi = _whole(phi, kind)
-        if topology(*mesh(phi)) == kind:
-            return final, phi, less
-    for radius in CLOSINGS * spacing:
-        closed = _whole(_closed(final, radius, spacing, kind), kind)
-        if topology(*mesh(closed)) == kind:
-            return final, closed, _closing(radius)
-    return final, phi, ()
+        for phi, radius in _attempts(final, spacing, kind, CLOSINGS if share == 0.0 else JOININGS):
+            if topology(*mesh(phi)) == kind:
+                said = []
+                if found.fields and share < 1.0:
+                    said.append(f"the correction was taken by {share:.0%}: more would tear or merge the surface")
+                if radius > 0.0:
+                    said.append(f"the moved prior runs into itself: gaps narrower than {2.0 * radius:g} were closed")
+                return final, phi, tuple(said)
+    return final, _whole(_band(final, 0.0, spacing, inverted=False), kind), ()
 
 
-def _closing(radius: float) -> tuple[str, ...]:
-    return (f"the moved prior runs into itself: gaps narrower than {2.0 * radius:g} were closed",) if radius > 0.0 else ()
+def _attempts(surface: Surface, spacing: float, kind: tuple[int, int], closings: Array) -> Iterator[tuple[SignedDistance, float]]:
+    """Level sets of a surface that should be of a topology, and the radius of the closing in them: with all that it encloses, since the
+    tip of a rim that a fold turned inside out is anatomy; then without shreds; then without what is inside out."""
+    for radius in (0.0, *JOININGS * spacing):
+        yield _closed(_band(surface, radius, spacing), radius), radius
+    for inverted in (True, False):
+        for radius in (0.0, *closings * spacing):
+            phi = _whole(_band(surface, radius, spacing, inverted=inverted), kind)
+            yield _whole(_closed(phi, radius), kind), radius
 
 
-def _closed(surface: Surface, radius: float, spacing: float, kind: tuple[int, int] | None = None) -> SignedDistance:
-    """The level set of a surface grown by a radius and shrunk again: tunnels and gaps that a ball of the radius does not enter are gone.
+def _band(surface: Surface, radius: float, spacing: float, *, inverted: bool = True) -> SignedDistance:
+    return signed_distance(surface.vertices, surface.faces, spacing, radius + HALF_BAND * spacing, inverted=inverted)
 
-    kind: of what topology the surface should be, where its shreds are to go before it grows.
-    """
-    phi = signed_distance(surface.vertices, surface.faces, spacing, radius + HALF_BAND * spacing)
-    phi = phi if kind is None else _whole(phi, kind)
-    grown = signed_distance(*zero_set(phi.band, phi.phi - radius), spacing, radius + 2.0 * spacing)
+
+def _closed(phi: SignedDistance, radius: float) -> SignedDistance:
+    """The level set grown by a radius and shrunk again: tunnels and gaps that a ball of the radius does not enter are gone."""
+    if radius == 0.0:
+        return phi
+    grown = signed_distance(*zero_set(phi.band, phi.phi - radius), phi.band.spacing, radius + 2.0 * phi.band.spacing)
     return replace(grown, phi=grown.phi + radius)
 
 
