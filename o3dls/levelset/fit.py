@@ -8,6 +8,7 @@ Amplitudes and noise levels maximise the evidence. Reasons and numbers: docs/met
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy import sparse
@@ -32,12 +33,14 @@ WARM_ROUNDS = 1  # one more point moves the surface by a fraction of the noise: 
 CERTAIN, DECISIVE = 0.999, 10.0  # a motion this probable is a motion; a pose better by so many nats is the pose
 GLIMPSE_ROUNDS = 2  # the first one still has the feet of the rougher surface
 SAME = 0.2  # nats: less than any decision turns on
+NOISE, MOST_NOISE = 0.7, 0.95  # share of noise in the residuals of the start: at first, and the most, since some motion there is
 INFLATION = 1.3  # the posterior takes feet, normals and amplitudes as known: measured on development seeds, docs/method.md
 
 
 @dataclass(frozen=True)
 class Settings:
-    """Free of units: lengths in rms radii of the prior, amplitudes in rms residuals of the start; the spreads are of their logarithms."""
+    """Free of units: lengths in rms radii of the prior, amplitudes in rms residuals of the start, of which NOISE is noise; the spreads are
+    of their logarithms."""
 
     vector: tuple[float, ...] = (1.15, 0.46)
     normal: tuple[float, ...] = (0.46,)
@@ -54,8 +57,10 @@ class Settings:
     mend: bool = True  # faces that a steep field turned over
     strain: float = 0.02  # what large strains explain where the points are, they carry to where there are none
     depth: float = 0.3  # rms radii: how deep inside a point off the wall usually lies
-    spread: float = 1.0
-    anchor_spread: float = 0.3  # the same for the anchors' amplitude: they are few, and one case tells little of it
+    spread: float = 1.0  # of the fields' amplitudes; times what follows
+    whole_spread: float = 0.5  # for bends, tilts and strains: few parameters, of which one case tells little,
+    anchor_spread: float = 0.3  # for the anchors, which are few,
+    noise_spread: float = 0.5  # and for noise levels
     odds: float = 0.0  # nats against a motion beyond the pose, before the points are seen
     finest: float = 0.01  # rms radii: no point is believed better than this
     rows: int = 600  # more points than this share rows by patches of the surface
@@ -195,21 +200,33 @@ class _Problem:
             state, _, record = seen.step(state, SETTLED + 1, tuning=False)
         return record["energy"]
 
+    @cached_property
+    def residual(self) -> float:
+        """Standard deviation of the points' distances from the posed surface, by their median so that outliers have no say."""
+        self.tree.refit(self.rest.at)
+        distances = np.sqrt(self.tree.query(self.data.points[~self.data.inside])[0])
+        return max(1.4826 * float(np.median(distances)), 1e-4 * self.size)
+
+    def expected(self, share: float) -> Array:
+        """Logarithms of amplitudes and noise levels that are usual where noise makes up a `share` of the residual: motion is the rest."""
+        s, rms = self.settings, self.residual
+        motion = float(np.sqrt((1.0 - min(share, MOST_NOISE) ** 2) / (1.0 - NOISE**2)))
+        moved, upright = motion * rms, self.covariance.up is not None
+        amplitudes = [s.vector_amplitude * moved / 2**k for k in range(len(s.vector))]
+        amplitudes += [s.normal_amplitude * moved / 2**k for k in range(len(s.normal))]
+        amplitudes += [s.bend_amplitude * moved / self.size / (1 + upright), s.strain * motion]
+        amplitudes += [s.tilt_amplitude * moved / self.size] * upright + [s.anchor_amplitude * moved] * (len(self.marks) > 0)
+        noises = [NOISE * rms] * self.data.groups + [s.landmark_noise * self.size] * (len(self.marks) > 0)
+        return np.asarray(np.log(amplitudes + noises))
+
     def start(self) -> State:
-        """Amplitudes and noise in proportion to the residuals of the start pose, judged by their median so that outliers have no say."""
-        s, distances = self.settings, np.sqrt(self.tree.query(self.data.points)[0])
-        rms = max(1.4826 * float(np.median(distances[~self.data.inside])), 1e-4 * self.size)
-        amplitudes = [s.vector_amplitude * rms / 2**k for k in range(len(s.vector))]
-        amplitudes += [s.normal_amplitude * rms / 2**k for k in range(len(s.normal))]
-        upright = self.covariance.up is not None
-        amplitudes += [s.bend_amplitude * rms / self.size / (1 + upright), s.strain, *[s.tilt_amplitude * rms / self.size] * upright]
-        anchors = [s.anchor_amplitude * rms] * (len(self.marks) > 0)
-        noises = [0.7 * rms] * self.data.groups + [s.landmark_noise * self.size] * (len(self.marks) > 0)
-        log = np.log(np.array(amplitudes + anchors + noises))
-        spread = np.repeat([s.spread, s.anchor_spread, s.spread], [len(amplitudes), len(anchors), len(noises)])
-        fields = len(amplitudes) + len(anchors)
-        least = np.where(np.arange(len(log)) < fields, -np.inf, np.log(s.finest * self.size))
-        scales = Scales(log, log, spread, least, fields)
+        """Amplitudes and noise in proportion to the residuals of the start pose."""
+        s, log = self.settings, self.expected(NOISE)
+        fields, anchors = len(s.vector) + len(s.normal), int(len(self.marks) > 0)
+        whole, noises = 2 + (self.covariance.up is not None), self.data.groups + anchors
+        spread = s.spread * np.repeat([1.0, s.whole_spread, s.anchor_spread, s.noise_spread], [fields, whole, anchors, noises])
+        least = np.r_[np.full(len(log) - noises, -np.inf), np.full(noises, np.log(s.finest * self.size))]
+        scales = Scales(log, log, spread, least, len(log) - noises)
         return State(self.rest.at, self.rest.at, 1.0, scales, Contact(depth=s.depth * self.size), np.ones(len(self.data.points)))
 
     def step(self, state: State, iteration: int, *, tuning: bool) -> tuple[State, tuple[Rows, Posterior], dict[str, float]]:
@@ -219,6 +236,7 @@ class _Problem:
         fixed, parts = grams(self.covariance, rows.observed)
         scales = state.scales
         if tuning:
+            scales = replace(scales, centre=self.expected(float(scales.noises[0]) / self.residual))
             scales = replace(scales, log=tune(scales, fixed, parts, rows))
         log = scales.log + _annealed(iteration, scales, self.data.groups)
         matrix, noise = assemble(log, fixed, parts, rows)

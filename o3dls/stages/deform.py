@@ -55,7 +55,7 @@ class Deform(Stage):
     spread: float = Field(
         1.0,
         gt=0.0,
-        description="how far the evidence may move an amplitude or noise level: sd of its logarithm",
+        description="how far the evidence may move the amplitude of a field: sd of its logarithm; half as far that of bends and noise",
         json_schema_extra={"unit": "1"},
     )
     odds: float = Field(
