@@ -26,8 +26,9 @@ MADE = {
     "star": "200 x 200 px, 33 points; the template is bent by 8 px over 80 px, and shaken by 2 px over 12 px",
     "jar": "60 x 60 x 80 mm, 282 points; the template is bent by 2 mm over 60 mm, and shaken by 0.3 mm over 8 mm",
 }
-# The star's template is bent over most of its size: 33 points can tell that from noise, and nothing finer. The jar needs no such help.
-ASKED: Mapping[str, dict[str, Any]] = {"star": {"vector": (1.6,), "normal": ()}, "jar": {}}
+# The star's template is bent, which is known beforehand, over most of its size: 33 points can tell that from noise, and nothing finer. The
+# jar needs no such help.
+ASKED: Mapping[str, dict[str, Any]] = {"star": {"vector": (1.6,), "normal": (), "odds": -4.0}, "jar": {}}
 
 
 def pipeline(shape: str) -> Pipeline:
@@ -89,7 +90,7 @@ def _words(shape: str, rows: list[Row]) -> str:
 
 
 def _asked(shape: str) -> str:
-    words = ", ".join(f"{name} = {list(value)}" for name, value in ASKED[shape].items())
+    words = ", ".join(f"{name} = {list(value) if isinstance(value, tuple) else value}" for name, value in ASKED[shape].items())
     return f" ({words})" if words else " (defaults)"
 
 
