@@ -216,23 +216,14 @@ def _kriging(nodes, at, near, length):  # type: ignore[no-untyped-def]
     By Cholesky's factorisation written out: on so small a system a library's call takes longer than its arithmetic.
     """
     m, k = near.shape
-    dim, scale = nodes.shape[1], SQRT5 / length
-    weights, factor = np.empty((m, k)), np.empty((k, k))
+    weights, here = np.empty((m, k)), np.empty((k + 1, nodes.shape[1]))
     for i in range(m):
         w = weights[i]
+        here[:k], here[k] = nodes[near[i]], at[i]
+        factor = _matern(here, here, length)
         for j in range(k):
-            for q in range(j + 1):
-                other = at[i] if q == j else nodes[near[i, q]]
-                gap = 0.0
-                for axis in range(dim):
-                    gap += (nodes[near[i, j], axis] - other[axis]) ** 2
-                s = scale * np.sqrt(gap)
-                correlation = (1.0 + s + s * s * (1 / 3)) * np.exp(-s)
-                if q == j:
-                    w[j] = correlation
-                else:
-                    factor[j, q] = correlation
-            factor[j, j] = 1.0 + 1e-6  # nodes can coincide; a millionth of the variance is far below any noise
+            w[j] = factor[j, k]
+            factor[j, j] += 1e-6  # nodes can coincide; a millionth of the variance is far below any noise
         for j in range(k):
             for q in range(j + 1):
                 for c in range(q):
@@ -241,12 +232,9 @@ def _kriging(nodes, at, near, length):  # type: ignore[no-untyped-def]
             for c in range(j):
                 w[j] -= factor[j, c] * w[c]
             w[j] /= factor[j, j]
-        total = 0.0
         for j in range(k - 1, -1, -1):
             for c in range(j + 1, k):
                 w[j] -= factor[c, j] * w[c]
             w[j] /= factor[j, j]
-            total += w[j]
-        for j in range(k):
-            w[j] /= total
+        w /= w.sum()
     return weights

@@ -40,8 +40,8 @@ def fair(vertices: Array, faces: Ints, length: float) -> Array:
 def _smoothed(begin, near, mass, pull, y, guess, error):  # type: ignore[no-untyped-def]
     """Columns x (n, 3) with (M + pull K) x = M y, K of a graph with unit weights, until no residual's norm exceeds `error`.
 
-    Conjugate gradients with Jacobi's preconditioner, all columns in one pass: six times faster than a library's on each. The columns
-    are written out so that their sums stay in registers.
+    Conjugate gradients with Jacobi's preconditioner, all columns in one pass, which a library's does one by one. They are written out so
+    that their sums stay in registers.
     """
     n = len(mass)
     weight = mass + pull * (begin[1:] - begin[:-1])

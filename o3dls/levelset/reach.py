@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -64,11 +65,6 @@ def reach(surface: Surface, observe: Callable[[Wall], Measured], doubt: Array, l
     return Reached(phi, final, sigma, found.status, found.converged, found.trace, warnings, facts)
 
 
-def band_of(surface: Surface, spacing: float) -> SignedDistance:
-    """The signed distance of a surface on a band of the usual width."""
-    return _band(surface, 0.0, spacing)
-
-
 def _settled(wall: Wall, found: Correction, spacing: float, mesh: Mesher) -> tuple[Surface, SignedDistance, tuple[str, ...]]:
     """The corrected wall and its level set: gaps are closed where it runs into itself; a correction that tears or merges it is halved.
 
@@ -86,21 +82,23 @@ def _settled(wall: Wall, found: Correction, spacing: float, mesh: Mesher) -> tup
                 if radius > 0.0:
                     said.append(f"the moved prior runs into itself: gaps narrower than {2.0 * radius:g} were closed")
                 return final, phi, tuple(said)
-    return final, _whole(_band(final, 0.0, spacing, inverted=False), kind), ()
+    return final, _whole(_band(final, spacing, 0.0, inverted=False), kind), ()
 
 
 def _attempts(surface: Surface, spacing: float, kind: tuple[int, int], closings: Array) -> Iterator[tuple[SignedDistance, float]]:
     """Level sets of a surface that should be of a topology, and the radius of the closing in them: with all that it encloses, since the
     tip of a rim that a fold turned inside out is anatomy; then without shreds; then without what is inside out."""
+    band = cache(partial(_band, surface, spacing))
     for radius in (0.0, *JOININGS * spacing):
-        yield _closed(_band(surface, radius, spacing), radius), radius
+        yield _closed(band(radius, inverted=True), radius), radius
     for inverted in (True, False):
         for radius in (0.0, *closings * spacing):
-            phi = _whole(_band(surface, radius, spacing, inverted=inverted), kind)
+            phi = _whole(band(radius, inverted=inverted), kind)
             yield _whole(_closed(phi, radius), kind), radius
 
 
-def _band(surface: Surface, radius: float, spacing: float, *, inverted: bool = True) -> SignedDistance:
+def _band(surface: Surface, spacing: float, radius: float, *, inverted: bool) -> SignedDistance:
+    """The signed distance of a surface, so wide that something is left when it grows by the radius."""
     return signed_distance(surface.vertices, surface.faces, spacing, radius + HALF_BAND * spacing, inverted=inverted)
 
 
