@@ -1,5 +1,6 @@
 """The Bayesian algebra against what defines it: numpy's dense formulas, central differences, and refits without a point."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,9 +10,9 @@ from fields import body, covariance, spots, wall
 from o3dls.errors import SolverError
 from o3dls.geometry import Array
 from o3dls.levelset import evidence
-from o3dls.levelset.covariance import cross, grams, variance
+from o3dls.levelset.covariance import Observed, cross, grams, variance
 from o3dls.levelset.evidence import Scales, assemble, free_energy, left_out, posterior_variance, solve, tune
-from o3dls.levelset.rows import Feet, Rows, gather
+from o3dls.levelset.rows import Feet, Rows, gather, points_left_out
 
 LOG = np.log([1.4, 0.6, 0.04, 0.05, 1.3])  # vector field, normal field, bend, strain, noise
 FIELDS = len(LOG) - 1
@@ -81,7 +82,8 @@ def test_posterior_variance_is_the_dense_formula_and_falls_with_every_point() ->
     sds = np.exp(LOG[:FIELDS])
     for count in (5, 20, 80):
         rows = rows_of(80, 31_337)
-        first = Rows(*(_first(x, count) for x in (rows.observed, rows.residual, rows.group, rows.relative, rows.of_point)), rows.scatter)
+        names = ("observed", "residual", "group", "relative", "of_point")
+        first = replace(rows, **{name: _first(getattr(rows, name), count) for name in names})
         matrix, _ = assemble(LOG, *grams(cov, first.observed), first)
         crossed = cross(cov, sds, first.observed, asked)
         var = posterior_variance(solve(matrix, first.residual)[0].factor, variance(cov, sds, asked), crossed)
@@ -105,7 +107,7 @@ def test_evidence_finds_amplitudes_and_noise_that_made_the_residuals() -> None:
     root = np.linalg.cholesky(assemble(true, fixed, parts, rows)[0])
     wide = Scales(LOG, LOG.copy(), np.full(len(LOG), 2.0), np.full(len(LOG), -np.inf), FIELDS)
     for _ in range(12):
-        drawn = Rows(rows.observed, root @ rng.normal(size=250), rows.group, rows.relative, rows.of_point, rows.scatter)
+        drawn = replace(rows, residual=root @ rng.normal(size=250))
         found.append(tune(wide, fixed, parts, drawn, steps=40))
     assert abs(np.mean(found, axis=0)[-1] - true[-1]) < 0.05
     assert abs(np.mean(found, axis=0)[0] - true[0]) < 0.35
@@ -115,9 +117,45 @@ def test_free_energy_of_believed_points_is_the_gaussian_evidence() -> None:
     rows = rows_of(40, 66_821)
     matrix, _ = assemble(LOG, *grams(covariance(3), rows.observed), rows)
     posterior, _ = solve(matrix, rows.residual)
-    gaussian = posterior.energy + 20.0 * np.log(2.0 * np.pi)
-    # what each point's own relative noise adds is the same for every setting and left out
-    assert free_energy(posterior, LOG[FIELDS:], rows) == pytest.approx(gaussian - np.log(rows.relative).sum())
+    assert free_energy(posterior, LOG[FIELDS:], rows) == pytest.approx(posterior.energy + 20.0 * np.log(2.0 * np.pi))
+
+
+@pytest.mark.parametrize("relative", [0.25, 1.0, 4.0])
+def test_a_point_that_is_not_believed_leaves_the_free_energy(relative: float) -> None:
+    """Also where its own noise differs: that of the others, and of nothing else."""
+    surface, (at, face, _) = body(3), spots(body(3), 40, 5)
+    feet = Feet(at, surface.face_normals[face], np.ones(40), np.random.default_rng(1).normal(size=40))
+    data, none, doubted = wall(at, relative=np.r_[np.full(10, relative), np.ones(30)]), np.zeros((0, 3)), np.arange(40) < 10
+    rows = gather(feet, data, np.where(doubted, 0.0, 1.0), none, 1000, 6.0)
+    posterior, _ = solve(assemble(LOG, *grams(covariance(3), rows.observed), rows)[0], rows.residual)
+    kept = Feet(*(getattr(feet, name)[10:] for name in ("at", "normals", "along", "residual")))
+    others = gather(kept, wall(at[10:]), np.ones(30), none, 1000, 6.0)
+    alone, _ = solve(assemble(LOG, *grams(covariance(3), others.observed), others)[0], others.residual)
+    assert free_energy(posterior, LOG[FIELDS:], rows) == pytest.approx(free_energy(alone, LOG[FIELDS:], others), abs=1e-3)
+
+
+@pytest.mark.parametrize("belief", [1.0, 0.5, 1e-6])
+def test_a_point_that_shares_a_row_is_left_out_as_far_as_it_is_believed(belief: float) -> None:
+    """Against a refit without it: an outlier of four in a row, and one of its neighbours."""
+    surface, (at, face, _) = body(3), spots(body(3), 15, 24_593)
+    at, normals = np.repeat(at, 4, axis=0), np.repeat(surface.face_normals[face], 4, axis=0)
+    residual, weights = np.random.default_rng(1).normal(size=60), np.ones(60)
+    residual[::4], weights[::4] = -8.0, belief
+    cov, none, noises = covariance(3), np.zeros((0, 3)), np.exp(LOG[FIELDS:])
+    feet = Feet(at, normals, np.ones(60), residual)
+    rows = gather(feet, wall(at), weights, none, 10, 1e-6)
+    matrix, noise = assemble(LOG, *grams(cov, rows.observed), rows)
+    apart, var = points_left_out(rows, feet, weights, noise, *left_out(solve(matrix, rows.residual)[0], noise), noises, wall(at))
+    for point in (0, 1):
+        kept = np.arange(60) != point
+        feet_kept = Feet(at[kept], normals[kept], np.ones(59), residual[kept])
+        others = gather(feet_kept, wall(at[kept]), weights[kept], none, 1000, 1e-6)
+        posterior, _ = solve(assemble(LOG, *grams(cov, others.observed), others)[0], others.residual)
+        asked = Observed(at[point : point + 1], normals[point : point + 1], np.ones(1))
+        crossed = cross(cov, np.exp(LOG[:FIELDS]), others.observed, asked)
+        assert apart[point] == pytest.approx(residual[point] - posterior.alpha @ crossed[:, 0], abs=1e-4)
+        fit_var = posterior_variance(posterior.factor, variance(cov, np.exp(LOG[:FIELDS]), asked), crossed)[0]
+        assert var[point] == pytest.approx(fit_var + noises[0] ** 2, rel=1e-4)
 
 
 @pytest.mark.parametrize("belief", [1.0, 0.4])

@@ -117,7 +117,29 @@ def test_the_fit_follows_when_the_whole_case_is_turned_shifted_and_scaled(dimens
     here, moved = fit(surface, data), fit(surface, replace(data, points=apply(there, data.points)), there)
     assert gap(apply(there, here.vertices), moved.vertices) / 2.5 < 0.02 * NOISE
     np.testing.assert_allclose(moved.sd / 2.5, here.sd, rtol=0.05)
-    assert moved.energy == pytest.approx(here.energy + dimension * 0 + len(data.points) * np.log(2.5), abs=1.0)
+    # a density has a unit: each point on the wall adds its logarithm; 0.2 nats decide nothing
+    assert moved.energy == pytest.approx(here.energy + len(data.points) * np.log(2.5), abs=0.2)
+
+
+@pytest.mark.parametrize("unit", [0.01, 100.0])
+def test_whether_there_is_a_motion_knows_no_unit(unit: float) -> None:
+    """Also with points inside, which bound the wall from one side and have no density."""
+    surface, rng = body(3), np.random.default_rng(0)
+    points = np.vstack([spots(surface, count, seed)[0] for count, seed in ((120, 7), (60, 9))]) + NOISE * rng.normal(size=(180, 3))
+    inside = np.arange(180) >= 120
+    here = fit(surface, wall(points, inside=inside)).motion.share
+    there = fit(replace(surface, vertices=unit * surface.vertices), wall(unit * points, inside=inside)).motion.share
+    assert 0.01 < here < 0.99  # where nothing is to be told apart, all would be equal
+    assert there == pytest.approx(here, abs=0.03)
+
+
+def test_one_stray_point_makes_no_motion_of_noise() -> None:
+    surface = body(3)
+    points = spots(surface, 100, 7)[0] + NOISE * np.random.default_rng(3).normal(size=(100, 3))
+    stray = points.copy()
+    stray[0, 0] += 300.0
+    assert fit(surface, wall(points)).motion.share < 0.5
+    assert fit(surface, wall(stray)).motion.share < 0.5
 
 
 @BOTH

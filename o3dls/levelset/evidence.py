@@ -107,7 +107,7 @@ def free_energy(posterior: Posterior, log_noise: Array, rows: Rows) -> float:
     squares, degrees = rows.scatter
     within = 0.5 * float((squares * np.exp(-2.0 * log_noise)).sum()) + float(degrees @ log_noise)
     believed = len(rows.residual) + float(degrees.sum())
-    return posterior.energy - float(np.log(rows.relative).sum()) + within + 0.5 * believed * float(np.log(2.0 * np.pi))
+    return posterior.energy - float(np.log(rows.relative).sum()) + rows.own_noise + within + 0.5 * believed * float(np.log(2.0 * np.pi))
 
 
 def left_out(posterior: Posterior, noise: Array) -> tuple[Array, Array]:

@@ -32,6 +32,7 @@ MANY_ROUNDS = 6  # with all points, after a fit to some of them
 WARM_ROUNDS = 1  # one more point moves the surface by a fraction of the noise: a second round would move it by hundredths of that
 CERTAIN, DECISIVE = 0.999, 10.0  # a motion this probable is a motion; a pose better by so many nats is the pose
 GLIMPSE_ROUNDS = 2  # the first one still has the feet of the rougher surface
+STEADY = 0.5  # points: total change of belief in a round
 SAME = 0.2  # nats: less than any decision turns on
 NOISE, MOST_NOISE = 0.7, 0.95  # share of noise in the residuals of the start: at first, and the most, since some motion there is
 INFLATION = 1.3  # the posterior takes feet, normals and amplitudes as known: measured on development seeds, docs/method.md
@@ -101,7 +102,7 @@ def _proceed(earlier: MotionFit, data: Data, known: slice, rounds: int) -> Motio
     """Rounds with all of `data`, of which the earlier fit had the `known` points: pose, amplitudes and noise levels are kept."""
     least = 0.1 * float(earlier.state.scales.noises[0])  # the surface stands within the noise
     problem: _Problem = replace(earlier.problem, data=data)
-    weights = np.ones(len(data.points))
+    weights = data.trusted
     weights[known] = earlier.state.weights
     state, trace = replace(earlier.state, weights=weights), list[dict[str, float]]()
     for _ in range(rounds):
@@ -227,7 +228,7 @@ class _Problem:
         spread = s.spread * np.repeat([1.0, s.whole_spread, s.anchor_spread, s.noise_spread], [fields, whole, anchors, noises])
         least = np.r_[np.full(len(log) - noises, -np.inf), np.full(noises, np.log(s.finest * self.size))]
         scales = Scales(log, log, spread, least, len(log) - noises)
-        return State(self.rest.at, self.rest.at, 1.0, scales, Contact(depth=s.depth * self.size), np.ones(len(self.data.points)))
+        return State(self.rest.at, self.rest.at, 1.0, scales, Contact(depth=s.depth * self.size), self.data.trusted)
 
     def step(self, state: State, iteration: int, *, tuning: bool) -> tuple[State, tuple[Rows, Posterior], dict[str, float]]:
         """One round of foot points, posterior and belief; early rounds are held stiff and trust points less."""
@@ -242,9 +243,10 @@ class _Problem:
         matrix, noise = assemble(log, fixed, parts, rows)
         posterior, _ = solve(matrix, rows.residual)
         moved = self.rest.at + self.spread_from_nodes(np.exp(log[: scales.fields]), rows.observed, posterior)
-        residual, var = points_left_out(rows, feet, noise, *left_out(posterior, noise), np.exp(log[scales.fields :]), self.data)
+        noises = np.exp(log[scales.fields :])
+        residual, var = points_left_out(rows, feet, state.weights, noise, *left_out(posterior, noise), noises, self.data)
         weights, contact = self.believe(state, residual, var)
-        energy = free_energy(posterior, log[scales.fields :], rows) + self.label_energy(weights, residual, contact)
+        energy = free_energy(posterior, log[scales.fields :], rows) + self.label_energy(state.weights, residual, contact, noises)
         step = float(np.linalg.norm(moved - state.feet_on, axis=1).mean())
         damping = _damping(state, step, iteration)
         feet_on = state.feet_on + damping * (moved - state.feet_on)
@@ -264,9 +266,11 @@ class _Problem:
         weights[wall], contact = believe(residual[wall], var[wall], self.data.odds[wall], state.contact)
         return weights, contact
 
-    def label_energy(self, weights: Array, residual: Array, contact: Contact) -> float:
-        wall = ~self.data.inside
-        return mixture_energy(weights[wall], residual[wall], self.data.odds[wall], contact)
+    def label_energy(self, weights: Array, residual: Array, contact: Contact, noises: Array) -> float:
+        """What the beliefs `weights`, which the rows were gathered with, cost; a bound from one side is a ratio, not a density."""
+        data, wall = self.data, ~self.data.inside
+        density = -np.log(np.sqrt(2.0 * np.pi) * noises[data.group] * data.relative)
+        return mixture_energy(weights[wall], residual[wall], data.odds[wall], contact) + float(weights[~wall] @ density[~wall])
 
     def share(self, energy: float, scales: Scales) -> tuple[float, Array, Scales]:
         """Posterior probability of a motion beyond the pose, by free energies; and the pose, mended where alone it explains the points;
@@ -291,7 +295,8 @@ class _Problem:
     def pose_alone(self, free: float, clear: float) -> tuple[float, Array, Array]:
         """Free energy of noise around the prior in a pose that is `free` to move (1) or not (0), the pose's displacement (n, d), noises.
 
-        Rounds end early once further ones cannot bring the energy below `clear`: drops shrink by a quarter or more a round.
+        Rounds end early once further ones cannot bring the energy below `clear`: while beliefs are steady, drops shrink by a quarter or
+        more a round; a point let go can bring any drop.
         """
         state = self.start()
         scales = state.scales.noise_alone()
@@ -304,11 +309,12 @@ class _Problem:
             scales = replace(scales, log=tune(scales, fixed, [], rows))
             matrix, noise = assemble(scales.log, fixed, [], rows)
             posterior, _ = solve(matrix, rows.residual)
-            residual, var = points_left_out(rows, feet, noise, *left_out(posterior, noise), np.exp(scales.log), self.data)
-            weights, contact = self.believe(replace(state, contact=contact), residual, var)
-            before, energy = energy, free_energy(posterior, scales.log, rows) + self.label_energy(weights, residual, contact)
+            residual, var = points_left_out(rows, feet, weights, noise, *left_out(posterior, noise), scales.noises, self.data)
+            used, (weights, contact) = weights, self.believe(replace(state, contact=contact), residual, var)
+            before, energy = energy, free_energy(posterior, scales.log, rows) + self.label_energy(used, residual, contact, scales.noises)
             shift = self.covariance.similarity(self.rest.at) @ (posterior.alpha @ seen)
-            if abs(before - energy) < SAME or energy - 3.0 * (before - energy) > clear:
+            decided = abs(before - energy) < SAME or energy - 3.0 * (before - energy) > clear
+            if decided and np.abs(weights - used).sum() < STEADY:
                 break
         return energy, shift, scales.noises
 

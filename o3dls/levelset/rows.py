@@ -31,6 +31,11 @@ class Data:
     def groups(self) -> int:
         return int(self.group.max(initial=0)) + 1
 
+    @property
+    def trusted(self) -> Array:
+        """Belief (n,) in every point before any surface is known: those inside have nothing to say yet."""
+        return np.where(self.inside, 0.0, 1.0)
+
     def at(self, which: slice) -> Data:
         """Some of the points, all of the landmarks."""
         names = ("points", "group", "relative", "odds", "inside")
@@ -52,7 +57,8 @@ class Rows:
     """Rows of the system: observations, residual (k,), noise group (k,), relative noise (k,), which row each point fell into (n,).
 
     scatter holds, per noise group, the squares by which points of one row differ, and how many more points are believed than
-    there are rows: a row half believed tells half as much of the noise (the M step of the mixture).
+    there are rows: a row half believed tells half as much of the noise (the M step of the mixture); own_noise is the sum of the
+    beliefs times the logarithms of the points' relative noise.
     """
 
     observed: Observed
@@ -61,6 +67,7 @@ class Rows:
     relative: Array
     of_point: Ints
     scatter: tuple[Array, Array]
+    own_noise: float
 
 
 LEAST = 1e-6  # weight of a point that is not believed: keeps its row, and so its left-out residual, defined
@@ -88,7 +95,8 @@ def gather(feet: Feet, data: Data, weights: Array, marks: Array, most: int, patc
     squares = np.asarray(np.bincount(data.group, spread, minlength=data.groups), dtype=np.float64)
     more = np.asarray(believed - np.bincount(group, minlength=data.groups), dtype=np.float64)
     observed = Observed(mean(feet.at), mean(feet.normals), mean(feet.along)[:, 0])
-    rows = Rows(observed, residual, group, 1.0 / np.sqrt(total), of_point, (squares, more))
+    own_noise = float(weights @ np.log(data.relative))
+    rows = Rows(observed, residual, group, 1.0 / np.sqrt(total), of_point, (squares, more), own_noise)
     return _with_landmarks(rows, data, marks) if len(marks) else rows
 
 
@@ -104,21 +112,21 @@ def _with_landmarks(rows: Rows, data: Data, marks: Array) -> Rows:
     residual = np.r_[rows.residual, (data.marks_map - marks).ravel()]
     scatter = np.r_[rows.scatter[0], 0.0], np.r_[rows.scatter[1], 0.0]
     group = np.r_[rows.group, np.full(k, data.groups)]
-    return Rows(observed, residual, group, np.r_[rows.relative, np.ones(k)], rows.of_point, scatter)
+    return Rows(observed, residual, group, np.r_[rows.relative, np.ones(k)], rows.of_point, scatter, rows.own_noise)
 
 
 def points_left_out(
-    rows: Rows, feet: Feet, noise: Array, row_residual: Array, row_variance: Array, noises: Array, data: Data
+    rows: Rows, feet: Feet, weights: Array, noise: Array, row_residual: Array, row_variance: Array, noises: Array, data: Data
 ) -> tuple[Array, Array]:
     """Residual (n,) of each point to the fit without that point, and the variance (n,) to judge it by (fit plus noise).
 
-    A row's own left-out prediction N(m, v) takes in again what the other points of its patch say.
+    A row's own left-out prediction N(m, v) takes in again what the other points of its patch say, each as far as it is believed.
     """
     of = rows.of_point
     own = (noises[data.group] * data.relative) ** 2
     said = 1.0 / noise[of]  # precision of the whole row, weights included
-    mine = np.minimum(1.0 / own, said)
-    others = np.where(np.bincount(of)[of] > 1, said - mine, 0.0)
+    mine = np.maximum(weights, LEAST) / own
+    others = np.where(np.bincount(of)[of] > 1, np.maximum(said - mine, 0.0), 0.0)
     without_row = rows.residual[of] - row_residual[of]
     var = 1.0 / (1.0 / row_variance[of] + others)
     mean = var * (without_row / row_variance[of] + said * rows.residual[of] - mine * feet.residual) if others.any() else without_row
