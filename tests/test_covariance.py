@@ -92,7 +92,7 @@ def test_displacement_is_cross_along_every_axis(dimension: int, anchors: int, up
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_interpolation_from_nodes_loses_a_hundredth_of_the_field(dimension: int) -> None:
     """Nodes at a good quarter of the correlation length, as the fit takes them."""
-    from o3dls.levelset.fit import _spaced
+    from o3dls.levelset.problem import _spaced
 
     surface, cov = body(dimension, fineness=4), covariance(dimension)
     obs = observations(dimension, 80, 14_537)

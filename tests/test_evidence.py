@@ -11,7 +11,7 @@ from o3dls.errors import SolverError
 from o3dls.geometry import Array
 from o3dls.levelset import evidence
 from o3dls.levelset.covariance import Observed, cross, grams, variance
-from o3dls.levelset.evidence import Scales, assemble, free_energy, left_out, posterior_variance, solve, tune
+from o3dls.levelset.evidence import Scales, assemble, flattery, free_energy, left_out, posterior_variance, solve, tune
 from o3dls.levelset.rows import Feet, Rows, gather, points_left_out
 
 LOG = np.log([1.4, 0.6, 0.04, 0.05, 1.3])  # vector field, normal field, bend, strain, noise
@@ -175,3 +175,26 @@ def test_free_energy_does_not_depend_on_merging(belief: float) -> None:
         alphas.append(np.bincount(np.arange(60) // 4, posterior.alpha) if most > 60 else posterior.alpha[rows.of_point[::4]])
     np.testing.assert_allclose(alphas[0], alphas[1], rtol=1e-6, atol=1e-9)
     assert energies[0] == pytest.approx(energies[1], abs=1e-6)
+
+
+def test_flattery_is_what_integration_takes_from_the_evidence() -> None:
+    """Against sums over a grid of one amplitude and the noise level; an amplitude that nothing depends on costs nothing."""
+    rows = rows_of(30, 8_513)
+    fixed, (part, *_) = grams(covariance(3), rows.observed)
+    prior = Scales(np.log([0.8, 1.5]), np.log([0.8, 1.5]), np.array([1.0, 0.5]), np.full(2, -np.inf), 1)
+
+    def energy(log: Array) -> float:
+        pull = (log - prior.centre) / prior.spread
+        return free_energy(solve(assemble(log, fixed, [part], rows)[0], rows.residual)[0], log[1:], rows) + 0.5 * float(pull @ pull)
+
+    best = replace(prior, log=tune(prior, fixed, [part], rows, steps=50))
+    pull = (best.log - prior.centre) / prior.spread
+    step = 0.15
+    grid = [prior.centre + step * np.array([i, j]) for i in range(-40, 30) for j in range(-15, 16)]
+    total = np.logaddexp.reduce([-energy(log) for log in grid]) + np.log(step**2 / (2.0 * np.pi * prior.spread.prod()))
+    flattered = -total - (energy(best.log) - 0.5 * float(pull @ pull))
+    assert flattered > 0.5  # there is something to correct,
+    assert flattery(best, fixed, [part], rows) == pytest.approx(flattered, abs=0.3)  # and Laplace's parabola misses little of it
+    silent = replace(prior, log=np.r_[prior.log[:1], best.log[1:]])
+    noise_only = Scales(best.log[1:], prior.centre[1:], prior.spread[1:], prior.least[1:], 0)
+    assert flattery(silent, fixed, [0.0 * part], rows) == pytest.approx(flattery(noise_only, fixed, [], rows))

@@ -110,6 +110,21 @@ def free_energy(posterior: Posterior, log_noise: Array, rows: Rows) -> float:
     return posterior.energy - float(np.log(rows.relative).sum()) + rows.own_noise + within + 0.5 * believed * float(np.log(2.0 * np.pi))
 
 
+def flattery(scales: Scales, fixed: Array, parts: list[Array], rows: Rows) -> float:
+    """Nats by which the evidence at its maximum exceeds the evidence of all amplitudes and noise levels: Laplace's approximation with
+    their log-normal priors and Fisher's information (Kass and Raftery 1995). What the points say nothing of costs nothing."""
+    matrix, noise = assemble(scales.log, fixed, parts, rows)
+    _, inverse = solve(matrix, rows.residual)
+    of_groups = [inverse * (noise * (rows.group == g)) for g in range(len(scales.noises))]
+    slopes = [np.exp(2.0 * log) * inverse @ part for log, part in zip(scales.log, parts, strict=False)] + of_groups
+    information = 2.0 * np.array([[np.vdot(a, b.T) for b in slopes] for a in slopes])
+    noises = np.arange(scales.fields, len(scales.log))
+    information[noises, noises] += 2.0 * np.maximum(rows.scatter[1], 0.0)
+    pull = (scales.log - scales.centre) / scales.spread
+    stiffer = np.eye(len(pull)) + scales.spread[:, None] * information * scales.spread
+    return 0.5 * float(pull @ pull + np.linalg.slogdet(stiffer)[1])
+
+
 def left_out(posterior: Posterior, noise: Array) -> tuple[Array, Array]:
     """Residual (n,) of each point to the fit without it, and that fit's variance there (n,), in closed form (Sundararajan 2001)."""
     predictive = 1.0 / posterior.precision

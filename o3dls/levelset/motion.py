@@ -48,8 +48,9 @@ class Motion:
         asked = places.observed(normals)
         crossed = cross(self.covariance, self.sds, self.observed, asked)
         var = posterior_variance(self.posterior.factor, variance(self.covariance, self.sds, asked), crossed)
-        between = 0.0 if self.share == 1.0 else (self._field(places) * normals).sum(axis=1) ** 2
-        return self.inflation * np.sqrt(self.share * (var + (1.0 - self.share) * between))
+        # what is not shown may still be so: the deviation is that of the motion from where the surface is left
+        held_back = 0.0 if self.share == 1.0 else (1.0 - self.share) * (self._field(places) * normals).sum(axis=1)
+        return self.inflation * np.sqrt(var + held_back**2)
 
     def _field(self, places: Places) -> Array:
         return displacement(self.covariance, self.sds, self.observed, self.posterior.alpha, places)

@@ -14,10 +14,11 @@ from dataclasses import replace
 import numpy as np
 
 from ..geometry import Array, Surface, apply
-from .fit import Settings, fit_motion
+from .fit import fit_motion
 from .growth import growth
 from .motion import MotionFit
 from .observe import Measured, Noise, observe
+from .problem import Settings
 from .rows import Data
 from .topology import DEEP, WITNESSES, Change, changed, removals
 from .wall import Wall
@@ -89,7 +90,7 @@ def _judged(fit: MotionFit, changes: list[Change], spacing: float) -> Iterator[C
     if not changes:
         return
     part = _part(fit)
-    settings = replace(fit.problem.settings, mend=False)
+    settings = replace(fit.problem.settings, unfold=False)
     whole = _fitted(fit, None, spacing, part, settings).energy
     for change in changes:
         after = _fitted(fit, change, spacing, part, settings)

@@ -18,8 +18,8 @@ from ..geometry import Array, fit_similarity
 from ..stage import Stage
 
 if TYPE_CHECKING:
-    from ..levelset.fit import Settings
     from ..levelset.motion import MotionFit
+    from ..levelset.problem import Settings
     from ..levelset.rows import Data
 
 VEIN = re.compile(r"(?<![A-Z])[LR][SI]PV(?![A-Z])")
@@ -59,7 +59,7 @@ class Deform(Stage):
         json_schema_extra={"unit": "1"},
     )
     odds: float = Field(
-        0.0,
+        1.0,
         description="log odds against a motion beyond the pose, before the points are seen; raise it for templates that hardly deform",
         json_schema_extra={"unit": "nats"},
     )
@@ -122,7 +122,7 @@ class Deform(Stage):
         return self._fitted(case, estimate.T_map_prior, data, estimate.fit)
 
     def settings(self) -> Settings:
-        from ..levelset.fit import Settings
+        from ..levelset.problem import Settings
 
         plain = Settings(vector=self.vector, normal=self.normal, spread=self.spread, odds=self.odds, iterations=self.iterations)
         return plain if self.roughness == "mend" else replace(plain, fairing=())

@@ -1,0 +1,121 @@
+"""What the points prefer, by free energy: a motion or the pose alone, the prior as it is or smoothed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..geometry import Array, fit_similarity
+from .closest import ClosestPoint
+from .covariance import Places, grams
+from .evidence import Scales, assemble, flattery, free_energy, left_out, solve, tune
+from .fairing import fair
+from .motion import State
+from .problem import SETTLED, Faired, Problem, Run
+from .rows import points_left_out
+from .shape import vertex_normals
+from .unfold import unfold
+
+CERTAIN, DECISIVE = 0.999, 10.0  # a motion this probable is a motion; a pose better by so many nats is the pose
+GLIMPSE_ROUNDS = 2  # the first one still has the feet of the rougher surface
+ALONE_ROUNDS = 6
+STEADY = 0.5  # points: total change of belief in a round
+SAME = 0.2  # nats: less than any decision turns on
+
+
+@dataclass(frozen=True, eq=False)
+class Shown:
+    """Posterior probability of a motion beyond the pose; the pose (d+1, d+1), mended where alone it explains the points better; scales,
+    whose noise levels are between those with and without the motion by that probability."""
+
+    share: float
+    pose: Array
+    mended: bool
+    scales: Scales
+
+
+@dataclass(frozen=True, eq=False)
+class _Alone:
+    """The pose and noise alone: free energy, what tuning flatters it by, the pose's displacement (n, d), noise levels."""
+
+    energy: float
+    flattery: float
+    shift: Array
+    noises: Array
+
+
+def shown(run: Run) -> Shown:
+    """Whether the points show a motion at all: evidences with and without it, amplitudes and noise levels integrated out (Laplace)."""
+    problem, scales, odds = run.problem, run.state.scales, run.problem.settings.odds
+    alone = _pose_alone(problem, 1.0, run.energy + DECISIVE + odds)
+    if alone.energy > run.energy + DECISIVE + odds:
+        return Shown(1.0, problem.pose, False, scales)
+    rows = run.solved[0]
+    against = run.energy + flattery(scales, *grams(problem.covariance, rows.observed), rows) - alone.energy - alone.flattery + odds
+    share = float(1.0 / (1.0 + np.exp(np.clip(against, -500.0, 500.0))))
+    if share > CERTAIN:
+        return Shown(1.0, problem.pose, False, scales)
+    log = scales.log.copy()
+    log[scales.fields :] = 0.5 * np.log(share * scales.noises**2 + (1.0 - share) * alone.noises**2)
+    mended = alone.energy + DECISIVE < _pose_alone(problem, 0.0, np.inf).energy
+    pose = fit_similarity(problem.rest.at, problem.rest.at + alone.shift) @ problem.pose if mended else problem.pose
+    return Shown(share, pose, mended, replace(scales, log=log))
+
+
+def _pose_alone(problem: Problem, free: float, clear: float) -> _Alone:
+    """Noise around the prior in a pose that is `free` to move (1) or not (0).
+
+    Rounds end early once further ones cannot bring the energy below `clear`: while beliefs are steady, drops shrink by a quarter or
+    more a round; a point let go can bring any drop.
+    """
+    state = problem.start()
+    state = replace(state, scales=state.scales.noise_alone())
+    energy = np.inf
+    for _ in range(ALONE_ROUNDS):
+        feet = problem.feet(state)
+        rows = problem.rows(feet, state.weights)
+        seen = free * np.einsum("na,nak->nk", rows.observed.directions, problem.covariance.similarity(rows.observed.at))
+        fixed = seen @ seen.T
+        scales = replace(state.scales, log=tune(state.scales, fixed, [], rows))
+        matrix, noise = assemble(scales.log, fixed, [], rows)
+        posterior, _ = solve(matrix, rows.residual)
+        residual, var = points_left_out(rows, feet, state.weights, noise, *left_out(posterior, noise), scales.noises, problem.data)
+        weights, contact = problem.believe(state, residual, var)
+        before = energy
+        energy = free_energy(posterior, scales.log, rows) + problem.label_energy(state.weights, residual, contact, scales.noises)
+        steady = np.abs(weights - state.weights).sum() < STEADY
+        state = replace(state, scales=scales, weights=weights, contact=contact)
+        if steady and (abs(before - energy) < SAME or energy - 3.0 * (before - energy) > clear):
+            break
+    shift = problem.covariance.similarity(problem.rest.at) @ (posterior.alpha @ seen)
+    return _Alone(energy, flattery(state.scales, fixed, [], rows), shift, state.scales.noises)
+
+
+def smoother(run: Run) -> Faired | None:
+    """The prior as the points would have it smoothed, if they would.
+
+    A smoother prior is looked at where the fit has come to, with its motion, noise and beliefs: detail that the wall has is
+    missed at once there, before another motion could make up for it. What the longest length gains, no shorter one may lose.
+    """
+    problem = run.problem
+    lengths = sorted((problem.size * x for x in problem.settings.fairing), reverse=True)
+    if not lengths:
+        return None
+    longest = fair(problem.rest.at, problem.faces, lengths[0])
+    if _glimpse(problem, run.state, longest) > run.energy - problem.settings.fairing_nats:
+        return None
+    smoothed = [longest, *(fair(problem.rest.at, problem.faces, x) for x in lengths[1:])]
+    priors = [unfold(problem.rest.at, at, problem.faces)[0] for at in smoothed]  # parts thinner than the length have folded
+    energies = [_glimpse(problem, run.state, at) for at in priors]
+    best = int(np.argmin(energies))
+    return (lengths[best], priors[best]) if max(energies) < run.energy else None
+
+
+def _glimpse(problem: Problem, state: State, at: Array) -> float:
+    """Free energy of a prior whose vertices rest at `at`, after a few rounds from a state of this one."""
+    seen = replace(problem, rest=Places(at, vertex_normals(at, problem.faces)), tree=ClosestPoint(at, problem.faces))
+    state = replace(state, feet_on=at + state.moved - problem.rest.at)
+    for _ in range(GLIMPSE_ROUNDS):
+        state, _, record = seen.step(state, SETTLED + 1, tuning=False)
+    return record["energy"]

@@ -1,0 +1,257 @@
+"""One round of fitting the motion T of the prior: feet, posterior, belief; and what stays fixed between the rounds.
+
+Where on the moved surface each point may have come from (`feet`), and how far along the normal; posterior of the field (`covariance`,
+`evidence`); each point's residual to the fit without it decides how far it is believed (`outliers`). Reasons and numbers: docs/method.md.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy import sparse
+
+from ..geometry import Array, Ints, apply
+from .closest import ClosestPoint
+from .covariance import Covariance, Observed, Places, displacement, grams, interpolation
+from .evidence import Posterior, Scales, assemble, free_energy, left_out, solve, tune
+from .fairing import fair
+from .feet import likely_feet
+from .motion import Motion, MotionFit, State
+from .outliers import Contact, believe, mixture_energy
+from .rows import Data, Feet, Rows, gather, points_left_out
+from .shape import vertex_normals
+from .unfold import unfold
+
+Faired = tuple[float, Array]  # a length and the vertices (n, d) of the posed prior smoothed over it
+PATCH = 0.4  # shortest correlation lengths: where points share rows, smaller patches change nothing but the time
+SETTLED = 5  # rounds in which amplitudes grow and noise shrinks: steps are large on purpose
+NOISE, MOST_NOISE = 0.7, 0.95  # share of noise in the residuals of the start: at first, and the most, since some motion there is
+INFLATION = 1.3  # the posterior takes feet, normals and amplitudes as known: measured on development seeds, docs/method.md
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Free of units: lengths in rms radii of the prior, amplitudes in rms residuals of the start, of which NOISE is noise; the spreads are
+    of their logarithms."""
+
+    vector: tuple[float, ...] = (1.15, 0.46)
+    normal: tuple[float, ...] = (0.46,)
+    anchor_length: float = 0.38
+    vector_amplitude: float = 0.5  # of the longest; each further length starts at half the one before
+    normal_amplitude: float = 0.25
+    anchor_amplitude: float = 1.2
+    landmark_noise: float = 0.08  # rms radii
+    bend_amplitude: float = 0.3  # of a rotation that changes over the chamber: what it moves over one rms radius;
+    tilt_amplitude: float = 0.6  # of one that changes from bottom to top, where that is known: others are then half as large
+    broad: float = 0.2  # rms radii: the field's normals do not follow bumps shorter than this
+    fairing: tuple[float, ...] = (0.35, 0.5, 0.6)  # rms radii: bumps shorter than one of these may be roughness of the prior; they
+    fairing_nats: float = 3.0  # go where the evidence prefers it by so much
+    unfold: bool = True  # mend faces that a steep field turned over
+    strain: float = 0.02  # what large strains explain where the points are, they carry to where there are none
+    depth: float = 0.3  # rms radii: how deep inside a point off the wall usually lies
+    spread: float = 1.0  # of the fields' amplitudes; times what follows
+    whole_spread: float = 0.5  # for bends, tilts and strains: few parameters, of which one case tells little,
+    anchor_spread: float = 0.3  # for the anchors, which are few,
+    noise_spread: float = 0.5  # and for noise levels
+    odds: float = 1.0  # nats against a motion beyond the pose, before the points are seen
+    finest: float = 0.01  # rms radii: no point is believed better than this
+    rows: int = 600  # more points than this share rows by patches of the surface
+    many: int = 3000  # of more points than this, an even part finds amplitudes, noise and motion; all of them have the last word
+    iterations: int = 25
+    tune_at: tuple[int, ...] = (5, 9, 13)
+    tolerance: float = 2e-4  # rms radii: mean step of the surface that counts as standing still
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """What stays fixed during a fit: the posed surface, its nodes, the data, the covariance."""
+
+    vertices: Array
+    faces: Ints
+    pose: Array
+    rest: Places  # the vertices in the reference pose,
+    faired: float  # and over what length they were smoothed there (0: not at all)
+    data: Data
+    marks: Array  # landmarks of the prior in the reference pose
+    covariance: Covariance
+    settings: Settings
+    size: float
+    tree: ClosestPoint
+    nodes: Ints
+    spread: sparse.csr_matrix  # from nodes to vertices
+
+    @staticmethod
+    def make(vertices: Array, faces: Ints, pose: Array, data: Data, settings: Settings, faired: Faired | None = None) -> Problem:
+        posed = apply(pose, vertices)
+        centre = posed.mean(axis=0)
+        size = float(np.sqrt(((posed - centre) ** 2).sum(axis=1).mean()))
+        lengths = [tuple(size * x for x in group) for group in (settings.vector, settings.normal)]
+        marks = apply(pose, data.marks_prior)
+        up = None if data.up is None else pose[:-1, :-1] @ data.up / np.linalg.norm(pose[:-1, :-1] @ data.up)
+        cov = Covariance(centre, lengths[0], lengths[1], size, marks, size * settings.anchor_length, 0.2 * size, up)
+        length, at = faired or (0.0, posed)
+        nodes = _spaced(at, 0.27 * min(lengths[0] + lengths[1]))
+        spread = interpolation(at[nodes], at, min(lengths[0] + lengths[1]))
+        rest = Places(at, vertex_normals(fair(at, faces, size * settings.broad), faces))
+        return Problem(vertices, faces, pose, rest, length, data, marks, cov, settings, size, ClosestPoint(at, faces), nodes, spread)
+
+    @cached_property
+    def residual(self) -> float:
+        """Standard deviation of the points' distances from the posed surface, by their median so that outliers have no say."""
+        self.tree.refit(self.rest.at)
+        distances = np.sqrt(self.tree.query(self.data.points[~self.data.inside])[0])
+        return max(1.4826 * float(np.median(distances)), 1e-4 * self.size)
+
+    def expected(self, share: float) -> Array:
+        """Logarithms of amplitudes and noise levels that are usual where noise makes up a `share` of the residual: motion is the rest."""
+        s, rms = self.settings, self.residual
+        motion = float(np.sqrt((1.0 - min(share, MOST_NOISE) ** 2) / (1.0 - NOISE**2)))
+        moved, upright = motion * rms, self.covariance.up is not None
+        amplitudes = [s.vector_amplitude * moved / 2**k for k in range(len(s.vector))]
+        amplitudes += [s.normal_amplitude * moved / 2**k for k in range(len(s.normal))]
+        amplitudes += [s.bend_amplitude * moved / self.size / (1 + upright), s.strain * motion]
+        amplitudes += [s.tilt_amplitude * moved / self.size] * upright + [s.anchor_amplitude * moved] * (len(self.marks) > 0)
+        noises = [NOISE * rms] * self.data.groups + [s.landmark_noise * self.size] * (len(self.marks) > 0)
+        return np.asarray(np.log(amplitudes + noises))
+
+    def start(self) -> State:
+        """Amplitudes and noise in proportion to the residuals of the start pose."""
+        s, log = self.settings, self.expected(NOISE)
+        fields, anchors = len(s.vector) + len(s.normal), int(len(self.marks) > 0)
+        whole, noises = 2 + (self.covariance.up is not None), self.data.groups + anchors
+        spread = s.spread * np.repeat([1.0, s.whole_spread, s.anchor_spread, s.noise_spread], [fields, whole, anchors, noises])
+        least = np.r_[np.full(len(log) - noises, -np.inf), np.full(noises, np.log(s.finest * self.size))]
+        scales = Scales(log, log, spread, least, len(log) - noises)
+        return State(self.rest.at, self.rest.at, 1.0, scales, Contact(depth=s.depth * self.size), self.data.trusted)
+
+    def step(self, state: State, iteration: int, *, tuning: bool) -> tuple[State, tuple[Rows, Posterior], dict[str, float]]:
+        """One round of foot points, posterior and belief; early rounds are held stiff and trust points less."""
+        feet = self.feet(state, _widening(iteration))
+        rows = self.rows(feet, state.weights)
+        fixed, parts = grams(self.covariance, rows.observed)
+        scales = state.scales
+        if tuning:
+            scales = replace(scales, centre=self.expected(float(scales.noises[0]) / self.residual))
+            scales = replace(scales, log=tune(scales, fixed, parts, rows))
+        log = scales.log + _annealed(iteration, scales, self.data.groups)
+        matrix, noise = assemble(log, fixed, parts, rows)
+        posterior, _ = solve(matrix, rows.residual)
+        moved = self.rest.at + self.spread_from_nodes(np.exp(log[: scales.fields]), rows.observed, posterior)
+        noises = np.exp(log[scales.fields :])
+        residual, var = points_left_out(rows, feet, state.weights, noise, *left_out(posterior, noise), noises, self.data)
+        weights, contact = self.believe(state, residual, var)
+        energy = free_energy(posterior, log[scales.fields :], rows) + self.label_energy(state.weights, residual, contact, noises)
+        step = float(np.linalg.norm(moved - state.feet_on, axis=1).mean())
+        damping = _damping(state, step, iteration)
+        feet_on = state.feet_on + damping * (moved - state.feet_on)
+        record = {"energy": energy, "step": step, "sigma": float(scales.noises[0]), "off_wall": contact.share}
+        return State(feet_on, moved, damping, scales, contact, weights, step), (rows, posterior), record
+
+    def feet(self, state: State, widening: float = 1.0) -> Feet:
+        """Where on the moved surface the points may have come from, by the noise levels of now times `widening`."""
+        self.tree.refit(state.feet_on)
+        sd = widening * state.scales.noises[self.data.group] * self.data.relative
+        return likely_feet(self.tree, self.data.points, sd, self.rest)
+
+    def rows(self, feet: Feet, weights: Array) -> Rows:
+        return gather(feet, self.data, weights, self.marks, self.settings.rows, PATCH * min(self.covariance.lengths))
+
+    def believe(self, state: State, residual: Array, var: Array) -> tuple[Array, Contact]:
+        """Belief per point; an `inside` point has a say only while the surface leaves it outside."""
+        weights = np.where(residual > 0.0, 1.0, 0.0)
+        wall = ~self.data.inside
+        weights[wall], contact = believe(residual[wall], var[wall], self.data.odds[wall], state.contact)
+        return weights, contact
+
+    def label_energy(self, weights: Array, residual: Array, contact: Contact, noises: Array) -> float:
+        """What the beliefs `weights`, which the rows were gathered with, cost; a bound from one side is a ratio, not a density."""
+        data, wall = self.data, ~self.data.inside
+        density = -np.log(np.sqrt(2.0 * np.pi) * noises[data.group] * data.relative)
+        return mixture_energy(weights[wall], residual[wall], data.odds[wall], contact) + float(weights[~wall] @ density[~wall])
+
+    @property
+    def at_nodes(self) -> Places:
+        return Places(self.rest.at[self.nodes], self.rest.normals[self.nodes])
+
+    def spread_from_nodes(self, sds: Array, observed: Observed, posterior: Posterior) -> Array:
+        """Displacement (n, d) of every vertex, interpolated from nodes that stand close together against the shortest length."""
+        field = displacement(self.covariance, sds, observed, posterior.alpha, self.at_nodes)
+        return np.asarray(self.spread @ field)
+
+    def result(self, state: State, solved: tuple[Rows, Posterior], share: float, trace: list[dict[str, float]], still: bool) -> MotionFit:
+        rows, posterior = solved
+        sds = state.scales.sds
+        motion = Motion(self.vertices, self.faces, self.pose, self.rest, self.covariance, sds, rows.observed, posterior, share, INFLATION)
+        now = vertex_normals(state.moved, self.faces)[self.nodes]
+        at_nodes = motion.sd_in_reference(self.at_nodes, now)
+        sd = np.maximum(self.spread @ at_nodes, 0.0)
+        word = (
+            "converged" if still else f"stopped after {len(trace)} iterations while the surface still moved {trace[-1]['step']:.2g} a step"
+        )
+        status = f"{word}; noise {state.scales.noises[0]:.3g}, {100 * state.contact.share:.0f} % of the points off the wall"
+        if share < 0.95:
+            status += f"; the points show a motion beyond the pose with probability {share:.2f}, and the prior follows it that far"
+        if self.faired:
+            status += f"; the points show the prior to be rough, so it was smoothed over {self.faired:.2g} before it was moved"
+        vertices, folded = self.rest.at + share * (state.moved - self.rest.at), 0
+        if self.settings.unfold:
+            vertices, folded = unfold(self.rest.at, vertices, self.faces)
+        if folded:
+            status += f"; {folded} faces folded over and were mended from their surroundings"
+        facts = self.facts(state) | {"share": share, "faired": self.faired, "folded_faces": float(folded)}
+        return MotionFit(motion, vertices, state, sd, still, status, tuple(trace), facts, self)
+
+    def facts(self, state: State) -> dict[str, float]:
+        names = [f"vector_{x:.3g}" for x in self.covariance.vector] + [f"normal_{x:.3g}" for x in self.covariance.normal]
+        names += ["bend", "strain"] + ["tilt"] * (self.covariance.up is not None) + ["anchors"] * (len(self.marks) > 0)
+        facts = {f"amplitude_{name}": float(sd) for name, sd in zip(names, state.scales.sds, strict=True)}
+        facts |= {"off_wall": state.contact.share, "persistence": state.contact.persistence}
+        if len(self.marks):
+            facts["landmark_noise"] = float(state.scales.noises[-1])
+        return facts
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """A fit from nothing: what it solved, how it went, and whether it came to stand still."""
+
+    problem: Problem
+    state: State
+    solved: tuple[Rows, Posterior]
+    trace: list[dict[str, float]]
+    still: bool
+
+    @property
+    def energy(self) -> float:
+        return self.trace[-1]["energy"]
+
+
+def _damping(state: State, step: float, iteration: int) -> float:
+    """Share of the next step that is taken: halved while steps do not shrink, since exact points can hold the feet in a cycle."""
+    if iteration <= SETTLED:
+        return 1.0
+    return max(0.5 * state.damping, 0.125) if step > 0.9 * state.step else min(1.25 * state.damping, 1.0)
+
+
+def _annealed(iteration: int, scales: Scales, groups: int) -> Array:
+    """Change of the logarithms in the first rounds: amplitudes grow from .3 to 1, noise shrinks from 3 to 1."""
+    change = np.zeros(len(scales.log))
+    change[: scales.fields] = np.log(min(1.0, 0.3 + 0.14 * iteration))
+    change[scales.fields : scales.fields + groups] = np.log(_widening(iteration))
+    return change
+
+
+def _widening(iteration: int) -> float:
+    """Factor on the noise in the first rounds: points pull from afar, and none decides alone."""
+    return (3.0, 2.0, 1.5, 1.2, 1.0)[min(iteration, 4)]
+
+
+def _spaced(points: Array, spacing: float) -> Ints:
+    """Indices of points that stand about `spacing` apart: the one nearest to the middle of each occupied cell."""
+    cells = np.floor((points - points.min(axis=0)) / spacing)
+    middle = ((points - points.min(axis=0)) / spacing - cells - 0.5) ** 2
+    order = np.lexsort((middle.sum(axis=1), *cells.T))
+    first = np.r_[True, (np.diff(cells[order], axis=0) != 0).any(axis=1)]
+    return np.asarray(np.sort(order[first]))
