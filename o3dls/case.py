@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -34,6 +35,19 @@ class Points:
     def of(self, *types: str) -> Points:
         """The points of the given types, in file order."""
         return self.select(np.isin(self.type, types))
+
+    @cached_property
+    def relative_noise(self) -> Array:
+        """Noise (n,) of each point by the column `sigma`, over the median of those that are fitted anyway; 1 where it is not given.
+
+        Raises InputError where one is not above 0.
+        """
+        sigma = np.asarray(self.columns.get("sigma", np.full(len(self), np.nan)), dtype=np.float64)
+        wrong = np.flatnonzero(sigma <= 0.0)
+        if len(wrong):
+            raise InputError(f"points: sigma is a noise level and must be above 0, but point {wrong[0]} has {sigma[wrong[0]]:g}")
+        typical = sigma[np.isfinite(sigma) & np.isin(self.type, FITTED_TYPES)]
+        return np.where(np.isfinite(sigma), sigma / np.median(typical), 1.0) if len(typical) else np.ones(len(self))
 
 
 @dataclass(frozen=True, eq=False)

@@ -86,6 +86,9 @@ def test_sigma_of_single_points_is_relative_to_their_median() -> None:
     sigma[:3] = [1.0, 2.0, 4.0]
     relative = observed(with_column(case, sigma=sigma), Deform()).relative
     np.testing.assert_allclose(relative[:4], [0.5, 1.0, 2.0, 1.0])
+    sigma[7] = 0.0
+    with pytest.raises(InputError, match="above 0, but point 7 has 0"):
+        observed(with_column(case, sigma=sigma), Deform())
 
 
 def test_points_that_hardly_press_are_doubted() -> None:

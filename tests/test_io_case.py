@@ -95,6 +95,7 @@ def test_delimiters_aliases_and_comments(delimiter: str, tmp_path: Path) -> None
         ("x,y,z\n1,2,inf\n", "'inf' is not finite"),
         ("x,y,z\n1,2,\n", "column 'z': '' is not a number"),
         ("x,y,z,bipolar\n1,2,3,high\n", "column 'bipolar': 'high' is not a number"),
+        ("x,y,z,sigma\n1,2,3,\n1,2,4,0\n", "line 3, column 'sigma': a noise level must be above 0, not 0"),
         ("x,y,z,type\n1,2,3,abblation\n", "line 2, column 'type': 'abblation' is no type of point: did you mean 'ablation'"),
         ("x,y,z,x\n1,2,3,4\n", "'x' is there twice"),
         ("x,y,z,\n1,2,3,4\n", "is empty"),

@@ -49,6 +49,17 @@ def test_nothing_to_add_leaves_the_surface_where_it_is(prior: Surface) -> None:
     assert found.phi.band.spacing == 1.0
 
 
+@pytest.mark.parametrize("column", [0.1, 10.0])
+def test_a_sigma_that_all_points_share_says_nothing_new(column: float) -> None:
+    """The noise level is the motion's; the column tells how points compare."""
+    prior = circle(20.0, 300)
+    case, start = started(prior, sampled(prior, 300, 1.0, SEED), 1.0)
+    told = replace(case, points=replace(case.points, columns={"sigma": np.full(300, column)}))
+    found = LevelSet()(told, start)
+    assert "nothing to add" in found.status
+    assert found.sigma == pytest.approx(1.0)
+
+
 def test_a_vein_that_the_truth_has_not_is_removed_and_said() -> None:
     truth, prior = meshed(round_distance(16.0), 20.0), meshed(ball_with_tube, 34.0)
     prior = replace(prior, fields={"height": prior.vertices[:, 2]})

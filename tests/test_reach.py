@@ -20,7 +20,7 @@ SEED = 223_606
 
 def run(surface: Surface, points: Array, mesh: Mesher = isosurface) -> Reached:
     def seen(wall: Wall) -> Measured:
-        return observe(wall, points, np.zeros(len(points), dtype=bool), np.full(len(points), np.nan), Noise(1.0, 0.25, 0.05))
+        return observe(wall, points, np.zeros(len(points), dtype=bool), np.ones(len(points)), Noise(1.0, 0.25, 0.05))
 
     return reach(surface, seen, np.ones(len(surface.vertices)), Limits(1.0), mesh=mesh)
 

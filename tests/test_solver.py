@@ -29,7 +29,7 @@ def body(dimension: int) -> Surface:
 
 def seen(surface: Surface, points: Array, sigma: float = SIGMA, inside: Array | None = None) -> Measured:
     one_sided = np.zeros(len(points), dtype=bool) if inside is None else inside
-    return observe(Wall(surface), points, one_sided, np.full(len(points), np.nan), Noise(sigma, 0.25, 0.05))
+    return observe(Wall(surface), points, one_sided, np.ones(len(points)), Noise(sigma, 0.25, 0.05))
 
 
 def bumpy_points(dimension: int, count: int, outliers: int = 0) -> Array:
@@ -98,8 +98,8 @@ def test_turn_shift_and_scale_carry_the_correction_along() -> None:
         [[1, 0, 0], [0, np.cos(b), -np.sin(b)], [0, np.sin(b), np.cos(b)]]
     )
     moved = surface.with_vertices(1.7 * surface.vertices @ turn.T + [3.3, -8.1, 40.2])
-    inside, own = np.zeros(len(points), dtype=bool), np.full(len(points), np.nan)
-    measured = observe(Wall(moved), 1.7 * points @ turn.T + [3.3, -8.1, 40.2], inside, own, Noise(1.7 * SIGMA, 0.25, 0.05))
+    inside, even = np.zeros(len(points), dtype=bool), np.ones(len(points))
+    measured = observe(Wall(moved), 1.7 * points @ turn.T + [3.3, -8.1, 40.2], inside, even, Noise(1.7 * SIGMA, 0.25, 0.05))
     other = refine(Wall(moved), measured, ones, Limits(0.85)).u / 1.7
     assert np.sqrt(((other - plain) ** 2).mean()) < 0.1 * SIGMA
     assert np.abs(other - plain).max() < 0.5 * SIGMA
@@ -134,9 +134,9 @@ def test_points_inside_only_push_the_wall_out_but_never_pull_it_in() -> None:
 
 def test_given_noise_of_single_points_is_used() -> None:
     surface, points = body(3), bumpy_points(3, 50)
-    own = np.where(np.arange(50) < 10, 3.0, np.nan)
-    measured = observe(Wall(surface), points, np.zeros(50, dtype=bool), own, Noise(SIGMA, 0.25, 0.05))
-    assert (measured.likelihood.sigma[:10] == 3.0).all()
+    relative = np.where(np.arange(50) < 10, 3.0, 1.0)
+    measured = observe(Wall(surface), points, np.zeros(50, dtype=bool), relative, Noise(SIGMA, 0.25, 0.05))
+    assert (measured.likelihood.sigma[:10] == 3.0 * SIGMA).all()
     assert (measured.likelihood.sigma[10:] == SIGMA).all()
 
 

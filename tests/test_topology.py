@@ -38,7 +38,7 @@ def ring(points: Array) -> Array:
 
 
 def seen(wall: Wall, points: Array, sigma: float = SIGMA) -> Measured:
-    return observe(wall, points, np.zeros(len(points), dtype=bool), np.full(len(points), np.nan), Noise(sigma, 0.1, 0.05))
+    return observe(wall, points, np.zeros(len(points), dtype=bool), np.ones(len(points)), Noise(sigma, 0.1, 0.05))
 
 
 def reshaped(prior: Surface, points: Array) -> tuple[MotionFit, MotionFit, tuple[Change, ...]]:

@@ -45,7 +45,13 @@ def _column(table: Table, name: str) -> NDArray[Any]:
     if name == "name":
         return np.array(table.columns[name], dtype=str)
     if name in NUMBERS:
-        return table.numbers(name, missing=True)
+        values = table.numbers(name, missing=True)
+        if name == "sigma" and (values <= 0.0).any():
+            row = int(np.argmax(values <= 0.0))
+            raise InputError(
+                f"{table.where(row, name)}: a noise level must be above 0, not {values[row]:g}; leave it empty where it is unknown"
+            )
+        return values
     return table.values(name)
 
 

@@ -45,15 +45,15 @@ class Measured:
         return replace(self, likelihood=replace(self.likelihood, sigma=self.likelihood.sigma * factor))
 
 
-def observe(wall: Wall, points: Array, one_sided: NDArray[np.bool_], own: Array, noise: Noise) -> Measured:
+def observe(wall: Wall, points: Array, one_sided: NDArray[np.bool_], relative: Array, noise: Noise) -> Measured:
     """The points against a wall.
 
-    one_sided (n,): known to be inside only; own (n,): noise of single points where their file gives it, else NaN. Unknown noise is the
-    robust spread of the distances.
+    one_sided (n,): known to be inside only; relative (n,): noise of each point over the usual one. Unknown noise is the robust spread of
+    the distances.
     """
     distance, corners, weights = wall.look(points)
     spread = float(np.median(np.abs(distance[~one_sided]))) / 0.6745 if noise.sigma is None else noise.sigma
-    sigma = np.where(np.isfinite(own), own, max(spread, 1e-6 * wall.surface.diagonal))
+    sigma = relative * max(spread, 1e-6 * wall.surface.diagonal)
     likelihood = Likelihood(sigma, float(np.clip(noise.share, *SHARES)), wall.surface.diagonal, one_sided)
     bend = np.einsum("nc,nc->n", weights, wall.curvature[corners])
     # the mean of the distance from a curved wall under noise of variance s^2 is s^2 / 2 times the sum of its curvatures

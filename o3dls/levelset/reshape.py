@@ -61,9 +61,9 @@ def _proposals(fit: MotionFit, threshold: float) -> Iterator[Change]:
 def _seen(fit: MotionFit, wall: Wall, *, moved: bool) -> Measured:
     """The points of the fit as they look from a wall that has moved to them, or not yet: then their spread tells the noise."""
     data, weights = _part(fit), fit.state.weights[~fit.problem.data.inside]
-    own = fit.state.scales.noises[data.group] * data.relative if moved else np.full(len(data.points), np.nan)
+    relative = fit.state.scales.noises[data.group] / fit.sigma * data.relative if moved else np.ones(len(data.points))
     noise = Noise(fit.sigma if moved else None, share=float(1.0 - weights.mean()))
-    return observe(wall, data.points, data.inside, own, noise)
+    return observe(wall, data.points, data.inside, relative, noise)
 
 
 def _part(fit: MotionFit) -> Data:

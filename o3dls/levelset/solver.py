@@ -70,7 +70,7 @@ def refine(wall: Wall, measured: Measured, doubt: Array, limits: Limits) -> Corr
         best = max(field.gain for field in found)
         if best < limits.evidence:
             break
-        field = next(field for field in found if field.gain > best - AS_GOOD)
+        field = next(field for field in found if field.gain >= max(best - AS_GOOD, limits.evidence))
         u, field, steps, settled = _fit(wall, Level.of(surface, doubt, field.length), measured, u, field, noise, limits.iterations)
         noise, converged = field.noise, converged and settled
         fields.append(field)

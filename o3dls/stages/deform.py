@@ -142,13 +142,14 @@ def observed(case: Case, stage: Deform) -> Data:
     """The fitted points as arrays: eam and inside points in noise group 0, ablation points in group 1, landmarks apart."""
     from ..levelset.rows import Data
 
-    points = case.points.of(*stage.fits)
+    fitted = np.isin(case.points.type, stage.fits)
+    points = case.points.select(fitted)
     _, marks_prior, marks_map = case.landmark_pairs()
     keep = slice(None) if stage.landmarks else slice(0)
     return Data(
         points=points.xyz,
         group=(points.type == "ablation").astype(np.int64),
-        relative=_relative_noise(points),
+        relative=case.points.relative_noise[fitted],
         odds=_odds_of_floating(points, stage.contact_force) * (1.0 if stage.outliers == "doubt" else NEVER),
         inside=points.type == "inside",
         marks_prior=marks_prior[keep],
@@ -172,16 +173,6 @@ def upwards(landmarks: Mapping[str, Array]) -> Array | None:
 def _numbers(points: Points, column: str) -> Array:
     values: Any = points.columns.get(column, np.full(len(points), np.nan))
     return np.asarray(values, dtype=np.float64)
-
-
-def _relative_noise(points: Points) -> Array:
-    """Each point's `sigma` over their median; 1 where it is not given."""
-    sigma = _numbers(points, "sigma")
-    given = np.isfinite(sigma) & (sigma > 0)
-    relative = np.ones(len(points))
-    if given.any():
-        relative[given] = sigma[given] / np.median(sigma[given])
-    return relative
 
 
 def _odds_of_floating(points: Points, force: float) -> Array:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from ..case import Case
+from ..case import FITTED_TYPES, Case
 from ..estimate import Estimate
 from ..geometry import Array, Surface
 from ..stage import Stage
@@ -111,9 +111,9 @@ def _observer(case: Case, start: Estimate) -> Callable[[Wall], Measured]:
     """How the fitted points look from a wall, with the noise and the outliers that the start found among them."""
     from ..levelset.observe import observe
 
-    points = case.points.of("eam", "inside")
-    own = np.asarray(points.columns.get("sigma", np.full(len(points), np.nan)), dtype=np.float64)
-    return lambda wall: observe(wall, points.xyz, points.type == "inside", own, _noise(start))
+    fitted = np.isin(case.points.type, FITTED_TYPES)
+    points, relative = case.points.select(fitted), case.points.relative_noise[fitted]
+    return lambda wall: observe(wall, points.xyz, points.type == "inside", relative, _noise(start))
 
 
 def _noise(start: Estimate) -> Noise:
