@@ -204,5 +204,27 @@ def test_one_more_point_updates_an_estimate_as_a_fit_from_nothing_would() -> Non
     assert len(updated.weights) == 150
     with pytest.raises(InputError, match="fewer than"):
         stage.update(before, updated)
-    with pytest.raises(InputError, match="keeps no fit"):
+    with pytest.raises(InputError, match="must come from the stage 'deform'"):
         stage.update(case, started(case))
+
+
+def test_an_estimate_of_another_prior_is_not_updated() -> None:
+    """A level set that grew a tube has a motion of another mesh: its vertices on the prior's faces would be no surface."""
+    case, _ = bent_case()
+    fitted = Deform()(case.visible(), started(case))
+    other = Deform()(replace(case.visible(), prior=replace(case.prior, faces=case.prior.faces[::-1])), started(case))
+    with pytest.raises(InputError, match="fitted to this prior"):
+        Deform().update(case, other)
+    with pytest.raises(InputError, match="fitted to this prior"):
+        Deform().update(case, replace(fitted, motion=lambda points: points))
+
+
+def test_the_first_ablation_point_may_come_later() -> None:
+    case, _ = bent_case()
+    stage, kind = Deform(ablation="fit"), case.points.type
+    rows = np.flatnonzero(kind != "ablation")
+    before = replace(case, points=case.points.select(rows))
+    after = replace(case, points=case.points.select(np.r_[rows, np.flatnonzero(kind == "ablation")[0]]))
+    updated = stage.update(after, stage(before.visible(stage.fits), started(before)))
+    assert np.isfinite(updated.surface.vertices).all()
+    assert len(updated.fit.state.weights) == 151

@@ -24,7 +24,7 @@ def rows_of(count: int, seed: int, weights: Array | None = None, groups: int = 1
     rng = np.random.default_rng(seed + 1)
     normals = surface.face_normals[face]
     feet = Feet(at, normals, np.ones(count), rng.normal(size=count) * 2.0)
-    data = wall(at, group=rng.permutation(np.arange(count) % groups), relative=rng.uniform(0.7, 1.4, count))
+    data = wall(at, group=rng.permutation(np.arange(count) % groups), groups=groups, relative=rng.uniform(0.7, 1.4, count))
     return gather(feet, data, np.ones(count) if weights is None else weights, np.zeros((0, dimension)), most, 6.0)
 
 

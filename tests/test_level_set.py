@@ -17,7 +17,9 @@ from o3dls.estimate import Estimate
 from o3dls.evaluate import distances
 from o3dls.geometry import Array, Surface
 from o3dls.levelset.fit import fit_motion
+from o3dls.levelset.reach import topology
 from o3dls.stages.level_set import LevelSet
+from o3dls.validity import self_intersections
 
 SEED = 264_575
 
@@ -47,6 +49,48 @@ def test_nothing_to_add_leaves_the_surface_where_it_is(prior: Surface) -> None:
     assert found.surface.fields["sd_mm"] == pytest.approx(1.0)
     assert found.facts["changes"] == []
     assert found.phi.band.spacing == 1.0
+
+
+def test_a_prior_of_two_pieces_keeps_both() -> None:
+    large, small = meshed(round_distance(16.0), 20.0), meshed(round_distance(8.0), 12.0)
+    beside = small.vertices + np.array([40.0, 0.0, 0.0])
+    prior = Surface(np.vstack([large.vertices, beside]), np.vstack([large.faces, small.faces + len(large.vertices)]))
+    case, start = started(prior, sampled(prior, 300, 0.5, SEED), 0.5)
+    found = LevelSet()(case, start)
+    assert topology(found.surface.vertices, found.surface.faces) == (2, 4)
+    assert distances(beside, found.surface).mean() < 0.1
+    assert found.warnings == ()
+
+
+def test_a_tunnel_that_the_lattice_cannot_see_costs_no_correction() -> None:
+    """Pieces and handles are lost with the correction and without it: then that is no reason to leave it out."""
+
+    def drilled(points: Array) -> Array:
+        return np.maximum(round_distance(20.0)(points), 0.7 - np.hypot(points[:, 0] - 13.0, points[:, 1] - 1.0))
+
+    prior, truth = meshed(drilled, 22.0, 0.4), meshed(bumped, 26.0)
+    case, start = started(prior, sampled(truth, 600, 0.5, SEED), 0.5, fitted=False)
+    found = LevelSet(spacing=2.0)(case, start)
+    assert np.abs(found.surface.fields["correction_mm"]).max() > 1.5  # of the bump's 3 mm
+    assert any("walls are united" in warning for warning in found.warnings)
+
+
+def bumped(points: Array) -> Array:
+    """A ball of 20 mm with a bump of 3 mm at the top."""
+    radius = np.linalg.norm(points, axis=1)
+    up = points[:, 2] / np.maximum(radius, 1e-9)
+    return radius - 20.0 - 3.0 * np.exp(-(2.0 - 2.0 * up) / 0.25)
+
+
+def test_an_outline_that_crosses_itself_is_not_handed_out() -> None:
+    prior = circle(20.0, 300)
+    vertices = prior.vertices.copy()
+    swapped = np.argsort(np.abs(np.arctan2(vertices[:, 1], vertices[:, 0])))[:2]
+    vertices[swapped] = 0.98 * vertices[swapped[::-1]]  # two neighbours in each other's place: the line crosses itself
+    crossed = prior.with_vertices(vertices)
+    assert self_intersections(crossed) > 0
+    case, start = started(crossed, sampled(prior, 300, 1.0, SEED), 1.0, fitted=False)
+    assert self_intersections(LevelSet()(case, start).surface) == 0
 
 
 @pytest.mark.parametrize("column", [0.1, 10.0])

@@ -151,6 +151,14 @@ def test_the_order_of_points_says_nothing_where_there_are_no_runs(dimension: int
     assert gap(here.vertices, mixed.vertices) < 0.05 * NOISE
 
 
+def test_a_fit_with_shared_rows_comes_to_stand_still() -> None:
+    surface, _, data = bent(3, count=700)
+    assert fit(surface, data).converged
+    split = fit(surface, data, settings=Settings(many=400))
+    assert split.converged
+    assert len(split.trace) > max(Settings().tune_at)  # the rounds that found the amplitudes count too
+
+
 def test_many_points_may_share_rows() -> None:
     surface, truth, data = bent(3, count=400)
     dense, merged = fit(surface, data), fit(surface, data, settings=Settings(rows=100))
@@ -188,7 +196,7 @@ def test_a_second_group_has_a_noise_of_its_own() -> None:
     surface, _, data = bent(3, count=240, noise=0.0)
     group = np.arange(240) % 2
     noise = np.where(group == 0, 0.5, 2.0)[:, None] * np.random.default_rng(52_711).normal(size=(240, 3))
-    found = fit(surface, replace(data, points=data.points + noise, group=group))
+    found = fit(surface, replace(data, points=data.points + noise, group=group, groups=2))
     np.testing.assert_allclose(found.state.scales.noises, [0.5, 2.0], rtol=0.3)
 
 

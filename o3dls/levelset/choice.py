@@ -12,7 +12,7 @@ from .covariance import Places, grams
 from .evidence import Scales, assemble, flattery, free_energy, left_out, solve, tune
 from .fairing import fair
 from .motion import State
-from .problem import SETTLED, Faired, Problem, Run
+from .problem import LATE, Faired, Problem, Run
 from .rows import points_left_out
 from .shape import vertex_normals
 from .unfold import unfold
@@ -74,7 +74,7 @@ def _pose_alone(problem: Problem, free: float, clear: float) -> _Alone:
     energy = np.inf
     for _ in range(ALONE_ROUNDS):
         feet = problem.feet(state)
-        rows = problem.rows(feet, state.weights)
+        rows = problem.rows(feet, state)
         seen = free * np.einsum("na,nak->nk", rows.observed.directions, problem.covariance.similarity(rows.observed.at))
         fixed = seen @ seen.T
         scales = replace(state.scales, log=tune(state.scales, fixed, [], rows))
@@ -117,5 +117,5 @@ def _glimpse(problem: Problem, state: State, at: Array) -> float:
     seen = replace(problem, rest=Places(at, vertex_normals(at, problem.faces)), tree=ClosestPoint(at, problem.faces))
     state = replace(state, feet_on=at + state.moved - problem.rest.at)
     for _ in range(GLIMPSE_ROUNDS):
-        state, _, record = seen.step(state, SETTLED + 1, tuning=False)
+        state, _, record = seen.step(state, LATE, tuning=False)
     return record["energy"]

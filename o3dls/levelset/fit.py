@@ -10,7 +10,7 @@ from dataclasses import replace
 from ..geometry import Array, Ints
 from .choice import shown, smoother
 from .motion import MotionFit
-from .problem import SETTLED, Problem, Run, Settings
+from .problem import LATE, Problem, Run, Settings
 from .rows import Data
 
 MANY_ROUNDS = 6  # with all points, after a fit to some of them
@@ -31,7 +31,8 @@ def fit_motion(
     if len(data.points) > settings.many:
         some = slice(None, None, -(-len(data.points) // settings.many))
         first = fit_motion(vertices, faces, pose, data.at(some), settings)
-        return _proceed(first, data, some, MANY_ROUNDS)
+        fit = _proceed(first, data, some, MANY_ROUNDS)
+        return replace(fit, trace=(*first.trace, *fit.trace))
     run = _run(Problem.make(vertices, faces, pose, data, settings))
     found = shown(run)
     if found.mended:
@@ -51,9 +52,9 @@ def _proceed(earlier: MotionFit, data: Data, known: slice, rounds: int) -> Motio
     problem: Problem = replace(earlier.problem, data=data)
     weights = data.trusted
     weights[known] = earlier.state.weights
-    state, trace = replace(earlier.state, weights=weights), list[dict[str, float]]()
+    state, trace = replace(earlier.state, weights=weights, patches=None), list[dict[str, float]]()
     for _ in range(rounds):
-        state, solved, record = problem.step(state, SETTLED + 1, tuning=False)
+        state, solved, record = problem.step(state, LATE, tuning=False)
         trace.append(record)
         if record["step"] < least:
             break

@@ -70,7 +70,10 @@ class Motion:
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """What one iteration hands to the next: vertices (n, d) where feet are sought, as moved by the field, scales, mixture, belief."""
+    """What one iteration hands to the next: vertices (n, d) where feet are sought, as moved by the field, scales, mixture, belief.
+
+    patches (k,): which row each point falls into, once that stays: points that change rows would keep the surface from standing still.
+    """
 
     feet_on: Array
     moved: Array
@@ -78,6 +81,7 @@ class State:
     scales: Scales
     contact: Contact
     weights: Array
+    patches: Ints | None = None
     step: float = np.inf
 
 

@@ -26,6 +26,7 @@ from .unfold import unfold
 
 Faired = tuple[float, Array]  # a length and the vertices (n, d) of the posed prior smoothed over it
 PATCH = 0.4  # shortest correlation lengths: where points share rows, smaller patches change nothing but the time
+LATE = 1000  # number of a round that continues an earlier fit
 SETTLED = 5  # rounds in which amplitudes grow and noise shrinks: steps are large on purpose
 NOISE, MOST_NOISE = 0.7, 0.95  # share of noise in the residuals of the start: at first, and the most, since some motion there is
 INFLATION = 1.3  # the posterior takes feet, normals and amplitudes as known: measured on development seeds, docs/method.md
@@ -129,7 +130,7 @@ class Problem:
     def step(self, state: State, iteration: int, *, tuning: bool) -> tuple[State, tuple[Rows, Posterior], dict[str, float]]:
         """One round of foot points, posterior and belief; early rounds are held stiff and trust points less."""
         feet = self.feet(state, _widening(iteration))
-        rows = self.rows(feet, state.weights)
+        rows = self.rows(feet, state)
         fixed, parts = grams(self.covariance, rows.observed)
         scales = state.scales
         if tuning:
@@ -147,7 +148,8 @@ class Problem:
         damping = _damping(state, step, iteration)
         feet_on = state.feet_on + damping * (moved - state.feet_on)
         record = {"energy": energy, "step": step, "sigma": float(scales.noises[0]), "off_wall": contact.share}
-        return State(feet_on, moved, damping, scales, contact, weights, step), (rows, posterior), record
+        patches = rows.of_point if iteration > max(self.settings.tune_at) else None
+        return State(feet_on, moved, damping, scales, contact, weights, patches, step), (rows, posterior), record
 
     def feet(self, state: State, widening: float = 1.0) -> Feet:
         """Where on the moved surface the points may have come from, by the noise levels of now times `widening`."""
@@ -155,8 +157,9 @@ class Problem:
         sd = widening * state.scales.noises[self.data.group] * self.data.relative
         return likely_feet(self.tree, self.data.points, sd, self.rest)
 
-    def rows(self, feet: Feet, weights: Array) -> Rows:
-        return gather(feet, self.data, weights, self.marks, self.settings.rows, PATCH * min(self.covariance.lengths))
+    def rows(self, feet: Feet, state: State) -> Rows:
+        patch = PATCH * min(self.covariance.lengths)
+        return gather(feet, self.data, state.weights, self.marks, self.settings.rows, patch, state.patches)
 
     def believe(self, state: State, residual: Array, var: Array) -> tuple[Array, Contact]:
         """Belief per point; an `inside` point has a say only while the surface leaves it outside."""

@@ -34,7 +34,7 @@ class Reached:
     trace: tuple[Mapping[str, float], ...] = ()
     warnings: tuple[str, ...] = ()
     facts: Mapping[str, Any] = field(default_factory=dict)
-    islands: bool = False  # whether pieces beside the largest belong to the result
+    islands: bool = False  # whether pieces beside the largest belong to the result: those of the wall, or what the paper's forces cut off
 
     @property
     def unchanged(self) -> bool:
@@ -44,7 +44,7 @@ class Reached:
     def faults(self, mesh: Surface) -> tuple[str, ...]:
         """What a mesh of phi has that the wall has not, as a warning; nothing where islands belong to the result."""
         found, meant = topology(mesh.vertices, mesh.faces), topology(self.wall.vertices, self.wall.faces)
-        if found == meant or self.islands:
+        if found == meant or (self.islands and meant[0] == 1):
             return ()
         return (f"the mesh has pieces and Euler number {found}, the moved prior {meant}: where that runs into itself, walls are united",)
 
@@ -62,7 +62,8 @@ def reach(surface: Surface, observe: Callable[[Wall], Measured], doubt: Array, l
     final, phi, warnings = _settled(wall, found, limits.spacing, mesh)
     sigma = found.noise * float(np.median(measured.likelihood.sigma))
     facts = {"fields": [f.record for f in found.fields], "band_nodes": len(phi.band)}
-    return Reached(phi, final, sigma, found.status, found.converged, found.trace, warnings, facts)
+    several = topology(wall.rest, wall.faces)[0] > 1
+    return Reached(phi, final, sigma, found.status, found.converged, found.trace, warnings, facts, several)
 
 
 def _settled(wall: Wall, found: Correction, spacing: float, mesh: Mesher) -> tuple[Surface, SignedDistance, tuple[str, ...]]:
@@ -72,8 +73,7 @@ def _settled(wall: Wall, found: Correction, spacing: float, mesh: Mesher) -> tup
     """
     kind = topology(wall.rest, wall.faces)
     for share in (1.0, 0.5, 0.25, 0.0) if found.fields else (0.0,):
-        u = share * found.u
-        final = Surface(wall.rest + u[:, None] * wall.normals, wall.faces, {**wall.surface.fields, "correction": u})
+        final = _corrected(wall, share * found.u)
         for phi, radius in _attempts(final, spacing, kind, CLOSINGS if share == 0.0 else JOININGS):
             if topology(*mesh(phi)) == kind:
                 said = []
@@ -82,7 +82,19 @@ def _settled(wall: Wall, found: Correction, spacing: float, mesh: Mesher) -> tup
                 if radius > 0.0:
                     said.append(f"the moved prior runs into itself: gaps narrower than {2.0 * radius:g} were closed")
                 return final, phi, tuple(said)
-    return final, _whole(_band(final, spacing, 0.0, inverted=False), kind), ()
+    phi = _whole(_band(final, spacing, 0.0, inverted=False), kind)
+    if not found.fields:
+        return final, phi, ()
+    corrected = _corrected(wall, found.u)  # the wall comes out otherwise without the correction too: then that must do no harm
+    after = _whole(_band(corrected, spacing, 0.0, inverted=False), kind)
+    if topology(*mesh(after)) == topology(*mesh(phi)):
+        return corrected, after, ()
+    return final, phi, ("the correction was left out: with it, no surface of one lattice would be whole; try a smaller spacing",)
+
+
+def _corrected(wall: Wall, u: Array) -> Surface:
+    """The wall moved by u (v,) along its normals, and u as a field."""
+    return Surface(wall.rest + u[:, None] * wall.normals, wall.faces, {**wall.surface.fields, "correction": u})
 
 
 def _attempts(surface: Surface, spacing: float, kind: tuple[int, int], closings: Array) -> Iterator[tuple[SignedDistance, float]]:

@@ -19,6 +19,7 @@ from .growth import growth
 from .motion import MotionFit
 from .observe import Measured, Noise, observe
 from .problem import Settings
+from .reach import topology
 from .rows import Data
 from .topology import DEEP, WITNESSES, Change, changed, removals
 from .wall import Wall
@@ -32,10 +33,10 @@ def reshape(fit: MotionFit, *, spacing: float, threshold: float) -> tuple[Motion
     """Make the best change, look again, until none earns `threshold` nats: the fit of the changed prior, and the changes.
 
     spacing: of the lattice on which the prior is changed, or the length of its edges if these are longer. The fit is the same one where
-    there is nothing to change.
+    there is nothing to change, or where the prior has several pieces: what is proposed is for one body.
     """
     made: list[Change] = []
-    while len(made) < MOST:
+    while len(made) < MOST and topology(fit.motion.rest.at, fit.motion.faces)[0] == 1:
         best = max(_judged(fit, list(_proposals(fit, threshold)), spacing), key=lambda change: change.gain, default=None)
         if best is None or best.gain < threshold:
             break

@@ -13,7 +13,8 @@ from .covariance import Observed
 
 @dataclass(frozen=True)
 class Data:
-    """What is fitted: points (n, d), their noise group and noise relative to the group's, odds of floating, `inside` mask; landmarks.
+    """What is fitted: points (n, d), which of the noise groups each is in, its noise relative to the group's, its odds of floating, whether
+    it is known to be inside only; landmarks.
 
     up (d,), where it is known: the direction of the prior, in its own frame, along which it bends most.
     """
@@ -26,10 +27,7 @@ class Data:
     marks_prior: Array
     marks_map: Array
     up: Array | None = None
-
-    @property
-    def groups(self) -> int:
-        return int(self.group.max(initial=0)) + 1
+    groups: int = 1
 
     @property
     def trusted(self) -> Array:
@@ -73,13 +71,16 @@ class Rows:
 LEAST = 1e-6  # weight of a point that is not believed: keeps its row, and so its left-out residual, defined
 
 
-def gather(feet: Feet, data: Data, weights: Array, marks: Array, most: int, patch: float) -> Rows:
-    """Rows of all points and landmarks. Above `most` points, those whose feet share a patch (a length) speak with one voice.
+def gather(feet: Feet, data: Data, weights: Array, marks: Array, most: int, patch: float, patches: Ints | None = None) -> Rows:
+    """Rows of all points and landmarks. Above `most` points, those whose feet share a patch (a length), or did before (`patches` (n,)),
+    speak with one voice.
 
     Patches small against the field's shortest length lose nothing: the precision-weighted mean is sufficient for a constant.
     """
     precision = np.maximum(weights, LEAST) / data.relative**2
-    of_point = np.arange(len(weights)) if len(weights) <= most else _patches(feet, data.group, patch)
+    of_point = patches
+    if of_point is None:
+        of_point = np.arange(len(weights)) if len(weights) <= most else _patches(feet, data.group, patch)
     count = int(of_point.max(initial=-1)) + 1
     total = np.bincount(of_point, precision, minlength=count)
 

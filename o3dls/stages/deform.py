@@ -115,11 +115,12 @@ class Deform(Stage):
         estimate is not one of this stage, or the case has fewer points than it was fitted to.
         """
         data = observed(case.visible(self.fits), self)
-        if estimate.fit is None:
-            raise InputError("update: the estimate keeps no fit: it must come from the stage 'deform' of this session")
-        if len(data.points) < len(estimate.fit.state.weights):
-            raise InputError(f"update: {len(data.points)} points, fewer than the {len(estimate.fit.state.weights)} of the estimate")
-        return self._fitted(case, estimate.T_map_prior, data, estimate.fit)
+        fit = estimate.fit
+        if fit is None or estimate.motion is not fit.motion or not np.array_equal(fit.problem.faces, case.prior.faces):
+            raise InputError("update: the estimate must come from the stage 'deform' of this session, fitted to this prior")
+        if len(data.points) < len(fit.state.weights):
+            raise InputError(f"update: {len(data.points)} points, fewer than the {len(fit.state.weights)} of the estimate")
+        return self._fitted(case, estimate.T_map_prior, data, fit)
 
     def settings(self) -> Settings:
         from ..levelset.problem import Settings
@@ -155,6 +156,7 @@ def observed(case: Case, stage: Deform) -> Data:
         marks_prior=marks_prior[keep],
         marks_map=marks_map[keep],
         up=upwards(case.prior_landmarks) if stage.bends == "upright" else None,
+        groups=1 + (stage.ablation == "fit"),
     )
 
 

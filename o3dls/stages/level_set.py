@@ -49,12 +49,13 @@ class LevelSet(Stage):
 
     def __call__(self, case: Case, start: Estimate) -> Estimate:
         from ..extract import carry_fields, extract
+        from ..validity import self_intersections
 
         began = time.perf_counter()
         start, changes = self._reshaped(case, start)
         reached = self._by_the_paper(case, start) if self.formulation == "paper" else self._by_default(case, start)
         mesh = extract(reached.phi, smoothing=self.smoothing, keep=self.keep, islands=reached.islands)
-        if case.dimension == 2 and reached.unchanged:  # a polyline needs no repair, and a lattice would cut its tips
+        if case.dimension == 2 and reached.unchanged and not self_intersections(reached.wall):  # a lattice would cut an outline's tips
             mesh = replace(mesh, surface=reached.wall)
         return replace(
             start,
