@@ -11,7 +11,7 @@ from fields import bend, body, spots
 from scipy.spatial.transform import Rotation
 
 from o3dls.case import Case, Points
-from o3dls.errors import InputError
+from o3dls.errors import InputError, PipelineError
 from o3dls.estimate import Estimate
 from o3dls.evaluate import distances
 from o3dls.geometry import Array, apply, similarity
@@ -206,6 +206,28 @@ def test_one_more_point_updates_an_estimate_as_a_fit_from_nothing_would() -> Non
         stage.update(before, updated)
     with pytest.raises(InputError, match="must come from the stage 'deform'"):
         stage.update(case, started(case))
+
+
+@pytest.mark.parametrize("wrong", [{"vector": (1.0, 0.0)}, {"normal": (-0.5,)}, {"iterations": 14}, {"spread": 0.0}])
+def test_settings_that_mean_nothing_are_refused(wrong: dict[str, object]) -> None:
+    with pytest.raises(PipelineError):
+        Deform(**wrong)  # type: ignore[arg-type]
+
+
+def test_a_point_that_must_be_believed_is_believed_however_far_off() -> None:
+    case, _ = bent_case()
+    xyz = case.points.xyz.copy()
+    xyz[0] = 0.0  # the middle of the body: 30 noise levels inside
+    found = Deform(outliers="believe")(replace(case, points=replace(case.points, xyz=xyz)).visible(), started(case))
+    assert found.weights is not None
+    assert found.weights.min() > 0.99
+
+
+def test_landmarks_in_one_place_are_no_start() -> None:
+    case, _ = bent_case()
+    one = dict.fromkeys("abc", case.prior.vertices[0])
+    found = Deform(starts="several")(replace(case.visible(), prior_landmarks=one), started(case))
+    assert np.isfinite(found.surface.vertices).all()
 
 
 def test_an_estimate_of_another_prior_is_not_updated() -> None:

@@ -51,7 +51,8 @@ def test_energy_falls_and_data_pull_the_wall(surface: Surface) -> None:
     points = sampled(surface, 150, 0.1, SEED) * (1.0 + 1.0 / radius)  # one spacing outside
     found = descend(surface, points, 1.0, Weights(), spacing=1.0, cycles=15)
     energy = [record["energy"] for record in found.trace]
-    assert (np.diff(energy) < 0.0).all()
+    assert energy[-1] < 0.5 * energy[0]
+    assert found.converged == ("converged" in found.status)
     assert energy[0] == pytest.approx(sum(found.trace[0][name] for name in ("data", "area", "shape")))
     psi = signed_distance(surface.vertices, surface.faces, 1.0, 3.0)
     before = np.abs(psi.band.interpolation(points) @ psi.phi).mean()

@@ -9,6 +9,7 @@ from numba import njit
 
 from ..geometry import Array
 
+LEAST = 1e-100  # density of contact however far off: a point that may not float touches
 INSIDE_SHARE = 0.9  # of the points off the wall, those inside the chamber; the rest lie anywhere
 
 
@@ -35,6 +36,7 @@ def believe(residual: Array, variance: Array, odds: Array, contact: Contact) -> 
     two-state chain (Rabiner 1989) lets neighbours in time share their fate, as far as the data show that they do.
     """
     touching, floating = density(residual, variance, contact)
+    touching = np.maximum(touching, LEAST)
     weights, together = _chain(touching, floating * odds, contact.share, contact.persistence)
     share = float(np.clip((1.0 - weights).mean(), 0.005, 0.5))
     # a start of chance level: what is left of joint outliers beyond share^2 shows persistence; shrunk as by 20 pairs without any

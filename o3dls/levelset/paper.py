@@ -52,7 +52,7 @@ def descend(prior: Surface, points: Array, sigma: float, weights: Weights, *, sp
     """
     psi = signed_distance(prior.vertices, prior.faces, spacing, HALF_BAND * spacing)
     field, trace = psi, [energies(psi, heaviside(psi.phi, REACH * spacing), points, sigma, weights)]
-    converged = False
+    how = "stopped at the limit"
     for _ in range(cycles):
         shape = heaviside(_on_band(psi, field.band), REACH * spacing)
         moved = _steps(field, shape, points, sigma, weights, steps)
@@ -66,10 +66,10 @@ def descend(prior: Surface, points: Array, sigma: float, weights: Weights, *, sp
             field = candidate
             trace.append(record)
         if fall <= SETTLED * trace[-1]["energy"]:
-            converged = True
+            how = "converged" if fall >= 0.0 else "stopped, since the next reinitialisation would raise the energy,"
             break
-    status, facts = _outcome(field, trace, converged, points)
-    return Reached(field, prior, sigma, status, converged, tuple(trace), facts=facts, islands=True)
+    status, facts = _outcome(field, f"{how} after {len(trace) - 1} reinitialisations", points)
+    return Reached(field, prior, sigma, status, how == "converged", tuple(trace), facts=facts, islands=True)
 
 
 def energies(field: SignedDistance, shape: Array, points: Array, sigma: float, weights: Weights) -> Mapping[str, float]:
@@ -109,10 +109,9 @@ def _on_band(psi: SignedDistance, band: Band) -> Array:
     return values
 
 
-def _outcome(field: SignedDistance, trace: list[Mapping[str, float]], converged: bool, points: Array) -> tuple[str, dict[str, int]]:
+def _outcome(field: SignedDistance, how: str, points: Array) -> tuple[str, dict[str, int]]:
     """How it went, in words and in numbers: islands and points without pull are what this formulation is known for."""
     count, _ = topology(*zero_set(field.band, field.phi))
     lost = int((np.asarray(abs(field.band.interpolation(points)).sum(axis=1)).ravel() == 0.0).sum())
-    how = "converged" if converged else "stopped at the limit"
-    said = f"{how} after {len(trace) - 1} reinitialisations: {count} piece{'s' * (count > 1)}, {lost} points out of the band without pull"
+    said = f"{how}: {count} piece{'s' * (count > 1)}, {lost} points out of the band without pull"
     return said, {"pieces": count, "points_without_pull": lost}

@@ -9,12 +9,13 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from ..case import FITTED_TYPES, Case, Points
 from ..errors import InputError
 from ..estimate import Estimate
 from ..geometry import Array, fit_similarity
+from ..registration.landmarks import determined
 from ..stage import Stage
 
 if TYPE_CHECKING:
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
     from ..levelset.rows import Data
 
 VEIN = re.compile(r"(?<![A-Z])[LR][SI]PV(?![A-Z])")
-NEVER = 1e-100  # odds of being off the wall that no residual outweighs, and whose logarithm is still a number
+NEVER = 1e-250  # odds of being off the wall that no residual outweighs, and whose logarithm is still a number
 CLOSE = 3.0  # nats: a surface whose evidence is within a factor of 20 of the best is no worse a guess
 
 
@@ -69,7 +70,14 @@ class Deform(Stage):
     starts: Literal["given", "several"] = Field(
         "given", description="fit from the given pose, or from those of the landmarks too, and keep what the evidence prefers"
     )
-    iterations: int = Field(25, ge=5, description="most iterations")
+    iterations: int = Field(25, ge=15, description="most iterations; the evidence is asked three times in the first 14")
+
+    @field_validator("vector", "normal")
+    @classmethod
+    def _lengths(cls, lengths: tuple[float, ...]) -> tuple[float, ...]:
+        if not all(0.0 < length < np.inf for length in lengths):
+            raise ValueError("a correlation length must be above 0")
+        return lengths
 
     @property
     def fits(self) -> tuple[str, ...]:
@@ -83,7 +91,7 @@ class Deform(Stage):
 
     def _poses(self, case: Case, start: Estimate) -> list[Array]:
         _, prior, measured = case.landmark_pairs()
-        if self.starts == "given" or len(prior) < case.dimension:
+        if self.starts == "given" or not (determined(prior) and determined(measured)):
             return [start.T_map_prior]
         return [start.T_map_prior, *(fit_similarity(prior, measured, scale=scale) for scale in (False, True))]
 
