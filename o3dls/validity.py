@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .geometry import Array, Surface
 
@@ -80,12 +81,14 @@ def _crossing_triangles(surface: Surface) -> int:
 
 def _crossing_segments(surface: Surface) -> int:
     """Every segment against every other: outlines have hundreds of segments, not millions."""
-    a, b = surface.vertices[surface.faces[:, 0]], surface.vertices[surface.faces[:, 1]]
-    cut = np.zeros(len(a), dtype=bool)
-    for k in range(len(a)):
-        apart = (_side(a[k], b[k], a) * _side(a[k], b[k], b) < 0.0) & (_side(a, b, a[k]) * _side(a, b, b[k]) < 0.0)
-        cut[k] = (apart & ~np.isin(surface.faces, surface.faces[k]).any(axis=1)).any()
-    return int(cut.sum())
+    return sum(bool(crossed_by(surface, k).any()) for k in range(len(surface.faces)))
+
+
+def crossed_by(outline: Surface, k: int) -> NDArray[np.bool_]:
+    """Which segments (m,) of an outline cross segment k."""
+    a, b = outline.vertices[outline.faces[:, 0]], outline.vertices[outline.faces[:, 1]]
+    apart = (_side(a[k], b[k], a) * _side(a[k], b[k], b) < 0.0) & (_side(a, b, a[k]) * _side(a, b, b[k]) < 0.0)
+    return np.asarray(apart & ~np.isin(outline.faces, outline.faces[k]).any(axis=1))
 
 
 def _side(a: Array, b: Array, point: Array) -> Array:

@@ -90,7 +90,10 @@ def test_an_outline_that_crosses_itself_is_not_handed_out() -> None:
     crossed = prior.with_vertices(vertices)
     assert self_intersections(crossed) > 0
     case, start = started(crossed, sampled(prior, 300, 1.0, SEED), 1.0, fitted=False)
-    assert self_intersections(LevelSet()(case, start).surface) == 0
+    found = LevelSet()(case, start).surface
+    assert self_intersections(found) == 0
+    np.testing.assert_array_equal(found.vertices, crossed.vertices)  # what was drawn stays, only its order changes
+    assert found.volume == pytest.approx(prior.volume, rel=0.01)
 
 
 @pytest.mark.parametrize("column", [0.1, 10.0])

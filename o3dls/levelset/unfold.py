@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix, diags
@@ -9,11 +11,37 @@ from scipy.sparse.linalg import spsolve
 from scipy.spatial import cKDTree
 
 from ..geometry import Array, Ints, Surface, fit_similarity
+from ..validity import crossed_by
 from .shape import neighbours, vertex_normals
 
 Mask = NDArray[np.bool_]
 LEAST_COSINE = 0.25  # between a face's normal and where its surroundings' rotation took it: beyond 75 degrees it is folding
 SURROUNDINGS = 0.3  # rms radii
+
+
+def uncrossed(outline: Surface) -> Surface:
+    """The closed line through the same vertices that does not cross itself: between two segments that cross, the way is taken backwards
+    (2-opt, Croes 1958), which shortens it, so that this ends. A line of several loops stays as it is."""
+    after = dict(outline.faces.tolist())
+    order = [int(outline.faces[0, 0])]
+    while after[order[-1]] != order[0] and len(order) < len(after):
+        order.append(after[order[-1]])
+    if len(order) < len(outline.faces):
+        return outline
+    outline, k = _through(outline, order), 0
+    while k < len(order):
+        crossing = np.flatnonzero(crossed_by(outline, k))
+        k += 1
+        if len(crossing):
+            first, last = sorted((k - 1, int(crossing[0])))
+            order[first + 1 : last + 1] = order[first + 1 : last + 1][::-1]
+            outline, k = _through(outline, order), 0
+    return outline if outline.volume > 0.0 else _through(outline, order[::-1])
+
+
+def _through(outline: Surface, order: list[int]) -> Surface:
+    """The closed line through an outline's vertices in an order."""
+    return replace(outline, faces=np.column_stack([order, np.roll(order, -1)]))
 
 
 def unfold(rest: Array, moved: Array, faces: Ints, rounds: int = 12) -> tuple[Array, int]:

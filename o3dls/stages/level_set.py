@@ -49,13 +49,12 @@ class LevelSet(Stage):
 
     def __call__(self, case: Case, start: Estimate) -> Estimate:
         from ..extract import carry_fields, extract
-        from ..validity import self_intersections
 
         began = time.perf_counter()
         start, changes = self._reshaped(case, start)
         reached = self._by_the_paper(case, start) if self.formulation == "paper" else self._by_default(case, start)
         mesh = extract(reached.phi, smoothing=self.smoothing, keep=self.keep, islands=reached.islands)
-        if case.dimension == 2 and reached.unchanged and not self_intersections(reached.wall):  # a lattice would cut an outline's tips
+        if case.dimension == 2 and reached.unchanged:  # a polyline needs no repair, and a lattice would cut its tips
             mesh = replace(mesh, surface=reached.wall)
         return replace(
             start,
@@ -92,9 +91,11 @@ class LevelSet(Stage):
         from ..extract import isosurface
         from ..levelset.reach import reach
         from ..levelset.solver import Limits
+        from ..levelset.unfold import uncrossed
 
         limits = Limits(self.spacing, self.evidence, self.iterations, self.coarse_to_fine)
-        return reach(start.surface, _observer(case, start), _doubt(case, start), limits, mesh=isosurface)
+        surface = uncrossed(start.surface) if case.dimension == 2 else start.surface
+        return reach(surface, _observer(case, start), _doubt(case, start), limits, mesh=isosurface)
 
     def _by_the_paper(self, case: Case, start: Estimate) -> Reached:
         """psi.T is the prior under the similarity alone, as the paper has it."""
