@@ -153,3 +153,16 @@ def outline(points: Array) -> Surface:
     index = np.arange(len(points))
     surface = Surface(points, np.column_stack([index, np.roll(index, -1)]))
     return surface if surface.volume > 0 else outline(points[::-1])
+
+
+def crossed_by(outline: Surface, k: int) -> NDArray[np.bool_]:
+    """Which segments (m,) of an outline cross segment k."""
+    a, b = outline.vertices[outline.faces[:, 0]], outline.vertices[outline.faces[:, 1]]
+    apart = (_side(a[k], b[k], a) * _side(a[k], b[k], b) < 0.0) & (_side(a, b, a[k]) * _side(a, b, b[k]) < 0.0)
+    return np.asarray(apart & ~np.isin(outline.faces, outline.faces[k]).any(axis=1))
+
+
+def _side(a: Array, b: Array, point: Array) -> Array:
+    """Positive where point lies left of the line from a to b."""
+    edge, to = b - a, point - a
+    return np.asarray(edge[..., 0] * to[..., 1] - edge[..., 1] * to[..., 0])

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from .geometry import Array, Surface
+from .geometry import Array, Surface, crossed_by
 
 Record = dict[str, bool | int | float | None]
 
@@ -82,19 +81,6 @@ def _crossing_triangles(surface: Surface) -> int:
 def _crossing_segments(surface: Surface) -> int:
     """Every segment against every other: outlines have hundreds of segments, not millions."""
     return sum(bool(crossed_by(surface, k).any()) for k in range(len(surface.faces)))
-
-
-def crossed_by(outline: Surface, k: int) -> NDArray[np.bool_]:
-    """Which segments (m,) of an outline cross segment k."""
-    a, b = outline.vertices[outline.faces[:, 0]], outline.vertices[outline.faces[:, 1]]
-    apart = (_side(a[k], b[k], a) * _side(a[k], b[k], b) < 0.0) & (_side(a, b, a[k]) * _side(a, b, b[k]) < 0.0)
-    return np.asarray(apart & ~np.isin(outline.faces, outline.faces[k]).any(axis=1))
-
-
-def _side(a: Array, b: Array, point: Array) -> Array:
-    """Positive where point lies left of the line from a to b."""
-    edge, to = b - a, point - a
-    return np.asarray(edge[..., 0] * to[..., 1] - edge[..., 1] * to[..., 0])
 
 
 def _edges(surface: Surface) -> Array:

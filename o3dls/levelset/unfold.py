@@ -10,8 +10,7 @@ from scipy.sparse import csr_matrix, diags
 from scipy.sparse.linalg import spsolve
 from scipy.spatial import cKDTree
 
-from ..geometry import Array, Ints, Surface, fit_similarity
-from ..validity import crossed_by
+from ..geometry import Array, Ints, Surface, crossed_by, fit_similarity
 from .shape import neighbours, vertex_normals
 
 Mask = NDArray[np.bool_]
