@@ -14,7 +14,7 @@ from .errors import SolverError
 from .geometry import Array, Ints, Surface
 from .levelset.closest import ClosestPoint
 from .levelset.distance import SignedDistance
-from .levelset.operators import largest_piece, zero_set
+from .levelset.operators import largest_piece, pieces, zero_set
 from .validity import self_intersections
 
 LOOSE = 0.1  # pieces with less than this share of the largest one's faces are dust, or what a fold has pinched off
@@ -68,10 +68,11 @@ def _clean(raw: Surface, smoothing: int, keep: float) -> Surface:
     """Repair non-manifold edges, drop dust, smooth lightly (Taubin 1995), decimate by quadrics; topology is kept."""
     import pymeshlab
 
+    largest = np.bincount(pieces(len(raw.vertices), raw.faces)[raw.faces[:, 0]]).max()
     meshes = pymeshlab.MeshSet()
     meshes.add_mesh(pymeshlab.Mesh(raw.vertices, raw.faces.astype(np.int32)))
     meshes.meshing_repair_non_manifold_edges()
-    meshes.meshing_remove_connected_component_by_face_number(mincomponentsize=int(LOOSE * _largest_piece(raw)) + 1)
+    meshes.meshing_remove_connected_component_by_face_number(mincomponentsize=int(LOOSE * largest) + 1)
     if smoothing:
         meshes.apply_coord_taubin_smoothing(stepsmoothnum=smoothing)
     if keep < 1.0:
@@ -80,16 +81,6 @@ def _clean(raw: Surface, smoothing: int, keep: float) -> Surface:
     meshes.meshing_remove_unreferenced_vertices()
     mesh = meshes.current_mesh()
     return Surface(mesh.vertex_matrix(), mesh.face_matrix())
-
-
-def _largest_piece(surface: Surface) -> int:
-    """Faces of the largest connected piece."""
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
-
-    a, b, n = surface.faces.ravel(), np.roll(surface.faces, -1, axis=1).ravel(), len(surface.vertices)
-    _, piece = connected_components(coo_matrix((np.ones(len(a)), (a, b)), shape=(n, n)), directed=False)
-    return int(np.bincount(piece[surface.faces[:, 0]]).max())
 
 
 def carry_fields(source: Surface, target: Surface) -> Surface:
