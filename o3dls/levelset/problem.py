@@ -56,7 +56,7 @@ class Settings:
     whole_spread: float = 0.5  # for bends, tilts and strains: few parameters, of which one case tells little,
     anchor_spread: float = 0.3  # for the anchors, which are few,
     noise_spread: float = 0.5  # and for noise levels
-    odds: float = 1.0  # nats against a motion beyond the pose, before the points are seen
+    odds: float = 0.0  # nats against a motion beyond the pose, before the points are seen
     finest: float = 0.01  # rms radii: no point is believed better than this
     rows: int = 600  # more points than this share rows by patches of the surface
     many: int = 3000  # of more points than this, an even part finds amplitudes, noise and motion; all of them have the last word

@@ -28,7 +28,7 @@ MADE = {
 }
 # The star's template is bent, which is known beforehand, over most of its size: 33 points can tell that from noise, and nothing finer. The
 # jar needs no such help.
-ASKED: Mapping[str, dict[str, Any]] = {"star": {"vector": (1.6,), "normal": (), "odds": -4.0}, "jar": {}}
+ASKED: Mapping[str, dict[str, Any]] = {"star": {"vector": (1.6,), "normal": ()}, "jar": {}}
 
 
 def pipeline(shape: str) -> Pipeline:

@@ -60,7 +60,7 @@ class Deform(Stage):
         json_schema_extra={"unit": "1"},
     )
     odds: float = Field(
-        1.0,
+        0.0,
         description="log odds against a motion beyond the pose, before the points are seen; raise it for templates that hardly deform",
         json_schema_extra={"unit": "nats"},
     )
