@@ -8,6 +8,12 @@ Fresh seeds are made by the phantom generator, once per group (development seeds
         for p in 2 6 10; do python phantom.py star $s cases/star_$(printf %02d $p)_$s --percent $p; done
     done
 
+atria with few points by the same, grouped by their number:
+
+    for n in 30 60 120; do for s in $(seq 2001 2030); do
+        python phantom.py atrium $s cases/sparse_${n}_$s --points $n
+    done; done
+
 and, by our own generator, atria of which the prior has a vein too many or too few, by the number of points:
 
     for n in 250 1000; do for s in $(seq 2001 2030); do
