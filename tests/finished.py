@@ -34,18 +34,19 @@ class Bulge:
 
 
 class Icp(Stage):
-    """Moves the prior rigidly, a little beside the truth."""
+    """Moves the prior rigidly, a little beside the truth, and says that it is not sure of one direction."""
 
     name: ClassVar[str] = "icp"
 
     def __call__(self, case: Case, start: Estimate) -> Estimate:
         T = similarity(np.eye(case.dimension), np.full(case.dimension, 0.3))
         trace = tuple({"iteration": float(k), "residual": 2.0 / (k + 1)} for k in range(6))
-        return Estimate(case.prior.transformed(T), T, "converged: the pairs no longer change", iterations=6, trace=trace)
+        status, said = "converged: the pairs no longer change", ("the rotation about the long axis is weakly determined",)
+        return Estimate(case.prior.transformed(T), T, status, iterations=6, trace=trace, warnings=said)
 
 
 class LevelSet(Stage):
-    """Moves the prior as the truth was moved, and says that it is not sure of one direction."""
+    """Moves the prior as the truth was moved, and hands on what was said before."""
 
     name: ClassVar[str] = "level_set"
 
@@ -56,8 +57,8 @@ class LevelSet(Stage):
         weights[3] = 0.02
         trace = tuple({"iteration": float(k), "data": 9.0 / (k + 1), "shape": 1.0, "energy": 9.0 / (k + 1) + 1} for k in range(12))
         surface = case.prior.with_vertices(motion(case.prior.vertices))
-        status, said = "stopped at the largest number of iterations", ("the rotation about the long axis is weakly determined",)
-        return Estimate(surface, T, status, False, 12, weights=weights, motion=motion, sigma=0.6, trace=trace, warnings=said)
+        status = "stopped at the largest number of iterations"
+        return Estimate(surface, T, status, False, 12, weights=weights, motion=motion, sigma=0.6, trace=trace, warnings=start.warnings)
 
 
 def bulged_case(name: str = "ball", rings: int = 14, points: int = 80, noise: float = 0.5) -> Case:

@@ -76,13 +76,23 @@ def warnings(subject: Subject) -> list[str]:
     chain = [subject.last] + ([subject.first] if subject.first else [])
     said = [f"{result.name}: {fault}." for result in chain for fault in result.run.faults_of(result.key)]
     said += [_unfinished(result) for result in chain if not result.estimate.converged]
-    said += [f"{result.name}: {text}" for result in _ancestors(subject) for text in result.estimate.warnings]
+    said += _estimates_own(subject)
     fitted = int((subject.case.points.type == "eam").sum())
     if fitted < FEW_POINTS:
         said.append(f"Only {fitted} points were fitted.")
     if subject.headline == "fitted":
         said.append("Every point was fitted, so nothing here proves how good the surface is away from them; cross-validate (folds = 5).")
     return list(dict.fromkeys(said))
+
+
+def _estimates_own(subject: Subject) -> list[str]:
+    """What the estimates warn of, each sentence once: a stage hands on what those before it said."""
+    chain = _ancestors(subject)
+    names = {text: list[str]() for result in chain for text in result.estimate.warnings}
+    for result in [*chain[1:], *chain[:1]]:
+        for text in result.estimate.warnings:
+            names[text].append(result.name)
+    return [f"{', '.join(dict.fromkeys(by))}: {text}" for text, by in names.items()]
 
 
 def _unfinished(result: Result) -> str:
