@@ -77,6 +77,17 @@ def test_runs_of_floating_points_are_recognised_and_doubt_spreads_within_them() 
     assert contact.share == pytest.approx(runs.mean(), abs=0.04)
 
 
+@pytest.mark.parametrize("factor", [0.25, 4.0])
+def test_odds_that_all_points_share_say_nothing(factor: float) -> None:
+    """Round after round: a share that kept the odds in it would run away."""
+    residual = np.where(np.arange(220) % 11 == 5, -7.0, np.random.default_rng(5).normal(size=220))  # no runs
+    plain = odd = PLAIN
+    for _ in range(40):
+        expected, plain = belief(residual, plain)
+        found, odd = belief(residual, odd, np.full(220, factor))
+    np.testing.assert_allclose(found, expected, atol=0.02)
+
+
 def test_belief_knows_no_unit() -> None:
     residual = np.random.default_rng(9_973).normal(size=60) * 3
     ones = np.ones(60)

@@ -38,11 +38,12 @@ def believe(residual: Array, variance: Array, odds: Array, contact: Contact) -> 
     touching, floating = density(residual, variance, contact)
     touching = np.maximum(touching, LEAST)
     weights, together = _chain(touching, floating * odds, contact.share, contact.persistence)
-    share = float(np.clip((1.0 - weights).mean(), 0.005, 0.5))
-    # a start of chance level: what is left of joint outliers beyond share^2 shows persistence; shrunk as by 20 pairs without any
+    off = float(np.clip((1.0 - weights).mean(), 0.005, 0.5))
+    share = float(np.clip(_share(off, odds), 0.005, 0.5))
+    # a start of chance level: what is left of joint outliers beyond chance shows persistence; shrunk as by 20 pairs without any
     pairs = (1.0 - weights)[:-1].sum()
-    chance = share * pairs
-    persistence = float(np.clip((together - chance) / (pairs * (1.0 - share) + 20.0 * share), 0.0, 0.9))
+    chance = off * pairs
+    persistence = float(np.clip((together - chance) / (pairs * (1.0 - off) + 20.0 * off), 0.0, 0.9))
     return weights, Contact(share, contact.depth, persistence)
 
 
@@ -52,7 +53,20 @@ def mixture_energy(weights: Array, residual: Array, odds: Array, contact: Contac
     off = np.clip(1.0 - weights, 1e-12, 1.0)
     on = np.clip(weights, 1e-12, 1.0)
     prior = off * np.log(contact.share * odds * floating) + on * np.log(1.0 - contact.share)
-    return float((off * np.log(off) + on * np.log(on) - prior).sum())
+    normaliser = np.log(1.0 - contact.share + contact.share * odds)
+    return float((off * np.log(off) + on * np.log(on) - prior + normaliser).sum())
+
+
+def _share(off_wall: float, odds: Array) -> float:
+    """Share of a point of odds 1 at which points of these odds (n,) are expected off the wall as often as they are; by bisection."""
+    if (odds == 1.0).all():
+        return off_wall
+    low, high = 0.0, 1.0
+    for _ in range(40):
+        share = 0.5 * (low + high)
+        expected = float((share * odds / (1.0 - share + share * odds)).mean())
+        low, high = (share, high) if expected < off_wall else (low, share)
+    return share
 
 
 @njit(cache=True)
