@@ -193,7 +193,7 @@ class Problem:
         word = (
             "converged" if still else f"stopped after {len(trace)} iterations while the surface still moved {trace[-1]['step']:.2g} a step"
         )
-        status = f"{word}; noise {state.scales.noises[0]:.3g}, {100 * state.contact.share:.0f} % of the points off the wall"
+        status = f"{word}; noise {state.scales.noises[0]:.3g}, {100 * self.off_wall(state):.0f} % of the points off the wall"
         if share < 0.95:
             status += f"; the points show a motion beyond the pose with probability {share:.2f}, and the prior follows it that far"
         if self.faired:
@@ -206,11 +206,15 @@ class Problem:
         facts = self.facts(state) | {"share": share, "faired": self.faired, "folded_faces": float(folded)}
         return MotionFit(motion, vertices, state, sd, still, status, tuple(trace), facts, self)
 
+    def off_wall(self, state: State) -> float:
+        """Share of the mapping points that is not believed to touch."""
+        return float(1.0 - state.weights[~self.data.inside].mean())
+
     def facts(self, state: State) -> dict[str, float]:
         names = [f"vector_{x:.3g}" for x in self.covariance.vector] + [f"normal_{x:.3g}" for x in self.covariance.normal]
         names += ["bend", "strain"] + ["tilt"] * (self.covariance.up is not None) + ["anchors"] * (len(self.marks) > 0)
         facts = {f"amplitude_{name}": float(sd) for name, sd in zip(names, state.scales.sds, strict=True)}
-        facts |= {"off_wall": state.contact.share, "persistence": state.contact.persistence}
+        facts |= {"off_wall": self.off_wall(state), "persistence": state.contact.persistence}
         if len(self.marks):
             facts["landmark_noise"] = float(state.scales.noises[-1])
         return facts
