@@ -158,9 +158,16 @@ def one_more(seed: int, repeat: int) -> list[Row]:
     v, f = case.prior.vertices, case.prior.faces
     before = fit_motion(v, f, pose, first, stage.settings())
     seconds, warm = timed(lambda: fit_motion(v, f, pose, data, stage.settings(), warm=before), repeat)
-    off = float(np.linalg.norm(warm.vertices - fit_motion(v, f, pose, data, stage.settings()).vertices, axis=1).mean())
-    row = _row("one more point", seconds, case, case.prior.with_vertices(warm.vertices), warm.status)
-    return [row, {"what": "one more point, off", "value": off, "unit": "mm", "status": "from a fit from nothing, mean over vertices"}]
+    rows = [_row("one more point", seconds, case, case.prior.with_vertices(warm.vertices), warm.status)]
+    centre = warm.vertices.mean(axis=0)
+    floating = data.points.copy()
+    floating[-1] = centre + FLOATING * (floating[-1] - centre)
+    said = {"unit": "mm", "status": "from a fit from nothing, mean over vertices"}
+    for what, points in (("one more point, off", data.points), ("the same floating inside, off", floating)):
+        shown = replace(data, points=points)
+        two = [fit_motion(v, f, pose, shown, stage.settings(), warm=known).vertices for known in (before, None)]
+        rows.append({"what": what, "value": float(np.linalg.norm(two[0] - two[1], axis=1).mean()), **said})
+    return rows
 
 
 def memory(seed: int, repeat: int) -> list[Row]:

@@ -11,10 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import InputError
-from .geometry import Array, Surface
+from .geometry import Array, Ints, Surface
 
 POINT_TYPES = ("eam", "ablation", "landmark", "inside")
 FITTED_TYPES = ("eam", "inside")
+BEST = 0.02  # least relative noise of a point: it holds the surface as firmly as one can, and smaller ones are lost in rounding
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,9 +37,18 @@ class Points:
         """The points of the given types, in file order."""
         return self.select(np.isin(self.type, types))
 
+    def distinct(self) -> tuple[Ints, Ints]:
+        """Rows of the first point of every place and type, in order, and which of these (n,) each point is."""
+        places = np.column_stack([self.xyz, np.unique(self.type, return_inverse=True)[1]])
+        _, first, same = np.unique(places, axis=0, return_index=True, return_inverse=True)
+        order = np.argsort(first)
+        rank = np.empty_like(order)
+        rank[order] = np.arange(len(order))
+        return first[order], rank[same.ravel()]
+
     @cached_property
     def relative_noise(self) -> Array:
-        """Noise (n,) of each point by the column `sigma`, over the median of those that are fitted anyway; 1 where it is not given.
+        """Noise (n,) of each point by the column `sigma`, over the median of those that are fitted anyway, at least 0.02; 1 where it is not given.
 
         Raises InputError where one is not above 0.
         """
@@ -47,7 +57,7 @@ class Points:
         if len(wrong):
             raise InputError(f"points: sigma is a noise level and must be above 0, but point {wrong[0]} has {sigma[wrong[0]]:g}")
         typical = sigma[np.isfinite(sigma) & np.isin(self.type, FITTED_TYPES)]
-        return np.where(np.isfinite(sigma), sigma / np.median(typical), 1.0) if len(typical) else np.ones(len(self))
+        return np.where(np.isfinite(sigma), np.maximum(sigma / np.median(typical), BEST), 1.0) if len(typical) else np.ones(len(self))
 
 
 @dataclass(frozen=True, eq=False)

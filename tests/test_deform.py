@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 from chamber import chamber, sampled, tips
 from fields import bend, body, spots
 from scipy.spatial.transform import Rotation
+from tiny import sphere
 
 from o3dls.case import Case, Points
 from o3dls.errors import InputError, PipelineError
@@ -228,6 +230,84 @@ def test_landmarks_in_one_place_are_no_start() -> None:
     one = dict.fromkeys("abc", case.prior.vertices[0])
     found = Deform(starts="several")(replace(case.visible(), prior_landmarks=one), started(case))
     assert np.isfinite(found.surface.vertices).all()
+
+
+def test_several_starts_without_landmarks_say_that_there_is_but_one() -> None:
+    case, _ = bent_case()
+    found = Deform(starts="several")(replace(case.visible(), prior_landmarks={}), started(case))
+    assert found.warnings == ('starts = "several": no three landmark pairs fix a pose, so that the given start was the only one',)
+    assert Deform()(replace(case.visible(), prior_landmarks={}), started(case)).warnings == ()
+
+
+def test_a_start_that_is_almost_as_likely_is_told_of() -> None:
+    """A ball hides every turn from its points."""
+    ball = sphere()
+    turned = np.diag([-1.0, -1.0, 1.0, 1.0])
+    points = spots(ball, 80, 7_919)[0] + 0.3 * np.random.default_rng(7_920).normal(size=(80, 3))
+    marks = {name: 20.0 * axis for name, axis in zip("abc", np.eye(3), strict=True)}
+    xyz, kind = np.vstack([points, np.array(list(marks.values()))]), np.array(["eam"] * 80 + ["landmark"] * 3)
+    case = Case("ball", ball, Points(xyz, kind, {"name": np.array([""] * 80 + list(marks))}), marks)
+    start = Estimate(ball.transformed(turned), turned, "half a turn off")
+    found = Deform(starts="several", landmarks=False)(case, start)
+    assert len(found.warnings) == 1
+    assert re.search(r"almost as likely \(\d\.\d nats less\), puts the prior's vertices \d+\.\d mm elsewhere", found.warnings[0])
+
+
+def with_points(case: Case, *extra: Array) -> Case:
+    """The case with further mapping points behind the others."""
+    points, more = case.points, np.array(extra)
+    kind = np.r_[points.type, np.full(len(more), "eam")]
+    columns = {"name": np.r_[points.columns["name"], np.full(len(more), "")]}
+    return replace(case, points=Points(np.vstack([points.xyz, more]), kind, columns))
+
+
+def test_copies_of_a_point_are_no_new_evidence() -> None:
+    case, _ = bent_case()
+    plain = Deform()(case.visible(), started(case))
+    copied = Deform()(with_points(case, *case.points.xyz[:60], *case.points.xyz[:60]).visible(), started(case))
+    np.testing.assert_array_equal(copied.surface.vertices, plain.surface.vertices)
+    assert copied.weights is not None
+    assert plain.weights is not None
+    np.testing.assert_array_equal(copied.weights, np.r_[plain.weights, plain.weights[:60], plain.weights[:60]])
+    assert copied.warnings == ("120 of 270 points repeat the place of another; each place counts once",)
+
+
+def test_a_new_point_off_the_wall_is_doubted_at_once() -> None:
+    case, _ = bent_case()
+    fitted, xyz = Deform()(case.visible(), started(case)), case.points.xyz
+    for k in range(0, 60, 12):
+        more = with_points(case, xyz[:150].mean(axis=0) + 0.7 * (xyz[k] - xyz[:150].mean(axis=0)))  # some 8 mm inside
+        updated, afresh = Deform().update(more, fitted), Deform()(more.visible(), started(case))
+        assert np.linalg.norm(updated.surface.vertices - afresh.surface.vertices, axis=1).mean() < 0.05  # mm: as for a good point
+
+
+def test_an_update_says_what_has_changed() -> None:
+    case, _ = bent_case()
+    fitted = Deform()(case.visible(), started(case))
+    more = with_points(case, case.points.xyz[0] + 0.5)
+    moved = more.points.xyz.copy()
+    moved[7] += 0.1
+    with pytest.raises(InputError, match="point 7 is not where it was"):
+        Deform().update(replace(more, points=replace(more.points, xyz=moved)), fitted)
+    with pytest.raises(InputError, match="the landmarks are not those"):
+        Deform().update(replace(more, prior_landmarks={**more.prior_landmarks, "a": np.zeros(3)}), fitted)
+    with pytest.raises(InputError, match="fitted to this prior"):
+        Deform().update(replace(more, prior=more.prior.with_vertices(1.01 * more.prior.vertices)), fitted)
+
+
+def test_a_sigma_of_almost_nothing_pins_the_surface_and_breaks_nothing() -> None:
+    case, _ = bent_case()
+    sigma = np.ones(len(case.points))
+    sigma[3] = 1e-12
+    found = Deform()(with_column(case, sigma=sigma).visible(), started(case))
+    assert distances(case.points.xyz[3:4], found.surface)[0] < 0.25 * NOISE
+
+
+def test_points_there_must_be() -> None:
+    case, _ = bent_case()
+    bare = replace(case, points=case.points.of("landmark"))
+    with pytest.raises(InputError, match="deform: case bent has no points of type eam"):
+        Deform()(bare, started(case))
 
 
 def test_an_estimate_of_another_prior_is_not_updated() -> None:

@@ -12,7 +12,7 @@ from shapes import ball_with_tube, circle, meshed, round_distance, sampled
 from data_synth import atrium
 from o3dls import ICP, Deform, Landmarks, Pipeline
 from o3dls.case import Case, Points
-from o3dls.errors import PipelineError, SolverError
+from o3dls.errors import InputError, PipelineError, SolverError
 from o3dls.estimate import Estimate
 from o3dls.evaluate import distances
 from o3dls.geometry import Array, Surface
@@ -210,6 +210,25 @@ def test_no_surface_at_all_is_an_error() -> None:
     case, start = started(thin, sampled(thin, 100, 0.1, SEED), 0.1)
     with pytest.raises(SolverError, match="no surface"):
         LevelSet()(case, start)
+
+
+@pytest.mark.parametrize(
+    ("factor", "said"), [(0.04, "take at most 0.22 mm, or check that its lengths are in mm"), (200.0, "take at least 1.55 mm")]
+)
+def test_lengths_that_are_not_in_mm_are_refused(factor: float, said: str) -> None:
+    """Inches, and what fills the memory."""
+    prior = meshed(round_distance(16.0), 20.0)
+    scaled = prior.with_vertices(factor * prior.vertices)
+    case, start = started(scaled, sampled(scaled, 100, 0.1, SEED), 0.1)
+    with pytest.raises(InputError, match=said):
+        LevelSet()(case, start)
+
+
+def test_a_mesh_that_is_no_likeness_of_its_level_set_is_an_error() -> None:
+    prior = meshed(round_distance(16.0), 20.0)
+    case, start = started(prior, sampled(prior, 100, 0.1, SEED), 0.1)
+    with pytest.raises(SolverError, match=r"encloses \d+% less .* a share to keep above 1e-09"):
+        LevelSet(keep=1e-9)(case, start)
 
 
 def test_equal_inputs_give_equal_surfaces() -> None:

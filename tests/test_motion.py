@@ -182,14 +182,38 @@ def test_points_inside_bound_the_wall_from_one_side(dimension: int) -> None:
     deep = 0.5 * data.points[::5]
     beyond = data.points.mean(axis=0) + 1.15 * (data.points[::5] - data.points.mean(axis=0))
 
-    def with_inside(extra: Array) -> MotionFit:
-        n = len(extra)
-        return fit(surface, wall(np.vstack([data.points, extra]), inside=np.r_[np.zeros(len(data.points), bool), np.ones(n, bool)]))
-
     plain = fit(surface, data)
-    assert gap(with_inside(deep).vertices, plain.vertices) < 0.05 * NOISE
-    pushed = surface.with_vertices(with_inside(beyond).vertices)
+    assert gap(fit(surface, with_inside(data, deep)).vertices, plain.vertices) < 0.05 * NOISE
+    pushed = surface.with_vertices(fit(surface, with_inside(data, beyond)).vertices)
     assert pushed.volume > 1.02 * surface.with_vertices(plain.vertices).volume
+
+
+def with_inside(data: Data, extra: Array) -> Data:
+    inside = np.arange(len(data.points) + len(extra)) >= len(data.points)
+    return wall(np.vstack([data.points, extra]), inside=inside)
+
+
+@BOTH
+@pytest.mark.parametrize("far", [1.3, 2.0, 5.0])
+def test_one_point_inside_that_is_wrong_does_no_harm(dimension: int, far: float) -> None:
+    surface, _, data = bent(dimension)
+    centre = data.points.mean(axis=0)
+    stray = centre + far * (data.points[:1] - centre)
+    plain, found = fit(surface, data), fit(surface, with_inside(data, stray))
+    assert gap(found.vertices, plain.vertices) < 0.05 * NOISE
+
+
+def test_a_crowd_of_noisy_points_inside_does_not_swell_the_wall() -> None:
+    """The outermost of many points lie beyond the wall, where the noise has put them; each of them counting, it never stood still."""
+    surface, truth, data = bent(3)
+    rng = np.random.default_rng(7_193)
+    _, face, bary = spots(surface, 1500, 7_194)
+    moved = surface.with_vertices(truth)
+    at = np.einsum("nc,ncd->nd", bary, truth[surface.faces[face]]) - rng.uniform(0.0, 3.0, 1500)[:, None] * moved.face_normals[face]
+    found = fit(surface, with_inside(data, at + NOISE * rng.normal(size=at.shape)))
+    assert found.converged
+    assert abs(surface.with_vertices(found.vertices).volume / moved.volume - 1.0) < 0.01
+    assert abs(found.sigma / fit(surface, data).sigma - 1.0) < 0.1
 
 
 def test_a_second_group_has_a_noise_of_its_own() -> None:

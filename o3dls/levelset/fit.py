@@ -10,8 +10,10 @@ from dataclasses import replace
 from ..geometry import Array, Ints
 from .choice import shown, smoother
 from .motion import MotionFit
+from .outliers import believe
 from .problem import LATE, Problem, Run, Settings
 from .rows import Data
+from .shape import unit_mean, vertex_normals
 
 MANY_ROUNDS = 6  # with all points, after a fit to some of them
 WARM_ROUNDS = 1  # one more point moves the surface by a fraction of the noise: a second round would move it by hundredths of that
@@ -50,15 +52,31 @@ def _proceed(earlier: MotionFit, data: Data, known: slice, rounds: int) -> Motio
     """Rounds with all of `data`, of which the earlier fit had the `known` points: pose, amplitudes and noise levels are kept."""
     least = 0.1 * float(earlier.state.scales.noises[0])  # the surface stands within the noise
     problem: Problem = replace(earlier.problem, data=data)
-    weights = data.trusted
-    weights[known] = earlier.state.weights
-    state, trace = replace(earlier.state, weights=weights, patches=None), list[dict[str, float]]()
+    state, trace = replace(earlier.state, weights=_first_beliefs(earlier, data, known), patches=None), list[dict[str, float]]()
     for _ in range(rounds):
         state, solved, record = problem.step(state, LATE, tuning=False)
         trace.append(record)
         if record["step"] < least:
             break
     return problem.result(state, solved, earlier.motion.share, trace, trace[-1]["step"] < least)
+
+
+def _first_beliefs(earlier: MotionFit, data: Data, known: slice) -> Array:
+    """Belief (n,) in the known points as it was, in the further ones by their distances from the surface as it is."""
+    weights, state, surface = data.trusted, earlier.state, earlier.problem.tree
+    new = ~data.inside
+    new[known] = False
+    weights[known] = state.weights
+    if new.any():
+        surface.refit(state.moved)
+        _, face, foot, bary = surface.query(data.points[new])
+        corners = earlier.problem.faces[face]
+        outward = (data.points[new] - foot) * unit_mean(vertex_normals(state.moved, earlier.problem.faces), corners, bary)
+        own = state.scales.noises[data.group[new]] * data.relative[new]
+        weights[new], _ = believe(
+            outward.sum(axis=1), own**2 + (bary * earlier.sd[corners]).sum(axis=1) ** 2, data.odds[new], state.contact
+        )
+    return weights
 
 
 def _run(problem: Problem) -> Run:

@@ -115,7 +115,7 @@ class MotionFit:
     def weights(self) -> Array:
         """Belief (k,) in each mapping point."""
         data = self.problem.data
-        return np.asarray(self.state.weights[(data.group == 0) & ~data.inside])
+        return np.asarray(self.state.weights[(data.group == 0) & ~data.inside if data.mapping is None else data.mapping])
 
     @property
     def similarity(self) -> Array:

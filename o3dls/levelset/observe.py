@@ -6,9 +6,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import KDTree
 
 from ..geometry import Array
 from .energy import Likelihood
+from .outliers import CROWD, say
 from .wall import Wall
 
 SHARES = (0.02, 0.3)  # a share outside is not believed
@@ -58,4 +60,17 @@ def observe(wall: Wall, points: Array, one_sided: NDArray[np.bool_], relative: A
     bend = np.einsum("nc,nc->n", weights, wall.curvature[corners])
     # the mean of the distance from a curved wall under noise of variance s^2 is s^2 / 2 times the sum of its curvatures
     bias = np.where(one_sided, 0.0, 0.5 * sigma * np.clip(sigma * bend, -MOST_BENT, MOST_BENT))
-    return Measured(points, distance, likelihood, noise.doubt, bias)
+    seen = Measured(points, distance, likelihood, noise.doubt, bias)
+    return seen.of(~one_sided | (distance <= 0.0) | _heard(wall, points, one_sided, distance > 0.0))
+
+
+def _heard(wall: Wall, points: Array, one_sided: NDArray[np.bool_], outside: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Which points (n,) known to be inside are outside and heard: all where they are more than those around that are inside, else one."""
+    size = float(np.sqrt(((wall.rest - wall.rest.mean(axis=0)) ** 2).sum(axis=1).mean()))
+    rows = np.flatnonzero(one_sided)
+    heard = say(points[rows], outside[rows], size)
+    chosen, near = np.zeros(len(points), dtype=bool), KDTree(points[rows])
+    for row, share in zip(rows, heard, strict=True):
+        spoken = rows[near.query_ball_point(points[row], CROWD * size)]
+        chosen[row] = share > 0.5 or (share > 0.0 and not chosen[spoken].any())
+    return chosen

@@ -6,10 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
 
 from ..geometry import Array
 
 LEAST = 1e-100  # density of contact however far off: a point that may not float touches
+CROWD = 0.37  # rms radii: `inside` points that lie closer together speak of the same wall
 INSIDE_SHARE = 0.9  # of the points off the wall, those inside the chamber; the rest lie anywhere
 
 
@@ -45,6 +48,21 @@ def believe(residual: Array, variance: Array, odds: Array, contact: Contact) -> 
     chance = off * pairs
     persistence = float(np.clip((together - chance) / (pairs * (1.0 - off) + 20.0 * off), 0.0, 0.9))
     return weights, Contact(share, contact.depth, persistence)
+
+
+def say(points: Array, outside: NDArray[np.bool_], size: float) -> Array:
+    """How far (n,), up to 1, each of the `inside` points (n, d) that a surface of rms radius `size` leaves outside is heard.
+
+    Of many noisy points along a wall the outermost lie beyond it. So each that is outside is outweighed by one nearby that is inside;
+    and a crowd that is outweighed speaks as one point still.
+    """
+    heard, rows = np.zeros(len(points)), np.flatnonzero(outside)
+    if len(rows):
+        at, near = points[rows], CROWD * size
+        beyond = KDTree(at).query_ball_point(at, near, return_length=True)
+        together = KDTree(points).query_ball_point(at, near, return_length=True)
+        heard[rows] = np.maximum(2 * beyond - together, 1) / beyond
+    return heard
 
 
 def mixture_energy(weights: Array, residual: Array, odds: Array, contact: Contact) -> float:

@@ -19,7 +19,7 @@ from .evidence import Posterior, Scales, assemble, free_energy, left_out, solve,
 from .fairing import fair
 from .feet import likely_feet
 from .motion import Motion, MotionFit, State
-from .outliers import Contact, believe, mixture_energy
+from .outliers import Contact, believe, density, mixture_energy, say
 from .rows import Data, Feet, Rows, gather, points_left_out
 from .shape import vertex_normals
 from .unfold import unfold
@@ -163,9 +163,14 @@ class Problem:
 
     def believe(self, state: State, residual: Array, var: Array) -> tuple[Array, Contact]:
         """Belief per point; an `inside` point has a say only while the surface leaves it outside."""
-        weights = np.where(residual > 0.0, 1.0, 0.0)
+        weights = np.zeros(len(residual))
         wall = ~self.data.inside
         weights[wall], contact = believe(residual[wall], var[wall], self.data.odds[wall], state.contact)
+        touching, floating = density(residual[~wall], var[~wall], contact)
+        belief = touching * (1.0 - contact.share) / (touching * (1.0 - contact.share) + floating * contact.share)
+        outside = (residual[~wall] > 0.0) & (belief > 0.5)
+        weights[~wall] = belief * say(self.data.points[~wall], outside, self.size)
+        weights[~wall] = state.weights[~wall] + state.damping * (weights - state.weights)[~wall]  # points at the wall come and go
         return weights, contact
 
     def label_energy(self, weights: Array, residual: Array, contact: Contact, noises: Array) -> float:

@@ -14,13 +14,13 @@ from pydantic import Field, field_validator
 from ..case import FITTED_TYPES, Case, Points
 from ..errors import InputError
 from ..estimate import Estimate
-from ..geometry import Array, fit_similarity
+from ..geometry import Array, Surface, fit_similarity
 from ..registration.landmarks import determined
 from ..stage import Stage
 
 if TYPE_CHECKING:
     from ..levelset.motion import MotionFit
-    from ..levelset.problem import Settings
+    from ..levelset.problem import Problem, Settings
     from ..levelset.rows import Data
 
 VEIN = re.compile(r"(?<![A-Z])[LR][SI]PV(?![A-Z])")
@@ -85,15 +85,26 @@ class Deform(Stage):
 
     def __call__(self, case: Case, start: Estimate) -> Estimate:
         data = observed(case, self)
+        if not (data.group == 0)[~data.inside].any():
+            raise InputError(f"deform: case {case.name} has no points of type eam")
         fits = [self._fitted(case, pose, data) for pose in self._poses(case, start)]
         best = min(fits, key=lambda estimate: float(estimate.fit.energy))
-        return replace(best, warnings=(*start.warnings, *_rivals(best, fits, case.units)))
+        return replace(
+            best, warnings=(*start.warnings, *_repeated(case.points), *self._without_marks(case), *_rivals(best, fits, case.units))
+        )
 
     def _poses(self, case: Case, start: Estimate) -> list[Array]:
-        _, prior, measured = case.landmark_pairs()
-        if self.starts == "given" or not (determined(prior) and determined(measured)):
+        if self.starts == "given" or self._without_marks(case):
             return [start.T_map_prior]
+        _, prior, measured = case.landmark_pairs()
         return [start.T_map_prior, *(fit_similarity(prior, measured, scale=scale) for scale in (False, True))]
+
+    def _without_marks(self, case: Case) -> list[str]:
+        """A sentence where several starts are asked for and the landmarks give none."""
+        _, prior, measured = case.landmark_pairs()
+        if self.starts == "given" or (determined(prior) and determined(measured)):
+            return []
+        return ['starts = "several": no three landmark pairs fix a pose, so that the given start was the only one']
 
     def _fitted(self, case: Case, pose: Array, data: Data, warm: MotionFit | None = None) -> Estimate:
         from ..levelset.fit import fit_motion
@@ -119,16 +130,23 @@ class Deform(Stage):
     def update(self, case: Case, estimate: Estimate) -> Estimate:
         """An estimate of this stage after a few more points, in milliseconds: `case` has the points of before, and the new ones behind.
 
-        Pose, amplitudes and noise levels stay; motion, posterior and beliefs take in the new points. Raises InputError where the
-        estimate is not one of this stage, or the case has fewer points than it was fitted to.
+        Pose, amplitudes and noise levels stay; motion, posterior and beliefs take in the new points. Within 0.05 mm in the mean of a fit
+        from nothing after one point, where that would leave the amplitudes as they are. Raises InputError where the estimate is not
+        one of this stage, or prior, landmarks or the points of before have changed.
         """
         data = observed(case.visible(self.fits), self)
         fit = estimate.fit
-        if fit is None or estimate.motion is not fit.motion or not np.array_equal(fit.problem.faces, case.prior.faces):
+        if fit is None or estimate.motion is not fit.motion or not _same(fit.problem, case.prior):
             raise InputError("update: the estimate must come from the stage 'deform' of this session, fitted to this prior")
-        if len(data.points) < len(fit.state.weights):
-            raise InputError(f"update: {len(data.points)} points, fewer than the {len(fit.state.weights)} of the estimate")
-        return self._fitted(case, estimate.T_map_prior, data, fit)
+        before = fit.problem.data
+        if len(data.points) < len(before.points):
+            raise InputError(f"update: {len(data.points)} points, fewer than the {len(before.points)} of the estimate")
+        changed = np.flatnonzero((data.points[: len(before.points)] != before.points).any(axis=1))
+        if len(changed):
+            raise InputError(f"update: point {changed[0]} is not where it was in the estimate: only new points may come, behind the others")
+        if not (np.array_equal(data.marks_prior, before.marks_prior) and np.array_equal(data.marks_map, before.marks_map)):
+            raise InputError("update: the landmarks are not those of the estimate; fit it again")
+        return replace(self._fitted(case, estimate.T_map_prior, data, fit), warnings=estimate.warnings)
 
     def settings(self) -> Settings:
         from ..levelset.problem import Settings
@@ -143,28 +161,43 @@ def _rivals(best: Estimate, fits: list[Estimate], unit: str) -> list[str]:
         apart = float(np.linalg.norm(other.surface.vertices - best.surface.vertices, axis=1).mean())
         behind = other.fit.energy - best.fit.energy
         if behind < CLOSE and apart > best.fit.state.scales.noises[0]:
-            return [f"another start led to a surface {apart:.1f} {unit} away on average that is almost as likely ({behind:.1f} nats less)"]
+            return [
+                f"another start, almost as likely ({behind:.1f} nats less), puts the prior's vertices {apart:.1f} {unit} elsewhere on average"
+            ]
     return []
+
+
+def _repeated(points: Points) -> list[str]:
+    """A sentence where points share a place: copies are no new evidence."""
+    mapping = points.of("eam")
+    more = len(mapping) - len(mapping.distinct()[0])
+    return [f"{more} of {len(mapping)} points repeat the place of another; each place counts once"] if more else []
+
+
+def _same(problem: Problem, prior: Surface) -> bool:
+    return np.array_equal(problem.faces, prior.faces) and np.array_equal(problem.vertices, prior.vertices)
 
 
 def observed(case: Case, stage: Deform) -> Data:
     """The fitted points as arrays: eam and inside points in noise group 0, ablation points in group 1, landmarks apart."""
     from ..levelset.rows import Data
 
-    fitted = np.isin(case.points.type, stage.fits)
-    points = case.points.select(fitted)
+    every = case.points.of(*stage.fits)
+    rows, same = every.distinct()
+    points = every.select(rows)
     _, marks_prior, marks_map = case.landmark_pairs()
     keep = slice(None) if stage.landmarks else slice(0)
     return Data(
         points=points.xyz,
         group=(points.type == "ablation").astype(np.int64),
-        relative=case.points.relative_noise[fitted],
+        relative=every.relative_noise[rows],
         odds=_odds_of_floating(points, stage.contact_force) * (1.0 if stage.outliers == "doubt" else NEVER),
         inside=points.type == "inside",
         marks_prior=marks_prior[keep],
         marks_map=marks_map[keep],
         up=upwards(case.prior_landmarks) if stage.bends == "upright" else None,
         groups=1 + (stage.ablation == "fit"),
+        mapping=same[every.type == "eam"],
     )
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from pydantic import Field
 
 from ..case import FITTED_TYPES, Case
+from ..errors import InputError, SolverError
 from ..estimate import Estimate
 from ..geometry import Array, Surface
 from ..stage import Stage
@@ -21,6 +22,9 @@ if TYPE_CHECKING:
     from ..levelset.wall import Wall
 
 DOUBT = 0.1  # of the logarithm of a noise level that the motion found
+COARSEST = 0.1  # spacing over the surface's diagonal: such a lattice cuts off a fifth of an atrium
+MOST_NODES = 1e7  # of the narrow band: 4 GB; an atrium has so many at a spacing of 0.07 mm
+UNLIKE = 0.25  # relative difference in volume from what was to be meshed that is no matter of accuracy any more
 
 
 class LevelSet(Stage):
@@ -51,11 +55,14 @@ class LevelSet(Stage):
         from ..extract import carry_fields, extract
 
         began = time.perf_counter()
+        self._check_spacing(start.surface, case.units)
         start, changes = self._reshaped(case, start)
         reached = self._by_the_paper(case, start) if self.formulation == "paper" else self._by_default(case, start)
         mesh = extract(reached.phi, smoothing=self.smoothing, keep=self.keep, islands=reached.islands)
         if case.dimension == 2 and reached.unchanged:  # a polyline needs no repair, and a lattice would cut its tips
             mesh = replace(mesh, surface=reached.wall)
+        if self.formulation == "default":
+            self._check_mesh(mesh.surface, reached.wall, case.units)
         return replace(
             start,
             surface=_with_unit(carry_fields(reached.wall, mesh.surface), case.units),
@@ -69,6 +76,25 @@ class LevelSet(Stage):
             warnings=(*start.warnings, *(f"{change}: look at it" for change in changes), *reached.warnings, *reached.faults(mesh.surface)),
             facts={**reached.facts, "changes": changes, "meshing_shift_mean": mesh.shift_mean, "meshing_shift_max": mesh.shift_max},
         )
+
+    def _check_spacing(self, surface: Surface, unit: str) -> None:
+        """Raise InputError where a lattice of this spacing cannot hold the surface, as when lengths are not in mm, or would fill the memory."""
+        d, size = surface.dimension, surface.diagonal
+        said = f"level_set.spacing = {self.spacing:g} {unit}: the surface is {size:.3g} {unit} across"
+        if self.spacing > COARSEST * size:
+            raise InputError(f"{said}; take at most {COARSEST * size:.2g} {unit}, or check that its lengths are in {unit}")
+        if surface.area / self.spacing ** (d - 1) * 6.0 > MOST_NODES:
+            least = (6.0 * surface.area / MOST_NODES) ** (1.0 / (d - 1))
+            raise InputError(f"{said}, and the lattice too large for the memory; take at least {least:.2g} {unit}")
+
+    def _check_mesh(self, mesh: Surface, wall: Surface, unit: str) -> None:
+        """Raise SolverError where the mesh encloses far more or less than the wall that it stands for."""
+        change = mesh.volume / wall.volume - 1.0
+        if abs(change) > UNLIKE:
+            raise SolverError(
+                f"level_set: the mesh encloses {abs(change):.0%} {'more' if change > 0.0 else 'less'} than the surface it stands for; "
+                f"a spacing below {self.spacing:g} {unit} or a share to keep above {self.keep:g} would follow it"
+            )
 
     def _reshaped(self, case: Case, start: Estimate) -> tuple[Estimate, list[str]]:
         """The start with the changes of topology that earn their nats, and these as sentences: none without a motion that was fitted."""
@@ -113,8 +139,11 @@ def _observer(case: Case, start: Estimate) -> Callable[[Wall], Measured]:
     """How the fitted points look from a wall, with the noise and the outliers that the start found among them."""
     from ..levelset.observe import observe
 
-    fitted = np.isin(case.points.type, FITTED_TYPES)
-    points, relative = case.points.select(fitted), case.points.relative_noise[fitted]
+    every = case.points.of(*FITTED_TYPES)
+    rows, _ = every.distinct()
+    points, relative = every.select(rows), every.relative_noise[rows]
+    if len(points) == 0:
+        raise InputError(f"level_set: case {case.name} has no points of type {' or '.join(FITTED_TYPES)}")
     return lambda wall: observe(wall, points.xyz, points.type == "inside", relative, _noise(start))
 
 
