@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from .errors import InputError
 from .geometry import Array, Ints, Surface
 
+UNITS = ("mm", "px")
 POINT_TYPES = ("eam", "ablation", "landmark", "inside")
 FITTED_TYPES = ("eam", "inside")
 BEST = 0.02  # least relative noise of a point: it holds the surface as firmly as one can, and smaller ones are lost in rounding
@@ -25,6 +26,11 @@ class Points:
     xyz: Array
     type: NDArray[np.str_]
     columns: Mapping[str, NDArray[Any]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if not (finite := np.isfinite(self.xyz).all(axis=-1)).all():
+            row = int(np.argmin(finite))
+            raise InputError(f"points: point {row} is not finite: {self.xyz[row]}")
 
     def __len__(self) -> int:
         return len(self.xyz)
@@ -48,7 +54,7 @@ class Points:
 
     @cached_property
     def relative_noise(self) -> Array:
-        """Noise (n,) of each point by the column `sigma`, over the median of those that are fitted anyway, at least 0.02; 1 where it is not given.
+        """Noise (n,) of each point by the column `sigma`, over the median of those that are fitted anyway, at least `BEST`; 1 without.
 
         Raises InputError where one is not above 0.
         """
@@ -90,6 +96,8 @@ class Case:
     def __post_init__(self) -> None:
         if self.points.xyz.shape[1:] != (self.dimension,):
             raise InputError(f"case {self.name}: points are {self.points.xyz.shape[1]}D, the prior is {self.dimension}D")
+        if self.units not in UNITS:
+            raise InputError(f"case {self.name}: units = '{self.units}': lengths of a case are in {' or '.join(UNITS)}; scale them first")
 
     @property
     def dimension(self) -> int:

@@ -250,7 +250,7 @@ def test_a_start_that_is_almost_as_likely_is_told_of() -> None:
     start = Estimate(ball.transformed(turned), turned, "half a turn off")
     found = Deform(starts="several", landmarks=False)(case, start)
     assert len(found.warnings) == 1
-    assert re.search(r"almost as likely \(\d\.\d nats less\), puts the prior's vertices \d+\.\d mm elsewhere", found.warnings[0])
+    assert re.search(r"almost as likely \(\d\.\d nats less\), puts the vertices \d+\.\d mm elsewhere", found.warnings[0])
 
 
 def with_points(case: Case, *extra: Array) -> Case:

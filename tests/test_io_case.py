@@ -142,7 +142,7 @@ def test_case_in_2d_survives(tmp_path: Path) -> None:
     assert back.prior.volume == pytest.approx(63.0)
 
 
-@pytest.mark.parametrize(("units", "factor"), [("m", 1000.0), ("cm", 10.0), ("um", 0.001)])
+@pytest.mark.parametrize(("units", "factor"), [("m", 1000.0), ("cm", 10.0), ("um", 0.001), ("in", 25.4)])
 def test_declared_units_become_millimetres(units: str, factor: float, tmp_path: Path) -> None:
     write_case(tmp_path / "c", case())
     folder = tmp_path / "c"
@@ -164,8 +164,23 @@ def test_undeclared_metres_are_asked_about(tmp_path: Path) -> None:
         read_case(tmp_path / "c")
     write_points(tmp_path / "c/points.csv", points())
     write_surface(tmp_path / "c/prior.ply", cube(0.06), units="unknown")
-    with pytest.raises(InputError, match=r"prior\.ply: extends over"):
-        read_case(tmp_path / "c")
+    for size, unit in ((0.06, "m"), (2.0, "in"), (6.0, "cm")):  # edge of the cube: its diagonal is 1.7 times as long
+        write_surface(tmp_path / "c/prior.ply", cube(size), units="unknown")
+        with pytest.raises(InputError, match=rf"prior\.ply: extends over .* say --units {unit}"):
+            read_case(tmp_path / "c")
+
+
+def test_a_case_in_code_is_in_millimetres_and_finite() -> None:
+    with pytest.raises(InputError, match="units = 'm': lengths of a case are in mm or px"):
+        replace(case(), units="m")
+    with pytest.raises(InputError, match="point 2 is not finite"):
+        replace(points(), xyz=np.where(np.arange(len(points()))[:, None] == 2, np.nan, points().xyz))
+
+
+def test_a_force_that_stands_for_none_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "p.csv").write_text("x,y,z,force\n1,2,3,-2.5\n4,5,6,\n7,8,9,-10000\n")
+    with pytest.raises(InputError, match=r"p\.csv: line 4, column 'force': -10000 is no force; leave it empty"):
+        read_points(tmp_path / "p.csv")
 
 
 @pytest.mark.parametrize(

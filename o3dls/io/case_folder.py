@@ -81,7 +81,8 @@ def check_scale(path: Path, xyz: Array, smallest: float = 5.0) -> None:
     """Raise InputError where the extent of undeclared units is not that of a heart in mm (atria: 60 to 160); extents that might be
     either are let pass. `smallest`: extent from which, up to 18, centimetres are likely."""
     diagonal = float(np.linalg.norm(np.ptp(xyz, axis=0)))
-    likely = "m" if diagonal < 1 else "cm" if smallest <= diagonal <= 18 else "um" if diagonal > 20_000 else None
+    inches, centimetres = 1 <= diagonal < 5, smallest <= diagonal <= 18
+    likely = "m" if diagonal < 1 else "in" if inches else "cm" if centimetres else "um" if diagonal > 20_000 else None
     if likely:
         raise InputError(f"{path}: extends over {diagonal:.3g} mm; if its units are {likely}, say --units {likely}, else --units mm")
 

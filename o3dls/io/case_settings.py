@@ -15,7 +15,7 @@ from .surface_file import SPACES
 from .table import Table, read_table
 from .text import decode, read_bytes
 
-MILLIMETRES = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "um": 0.001, "px": 1.0}
+MILLIMETRES = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "um": 0.001, "in": 25.4, "px": 1.0}
 FILES = ("prior", "points", "prior_landmarks", "init", "truth", "held_out", "correspondence", "outliers")
 KEYS = dict.fromkeys(("name", "units", "frame", "notes", "part", *FILES), str) | {"dimension": int, "label": int, "cap": bool, "box": list}
 

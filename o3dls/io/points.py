@@ -14,6 +14,7 @@ from .table import Table, read_table, write_table
 
 NUMBERS = ("bipolar", "unipolar", "lat", "force", "sigma")
 ALIASES = {"kind": "type", "label": "name", "bip_mv": "bipolar", "uni_mv": "unipolar", "lat_ms": "lat", "force_g": "force"}
+NO_FORCE = -100.0  # grams: sensors drift by a few, and CARTO writes -10000 for a value that is not there
 NAMES = {name: name for name in ("x", "y", "z", "type", "name", *NUMBERS)} | ALIASES
 
 
@@ -51,6 +52,9 @@ def _column(table: Table, name: str) -> NDArray[Any]:
             raise InputError(
                 f"{table.where(row, name)}: a noise level must be above 0, not {values[row]:g}; leave it empty where it is unknown"
             )
+        if name == "force" and (values <= NO_FORCE).any():
+            row = int(np.argmax(values <= NO_FORCE))
+            raise InputError(f"{table.where(row, name)}: {values[row]:g} is no force; leave it empty where none was measured")
         return values
     return table.values(name)
 

@@ -16,7 +16,8 @@ class Data:
     """What is fitted: points (n, d), which of the noise groups each is in, its noise relative to the group's, its odds of floating, whether
     it is known to be inside only; landmarks.
 
-    mapping: rows of the mapping points in the order of the case, whose points at one place are one row; up (d,), where it is known: the direction of the prior, in its own frame, along which it bends most.
+    mapping: rows of the mapping points of the case, of which those at one place are one row; up (d,), where it is known: the direction of
+    the prior, in its own frame, along which it bends most.
     """
 
     points: Array

@@ -161,9 +161,7 @@ def _rivals(best: Estimate, fits: list[Estimate], unit: str) -> list[str]:
         apart = float(np.linalg.norm(other.surface.vertices - best.surface.vertices, axis=1).mean())
         behind = other.fit.energy - best.fit.energy
         if behind < CLOSE and apart > best.fit.state.scales.noises[0]:
-            return [
-                f"another start, almost as likely ({behind:.1f} nats less), puts the prior's vertices {apart:.1f} {unit} elsewhere on average"
-            ]
+            return [f"another start, almost as likely ({behind:.1f} nats less), puts the vertices {apart:.1f} {unit} elsewhere on average"]
     return []
 
 

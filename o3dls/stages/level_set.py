@@ -78,7 +78,7 @@ class LevelSet(Stage):
         )
 
     def _check_spacing(self, surface: Surface, unit: str) -> None:
-        """Raise InputError where a lattice of this spacing cannot hold the surface, as when lengths are not in mm, or would fill the memory."""
+        """Raise InputError where such a lattice cannot hold the surface, as when lengths are not in mm, or would fill the memory."""
         d, size = surface.dimension, surface.diagonal
         said = f"level_set.spacing = {self.spacing:g} {unit}: the surface is {size:.3g} {unit} across"
         if self.spacing > COARSEST * size:
