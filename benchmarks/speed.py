@@ -160,7 +160,7 @@ def one_more(seed: int, repeat: int) -> list[Row]:
     v, f = case.prior.vertices, case.prior.faces
     before = fit_motion(v, f, pose, first, stage.settings())
     seconds, warm = timed(lambda: fit_motion(v, f, pose, data, stage.settings(), warm=before), repeat)
-    rows = [_row("one more point", seconds, case, case.prior.with_vertices(warm.vertices), warm.status)]
+    rows = [_row("one more point", seconds, case, case.prior.with_vertices(warm.vertices), warm.sentence("mm"))]
     centre = warm.vertices.mean(axis=0)
     floating = data.points.copy()
     floating[-1] = centre + FLOATING * (floating[-1] - centre)

@@ -51,6 +51,23 @@ def test_nothing_to_add_leaves_the_surface_where_it_is(prior: Surface) -> None:
     assert found.phi.band.spacing == 1.0
 
 
+def test_nothing_to_add_still_says_what_the_points_cost() -> None:
+    prior = meshed(round_distance(16.0), 20.0)
+    found = LevelSet()(*started(prior, sampled(prior, 100, 0.8, SEED), 0.8))
+    assert found.iterations == 0
+    assert [set(row) for row in found.trace] == [{"iteration", "data", "prior", "energy"}]
+    assert found.trace[0]["energy"] > 0.0
+
+
+def test_a_motion_that_has_not_converged_leaves_a_level_set_that_has_not() -> None:
+    prior = meshed(round_distance(16.0), 20.0)
+    case, start = started(prior, sampled(prior, 100, 0.8, SEED), 0.8)
+    stood, moved = (LevelSet()(case, replace(start, fit=replace(start.fit, converged=still))) for still in (True, False))
+    assert stood.converged
+    assert not moved.converged
+    assert moved.status.startswith("the motion had not converged; nothing to add")
+
+
 def test_a_prior_of_two_pieces_keeps_both() -> None:
     large, small = meshed(round_distance(16.0), 20.0), meshed(round_distance(8.0), 12.0)
     beside = small.vertices + np.array([40.0, 0.0, 0.0])
@@ -213,7 +230,7 @@ def test_no_surface_at_all_is_an_error() -> None:
 
 
 @pytest.mark.parametrize(
-    ("factor", "said"), [(0.04, "take at most 0.22 mm, or check that its lengths are in mm"), (200.0, "take at least 1.55 mm")]
+    ("factor", "said"), [(0.04, "take at most 0.22 mm, or check that its lengths are in mm"), (200.0, "take at least 8.8 mm")]
 )
 def test_lengths_that_are_not_in_mm_are_refused(factor: float, said: str) -> None:
     """Inches, and what fills the memory."""

@@ -79,6 +79,17 @@ def test_a_large_strain_is_found_although_small_ones_are_assumed() -> None:
 
 
 @BOTH
+def test_the_trace_has_the_terms_of_the_energy(dimension: int) -> None:
+    surface, _, data = bent(dimension)
+    found = fit(surface, data)
+    first, last = found.trace[0], found.trace[-1]
+    assert last["misfit"] + last["complexity"] + last["labels"] == pytest.approx(found.energy)
+    rows = len(data.points)  # of a good fit each costs half a nat
+    assert 0.3 * rows < last["misfit"] < 0.6 * rows
+    assert last["complexity"] < first["complexity"]
+
+
+@BOTH
 def test_points_on_the_prior_leave_it_where_it_is(dimension: int) -> None:
     surface = body(dimension)
     found = fit(surface, wall(spots(surface, COUNT[dimension], 8_117)[0]))

@@ -79,7 +79,7 @@ def test_it_is_the_mesh_that_has_to_be_whole() -> None:
 
     found = run(ball, sampled(ball, 100, 1.0, SEED), mesh=handled_twice)
     assert found.phi is seen[-1]
-    assert found.warnings == ("the moved prior runs into itself: gaps narrower than 2 were closed",)
+    assert found.warnings == ("the moved prior runs into itself: gaps narrower than 2 mm were closed",)
 
 
 def test_topology_counts_pieces_and_handles() -> None:

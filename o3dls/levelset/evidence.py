@@ -110,6 +110,11 @@ def free_energy(posterior: Posterior, log_noise: Array, rows: Rows) -> float:
     return posterior.energy - float(np.log(rows.relative).sum()) + rows.own_noise + within + 0.5 * believed * float(np.log(2.0 * np.pi))
 
 
+def misfit(posterior: Posterior, log_noise: Array, rows: Rows) -> float:
+    """The part of `free_energy` that residuals cost, in nats; what is left is the price of all that the fields could have explained."""
+    return 0.5 * float(rows.residual @ posterior.alpha + (rows.scatter[0] * np.exp(-2.0 * log_noise)).sum())
+
+
 def flattery(scales: Scales, fixed: Array, parts: list[Array], rows: Rows) -> float:
     """Nats by which the evidence at its maximum exceeds the evidence of all amplitudes and noise levels: Laplace's approximation with
     their log-normal priors and Fisher's information (Kass and Raftery 1995). What the points say nothing of costs nothing."""

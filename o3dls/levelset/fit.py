@@ -45,7 +45,8 @@ def fit_motion(
         other = _run(Problem.make(vertices, faces, pose, data, settings, faired))
         if other.energy < run.energy:
             run, scales = other, other.state.scales
-    return run.problem.result(replace(run.state, scales=scales), run.solved, found.share, run.trace, run.still)
+    still = run.still or found.share * run.state.step < settings.tolerance * run.problem.size  # what is not shown need not stand still
+    return run.problem.result(replace(run.state, scales=scales), run.solved, found.share, run.trace, still)
 
 
 def _proceed(earlier: MotionFit, data: Data, known: slice, rounds: int) -> MotionFit:

@@ -87,9 +87,10 @@ class State:
 
 @dataclass(frozen=True, eq=False)
 class MotionFit:
-    """Result: the motion, moved vertices (n, d), their posterior deviation (n,), last state, history, and a sentence.
+    """Result: the motion, moved vertices (n, d), their posterior deviation (n,), last state, and history.
 
-    energy is the free energy in nats: lower is likelier, comparable between fits of the same points.
+    energy is the free energy in nats: lower is likelier, comparable between fits of the same points. The trace has its terms: what
+    residuals cost, what the fields could have explained, and the beliefs.
     """
 
     motion: Motion
@@ -97,7 +98,6 @@ class MotionFit:
     state: State
     sd: Array
     converged: bool
-    status: str
     trace: tuple[dict[str, float], ...] = ()
     facts: dict[str, float] = field(default_factory=dict)
     problem: Any = None  # what stayed fixed during the fit: a warm start takes it over
@@ -105,6 +105,20 @@ class MotionFit:
     @property
     def energy(self) -> float:
         return self.trace[-1]["energy"]
+
+    def sentence(self, unit: str) -> str:
+        """How it went, lengths in `unit`."""
+        last, share, faired = self.trace[-1], self.motion.share, self.facts["faired"]
+        how = "converged" if self.converged else f"stopped after {len(self.trace)} iterations while the surface still moved"
+        said = [how if self.converged else f"{how} {last['step']:.2g} {unit} a step"]
+        said += [f"noise {self.sigma:.3g} {unit}, {100 * self.facts['off_wall']:.0f} % of the points off the wall"]
+        if share < 0.95:
+            said += [f"the points show a motion beyond the pose with probability {share:.2f}, and the prior follows it that far"]
+        if faired:
+            said += [f"the points show the prior to be rough, so it was smoothed over {faired:.2g} {unit} before it was moved"]
+        if folded := int(self.facts["folded_faces"]):
+            said += [f"{folded} faces folded over and were mended from their surroundings"]
+        return "; ".join(said)
 
     @property
     def sigma(self) -> float:

@@ -15,7 +15,7 @@ from scipy import sparse
 from ..geometry import Array, Ints, apply
 from .closest import ClosestPoint
 from .covariance import Covariance, Observed, Places, displacement, grams, interpolation
-from .evidence import Posterior, Scales, assemble, free_energy, left_out, solve, tune
+from .evidence import Posterior, Scales, assemble, free_energy, left_out, misfit, solve, tune
 from .fairing import fair
 from .feet import likely_feet
 from .motion import Motion, MotionFit, State
@@ -143,11 +143,14 @@ class Problem:
         noises = np.exp(log[scales.fields :])
         residual, var = points_left_out(rows, feet, state.weights, noise, *left_out(posterior, noise), noises, self.data)
         weights, contact = self.believe(state, residual, var)
-        energy = free_energy(posterior, log[scales.fields :], rows) + self.label_energy(state.weights, residual, contact, noises)
+        told = misfit(posterior, log[scales.fields :], rows)
+        complexity = free_energy(posterior, log[scales.fields :], rows) - told
+        labels = self.label_energy(state.weights, residual, contact, noises)
         step = float(np.linalg.norm(moved - state.feet_on, axis=1).mean())
         damping = _damping(state, step, iteration)
         feet_on = state.feet_on + damping * (moved - state.feet_on)
-        record = {"energy": energy, "step": step, "sigma": float(scales.noises[0]), "off_wall": contact.share}
+        record = {"energy": told + complexity + labels, "misfit": told, "complexity": complexity, "labels": labels}
+        record |= {"step": step, "sigma": float(scales.noises[0]), "off_wall": contact.share}
         patches = rows.of_point if iteration > max(self.settings.tune_at) else None
         return State(feet_on, moved, damping, scales, contact, weights, patches, step), (rows, posterior), record
 
@@ -195,21 +198,11 @@ class Problem:
         now = vertex_normals(state.moved, self.faces)[self.nodes]
         at_nodes = motion.sd_in_reference(self.at_nodes, now)
         sd = np.maximum(self.spread @ at_nodes, 0.0)
-        word = (
-            "converged" if still else f"stopped after {len(trace)} iterations while the surface still moved {trace[-1]['step']:.2g} a step"
-        )
-        status = f"{word}; noise {state.scales.noises[0]:.3g}, {100 * self.off_wall(state):.0f} % of the points off the wall"
-        if share < 0.95:
-            status += f"; the points show a motion beyond the pose with probability {share:.2f}, and the prior follows it that far"
-        if self.faired:
-            status += f"; the points show the prior to be rough, so it was smoothed over {self.faired:.2g} before it was moved"
         vertices, folded = self.rest.at + share * (state.moved - self.rest.at), 0
         if self.settings.unfold:
             vertices, folded = unfold(self.rest.at, vertices, self.faces)
-        if folded:
-            status += f"; {folded} faces folded over and were mended from their surroundings"
         facts = self.facts(state) | {"share": share, "faired": self.faired, "folded_faces": float(folded)}
-        return MotionFit(motion, vertices, state, sd, still, status, tuple(trace), facts, self)
+        return MotionFit(motion, vertices, state, sd, still, tuple(trace), facts, self)
 
     def off_wall(self, state: State) -> float:
         """Share of the mapping points that is not believed to touch."""

@@ -59,19 +59,19 @@ def reach(surface: Surface, observe: Callable[[Wall], Measured], doubt: Array, l
     wall = Wall(surface)
     measured = observe(wall)
     found = refine(wall, measured, doubt, limits)
-    final, phi, warnings = _settled(wall, found, limits.spacing, mesh)
+    final, phi, warnings = _settled(wall, found, limits, mesh)
     sigma = found.noise * float(np.median(measured.likelihood.sigma))
     facts = {"fields": [f.record for f in found.fields], "band_nodes": len(phi.band)}
     several = topology(wall.rest, wall.faces)[0] > 1
     return Reached(phi, final, sigma, found.status, found.converged, found.trace, warnings, facts, several)
 
 
-def _settled(wall: Wall, found: Correction, spacing: float, mesh: Mesher) -> tuple[Surface, SignedDistance, tuple[str, ...]]:
+def _settled(wall: Wall, found: Correction, limits: Limits, mesh: Mesher) -> tuple[Surface, SignedDistance, tuple[str, ...]]:
     """The corrected wall and its level set: gaps are closed where it runs into itself; a correction that tears or merges it is halved.
 
     Where a wall runs into itself all the same it is united; the mesh may still come out whole.
     """
-    kind = topology(wall.rest, wall.faces)
+    kind, spacing = topology(wall.rest, wall.faces), limits.spacing
     for share in (1.0, 0.5, 0.25, 0.0) if found.fields else (0.0,):
         final = _corrected(wall, share * found.u)
         for phi, radius in _attempts(final, spacing, kind, CLOSINGS if share == 0.0 else JOININGS):
@@ -80,7 +80,7 @@ def _settled(wall: Wall, found: Correction, spacing: float, mesh: Mesher) -> tup
                 if found.fields and share < 1.0:
                     said.append(f"the correction was taken by {share:.0%}: more would tear or merge the surface")
                 if radius > 0.0:
-                    said.append(f"the moved prior runs into itself: gaps narrower than {2.0 * radius:g} were closed")
+                    said.append(f"the moved prior runs into itself: gaps narrower than {2.0 * radius:g} {limits.unit} were closed")
                 return final, phi, tuple(said)
     phi = _whole(_band(final, spacing, 0.0, inverted=False), kind)
     if not found.fields:

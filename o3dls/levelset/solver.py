@@ -33,13 +33,14 @@ Terms = Callable[[Array], tuple[float, float]]  # field -> energies of data and 
 @dataclass(frozen=True)
 class Limits:
     """spacing: lattice spacing that the result will have; evidence: nats that a field must earn; iterations: most per descent;
-    coarse_to_fine: whether fields of all correlation lengths are tried, or the shortest alone.
+    coarse_to_fine: whether fields of all correlation lengths are tried, or the shortest alone; unit: of lengths in sentences.
     """
 
     spacing: float
     evidence: float = 3.0
     iterations: int = 20
     coarse_to_fine: bool = True
+    unit: str = "mm"
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +77,10 @@ def refine(wall: Wall, measured: Measured, doubt: Array, limits: Limits) -> Corr
         fields.append(field)
         trace += steps
         lengths = [length for length in lengths if length < field.length]
-    return Correction(u, tuple(fields), noise, tuple(trace), converged, _sentence(fields, trace, converged))
+    if not fields:
+        data = float(measured.likelihood.loss(measured.distance - measured.bias).sum())
+        trace.append({"iteration": 0, "data": data, "prior": 0.0, "energy": data})
+    return Correction(u, tuple(fields), noise, tuple(trace), converged, _sentence(fields, trace, converged, limits.unit))
 
 
 def _lengths(surface: Surface, measured: Measured, spacing: float) -> list[float]:
@@ -204,9 +208,9 @@ def _backtrack(terms: Terms, f: Array, direction: Array, energy: float) -> tuple
     return f, terms(f)
 
 
-def _sentence(fields: list[Field], trace: list[Mapping[str, float]], converged: bool) -> str:
+def _sentence(fields: list[Field], trace: list[Mapping[str, float]], converged: bool, unit: str) -> str:
     if not fields:
         return "nothing to add: the residuals of the points hold no field that the noise would not explain"
-    said = ", ".join(f"{field.amplitude:.2g} over {field.length:.3g} (evidence {field.gain:+.1f} nats)" for field in fields)
+    said = ", ".join(f"{field.amplitude:.2g} over {field.length:.3g} {unit} (evidence {field.gain:+.1f} nats)" for field in fields)
     how = "converged" if converged else "stopped at the iteration limit"
     return f"{how} after {len(trace) - len(fields)} iterations; fields: {said}"

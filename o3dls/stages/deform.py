@@ -115,7 +115,7 @@ class Deform(Stage):
         return Estimate(
             surface=surface,
             T_map_prior=fit.similarity,
-            status=fit.status,
+            status=fit.sentence(case.units),
             converged=fit.converged,
             iterations=len(fit.trace),
             seconds=time.perf_counter() - began,

@@ -66,9 +66,9 @@ class LevelSet(Stage):
         return replace(
             start,
             surface=_with_unit(carry_fields(reached.wall, mesh.surface), case.units),
-            status="; ".join([*changes, reached.status]),
-            converged=reached.converged,
-            iterations=len(reached.trace),
+            status="; ".join([*changes, *self._unfinished(start), reached.status]),
+            converged=reached.converged and not self._unfinished(start),
+            iterations=sum(row.get("iteration", 1) > 0 for row in reached.trace),
             seconds=time.perf_counter() - began,
             sigma=reached.sigma,
             phi=reached.phi,
@@ -76,6 +76,11 @@ class LevelSet(Stage):
             warnings=(*start.warnings, *(f"{change}: look at it" for change in changes), *reached.warnings, *reached.faults(mesh.surface)),
             facts={**reached.facts, "changes": changes, "meshing_shift_mean": mesh.shift_mean, "meshing_shift_max": mesh.shift_max},
         )
+
+    def _unfinished(self, start: Estimate) -> list[str]:
+        """A sentence where the motion that is refined had not come to stand still: then nor has the result."""
+        lean = self.formulation == "default" and start.fit is not None and not start.fit.converged
+        return ["the motion had not converged"] if lean else []
 
     def _check_spacing(self, surface: Surface, unit: str) -> None:
         """Raise InputError where such a lattice cannot hold the surface, as when lengths are not in mm, or would fill the memory."""
@@ -119,7 +124,7 @@ class LevelSet(Stage):
         from ..levelset.solver import Limits
         from ..levelset.unfold import uncrossed
 
-        limits = Limits(self.spacing, self.evidence, self.iterations, self.coarse_to_fine)
+        limits = Limits(self.spacing, self.evidence, self.iterations, self.coarse_to_fine, case.units)
         surface = uncrossed(start.surface) if case.dimension == 2 else start.surface
         return reach(surface, _observer(case, start), _doubt(case, start), limits, mesh=isosurface)
 
