@@ -35,14 +35,14 @@ def _meaning(plugin: type[Plugin]) -> str:
 
 
 def _line(p: Parameter) -> str:
-    value = f"{p.name} = {_toml(p.default)} {p.unit}".rstrip()
+    value = f"{p.name} = {as_toml(p.default)} {p.unit}".rstrip()
     return f"  {value:<34} {p.meaning} ({p.limits or p.kind})"
 
 
-def _toml(value: Any) -> str:
+def as_toml(value: Any) -> str:
     """A default as a pipeline file would write it; what has none is left to be filled in."""
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, tuple | list):
-        return f"[{', '.join(map(_toml, value))}]"
+        return f"[{', '.join(map(as_toml, value))}]"
     return f'"{value}"' if isinstance(value, str) else "(none)" if value is None else str(value)

@@ -93,8 +93,11 @@ def _parts(annotation: Any) -> list[Any]:
 def _kind(field: FieldInfo) -> str:
     names = {bool: "true or false", int: "whole number", float: "number", str: "text", type(None): "", Ellipsis: ""}
     parts = ["word" if get_origin(p) is Literal else names.get(p, str(p)) for p in _parts(field.annotation)]
-    many = "list of " if get_origin(field.annotation) in (tuple, list) else ""
-    return many + " or ".join(dict.fromkeys(filter(None, parts)))
+    kind = " or ".join(dict.fromkeys(filter(None, parts)))
+    if get_origin(field.annotation) not in (tuple, list):
+        return kind
+    least = max((m.min_length for m in field.metadata if hasattr(m, "min_length")), default=0)
+    return f"list of {kind}s" + f", at least {least}" * (least > 0)
 
 
 def _limits(field: FieldInfo) -> str:
