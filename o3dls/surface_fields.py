@@ -10,17 +10,19 @@ from .case import Case
 from .estimate import Estimate
 from .evaluate import moved
 from .geometry import Array, Surface, apply
-from .transfer import with_electrical
+from .transfer import REACH, with_electrical
 
 
 def with_fields(case: Case, estimate: Estimate, unit: str) -> Surface:
-    """The surface with `displacement_mm`, `sd_mm` (where there is a posterior), `distance_to_nearest_point_mm`, the electrical values
-    of the points carried to it (NaN far from all points), and its own fields.
+    """The surface with `displacement_mm`, `sd_mm` (where there is a posterior), `distance_to_nearest_point_mm`, `prior_only` (1 farther
+    than `REACH` from every fitted point), the electrical values of the points carried to it (NaN there), and its own fields.
 
     displacement is signed, outward positive: from the prior under `T_map_prior`, so it shows what a similarity cannot explain.
     """
     surface = with_electrical(estimate.surface, case.points)
-    fields = {f"displacement_{unit}": displacement(case.prior, estimate), f"distance_to_nearest_point_{unit}": _to_points(case, surface)}
+    gap = _to_points(case, surface)
+    fields = {f"displacement_{unit}": displacement(case.prior, estimate), f"distance_to_nearest_point_{unit}": gap}
+    fields["prior_only"] = (gap > REACH).astype(np.float64)
     if estimate.motion is not None:
         fields[f"sd_{unit}"] = estimate.motion.sd(on_prior(case.prior, estimate), surface.vertex_normals)
     return replace(surface, fields={**surface.fields, **fields})

@@ -106,10 +106,11 @@ def test_surfaces_carry_what_each_vertex_knows(tmp_path: Path) -> None:
     folder = Pipeline([Nudge(share=0.5)], folds=0).run(case).write(tmp_path / "run")
     for suffix in ("ply", "vtp"):
         surface = read_surface(folder / f"estimates/nudge/surface.{suffix}")
-        assert {"displacement_mm", "distance_to_nearest_point_mm"} <= set(surface.fields)
+        assert {"displacement_mm", "distance_to_nearest_point_mm", "prior_only"} <= set(surface.fields)
         np.testing.assert_allclose(surface.fields["displacement_mm"], 0.0, atol=1e-6)  # nothing but a shift
         nearest = np.linalg.norm(surface.vertices[:, None] - case.points.of("eam").xyz, axis=2).min(axis=1)
         np.testing.assert_allclose(surface.fields["distance_to_nearest_point_mm"], nearest, atol=1e-5)
+        np.testing.assert_array_equal(surface.fields["prior_only"], nearest > 10.0)
 
 
 @pytest.mark.parametrize("make", [ball_case, disc_case])

@@ -8,9 +8,10 @@ import numpy as np
 
 from ..case import Points
 from ..geometry import Array, Surface
+from ..transfer import REACH
 
 UNITS = {"bipolar": "mV", "unipolar": "mV", "lat": "ms", "force": "g"}
-FAR = 10.0  # mm beyond which a point says nothing about the wall: there only the prior speaks, and no value is carried
+FAR = REACH  # beyond it a point says nothing about the wall: there only the prior speaks, and no value is carried
 
 
 def with_electrical(surface: Surface, points: Points) -> Surface:

@@ -38,7 +38,7 @@ def known_fields(surfaces: Sequence[Surface], unit: str) -> list[Field]:
         Field(f"distance_to_nearest_point_{unit}", "distance to the nearest point", unit, "sequential"),
     ]
     there = dict.fromkeys(key for surface in surfaces for key, values in surface.fields.items() if values.ndim == 1)
-    named = {field.key for field in words}
+    named = {field.key for field in words} | {"prior_only"}  # which is hatched, whatever the colours
     others = [Field(key, key, UNITS.get(key, ""), "electrical") for key in there if key not in named]
     return [_ranged(field, surfaces) for field in [*words, *others] if field.key in there]
 
