@@ -24,7 +24,7 @@ class Estimate:
     """A surface in the map frame with the motion that led to it, and a sentence on how it went.
 
     T_map_prior (d+1, d+1) is the similarity part; sigma the noise level found (case units); weights (k,) in [0, 1] say how far
-    each fitted point was believed; trace holds one record per iteration; phi is the level set where there is one, fit what its stage
+    each mapping point was believed; trace holds one record per iteration; phi is the level set where there is one, fit what its stage
     needs to go on from here with more points (Deform.update).
     """
 

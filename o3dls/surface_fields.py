@@ -23,7 +23,7 @@ def with_fields(case: Case, estimate: Estimate, unit: str) -> Surface:
     gap = _to_points(case, surface)
     fields = {f"displacement_{unit}": displacement(case.prior, estimate), f"distance_to_nearest_point_{unit}": gap}
     fields["prior_only"] = (gap > REACH).astype(np.float64)
-    if estimate.motion is not None:
+    if estimate.motion is not None and f"sd_{unit}" not in surface.fields:
         fields[f"sd_{unit}"] = estimate.motion.sd(on_prior(case.prior, estimate), surface.vertex_normals)
     return replace(surface, fields={**surface.fields, **fields})
 

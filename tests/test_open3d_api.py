@@ -64,6 +64,12 @@ def test_landmarks_and_init_set_the_start() -> None:
         np.testing.assert_allclose(found.transformation, similarity(np.eye(3), SHIFT), atol=1e-9)
 
 
+def test_metres_are_refused() -> None:
+    mesh, cloud = (thing.scale(1e-3, np.zeros(3)) for thing in objects("legacy"))
+    with pytest.raises(InputError, match=r"level_set.spacing = 1 mm: .* take at most 0.00\d+ mm, or check that its lengths are in mm"):
+        o3dls.register(mesh, cloud)
+
+
 def test_what_open3d_hides_is_refused() -> None:
     mesh, cloud = objects("legacy")
     with pytest.raises(InputError, match="no triangles; Open3D gives such a mesh"):

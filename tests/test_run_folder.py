@@ -23,6 +23,7 @@ from o3dls.pipeline import Pipeline
 from o3dls.pipeline_file import pipeline_from
 from o3dls.run_folder import log_of_failure, read_run, record
 from o3dls.stage import Stage, Writer
+from o3dls.stages.deform import Deform
 
 POINT_SET = {"n", "mean_mm", "median_mm", "rms_mm", "p95_mm", "max_mm"}
 ALL_SETS = {
@@ -215,3 +216,10 @@ def test_a_killed_run_leaves_no_folder_that_looks_finished(tmp_path: Path) -> No
     assert not (tmp_path / "run").exists()
     assert all(p.name.startswith(".") for p in tmp_path.iterdir())
     Pipeline([Nudge()], folds=0).run(ball_case()).write(tmp_path / "run")  # what is left behind stands in nobody's way
+
+
+def test_the_deviation_in_the_files_is_that_of_the_estimate(tmp_path: Path) -> None:
+    run = Pipeline([Deform()], folds=0).run(ball_case())
+    folder = run.write(tmp_path / "run")
+    written = read_surface(folder / "estimates/deform/surface.ply").fields["sd_mm"]
+    np.testing.assert_allclose(written, run.estimates["deform"].surface.fields["sd_mm"], rtol=1e-5)
