@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from fields import SIZE, bend, body, spots, wall
+from tiny import sphere
 
 from o3dls.geometry import Array, Surface, apply, fit_similarity, similarity
 from o3dls.levelset.fit import fit_motion
@@ -87,6 +88,17 @@ def test_the_trace_has_the_terms_of_the_energy(dimension: int) -> None:
     rows = len(data.points)  # of a good fit each costs half a nat
     assert 0.3 * rows < last["misfit"] < 0.6 * rows
     assert last["complexity"] < first["complexity"]
+
+
+def test_a_surface_may_stand_still_while_its_vertices_slide() -> None:
+    """A ball turns freely under its points: that moves no wall."""
+    ball = sphere(SIZE, 30)
+    rng = np.random.default_rng(2)
+    points = 1.03 * spots(ball, 120, 2)[0] + 0.5 * rng.normal(size=(120, 3)) + [0.0, 0.0, 1.0]
+    found = fit(ball, wall(points))
+    assert found.trace[-1]["step"] > Settings().tolerance * SIZE
+    assert found.converged
+    assert found.facts["moving"] < 1e-5 * SIZE
 
 
 @BOTH

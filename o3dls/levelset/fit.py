@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
 from ..geometry import Array, Ints
 from .choice import shown, smoother
 from .motion import MotionFit
@@ -45,8 +47,9 @@ def fit_motion(
         other = _run(Problem.make(vertices, faces, pose, data, settings, faired))
         if other.energy < run.energy:
             run, scales = other, other.state.scales
-    still = run.still or found.share * run.state.step < settings.tolerance * run.problem.size  # what is not shown need not stand still
-    return run.problem.result(replace(run.state, scales=scales), run.solved, found.share, run.trace, still)
+    moving = found.share * run.moving  # what is not shown need not stand still
+    state, still = replace(run.state, scales=scales), moving < settings.tolerance * run.problem.size
+    return run.problem.result(state, run.solved, found.share, run.trace, moving, still)
 
 
 def _proceed(earlier: MotionFit, data: Data, known: slice, rounds: int) -> MotionFit:
@@ -59,7 +62,8 @@ def _proceed(earlier: MotionFit, data: Data, known: slice, rounds: int) -> Motio
         trace.append(record)
         if record["step"] < least:
             break
-    return problem.result(state, solved, earlier.motion.share, trace, trace[-1]["step"] < least)
+    moving = trace[-1]["step"]
+    return problem.result(state, solved, earlier.motion.share, trace, moving, moving < least)
 
 
 def _first_beliefs(earlier: MotionFit, data: Data, known: slice) -> Array:
@@ -81,14 +85,14 @@ def _first_beliefs(earlier: MotionFit, data: Data, known: slice) -> Array:
 
 
 def _run(problem: Problem) -> Run:
-    """Iterate from nothing until the surface stands still."""
+    """Iterate from nothing until the vertices stand still."""
     settings, state = problem.settings, problem.start()
     trace: list[dict[str, float]] = []
-    still = False
     for iteration in range(settings.iterations):
+        at = state.feet_on
         state, solved, record = problem.step(state, iteration, tuning=iteration in settings.tune_at)
         trace.append(record)
-        still = iteration > max(settings.tune_at) and record["step"] < settings.tolerance * problem.size
-        if still:
+        if iteration > max(settings.tune_at) and record["step"] < settings.tolerance * problem.size:
             break
-    return Run(problem, state, solved, trace, still)
+    along = ((state.moved - at) * vertex_normals(at, problem.faces)).sum(axis=1)  # vertices may slide along a surface that stands still
+    return Run(problem, state, solved, trace, float(np.abs(along).mean()))

@@ -108,9 +108,9 @@ class MotionFit:
 
     def sentence(self, unit: str) -> str:
         """How it went, lengths in `unit`."""
-        last, share, faired = self.trace[-1], self.motion.share, self.facts["faired"]
-        how = "converged" if self.converged else f"stopped after {len(self.trace)} iterations while the surface still moved"
-        said = [how if self.converged else f"{how} {last['step']:.2g} {unit} a step"]
+        share, faired, moving = self.motion.share, self.facts["faired"], self.facts["moving"]
+        on = f"stopped after {len(self.trace)} iterations while the surface still moved {moving:.2g} {unit} a round"
+        said = ["converged" if self.converged else on]
         said += [f"noise {self.sigma:.3g} {unit}, {100 * self.facts['off_wall']:.0f} % of the points off the wall"]
         if share < 0.95:
             said += [f"the points show a motion beyond the pose with probability {share:.2f}, and the prior follows it that far"]

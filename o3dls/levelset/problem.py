@@ -191,7 +191,10 @@ class Problem:
         field = displacement(self.covariance, sds, observed, posterior.alpha, self.at_nodes)
         return np.asarray(self.spread @ field)
 
-    def result(self, state: State, solved: tuple[Rows, Posterior], share: float, trace: list[dict[str, float]], still: bool) -> MotionFit:
+    def result(
+        self, state: State, solved: tuple[Rows, Posterior], share: float, trace: list[dict[str, float]], moving: float, still: bool
+    ) -> MotionFit:
+        """What was found: `share` of the motion is shown; the last round moved the surface by `moving`, which counts as still or not."""
         rows, posterior = solved
         sds = state.scales.sds
         motion = Motion(self.vertices, self.faces, self.pose, self.rest, self.covariance, sds, rows.observed, posterior, share, INFLATION)
@@ -201,7 +204,7 @@ class Problem:
         vertices, folded = self.rest.at + share * (state.moved - self.rest.at), 0
         if self.settings.unfold:
             vertices, folded = unfold(self.rest.at, vertices, self.faces)
-        facts = self.facts(state) | {"share": share, "faired": self.faired, "folded_faces": float(folded)}
+        facts = self.facts(state) | {"share": share, "faired": self.faired, "folded_faces": float(folded), "moving": moving}
         return MotionFit(motion, vertices, state, sd, still, tuple(trace), facts, self)
 
     def off_wall(self, state: State) -> float:
@@ -220,13 +223,13 @@ class Problem:
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """A fit from nothing: what it solved, how it went, and whether it came to stand still."""
+    """A fit from nothing: what it solved, how it went, and how far the last round moved the surface (along its normals, in the mean)."""
 
     problem: Problem
     state: State
     solved: tuple[Rows, Posterior]
     trace: list[dict[str, float]]
-    still: bool
+    moving: float
 
     @property
     def energy(self) -> float:
