@@ -114,6 +114,16 @@ def test_prior_holds_where_the_motion_is_certain() -> None:
     assert np.abs(held[top]).mean() < np.abs(even[top]).mean()
 
 
+def test_a_crowd_of_noisy_points_inside_asks_for_no_correction() -> None:
+    """The outermost lie beyond the wall, where the noise has put them: each heard, they held a field of 0.2 mm."""
+    surface = body(3)
+    rng = np.random.default_rng(SEED)
+    wall, crowd = sampled(surface, 300, SIGMA, SEED), sampled(surface, 1500, SIGMA, SEED + 1)
+    crowd *= 1.0 - rng.uniform(0.0, 3.0, len(crowd))[:, None] / 20.0
+    measured = seen(surface, np.vstack([wall, crowd]), SIGMA, np.arange(1800) >= 300)
+    assert refine(Wall(surface), measured, np.ones(len(surface.vertices)), Limits(1.0)).fields == ()
+
+
 def test_points_inside_only_push_the_wall_out_but_never_pull_it_in() -> None:
     """The wall has points everywhere but round one pole, where points inside say how far it must reach at least."""
     surface = body(3)

@@ -65,12 +65,12 @@ def observe(wall: Wall, points: Array, one_sided: NDArray[np.bool_], relative: A
 
 
 def _heard(wall: Wall, points: Array, one_sided: NDArray[np.bool_], outside: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Which points (n,) known to be inside are outside and heard: all where they are more than those around that are inside, else one."""
+    """Which points (n,) known to be inside are outside and heard: all where twice as many as are inside around, else one."""
     size = float(np.sqrt(((wall.rest - wall.rest.mean(axis=0)) ** 2).sum(axis=1).mean()))
     rows = np.flatnonzero(one_sided)
     heard = say(points[rows], outside[rows], size)
     chosen, near = np.zeros(len(points), dtype=bool), KDTree(points[rows])
-    for row, share in zip(rows, heard, strict=True):
-        spoken = rows[near.query_ball_point(points[row], CROWD * size)]
-        chosen[row] = share > 0.5 or (share > 0.0 and not chosen[spoken].any())
+    for k in np.flatnonzero(heard):
+        around = rows[near.query_ball_point(points[rows[k]], CROWD * size)]
+        chosen[rows[k]] = heard[k] > 0.5 or not chosen[around].any()
     return chosen
