@@ -13,25 +13,35 @@ from .section import Section
 from .subject import Result, Subject
 
 INDICES = ("iteration", "level")  # columns of a trace that count and measure nothing
+TERMS = ("energy", "misfit", "complexity", "labels", "data", "prior", "area", "shape")
 LOG_FROM = 30.0  # ratio of largest to smallest value above which a logarithmic axis shows more
 
 
 def course_section(subject: Subject) -> Section | None:
     """The trace of every estimate that has one, and the seconds of each stage."""
-    charts = [_trace(result) for result in subject.results.values() if len(result.estimate.trace) > 1]
+    charts = [chart for result in subject.results.values() if len(result.estimate.trace) > 1 for chart in _traces(result)]
     body = join(_seconds(subject), grouped(*charts) if charts else None)
     return Section("course", "Convergence and time", body)
 
 
-def _trace(result: Result) -> Html:
+def _traces(result: Result) -> list[Html]:
+    """A chart of the energy and its terms, where there are any, and one of everything else."""
     columns = _columns(result.estimate.trace)
+    terms = {key: values for key, values in columns.items() if key in TERMS}
+    rest = {key: values for key, values in columns.items() if key not in TERMS}
+    return [
+        _trace(result, f"{result.name}{what}: {_sentence(result)}", group) for what, group in ((", energy", terms), ("", rest)) if group
+    ]
+
+
+def _trace(result: Result, title: str, columns: Mapping[str, Array]) -> Html:
     steps = np.arange(1.0, len(result.estimate.trace) + 1)
     series = [Series(name, k % STYLES, steps, values) for k, (name, values) in enumerate(columns.items())]
     values = np.concatenate(list(columns.values()))
     known = values[np.isfinite(values)]
     log = bool((known > 0).all() and known.max() > LOG_FROM * known.min())
     y = axis_over("value", list(columns.values()), log=log)
-    return line_chart(f"{result.name}: {_sentence(result)}", series, Axis("iteration", 1.0, float(max(len(steps), 2))), y)
+    return line_chart(title, series, Axis("iteration", 1.0, float(max(len(steps), 2))), y)
 
 
 def _sentence(result: Result) -> str:
