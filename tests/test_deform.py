@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from tiny import sphere
 
 from o3dls.case import Case, Points
-from o3dls.errors import InputError, PipelineError
+from o3dls.errors import InputError, PipelineError, SolverError
 from o3dls.estimate import Estimate
 from o3dls.evaluate import distances
 from o3dls.geometry import Array, apply, similarity
@@ -301,6 +301,38 @@ def test_a_sigma_of_almost_nothing_pins_the_surface_and_breaks_nothing() -> None
     sigma[3] = 1e-12
     found = Deform()(with_column(case, sigma=sigma).visible(), started(case))
     assert distances(case.points.xyz[3:4], found.surface)[0] < 0.25 * NOISE
+
+
+def test_points_of_another_size_are_no_plausible_result() -> None:
+    """Two and a half times too large, with a start that cannot mend it: all points float, or the prior is blown up."""
+    case, _ = bent_case()
+    large = replace(case, points=replace(case.points, xyz=2.5 * case.points.xyz)).visible()
+    with pytest.raises(SolverError, match=r"deform: .* 100 % of the points off the wall: the points are not of this surface"):
+        Deform(landmarks=False)(large, started(case))
+    found = Deform(landmarks=False, outliers="believe")(large, started(case))
+    assert re.match(r"the motion makes what the surface encloses 1\d times as large: start, scale", found.warnings[0])
+
+
+def with_floating(case: Case, share: float) -> Case:
+    """The case with a share of its first 200 points anywhere in a ball of 18 mm, well inside."""
+    rng, xyz, count = np.random.default_rng(0), case.points.xyz.copy(), int(200 * share)
+    way = rng.normal(size=(count, 3))
+    xyz[:count] = 18.0 * way / np.linalg.norm(way, axis=1, keepdims=True) * rng.uniform(size=(count, 1)) ** (1.0 / 3.0)
+    return replace(case, points=replace(case.points, xyz=xyz)).visible()
+
+
+def test_most_points_off_the_wall_are_warned_of() -> None:
+    case, truth = bent_case(count=200)
+    found = Deform()(with_floating(case, 0.55), started(case))
+    assert found.warnings == ("55% of the points are judged to be off the wall: start, scale, frame or landmarks may be wrong",)
+    assert distances(found.surface.vertices, case.prior.with_vertices(truth)).mean() < NOISE
+
+
+def test_points_that_mean_no_surface_come_to_an_end() -> None:
+    """They had the start pose mended for ever."""
+    case, _ = bent_case(count=200)
+    with pytest.raises(SolverError, match="100 % of the points off the wall"):
+        Deform()(with_floating(case, 0.65), started(case))
 
 
 def test_points_there_must_be() -> None:

@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import Field, field_validator
 
 from ..case import FITTED_TYPES, Case, Points
-from ..errors import InputError
+from ..errors import InputError, SolverError
 from ..estimate import Estimate
 from ..geometry import Array, Surface, fit_similarity
 from ..registration.landmarks import determined
@@ -25,6 +25,9 @@ if TYPE_CHECKING:
 
 VEIN = re.compile(r"(?<![A-Z])[LR][SI]PV(?![A-Z])")
 NEVER = 1e-250  # odds of being off the wall that no residual outweighs, and whose logarithm is still a number
+NO_WALL = 0.95  # share of the points off the wall that leaves no wall
+GROWS = 3.0  # factor on the volume that no heartbeat has: a ventricle keeps a third at least
+WRONG = "start, scale, frame or landmarks may be wrong"
 CLOSE = 3.0  # nats: a surface whose evidence is within a factor of 20 of the best is no worse a guess
 
 
@@ -89,9 +92,8 @@ class Deform(Stage):
             raise InputError(f"deform: case {case.name} has no points of type eam")
         fits = [self._fitted(case, pose, data) for pose in self._poses(case, start)]
         best = min(fits, key=lambda estimate: float(estimate.fit.energy))
-        return replace(
-            best, warnings=(*start.warnings, *_repeated(case.points), *self._without_marks(case), *_rivals(best, fits, case.units))
-        )
+        said = [*_repeated(case.points), *self._without_marks(case), *_rivals(best, fits, case.units), *_doubts(start, best)]
+        return replace(best, warnings=(*start.warnings, *said))
 
     def _poses(self, case: Case, start: Estimate) -> list[Array]:
         if self.starts == "given" or self._without_marks(case):
@@ -163,6 +165,19 @@ def _rivals(best: Estimate, fits: list[Estimate], unit: str) -> list[str]:
         if behind < CLOSE and apart > best.fit.state.scales.noises[0]:
             return [f"another start, almost as likely ({behind:.1f} nats less), puts the vertices {apart:.1f} {unit} elsewhere on average"]
     return []
+
+
+def _doubts(start: Estimate, found: Estimate) -> list[str]:
+    """Sentences on what can hardly be meant. Raises SolverError where the motion is none of this prior."""
+    off, grown = found.facts["off_wall"], found.surface.volume / start.surface.volume
+    if off > NO_WALL:
+        raise SolverError(f"deform: {found.status}: the points are not of this surface, or {WRONG}")
+    if grown <= 0.0:
+        raise SolverError(f"deform: the motion turns the surface inside out: {WRONG}")
+    said = [f"{off:.0%} of the points are judged to be off the wall: {WRONG}"] if off > 0.5 else []
+    if not 1.0 / GROWS < grown < GROWS:
+        said += [f"the motion makes what the surface encloses {grown:.2g} times as large: {WRONG}"]
+    return said
 
 
 def _repeated(points: Points) -> list[str]:

@@ -98,7 +98,7 @@ class LevelSet(Stage):
         if abs(change) > UNLIKE:
             raise SolverError(
                 f"level_set: the mesh encloses {abs(change):.0%} {'more' if change > 0.0 else 'less'} than the surface it stands for; "
-                f"a spacing below {self.spacing:g} {unit} or a share to keep above {self.keep:g} would follow it"
+                f"a spacing below {self.spacing:g} {unit} or a share to keep above {self.keep:g} may follow it, unless that is folded"
             )
 
     def _reshaped(self, case: Case, start: Estimate) -> tuple[Estimate, list[str]]:
