@@ -55,7 +55,7 @@ def export(run_folder: Path, out: Path | None, **options: Any) -> None:
 @click.argument("source", metavar="IN", type=FILE)
 @click.argument("target", metavar="OUT", type=FILE)
 @click.option("--format", help="format of OUT where its suffix does not tell, such as carto_vtk")
-@click.option("--units", help="units of IN where it does not state them: mm, cm, m, um")
+@click.option("--units", help="units of IN where it does not state them: mm, cm, m, um, in")
 @click.option("--frame", help="frame of IN where it does not state it: LPS or RAS")
 @click.option("--to", help="frame to write, LPS or RAS")
 @click.option("--cap", is_flag=True, help="close the openings of a surface")

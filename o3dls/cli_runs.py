@@ -26,7 +26,7 @@ def demo(out: Path) -> int:
 @click.argument("pipeline", type=FILE, required=False)
 @click.option("--case", type=FOLDER, help="case folder; overrules the pipeline's")
 @click.option("--points", type=FILE, help="points file in place of the case's")
-@click.option("--units", help="units of the case where its files do not say: mm, cm, m, um, px")
+@click.option("--units", help="units of the case where its files do not say: mm, cm, m, um, in, px")
 @click.option("--frame", help="frame of the points: LPS, RAS or unknown")
 @click.option("--out", type=FOLDER, help="run folder to make; overrules the pipeline's")
 @click.option("--set", "settings", multiple=True, metavar="STAGE.PARAM=VALUE", help="overrule a parameter of the pipeline; may be repeated")
