@@ -287,8 +287,12 @@ def test_an_update_says_what_has_changed() -> None:
     more = with_points(case, case.points.xyz[0] + 0.5)
     moved = more.points.xyz.copy()
     moved[7] += 0.1
-    with pytest.raises(InputError, match="point 7 is not where it was"):
+    with pytest.raises(InputError, match="point 7 is not what it was"):
         Deform().update(replace(more, points=replace(more.points, xyz=moved)), fitted)
+    kind = more.points.type.copy()
+    kind[9] = "inside"
+    with pytest.raises(InputError, match="point 9 is not what it was"):
+        Deform().update(replace(more, points=replace(more.points, type=kind)), fitted)
     with pytest.raises(InputError, match="the landmarks are not those"):
         Deform().update(replace(more, prior_landmarks={**more.prior_landmarks, "a": np.zeros(3)}), fitted)
     with pytest.raises(InputError, match="fitted to this prior"):

@@ -143,9 +143,10 @@ class Deform(Stage):
         before = fit.problem.data
         if len(data.points) < len(before.points):
             raise InputError(f"update: {len(data.points)} points, fewer than the {len(before.points)} of the estimate")
-        changed = np.flatnonzero((data.points[: len(before.points)] != before.points).any(axis=1))
-        if len(changed):
-            raise InputError(f"update: point {changed[0]} is not where it was in the estimate: only new points may come, behind the others")
+        known = data.at(slice(len(before.points)))
+        moved = (known.points != before.points).any(axis=1) | (known.group != before.group) | (known.inside != before.inside)
+        if moved.any():
+            raise InputError(f"update: point {np.argmax(moved)} is not what it was in the estimate: new points may come, behind the others")
         if not (np.array_equal(data.marks_prior, before.marks_prior) and np.array_equal(data.marks_map, before.marks_map)):
             raise InputError("update: the landmarks are not those of the estimate; fit it again")
         return replace(self._fitted(case, estimate.T_map_prior, data, fit), warnings=estimate.warnings)
