@@ -230,7 +230,7 @@ def test_no_surface_at_all_is_an_error() -> None:
 
 
 @pytest.mark.parametrize(
-    ("factor", "said"), [(0.04, "take at most 0.22 mm, or check that its lengths are in mm"), (200.0, "take at least 8.8 mm")]
+    ("factor", "said"), [(0.04, "take at most 0.21 mm, or check that its lengths are in mm"), (200.0, "take at least 9.3 mm")]
 )
 def test_lengths_that_are_not_in_mm_are_refused(factor: float, said: str) -> None:
     """Inches, and what fills the memory."""

@@ -57,6 +57,7 @@ class LevelSet(Stage):
         began = time.perf_counter()
         self._check_spacing(start.surface, case.units)
         start, changes = self._reshaped(case, start)
+        unfinished = self._unfinished(start)
         reached = self._by_the_paper(case, start) if self.formulation == "paper" else self._by_default(case, start)
         mesh = extract(reached.phi, smoothing=self.smoothing, keep=self.keep, islands=reached.islands)
         if case.dimension == 2 and reached.unchanged:  # a polyline needs no repair, and a lattice would cut its tips
@@ -66,8 +67,8 @@ class LevelSet(Stage):
         return replace(
             start,
             surface=_with_unit(carry_fields(reached.wall, mesh.surface), case.units),
-            status="; ".join([*changes, *self._unfinished(start), reached.status]),
-            converged=reached.converged and not self._unfinished(start),
+            status="; ".join([*changes, *unfinished, reached.status]),
+            converged=reached.converged and not unfinished,
             iterations=sum(row.get("iteration", 1) > 0 for row in reached.trace),
             seconds=time.perf_counter() - began,
             sigma=reached.sigma,
@@ -84,13 +85,16 @@ class LevelSet(Stage):
 
     def _check_spacing(self, surface: Surface, unit: str) -> None:
         """Raise InputError where such a lattice cannot hold the surface, as when lengths are not in mm, or would fill the memory."""
+        from ..levelset.reach import HALF_BAND
+
         d, size = surface.dimension, surface.diagonal
+        # two digits round by up to a twentieth: what is said to be right must not be refused
         said = f"level_set.spacing = {self.spacing:g} {unit}: the surface is {size:.3g} {unit} across"
         if self.spacing > COARSEST * size:
-            raise InputError(f"{said}; take at most {COARSEST * size:.2g} {unit}, or check that its lengths are in {unit}")
-        if surface.area / self.spacing ** (d - 1) * 6.0 > MOST_NODES:
-            least = (6.0 * surface.area / MOST_NODES) ** (1.0 / (d - 1))
-            raise InputError(f"{said}, and the lattice too large for the memory; take at least {least:.2g} {unit}")
+            raise InputError(f"{said}; take at most {0.94 * COARSEST * size:.2g} {unit}, or check that its lengths are in {unit}")
+        least = (2.0 * HALF_BAND * surface.area / MOST_NODES) ** (1.0 / (d - 1))
+        if self.spacing < least:
+            raise InputError(f"{said}, and the lattice too large for the memory; take at least {1.06 * least:.2g} {unit}")
 
     def _check_mesh(self, mesh: Surface, wall: Surface, unit: str) -> None:
         """Raise SolverError where the mesh encloses far more or less than the wall that it stands for."""
