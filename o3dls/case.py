@@ -53,17 +53,25 @@ class Points:
         return first[order], rank[same.ravel()]
 
     @cached_property
-    def relative_noise(self) -> Array:
-        """Noise (n,) of each point by the column `sigma`, over the median of those that are fitted anyway, at least `BEST`; 1 without.
+    def typical_sigma(self) -> float | None:
+        """Median of the column `sigma` over the points that are fitted anyway; None without."""
+        sigma = self._sigma[np.isin(self.type, FITTED_TYPES)]
+        return float(np.nanmedian(sigma)) if np.isfinite(sigma).any() else None
+
+    def relative_noise(self, typical: float | None = None) -> Array:
+        """Noise (n,) of each point by the column `sigma`, over the typical one (of these points if not given), at least `BEST`; 1 without.
 
         Raises InputError where one is not above 0.
         """
-        sigma = np.asarray(self.columns.get("sigma", np.full(len(self), np.nan)), dtype=np.float64)
-        wrong = np.flatnonzero(sigma <= 0.0)
+        wrong = np.flatnonzero(self._sigma <= 0.0)
         if len(wrong):
-            raise InputError(f"points: sigma is a noise level and must be above 0, but point {wrong[0]} has {sigma[wrong[0]]:g}")
-        typical = sigma[np.isfinite(sigma) & np.isin(self.type, FITTED_TYPES)]
-        return np.where(np.isfinite(sigma), np.maximum(sigma / np.median(typical), BEST), 1.0) if len(typical) else np.ones(len(self))
+            raise InputError(f"points: sigma is a noise level and must be above 0, but point {wrong[0]} has {self._sigma[wrong[0]]:g}")
+        typical = self.typical_sigma if typical is None else typical
+        return np.ones(len(self)) if typical is None else np.where(np.isfinite(self._sigma), np.maximum(self._sigma / typical, BEST), 1.0)
+
+    @property
+    def _sigma(self) -> Array:
+        return np.asarray(self.columns.get("sigma", np.full(len(self), np.nan)), dtype=np.float64)
 
 
 @dataclass(frozen=True, eq=False)

@@ -162,7 +162,7 @@ def export_run(
 
     if format not in get_args(FormatName):
         raise InputError(f"export: no format '{format}'{did_you_mean(format, list(get_args(FormatName)))}")
-    writer = Export(estimate=estimate, format=format, **options)
+    writer = Export(**options | {"estimate": estimate, "format": format})
     run = read_run(folder)
     name = estimate or run.final
     if name not in run.estimates:

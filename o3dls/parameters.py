@@ -36,8 +36,10 @@ def describe(plugin: type[BaseModel]) -> list[Parameter]:
 def mistakes(plugin: type[BaseModel], error: ValidationError) -> list[str]:
     """One sentence per mistake, such as `icp.tolerance = -1.0 mm: must be within [0, inf] mm`."""
     owner = str(getattr(plugin, "name", plugin.__name__))
-    seen = dict.fromkeys(_sentence(plugin, owner, detail) for detail in error.errors(include_url=False))
-    return list(seen)
+    details = error.errors(include_url=False)
+    inside = {detail["loc"][0] for detail in details if len(detail["loc"]) > 1}  # a list with a wrong entry is also said to be too short
+    told = [detail for detail in details if len(detail["loc"]) != 1 or detail["loc"][0] not in inside]
+    return list(dict.fromkeys(_sentence(plugin, owner, detail) for detail in told))
 
 
 def _sentence(plugin: type[BaseModel], owner: str, detail: ErrorDetails) -> str:
@@ -61,7 +63,8 @@ def _sentence(plugin: type[BaseModel], owner: str, detail: ErrorDetails) -> str:
 
 
 def _shown(value: Any, unit: str) -> str:
-    return repr(value).lower() if isinstance(value, bool) else f"{value!r} {unit}".rstrip()
+    plain = list(value) if isinstance(value, tuple) else value
+    return repr(value).lower() if isinstance(value, bool) else f"{plain!r} {unit}".rstrip()
 
 
 def _wanted(field: FieldInfo) -> str:
@@ -69,7 +72,7 @@ def _wanted(field: FieldInfo) -> str:
     limits, unit, kind = _limits(field), _unit(field), _kind(field)
     if limits.startswith(("[", "(")):
         return f"{'a whole number ' * (kind == 'whole number')}within {limits} {unit}".rstrip()
-    return f"one of {limits}" if _words(field) else limits or kind
+    return f"one of {limits}" if _words(field) else limits or f"{'a ' * (kind != 'true or false')}{kind}"
 
 
 def _unit(field: FieldInfo) -> str:
@@ -87,6 +90,8 @@ def _words(field: FieldInfo) -> list[str]:
 def _parts(annotation: Any) -> list[Any]:
     if get_origin(annotation) in (Union, UnionType, tuple, list):
         return [deep for part in get_args(annotation) for deep in _parts(part)]
+    if get_origin(annotation) is dict:
+        return _parts(get_args(annotation)[1])
     return [annotation]
 
 
@@ -94,6 +99,8 @@ def _kind(field: FieldInfo) -> str:
     names = {bool: "true or false", int: "whole number", float: "number", str: "text", type(None): "", Ellipsis: ""}
     parts = ["word" if get_origin(p) is Literal else names.get(p, str(p)) for p in _parts(field.annotation)]
     kind = " or ".join(dict.fromkeys(filter(None, parts)))
+    if get_origin(field.annotation) is dict:
+        return f"{kind} per name"
     if get_origin(field.annotation) not in (tuple, list):
         return kind
     least = max((m.min_length for m in field.metadata if hasattr(m, "min_length")), default=0)

@@ -8,6 +8,7 @@ from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from .case import FITTED_TYPES, Case
@@ -20,15 +21,18 @@ if TYPE_CHECKING:
 
 
 class Plugin(BaseModel, ABC):
-    """Typed, frozen parameters that check themselves; help, pipeline syntax and records come from them."""
+    """Typed, frozen parameters that check themselves; help, pipeline syntax and records come from them.
 
-    model_config = ConfigDict(frozen=True, extra="forbid", populate_by_name=True, allow_inf_nan=False)
+    Values must be of the type as written: a parameter of a type that pipeline files lack, such as a path, is a `Field(strict=False)`.
+    """
+
+    model_config = ConfigDict(strict=True, frozen=True, extra="forbid", populate_by_name=True, allow_inf_nan=False)
     name: ClassVar[str]
 
     def __init__(self, **parameters: Any) -> None:
         """Say what is wrong in our words; a validator would not do, since those of subclasses run outside of it."""
         try:
-            super().__init__(**parameters)
+            super().__init__(**{key: _plain(value) for key, value in parameters.items()})
         except ValidationError as error:
             raise PipelineError(*mistakes(type(self), error)) from None
 
@@ -39,6 +43,13 @@ class Plugin(BaseModel, ABC):
     def obstacle(self, case: Case) -> str | None:
         """Why this plugin cannot work on the case (a sentence), None where it can."""
         return None
+
+
+def _plain(value: Any) -> Any:
+    """A list as a tuple and numpy's numbers as Python's: else types are taken as written, so that `"no"` is a text and not false."""
+    if isinstance(value, list | tuple | np.ndarray):
+        return tuple(_plain(entry) for entry in value)
+    return value.item() if isinstance(value, np.generic) else value
 
 
 class Stage(Plugin):

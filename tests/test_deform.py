@@ -346,6 +346,29 @@ def test_points_there_must_be() -> None:
         Deform()(bare, started(case))
 
 
+@pytest.mark.parametrize("column", ["force", "sigma"])
+def test_an_update_says_where_what_is_known_of_a_point_has_changed(column: str) -> None:
+    case, _ = bent_case()
+    fitted = Deform()(with_column(case, **{column: np.full(len(case.points), 2.0)}), started(case))
+    more = with_points(case, case.points.xyz[0] + 0.5)
+    values = np.full(len(more.points), 2.0)
+    values[11] = 9.0
+    with pytest.raises(InputError, match="point 11 is not what it was"):
+        Deform().update(with_column(more, **{column: values}), fitted)
+
+
+def test_new_points_of_another_noise_leave_that_of_the_others_as_it_was() -> None:
+    case, _ = bent_case(count=40)
+    fitted = Deform()(with_column(case, sigma=np.full(len(case.points), 2.0)), started(case))
+    more = with_points(case, *(case.points.xyz[:60] + 0.1))  # so many that their median is the typical one
+    sigma = np.where(np.isin(more.points.xyz, case.points.xyz).all(axis=1), 2.0, 8.0)
+    updated = Deform().update(with_column(more, sigma=sigma), fitted)
+    known = updated.fit.problem.data.at(slice(40))
+    np.testing.assert_array_equal(known.relative, np.ones(40))
+    assert (updated.fit.problem.data.relative[40:] == 4.0).all()
+    assert updated.sigma == fitted.sigma
+
+
 def test_an_estimate_of_another_prior_is_not_updated() -> None:
     """A level set that grew a tube has a motion of another mesh: its vertices on the prior's faces would be no surface."""
     case, _ = bent_case()

@@ -6,6 +6,7 @@ import re
 from importlib.metadata import EntryPoint
 from typing import ClassVar, Literal
 
+import numpy as np
 import pytest
 from conftest import ROOT
 from pydantic import Field, field_validator, model_validator
@@ -26,6 +27,9 @@ class Sample(Plugin):
     word: Literal["one", "two"] = Field("one", description="a word")
     words: tuple[Literal["red", "blue"], ...] = Field((), description="some words")
     flag: bool = Field(True, description="a switch")
+    sizes: tuple[float, ...] = Field((1.0,), min_length=1, description="some lengths", json_schema_extra={"unit": "mm"})
+    named: dict[str, float] = Field({}, description="a number for each name")
+    plain: float = Field(0.0, description="a number without limits")
 
     @field_validator("length")
     @classmethod
@@ -53,6 +57,15 @@ class Sample(Plugin):
         ({"word": 2}, "sample.word = 2: must be one of one, two"),
         ({"words": ["red", "bleu"]}, "sample.words = 'bleu': did you mean 'blue'?"),
         ({"flag": "perhaps"}, "sample.flag = 'perhaps': must be true or false"),
+        ({"flag": "no"}, "sample.flag = 'no': must be true or false"),
+        ({"flag": 1}, "sample.flag = 1: must be true or false"),
+        ({"count": "3"}, "sample.count = '3': must be a whole number within [1, 9]"),
+        ({"length": "2"}, "sample.length = '2' mm: must be within [0, inf] mm"),
+        ({"length": True}, "sample.length = true: must be within [0, inf] mm"),
+        ({"sizes": ["1"]}, "sample.sizes = '1' mm: must be a list of numbers, at least 1"),
+        ({"sizes": []}, "sample.sizes = [] mm: must be a list of numbers, at least 1"),
+        ({"named": {"a": "1"}}, "sample.named = '1': must be a number per name"),
+        ({"plain": "1"}, "sample.plain = '1': must be a number"),
         ({"lenght": 1.0}, "sample.lenght: no such parameter: did you mean 'length'?"),
         ({"share": 0.5, "flag": False}, "sample: share needs flag = true"),
     ],
@@ -61,6 +74,12 @@ def test_a_mistake_is_said_in_one_sentence(given: dict[str, object], sentence: s
     with pytest.raises(PipelineError) as error:
         Sample(**given)  # type: ignore[arg-type]
     assert error.value.args == (sentence,)
+
+
+def test_lists_and_numbers_of_numpy_are_taken() -> None:
+    made = Sample(length=np.float32(2.0), count=np.int64(3), flag=np.True_, sizes=np.array([1.0, 2.0]))  # type: ignore[arg-type]
+    assert (made.length, made.count, made.flag, made.sizes) == (2.0, 3, True, (1.0, 2.0))
+    assert Sample(sizes=[1, 2]) == Sample(sizes=(1.0, 2.0))  # type: ignore[arg-type]
 
 
 def test_several_mistakes_are_several_sentences() -> None:
@@ -78,6 +97,9 @@ def test_parameters_describe_themselves() -> None:
         "word": ("word", "one", "", "one, two"),
         "words": ("list of words", (), "", "red, blue"),
         "flag": ("true or false", True, "", ""),
+        "sizes": ("list of numbers, at least 1", (1.0,), "mm", ""),
+        "named": ("number per name", {}, "", ""),
+        "plain": ("number", 0.0, "", ""),
     }
 
 

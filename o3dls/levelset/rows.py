@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,8 @@ class Data:
     the prior, in its own frame, along which it bends most.
     """
 
+    PER_POINT: ClassVar = ("points", "group", "relative", "odds", "inside")
+
     points: Array
     group: Ints
     relative: Array
@@ -30,6 +33,7 @@ class Data:
     up: Array | None = None
     groups: int = 1
     mapping: Ints | None = None
+    typical: float | None = None
 
     @property
     def trusted(self) -> Array:
@@ -38,8 +42,12 @@ class Data:
 
     def at(self, which: slice) -> Data:
         """Some of the points, all of the landmarks."""
-        names = ("points", "group", "relative", "odds", "inside")
-        return replace(self, **{name: getattr(self, name)[which] for name in names})
+        return replace(self, **{name: getattr(self, name)[which] for name in self.PER_POINT})
+
+    def differs(self, other: Data) -> NDArray[np.bool_]:
+        """Which points (n,) are not the same in other data of as many."""
+        unlike = [getattr(self, name) != getattr(other, name) for name in self.PER_POINT]
+        return np.asarray(np.column_stack(unlike).any(axis=1))
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from ..estimate import Estimate
@@ -21,7 +23,7 @@ from .results import Results, column
 ALPHAS = (1.0, 0.3, 0.1, 0.03, 0.01, 0.003, 0.001)  # weight of the prior against the data: the data weight is its inverse
 SPACING = 2.0
 COARSE, FINE = Deform().vector  # correlation lengths of T
-EQUAL = {"data": 1.0, "area": 1.0, "shape": 1.0}
+EQUAL: dict[str, Any] = {"data": 1.0, "area": 1.0, "shape": 1.0}
 
 # Estimate: what it is. Each line repairs one thing more, or takes one away.
 VARIANTS = {
@@ -42,7 +44,7 @@ VARIANTS = {
 
 def stages() -> list[Stage]:
     """Every variant from the landmarks on."""
-    paper = {"formulation": "paper", "spacing": SPACING}
+    paper: dict[str, Any] = {"formulation": "paper", "spacing": SPACING}
     return [
         Landmarks(),
         ICP(preset="standard"),

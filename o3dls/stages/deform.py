@@ -136,17 +136,16 @@ class Deform(Stage):
         from nothing after one point, where that would leave the amplitudes as they are. Raises InputError where the estimate is not
         one of this stage, or prior, landmarks or the points of before have changed.
         """
-        data = observed(case.visible(self.fits), self)
         fit = estimate.fit
         if fit is None or estimate.motion is not fit.motion or not _same(fit.problem, case.prior):
             raise InputError("update: the estimate must come from the stage 'deform' of this session, fitted to this prior")
         before = fit.problem.data
+        data = observed(case.visible(self.fits), self, before.typical)
         if len(data.points) < len(before.points):
             raise InputError(f"update: {len(data.points)} points, fewer than the {len(before.points)} of the estimate")
-        known = data.at(slice(len(before.points)))
-        moved = (known.points != before.points).any(axis=1) | (known.group != before.group) | (known.inside != before.inside)
-        if moved.any():
-            raise InputError(f"update: point {np.argmax(moved)} is not what it was in the estimate: new points may come, behind the others")
+        changed = data.at(slice(len(before.points))).differs(before)
+        if changed.any():
+            raise InputError(f"update: point {np.argmax(changed)} is not what it was in the estimate; new points come behind the others")
         if not (np.array_equal(data.marks_prior, before.marks_prior) and np.array_equal(data.marks_map, before.marks_map)):
             raise InputError("update: the landmarks are not those of the estimate; fit it again")
         return replace(self._fitted(case, estimate.T_map_prior, data, fit), warnings=estimate.warnings)
@@ -192,8 +191,11 @@ def _same(problem: Problem, prior: Surface) -> bool:
     return np.array_equal(problem.faces, prior.faces) and np.array_equal(problem.vertices, prior.vertices)
 
 
-def observed(case: Case, stage: Deform) -> Data:
-    """The fitted points as arrays: eam and inside points in noise group 0, ablation points in group 1, landmarks apart."""
+def observed(case: Case, stage: Deform, typical: float | None = None) -> Data:
+    """The fitted points as arrays: eam and inside points in noise group 0, ablation points in group 1, landmarks apart.
+
+    `typical` is what the points' own noise is relative to, where an earlier fit has found the level of the others.
+    """
     from ..levelset.rows import Data
 
     every = case.points.of(*stage.fits)
@@ -204,7 +206,7 @@ def observed(case: Case, stage: Deform) -> Data:
     return Data(
         points=points.xyz,
         group=(points.type == "ablation").astype(np.int64),
-        relative=every.relative_noise[rows],
+        relative=every.relative_noise(typical)[rows],
         odds=_odds_of_floating(points, stage.contact_force) * (1.0 if stage.outliers == "doubt" else NEVER),
         inside=points.type == "inside",
         marks_prior=marks_prior[keep],
@@ -212,6 +214,7 @@ def observed(case: Case, stage: Deform) -> Data:
         up=upwards(case.prior_landmarks) if stage.bends == "upright" else None,
         groups=1 + (stage.ablation == "fit"),
         mapping=same[every.type == "eam"],
+        typical=every.typical_sigma if typical is None else typical,
     )
 
 

@@ -150,7 +150,7 @@ def _observer(case: Case, start: Estimate) -> Callable[[Wall], Measured]:
 
     every = case.points.of(*FITTED_TYPES)
     rows, _ = every.distinct()
-    points, relative = every.select(rows), every.relative_noise[rows]
+    points, relative = every.select(rows), every.relative_noise(start.fit.problem.data.typical if start.fit else None)[rows]
     if len(points) == 0:
         raise InputError(f"level_set: case {case.name} has no points of type {' or '.join(FITTED_TYPES)}")
     return lambda wall: observe(wall, points.xyz, points.type == "inside", relative, _noise(start))
