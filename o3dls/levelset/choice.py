@@ -26,41 +26,45 @@ SAME = 0.2  # nats: less than any decision turns on
 
 @dataclass(frozen=True, eq=False)
 class Shown:
-    """Posterior probability of a motion beyond the pose; the pose (d+1, d+1), mended where alone it explains the points better; scales,
-    whose noise levels are between those with and without the motion by that probability."""
+    """Posterior probability of a motion beyond the pose; the start pose (d+1, d+1), mended where another explains the points better;
+    scales, whose noise levels are between those with and without the motion by that probability; `Motion.alone`."""
 
     share: float
     pose: Array
     mended: bool
     scales: Scales
+    alone: Array
 
 
 @dataclass(frozen=True, eq=False)
 class _Alone:
-    """The pose and noise alone: free energy, what tuning flatters it by, the pose's displacement (n, d), noise levels."""
+    """The pose and noise alone: free energy, what tuning flatters it by, similarity (d+1, d+1) from the start pose, noise levels."""
 
     energy: float
     flattery: float
-    shift: Array
+    similarity: Array
     noises: Array
 
 
 def shown(run: Run) -> Shown:
     """Whether the points show a motion at all: evidences with and without it, amplitudes and noise levels integrated out (Laplace)."""
     problem, scales, odds = run.problem, run.state.scales, run.problem.settings.odds
+    stay = np.eye(len(problem.pose))
+    certain = Shown(1.0, problem.pose, False, scales, stay)
     alone = _pose_alone(problem, 1.0, run.energy + DECISIVE + odds)
     if alone.energy > run.energy + DECISIVE + odds:
-        return Shown(1.0, problem.pose, False, scales)
+        return certain
     rows = run.solved[0]
     against = run.energy + flattery(scales, *grams(problem.covariance, rows.observed), rows) - alone.energy - alone.flattery + odds
     share = float(1.0 / (1.0 + np.exp(np.clip(against, -500.0, 500.0))))
     if share > CERTAIN:
-        return Shown(1.0, problem.pose, False, scales)
+        return certain
     log = scales.log.copy()
     log[scales.fields :] = 0.5 * np.log(share * scales.noises**2 + (1.0 - share) * alone.noises**2)
     mended = alone.energy + DECISIVE < _pose_alone(problem, 0.0, np.inf).energy
-    pose = fit_similarity(problem.rest.at, problem.rest.at + alone.shift) @ problem.pose if mended else problem.pose
-    return Shown(share, pose, mended, replace(scales, log=log))
+    pose = alone.similarity @ problem.pose if mended else problem.pose
+    # points alone have had their say on the pose in the start, landmarks beside them have not
+    return Shown(share, pose, mended, replace(scales, log=log), alone.similarity if len(problem.marks) else stay)
 
 
 def _pose_alone(problem: Problem, free: float, clear: float) -> _Alone:
@@ -88,8 +92,9 @@ def _pose_alone(problem: Problem, free: float, clear: float) -> _Alone:
         state = replace(state, scales=scales, weights=weights, contact=contact)
         if steady and (abs(before - energy) < SAME or energy - 3.0 * (before - energy) > clear):
             break
-    shift = problem.covariance.similarity(problem.rest.at) @ (posterior.alpha @ seen)
-    return _Alone(energy, flattery(state.scales, fixed, [], rows), shift, state.scales.noises)
+    at = problem.rest.at
+    moved = at + free * problem.covariance.similarity(at) @ (posterior.alpha @ seen)
+    return _Alone(energy, flattery(state.scales, fixed, [], rows), fit_similarity(at, moved), state.scales.noises)
 
 
 def smoother(run: Run) -> Faired | None:

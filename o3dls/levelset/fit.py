@@ -52,7 +52,7 @@ def fit_motion(
             run, scales = other, other.state.scales
     moving = found.share * run.moving  # what is not shown need not stand still
     state, still = replace(run.state, scales=scales), moving < settings.tolerance * run.problem.size
-    return run.problem.result(state, run.solved, found.share, run.trace, moving, still)
+    return run.problem.result(state, run.solved, found.share, found.alone, run.trace, moving, still)
 
 
 def _proceed(earlier: MotionFit, data: Data, known: slice, rounds: int) -> MotionFit:
@@ -66,7 +66,7 @@ def _proceed(earlier: MotionFit, data: Data, known: slice, rounds: int) -> Motio
         if record["step"] < least:
             break
     moving = trace[-1]["step"]
-    return problem.result(state, solved, earlier.motion.share, trace, moving, moving < least)
+    return problem.result(state, solved, earlier.motion.share, earlier.motion.alone, trace, moving, moving < least)
 
 
 def _first_beliefs(earlier: MotionFit, data: Data, known: slice) -> Array:

@@ -20,8 +20,9 @@ from .shape import unit_mean
 class Motion:
     """The fitted motion, prior frame to map frame, as a function of points with its posterior deviation (estimate.Motion).
 
-    share is the posterior probability that the points show a motion at all: the field is scaled by it, so that points which
-    cannot tell it from noise leave the prior in its pose. inflation calibrates the deviation (docs/method.md).
+    share is the posterior probability that the points show a motion at all: so far the field is followed, and for the rest the similarity
+    `alone` (d+1, d+1), from the reference pose to where it would be without a motion, so that points which cannot tell a motion from
+    noise leave the prior its shape. inflation calibrates the deviation (docs/method.md).
     """
 
     vertices: Array  # of the prior, in its own frame
@@ -32,12 +33,17 @@ class Motion:
     sds: Array
     observed: Observed
     posterior: Posterior
-    share: float = 1.0
+    share: float
+    alone: Array
     inflation: float = 1.0
 
     def __call__(self, points: Array) -> Array:
         places = self._reference(points)
-        return places.at + self.share * self._field(places)
+        return self.mean(places.at, self._field(places))
+
+    def mean(self, at: Array, field: Array) -> Array:
+        """Where places (n, d) of the reference pose went that the field would displace by (n, d)."""
+        return at + self.share * field + (1.0 - self.share) * self._pose_alone(at)
 
     def sd(self, points: Array, normals: Array) -> Array:
         """Posterior standard deviation (n,) along unit `normals` (map frame) of where points (n, d) of the prior frame went."""
@@ -49,11 +55,15 @@ class Motion:
         crossed = cross(self.covariance, self.sds, self.observed, asked)
         var = posterior_variance(self.posterior.factor, variance(self.covariance, self.sds, asked), crossed)
         # what is not shown may still be so: the deviation is that of the motion from where the surface is left
-        held_back = 0.0 if self.share == 1.0 else (1.0 - self.share) * (self._field(places) * normals).sum(axis=1)
+        beyond = 0.0 if self.share == 1.0 else ((self._field(places) - self._pose_alone(places.at)) * normals).sum(axis=1)
+        held_back = (1.0 - self.share) * beyond
         return self.inflation * np.sqrt(var + held_back**2)
 
     def _field(self, places: Places) -> Array:
         return displacement(self.covariance, self.sds, self.observed, self.posterior.alpha, places)
+
+    def _pose_alone(self, at: Array) -> Array:
+        return apply(self.alone, at) - at
 
     @cached_property
     def _tree(self) -> ClosestPoint:

@@ -192,16 +192,24 @@ class Problem:
         return np.asarray(self.spread @ field)
 
     def result(
-        self, state: State, solved: tuple[Rows, Posterior], share: float, trace: list[dict[str, float]], moving: float, still: bool
+        self,
+        state: State,
+        solved: tuple[Rows, Posterior],
+        share: float,
+        alone: Array,
+        trace: list[dict[str, float]],
+        moving: float,
+        still: bool,
     ) -> MotionFit:
-        """What was found: `share` of the motion is shown; the last round moved the surface by `moving`, which counts as still or not."""
+        """What was found: `share` of the motion is shown, and the pose `alone` stands for the rest (`Motion`); the last round moved the
+        surface by `moving`, which counts as still or not."""
         rows, posterior = solved
-        sds = state.scales.sds
-        motion = Motion(self.vertices, self.faces, self.pose, self.rest, self.covariance, sds, rows.observed, posterior, share, INFLATION)
+        sds, observed = state.scales.sds, rows.observed
+        motion = Motion(self.vertices, self.faces, self.pose, self.rest, self.covariance, sds, observed, posterior, share, alone, INFLATION)
         now = vertex_normals(state.moved, self.faces)[self.nodes]
         at_nodes = motion.sd_in_reference(self.at_nodes, now)
         sd = np.maximum(self.spread @ at_nodes, 0.0)
-        vertices, folded = self.rest.at + share * (state.moved - self.rest.at), 0
+        vertices, folded = motion.mean(self.rest.at, state.moved - self.rest.at), 0
         if self.settings.unfold:
             vertices, folded = unfold(self.rest.at, vertices, self.faces)
         facts = self.facts(state) | {"share": share, "faired": self.faired, "folded_faces": float(folded), "moving": moving}
