@@ -44,16 +44,16 @@ def _placed(case: Case, T_map_prior: Array, status: str) -> Estimate:
 
 
 def _check_span(case: Case, span: float) -> None:
-    """Points in another unit than the prior's are thousand times too small, not a little."""
+    """Points in another unit than the prior's are many times too small, not a little."""
     ratio = span / case.prior.diagonal
     if SPANS[0] <= ratio <= SPANS[1]:
         return
-    factors = {"m": 1e3, "cm": 1e1, "um": 1e-3}
+    factors = {"m": 1e3, "cm": 1e1, "in": 25.4, "um": 1e-3}
     likely = min(factors, key=lambda unit: abs(np.log(max(ratio * factors[unit], 1e-300))))
     raise InputError(
         f"case {case.name}: the points span {span:.3g} {case.units}, the prior {case.prior.diagonal:.3g} {case.units}: "
         f"if the points are in {likely}, put the line '# units={likely}' above the header of their file; "
-        f"if the whole case is, say --units {likely}"
+        f"if the whole case is, say --units {likely}; if neither is, the unit of the prior's file is wrong"
     )
 
 

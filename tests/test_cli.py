@@ -202,6 +202,11 @@ class TestWrongInput:
         self.rewrite(points=replace(points, xyz=points.xyz / 1000.0))
         self.refused("the points span 0.066", "if the points are in m, put the line '# units=m'")
 
+    def test_points_in_inches(self) -> None:
+        points = ball_case().points
+        self.rewrite(points=replace(points, xyz=points.xyz / 25.4))
+        self.refused("if the points are in in, put the line '# units=in'", "the unit of the prior's file is wrong")
+
     def test_no_point_near_the_prior(self) -> None:
         points = ball_case().points
         self.rewrite(points=replace(points, xyz=points.xyz + 500.0), prior_landmarks={})
