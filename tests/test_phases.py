@@ -57,6 +57,24 @@ def test_the_motion_leads_from_the_prior_to_the_surface() -> None:
     assert (sd > 0.0).all()
 
 
+def test_landmarks_go_along_with_the_phase() -> None:
+    """Vertices are told apart by landmarks: those of the prior's own phase would pull the found one back."""
+    missed = []
+    for marked in (False, True):
+        of = case(1.15)
+        few = of.points.select(np.arange(20))
+        stretch = ball(1.15).vertices - ball(STRETCHES[0]).vertices
+        at = [int(np.argmax(of.prior.vertices @ way)) for way in (*np.eye(3), *-np.eye(3))]
+        names = [f"m{k}" for k in range(len(at))]
+        xyz = np.vstack([few.xyz, (of.prior.vertices + stretch)[at]])
+        points = Points(xyz, np.array(["eam"] * 20 + ["landmark"] * len(at)), {"name": np.array([""] * 20 + names)})
+        marks = dict(zip(names, of.prior.vertices[at], strict=True))
+        given = replace(of, points=points, prior_landmarks=marks, init=np.eye(4)) if marked else replace(of, points=few)
+        start = Estimate(of.prior, np.eye(4), "as it stands")
+        missed.append(np.linalg.norm(Phases()(given, start).surface.vertices - of.prior.vertices - stretch, axis=1).mean())
+    assert missed[1] < 0.3 * missed[0]  # measured: .09; .70 with the landmarks of the prior's own phase
+
+
 def test_a_turned_map_turns_the_result() -> None:
     given = case(1.15)
     turn = similarity(np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]), np.array([5.0, 7.0, -3.0]))

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..geometry import Array, fit_similarity
+from ..geometry import Array, apply, fit_similarity
 from .closest import ClosestPoint
 from .covariance import Places, grams
 from .evidence import Scales, assemble, flattery, free_energy, left_out, solve, tune
@@ -63,8 +63,9 @@ def shown(run: Run) -> Shown:
     log[scales.fields :] = 0.5 * np.log(share * scales.noises**2 + (1.0 - share) * alone.noises**2)
     mended = alone.energy + DECISIVE < _pose_alone(problem, 0.0, np.inf).energy
     pose = alone.similarity @ problem.pose if mended else problem.pose
-    # points alone have had their say on the pose in the start, landmarks beside them have not
-    return Shown(share, pose, mended, replace(scales, log=log), alone.similarity if len(problem.marks) else stay)
+    # points alone have had their say on the pose in the start; as many landmarks as fix a pose say more
+    fixed = len(problem.marks) >= problem.vertices.shape[1]
+    return Shown(share, pose, mended, replace(scales, log=log), alone.similarity if fixed else stay)
 
 
 def _pose_alone(problem: Problem, free: float, clear: float) -> _Alone:
@@ -73,9 +74,9 @@ def _pose_alone(problem: Problem, free: float, clear: float) -> _Alone:
     Rounds end early once further ones cannot bring the energy below `clear`: while beliefs are steady, drops shrink by a quarter or
     more a round; a point let go can bring any drop.
     """
-    state = problem.start()
+    state, rest, energy = problem.start(), problem.rest.at, np.inf
     state = replace(state, scales=state.scales.noise_alone())
-    energy = np.inf
+    features = free * problem.covariance.similarity(rest)
     for _ in range(ALONE_ROUNDS):
         feet = problem.feet(state)
         rows = problem.rows(feet, state)
@@ -89,12 +90,11 @@ def _pose_alone(problem: Problem, free: float, clear: float) -> _Alone:
         before = energy
         energy = free_energy(posterior, scales.log, rows) + problem.label_energy(state.weights, residual, contact, scales.noises)
         steady = np.abs(weights - state.weights).sum() < STEADY
-        state = replace(state, scales=scales, weights=weights, contact=contact)
+        similarity = fit_similarity(rest, rest + features @ (posterior.alpha @ seen))  # a rotation by small angles would swell the prior
+        state = replace(state, feet_on=apply(similarity, rest), scales=scales, weights=weights, contact=contact)
         if steady and (abs(before - energy) < SAME or energy - 3.0 * (before - energy) > clear):
             break
-    at = problem.rest.at
-    moved = at + free * problem.covariance.similarity(at) @ (posterior.alpha @ seen)
-    return _Alone(energy, flattery(state.scales, fixed, [], rows), fit_similarity(at, moved), state.scales.noises)
+    return _Alone(energy, flattery(state.scales, fixed, [], rows), similarity, state.scales.noises)
 
 
 def smoother(run: Run) -> Faired | None:

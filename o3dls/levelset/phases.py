@@ -197,20 +197,27 @@ def _moved(change: Array, middle: Array) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class Chain:
-    """The prior's motion to the template's shape, then the motion fitted from there (estimate.Motion)."""
+class Shift:
+    """From the prior to the template's shape: places go along with the vertices (n, d) nearest to them, which move by `by` (n, d)."""
 
     tree: ClosestPoint  # of the prior
     faces: Ints
-    shift: Array  # (n, d) of the prior's vertices to the template's shape
+    by: Array
+
+    def __call__(self, points: Array) -> Array:
+        _, face, _, bary = self.tree.query(points)
+        return np.asarray(points + np.einsum("nc,ncd->nd", bary, self.by[self.faces[face]]))
+
+
+@dataclass(frozen=True, eq=False)
+class Chain:
+    """The prior's shift to the template's shape, then the motion fitted from there (estimate.Motion)."""
+
+    first: Shift
     then: Motion
 
     def __call__(self, points: Array) -> Array:
-        return self.then(self._template(points))
+        return self.then(self.first(points))
 
     def sd(self, points: Array, normals: Array) -> Array:
-        return self.then.sd(self._template(points), normals)
-
-    def _template(self, points: Array) -> Array:
-        _, face, _, bary = self.tree.query(points)
-        return np.asarray(points + np.einsum("nc,ncd->nd", bary, self.shift[self.faces[face]]))
+        return self.then.sd(self.first(points), normals)

@@ -40,7 +40,7 @@ class Phases(Stage):
 
     def __call__(self, case: Case, start: Estimate) -> Estimate:
         from ..levelset.closest import ClosestPoint
-        from ..levelset.phases import Chain, locate, template
+        from ..levelset.phases import Chain, Shift, locate, template
 
         if why := self.obstacle(case):
             raise InputError(f"case {case.name}: {why}")
@@ -49,7 +49,9 @@ class Phases(Stage):
         found = locate(model, start.T_map_prior, case.points.of("eam").xyz, self.pose_sd, self.iterations)
         shape = model.shape(found.c)
         here = replace(start, surface=prior.with_vertices(apply(found.pose, shape)), T_map_prior=found.pose)
-        fitted = Deform()(replace(case, prior=prior.with_vertices(shape)), here)
+        shift = Shift(ClosestPoint(prior.vertices, prior.faces), prior.faces, shape - prior.vertices)
+        marks = {mark: shift(at[None])[0] for mark, at in case.prior_landmarks.items()}
+        fitted = Deform()(replace(case, prior=prior.with_vertices(shape), prior_landmarks=marks), here)
         place = model.between(found.c)
         word = "" if found.converged else f", stopped after {len(found.trace)} iterations"
         return replace(
@@ -59,7 +61,7 @@ class Phases(Stage):
             converged=found.converged and fitted.converged,
             iterations=len(found.trace) + fitted.iterations,
             seconds=time.perf_counter() - began,
-            motion=fitted.motion and Chain(ClosestPoint(prior.vertices, prior.faces), prior.faces, shape - prior.vertices, fitted.motion),
+            motion=fitted.motion and Chain(shift, fitted.motion),
             trace=(*found.trace, *fitted.trace),
             facts={**fitted.facts, "phase": place, "modes": len(found.c), "coefficients": found.c.tolist()},
         )
