@@ -55,8 +55,8 @@ class Points:
     @cached_property
     def typical_sigma(self) -> float | None:
         """Median of the column `sigma` over the points that are fitted anyway; None without."""
-        sigma = self._sigma[np.isin(self.type, FITTED_TYPES)]
-        return float(np.nanmedian(sigma)) if np.isfinite(sigma).any() else None
+        told = self._sigma[np.isin(self.type, FITTED_TYPES) & np.isfinite(self._sigma)]
+        return float(np.median(told)) if len(told) else None
 
     def relative_noise(self, typical: float | None = None) -> Array:
         """Noise (n,) of each point by the column `sigma`, over the typical one (of these points if not given), at least `BEST`; 1 without.

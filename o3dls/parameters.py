@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from types import UnionType
 from typing import Any, Literal, Union, get_args, get_origin
 
@@ -34,12 +36,27 @@ def describe(plugin: type[BaseModel]) -> list[Parameter]:
 
 
 def mistakes(plugin: type[BaseModel], error: ValidationError) -> list[str]:
-    """One sentence per mistake, such as `icp.tolerance = -1.0 mm: must be within [0, inf] mm`."""
+    """One sentence per mistake, such as `icp.tolerance = -1.0 mm: must be a number within [0, inf] mm`."""
     owner = str(getattr(plugin, "name", plugin.__name__))
     details = error.errors(include_url=False)
     inside = {detail["loc"][0] for detail in details if len(detail["loc"]) > 1}  # a list with a wrong entry is also said to be too short
     told = [detail for detail in details if len(detail["loc"]) != 1 or detail["loc"][0] not in inside]
     return list(dict.fromkeys(_sentence(plugin, owner, detail) for detail in told))
+
+
+def as_written(value: Any, field: FieldInfo) -> bool:
+    """Whether a value, or each entry of a list or table, is of the kind that it would be taken for: number, yes or no, something else."""
+    kinds = set(_parts(field.annotation)) - {type(None), Ellipsis}
+    if not kinds or not kinds <= {bool, int, float}:
+        return True
+    entries = value.values() if isinstance(value, Mapping) else value if isinstance(value, list | tuple) else [value]
+    return all(_is(entry, kinds) for entry in entries)
+
+
+def _is(entry: Any, kinds: set[Any]) -> bool:
+    if isinstance(entry, bool):
+        return bool in kinds
+    return kinds != {bool} if isinstance(entry, int | float) else not isinstance(entry, str | bytes)
 
 
 def _sentence(plugin: type[BaseModel], owner: str, detail: ErrorDetails) -> str:
@@ -70,9 +87,10 @@ def _shown(value: Any, unit: str) -> str:
 def _wanted(field: FieldInfo) -> str:
     """What would be right, in words."""
     limits, unit, kind = _limits(field), _unit(field), _kind(field)
-    if limits.startswith(("[", "(")):
-        return f"{'a whole number ' * (kind == 'whole number')}within {limits} {unit}".rstrip()
-    return f"one of {limits}" if _words(field) else limits or f"{'a ' * (kind != 'true or false')}{kind}"
+    if _words(field):
+        return f"one of {limits}"
+    kind = kind if kind.startswith("true") else f"a {kind}"
+    return f"{kind} within {limits} {unit}".rstrip() if limits.startswith(("[", "(")) else limits or kind
 
 
 def _unit(field: FieldInfo) -> str:
@@ -96,8 +114,8 @@ def _parts(annotation: Any) -> list[Any]:
 
 
 def _kind(field: FieldInfo) -> str:
-    names = {bool: "true or false", int: "whole number", float: "number", str: "text", type(None): "", Ellipsis: ""}
-    parts = ["word" if get_origin(p) is Literal else names.get(p, str(p)) for p in _parts(field.annotation)]
+    names = {bool: "true or false", int: "whole number", float: "number", str: "text", Path: "path", type(None): "", Ellipsis: ""}
+    parts = ["word" if get_origin(p) is Literal else names.get(p, getattr(p, "__name__", str(p))) for p in _parts(field.annotation)]
     kind = " or ".join(dict.fromkeys(filter(None, parts)))
     if get_origin(field.annotation) is dict:
         return f"{kind} per name"

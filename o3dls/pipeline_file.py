@@ -126,8 +126,11 @@ def _table(tables: Tables, owner: str, setting: str) -> Tables:
 
 
 def _value(text: str) -> Any:
-    """A value as TOML writes it; a bare word is a text."""
+    """A value as TOML writes it, or a number or True and False as Python does; a bare word is a text."""
     try:
         return tomllib.loads(f"value = {text}")["value"]
     except tomllib.TOMLDecodeError:
-        return text
+        try:
+            return {"True": True, "False": False}[text] if text in ("True", "False") else float(text)
+        except ValueError:
+            return text

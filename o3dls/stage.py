@@ -8,33 +8,38 @@ from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator
+from pydantic_core import PydanticCustomError
 
 from .case import FITTED_TYPES, Case
 from .errors import PipelineError, did_you_mean
 from .estimate import Estimate
-from .parameters import mistakes
+from .parameters import as_written, mistakes
 
 if TYPE_CHECKING:
     from .run import Run
 
 
 class Plugin(BaseModel, ABC):
-    """Typed, frozen parameters that check themselves; help, pipeline syntax and records come from them.
+    """Typed, frozen parameters that check themselves; help, pipeline syntax and records come from them."""
 
-    Values must be of the type as written: a parameter of a type that pipeline files lack, such as a path, is a `Field(strict=False)`.
-    """
-
-    model_config = ConfigDict(strict=True, frozen=True, extra="forbid", populate_by_name=True, allow_inf_nan=False)
+    model_config = ConfigDict(frozen=True, extra="forbid", populate_by_name=True, allow_inf_nan=False)
     name: ClassVar[str]
 
     def __init__(self, **parameters: Any) -> None:
         """Say what is wrong in our words; a validator would not do, since those of subclasses run outside of it."""
         try:
-            super().__init__(**{key: _plain(value) for key, value in parameters.items()})
+            super().__init__(**parameters)
         except ValidationError as error:
             raise PipelineError(*mistakes(type(self), error)) from None
+
+    @field_validator("*", mode="before")
+    @classmethod
+    def _as_written(cls, value: Any, info: ValidationInfo) -> Any:
+        """Text is neither a number nor yes or no, and a number is not yes or no: pydantic would read "no" as false and "1" as 1."""
+        if info.field_name and not as_written(value, cls.model_fields[info.field_name]):
+            raise PydanticCustomError("as_written", "must be of the type as written")
+        return value
 
     def record(self) -> dict[str, Any]:
         """Every parameter with its value, as a pipeline file would say it."""
@@ -43,13 +48,6 @@ class Plugin(BaseModel, ABC):
     def obstacle(self, case: Case) -> str | None:
         """Why this plugin cannot work on the case (a sentence), None where it can."""
         return None
-
-
-def _plain(value: Any) -> Any:
-    """A list as a tuple and numpy's numbers as Python's: else types are taken as written, so that `"no"` is a text and not false."""
-    if isinstance(value, list | tuple | np.ndarray):
-        return tuple(_plain(entry) for entry in value)
-    return value.item() if isinstance(value, np.generic) else value
 
 
 class Stage(Plugin):

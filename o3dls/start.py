@@ -48,12 +48,13 @@ def _check_span(case: Case, span: float) -> None:
     ratio = span / case.prior.diagonal
     if SPANS[0] <= ratio <= SPANS[1]:
         return
-    factors = {"m": 1e3, "cm": 1e1, "in": 25.4, "um": 1e-3}
-    likely = min(factors, key=lambda unit: abs(np.log(max(ratio * factors[unit], 1e-300))))
+    units = {"m": 1e3, "in": 25.4, "cm": 10.0}  # either side's may have been taken for mm
+    likely = min(units, key=lambda unit: abs(np.log(units[unit]) - abs(np.log(max(ratio, 1e-300)))))
+    points = f"if the points are in {likely}, put the line '# units={likely}' above the header of their file"
+    prior = f"if the prior is in {likely}, write it in mm: o3dls convert PRIOR OUT --units {likely}"
     raise InputError(
         f"case {case.name}: the points span {span:.3g} {case.units}, the prior {case.prior.diagonal:.3g} {case.units}: "
-        f"if the points are in {likely}, put the line '# units={likely}' above the header of their file; "
-        f"if the whole case is, say --units {likely}; if neither is, the unit of the prior's file is wrong"
+        f"{points if ratio < 1.0 else prior}; if not, look for the wrong unit on the other side"
     )
 
 

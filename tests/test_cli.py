@@ -97,7 +97,7 @@ def test_check_names_every_mistake_and_runs_nothing(case: Path, tmp_path: Path) 
     assert done.returncode == 2
     lines = done.stderr.splitlines()
     assert len(lines) == 3
-    assert "bad.toml: [[stage]] 1: icp.tolerance = -1.0 mm: must be within [0, inf] mm" in lines[0]
+    assert "bad.toml: [[stage]] 1: icp.tolerance = -1.0 mm: must be a number within [0, inf] mm" in lines[0]
     assert "icp.keeep: no such parameter: did you mean 'keep'?" in lines[1]
     assert "[[stage]] 2: no stage 'icpp': did you mean 'icp'?" in lines[2]
 
@@ -202,10 +202,13 @@ class TestWrongInput:
         self.rewrite(points=replace(points, xyz=points.xyz / 1000.0))
         self.refused("the points span 0.066", "if the points are in m, put the line '# units=m'")
 
-    def test_points_in_inches(self) -> None:
-        points = ball_case().points
-        self.rewrite(points=replace(points, xyz=points.xyz / 25.4))
-        self.refused("if the points are in in, put the line '# units=in'", "the unit of the prior's file is wrong")
+    @pytest.mark.parametrize(("unit", "factor"), [("in", 25.4), ("cm", 10.0), ("m", 1000.0)])
+    def test_a_prior_or_points_in_another_unit(self, unit: str, factor: float) -> None:
+        points, prior = ball_case().points, ball_case().prior
+        self.rewrite(points=replace(points, xyz=points.xyz / factor))
+        self.refused(f"if the points are in {unit}, put the line '# units={unit}'")
+        self.rewrite(points=replace(points, xyz=points.xyz * factor), prior=prior)
+        self.refused(f"if the prior is in {unit}, write it in mm: o3dls convert PRIOR OUT --units {unit}")
 
     def test_no_point_near_the_prior(self) -> None:
         points = ball_case().points
@@ -234,7 +237,7 @@ class TestWrongInput:
         self.refused("icp.tolerence: no such parameter: did you mean 'tolerance'?", options=("--set", "icp.tolerence=1"))
 
     def test_value_out_of_bounds(self) -> None:
-        self.refused("icp.tolerance = -1.0 mm: must be within [0, inf] mm", options=("--set", "icp.tolerance=-1.0"))
+        self.refused("icp.tolerance = -1.0 mm: must be a number within [0, inf] mm", options=("--set", "icp.tolerance=-1.0"))
 
     def test_two_estimates_of_one_name(self) -> None:
         self.pipeline.write_text(ICP + '[[stage]]\nuse = "icp"\n')

@@ -182,7 +182,7 @@ def test_equal_inputs_give_equal_results_and_stay_unchanged() -> None:
         ({"metric": "point_to_point", "freeze": 0.1}, "has no effect with metric 'point_to_point'"),
         ({"metrc": "symmetric"}, "did you mean 'metric'"),
         ({"preset": "robst"}, "did you mean 'robust'"),
-        ({"tolerance": -1.0}, "must be within"),
+        ({"tolerance": -1.0}, "must be a number within"),
         ({"engine": "open3d"}, "must be one of none, huber"),
         ({"engine": "open3d", "preset": "standard", "metric": "symmetric", "scale": True}, "is rigid"),
     ],

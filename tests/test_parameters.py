@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import re
 from importlib.metadata import EntryPoint
+from pathlib import Path
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -48,10 +50,10 @@ class Sample(Plugin):
 @pytest.mark.parametrize(
     ("given", "sentence"),
     [
-        ({"length": -1.0}, "sample.length = -1.0 mm: must be within [0, inf] mm"),
-        ({"length": float("inf")}, "sample.length = inf mm: must be within [0, inf] mm"),
+        ({"length": -1.0}, "sample.length = -1.0 mm: must be a number within [0, inf] mm"),
+        ({"length": float("inf")}, "sample.length = inf mm: must be a number within [0, inf] mm"),
         ({"length": 13.0}, "sample.length = 13.0 mm: is unlucky"),
-        ({"share": 1.0}, "sample.share = 1.0: must be within (0, 1)"),
+        ({"share": 1.0}, "sample.share = 1.0: must be a number within (0, 1)"),
         ({"count": 2.5}, "sample.count = 2.5: must be a whole number within [1, 9]"),
         ({"word": "tow"}, "sample.word = 'tow': did you mean 'two'?"),
         ({"word": 2}, "sample.word = 2: must be one of one, two"),
@@ -60,11 +62,11 @@ class Sample(Plugin):
         ({"flag": "no"}, "sample.flag = 'no': must be true or false"),
         ({"flag": 1}, "sample.flag = 1: must be true or false"),
         ({"count": "3"}, "sample.count = '3': must be a whole number within [1, 9]"),
-        ({"length": "2"}, "sample.length = '2' mm: must be within [0, inf] mm"),
-        ({"length": True}, "sample.length = true: must be within [0, inf] mm"),
-        ({"sizes": ["1"]}, "sample.sizes = '1' mm: must be a list of numbers, at least 1"),
+        ({"length": "2"}, "sample.length = '2' mm: must be a number within [0, inf] mm"),
+        ({"length": True}, "sample.length = true: must be a number within [0, inf] mm"),
+        ({"sizes": ["1"]}, "sample.sizes = ['1'] mm: must be a list of numbers, at least 1"),
         ({"sizes": []}, "sample.sizes = [] mm: must be a list of numbers, at least 1"),
-        ({"named": {"a": "1"}}, "sample.named = '1': must be a number per name"),
+        ({"named": {"a": "1"}}, "sample.named = {'a': '1'}: must be a number per name"),
         ({"plain": "1"}, "sample.plain = '1': must be a number"),
         ({"lenght": 1.0}, "sample.lenght: no such parameter: did you mean 'length'?"),
         ({"share": 0.5, "flag": False}, "sample: share needs flag = true"),
@@ -77,9 +79,23 @@ def test_a_mistake_is_said_in_one_sentence(given: dict[str, object], sentence: s
 
 
 def test_lists_and_numbers_of_numpy_are_taken() -> None:
-    made = Sample(length=np.float32(2.0), count=np.int64(3), flag=np.True_, sizes=np.array([1.0, 2.0]))  # type: ignore[arg-type]
-    assert (made.length, made.count, made.flag, made.sizes) == (2.0, 3, True, (1.0, 2.0))
+    made = Sample(length=np.float32(2.0), count=np.int64(3), share=np.array(0.5))  # type: ignore[arg-type]
+    assert (made.length, made.count, made.share) == (2.0, 3, 0.5)
     assert Sample(sizes=[1, 2]) == Sample(sizes=(1.0, 2.0))  # type: ignore[arg-type]
+
+
+def test_plugins_of_others_have_parameters_of_any_type() -> None:
+    class Other(Plugin):
+        name: ClassVar[str] = "other"
+        files: tuple[Path, ...] = ()
+        lengths: list[float] = Field([1.0])
+        words: set[str] = Field(set())
+        boxes: dict[str, tuple[float, float]] = Field({})
+
+    made = Other(files=["a/b"], lengths=[2.0], words=["x"], boxes={"c": [1.0, 2.0]})  # type: ignore[arg-type]
+    assert (made.files, made.lengths, made.words, made.boxes) == ((Path("a/b"),), [2.0], {"x"}, {"c": (1.0, 2.0)})
+    record = json.loads(json.dumps(made.record()))
+    assert Other(**{key: value for key, value in record.items() if key != "use"}) == made
 
 
 def test_several_mistakes_are_several_sentences() -> None:

@@ -67,8 +67,8 @@ def test_the_record_of_a_pipeline_gives_it_back(tmp_path: Path) -> None:
     [
         ('[[stage]]\nuse = "nudgee"', "[[stage]] 1: no stage 'nudgee': did you mean 'nudge'?"),
         ('[[stage]]\nuse = "nudge"\nshar = 1', "nudge.shar: no such parameter: did you mean 'share'?"),
-        ('[[stage]]\nuse = "nudge"\nlimit = -1.0', "nudge.limit = -1.0 mm: must be within (0, inf] mm"),
-        ('[[stage]]\nuse = "nudge"\nshare = "all"', "nudge.share = 'all': must be within [0, 1]"),
+        ('[[stage]]\nuse = "nudge"\nlimit = -1.0', "nudge.limit = -1.0 mm: must be a number within (0, inf] mm"),
+        ('[[stage]]\nuse = "nudge"\nshare = "all"', "nudge.share = 'all': must be a number within [0, 1]"),
         ('[[stage]]\nuse = "nudge"\nmode = "meen"', "nudge.mode = 'meen': did you mean 'mean'?"),
         ('[[stage]]\nuse = "nudge"\nas = "1 2"', "nudge.as = '1 2': must be text that matches"),
         ('[[stage]]\nuse = "nudge"\n[[stage]]\nuse = "nudge"', "nudge: a second estimate named 'nudge'"),
@@ -98,7 +98,7 @@ def test_all_mistakes_are_named_at_once(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("setting", "sentence"),
     [
-        ("nudge.share=2", "nudge.share = 2: must be within [0, 1]"),
+        ("nudge.share=2", "nudge.share = 2: must be a number within [0, 1]"),
         ("icp.keep=2", "--set icp.keep=2: the pipeline has no 'icp'"),
         ("nudge", "--set nudge: must be STAGE.PARAM=VALUE"),
         ("folds=-2", "folds = -2"),
@@ -113,8 +113,13 @@ def test_settings_reach_text_numbers_and_top_keys(tmp_path: Path) -> None:
     assert (pipeline.stages[1].mode, pipeline.stages[0].share, pipeline.folds) == ("mean", 0.25, 0)  # type: ignore[attr-defined]
 
 
+@pytest.mark.parametrize(("setting", "share"), [("nudge.share=.25", 0.25), ("nudge.share=+1.", 1.0), ("nudge.share=1", 1.0)])
+def test_settings_are_numbers_as_people_write_them(tmp_path: Path, setting: str, share: float) -> None:
+    assert read_pipeline(written(tmp_path, TEXT), [setting]).stages[0].share == share  # type: ignore[attr-defined]
+
+
 def test_a_wrong_parameter_from_python_is_the_same_sentence() -> None:
-    with pytest.raises(PipelineError, match=r"^nudge.share = -1: must be within \[0, 1\]$"):
+    with pytest.raises(PipelineError, match=r"^nudge.share = -1: must be a number within \[0, 1\]$"):
         Nudge(share=-1)
 
 
@@ -174,7 +179,12 @@ class TestStart:
 
 @pytest.mark.parametrize(
     ("factor", "shift", "sentence"),
-    [(1e-3, 0.0, "in m, put"), (0.1 / 1.2, 0.0, "in cm, put"), (1e3, 0.0, "in um, put"), (1.0, 900.0, "half of the points are more than")],
+    [
+        (1e-3, 0.0, "in m, put"),
+        (0.1 / 1.2, 0.0, "in cm, put"),
+        (1e3, 0.0, "the prior is in m, write it in mm"),
+        (1.0, 900.0, "half of the points are more than"),
+    ],
 )
 def test_points_that_cannot_belong_to_the_prior_are_refused(factor: float, shift: float, sentence: str) -> None:
     case = replace(ball_case(), prior_landmarks={})

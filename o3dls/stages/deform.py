@@ -133,8 +133,9 @@ class Deform(Stage):
         """An estimate of this stage after a few more points, in milliseconds: `case` has the points of before, and the new ones behind.
 
         Pose, amplitudes and noise levels stay; motion, posterior and beliefs take in the new points. Within 0.05 mm in the mean of a fit
-        from nothing after one point, where that would leave the amplitudes as they are. Raises InputError where the estimate is not
-        one of this stage, or prior, landmarks or the points of before have changed.
+        from nothing after one point, where that would leave the amplitudes as they are. The column `sigma` compares new points with those
+        of the estimate. Raises InputError where the estimate is not one of this stage, or prior, landmarks, parameters or the points of
+        before have changed.
         """
         fit = estimate.fit
         if fit is None or estimate.motion is not fit.motion or not _same(fit.problem, case.prior):
@@ -143,9 +144,14 @@ class Deform(Stage):
         data = observed(case.visible(self.fits), self, before.typical)
         if len(data.points) < len(before.points):
             raise InputError(f"update: {len(data.points)} points, fewer than the {len(before.points)} of the estimate")
+        if self.settings() != fit.problem.settings:
+            raise InputError("update: the stage has other parameters than the one that made the estimate")
         changed = data.at(slice(len(before.points))).differs(before)
         if changed.any():
-            raise InputError(f"update: point {np.argmax(changed)} is not what it was in the estimate; new points come behind the others")
+            raise InputError(
+                f"update: point {np.argmax(changed)} is not what it was in the estimate (place, type, sigma, force), or the stage's "
+                "contact_force or outliers are not; new points come behind the others"
+            )
         if not (np.array_equal(data.marks_prior, before.marks_prior) and np.array_equal(data.marks_map, before.marks_map)):
             raise InputError("update: the landmarks are not those of the estimate; fit it again")
         return replace(self._fitted(case, estimate.T_map_prior, data, fit), warnings=estimate.warnings)
