@@ -123,7 +123,8 @@ class MotionFit:
         said = ["converged" if self.converged else on]
         said += [f"noise {self.sigma:.3g} {unit}, {100 * self.facts['off_wall']:.0f} % of the points off the wall"]
         if share < 0.95:
-            said += [f"the points show a motion beyond the pose with probability {share:.2f}, and the prior follows it that far"]
+            posed = "" if np.array_equal(self.motion.alone, np.eye(len(self.motion.alone))) else ", else the pose of points and landmarks"
+            said += [f"the points show a motion beyond the pose with probability {share:.2f}, and the prior follows it that far{posed}"]
         if faired:
             said += [f"the points show the prior to be rough, so it was smoothed over {faired:.2g} {unit} before it was moved"]
         if folded := int(self.facts["folded_faces"]):
