@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import UnionType
-from typing import Any, Literal, Union, get_args, get_origin
+from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
@@ -67,16 +67,16 @@ def _sentence(plugin: type[BaseModel], owner: str, detail: ErrorDetails) -> str:
         return f"{owner}.{key}: no such parameter{did_you_mean(key, list(fields))}"
     if detail["type"] == "missing":
         return f"{owner}.{key}: is missing; it has no default"
+    said = detail["msg"].removeprefix("Value error, ").replace("Input should be", "must be")
     if key not in fields:
-        return f"{owner}: {detail['msg'].removeprefix('Value error, ')}"
-    field = fields[key]
-    given = f"{owner}.{key} = {_shown(detail['input'], _unit(field))}"
-    words = _words(field)
+        return f"{owner}: {said}"
+    field, words = fields[key], _words(fields[key])
+    entry = len(detail["loc"]) > 1 and get_origin(field.annotation) in (tuple, list, dict)
+    place = f"{key}[{detail['loc'][1]!r}]" if entry else key
+    given = f"{owner}.{place} = {_shown(detail['input'], _unit(field))}"
     if words and isinstance(detail["input"], str):
         return f"{given}{did_you_mean(detail['input'], words)}"
-    if detail["type"] == "value_error":
-        return f"{given}: {detail['msg'].removeprefix('Value error, ')}"
-    return f"{given}: must be {_wanted(field)}"
+    return f"{given}: {said if entry or detail['type'] == 'value_error' else f'must be {_wanted(field)}'}"
 
 
 def _shown(value: Any, unit: str) -> str:
@@ -110,6 +110,8 @@ def _parts(annotation: Any) -> list[Any]:
         return [deep for part in get_args(annotation) for deep in _parts(part)]
     if get_origin(annotation) is dict:
         return _parts(get_args(annotation)[1])
+    if get_origin(annotation) is Annotated:
+        return _parts(get_args(annotation)[0])
     return [annotation]
 
 

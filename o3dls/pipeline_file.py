@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -127,10 +127,8 @@ def _table(tables: Tables, owner: str, setting: str) -> Tables:
 
 def _value(text: str) -> Any:
     """A value as TOML writes it, or a number or True and False as Python does; a bare word is a text."""
-    try:
-        return tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
-        try:
-            return {"True": True, "False": False}[text] if text in ("True", "False") else float(text)
-        except ValueError:
-            return text
+    readers = (lambda: tomllib.loads(f"value = {text}")["value"], lambda: {"True": True, "False": False}[text], lambda: float(text))
+    for read in readers:
+        with suppress(ValueError, KeyError):
+            return read()
+    return text

@@ -6,7 +6,7 @@ import json
 import re
 from importlib.metadata import EntryPoint
 from pathlib import Path
-from typing import ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 import pytest
@@ -29,7 +29,9 @@ class Sample(Plugin):
     word: Literal["one", "two"] = Field("one", description="a word")
     words: tuple[Literal["red", "blue"], ...] = Field((), description="some words")
     flag: bool = Field(True, description="a switch")
-    sizes: tuple[float, ...] = Field((1.0,), min_length=1, description="some lengths", json_schema_extra={"unit": "mm"})
+    sizes: tuple[Annotated[float, Field(gt=0.0)], ...] = Field(
+        (1.0,), min_length=1, description="some lengths", json_schema_extra={"unit": "mm"}
+    )
     named: dict[str, float] = Field({}, description="a number for each name")
     plain: float = Field(0.0, description="a number without limits")
 
@@ -57,7 +59,10 @@ class Sample(Plugin):
         ({"count": 2.5}, "sample.count = 2.5: must be a whole number within [1, 9]"),
         ({"word": "tow"}, "sample.word = 'tow': did you mean 'two'?"),
         ({"word": 2}, "sample.word = 2: must be one of one, two"),
-        ({"words": ["red", "bleu"]}, "sample.words = 'bleu': did you mean 'blue'?"),
+        ({"words": ["red", 2]}, "sample.words[1] = 2: must be 'red' or 'blue'"),
+        ({"sizes": [1.0, -1.0]}, "sample.sizes[1] = -1.0 mm: must be greater than 0"),
+        ({"sizes": [None]}, "sample.sizes[0] = None mm: must be a valid number"),
+        ({"words": ["red", "bleu"]}, "sample.words[1] = 'bleu': did you mean 'blue'?"),
         ({"flag": "perhaps"}, "sample.flag = 'perhaps': must be true or false"),
         ({"flag": "no"}, "sample.flag = 'no': must be true or false"),
         ({"flag": 1}, "sample.flag = 1: must be true or false"),

@@ -50,9 +50,8 @@ def fit_motion(
         other = _run(Problem.make(vertices, faces, pose, data, settings, faired))
         if other.energy < run.energy:
             run, scales = other, other.state.scales
-    moving = found.share * run.moving  # what is not shown need not stand still
-    state, still = replace(run.state, scales=scales), moving < settings.tolerance * run.problem.size
-    return run.problem.result(state, run.solved, found.share, found.alone, run.trace, moving, still)
+    run = replace(run, state=replace(run.state, scales=scales), moving=found.share * run.moving)  # what is not shown need not stand still
+    return run.result(found.share, found.alone, settings.tolerance * run.problem.size)
 
 
 def _proceed(earlier: MotionFit, data: Data, known: slice, rounds: int) -> MotionFit:
@@ -65,8 +64,7 @@ def _proceed(earlier: MotionFit, data: Data, known: slice, rounds: int) -> Motio
         trace.append(record)
         if record["step"] < least:
             break
-    moving = trace[-1]["step"]
-    return problem.result(state, solved, earlier.motion.share, earlier.motion.alone, trace, moving, moving < least)
+    return Run(problem, state, solved, trace, trace[-1]["step"]).result(earlier.motion.share, earlier.motion.alone, least)
 
 
 def _first_beliefs(earlier: MotionFit, data: Data, known: slice) -> Array:

@@ -191,30 +191,6 @@ class Problem:
         field = displacement(self.covariance, sds, observed, posterior.alpha, self.at_nodes)
         return np.asarray(self.spread @ field)
 
-    def result(
-        self,
-        state: State,
-        solved: tuple[Rows, Posterior],
-        share: float,
-        alone: Array,
-        trace: list[dict[str, float]],
-        moving: float,
-        still: bool,
-    ) -> MotionFit:
-        """What was found: `share` of the motion is shown, and the pose `alone` stands for the rest (`Motion`); the last round moved the
-        surface by `moving`, which counts as still or not."""
-        rows, posterior = solved
-        sds, observed = state.scales.sds, rows.observed
-        motion = Motion(self.vertices, self.faces, self.pose, self.rest, self.covariance, sds, observed, posterior, share, alone, INFLATION)
-        now = vertex_normals(state.moved, self.faces)[self.nodes]
-        at_nodes = motion.sd_in_reference(self.at_nodes, now)
-        sd = np.maximum(self.spread @ at_nodes, 0.0)
-        vertices, folded = motion.mean(self.rest.at, state.moved - self.rest.at), 0
-        if self.settings.unfold:
-            vertices, folded = unfold(self.rest.at, vertices, self.faces)
-        facts = self.facts(state) | {"share": share, "faired": self.faired, "folded_faces": float(folded), "moving": moving}
-        return MotionFit(motion, vertices, state, sd, still, tuple(trace), facts, self)
-
     def off_wall(self, state: State) -> float:
         """Share of the mapping points that is not believed to touch."""
         return float(1.0 - state.weights[~self.data.inside].mean())
@@ -231,7 +207,7 @@ class Problem:
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """A fit from nothing: what it solved, how it went, and how far the last round moved the surface (along its normals, in the mean)."""
+    """What rounds solved, how they went, and how far the last one moved the surface (mean; from nothing along its normals only)."""
 
     problem: Problem
     state: State
@@ -242,6 +218,20 @@ class Run:
     @property
     def energy(self) -> float:
         return self.trace[-1]["energy"]
+
+    def result(self, share: float, alone: Array, least: float) -> MotionFit:
+        """What was found: `share` of the motion is shown, and the pose `alone` stands for the rest (`Motion`); the surface stands still
+        where it moved by less than `least`."""
+        problem, state, (rows, posterior) = self.problem, self.state, self.solved
+        fitted = problem.covariance, state.scales.sds, rows.observed, posterior
+        motion = Motion(problem.vertices, problem.faces, problem.pose, problem.rest, *fitted, share, alone, INFLATION)
+        now = vertex_normals(state.moved, problem.faces)[problem.nodes]
+        sd = np.maximum(problem.spread @ motion.sd_in_reference(problem.at_nodes, now), 0.0)
+        vertices, folded = motion.mean(problem.rest.at, state.moved - problem.rest.at), 0
+        if problem.settings.unfold:
+            vertices, folded = unfold(problem.rest.at, vertices, problem.faces)
+        facts = problem.facts(state) | {"share": share, "faired": problem.faired, "folded_faces": float(folded), "moving": self.moving}
+        return MotionFit(motion, vertices, state, sd, self.moving < least, tuple(self.trace), facts, problem)
 
 
 def _damping(state: State, step: float, iteration: int) -> float:
