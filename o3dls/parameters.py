@@ -17,7 +17,7 @@ from .errors import did_you_mean
 
 @dataclass(frozen=True)
 class Parameter:
-    """One parameter as people read it: `limits` is an interval such as `[0, inf]` or the accepted words."""
+    """One parameter as people read it: `limits` is an interval such as `[0, inf)` or the accepted words."""
 
     name: str
     kind: str
@@ -36,7 +36,7 @@ def describe(plugin: type[BaseModel]) -> list[Parameter]:
 
 
 def mistakes(plugin: type[BaseModel], error: ValidationError) -> list[str]:
-    """One sentence per mistake, such as `icp.tolerance = -1.0 mm: must be a number within [0, inf] mm`."""
+    """One sentence per mistake, such as `icp.tolerance = -1.0 mm: must be a number within [0, inf) mm`."""
     owner = str(getattr(plugin, "name", plugin.__name__))
     details = error.errors(include_url=False)
     inside = {detail["loc"][0] for detail in details if len(detail["loc"]) > 1}  # a list with a wrong entry is also said to be too short
@@ -128,7 +128,7 @@ def _kind(field: FieldInfo) -> str:
 
 
 def _limits(field: FieldInfo) -> str:
-    """`[low, high]` with round brackets where a bound is excluded, the accepted words, a pattern, or nothing."""
+    """`[low, high]` with round brackets where a bound is excluded, as infinity is; the accepted words, a pattern, or nothing."""
     if words := _words(field):
         return ", ".join(words)
     known = ("ge", "gt", "le", "lt", "pattern")
@@ -137,6 +137,6 @@ def _limits(field: FieldInfo) -> str:
         return f"text that matches {bounds['pattern']}"
     if not bounds:
         return ""
-    low = f"({bounds['gt']:g}" if "gt" in bounds else f"[{bounds.get('ge', float('-inf')):g}"
-    high = f"{bounds['lt']:g})" if "lt" in bounds else f"{bounds.get('le', float('inf')):g}]"
+    low = f"({bounds['gt']:g}" if "gt" in bounds else (f"[{bounds['ge']:g}" if "ge" in bounds else "(-inf")
+    high = f"{bounds['lt']:g})" if "lt" in bounds else (f"{bounds['le']:g}]" if "le" in bounds else "inf)")
     return f"{low}, {high}"

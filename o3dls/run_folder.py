@@ -6,7 +6,7 @@ import json
 import logging
 import math
 import traceback
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -42,7 +42,8 @@ def write_run(run: Run, folder: str | Path | None = None, *, force: bool = False
             write_points(staged / "held_out.csv", run.held_out)
         write_rows(staged / "scores.csv", score_rows(run))
         for name, estimate in run.estimates.items():
-            _write_estimate(staged / "estimates" / name, run.case, estimate, run.unit)
+            fitted = run.pipeline.fitted(name) if run.pipeline else ()
+            _write_estimate(staged / "estimates" / name, run.case, estimate, fitted, run.unit)
         (staged / "run.json").write_text(json.dumps(record(run), indent=1, allow_nan=False) + "\n", encoding="utf-8")
         for writer in run.pipeline.writes if run.pipeline else ():
             log.info("writing %s", writer.name)
@@ -142,9 +143,9 @@ def _estimate_record(run: Run, name: str) -> dict[str, Any]:
     }
 
 
-def _write_estimate(folder: Path, case: Case, estimate: Estimate, unit: str) -> None:
+def _write_estimate(folder: Path, case: Case, estimate: Estimate, fitted: Collection[str], unit: str) -> None:
     folder.mkdir(parents=True)
-    surface = with_fields(case, estimate, unit)
+    surface = with_fields(case, estimate, fitted, unit)
     names = ("surface.csv",) if case.dimension == 2 else ("surface.ply", "surface.vtp")
     for name in names:
         write_surface(folder / name, surface, space=case.frame, units=case.units)

@@ -2,25 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import replace
 
 import numpy as np
 
-from .case import Case
+from .case import Case, Points
 from .estimate import Estimate
 from .evaluate import moved
 from .geometry import Array, Surface, apply
 from .transfer import REACH, with_electrical
 
 
-def with_fields(case: Case, estimate: Estimate, unit: str) -> Surface:
+def with_fields(case: Case, estimate: Estimate, fitted: Collection[str], unit: str) -> Surface:
     """The surface with `displacement_mm`, `sd_mm` (where there is a posterior), `distance_to_nearest_point_mm`, `prior_only` (1 farther
-    than `REACH` from every fitted point), the electrical values of the points carried to it (NaN there), and its own fields.
+    than `REACH` from every such point), the electrical values of the points carried to it (NaN there), and its own fields.
 
-    displacement is signed, outward positive: from the prior under `T_map_prior`, so it shows what a similarity cannot explain.
+    The points are those at the wall: eam, and ablation where these are among the types that were `fitted`. displacement is signed, outward
+    positive: from the prior under `T_map_prior`, so it shows what a similarity cannot explain.
     """
     surface = with_electrical(estimate.surface, case.points)
-    gap = _to_points(case, surface)
+    gap = _to_points(case.points.of("eam", *({"ablation"} & set(fitted))), surface)
     fields = {f"displacement_{unit}": displacement(case.prior, estimate), f"distance_to_nearest_point_{unit}": gap}
     fields["prior_only"] = (gap > REACH).astype(np.float64)
     if estimate.motion is not None and f"sd_{unit}" not in surface.fields:
@@ -46,7 +48,7 @@ def on_prior(prior: Surface, estimate: Estimate) -> Array:
     return np.asarray(np.einsum("nk,nkd->nd", weights, prior.vertices[prior.faces[face]]))
 
 
-def _to_points(case: Case, surface: Surface) -> Array:
+def _to_points(points: Points, surface: Surface) -> Array:
     from scipy.spatial import cKDTree
 
-    return np.asarray(cKDTree(case.points.of("eam").xyz).query(surface.vertices)[0])
+    return np.asarray(cKDTree(points.xyz).query(surface.vertices)[0])

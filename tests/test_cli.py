@@ -97,7 +97,7 @@ def test_check_names_every_mistake_and_runs_nothing(case: Path, tmp_path: Path) 
     assert done.returncode == 2
     lines = done.stderr.splitlines()
     assert len(lines) == 3
-    assert "bad.toml: [[stage]] 1: icp.tolerance = -1.0 mm: must be a number within [0, inf] mm" in lines[0]
+    assert "bad.toml: [[stage]] 1: icp.tolerance = -1.0 mm: must be a number within [0, inf) mm" in lines[0]
     assert "icp.keeep: no such parameter: did you mean 'keep'?" in lines[1]
     assert "[[stage]] 2: no stage 'icpp': did you mean 'icp'?" in lines[2]
 
@@ -118,7 +118,7 @@ def test_stages_lists_and_explains(tmp_path: Path) -> None:
     for name in ("landmarks", "icp", "global_pose", "deform", "level_set", "report", "export"):
         assert f"use = {name} " in listed.stdout
     assert "tolerance = 0.005 mm" in one.stdout
-    assert "[0, inf]" in one.stdout
+    assert "[0, inf)" in one.stdout
     refused(o3dls("stages", "icpp", cwd=tmp_path), "no stage or writer 'icpp': did you mean 'icp'?")
 
 
@@ -237,7 +237,7 @@ class TestWrongInput:
         self.refused("icp.tolerence: no such parameter: did you mean 'tolerance'?", options=("--set", "icp.tolerence=1"))
 
     def test_value_out_of_bounds(self) -> None:
-        self.refused("icp.tolerance = -1.0 mm: must be a number within [0, inf] mm", options=("--set", "icp.tolerance=-1.0"))
+        self.refused("icp.tolerance = -1.0 mm: must be a number within [0, inf) mm", options=("--set", "icp.tolerance=-1.0"))
 
     def test_two_estimates_of_one_name(self) -> None:
         self.pipeline.write_text(ICP + '[[stage]]\nuse = "icp"\n')

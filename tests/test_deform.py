@@ -76,6 +76,8 @@ def test_ablation_points_are_held_out_or_fitted_with_their_own_noise() -> None:
     found = stage(case.visible(stage.fits), started(case))
     assert found.weights is not None
     assert len(found.weights) == 150  # those of the mapping points
+    assert found.facts["ablation_noise"] == pytest.approx(NOISE, rel=0.5)
+    assert "ablation_noise" not in Deform()(case, started(case)).facts
 
 
 def test_landmarks_are_used_unless_told_otherwise() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from shapes import circle, meshed, round_distance
@@ -43,6 +45,14 @@ def test_points_inside_only_are_free_inside_and_pay_outside() -> None:
     assert (noise.slope(np.full(6, -7.0)) == 0.0).all()
     assert (noise.loss(np.full(6, -7.0)) == noise.loss(np.full(6, -0.1))).all()
     assert (noise.loss(np.full(6, 2.0)) > noise.loss(np.full(6, 0.5))).all()
+
+
+def test_where_every_point_is_believed_none_is_too_far() -> None:
+    believing = replace(likelihood(), share=0.0)
+    distance = np.array([-1e4, -100.0, -1.0, 0.0, 1.0, 1e4])
+    np.testing.assert_array_equal(believing.weight(distance), 1.0)
+    np.testing.assert_allclose(believing.loss(distance) - believing.loss(np.zeros(6)), 0.5 * (distance / believing.sigma) ** 2)
+    np.testing.assert_allclose(believing.slope(distance), distance / believing.sigma**2)
 
 
 def test_inner_outliers_are_likelier_than_outer_ones() -> None:

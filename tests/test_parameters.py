@@ -52,8 +52,8 @@ class Sample(Plugin):
 @pytest.mark.parametrize(
     ("given", "sentence"),
     [
-        ({"length": -1.0}, "sample.length = -1.0 mm: must be a number within [0, inf] mm"),
-        ({"length": float("inf")}, "sample.length = inf mm: must be a number within [0, inf] mm"),
+        ({"length": -1.0}, "sample.length = -1.0 mm: must be a number within [0, inf) mm"),
+        ({"length": float("inf")}, "sample.length = inf mm: must be a number within [0, inf) mm"),
         ({"length": 13.0}, "sample.length = 13.0 mm: is unlucky"),
         ({"share": 1.0}, "sample.share = 1.0: must be a number within (0, 1)"),
         ({"count": 2.5}, "sample.count = 2.5: must be a whole number within [1, 9]"),
@@ -67,8 +67,8 @@ class Sample(Plugin):
         ({"flag": "no"}, "sample.flag = 'no': must be true or false"),
         ({"flag": 1}, "sample.flag = 1: must be true or false"),
         ({"count": "3"}, "sample.count = '3': must be a whole number within [1, 9]"),
-        ({"length": "2"}, "sample.length = '2' mm: must be a number within [0, inf] mm"),
-        ({"length": True}, "sample.length = true: must be a number within [0, inf] mm"),
+        ({"length": "2"}, "sample.length = '2' mm: must be a number within [0, inf) mm"),
+        ({"length": True}, "sample.length = true: must be a number within [0, inf) mm"),
         ({"sizes": ["1"]}, "sample.sizes = ['1'] mm: must be a list of numbers, at least 1"),
         ({"sizes": []}, "sample.sizes = [] mm: must be a list of numbers, at least 1"),
         ({"named": {"a": "1"}}, "sample.named = {'a': '1'}: must be a number per name"),
@@ -112,7 +112,7 @@ def test_several_mistakes_are_several_sentences() -> None:
 def test_parameters_describe_themselves() -> None:
     shown = {p.name: (p.kind, p.default, p.unit, p.limits) for p in describe(Sample)}
     assert shown == {
-        "length": ("number", 1.5, "mm", "[0, inf]"),
+        "length": ("number", 1.5, "mm", "[0, inf)"),
         "share": ("number", None, "", "(0, 1)"),
         "count": ("whole number", 3, "", "[1, 9]"),
         "word": ("word", "one", "", "one, two"),

@@ -67,7 +67,7 @@ def test_the_record_of_a_pipeline_gives_it_back(tmp_path: Path) -> None:
     [
         ('[[stage]]\nuse = "nudgee"', "[[stage]] 1: no stage 'nudgee': did you mean 'nudge'?"),
         ('[[stage]]\nuse = "nudge"\nshar = 1', "nudge.shar: no such parameter: did you mean 'share'?"),
-        ('[[stage]]\nuse = "nudge"\nlimit = -1.0', "nudge.limit = -1.0 mm: must be a number within (0, inf] mm"),
+        ('[[stage]]\nuse = "nudge"\nlimit = -1.0', "nudge.limit = -1.0 mm: must be a number within (0, inf) mm"),
         ('[[stage]]\nuse = "nudge"\nshare = "all"', "nudge.share = 'all': must be a number within [0, 1]"),
         ('[[stage]]\nuse = "nudge"\nmode = "meen"', "nudge.mode = 'meen': did you mean 'mean'?"),
         ('[[stage]]\nuse = "nudge"\nas = "1 2"', "nudge.as = '1 2': must be text that matches"),

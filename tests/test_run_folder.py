@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 import pytest
-from tiny import Broken, Nudge, ball_case, disc_case, tiny_stages  # noqa: F401  (a fixture)
+from tiny import Broken, Greedy, Nudge, ball_case, disc_case, tiny_stages  # noqa: F401  (a fixture)
 
 from o3dls.case import Case
 from o3dls.errors import InputError, SolverError
@@ -112,6 +112,16 @@ def test_surfaces_carry_what_each_vertex_knows(tmp_path: Path) -> None:
         nearest = np.linalg.norm(surface.vertices[:, None] - case.points.of("eam").xyz, axis=2).min(axis=1)
         np.testing.assert_allclose(surface.fields["distance_to_nearest_point_mm"], nearest, atol=1e-5)
         np.testing.assert_array_equal(surface.fields["prior_only"], nearest > 10.0)
+
+
+@pytest.mark.usefixtures("tiny_stages")
+def test_ablation_points_tell_of_the_wall_where_they_are_fitted(tmp_path: Path) -> None:
+    case = ball_case()
+    folder = Pipeline([Nudge(), Greedy()], folds=0).run(case).write(tmp_path / "run")
+    for name, types in {"nudge": ["eam"], "greedy": ["eam", "ablation"]}.items():
+        surface = read_surface(folder / f"estimates/{name}/surface.ply")
+        nearest = np.linalg.norm(surface.vertices[:, None] - case.points.of(*types).xyz, axis=2).min(axis=1)
+        np.testing.assert_allclose(surface.fields["distance_to_nearest_point_mm"], nearest, atol=1e-5)
 
 
 @pytest.mark.parametrize("make", [ball_case, disc_case])

@@ -28,6 +28,8 @@ INNER_DEPTH, OUTER_REACH = 0.15, 0.3  # how far outliers scatter, as parts of th
 class Likelihood:
     """Noise of points around a surface: sd `sigma` (n,) each, outliers with probability `share` over the length `diagonal` of the prior.
 
+    In logarithms: with a share of 0, a point however far off is still one of the wall.
+
     one_sided (n,): points known to be inside only; they are free inside and pay outside. Distances are signed, negative inside.
     """
 
@@ -38,12 +40,12 @@ class Likelihood:
 
     def loss(self, distance: Array) -> Array:
         """-log p (n,) of signed distances (n,)."""
-        return np.asarray(-np.log(self._good(distance) + self._outlying(distance)))
+        return np.asarray(-np.logaddexp(self._good(distance), self._outlying(distance)))
 
     def weight(self, distance: Array) -> Array:
         """Probability (n,) that a point is no outlier, at signed distances (n,)."""
         good = self._good(distance)
-        return np.asarray(good / (good + self._outlying(distance)))
+        return np.asarray(np.exp(good - np.logaddexp(good, self._outlying(distance))))
 
     def slope(self, distance: Array) -> Array:
         """d loss / d distance, (n,)."""
@@ -54,13 +56,17 @@ class Likelihood:
         return np.asarray(np.where(self.one_sided & (distance < 0.0), 0.0, 1.0))
 
     def _good(self, distance: Array) -> Array:
-        wall = np.exp(-0.5 * self.pull(distance) * (distance / self.sigma) ** 2)
-        return np.asarray((1.0 - self.share) * wall / (np.sqrt(2.0 * np.pi) * self.sigma))
+        """log p (n,) of the points as ones of the wall."""
+        wall = -0.5 * self.pull(distance) * (distance / self.sigma) ** 2
+        return np.asarray(wall + np.log((1.0 - self.share) / (np.sqrt(2.0 * np.pi) * self.sigma)))
 
     def _outlying(self, distance: Array) -> Array:
+        """log p (n,) of the points as outliers."""
+        if self.share == 0.0:
+            return np.full(len(distance), -np.inf)
         inner = np.where(distance < 0.0, INNER_OUTLIERS / (INNER_DEPTH * self.diagonal), 0.0)
         inner = np.where(self.one_sided, 0.0, inner)  # being inside is no fault of theirs
-        return np.asarray(self.share * (inner + (1.0 - INNER_OUTLIERS) / (OUTER_REACH * self.diagonal)))
+        return np.asarray(np.log(self.share * (inner + (1.0 - INNER_OUTLIERS) / (OUTER_REACH * self.diagonal))))
 
 
 @dataclass(frozen=True, eq=False)

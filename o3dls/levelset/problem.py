@@ -192,7 +192,7 @@ class Problem:
         return np.asarray(self.spread @ field)
 
     def off_wall(self, state: State) -> float:
-        """Share of the mapping points that is not believed to touch."""
+        """Share of the points that is not believed to touch, of those that may."""
         return float(1.0 - state.weights[~self.data.inside].mean())
 
     def facts(self, state: State) -> dict[str, float]:
@@ -200,8 +200,8 @@ class Problem:
         names += ["bend", "strain"] + ["tilt"] * (self.covariance.up is not None) + ["anchors"] * (len(self.marks) > 0)
         facts = {f"amplitude_{name}": float(sd) for name, sd in zip(names, state.scales.sds, strict=True)}
         facts |= {"off_wall": self.off_wall(state), "persistence": state.contact.persistence}
-        if len(self.marks):
-            facts["landmark_noise"] = float(state.scales.noises[-1])
+        noises = ["ablation_noise"] * (self.data.groups > 1) + ["landmark_noise"] * (len(self.marks) > 0)
+        facts |= {name: float(noise) for name, noise in zip(noises, state.scales.noises[1:], strict=True)}
         return facts
 
 

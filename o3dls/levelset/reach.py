@@ -74,13 +74,15 @@ def _settled(wall: Wall, found: Correction, limits: Limits, mesh: Mesher) -> tup
     kind, spacing = topology(wall.rest, wall.faces), limits.spacing
     for share in (1.0, 0.5, 0.25, 0.0) if found.fields else (0.0,):
         final = _corrected(wall, share * found.u)
-        for phi, radius in _attempts(final, spacing, kind, CLOSINGS if share == 0.0 else JOININGS):
+        for phi, radius, lost in _attempts(final, spacing, kind, CLOSINGS if share == 0.0 else JOININGS):
             if topology(*mesh(phi)) == kind:
                 said = []
                 if found.fields and share < 1.0:
                     said.append(f"the correction was taken by {share:.0%}: more would tear or merge the surface")
                 if radius > 0.0:
-                    said.append(f"the moved prior runs into itself: gaps narrower than {2.0 * radius:g} {limits.unit} were closed")
+                    lost = [f"gaps narrower than {2.0 * radius:g} {limits.unit} were closed", *lost]
+                if lost:
+                    said.append(f"the moved prior runs into itself: {', '.join(lost)}")
                 return final, phi, tuple(said)
     phi = _whole(_band(final, spacing, 0.0, inverted=False), kind)
     if not found.fields:
@@ -97,16 +99,19 @@ def _corrected(wall: Wall, u: Array) -> Surface:
     return Surface(wall.rest + u[:, None] * wall.normals, wall.faces, {**wall.surface.fields, "correction": u})
 
 
-def _attempts(surface: Surface, spacing: float, kind: tuple[int, int], closings: Array) -> Iterator[tuple[SignedDistance, float]]:
-    """Level sets of a surface that should be of a topology, and the radius of the closing in them: with all that it encloses, since the
-    tip of a rim that a fold turned inside out is anatomy; then without shreds; then without what is inside out."""
+Attempt = tuple[SignedDistance, float, list[str]]
+
+
+def _attempts(surface: Surface, spacing: float, kind: tuple[int, int], closings: Array) -> Iterator[Attempt]:
+    """Level sets of a surface that should be of a topology, the radius of the closing in them, and what they leave out: with all that it
+    encloses, since the tip of a rim that a fold turned inside out is anatomy; then without shreds; then without what is inside out."""
     band = cache(partial(_band, surface, spacing))
     for radius in (0.0, *JOININGS * spacing):
-        yield _closed(band(radius, inverted=True), radius), radius
-    for inverted in (True, False):
+        yield _closed(band(radius, inverted=True), radius), radius, []
+    for inverted, lost in ((True, ["shreds were left out"]), (False, ["shreds and what is inside out were left out"])):
         for radius in (0.0, *closings * spacing):
             phi = _whole(band(radius, inverted=inverted), kind)
-            yield _whole(_closed(phi, radius), kind), radius
+            yield _whole(_closed(phi, radius), kind), radius, lost
 
 
 def _band(surface: Surface, spacing: float, radius: float, *, inverted: bool) -> SignedDistance:

@@ -56,7 +56,7 @@ def _proposals(fit: MotionFit, threshold: float) -> Iterator[Change]:
     cuts = removals(after, _seen(fit, after, moved=True))
     for cut in heapq.nlargest(CUTS, cuts, key=lambda change: change.gain):
         vertices, faces = cut.region
-        yield replace(cut, region=(_back(fit, after, vertices), faces), centre=_back(fit, after, cut.centre[None])[0])
+        yield replace(cut, region=(_back(fit, after, vertices), faces))
 
 
 def _seen(fit: MotionFit, wall: Wall, *, moved: bool) -> Measured:

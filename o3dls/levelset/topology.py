@@ -33,7 +33,7 @@ TELLING = 0.5  # nats by which the new wall explains such a point better
 @dataclass(frozen=True, eq=False)
 class Change:
     """A proposed change: closed surface of the region that it removes or adds, log evidence `gain`, less the `price` (nats) of what is
-    rare beforehand, and how many points are `witnesses`."""
+    rare beforehand, how many points are `witnesses`, and the `centre` (d,) to look at, in the map frame."""
 
     removes: bool
     region: tuple[Array, Ints]
