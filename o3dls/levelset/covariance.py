@@ -1,7 +1,7 @@
 """Prior covariance of the motion field: what displacements of the prior are likely, before any point is seen.
 
 D(r) = A(r) b + S(r) e + w(r) x (r - centre) + sum_k u_k(r) + N(r) sum_k g_k(r) + sum_L exp(-|r-L|^2 / 2 l_a^2) c_L
-at positions r of the posed prior. A b: translation, rotation and scale, nearly free; S e: traceless strains; w = B (r - centre) +
+at positions r of the posed prior. A b: translation, rotation and scale, nearly free; S e: traceless strains; w = B (r - centre) / radius +
 h tanh((r - centre) . up / radius): a rotation that changes over the chamber, so that bending and twisting are cheap, B in any way, h
 (tilts, where `up` is known) from bottom to top, levelling off so that the ends of veins do not whirl; u, g: Matern 5/2 fields, of
 vectors and along the normal N (order >= 2: point data have no hold on rougher fields over a surface); c_L: shifts of anchors (vein

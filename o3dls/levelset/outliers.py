@@ -18,7 +18,7 @@ INSIDE_SHARE = 0.9  # of the points off the wall, those inside the chamber; the 
 
 @dataclass(frozen=True)
 class Contact:
-    """State of the mixture: share of points off the wall, their usual depth (a length), and how runs persist (0 = none)."""
+    """State of the mixture: share of points off the wall, the depth (a length) over which they spread, and how runs persist (0 = none)."""
 
     share: float = 0.08
     depth: float = 8.0

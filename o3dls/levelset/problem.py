@@ -51,7 +51,7 @@ class Settings:
     fairing_nats: float = 3.0  # go where the evidence prefers it by so much
     unfold: bool = True  # mend faces that a steep field turned over
     strain: float = 0.02  # what large strains explain where the points are, they carry to where there are none
-    depth: float = 0.3  # rms radii: how deep inside a point off the wall usually lies
+    depth: float = 0.3  # rms radii: one over the density of points off the wall inside, which is the same however deep
     spread: float = 1.0  # of the fields' amplitudes; times what follows
     whole_spread: float = 0.5  # for bends, tilts and strains: few parameters, of which one case tells little,
     anchor_spread: float = 0.3  # for the anchors, which are few,

@@ -28,7 +28,7 @@ EQUAL: dict[str, Any] = {"data": 1.0, "area": 1.0, "shape": 1.0}
 # Estimate: what it is. Each line repairs one thing more, or takes one away.
 VARIANTS = {
     "icp": "ICP, rigid (T of the paper)",
-    "equal": "equation 16, T rigid, one alpha for all terms as printed",
+    "equal": "equation 16, T rigid, one alpha for all terms (the data term over the squared noise)",
     "paper_rigid": "equation 16, T rigid, a weight for each term",
     "paper_similarity": "equation 16, T similarity",
     "own_rigid": "foot-point forces, second-order regulariser, T rigid",
