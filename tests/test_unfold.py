@@ -5,6 +5,7 @@ import pytest
 from fields import SIZE, body
 
 from o3dls.geometry import Array, Surface
+from o3dls.levelset import unfold as unfold_module
 from o3dls.levelset.unfold import unfold
 
 
@@ -37,8 +38,10 @@ def test_what_has_no_fold_comes_back_as_it_was(dimension: int) -> None:
     np.testing.assert_array_equal(mended, moved)
 
 
-def test_a_body_twisted_far_has_no_fold() -> None:
+@pytest.mark.parametrize("enough", [16_000, 500], ids=["all vertices", "an even part"])
+def test_a_body_twisted_far_has_no_fold(enough: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Normals at both ends are far from where they were, but so are those of their surroundings."""
+    monkeypatch.setattr(unfold_module, "ENOUGH", enough)
     ball = body(3, fineness=5)
     rest = ball.vertices * [0.5, 0.5, 3.0]
     angle = np.deg2rad(100.0) * np.tanh(rest[:, 2] / SIZE)

@@ -110,11 +110,14 @@ def smoother(run: Run) -> Faired | None:
     longest = fair(problem.rest.at, problem.faces, lengths[0])
     if _glimpse(problem, run.state, longest) > run.energy - problem.settings.fairing_nats:
         return None
-    smoothed = [longest, *(fair(problem.rest.at, problem.faces, x) for x in lengths[1:])]
-    priors = [unfold(problem.rest.at, at, problem.faces)[0] for at in smoothed]  # parts thinner than the length have folded
-    energies = [_glimpse(problem, run.state, at) for at in priors]
-    best = int(np.argmin(energies))
-    return (lengths[best], priors[best]) if max(energies) < run.energy else None
+    found: list[tuple[float, float, Array]] = []
+    for length in lengths:
+        at = longest if length == lengths[0] else fair(problem.rest.at, problem.faces, length)
+        at = unfold(problem.rest.at, at, problem.faces)[0]  # parts thinner than the length have folded
+        found.append((_glimpse(problem, run.state, at), length, at))
+        if found[-1][0] >= run.energy:
+            return None
+    return min(found, key=lambda one: one[0])[1:]
 
 
 def _glimpse(problem: Problem, state: State, at: Array) -> float:

@@ -16,6 +16,7 @@ from .shape import neighbours, vertex_normals
 Mask = NDArray[np.bool_]
 LEAST_COSINE = 0.25  # between a face's normal and where its surroundings' rotation took it: beyond 75 degrees it is folding
 SURROUNDINGS = 0.3  # rms radii
+ENOUGH = 16_000  # vertices: of more, an even part tells how the surroundings turned
 
 
 def uncrossed(outline: Surface) -> Surface:
@@ -63,6 +64,8 @@ def unfold(rest: Array, moved: Array, faces: Ints, rounds: int = 12) -> tuple[Ar
         patch[faces[turned]] = True
         for _ in range(2 + attempt // 2):
             patch |= (adjacency @ patch.astype(np.float64)) > 0.0
+        if not (patch & ~zone).any():  # the same faces are turned still: wider around them
+            continue
         zone |= patch
         inside, outside = np.flatnonzero(zone), np.flatnonzero(~zone)
         if len(outside) == 0:
@@ -88,10 +91,11 @@ def _turned(rest: Array, moved: Array, faces: Ints) -> Mask:
 
 def _rotations(rest: Array, moved: Array, faces: Ints, which: Ints, facing: Array) -> Array:
     """Rotations (k, d, d) by which the surroundings of some faces, of normals `facing`, went from rest to moved (least squares)."""
-    dim, normals, own = rest.shape[1], vertex_normals(rest, faces), faces[which]
+    dim, own, step = rest.shape[1], faces[which], -(-len(rest) // ENOUGH)
+    normals, tree = vertex_normals(rest, faces)[::step], cKDTree(rest[::step])
     radius = SURROUNDINGS * float(np.sqrt(rest.var(axis=0).sum()))
     turns = np.empty((len(which), dim, dim))
-    for k, near in enumerate(cKDTree(rest).query_ball_point(rest[own].mean(axis=1), radius, return_sorted=True)):
-        here = np.r_[own[k], np.asarray(near)[normals[near] @ facing[k] > 0.0]]  # of the same wall, not of the one behind it
+    for k, near in enumerate(tree.query_ball_point(rest[own].mean(axis=1), radius, return_sorted=True)):
+        here = np.r_[own[k], step * np.asarray(near, dtype=np.int64)[normals[near] @ facing[k] > 0.0]]  # of this wall, not of one behind it
         turns[k] = fit_similarity(rest[here], moved[here], scale=False)[:dim, :dim]
     return turns
