@@ -128,7 +128,9 @@ class MotionFit:
         if faired:
             said += [f"the points show the prior to be rough, so it was smoothed over {faired:.2g} {unit} before it was moved"]
         if folded := int(self.facts["folded_faces"]):
-            said += [f"{folded} faces folded over and were mended from their surroundings"]
+            left = int(self.facts["still_folded_faces"])
+            mended = f", and {left} of them could not be mended" if left else " and were mended from their surroundings"
+            said += [f"{folded} faces folded over{mended}"]
         return "; ".join(said)
 
     @property

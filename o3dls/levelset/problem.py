@@ -227,10 +227,11 @@ class Run:
         motion = Motion(problem.vertices, problem.faces, problem.pose, problem.rest, *fitted, share, alone, INFLATION)
         now = vertex_normals(state.moved, problem.faces)[problem.nodes]
         sd = np.maximum(problem.spread @ motion.sd_in_reference(problem.at_nodes, now), 0.0)
-        vertices, folded = motion.mean(problem.rest.at, state.moved - problem.rest.at), 0
+        vertices, folded, left = motion.mean(problem.rest.at, state.moved - problem.rest.at), 0, 0
         if problem.settings.unfold:
-            vertices, folded = unfold(problem.rest.at, vertices, problem.faces)
-        facts = problem.facts(state) | {"share": share, "faired": problem.faired, "folded_faces": float(folded), "moving": self.moving}
+            vertices, folded, left = unfold(problem.rest.at, vertices, problem.faces)
+        facts = problem.facts(state) | {"share": share, "faired": problem.faired, "moving": self.moving}
+        facts |= {"folded_faces": float(folded), "still_folded_faces": float(left)}
         return MotionFit(motion, vertices, state, sd, self.moving < least, tuple(self.trace), facts, problem)
 
 

@@ -44,17 +44,19 @@ def _through(outline: Surface, order: list[int]) -> Surface:
     return replace(outline, faces=np.column_stack([order, np.roll(order, -1)]))
 
 
-def unfold(rest: Array, moved: Array, faces: Ints, rounds: int = 12) -> tuple[Array, int]:
-    """Vertices (n, d) moved from `rest` with folds mended, and how many faces had folded.
+def unfold(rest: Array, moved: Array, faces: Ints, rounds: int = 12) -> tuple[Array, int, int]:
+    """Vertices (n, d) moved from `rest` with folds mended, how many faces had folded, and how many are folded still.
 
     Around turned faces the displacement is replaced by the one of least bending (biharmonic) that continues the surroundings;
-    the patch grows round the faces that are still turned until none is, or `rounds` are over.
+    the patch grows round the faces that are still turned until none is, or `rounds` are over: then the round that left fewest counts,
+    since on a mesh of slivers a patch may fold more than it mends.
     """
     displacement = moved - rest
     turned = _turned(rest, moved, faces)
-    count = int(turned.sum())
+    count = left = int(turned.sum())
     if count == 0:
-        return moved, 0
+        return moved, 0, 0
+    best = moved
     adjacency = neighbours(faces, len(rest))
     laplacian = diags(np.asarray(adjacency.sum(axis=1)).ravel()) - adjacency
     bending = csr_matrix(laplacian.T @ laplacian)
@@ -72,10 +74,13 @@ def unfold(rest: Array, moved: Array, faces: Ints, rounds: int = 12) -> tuple[Ar
             break
         rows = bending[inside]
         displacement[inside] = spsolve(rows[:, inside].tocsc(), -(rows[:, outside] @ displacement[outside])).reshape(len(inside), -1)
-        turned = _turned(rest, rest + displacement, faces)
-        if not turned.any():
+        mended = rest + displacement
+        turned = _turned(rest, mended, faces)
+        if turned.sum() < left:
+            best, left = mended, int(turned.sum())
+        if left == 0:
             break
-    return rest + displacement, count
+    return best, count, left
 
 
 def _turned(rest: Array, moved: Array, faces: Ints) -> Mask:
