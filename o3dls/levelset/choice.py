@@ -104,15 +104,15 @@ def smoother(run: Run) -> Faired | None:
     missed at once there, before another motion could make up for it. What the longest length gains, no shorter one may lose.
     """
     problem = run.problem
-    lengths = sorted((problem.size * x for x in problem.settings.fairing), reverse=True)
+    lengths = sorted(problem.size * x for x in problem.settings.fairing)
     if not lengths:
         return None
-    longest = fair(problem.rest.at, problem.faces, lengths[0])
+    longest = fair(problem.rest.at, problem.faces, lengths[-1])
     if _glimpse(problem, run.state, longest) > run.energy - problem.settings.fairing_nats:
         return None
     found: list[tuple[float, float, Array]] = []
-    for length in lengths:
-        at = longest if length == lengths[0] else fair(problem.rest.at, problem.faces, length)
+    for length in lengths:  # the shortest first: it folds least, and so is mended soonest
+        at = longest if length == lengths[-1] else fair(problem.rest.at, problem.faces, length)
         at = unfold(problem.rest.at, at, problem.faces)[0]  # parts thinner than the length have folded
         found.append((_glimpse(problem, run.state, at), length, at))
         if found[-1][0] >= run.energy:

@@ -7,15 +7,16 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix, diags
-from scipy.sparse.linalg import spsolve
+from scipy.sparse.linalg import splu
 from scipy.spatial import cKDTree
 
-from ..geometry import Array, Ints, Surface, crossed_by, fit_similarity
+from ..geometry import Array, Ints, Surface, crossed_by
 from .shape import neighbours, vertex_normals
 
 Mask = NDArray[np.bool_]
 LEAST_COSINE = 0.25  # between a face's normal and where its surroundings' rotation took it: beyond 75 degrees it is folding
 SURROUNDINGS = 0.3  # rms radii
+BLOCK = 2000  # faces whose surroundings are in memory at a time
 ENOUGH = 16_000  # vertices: of more, an even part tells how the surroundings turned
 
 
@@ -73,7 +74,8 @@ def unfold(rest: Array, moved: Array, faces: Ints, rounds: int = 12) -> tuple[Ar
         if len(outside) == 0:
             break
         rows = bending[inside]
-        displacement[inside] = spsolve(rows[:, inside].tocsc(), -(rows[:, outside] @ displacement[outside])).reshape(len(inside), -1)
+        bends = splu(rows[:, inside].tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+        displacement[inside] = bends.solve(-(rows[:, outside] @ displacement[outside]))
         mended = rest + displacement
         turned = _turned(rest, mended, faces)
         if turned.sum() < left:
@@ -95,12 +97,25 @@ def _turned(rest: Array, moved: Array, faces: Ints) -> Mask:
 
 
 def _rotations(rest: Array, moved: Array, faces: Ints, which: Ints, facing: Array) -> Array:
-    """Rotations (k, d, d) by which the surroundings of some faces, of normals `facing`, went from rest to moved (least squares)."""
-    dim, own, step = rest.shape[1], faces[which], -(-len(rest) // ENOUGH)
-    normals, tree = vertex_normals(rest, faces)[::step], cKDTree(rest[::step])
-    radius = SURROUNDINGS * float(np.sqrt(rest.var(axis=0).sum()))
-    turns = np.empty((len(which), dim, dim))
-    for k, near in enumerate(tree.query_ball_point(rest[own].mean(axis=1), radius, return_sorted=True)):
-        here = np.r_[own[k], step * np.asarray(near, dtype=np.int64)[normals[near] @ facing[k] > 0.0]]  # of this wall, not of one behind it
-        turns[k] = fit_similarity(rest[here], moved[here], scale=False)[:dim, :dim]
-    return turns
+    """Rotations (k, d, d) by which the surroundings of some faces, of normals `facing`, went from rest to moved (least squares).
+
+    The surroundings are of the same wall, not of the one behind it.
+    """
+    dim, step = rest.shape[1], -(-len(rest) // ENOUGH)
+    a, b = rest - rest.mean(axis=0), moved - moved.mean(axis=0)
+    moments = np.column_stack([np.ones(len(a)), a, b, (b[:, :, None] * a[:, None, :]).reshape(len(a), -1)])
+    sums = moments[faces[which]].sum(axis=1)
+    normals, some = vertex_normals(rest, faces)[::step], moments[::step]
+    tree, middle = cKDTree(a[::step]), a[faces[which]].mean(axis=1)
+    radius = SURROUNDINGS * float(np.sqrt((a**2).sum(axis=1).mean()))
+    for first in range(0, len(which), BLOCK):
+        block = slice(first, first + BLOCK)
+        pairs = cKDTree(middle[block]).sparse_distance_matrix(tree, radius, output_type="ndarray")
+        i, j = pairs["i"], pairs["j"]
+        same = (normals[j] * facing[block][i]).sum(axis=1) > 0.0
+        near = csr_matrix((same.astype(np.float64), (i, j)), shape=(len(middle[block]), len(some)))
+        sums[block] += near @ some
+    count, mean_a, mean_b, products = np.split(sums, [1, 1 + dim, 1 + 2 * dim], axis=1)
+    u, _, vt = np.linalg.svd(products.reshape(-1, dim, dim) - (mean_b[:, :, None] * mean_a[:, None, :]) / count[:, :, None])
+    u[:, :, -1] *= np.sign(np.linalg.det(u @ vt))[:, None]
+    return np.asarray(u @ vt)
