@@ -198,3 +198,39 @@ def test_flattery_is_what_integration_takes_from_the_evidence() -> None:
     silent = replace(prior, log=np.r_[prior.log[:1], best.log[1:]])
     noise_only = Scales(best.log[1:], prior.centre[1:], prior.spread[1:], prior.least[1:], 0)
     assert flattery(silent, fixed, [0.0 * part], rows) == pytest.approx(flattery(noise_only, fixed, [], rows))
+
+
+def stacked() -> tuple[Array, Feet]:
+    """Fifteen places of the wall with four points each."""
+    surface = body(3)
+    at, face, _ = spots(surface, 15, 24_593)
+    at, normals = np.repeat(at, 4, axis=0), np.repeat(surface.face_normals[face], 4, axis=0)
+    return at, Feet(at, normals, np.ones(60), np.random.default_rng(3_163).normal(size=60))
+
+
+def test_points_that_share_a_row_flatter_a_motion_as_those_that_do_not() -> None:
+    at, feet = stacked()
+    apart, merged = (gather(feet, wall(at), np.ones(60), np.zeros((0, 3)), most, 1e-6) for most in (1000, 10))
+    assert len(merged.residual) == 15
+    found = [flattery(scales(), *grams(covariance(3), rows.observed), rows) for rows in (apart, merged)]
+    assert found[0] == pytest.approx(found[1], abs=1e-6)
+
+
+def test_points_of_two_groups_share_no_row() -> None:
+    at, feet = stacked()
+    group = np.arange(60) % 2
+    rows = gather(feet, wall(at, group=group, groups=2), np.ones(60), np.zeros((0, 3)), 10, 6.0)
+    np.testing.assert_array_equal(rows.group[rows.of_point], group)
+
+
+def test_the_two_sides_of_a_thin_wall_share_no_row() -> None:
+    at, feet = stacked()
+    both = replace(feet, normals=feet.normals * np.where(np.arange(60) % 2, 1.0, -1.0)[:, None])
+    rows = gather(both, wall(at), np.ones(60), np.zeros((0, 3)), 10, 1e-6)
+    assert np.linalg.norm(rows.observed.directions, axis=1).min() > 0.9
+
+
+@pytest.mark.filterwarnings("ignore:overflow")
+def test_a_residual_without_measure_is_an_error() -> None:
+    with pytest.raises(SolverError, match="not finite"):
+        solve(np.eye(2), np.array([1e200, 1.0]))

@@ -101,3 +101,18 @@ def shift(surface: Surface, length: float) -> Array:
     """How far (n,) fairing moves the vertices along the normals."""
     moved = fair(surface.vertices, surface.faces, length) - surface.vertices
     return np.asarray((moved * vertex_normals(surface.vertices, surface.faces)).sum(axis=1))
+
+
+@DIMENSIONS
+def test_a_ball_shrinks_as_heat_flow_has_it(dimension: int) -> None:
+    plain, length = ball(dimension, 4), 0.6 * SIZE
+    inward = -((fair(plain.vertices, plain.faces, length) - plain.vertices) * plain.vertices).sum(axis=1) / SIZE
+    curved = (dimension - 1) * (length / SIZE) ** 2 / 2.0
+    assert inward.mean() == pytest.approx(SIZE * (curved / (1.0 + curved)) ** 2, rel=0.05)
+
+
+def test_an_uneven_mesh_does_not_drift_along_the_wall() -> None:
+    surface = body(3)
+    rough = surface.with_vertices(surface.vertices + 0.3 * np.random.default_rng(1).normal(size=surface.vertices.shape))
+    moved, normals = fair(rough.vertices, rough.faces, LENGTH) - rough.vertices, vertex_normals(rough.vertices, rough.faces)
+    np.testing.assert_allclose(moved, (moved * normals).sum(axis=1, keepdims=True) * normals, atol=1e-9)

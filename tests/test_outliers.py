@@ -109,3 +109,13 @@ def test_the_energy_of_beliefs_is_least_at_the_beliefs_found() -> None:
     rng = np.random.default_rng(77_041)
     for _ in range(20):
         assert total(weights) <= total(np.clip(weights + rng.normal(size=40) * 0.05, 1e-6, 1 - 1e-6)) + 1e-9
+
+
+def test_the_energy_of_the_beliefs_is_that_of_the_mixture_also_with_odds() -> None:
+    residual, ones = np.random.default_rng(7).normal(size=40) * 3, np.ones(40)
+    odds = np.where(np.arange(40) < 20, 4.0, 0.25)
+    weights, _ = believe(residual, ones, odds, PLAIN)
+    touching, floating = density(residual, ones, PLAIN)
+    off = PLAIN.share * odds / (1.0 - PLAIN.share + PLAIN.share * odds)
+    exact = -np.log((1.0 - off) * touching + off * floating).sum()
+    assert mixture_energy(weights, residual, odds, PLAIN) - weights @ np.log(touching) == pytest.approx(exact)

@@ -10,7 +10,8 @@ from shapes import circle, meshed, round_distance, sampled
 
 from o3dls.geometry import Array, Surface
 from o3dls.levelset.observe import Measured, Noise, observe
-from o3dls.levelset.solver import Limits, refine
+from o3dls.levelset.residual import evidence
+from o3dls.levelset.solver import Level, Limits, _lengths, _newton, refine
 from o3dls.levelset.wall import Wall
 
 SIGMA = 0.8
@@ -171,3 +172,81 @@ def test_equal_inputs_give_equal_corrections() -> None:
     first, second = (refine(Wall(surface), seen(surface, points), np.ones(len(surface.vertices)), Limits(0.5)) for _ in range(2))
     assert (first.u == second.u).all()
     assert replace(first, u=second.u).trace == second.trace
+
+
+def around(surface: Surface, radii: Array | float, count: int, seed: int = 5) -> Array:
+    """Points (n, 3) at distances `radii` from the middle of a ball."""
+    way = sampled(surface, count, 0.0, seed)
+    return np.asarray(way / np.linalg.norm(way, axis=1, keepdims=True) * np.broadcast_to(radii, count)[:, None])
+
+
+def test_unknown_noise_is_the_spread_of_the_points_at_the_wall() -> None:
+    surface, rng = body(3), np.random.default_rng(3)
+    points = np.vstack([around(surface, 20.0 + 0.7 * rng.normal(size=2000), 2000), around(surface, 10.0, 1000)])
+    inside = np.arange(3000) >= 2000
+    found = observe(Wall(surface), points, inside, np.ones(3000), Noise())
+    assert found.likelihood.sigma[0] == pytest.approx(0.7, rel=0.06)
+    assert (found.bias[found.likelihood.one_sided] == 0.0).all()
+
+
+def test_the_bias_of_a_bent_wall_is_bounded() -> None:
+    found = seen(body(3), around(body(3), 20.0, 50), 40.0)
+    assert found.bias.max() <= 0.5 * 40.0 * 0.6 + 1e-9
+
+
+@pytest.mark.parametrize(("share", "taken"), [(0.0, 0.0), (0.001, 0.02), (0.1, 0.1), (1.0, 0.3)])
+def test_a_share_of_outliers_is_taken_within_bounds(share: float, taken: float) -> None:
+    surface = body(3)
+    found = observe(Wall(surface), around(surface, 20.0, 50), np.zeros(50, dtype=bool), np.ones(50), Noise(1.0, share=share))
+    assert found.likelihood.share == taken
+
+
+def test_a_crowd_that_is_outweighed_is_heard_as_one() -> None:
+    surface = body(3)
+    crowd = [[0.0, 0.0, 22.0], [0.3, 0.0, 22.0], [0.0, 0.0, 19.0], [1.0, 0.0, 19.0], [0.0, 1.0, 19.0], [1.0, 1.0, 18.0]]
+    found = seen(surface, np.vstack([around(surface, 20.0, 50), crowd]), inside=np.arange(56) >= 50)
+    assert (found.likelihood.one_sided & (found.distance > 0.0)).sum() == 1
+
+
+def scattered() -> tuple[Array, Array]:
+    """Feet (200, 3) on a ball and residuals of unit noise."""
+    rng = np.random.default_rng(314)
+    feet = rng.normal(size=(200, 3))
+    return feet * 25.0 / np.linalg.norm(feet, axis=1, keepdims=True), rng.normal(size=200)
+
+
+def test_points_of_more_noise_hide_no_field() -> None:
+    feet, residual = scattered()
+    sigma = np.where(np.arange(200) < 60, 4.0, 1.0)
+    found = evidence(feet, sigma * residual, np.ones(200), sigma, 0.5, 20.0)
+    assert found.noise == pytest.approx(1.0, rel=0.15)
+    assert found.gain < 3.0
+
+
+def test_noise_that_is_known_is_kept_and_doubtful_noise_is_found() -> None:
+    feet, residual = scattered()
+    known, doubtful = (evidence(feet, 1.5 * residual, np.ones(200), np.ones(200), doubt, 20.0).noise for doubt in (0.01, 0.5))
+    assert known == pytest.approx(1.0, rel=0.06)
+    assert doubtful > 1.3
+
+
+def test_no_field_is_finer_than_the_points_stand_apart() -> None:
+    surface = body(3)
+    assert min(_lengths(surface, seen(surface, around(surface, 20.0, 12)), 0.1)) >= np.sqrt(surface.area / 12)
+
+
+@pytest.mark.parametrize("sigma", [0.2, 3.0])
+def test_the_step_goes_to_the_least_energy_on_its_way(sigma: float) -> None:
+    surface = body(3)
+    wall, measured = Wall(surface), seen(surface, around(surface, 20.3, 300), sigma)
+    level = Level.of(surface, np.ones(len(surface.vertices)), 12.0).of_amplitude(1.0)
+
+    def energy(f: Array) -> float:
+        wall.move(level.spread @ f)
+        return float(measured.likelihood.loss(wall.look(measured.points)[0] - measured.bias).sum() + level.prior.energy(f))
+
+    start = np.zeros(level.spread.shape[1])
+    energy(start)
+    step = _newton(wall, level, measured, start)
+    short, whole, long = (energy(share * step) for share in (0.8, 1.0, 1.2))
+    assert whole < min(short, long)
