@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -17,9 +18,9 @@ from o3dls.case import Case, Points
 from o3dls.errors import InputError, PipelineError, SolverError
 from o3dls.estimate import Estimate
 from o3dls.evaluate import distances
-from o3dls.geometry import Array, apply, similarity
-from o3dls.stages.deform import Deform, observed, upwards
-from o3dls.stages.level_set import _observer
+from o3dls.geometry import Array, Surface, apply, similarity
+from o3dls.stages.deform import Deform, _doubts, _rivals, observed, upwards
+from o3dls.stages.level_set import LevelSet, _observer
 
 NOISE = 0.8
 
@@ -462,3 +463,60 @@ def test_the_first_ablation_point_may_come_later() -> None:
     updated = stage.update(after, stage(before.visible(stage.fits), started(before)))
     assert np.isfinite(updated.surface.vertices).all()
     assert len(updated.fit.state.weights) == 151
+
+
+def test_points_known_to_be_inside_are_not_counted_as_off_the_wall() -> None:
+    case, _ = bent_case()
+    kind, name = np.r_[case.points.type, np.full(50, "inside")], np.r_[case.points.columns["name"], np.full(50, "")]
+    points = Points(np.vstack([case.points.xyz, 0.4 * case.points.xyz[:50]]), kind, {"name": name})
+    found = Deform()(replace(case, points=points).visible(), started(case))
+    assert found.weights is not None
+    assert found.facts["off_wall"] == pytest.approx(1.0 - found.weights.mean())
+    assert found.facts["off_wall"] < 0.1
+
+
+def test_spread_holds_the_amplitudes_where_they_are_expected() -> None:
+    case, _ = bent_case()
+    found = Deform(spread=1e-3)(case.visible(), started(case))
+    assert found.fit is not None
+    np.testing.assert_allclose(found.fit.state.scales.log, found.fit.state.scales.centre, atol=0.01)
+
+
+def test_warnings_of_earlier_stages_stay() -> None:
+    case, _ = bent_case()
+    found = Deform()(case.visible(), replace(started(case), warnings=("from before",)))
+    assert found.warnings[0] == "from before"
+    assert LevelSet()(case.visible(), found).warnings[0] == "from before"
+    assert Deform().update(case.visible(), found).warnings[0] == "from before"
+
+
+@pytest.mark.parametrize(("factor", "said"), [(0.6, ["0.22 times as large"]), (1.0, []), (1.6, ["4.1 times as large"])])
+def test_a_volume_that_no_heartbeat_has_is_warned_of(factor: float, said: list[str]) -> None:
+    case, _ = bent_case()
+    found = replace(started(case), surface=case.prior.with_vertices(factor * case.prior.vertices), facts={"off_wall": 0.0})
+    warnings = _doubts(started(case), found)
+    assert len(warnings) == len(said)
+    assert all(word in warning for word, warning in zip(said, warnings, strict=True))
+
+
+def test_a_motion_that_turns_the_prior_inside_out_is_an_error() -> None:
+    case, _ = bent_case()
+    turned = replace(started(case), surface=Surface(case.prior.vertices, case.prior.faces[:, ::-1]), facts={"off_wall": 0.0})
+    with pytest.raises(SolverError, match="inside out"):
+        _doubts(started(case), turned)
+
+
+@pytest.mark.parametrize(("behind", "told"), [(1.0, True), (50.0, False)])
+def test_a_rival_is_told_of_only_where_the_points_hardly_prefer(behind: float, told: bool) -> None:
+    surface, state = body(3), SimpleNamespace(scales=SimpleNamespace(noises=np.array([0.5])))
+    best, other = (
+        SimpleNamespace(surface=surface.with_vertices(surface.vertices + shift), fit=SimpleNamespace(energy=100.0 + energy, state=state))
+        for shift, energy in ((0.0, 0.0), (3.0, behind))
+    )
+    assert bool(_rivals(best, [best, other], "mm")) is told  # type: ignore[arg-type, list-item]
+
+
+def test_the_veins_of_one_side_tell_which_way_is_up() -> None:
+    for side in "LR":
+        up = upwards({f"{side}SPV": np.array([-20.0, 8.0, 11.0]), f"{side}IPV": np.array([-20.0, 8.0, -7.0])})
+        np.testing.assert_allclose(up, [0.0, 0.0, 1.0])

@@ -15,10 +15,11 @@ from o3dls.case import Case, Points
 from o3dls.errors import InputError, PipelineError, SolverError
 from o3dls.estimate import Estimate
 from o3dls.evaluate import distances
-from o3dls.geometry import Array, Surface
+from o3dls.geometry import Array, Surface, similarity
 from o3dls.levelset.fit import fit_motion
 from o3dls.levelset.reach import topology
-from o3dls.stages.level_set import LevelSet
+from o3dls.levelset.wall import Wall
+from o3dls.stages.level_set import LevelSet, _doubt, _noise, _observer
 from o3dls.validity import self_intersections
 
 SEED = 264_575
@@ -254,3 +255,35 @@ def test_equal_inputs_give_equal_surfaces() -> None:
     first, second = (LevelSet()(case, start) for _ in range(2))
     assert (first.surface.vertices == second.surface.vertices).all()
     assert first.facts == second.facts
+
+
+def test_the_paper_s_formulation_begins_at_the_prior_under_t() -> None:
+    prior = meshed(round_distance(14.0), 18.0)
+    frame = similarity(np.eye(3), np.array([30.0, 0.0, 0.0]))
+    truth = prior.transformed(frame)
+    case = Case("case", prior, Points(sampled(truth, 200, 0.5, SEED), np.full(200, "eam")))
+    found = LevelSet(formulation="paper", iterations=2)(case, Estimate(truth, frame, "moved"))
+    np.testing.assert_allclose(found.surface.vertices.mean(axis=0), [30.0, 0.0, 0.0], atol=0.5)
+
+
+def test_of_the_motion_s_beliefs_the_share_off_the_wall_is_taken() -> None:
+    case, start = started(circle(20.0, 300), sampled(circle(20.0, 300), 100, 1.0, SEED), 1.0)
+    assert _noise(replace(start, weights=np.array([1.0, 1.0, 1.0, 0.2]))).share == pytest.approx(0.2)
+    believed = replace(start, weights=np.ones(100))
+    assert _observer(case, believed)(Wall(start.surface)).likelihood.share == 0.0  # outliers = "believe"
+
+
+def test_points_known_to_be_inside_are_seen_as_such() -> None:
+    prior = circle(20.0, 300)
+    case, start = started(prior, np.vstack([sampled(prior, 100, 1.0, SEED), sampled(circle(6.0, 300), 10, 1.0, SEED)]), 1.0)
+    case = replace(case, points=replace(case.points, type=np.array(["eam"] * 100 + ["inside"] * 10)))
+    assert _observer(case, start)(Wall(prior)).likelihood.one_sided.tolist() == [False] * 100 + [True] * 10
+
+
+def test_the_prior_holds_less_where_the_motion_is_in_doubt() -> None:
+    case, start = started(circle(20.0, 300), sampled(circle(20.0, 300), 100, 1.0, SEED), 1.0)
+    sd = np.where(np.arange(300) % 2, 1.0, 1.5)
+    sd[0] = 9.0
+    found = _doubt(case, replace(start, surface=replace(start.surface, fields={"sd_mm": sd})))
+    assert found[2] == pytest.approx(1.5 * found[1])
+    assert found[0] == 2.0

@@ -14,9 +14,11 @@ from fields import SIZE, bend, body, spots, wall
 from tiny import sphere
 
 from o3dls.geometry import Array, Surface, apply, fit_similarity, similarity
-from o3dls.levelset.fit import fit_motion
+from o3dls.levelset import fit as fit_module
+from o3dls.levelset.choice import _pose_alone
+from o3dls.levelset.fit import _first_beliefs, fit_motion
 from o3dls.levelset.motion import MotionFit
-from o3dls.levelset.problem import Settings
+from o3dls.levelset.problem import Problem, Settings
 from o3dls.levelset.rows import Data
 
 BOTH = pytest.mark.parametrize("dimension", [2, 3])
@@ -328,3 +330,98 @@ def run_with_threads(count: int, path: Path) -> Array:
 def test_repeated_runs_are_equal_and_threads_agree(tmp_path: Path) -> None:
     one, two = (run_with_threads(count, tmp_path / f"{count}.npy") for count in (1, 2))
     np.testing.assert_allclose(two, one, atol=THREADS_AGREE)
+
+
+def marked(count: int = 80) -> tuple[Surface, Data]:
+    """A bent body, points of it, three landmarks, and which way is up."""
+    surface, truth, data = bent(3, count)
+    rows = [5, 300, 500]
+    return surface, replace(data, marks_prior=surface.vertices[rows], marks_map=truth[rows], up=np.array([0.0, 0.0, 1.0]))
+
+
+def problem(surface: Surface, data: Data, pose: Array | None = None) -> Problem:
+    return Problem.make(surface.vertices, surface.faces, np.eye(4) if pose is None else pose, data, Settings())
+
+
+def test_what_is_expected_before_the_points_are_seen_scales_with_the_lengths() -> None:
+    surface, data = marked()
+    larger = replace(data, points=2.5 * data.points, marks_map=2.5 * data.marks_map)
+    here = problem(surface, data).start().scales
+    there = problem(surface, larger, similarity(np.eye(3), np.zeros(3), 2.5)).start().scales
+    lengths = [1, 1, 1, 0, 0, 0, 1, 1, 1]  # fields, shifts of landmarks, noises; but bends, strains and tilts are angles and ratios
+    np.testing.assert_allclose(there.log - here.log, np.log(2.5) * np.array(lengths), atol=1e-9)
+    np.testing.assert_allclose(there.least[-2:] - here.least[-2:], np.log(2.5))
+
+
+def test_facts_name_the_amplitudes_as_they_are() -> None:
+    at = problem(*marked())
+    facts, sds = at.facts(at.start()), at.start().scales.sds
+    assert [facts[f"amplitude_{name}"] for name in ("bend", "strain", "tilt", "anchors")] == sds[-4:].tolist()
+    assert facts["amplitude_strain"] == pytest.approx(Settings().strain)
+
+
+def test_a_start_that_is_off_is_mended_in_any_frame() -> None:
+    surface = body(3)
+    turn = np.linalg.qr(np.eye(3) + 0.06 * np.random.default_rng(3_001).normal(size=(3, 3)))[0]
+    wrong = similarity(turn * np.sign(np.diag(turn)), np.array([3.0, 0.0, 0.0]), 1.02)
+    points = apply(wrong, spots(surface, 200, 9_341)[0]) + NOISE * np.random.default_rng(2_887).normal(size=(200, 3))
+    frame = similarity(np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]), np.array([40.0, -10.0, 70.0]))
+    prior = surface.with_vertices(apply(np.linalg.inv(frame), surface.vertices))  # its own frame is not the map's
+    truth = apply(wrong, surface.vertices)
+    assert off(surface, truth, fit(prior, wall(points), frame).vertices) < 0.2 * off(surface, truth, surface.vertices)
+
+
+def test_a_point_of_almost_no_noise_has_its_closest_point_for_a_foot() -> None:
+    surface, _, data = bent(3, 80)
+    exact = np.arange(80) < 5
+    at = problem(surface, replace(data, relative=np.where(exact, 1e-3, 1.0)))
+    state = at.start()
+    state = replace(state, scales=replace(state.scales, log=np.r_[state.scales.log[:-1], np.log(0.2 * SIZE)]))
+    away = np.linalg.norm(at.feet(state).at - at.tree.query(data.points)[2], axis=1)
+    assert away[exact].max() < 0.01 * SIZE < away[~exact].mean()
+
+
+def test_what_inside_points_say_changes_as_slowly_as_the_steps() -> None:
+    surface, _, data = bent(3, 80)
+    inside = np.arange(80) >= 60
+    at = problem(surface, replace(data, inside=inside))
+    states = (replace(at.start(), damping=damping) for damping in (0.25, 1.0))
+    quarter, whole = (at.believe(state, np.full(80, 0.5), np.ones(80))[0][inside] for state in states)
+    assert (whole > 0.0).all()
+    np.testing.assert_allclose(quarter, 0.25 * whole)
+
+
+def test_exact_points_are_not_believed_to_be_exact() -> None:
+    surface, _, data = bent(3, 400, noise=0.0)
+    found = fit(surface, data)
+    assert found.sigma >= 0.0099 * found.problem.size
+
+
+def test_where_no_motion_is_shown_the_noise_is_that_of_the_pose_alone() -> None:
+    surface = body(3)
+    points = spots(surface, 60, 12)[0] + NOISE * np.random.default_rng(2).normal(size=(60, 3))
+    found = fit(surface, wall(points), settings=Settings(odds=1e6))
+    assert found.sigma == pytest.approx(float(_pose_alone(found.problem, 1.0, np.inf).noises[0]), rel=1e-3)
+
+
+def test_new_points_deep_inside_or_hardly_pressed_are_doubted_at_once() -> None:
+    surface, _, data = bent(3, 80)
+    found = fit(surface, data)
+    moved = surface.with_vertices(found.vertices)
+    depths = found.sigma * np.array([-2.2, 2.2, -1.8, -1.8])
+    more = moved.vertices[7] + depths[:, None] * moved.vertex_normals[7]
+    beliefs = _first_beliefs(found, wall(np.vstack([data.points, more]), odds=np.r_[np.ones(82), 4.0, 0.25]), slice(80))
+    inner, outer, weak, strong = beliefs[80:]
+    assert inner < outer < 1.0
+    assert weak < strong
+    np.testing.assert_array_equal(beliefs[:80], found.state.weights)
+
+
+def test_a_smoothed_prior_stays_only_if_it_is_likelier(monkeypatch: pytest.MonkeyPatch) -> None:
+    surface, _, data = bent(3, 80)
+    plain = fit(surface, data)
+    monkeypatch.setattr(fit_module, "smoother", lambda run: (3.0, 1.15 * run.problem.rest.at))
+    found = fit(surface, data)
+    assert plain.motion.share == 1.0
+    assert found.facts["faired"] == 0.0
+    np.testing.assert_array_equal(found.vertices, plain.vertices)

@@ -9,7 +9,7 @@ from shapes import circle, meshed, round_distance, sampled, whole_box
 from o3dls.geometry import Surface
 from o3dls.levelset.distance import SignedDistance, signed_distance
 from o3dls.levelset.operators import delta, heaviside, mean_curvature, zero_set
-from o3dls.levelset.paper import REACH, Weights, descend, energies
+from o3dls.levelset.paper import REACH, Weights, _on_band, _steps, descend, energies
 from o3dls.levelset.reach import topology
 
 SEED = 244_948
@@ -82,3 +82,40 @@ def test_it_says_its_islands_and_the_points_without_pull() -> None:
     assert f"{count} piece" in found.status
     assert "3 points out of the band" in found.status
     assert found.islands
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_a_step_for_the_points_goes_down_their_energy_at_any_spacing_and_noise(dimension: int) -> None:
+    h, sigma, weights = 0.5, 2.0, Weights(10.0, 0.0, 100.0)
+    band, phi = whole_box(round_distance(6.0), 9.0, h, dimension)
+    field = SignedDistance(band, phi, np.zeros(len(band), dtype=np.int32))
+    way = np.random.default_rng(1).normal(size=(8, dimension))
+    points = 6.3 * way / np.linalg.norm(way, axis=1)[:, None]
+    shape, step = heaviside(phi, REACH * h), h * REACH * h / (2.0 * weights.shape)
+    after = _steps(field, shape, points, sigma, weights, 1)
+    at = int(np.argmax(np.abs(after - phi)))
+
+    def data(change: float) -> float:
+        moved = after + change * (np.arange(len(band)) == at)
+        return float(energies(SignedDistance(band, moved, field.face), shape, points, sigma, weights)["data"])
+
+    slope = (data(1e-5) - data(-1e-5)) / 2e-5
+    assert (after - phi)[at] == pytest.approx(-step * slope / h**dimension, rel=0.1)
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+@pytest.mark.parametrize("radius", [5.5, 6.5])
+def test_the_shape_term_alone_draws_the_surface_towards_the_prior(radius: float, dimension: int) -> None:
+    band, phi = whole_box(round_distance(6.0), 9.0, 0.5, dimension)
+    field = SignedDistance(band, phi, np.zeros(len(band), dtype=np.int32))
+    shape = heaviside(round_distance(radius)(band.positions), REACH * 0.5)
+    on_the_wall = np.full((1, dimension), 6.0 / dimension**0.5)
+    moved = (_steps(field, shape, on_the_wall, 1.0, Weights(0.0, 0.0, 1.0), 3) - phi)[np.abs(phi) < 0.5]
+    assert (moved * (6.0 - radius) >= 0.0).all()
+    assert np.abs(moved).max() > 0.01
+
+
+def test_beyond_its_band_a_prior_is_far_inside_or_far_outside() -> None:
+    small, large = (signed_distance(s.vertices, s.faces, 1.0, 3.0) for s in (meshed(round_distance(r), r + 3.0) for r in (10.0, 16.0)))
+    assert (_on_band(small, large.band) == 3.0).all()
+    assert (_on_band(large, small.band) == -3.0).all()

@@ -7,11 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from fields import body, spots
 
 from o3dls import Case, Estimate, InputError, Phases, Pipeline, Points, Surface, read_case, write_case
 from o3dls.evaluate import distances, moved, sample
 from o3dls.geometry import apply, similarity
-from o3dls.levelset.phases import template
+from o3dls.levelset.closest import ClosestPoint
+from o3dls.levelset.phases import Template, _moved, _Points, _turns, locate, template
 
 NOISE = 0.3
 
@@ -107,3 +109,38 @@ def test_phases_are_kept_in_the_case_folder(tmp_path: Path) -> None:
     assert len(again.phases) == len(STRETCHES) - 1
     assert np.allclose(again.phases[-1].vertices, given.phases[-1].vertices, atol=1e-5)
     assert any(name.startswith("phases") or name.startswith("01") for name in again.files)
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_a_small_motion_of_the_pose_is_made_seen_and_read_back_alike(dimension: int) -> None:
+    """What it does along the normals is linear in it, and it is what two poses differ by."""
+    surface, rng = body(dimension), np.random.default_rng(5)
+    middle, normals = surface.vertices.mean(axis=0), surface.vertex_normals
+    change = 1e-5 * rng.normal(size=dimension + (1 if dimension == 2 else 3))
+    made = _moved(change, middle)
+    along = ((apply(made, surface.vertices) - surface.vertices) * normals).sum(axis=1)
+    np.testing.assert_allclose(along, np.hstack([normals, _turns(surface.vertices - middle, normals)]) @ change, atol=1e-8)
+    model = Template(surface.vertices, np.zeros((1, *surface.vertices.shape)), np.zeros((2, 1)), surface.faces)
+    start = similarity(np.linalg.qr(rng.normal(size=(dimension, dimension)))[0], np.full(dimension, 9.0))
+    problem = _Points(model, surface.vertices, ClosestPoint(surface.vertices, surface.faces), start, 1.0)
+    np.testing.assert_allclose(problem.off(made @ start, apply(made, middle[None])[0]), change, atol=1e-8)
+
+
+def test_a_pose_that_is_sure_stays_however_far_the_points_are() -> None:
+    prior, *others = (ball(s) for s in STRETCHES[:3])
+    model = template(prior.vertices, prior.faces, [(o.vertices, o.faces) for o in others], 1.0)
+    points = spots(others[0], 150, 5)[0] + [3.0, 0.0, 0.0]
+    free, held = (locate(model, np.eye(4), points, pose_sd) for pose_sd in (10.0, 0.02))
+    assert free.pose[0, 3] == pytest.approx(3.0, abs=0.3)
+    assert abs(held.pose[0, 3]) < 0.3
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_few_noisy_points_do_not_lead_off_the_way_through_the_phases(seed: int) -> None:
+    rng = np.random.default_rng(3)
+    prior, *others = (ball(s) for s in STRETCHES)
+    vertices = [surface.vertices * [1.0, 1.0, 1.0 + 0.02 * rng.normal()] for surface in (prior, *others)]
+    model = template(vertices[0], prior.faces, [(moved, prior.faces) for moved in vertices[1:]], 1.0)
+    points = spots(Surface(vertices[2], prior.faces), 12, seed)[0] + 1.5 * np.random.default_rng(seed).normal(size=(12, 3))
+    found = locate(model, np.eye(4), points, 0.5)
+    assert (np.abs(found.c - model.at(model.between(found.c))) / model.aside).max() < 2.0

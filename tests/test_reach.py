@@ -11,8 +11,9 @@ from o3dls.geometry import Array, Ints, Surface
 from o3dls.levelset.distance import SignedDistance, signed_distance
 from o3dls.levelset.observe import Measured, Noise, observe
 from o3dls.levelset.operators import zero_set
-from o3dls.levelset.reach import Mesher, Reached, reach, topology
-from o3dls.levelset.solver import Limits
+from o3dls.levelset.reach import Mesher, Reached, _closed, _settled, reach, topology
+from o3dls.levelset.residual import Field
+from o3dls.levelset.solver import Correction, Limits
 from o3dls.levelset.wall import Wall
 
 SEED = 223_606
@@ -100,3 +101,25 @@ def test_topology_counts_pieces_and_handles() -> None:
     assert topology(pair.vertices, pair.faces) == (2, 0)
     round_line = circle(count=50)
     assert topology(round_line.vertices, round_line.faces) == (1, 0)
+
+
+def test_a_correction_that_would_tear_is_halved() -> None:
+    ball = meshed(round_distance(16.0), 20.0)
+    u = np.where(ball.vertices[:, 2] > 14.0, 4.0, 0.0)
+
+    def handled(phi: SignedDistance) -> tuple[Array, Ints]:
+        from shapes import torus
+
+        vertices, faces = isosurface(phi)
+        return (vertices, faces) if vertices[:, 2].max() < 18.5 else (torus().vertices, torus().faces)
+
+    field = Field(20.0, 1.0, 1.0, 5.0)
+    final, _, said = _settled(Wall(ball), Correction(u, (field,), 1.0, (), True, ""), Limits(1.0), handled)
+    np.testing.assert_allclose(final.fields["correction"], 0.5 * u)
+    assert said == ("the correction was taken by 50%: more would tear or merge the surface",)
+
+
+def test_closing_gaps_leaves_the_rest_where_it_is() -> None:
+    ball = meshed(round_distance(16.0), 20.0)
+    closed = _closed(signed_distance(ball.vertices, ball.faces, 1.0, 5.0), 2.0)
+    np.testing.assert_allclose(np.linalg.norm(zero_set(closed.band, closed.phi)[0], axis=1), 16.0, atol=0.1)

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
-from fields import wall
+from fields import bend, body, spots, wall
 from shapes import ball_with_tube, meshed, round_distance, sampled
 
-from o3dls.geometry import Array, Surface
+from o3dls.geometry import Array, Surface, similarity
+from o3dls.levelset import reshape as reshape_module
 from o3dls.levelset.closest import ClosestPoint
 from o3dls.levelset.fit import fit_motion
-from o3dls.levelset.growth import cone, growth
+from o3dls.levelset.growth import _stands_alone, cone, growth
 from o3dls.levelset.motion import MotionFit
 from o3dls.levelset.observe import Measured, Noise, observe
 from o3dls.levelset.reach import topology
-from o3dls.levelset.reshape import reshape
+from o3dls.levelset.reshape import _back, _explained, _judged, _seen, reshape
 from o3dls.levelset.topology import Change, body_radius, changed, removals
 from o3dls.levelset.wall import Wall
 
@@ -161,3 +165,76 @@ def test_equal_points_make_equal_changes() -> None:
     assert second is not None
     assert first.gain == second.gain
     assert (first.region[0] == second.region[0]).all()
+
+
+FRAME = similarity(np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]), np.array([40.0, -10.0, 70.0]))
+
+
+def test_a_tube_is_grown_where_it_belongs_though_the_prior_has_a_frame_of_its_own() -> None:
+    prior, truth = ball(), tubed().transformed(FRAME)
+    fit = fit_motion(prior.vertices, prior.faces, FRAME, wall(sampled(truth, 400, SIGMA, SEED)))
+    after, made = reshape(fit, spacing=1.0, threshold=THRESHOLD)
+    assert len(made) == 1
+    assert apart(surface(after), truth) < 0.5
+    np.testing.assert_allclose(after.motion(after.motion.vertices), after.vertices, atol=0.1)
+
+
+def test_points_known_to_be_inside_grow_no_tube() -> None:
+    wall = Wall(ball())
+    measured = seen(wall, sampled(tubed(), 400, SIGMA, SEED))
+    assert growth(wall, measured) is not None
+    inside = replace(measured, likelihood=replace(measured.likelihood, one_sided=measured.points[:, 0] > 14.0))
+    assert growth(wall, inside) is None
+
+
+def bent_fit() -> MotionFit:
+    """A motion that was fitted, of the order of the noise."""
+    prior = body(3)
+    _, face, bary = spots(prior, 80, 3)
+    moved = prior.vertices + bend(prior, 4_409)
+    return fit_motion(prior.vertices, prior.faces, np.eye(4), wall(np.einsum("nc,ncd->nd", bary, moved[prior.faces[face]])))
+
+
+def proposed(odd: Array, price: float = 0.0) -> Change:
+    return Change(False, (np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64)), 0.0, price, 5, odd, np.zeros(3))
+
+
+@pytest.mark.parametrize(("explained", "gains"), [(True, [33.0]), (False, [])])
+def test_a_change_gains_what_the_fit_gains_less_its_price(explained: bool, gains: list[float], monkeypatch: pytest.MonkeyPatch) -> None:
+    energies = {True: 100.0, False: 60.0}  # without the change, with it
+    monkeypatch.setattr(reshape_module, "_fitted", lambda fit, change, *rest: SimpleNamespace(energy=energies[change is None]))
+    monkeypatch.setattr(reshape_module, "_explained", lambda change, after: explained)
+    judged = _judged(bent_fit(), [proposed(np.zeros((0, 3)), price=7.0)], 1.0)
+    assert [change.gain for change in judged] == gains
+
+
+def test_a_change_must_run_through_the_points_that_ask_for_it() -> None:
+    fit = bent_fit()
+    at, outward = surface(fit).vertices[::40], surface(fit).vertex_normals[::40]
+    assert _explained(proposed(at), fit)
+    assert not _explained(proposed(at - 6.0 * fit.sigma * outward), fit)
+    assert not _explained(proposed(at[:2]), fit)  # too few to tell
+
+
+def test_what_is_carried_back_lies_where_the_wall_was_before_the_motion() -> None:
+    fit = bent_fit()
+    assert np.linalg.norm(fit.vertices - fit.motion.rest.at, axis=1).mean() > 1.0
+    np.testing.assert_allclose(_back(fit, Wall(surface(fit)), fit.vertices), fit.motion.rest.at, atol=1e-6)
+
+
+def test_points_of_more_noise_are_seen_with_it() -> None:
+    prior = body(3)
+    points = spots(prior, 80, 3)[0] + 0.5 * np.random.default_rng(1).normal(size=(80, 3))
+    data = wall(points, relative=np.where(np.arange(80) < 10, 3.0, 1.0))
+    fit = fit_motion(prior.vertices, prior.faces, np.eye(4), data)
+    np.testing.assert_allclose(_seen(fit, Wall(prior), moved=True).likelihood.sigma, fit.sigma * data.relative)
+
+
+@pytest.mark.parametrize(
+    ("at", "radius", "alone"),
+    [([0.0, 22.0, 0.0], 4.0, True), ([0.0, 14.0, 0.0], 4.0, False), ([28.0, 5.0, 0.0], 5.0, False)],
+    ids=["beside the body", "a bump of it", "a vein out of place"],
+)
+def test_a_tube_is_new_only_where_nothing_is_near(at: list[float], radius: float, alone: bool) -> None:
+    vertices = meshed(round_distance(radius), radius + 2.0, 0.5).vertices + at
+    assert _stands_alone(Wall(tubed()), vertices) == alone
