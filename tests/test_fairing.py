@@ -1,5 +1,7 @@
 """Fairing against what is known: bumps go, long bends and round bodies stay, and neither frame nor fineness of the mesh matters."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import trimesh
@@ -7,8 +9,10 @@ from fields import SIZE, body, wall
 
 from o3dls.evaluate import distances
 from o3dls.geometry import Array, Surface, outline, similarity
+from o3dls.levelset import choice
 from o3dls.levelset.fairing import fair
 from o3dls.levelset.fit import fit_motion
+from o3dls.levelset.problem import Problem, Settings
 from o3dls.levelset.shape import vertex_normals
 from o3dls.stages.deform import Deform
 
@@ -116,3 +120,24 @@ def test_an_uneven_mesh_does_not_drift_along_the_wall() -> None:
     rough = surface.with_vertices(surface.vertices + 0.3 * np.random.default_rng(1).normal(size=surface.vertices.shape))
     moved, normals = fair(rough.vertices, rough.faces, LENGTH) - rough.vertices, vertex_normals(rough.vertices, rough.faces)
     np.testing.assert_allclose(moved, (moved * normals).sum(axis=1, keepdims=True) * normals, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("energies", "length"),
+    [
+        ([96.0, 95.0, 94.0, 93.0], 0.6),  # of the longest as it is, which may have folded; then, mended, from the shortest on
+        ([96.0, 92.0, 94.0, 93.0], 0.35),
+        ([96.0, 95.0, 101.0], None),  # what the longest gains, no shorter one may lose
+        ([96.0, 101.0], None),
+        ([98.0], None),  # less than three nats
+    ],
+)
+def test_a_prior_is_smoothed_only_if_every_length_explains_more(
+    energies: list[float], length: float | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    surface, left = body(3), list(energies)
+    problem = Problem.make(surface.vertices, surface.faces, np.eye(4), wall(surface.vertices[:50]), Settings())
+    monkeypatch.setattr(choice, "_glimpse", lambda *_: left.pop(0))
+    found = choice.smoother(SimpleNamespace(problem=problem, state=None, energy=100.0))  # type: ignore[arg-type]
+    assert left == []
+    assert (found and found[0]) == (length and pytest.approx(length * problem.size))

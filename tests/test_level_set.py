@@ -287,3 +287,11 @@ def test_the_prior_holds_less_where_the_motion_is_in_doubt() -> None:
     found = _doubt(case, replace(start, surface=replace(start.surface, fields={"sd_mm": sd})))
     assert found[2] == pytest.approx(1.5 * found[1])
     assert found[0] == 2.0
+
+
+@pytest.mark.parametrize(("factor", "said"), [(1.1, "33% more"), (0.9, "27% less")])
+def test_a_mesh_that_encloses_far_more_or_less_than_its_wall_is_an_error(factor: float, said: str) -> None:
+    wall = meshed(round_distance(14.0), 18.0)
+    LevelSet()._check_mesh(wall.with_vertices(1.05 * wall.vertices), wall, "mm")
+    with pytest.raises(SolverError, match=said):
+        LevelSet()._check_mesh(wall.with_vertices(factor * wall.vertices), wall, "mm")
