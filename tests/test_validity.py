@@ -7,6 +7,7 @@ import pytest
 from tiny import sphere
 
 from o3dls.geometry import Surface, outline
+from o3dls.io.labels import mask_surface
 from o3dls.validity import components, euler, faults, flipped_faces, self_intersections, validity
 
 CLEAN = {"watertight": True, "components": 1, "euler": 2, "self_intersections": 0, "flipped_faces": 0}
@@ -80,3 +81,11 @@ def test_faults_name_what_the_result_has_and_the_prior_has_not() -> None:
         "the surface is not watertight", "the surface has 3 components, the prior 1",
     ]  # fmt: skip
     assert faults(good | {"volume_change": -2.0}, good) == ["the surface is inside out"]
+
+
+def test_faces_side_by_side_in_one_plane_do_not_cross_however_they_are_turned() -> None:
+    """The slanting sides of a label volume's surface."""
+    octahedron = mask_surface(np.abs(np.indices((24, 24, 24)) - 11.5).sum(axis=0) < 10.0, np.eye(4), np.ones(3))
+    for seed in range(6):
+        turn = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))[0]
+        assert self_intersections(octahedron.with_vertices(octahedron.vertices @ turn + 50.0)) == 0
