@@ -61,11 +61,12 @@ def unfold(rest: Array, moved: Array, faces: Ints, rounds: int = 12) -> tuple[Ar
     adjacency = neighbours(faces, len(rest))
     laplacian = diags(np.asarray(adjacency.sum(axis=1)).ravel()) - adjacency
     bending = csr_matrix(laplacian.T @ laplacian)
+    finer = int(np.ceil(np.sqrt(len(rest) / ENOUGH)))  # a ring of a fine mesh is narrow
     zone = np.zeros(len(rest), dtype=bool)
     for attempt in range(rounds):
         patch = np.zeros(len(rest), dtype=bool)
         patch[faces[turned]] = True
-        for _ in range(2 + attempt // 2):
+        for _ in range(finer * (2 + attempt // 2)):
             patch |= (adjacency @ patch.astype(np.float64)) > 0.0
         if not (patch & ~zone).any():  # the same faces are turned still: wider around them
             continue
