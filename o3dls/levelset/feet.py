@@ -26,23 +26,24 @@ def likely_feet(tree: ClosestPoint, points: Array, sd: Array, rest: Places) -> F
     The normals are means of unit normals: shorter where walls of several directions compete, and so is what the point tells.
     """
     dim = points.shape[1]
+    axes = (0,) * dim  # the compiler knows how long a tuple is, and unrolls the kernels' loops over it
     closest2, nearest, _, _ = tree.query(points)
     normals = vertex_normals(tree.vertices, tree.faces)
     spatial = np.zeros((len(points), 3))
     spatial[:, :dim] = points
-    centres = _elements(tree.corners, tree.in_order, normals, rest.at, rest.normals)
-    tree_of = (tree.corners, tree.leaves, tree.boxes, tree.in_order, centres, _nodes(centres, tree.leaves, tree.boxes))
-    sums = _expected(spatial, sd**2, closest2, tree.rank[nearest], *tree_of, normals, rest.at, rest.normals)
+    centres = _elements(axes, tree.corners, tree.in_order, normals, rest.at, rest.normals)
+    tree_of = (tree.corners, tree.leaves, tree.boxes, tree.in_order, centres, _nodes(axes, centres, tree.leaves, tree.boxes))
+    sums = _expected(axes, spatial, sd**2, closest2, tree.rank[nearest], *tree_of, normals, rest.at, rest.normals)
     at, mean, along, height, moved = np.split(sums, [dim, 2 * dim, 2 * dim + 1, 2 * dim + 2], axis=1)
     residual = height[:, 0] + (mean * moved).sum(axis=1)  # from the foot's place in the reference pose
     return Feet(at, mean, along[:, 0], residual)
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def _element(corners, faces, k, share, normals, rest, rest_normals, out):  # type: ignore[no-untyped-def]
+def _element(axes, corners, faces, k, share, normals, rest, rest_normals, out):  # type: ignore[no-untyped-def]
     """Write what face k holds at barycentric weights `share`: rest place, normal, its share along the rest normal, normal . place,
     displacement; then the place, the face's measure and its greatest squared edge."""
-    dim = rest.shape[1]
+    dim = len(axes)
     length = rest_length = agreement = height = 0.0
     for axis in range(dim):
         normal = rest_normal = place = origin = 0.0
@@ -65,12 +66,12 @@ def _element(corners, faces, k, share, normals, rest, rest_normals, out):  # typ
 
 
 @njit(cache=True, error_model="numpy")
-def _elements(corners, faces, normals, rest, rest_normals):  # type: ignore[no-untyped-def]
+def _elements(axes, corners, faces, normals, rest, rest_normals):  # type: ignore[no-untyped-def]
     """What every face holds at its centre, (m, 4 d + 4), in tree order."""
-    m, dim = faces.shape
+    m, dim = len(faces), len(axes)
     out, share = np.empty((m, 4 * dim + 4)), np.full(dim, 1.0 / dim)
     for k in range(m):
-        _element(corners, faces, k, share, normals, rest, rest_normals, out[k])
+        _element(axes, corners, faces, k, share, normals, rest, rest_normals, out[k])
         ux, uy, uz = corners[k, 1, 0] - corners[k, 0, 0], corners[k, 1, 1] - corners[k, 0, 1], corners[k, 1, 2] - corners[k, 0, 2]
         vx, vy, vz = corners[k, 2, 0] - corners[k, 0, 0], corners[k, 2, 1] - corners[k, 0, 1], corners[k, 2, 2] - corners[k, 0, 2]
         x, y, z = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
@@ -81,9 +82,9 @@ def _elements(corners, faces, normals, rest, rest_normals):  # type: ignore[no-u
 
 
 @njit(cache=True, error_model="numpy")
-def _nodes(centres, leaves, boxes):  # type: ignore[no-untyped-def]
+def _nodes(axes, centres, leaves, boxes):  # type: ignore[no-untyped-def]
     """What every node of the tree holds: the means of its faces, their measure, and the squared diagonal of its box."""
-    m, width = centres.shape
+    m, width = len(centres), 4 * len(axes) + 4
     out = np.zeros((2 * leaves - 1, width))
     for leaf in range(leaves):
         node = leaves - 1 + leaf
@@ -103,9 +104,9 @@ def _nodes(centres, leaves, boxes):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def _add(means, points, i, elements, k, closest2, sd2):  # type: ignore[no-untyped-def]
+def _add(axes, means, points, i, elements, k, closest2, sd2):  # type: ignore[no-untyped-def]
     """Add to row i of the sums what element k holds, by its weight, which is returned. Indices, because array views cost more."""
-    dim = (elements.shape[1] - 4) // 4
+    dim = len(axes)
     gap = 0.0
     for axis in range(dim):
         gap += (points[i, axis] - elements[k, 3 * dim + 2 + axis]) ** 2
@@ -118,10 +119,10 @@ def _add(means, points, i, elements, k, closest2, sd2):  # type: ignore[no-untyp
 
 
 @njit(cache=True, error_model="numpy")
-def _expected(points, sd2, closest2, nearest, corners, leaves, boxes, faces, centres, nodes, normals, rest, rest_normals):  # type: ignore[no-untyped-def]
+def _expected(axes, points, sd2, closest2, nearest, corners, leaves, boxes, faces, centres, nodes, normals, rest, rest_normals):  # type: ignore[no-untyped-def]
     """Means (n, 3 d + 2) of what the faces hold, with weights measure * exp(-squared distance / 2 sd2); the height is that of
     the point over the face."""
-    n, m, dim = points.shape[0], faces.shape[0], rest.shape[1]
+    n, m, dim = len(points), len(faces), len(axes)
     size = 3 * dim + 2
     means = np.zeros((n, size))
     stack, share, own = np.empty(128, dtype=np.int64), np.empty(3), np.empty((1, 4 * dim + 4))
@@ -135,7 +136,7 @@ def _expected(points, sd2, closest2, nearest, corners, leaves, boxes, faces, cen
             if _gap(x, y, z, boxes, node) > limit:
                 continue
             if nodes[node, 4 * dim + 3] < FINE * sd2[i]:
-                total += _add(means, points, i, nodes, node, closest2[i], sd2[i])
+                total += _add(axes, means, points, i, nodes, node, closest2[i], sd2[i])
                 continue
             if node < leaves - 1:
                 stack[top], stack[top + 1] = 2 * node + 1, 2 * node + 2
@@ -144,7 +145,7 @@ def _expected(points, sd2, closest2, nearest, corners, leaves, boxes, faces, cen
             leaf = node - (leaves - 1)
             for k in range(leaf * m // leaves, (leaf + 1) * m // leaves):
                 if centres[k, 4 * dim + 3] < FINE * sd2[i]:
-                    total += _add(means, points, i, centres, k, closest2[i], sd2[i])
+                    total += _add(axes, means, points, i, centres, k, closest2[i], sd2[i])
                     continue
                 gap, share[1], share[2] = _nearest(x, y, z, corners, k)  # a face large against the noise is seen at its closest point
                 if gap > limit:
@@ -152,9 +153,9 @@ def _expected(points, sd2, closest2, nearest, corners, leaves, boxes, faces, cen
                 share[0] = 1.0 - share[1] - share[2]
                 if dim == 2:  # a segment is a triangle whose last two corners coincide
                     share[1] += share[2]
-                _element(corners, faces, k, share, normals, rest, rest_normals, own[0])
+                _element(axes, corners, faces, k, share, normals, rest, rest_normals, own[0])
                 own[0, 4 * dim + 2] = centres[k, 4 * dim + 2]
-                total += _add(means, points, i, own, 0, closest2[i], sd2[i])
+                total += _add(axes, means, points, i, own, 0, closest2[i], sd2[i])
         if total == 0.0:  # far off a sharp edge: total = 0 by underflow
             total = 1.0
             for q in range(size):
