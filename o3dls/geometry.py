@@ -75,8 +75,8 @@ class Surface:
     @property
     def volume(self) -> float:
         """Enclosed volume (3D) or area (2D), positive for outward winding; only meaningful where watertight."""
-        centres = self.vertices[self.faces].mean(axis=1) - self.vertices.mean(axis=0)
-        return float((centres * self.face_area_vectors).sum() / self.dimension)
+        corners = self.vertices[self.faces[:, 0]] - self.vertices.mean(axis=0)
+        return float((corners * self.face_area_vectors).sum() / self.dimension)
 
     @property
     def diagonal(self) -> float:

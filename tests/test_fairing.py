@@ -125,9 +125,9 @@ def test_an_uneven_mesh_does_not_drift_along_the_wall() -> None:
 @pytest.mark.parametrize(
     ("energies", "length"),
     [
-        ([96.0, 95.0, 94.0, 93.0], 0.6),  # of the longest as it is, which may have folded; then, mended, from the shortest on
+        ([96.0, 95.0, 94.0, 93.0], 0.6),  # of the shortest as it is, which may have folded; then, mended, from the shortest on
         ([96.0, 92.0, 94.0, 93.0], 0.35),
-        ([96.0, 95.0, 101.0], None),  # what the longest gains, no shorter one may lose
+        ([96.0, 95.0, 101.0], None),  # what the shortest gains, no longer one may lose
         ([96.0, 101.0], None),
         ([98.0], None),  # less than three nats
     ],

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..geometry import Array, apply, fit_similarity
-from .closest import ClosestPoint
 from .covariance import Places, grams
 from .evidence import Scales, assemble, flattery, free_energy, left_out, solve, tune
 from .fairing import fair
@@ -101,28 +100,25 @@ def smoother(run: Run) -> Faired | None:
     """The prior as the points would have it smoothed, if they would.
 
     A smoother prior is looked at where the fit has come to, with its motion, noise and beliefs: detail that the wall has is
-    missed at once there, before another motion could make up for it. What the longest length gains, no shorter one may lose.
+    missed at once there, before another motion could make up for it. What the shortest length gains, no longer one may lose.
     """
     problem = run.problem
     lengths = sorted(problem.size * x for x in problem.settings.fairing)
-    if not lengths:
-        return None
-    longest = fair(problem.rest.at, problem.faces, lengths[-1])
-    if _glimpse(problem, run.state, longest) > run.energy - problem.settings.fairing_nats:
-        return None
     found: list[tuple[float, float, Array]] = []
-    for length in lengths:  # the shortest first: it folds least, and so is mended soonest
-        at = longest if length == lengths[-1] else fair(problem.rest.at, problem.faces, length)
+    for length in lengths:
+        at = fair(problem.rest.at, problem.faces, length)
+        if length == lengths[0] and _glimpse(problem, run.state, at) > run.energy - problem.settings.fairing_nats:
+            return None
         at = unfold(problem.rest.at, at, problem.faces)[0]  # parts thinner than the length have folded
         found.append((_glimpse(problem, run.state, at), length, at))
         if found[-1][0] >= run.energy:
             return None
-    return min(found, key=lambda one: one[0])[1:]
+    return min(found, key=lambda one: one[0])[1:] if found else None
 
 
 def _glimpse(problem: Problem, state: State, at: Array) -> float:
     """Free energy of a prior whose vertices rest at `at`, after a few rounds from a state of this one."""
-    seen = replace(problem, rest=Places(at, vertex_normals(at, problem.faces)), tree=ClosestPoint(at, problem.faces))
+    seen = replace(problem, rest=Places(at, vertex_normals(at, problem.faces)))
     state = replace(state, feet_on=at + state.moved - problem.rest.at)
     for _ in range(GLIMPSE_ROUNDS):
         state, _, record = seen.step(state, LATE, tuning=False)
