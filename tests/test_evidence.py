@@ -11,7 +11,7 @@ from o3dls.errors import SolverError
 from o3dls.geometry import Array
 from o3dls.levelset import evidence
 from o3dls.levelset.covariance import Observed, cross, grams, variance
-from o3dls.levelset.evidence import Scales, assemble, flattery, free_energy, left_out, posterior_variance, solve, tune
+from o3dls.levelset.evidence import Scales, assemble, flattery, free_energy, left_out, posterior_variance, solve, tune, tune_noise
 from o3dls.levelset.rows import Feet, Rows, gather, points_left_out
 
 LOG = np.log([1.4, 0.6, 0.04, 0.05, 1.3])  # vector field, normal field, bend, strain, noise
@@ -63,6 +63,25 @@ def test_gradient_of_the_evidence_against_central_differences(monkeypatch: pytes
     for k in range(len(at)):
         step = np.eye(len(at))[k] * 1e-5
         assert slope[k] == pytest.approx((kept[0](at + step)[0] - kept[0](at - step)[0]) / 2e-5, rel=1e-5, abs=1e-5)
+
+
+@pytest.mark.parametrize("groups", [1, 2])
+def test_noise_beside_few_features_is_tuned_as_with_their_whole_covariance(monkeypatch: pytest.MonkeyPatch, groups: int) -> None:
+    kept = []
+
+    def catch(objective, x, **_):  # type: ignore[no-untyped-def]
+        kept.append(objective)
+        return SimpleNamespace(x=x)
+
+    monkeypatch.setattr(evidence, "minimize", catch)
+    rows, noises = rows_of(60, 41_143, np.random.default_rng(3_571).uniform(0.05, 1.0, 60), groups), scales(groups).noise_alone()
+    seen = np.einsum("na,nak->nk", rows.observed.directions, covariance(3).similarity(rows.observed.at))
+    tune(noises, seen @ seen.T, [], rows)
+    tune_noise(noises, seen, rows)
+    for shift in (-1.0, 0.0, 2.0):
+        whole, few = (objective(noises.log + shift) for objective in kept)
+        assert few[0] == pytest.approx(whole[0], rel=1e-8)
+        np.testing.assert_allclose(few[1], whole[1], rtol=1e-6)
 
 
 def test_left_out_is_a_refit_without_the_point() -> None:

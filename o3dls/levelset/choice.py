@@ -8,7 +8,7 @@ import numpy as np
 
 from ..geometry import Array, apply, fit_similarity
 from .covariance import Places, grams
-from .evidence import Scales, assemble, flattery, free_energy, left_out, solve, tune
+from .evidence import Scales, assemble, flattery, free_energy, left_out, solve, tune_noise
 from .fairing import fair
 from .motion import State
 from .problem import LATE, Faired, Problem, Run
@@ -81,7 +81,7 @@ def _pose_alone(problem: Problem, free: float, clear: float) -> _Alone:
         rows = problem.rows(feet, state)
         seen = free * np.einsum("na,nak->nk", rows.observed.directions, problem.covariance.similarity(rows.observed.at))
         fixed = seen @ seen.T
-        scales = replace(state.scales, log=tune(state.scales, fixed, [], rows))
+        scales = replace(state.scales, log=tune_noise(state.scales, seen, rows))
         matrix, noise = assemble(scales.log, fixed, [], rows)
         posterior, _ = solve(matrix, rows.residual)
         residual, var = points_left_out(rows, feet, state.weights, noise, *left_out(posterior, noise), scales.noises, problem.data)

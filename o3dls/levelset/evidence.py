@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +13,8 @@ from scipy.optimize import minimize
 from ..errors import SolverError
 from ..geometry import Array
 from .rows import Rows
+
+Terms = tuple[float, list[float], Array]  # -log evidence, its slopes along the logarithms of amplitudes, and of each row's noise (n,)
 
 
 @dataclass(frozen=True)
@@ -67,23 +70,49 @@ class Scales:
 
 def tune(scales: Scales, fixed: Array, parts: list[Array], rows: Rows, steps: int = 12) -> Array:
     """Logarithms that maximise evidence times log-normal priors (MacKay 1992), by L-BFGS on the exact gradient."""
-    squares, degrees = rows.scatter
 
-    def objective(log: Array) -> tuple[float, Array]:
+    def terms(log: Array) -> Terms:
         matrix, noise = assemble(log, fixed, parts, rows)
-        pull = (log - scales.centre) / scales.spread
         try:
             posterior, inverse = solve(matrix, rows.residual)
         except SolverError:
-            return 1e12, pull / scales.spread  # a step too far: the line search comes back
+            return np.inf, [], noise
         slope = inverse - np.outer(posterior.alpha, posterior.alpha)
+        slopes = [float(np.vdot(slope, part)) * np.exp(2.0 * log[k]) for k, part in enumerate(parts)]
+        return posterior.energy, slopes, noise * np.diag(slope)
+
+    return _likeliest(scales, rows, terms, steps)
+
+
+def tune_noise(scales: Scales, features: Array, rows: Rows, steps: int = 12) -> Array:
+    """The same for noise levels alone, where the covariance is that of few `features` (n, k): `fixed` is features features^T, and its
+    inverse with the noise is had from a (k, k) matrix (Woodbury's identity)."""
+
+    def terms(log: Array) -> Terms:
+        noise, z = _noise(log, rows), rows.residual
+        weighted = features / noise[:, None]
+        factor = np.linalg.cholesky(np.eye(features.shape[1]) + features.T @ weighted)
+        half = solve_triangular(factor, weighted.T, lower=True, check_finite=False)
+        alpha, precision = z / noise - (half @ z) @ half, 1.0 / noise - (half**2).sum(axis=0)
+        energy = 0.5 * float(z @ alpha + np.log(noise).sum()) + float(np.log(np.diag(factor)).sum())
+        return energy, [], noise * (precision - alpha**2)
+
+    return _likeliest(scales, rows, terms, steps)
+
+
+def _likeliest(scales: Scales, rows: Rows, terms: Callable[[Array], Terms], steps: int) -> Array:
+    """Logarithms (k,) at the minimum of -log evidence, whose `terms` are those of the rows alone, and of the priors."""
+    squares, degrees = rows.scatter
+
+    def objective(log: Array) -> tuple[float, Array]:
+        pull = (log - scales.centre) / scales.spread
+        energy, of_fields, of_rows = terms(log)
+        if not np.isfinite(energy):
+            return 1e12, np.asarray(pull / scales.spread)  # a step too far: the line search comes back
         within = squares * np.exp(-2.0 * log[scales.fields :])
-        gradient = np.empty_like(log)
-        for k, part in enumerate(parts):
-            gradient[k] = np.vdot(slope, part) * np.exp(2.0 * log[k])
-        gradient[scales.fields :] = np.bincount(rows.group, np.diag(slope) * noise, minlength=len(squares)) - within + degrees
-        energy = posterior.energy + float(0.5 * within.sum() + degrees @ log[scales.fields :])
-        return energy + 0.5 * float(pull @ pull), gradient + pull / scales.spread
+        of_noises = np.bincount(rows.group, of_rows, minlength=len(squares)) - within + degrees
+        energy += float(0.5 * within.sum() + degrees @ log[scales.fields :]) + 0.5 * float(pull @ pull)
+        return energy, np.r_[of_fields, of_noises] + pull / scales.spread
 
     limits = [(low, None) for low in scales.least]
     found = minimize(
@@ -97,9 +126,13 @@ def assemble(log: Array, fixed: Array, parts: list[Array], rows: Rows) -> tuple[
     matrix = fixed.copy()
     for k, part in enumerate(parts):
         matrix += np.exp(2.0 * log[k]) * part
-    noise = (np.exp(log[len(parts) :])[rows.group] * rows.relative) ** 2
+    noise = _noise(log[len(parts) :], rows)
     matrix[np.diag_indices_from(matrix)] += noise
     return matrix, noise
+
+
+def _noise(log: Array, rows: Rows) -> Array:
+    return np.asarray((np.exp(log)[rows.group] * rows.relative) ** 2)
 
 
 def free_energy(posterior: Posterior, log_noise: Array, rows: Rows) -> float:
