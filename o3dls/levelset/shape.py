@@ -23,6 +23,12 @@ def vertex_normals(vertices: Array, faces: Ints) -> Array:
     return np.asarray(_normals(vertices, faces)[0])
 
 
+def face_normals(vertices: Array, faces: Ints) -> Array:
+    """Unit normals (m, d) of the faces; zero where a face has no area."""
+    areas = _normals(vertices, faces)[1]
+    return np.asarray(areas / np.maximum(np.sqrt(np.einsum("md,md->m", areas, areas)), 1e-300)[:, None])
+
+
 def unit_mean(vectors: Array, corner: Ints, bary: Array) -> Array:
     """Unit vectors (k, d): vectors (n, d) of the vertices, interpolated at corners (k, d) with barycentric weights (k, d)."""
     mean = (vectors[corner] * bary[:, :, None]).sum(axis=1)

@@ -11,7 +11,7 @@ from scipy.sparse.linalg import splu
 from scipy.spatial import cKDTree
 
 from ..geometry import Array, Ints, Surface, crossed_by
-from .shape import neighbours, vertex_normals
+from .shape import face_normals, neighbours, vertex_normals
 
 Mask = NDArray[np.bool_]
 LEAST_COSINE = 0.25  # between a face's normal and where its surroundings' rotation took it: beyond 75 degrees it is folding
@@ -88,8 +88,8 @@ def unfold(rest: Array, moved: Array, faces: Ints, rounds: int = 12) -> tuple[Ar
 
 def _turned(rest: Array, moved: Array, faces: Ints) -> Mask:
     """Faces (m,) that turned over against their surroundings: what turned together has moved, and what turned alone is folded."""
-    before, after = Surface(rest, faces).face_normals, Surface(moved, faces).face_normals
-    turned = np.asarray((before * after).sum(axis=1) < LEAST_COSINE)  # all that can have folded
+    before, after = face_normals(rest, faces), face_normals(moved, faces)
+    turned = np.asarray(np.einsum("md,md->m", before, after) < LEAST_COSINE)  # all that can have folded
     which = np.flatnonzero(turned)
     if len(which):
         carried = np.einsum("nij,nj->ni", _rotations(rest, moved, faces, which, before[which]), before[which])
