@@ -84,6 +84,23 @@ def test_noise_beside_few_features_is_tuned_as_with_their_whole_covariance(monke
         np.testing.assert_allclose(few[1], whole[1], rtol=1e-6)
 
 
+def test_no_step_of_the_line_search_overflows(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Points in a plane that are all believed once asked for amplitudes beyond e^354."""
+    kept = []
+
+    def catch(objective, x, **_):  # type: ignore[no-untyped-def]
+        kept.append(objective)
+        return SimpleNamespace(x=x)
+
+    monkeypatch.setattr(evidence, "minimize", catch)
+    rows = rows_of(60, 2_203)
+    tune(scales(1), *grams(covariance(3), rows.observed), rows)
+    for step in (90.0, 400.0):
+        energy, slope = kept[0](scales(1).log + step)
+        assert energy > kept[0](scales(1).log)[0]
+        assert np.isfinite(slope).all()
+
+
 def test_left_out_is_a_refit_without_the_point() -> None:
     rows = rows_of(30, 82_903)
     matrix, noise = assemble(LOG, *grams(covariance(3), rows.observed), rows)

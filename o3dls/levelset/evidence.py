@@ -14,6 +14,7 @@ from ..errors import SolverError
 from ..geometry import Array
 from .rows import Rows
 
+FARTHEST = 100.0  # logarithms: a longer step leads to what is no number
 Terms = tuple[float, list[float], Array]  # -log evidence, its slopes along the logarithms of amplitudes, and of each row's noise (n,)
 
 
@@ -106,9 +107,10 @@ def _likeliest(scales: Scales, rows: Rows, terms: Callable[[Array], Terms], step
 
     def objective(log: Array) -> tuple[float, Array]:
         pull = (log - scales.centre) / scales.spread
-        energy, of_fields, of_rows = terms(log)
+        too_far = (log - scales.log).max() > FARTHEST
+        energy, of_fields, of_rows = (np.inf, [], log) if too_far else terms(log)
         if not np.isfinite(energy):
-            return 1e12, np.asarray(pull / scales.spread)  # a step too far: the line search comes back
+            return 1e12, np.asarray(pull / scales.spread)  # the line search comes back
         within = squares * np.exp(-2.0 * log[scales.fields :])
         of_noises = np.bincount(rows.group, of_rows, minlength=len(squares)) - within + degrees
         energy += float(0.5 * within.sum() + degrees @ log[scales.fields :]) + 0.5 * float(pull @ pull)
