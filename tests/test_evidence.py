@@ -1,5 +1,6 @@
 """The Bayesian algebra against what defines it: numpy's dense formulas, central differences, and refits without a point."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -14,6 +15,7 @@ from o3dls.levelset.covariance import Observed, cross, grams, variance
 from o3dls.levelset.evidence import Scales, assemble, flattery, free_energy, left_out, posterior_variance, solve, tune, tune_noise
 from o3dls.levelset.rows import Feet, Rows, gather, points_left_out
 
+Objective = Callable[[Array], tuple[float, Array]]
 LOG = np.log([1.4, 0.6, 0.04, 0.05, 1.3])  # vector field, normal field, bend, strain, noise
 FIELDS = len(LOG) - 1
 
@@ -45,59 +47,51 @@ def test_solve_is_the_dense_formula() -> None:
         solve(matrix - 1e6 * np.eye(50), rows.residual)
 
 
-@pytest.mark.parametrize("groups", [1, 2])
-@pytest.mark.parametrize("merged", [False, True])
-def test_gradient_of_the_evidence_against_central_differences(monkeypatch: pytest.MonkeyPatch, groups: int, merged: bool) -> None:
-    kept = []
+@pytest.fixture
+def minimised(monkeypatch: pytest.MonkeyPatch) -> list[Objective]:
+    """The functions that tuning hands to the minimiser, which is kept from running."""
+    kept: list[Objective] = []
 
-    def catch(objective, x, **_):  # type: ignore[no-untyped-def]
+    def catch(objective: Objective, x: Array, **_: object) -> SimpleNamespace:
         kept.append(objective)
         return SimpleNamespace(x=x)
 
     monkeypatch.setattr(evidence, "minimize", catch)
+    return kept
+
+
+@pytest.mark.parametrize("groups", [1, 2])
+@pytest.mark.parametrize("merged", [False, True])
+def test_gradient_of_the_evidence_against_central_differences(minimised: list[Objective], groups: int, merged: bool) -> None:
     weights = np.random.default_rng(7_919).uniform(0.05, 1.0, 60)
     rows = rows_of(60, 55_439, weights, groups, most=20 if merged else 1000)
     tune(scales(groups), *grams(covariance(3), rows.observed), rows)
     at = scales(groups).log + 0.1
-    slope = kept[0](at)[1]
+    slope = minimised[0](at)[1]
     for k in range(len(at)):
         step = np.eye(len(at))[k] * 1e-5
-        assert slope[k] == pytest.approx((kept[0](at + step)[0] - kept[0](at - step)[0]) / 2e-5, rel=1e-5, abs=1e-5)
+        assert slope[k] == pytest.approx((minimised[0](at + step)[0] - minimised[0](at - step)[0]) / 2e-5, rel=1e-5, abs=1e-5)
 
 
 @pytest.mark.parametrize("groups", [1, 2])
-def test_noise_beside_few_features_is_tuned_as_with_their_whole_covariance(monkeypatch: pytest.MonkeyPatch, groups: int) -> None:
-    kept = []
-
-    def catch(objective, x, **_):  # type: ignore[no-untyped-def]
-        kept.append(objective)
-        return SimpleNamespace(x=x)
-
-    monkeypatch.setattr(evidence, "minimize", catch)
+def test_noise_beside_few_features_is_tuned_as_with_their_whole_covariance(minimised: list[Objective], groups: int) -> None:
     rows, noises = rows_of(60, 41_143, np.random.default_rng(3_571).uniform(0.05, 1.0, 60), groups), scales(groups).noise_alone()
     seen = np.einsum("na,nak->nk", rows.observed.directions, covariance(3).similarity(rows.observed.at))
     tune(noises, seen @ seen.T, [], rows)
     tune_noise(noises, seen, rows)
     for shift in (-1.0, 0.0, 2.0):
-        whole, few = (objective(noises.log + shift) for objective in kept)
+        whole, few = (objective(noises.log + shift) for objective in minimised)
         assert few[0] == pytest.approx(whole[0], rel=1e-8)
         np.testing.assert_allclose(few[1], whole[1], rtol=1e-6)
 
 
-def test_no_step_of_the_line_search_overflows(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_step_of_the_line_search_overflows(minimised: list[Objective]) -> None:
     """Points in a plane that are all believed once asked for amplitudes beyond e^354."""
-    kept = []
-
-    def catch(objective, x, **_):  # type: ignore[no-untyped-def]
-        kept.append(objective)
-        return SimpleNamespace(x=x)
-
-    monkeypatch.setattr(evidence, "minimize", catch)
     rows = rows_of(60, 2_203)
     tune(scales(1), *grams(covariance(3), rows.observed), rows)
     for step in (90.0, 400.0):
-        energy, slope = kept[0](scales(1).log + step)
-        assert energy > kept[0](scales(1).log)[0]
+        energy, slope = minimised[0](scales(1).log + step)
+        assert energy > minimised[0](scales(1).log)[0]
         assert np.isfinite(slope).all()
 
 

@@ -102,12 +102,10 @@ def smoother(run: Run) -> Faired | None:
     A smoother prior is looked at where the fit has come to, with its motion, noise and beliefs: detail that the wall has is
     missed at once there, before another motion could make up for it. What the shortest length gains, no longer one may lose.
     """
-    problem = run.problem
-    lengths = sorted(problem.size * x for x in problem.settings.fairing)
-    found: list[tuple[float, float, Array]] = []
-    for length in lengths:
+    problem, found = run.problem, list[tuple[float, float, Array]]()
+    for length in sorted(problem.size * x for x in problem.settings.fairing):
         at = fair(problem.rest.at, problem.faces, length)
-        if length == lengths[0] and _glimpse(problem, run.state, at) > run.energy - problem.settings.fairing_nats:
+        if not found and _glimpse(problem, run.state, at) > run.energy - problem.settings.fairing_nats:
             return None
         at = unfold(problem.rest.at, at, problem.faces)[0]  # parts thinner than the length have folded
         found.append((_glimpse(problem, run.state, at), length, at))

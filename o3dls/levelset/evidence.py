@@ -74,10 +74,7 @@ def tune(scales: Scales, fixed: Array, parts: list[Array], rows: Rows, steps: in
 
     def terms(log: Array) -> Terms:
         matrix, noise = assemble(log, fixed, parts, rows)
-        try:
-            posterior, inverse = solve(matrix, rows.residual)
-        except SolverError:
-            return np.inf, [], noise
+        posterior, inverse = solve(matrix, rows.residual)
         slope = inverse - np.outer(posterior.alpha, posterior.alpha)
         slopes = [float(np.vdot(slope, part)) * np.exp(2.0 * log[k]) for k, part in enumerate(parts)]
         return posterior.energy, slopes, noise * np.diag(slope)
@@ -107,10 +104,13 @@ def _likeliest(scales: Scales, rows: Rows, terms: Callable[[Array], Terms], step
 
     def objective(log: Array) -> tuple[float, Array]:
         pull = (log - scales.centre) / scales.spread
-        too_far = (log - scales.log).max() > FARTHEST
-        energy, of_fields, of_rows = (np.inf, [], log) if too_far else terms(log)
-        if not np.isfinite(energy):
-            return 1e12, np.asarray(pull / scales.spread)  # the line search comes back
+        too_far = 1e12, np.asarray(pull / scales.spread)  # the line search comes back
+        if (log - scales.log).max() > FARTHEST:
+            return too_far
+        try:
+            energy, of_fields, of_rows = terms(log)
+        except SolverError:
+            return too_far
         within = squares * np.exp(-2.0 * log[scales.fields :])
         of_noises = np.bincount(rows.group, of_rows, minlength=len(squares)) - within + degrees
         energy += float(0.5 * within.sum() + degrees @ log[scales.fields :]) + 0.5 * float(pull @ pull)
