@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import textwrap
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -119,21 +120,19 @@ def _table(figure: Figure, subject: Subject, box: tuple[float, float, float, flo
         sets, rows = [*sets[: MOST_COLUMNS - 1], sets[-1]], [(name, [*cells[: MOST_COLUMNS - 1], cells[-1]]) for name, cells in rows]
     axes = figure.add_axes(box)
     axes.set_axis_off()
-    heads = [_wrapped(SETS[group] + " (seen by the fit)" * (group == "fitted"), 12) for group in sets]
+    heads = [textwrap.fill(SETS[group] + " (seen by the fit)" * (group == "fitted"), 12, break_long_words=False) for group in sets]
     cells = [[drawable(name), *values] for name, values in rows[-MOST_ROWS:]]
     drawn = axes.table(cells, colLabels=[f"mean, {subject.unit}", *heads], loc="upper left", cellLoc="right", edges="horizontal")
     drawn.auto_set_font_size(False)
-    drawn.set_fontsize(8)
     drawn.scale(1, 1.25)
     for (row, column), cell in drawn.get_celld().items():
         cell.set_edgecolor("#c9ced6")
         cell.set_height(cell.get_height() * (HEAD_LINES * 0.75 if row == 0 else 1.0))
         cell.get_text().set_parse_math(False)
+        cell.get_text().set_fontsize(7 if row == 0 else 8)  # the longest word of a head fills its column
         if column == 0:
             cell.get_text().set_horizontalalignment("left")
 
 
 def _wrapped(text: str, width: int) -> str:
-    import textwrap
-
-    return "\n".join(textwrap.wrap(drawable(text, 2000), width))
+    return textwrap.fill(drawable(text, 2000), width)
