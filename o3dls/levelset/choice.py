@@ -9,7 +9,7 @@ import numpy as np
 from ..geometry import Array, apply, fit_similarity
 from .covariance import Places, grams
 from .evidence import Scales, assemble, flattery, free_energy, left_out, solve, tune_noise
-from .fairing import fair
+from .fairing import fair, roughness
 from .motion import State
 from .problem import LATE, Faired, Problem, Run
 from .rows import points_left_out
@@ -100,18 +100,21 @@ def smoother(run: Run) -> Faired | None:
     """The prior as the points would have it smoothed, if they would.
 
     A smoother prior is looked at where the fit has come to, with its motion, noise and beliefs: detail that the wall has is
-    missed at once there, before another motion could make up for it. What the shortest length gains, no longer one may lose.
+    missed at once there, before another motion could make up for it. As much as the best length must gain, none may lose.
     """
-    problem, found = run.problem, list[tuple[float, float, Array]]()
-    for length in sorted(problem.size * x for x in problem.settings.fairing):
-        at = fair(problem.rest.at, problem.faces, length)
-        if not found and _glimpse(problem, run.state, at) > run.energy - problem.settings.fairing_nats:
+    problem, settings, at = run.problem, run.problem.settings, run.problem.rest.at
+    found, most = list[tuple[float, float, Array]](), run.energy + settings.fairing_nats
+    normals = vertex_normals(at - problem.rough, problem.faces)  # a smooth wall's: along its own, one of stairs folds at every step
+    for length in sorted(problem.size * x for x in settings.fairing):
+        smooth = fair(at, roughness(at, problem.faces, length), normals)
+        if not found and _glimpse(problem, run.state, smooth) > most:  # most walls end here, before folds take their time
             return None
-        at = unfold(problem.rest.at, at, problem.faces)[0]  # parts thinner than the length have folded
-        found.append((_glimpse(problem, run.state, at), length, at))
-        if found[-1][0] >= run.energy:
+        smooth = unfold(at, smooth, problem.faces)[0]  # parts thinner than the length have folded
+        found.append((_glimpse(problem, run.state, smooth), length, smooth))
+        if found[-1][0] > most:
             return None
-    return min(found, key=lambda one: one[0])[1:] if found else None
+    best = min(found, key=lambda one: one[0], default=None)
+    return best[1:] if best is not None and best[0] < run.energy - settings.fairing_nats else None
 
 
 def _glimpse(problem: Problem, state: State, at: Array) -> float:

@@ -6,17 +6,24 @@ import numpy as np
 from numba import njit
 
 from ..geometry import Array, Ints
-from .shape import neighbours, vertex_normals
+from .shape import neighbours
 
 PRECISION = 1e-3  # of the smoothed positions, in rms radii: far below any noise
 MOST_STEPS = 5000  # some 150 are usual
 
 
-def fair(vertices: Array, faces: Ints, length: float) -> Array:
-    """Vertices (n, d) where smoothing over `length` puts them: less their twice high-passed positions, on a surface along its normals.
+def fair(vertices: Array, rough: Array, normals: Array) -> Array:
+    """Vertices (n, d) less their roughness (n, d), of which only what is along the normals (n, d) counts on a surface."""
+    if vertices.shape[1] == 2:
+        return vertices - rough  # a curve that shortens as a whole does not come to cross itself
+    return np.asarray(vertices - (rough * normals).sum(axis=1, keepdims=True) * normals)  # else an uneven mesh drifts along the wall
 
-    One pass is an implicit step of the heat flow (Desbrun et al. 1999), x = (I - length^2 / 2 Laplace)^-1 y. Taken twice, what
-    bends over more than the length stays as it is: a vein keeps its radius, a bump goes.
+
+def roughness(vertices: Array, faces: Ints, length: float) -> Array:
+    """Twice high-passed positions (n, d): what of them bends over less than a length.
+
+    One pass takes away an implicit step of the heat flow (Desbrun et al. 1999), x = (I - length^2 / 2 Laplace)^-1 y. Taken twice, what
+    bends over more than the length is not in it: a vein keeps its radius, a bump goes.
     """
     n, dim = vertices.shape
     edges = neighbours(faces, n)
@@ -30,10 +37,7 @@ def fair(vertices: Array, faces: Ints, length: float) -> Array:
     error = PRECISION * float(np.sqrt((centred**2).sum() / n) * np.linalg.norm(mass))
     rough = centred - _smoothed(begin, near, mass, 0.5 * length**2, centred, centred, error)
     rough -= _smoothed(begin, near, mass, 0.5 * length**2, rough, np.zeros_like(rough), error)
-    if dim == 2:
-        return np.asarray(vertices - rough[:, :2])  # a curve that shortens as a whole does not come to cross itself
-    normals = vertex_normals(vertices, faces)
-    return np.asarray(vertices - (rough * normals).sum(axis=1, keepdims=True) * normals)  # else an uneven mesh drifts along the wall
+    return np.asarray(rough[:, :dim])
 
 
 @njit(cache=True, error_model="numpy")

@@ -16,7 +16,7 @@ from ..geometry import Array, Ints, apply
 from .closest import ClosestPoint
 from .covariance import Covariance, Observed, Places, displacement, grams, interpolation
 from .evidence import Posterior, Scales, assemble, free_energy, left_out, misfit, solve, tune
-from .fairing import fair
+from .fairing import fair, roughness
 from .feet import likely_feet
 from .motion import Motion, MotionFit, State
 from .outliers import Contact, believe, density, mixture_energy, say
@@ -74,6 +74,7 @@ class Problem:
     pose: Array
     rest: Places  # the vertices in the reference pose,
     faired: float  # and over what length they were smoothed there (0: not at all)
+    rough: Array  # what roughness they have there, over settings.broad
     data: Data
     marks: Array  # landmarks of the prior in the reference pose
     covariance: Covariance
@@ -95,8 +96,9 @@ class Problem:
         length, at = faired or (0.0, posed)
         nodes = _spaced(at, 0.27 * min(lengths[0] + lengths[1]))
         spread = interpolation(at[nodes], at, min(lengths[0] + lengths[1]))
-        rest = Places(at, vertex_normals(fair(at, faces, size * settings.broad), faces))
-        return Problem(vertices, faces, pose, rest, length, data, marks, cov, settings, size, ClosestPoint(at, faces), nodes, spread)
+        rough = roughness(at, faces, size * settings.broad)
+        rest = Places(at, vertex_normals(fair(at, rough, vertex_normals(at, faces)), faces))
+        return Problem(vertices, faces, pose, rest, length, rough, data, marks, cov, settings, size, ClosestPoint(at, faces), nodes, spread)
 
     @cached_property
     def residual(self) -> float:
