@@ -68,17 +68,24 @@ def flipped_faces(surface: Surface) -> int:
 
 def self_intersections(surface: Surface) -> int:
     """Number of faces that cut through another face."""
-    return _crossing_segments(surface) if surface.dimension == 2 else _crossing_triangles(surface)
+    return int(crossing(surface).sum())
 
 
-def _crossing_triangles(surface: Surface) -> int:
+def crossing(surface: Surface) -> NDArray[np.bool_]:
+    """Faces (m,) that cut through another face. In 2D every segment against every other: outlines have hundreds of them, not millions."""
+    if surface.dimension == 2:
+        return np.array([crossed_by(surface, k).any() for k in range(len(surface.faces))], dtype=bool)
+    return _crossing_triangles(surface)
+
+
+def _crossing_triangles(surface: Surface) -> NDArray[np.bool_]:
     """Those that pymeshlab finds, and finds again on vertices that are shaken a little: of faces that lie side by side in one plane it
     takes some for crossing, depending on how they are turned. Walls that touch cross only once they are shaken."""
-    crossing = _selected(surface)
-    if crossing.any():
+    found = _selected(surface)
+    if found.any():
         shaken = SHAKEN * surface.diagonal * np.random.default_rng(0).normal(size=surface.vertices.shape)
-        crossing &= _selected(surface.with_vertices(surface.vertices + shaken))
-    return int(crossing.sum())
+        found &= _selected(surface.with_vertices(surface.vertices + shaken))
+    return found
 
 
 def _selected(surface: Surface) -> NDArray[np.bool_]:
@@ -89,11 +96,6 @@ def _selected(surface: Surface) -> NDArray[np.bool_]:
     meshes.add_mesh(pymeshlab.Mesh(surface.vertices, surface.faces.astype(np.int32)))
     meshes.compute_selection_by_self_intersections_per_face()
     return np.asarray(meshes.current_mesh().face_selection_array(), dtype=bool)
-
-
-def _crossing_segments(surface: Surface) -> int:
-    """Every segment against every other: outlines have hundreds of segments, not millions."""
-    return sum(bool(crossed_by(surface, k).any()) for k in range(len(surface.faces)))
 
 
 def _edges(surface: Surface) -> Array:

@@ -6,15 +6,17 @@ import numpy as np
 import pytest
 from shapes import circle, meshed, round_distance, sampled
 
+from o3dls.evaluate import distances
 from o3dls.extract import isosurface
 from o3dls.geometry import Array, Ints, Surface
 from o3dls.levelset.distance import SignedDistance, signed_distance
 from o3dls.levelset.observe import Measured, Noise, observe
 from o3dls.levelset.operators import zero_set
-from o3dls.levelset.reach import Mesher, Reached, _closed, _settled, reach, topology
+from o3dls.levelset.reach import Mesher, Reached, _closed, _joined, _settled, reach, topology
 from o3dls.levelset.residual import Field
 from o3dls.levelset.solver import Correction, Limits
 from o3dls.levelset.wall import Wall
+from o3dls.validity import crossing
 
 SEED = 223_606
 
@@ -23,7 +25,7 @@ def run(surface: Surface, points: Array, mesh: Mesher = isosurface) -> Reached:
     def seen(wall: Wall) -> Measured:
         return observe(wall, points, np.zeros(len(points), dtype=bool), np.ones(len(points)), Noise(1.0, 0.25, 0.05))
 
-    return reach(surface, seen, np.ones(len(surface.vertices)), Limits(1.0), mesh=mesh)
+    return reach(surface, seen, np.ones(len(surface.vertices)), Limits(1.0), mesh=mesh, crossing=crossing)
 
 
 @pytest.mark.parametrize("surface", [circle(count=300), meshed(round_distance(20.0), 24.0, 2.0)], ids=["2D", "3D"])
@@ -65,6 +67,22 @@ def test_a_prior_that_overlaps_itself_is_united_in_one_piece() -> None:
     vertices, faces = zero_set(found.phi.band, found.phi.phi)
     assert topology(vertices, faces)[0] == 1
     np.testing.assert_allclose([vertices[:, 0].min(), vertices[:, 0].max()], [-10.0, 10.0], atol=0.1)  # both sides of the waist are there
+
+
+def test_walls_of_a_thin_part_that_passed_through_each_other_stay_one_part() -> None:
+    """A ball whose front has gone through its back on one side: what lies beyond where they cross hangs on a line of no thickness."""
+    ball = meshed(round_distance(10.0), 12.0)
+    x, y, z = ball.vertices.T
+    through = ball.with_vertices(np.column_stack([x, y * (1.0 - 0.14 * np.maximum(x + 2.0, 0.0)) + 0.5, z]))  # between nodes
+    assert ((through.vertices[x > 8.0, 1] - 0.5) * y[x > 8.0] <= 0.0).all()  # inside out
+    plain = signed_distance(through.vertices, through.faces, 1.0, 3.0)
+    joined = _joined(through, 1.0, crossing(through))
+    found = signed_distance(joined.vertices, joined.faces, 1.0, 3.0)
+    assert topology(*isosurface(plain)) != (1, 2)
+    assert topology(*isosurface(found)) == (1, 2)
+    far = joined.vertices[joined.vertices[:, 0] < 2.0]  # they cross where x is 5.1
+    np.testing.assert_allclose(distances(far, Surface(*zero_set(plain.band, plain.phi))), 0.0, atol=1e-6)
+    assert joined.vertices[:, 0].max() == pytest.approx(10.0, abs=0.5)
 
 
 @pytest.mark.parametrize(
@@ -114,7 +132,7 @@ def test_a_correction_that_would_tear_is_halved() -> None:
         return (vertices, faces) if vertices[:, 2].max() < 18.5 else (torus().vertices, torus().faces)
 
     field = Field(20.0, 1.0, 1.0, 5.0)
-    final, _, said = _settled(Wall(ball), Correction(u, (field,), 1.0, (), True, ""), Limits(1.0), handled)
+    final, _, said = _settled(Wall(ball), Correction(u, (field,), 1.0, (), True, ""), Limits(1.0), handled, crossing)
     np.testing.assert_allclose(final.fields["correction"], 0.5 * u)
     assert said == ("the correction was taken by 50%: more would tear or merge the surface",)
 

@@ -8,8 +8,10 @@ from functools import cache, partial
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..geometry import Array, Ints, Surface
+from .closest import ClosestPoint
 from .distance import SignedDistance, signed_distance
 from .observe import Measured
 from .operators import pieces, without_shreds, zero_set
@@ -17,7 +19,9 @@ from .solver import Correction, Limits, refine
 from .wall import Wall
 
 HALF_BAND = 3.0  # half width of the band of phi, in spacings
+JOINT = 0.5  # diagonals of a cell: half the thickness of a sheet, however it lies, that the lattice cannot miss
 Mesher = Callable[[SignedDistance], tuple[Array, Ints]]
+Crossing = Callable[[Surface], NDArray[np.bool_]]
 CLOSINGS = np.array([0.5, 1.0, 2.0, 3.0])  # spacings: the least that makes a wall whole which runs into itself
 JOININGS = CLOSINGS[:2]  # for what a fold has pinched off, before that goes, and for a correction, before it is halved
 
@@ -49,24 +53,28 @@ class Reached:
         return (f"the mesh has pieces and Euler number {found}, the moved prior {meant}: where that runs into itself, walls are united",)
 
 
-def reach(surface: Surface, observe: Callable[[Wall], Measured], doubt: Array, limits: Limits, *, mesh: Mesher) -> Reached:
+def reach(
+    surface: Surface, observe: Callable[[Wall], Measured], doubt: Array, limits: Limits, *, mesh: Mesher, crossing: Crossing
+) -> Reached:
     """Refine a surface by corrections along its normals.
 
     observe: the points as seen from a wall; doubt (v,): relative standard deviation that the motion leaves at every vertex; mesh: what
-    will mesh phi, since methods cut cells of ambiguous signs differently, and it is the mesh that has to be whole. The result is the
-    surface itself where there is nothing to add.
+    will mesh phi, since methods cut cells of ambiguous signs differently, and it is the mesh that has to be whole; crossing: which faces
+    (m,) of a surface cut through others. The result is the surface itself where there is nothing to add.
     """
     wall = Wall(surface)
     measured = observe(wall)
     found = refine(wall, measured, doubt, limits)
-    final, phi, warnings = _settled(wall, found, limits, mesh)
+    final, phi, warnings = _settled(wall, found, limits, mesh, crossing)
     sigma = found.noise * float(np.median(measured.likelihood.sigma))
     facts = {"fields": [f.record for f in found.fields], "band_nodes": len(phi.band)}
     several = topology(wall.rest, wall.faces)[0] > 1
     return Reached(phi, final, sigma, found.status, found.converged, found.trace, warnings, facts, several)
 
 
-def _settled(wall: Wall, found: Correction, limits: Limits, mesh: Mesher) -> tuple[Surface, SignedDistance, tuple[str, ...]]:
+def _settled(
+    wall: Wall, found: Correction, limits: Limits, mesh: Mesher, crossing: Crossing
+) -> tuple[Surface, SignedDistance, tuple[str, ...]]:
     """The corrected wall and its level set: gaps are closed where it runs into itself; a correction that tears or merges it is halved.
 
     Where a wall runs into itself all the same it is united; the mesh may still come out whole.
@@ -74,7 +82,7 @@ def _settled(wall: Wall, found: Correction, limits: Limits, mesh: Mesher) -> tup
     kind, spacing = topology(wall.rest, wall.faces), limits.spacing
     for share in (1.0, 0.5, 0.25, 0.0) if found.fields else (0.0,):
         final = _corrected(wall, share * found.u)
-        for phi, radius, lost in _attempts(final, spacing, kind, CLOSINGS if share == 0.0 else JOININGS):
+        for phi, radius, lost in _attempts(final, spacing, kind, CLOSINGS if share == 0.0 else JOININGS, crossing):
             if topology(*mesh(phi)) == kind:
                 said = []
                 if found.fields and share < 1.0:
@@ -102,16 +110,37 @@ def _corrected(wall: Wall, u: Array) -> Surface:
 Attempt = tuple[SignedDistance, float, list[str]]
 
 
-def _attempts(surface: Surface, spacing: float, kind: tuple[int, int], closings: Array) -> Iterator[Attempt]:
-    """Level sets of a surface that should be of a topology, the radius of the closing in them, and what they leave out: with all that it
-    encloses, since the tip of a rim that a fold turned inside out is anatomy; then without shreds; then without what is inside out."""
-    band = cache(partial(_band, surface, spacing))
-    for radius in (0.0, *JOININGS * spacing):
-        yield _closed(band(radius, inverted=True), radius), radius, []
-    for inverted, lost in ((True, ["shreds were left out"]), (False, ["shreds and what is inside out were left out"])):
-        for radius in (0.0, *closings * spacing):
-            phi = _whole(band(radius, inverted=inverted), kind)
-            yield _whole(_closed(phi, radius), kind), radius, lost
+def _attempts(surface: Surface, spacing: float, kind: tuple[int, int], closings: Array, crossing: Crossing) -> Iterator[Attempt]:
+    """Level sets of a surface that should be of a topology, the radius of the closing in them, and what was done or left out: with all that
+    it encloses, since the tip of a rim that a fold turned inside out is anatomy, joined to the rest where walls cross; then without shreds;
+    then without what is inside out."""
+    yield _band(surface, spacing, 0.0, inverted=True), 0.0, []
+    joined, said = _joined(surface, spacing, crossing(surface)), list[str]()
+    band = cache(partial(_band, joined, spacing, inverted=True))
+    if joined is not surface:
+        said = ["walls that cross were joined"]
+        yield band(0.0), 0.0, said
+    for radius in JOININGS * spacing:
+        yield _closed(band(radius), radius), radius, said
+    for radius in (0.0, *closings * spacing):
+        yield _whole(_closed(_whole(band(radius), kind), radius), kind), radius, [*said, "shreds were left out"]
+    for radius in (0.0, *closings * spacing):
+        phi = _whole(_band(surface, spacing, radius, inverted=False), kind)
+        yield _whole(_closed(phi, radius), kind), radius, ["shreds and what is inside out were left out"]
+
+
+def _joined(surface: Surface, spacing: float, crossing: NDArray[np.bool_]) -> Surface:
+    """A surface that encloses all that this one does and, around its faces that cross, what is nearer to them than half a joint: where the
+    walls of a thin part have passed through each other, it is thin, and neither of no thickness nor in two."""
+    if not crossing.any():
+        return surface
+    radius = JOINT * spacing * surface.dimension**0.5
+    phi = _band(surface, spacing, radius, inverted=True)
+    around = np.zeros(len(surface.vertices), dtype=bool)
+    around[surface.faces[crossing]] = True
+    walls = ClosestPoint(surface.vertices, surface.faces[around[surface.faces].any(axis=1)])
+    joint = np.sqrt(walls.query(phi.band.positions)[0]) - radius
+    return Surface(*zero_set(phi.band, np.minimum(phi.phi, joint)))
 
 
 def _band(surface: Surface, spacing: float, radius: float, *, inverted: bool) -> SignedDistance:

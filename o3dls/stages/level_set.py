@@ -127,10 +127,11 @@ class LevelSet(Stage):
         from ..levelset.reach import reach
         from ..levelset.solver import Limits
         from ..levelset.unfold import uncrossed
+        from ..validity import crossing
 
         limits = Limits(self.spacing, self.evidence, self.iterations, self.coarse_to_fine, case.units)
         surface = uncrossed(start.surface) if case.dimension == 2 else start.surface
-        return reach(surface, _observer(case, start), _doubt(case, start), limits, mesh=isosurface)
+        return reach(surface, _observer(case, start), _doubt(case, start), limits, mesh=isosurface, crossing=crossing)
 
     def _by_the_paper(self, case: Case, start: Estimate) -> Reached:
         """psi.T is the prior under the similarity alone, as the paper has it."""
