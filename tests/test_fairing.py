@@ -102,10 +102,10 @@ def test_the_motion_of_a_smoothed_prior_is_that_of_its_vertices() -> None:
     np.testing.assert_allclose(fit.motion(rough.vertices), fit.vertices, atol=0.003 * SIZE)  # interpolated between nodes
 
 
-def smoothed(surface: Surface, length: float, normals: Array | None = None) -> Array:
-    """Vertices (n, d) smoothed over a length along normals, or their own."""
-    own = vertex_normals(surface.vertices, surface.faces)
-    return fair(surface.vertices, roughness(surface.vertices, surface.faces, length), own if normals is None else normals)
+def smoothed(surface: Surface, length: float) -> Array:
+    """Vertices (n, d) smoothed over a length along their own normals."""
+    rough = roughness(surface.vertices, surface.faces, length)
+    return fair(surface.vertices, rough, vertex_normals(surface.vertices, surface.faces))
 
 
 def shift(surface: Surface, length: float) -> Array:
@@ -129,12 +129,15 @@ def test_an_uneven_mesh_does_not_drift_along_the_wall() -> None:
     np.testing.assert_allclose(moved, (moved * normals).sum(axis=1, keepdims=True) * normals, atol=1e-9)
 
 
-def test_a_rough_wall_hardly_folds_along_the_normals_of_a_smooth_one() -> None:
+def test_a_rough_prior_hardly_folds_along_the_normals_of_a_smooth_wall(monkeypatch: pytest.MonkeyPatch) -> None:
     """Neighbours on a wall of grains or stairs face different ways: along their own normals they pass each other."""
     plain = body(3, fineness=5)
     rough = raised(plain, 0.03 * SIZE * np.random.default_rng(5).normal(size=len(plain.vertices)))
-    smooth = vertex_normals(rough.vertices - roughness(rough.vertices, rough.faces, 0.2 * SIZE), rough.faces)
-    own, along = (unfold(rough.vertices, smoothed(rough, LENGTH, n), rough.faces)[1] for n in (None, smooth))
+    problem = Problem.make(rough.vertices, rough.faces, np.eye(4), wall(plain.vertices[:50]), Settings())
+    seen: list[Array] = []
+    monkeypatch.setattr(choice, "_glimpse", lambda problem, state, at: seen.append(at) or 104.0)
+    assert choice.smoother(SimpleNamespace(problem=problem, state=None, energy=100.0)) is None  # type: ignore[arg-type]
+    own, along = (unfold(rough.vertices, at, rough.faces)[1] for at in (smoothed(rough, 0.35 * problem.size), seen[0]))
     assert own > 100
     assert along < 0.05 * own
 
