@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cache, partial
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -114,19 +114,18 @@ def _attempts(surface: Surface, spacing: float, kind: tuple[int, int], closings:
     """Level sets of a surface that should be of a topology, the radius of the closing in them, and what was done or left out: with all that
     it encloses, since the tip of a rim that a fold turned inside out is anatomy, joined to the rest where walls cross; then without shreds;
     then without what is inside out."""
-    yield _band(surface, spacing, 0.0, inverted=True), 0.0, []
-    joined, said = _joined(surface, spacing, crossing(surface)), list[str]()
-    band = cache(partial(_band, joined, spacing, inverted=True))
-    if joined is not surface:
-        said = ["walls that cross were joined"]
-        yield band(0.0), 0.0, said
+    band = cache(lambda wall, radius, inverted: _band(wall, spacing, radius, inverted=inverted))
+    yield band(surface, 0.0, True), 0.0, []
+    joined = _joined(surface, spacing, crossing(surface))
+    said = [] if joined is surface else ["walls that cross were joined"]
+    if said:
+        yield band(joined, 0.0, True), 0.0, said
     for radius in JOININGS * spacing:
-        yield _closed(band(radius), radius), radius, said
-    for radius in (0.0, *closings * spacing):
-        yield _whole(_closed(_whole(band(radius), kind), radius), kind), radius, [*said, "shreds were left out"]
-    for radius in (0.0, *closings * spacing):
-        phi = _whole(_band(surface, spacing, radius, inverted=False), kind)
-        yield _whole(_closed(phi, radius), kind), radius, ["shreds and what is inside out were left out"]
+        yield _closed(band(joined, radius, True), radius), radius, said
+    left_out = ((joined, True, [*said, "shreds were left out"]), (surface, False, ["shreds and what is inside out were left out"]))
+    for wall, inverted, lost in left_out:
+        for radius in (0.0, *closings * spacing):
+            yield _whole(_closed(_whole(band(wall, radius, inverted), kind), radius), kind), radius, lost
 
 
 def _joined(surface: Surface, spacing: float, crossing: NDArray[np.bool_]) -> Surface:
