@@ -16,6 +16,7 @@ from .geometry import Array, Ints, Surface
 UNITS = ("mm", "px")
 POINT_TYPES = ("eam", "ablation", "landmark", "inside")
 FITTED_TYPES = ("eam", "inside")
+OF_A_RUN = ("sd", "displacement", "correction", "distance_to_nearest_point")  # fields of a result, with the unit behind their names
 BEST = 0.02  # least relative noise of a point: it holds the surface as firmly as one can, and smaller ones are lost in rounding
 
 
@@ -106,6 +107,10 @@ class Case:
             raise InputError(f"case {self.name}: points are {self.points.xyz.shape[1]}D, the prior is {self.dimension}D")
         if self.units not in UNITS:
             raise InputError(f"case {self.name}: units = '{self.units}': lengths of a case are in {' or '.join(UNITS)}; scale them first")
+        stale = {*(f"{name}_{self.units}" for name in OF_A_RUN), "prior_only"} & self.prior.fields.keys()
+        if stale:  # the surface of an earlier run, which this one must not take for its own
+            fields = {name: values for name, values in self.prior.fields.items() if name not in stale}
+            object.__setattr__(self, "prior", replace(self.prior, fields=fields))
 
     @property
     def dimension(self) -> int:

@@ -17,7 +17,7 @@ from .levelset.distance import SignedDistance
 from .levelset.operators import largest_piece, pieces, zero_set
 from .validity import self_intersections
 
-LOOSE = 0.1  # pieces with less than this share of the largest one's faces are dust, or what a fold has pinched off
+LOOSE = 0.1  # pieces with less than this share of the faces of one that is meant are dust, or what a fold has pinched off
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,9 +30,10 @@ class Extraction:
     isosurface_faces: int
 
 
-def extract(field: SignedDistance, *, smoothing: int = 3, keep: float = 0.5, islands: bool = True) -> Extraction:
+def extract(field: SignedDistance, *, smoothing: int = 3, keep: float = 0.5, islands: bool = True, smallest: float = 1.0) -> Extraction:
     """The surface phi = 0, wound outward. smoothing: Taubin passes; keep: share of the isosurface's faces that decimation leaves;
-    islands: whether pieces beside the largest stay. Smoothing that would make the surface cut itself is left out.
+    islands: whether pieces beside the largest stay; smallest: the smallest of these that is meant, in areas of the largest, of which one
+    with less than a tenth is dust. Smoothing that would make the surface cut itself is left out.
 
     Raises SolverError where phi has no zero set.
     """
@@ -41,9 +42,9 @@ def extract(field: SignedDistance, *, smoothing: int = 3, keep: float = 0.5, isl
     raw = _chosen(*isosurface(field), islands)
     if field.band.dimension == 2:
         return Extraction(raw, 0.0, 0.0, len(raw.faces))
-    clean = _clean(raw, smoothing, keep)
+    clean = _clean(raw, smoothing, keep, LOOSE * smallest)
     if smoothing and self_intersections(clean):  # where two walls are closer than the lattice tells apart
-        clean = _clean(raw, 0, keep)
+        clean = _clean(raw, 0, keep, LOOSE * smallest)
     shift = ClosestPoint(raw.vertices, raw.faces).distance(clean.vertices)
     return Extraction(clean, float(shift.mean()), float(shift.max()), len(raw.faces))
 
@@ -64,7 +65,7 @@ def isosurface(field: SignedDistance) -> tuple[Array, Ints]:
     return vertices, mesh.triangle.indices.numpy()[:, ::-1]  # Open3D winds towards the smaller values
 
 
-def _clean(raw: Surface, smoothing: int, keep: float) -> Surface:
+def _clean(raw: Surface, smoothing: int, keep: float, loose: float = LOOSE) -> Surface:
     """Repair non-manifold edges, drop dust, smooth lightly (Taubin 1995), decimate by quadrics; topology is kept."""
     import pymeshlab
 
@@ -72,7 +73,7 @@ def _clean(raw: Surface, smoothing: int, keep: float) -> Surface:
     meshes = pymeshlab.MeshSet()
     meshes.add_mesh(pymeshlab.Mesh(raw.vertices, raw.faces.astype(np.int32)))
     meshes.meshing_repair_non_manifold_edges()
-    meshes.meshing_remove_connected_component_by_face_number(mincomponentsize=int(LOOSE * largest) + 1)
+    meshes.meshing_remove_connected_component_by_face_number(mincomponentsize=int(loose * largest) + 1)
     if smoothing:
         meshes.apply_coord_taubin_smoothing(stepsmoothnum=smoothing)
     if keep < 1.0:
@@ -84,15 +85,21 @@ def _clean(raw: Surface, smoothing: int, keep: float) -> Surface:
 
 
 def carry_fields(source: Surface, target: Surface) -> Surface:
-    """The target with the source's fields per vertex, read at the closest points: values never outlive a change of mesh unmoved."""
+    """The target with the source's fields per vertex, read at the closest points: values never outlive a change of mesh unmoved.
+
+    Fields of whole numbers are labels: they are those of the nearest corner, and no mean of two regions.
+    """
     from dataclasses import replace
 
     if not source.fields:
         return target
     _, face, _, weights = ClosestPoint(source.vertices, source.faces).query(target.vertices)
     corners = source.faces[face]
+    nearest = np.take_along_axis(corners, weights.argmax(axis=1)[:, None], axis=1)[:, 0]
 
     def read(values: Array) -> Array:
+        if (values == np.round(values)).all():
+            return values[nearest]
         return np.asarray(np.einsum("nc,nc...->n...", weights, values[corners]))
 
     return replace(target, fields={name: read(values) for name, values in source.fields.items()})

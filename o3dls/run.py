@@ -75,7 +75,7 @@ class Run:
 
     def faults_of(self, name: str) -> list[str]:
         """Why the surface of an estimate is not valid; `start` is the prior in another pose, so its faults are the prior's."""
-        return faults(self.validity[name], self.validity["start"])
+        return faults(self.validity[name], self.validity["start"], reshaped=bool(self.estimates[name].facts.get("changes")))
 
     def __str__(self) -> str:
         from .tables import score_table

@@ -31,17 +31,26 @@ def validity(surface: Surface, prior: Surface, unit: str = "mm") -> Record:
     }
 
 
-def faults(found: Record, prior: Record) -> list[str]:
-    """Why a surface is not valid, one sentence each; what the prior itself brings is not held against the result."""
+def faults(found: Record, prior: Record, *, reshaped: bool = False) -> list[str]:
+    """Why a surface is not valid, one sentence each; what the prior itself brings is not held against the result, nor handles that
+    points have asked for where it was `reshaped`."""
     said = []
     if prior["watertight"] and not found["watertight"]:
         said.append("the surface is not watertight")
     for key, words in (("components", "components"), ("self_intersections", "self-intersecting faces"), ("flipped_faces", "flipped faces")):
         if (found[key] or 0) > (prior[key] or 0):
             said.append(f"the surface has {found[key]} {words}, the prior {prior[key]}")
+    if not reshaped and _handles(found) > _handles(prior):
+        said.append(f"the surface has {_handles(found)} handles or tunnels, the prior {_handles(prior)}")
     if (found["volume_change"] or 0.0) <= -1.0:
         said.append("the surface is inside out")
     return said
+
+
+def _handles(found: Record) -> int:
+    """Number of handles of a closed surface; an open one's borders cannot be told from them, and an outline has none."""
+    closed = found["watertight"] and "volume_ml" in found
+    return int((found["components"] or 0) - (found["euler"] or 0) / 2) if closed else 0
 
 
 def components(surface: Surface) -> int:

@@ -106,3 +106,14 @@ def test_fields_are_read_where_the_new_vertices_lie() -> None:
     np.testing.assert_allclose(carried.fields["x"], target.vertices[:, 0], atol=0.1)
     np.testing.assert_allclose(carried.fields["place"], target.vertices, atol=0.1)
     assert carry_fields(torus(), target) is target
+
+
+def test_labels_are_carried_as_they_are() -> None:
+    source = torus()
+    region = np.where(source.vertices[:, 0] > 0.3, 7.0, 1.0)
+    source = Surface(source.vertices, source.faces, {"region": region, "sd_mm": 0.5 * region})
+    target = extract(field(source)).surface
+    carried = carry_fields(source, target).fields
+    assert set(carried["region"]) == {1.0, 7.0}
+    assert ((carried["region"] == 7.0) == (target.vertices[:, 0] > 0.3))[np.abs(target.vertices[:, 0] - 0.3) > 1.5].all()
+    assert len(set(carried["sd_mm"])) > 2  # .5 and 3.5: measured values have means

@@ -312,3 +312,12 @@ def test_a_killed_process_leaves_nothing_that_looks_finished(tmp_path: Path) -> 
     time.sleep(0.01)
     assert not (tmp_path / "run").exists()
     assert all(p.name.startswith(".run.partial-") for p in tmp_path.iterdir())
+
+
+def test_what_an_earlier_run_said_of_its_surface_is_not_taken_for_a_prior_s() -> None:
+    values = np.zeros(4)
+    stale = dict.fromkeys(("sd_mm", "displacement_mm", "correction_mm", "distance_to_nearest_point_mm", "prior_only"), values)
+    prior = Surface(np.vstack([np.zeros(3), np.eye(3)]), [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]], stale | {"region": values})
+    case = Case("case", prior, Points(np.eye(3), np.full(3, "eam")))
+    assert set(case.prior.fields) == {"region"}
+    assert replace(case, units="px", prior=prior).prior.fields.keys() == stale.keys() - {"prior_only"} | {"region"}

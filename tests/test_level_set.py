@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -78,6 +79,31 @@ def test_a_prior_of_two_pieces_keeps_both() -> None:
     assert topology(found.surface.vertices, found.surface.faces) == (2, 4)
     assert distances(beside, found.surface).mean() < 0.1
     assert found.warnings == ()
+
+
+def test_a_small_second_piece_is_no_dust() -> None:
+    large, small = meshed(round_distance(20.0), 24.0), meshed(round_distance(4.0), 6.0)
+    beside = small.vertices + np.array([40.0, 0.0, 0.0])
+    prior = Surface(np.vstack([large.vertices, beside]), np.vstack([large.faces, small.faces + len(large.vertices)]))
+    found = LevelSet()(*started(prior, sampled(prior, 300, 0.5, SEED), 0.5))
+    assert topology(found.surface.vertices, found.surface.faces) == (2, 4)
+    assert distances(beside, found.surface).mean() < 0.1
+
+
+def flanged(points: Array) -> Array:
+    """A ball of 10 mm with a flange 5 mm wide and .6 mm thick, between two planes of the lattice."""
+    flange = np.maximum(np.abs(points[:, 2] - 0.5) - 0.3, np.linalg.norm(points[:, :2], axis=1) - 15.0)
+    return np.minimum(round_distance(10.0)(points), flange)
+
+
+def test_a_part_too_thin_for_the_lattice_does_not_go_without_a_word() -> None:
+    prior = meshed(flanged, 17.0, 0.25)
+    case, start = started(prior, sampled(prior, 100, 0.5, SEED), 0.5)
+    coarse, fine = LevelSet()(case, start), LevelSet(spacing=0.4)(case, start)
+    (said,) = coarse.warnings
+    assert re.match(r"parts of the moved prior, up to [45](\.\d)? mm from the mesh, are lost: thinner than the lattice can hold", said)
+    assert fine.warnings == ()
+    assert distances(prior.vertices, fine.surface).max() < 0.5
 
 
 def test_a_tunnel_that_the_lattice_cannot_see_costs_no_correction() -> None:
@@ -249,6 +275,33 @@ def test_a_mesh_that_is_no_likeness_of_its_level_set_is_an_error() -> None:
         LevelSet(keep=1e-9)(case, start)
 
 
+def test_points_of_the_wall_are_needed() -> None:
+    prior = circle(20.0, 300)
+    case, start = started(prior, sampled(prior, 100, 1.0, SEED), 1.0)
+    case = replace(case, points=replace(case.points, type=np.full(100, "inside")))
+    with pytest.raises(InputError, match="level_set: case case has no points of type eam"):
+        LevelSet()(case, start)
+
+
+def test_the_paper_s_formulation_takes_points_that_lie_on_the_prior() -> None:
+    prior = meshed(round_distance(14.0), 18.0)
+    case = Case("case", prior, Points(prior.vertices[::9], np.full(len(prior.vertices[::9]), "eam")))
+    found = LevelSet(formulation="paper", iterations=2)(case, Estimate(prior, np.eye(4), "start"))
+    assert distances(prior.vertices, found.surface).max() < 0.3
+
+
+def test_iterations_are_those_of_the_sentence() -> None:
+    prior = circle(20.0, 300)
+    points = sampled(circle(20.0, 300), 100, 0.3, SEED) * [1.2, 1.0]
+    case = Case("case", prior, Points(points, np.full(100, "eam")))
+    start = Estimate(prior, np.eye(3), "start")
+    ours, paper = LevelSet()(case, start), LevelSet(formulation="paper", iterations=3)(case, start)
+    assert f" after {ours.iterations} iterations; fields" in ours.status
+    assert f" after {paper.iterations} reinitialisations" in paper.status
+    assert len(ours.trace) > ours.iterations > 0
+    assert len(paper.trace) > paper.iterations > 0
+
+
 def test_equal_inputs_give_equal_surfaces() -> None:
     prior = meshed(round_distance(16.0), 20.0)
     case, start = started(prior, sampled(prior, 200, 1.0, SEED), 1.0)
@@ -287,6 +340,7 @@ def test_the_prior_holds_less_where_the_motion_is_in_doubt() -> None:
     found = _doubt(case, replace(start, surface=replace(start.surface, fields={"sd_mm": sd})))
     assert found[2] == pytest.approx(1.5 * found[1])
     assert found[0] == 2.0
+    assert (_doubt(case, replace(start, surface=replace(start.surface, fields={"sd_mm": 0.0 * sd}))) == 1.0).all()
 
 
 @pytest.mark.parametrize(("factor", "said"), [(1.1, "33% more"), (0.9, "27% less")])

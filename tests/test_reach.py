@@ -107,7 +107,7 @@ def test_it_is_the_mesh_that_has_to_be_whole(handled: int, said: str) -> None:
 
     found = run(ball, sampled(ball, 100, 1.0, SEED), mesh=handled_first)
     assert found.phi is seen[-1]
-    assert found.warnings == (f"the moved prior runs into itself: {said}",)
+    assert found.warnings == (f"walls are closer than the lattice tells apart: {said}; try a smaller spacing",)
 
 
 def test_topology_counts_pieces_and_handles() -> None:

@@ -83,6 +83,13 @@ def test_faults_name_what_the_result_has_and_the_prior_has_not() -> None:
     assert faults(good | {"volume_change": -2.0}, good) == ["the surface is inside out"]
 
 
+def test_handles_that_the_prior_has_not_are_a_fault_unless_points_asked_for_them() -> None:
+    ball, ring = validity(sphere(), sphere()), validity(torus(), torus())
+    assert faults(ring, ball) == ["the surface has 1 handles or tunnels, the prior 0"]
+    assert faults(ring, ball, reshaped=True) == faults(ring, ring) == faults(ball, ring) == []
+    assert faults(ball | {"components": 2, "euler": 4}, ball) == ["the surface has 2 components, the prior 1"]
+
+
 def test_faces_side_by_side_in_one_plane_do_not_cross_however_they_are_turned() -> None:
     """The slanting sides of a label volume's surface."""
     octahedron = mask_surface(np.abs(np.indices((24, 24, 24)) - 11.5).sum(axis=0) < 10.0, np.eye(4), np.ones(3))

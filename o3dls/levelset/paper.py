@@ -16,7 +16,6 @@ Known limits stay: a point farther from phi = 0 than the band has no pull, and p
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -51,7 +50,7 @@ def descend(prior: Surface, points: Array, sigma: float, weights: Weights, *, sp
     prior: the prior moved by T; points (n, d); sigma: their noise. Stops where the energy no longer falls.
     """
     psi = signed_distance(prior.vertices, prior.faces, spacing, HALF_BAND * spacing)
-    field, trace = psi, [energies(psi, heaviside(psi.phi, REACH * spacing), points, sigma, weights)]
+    field, trace = psi, [{"iteration": 0} | energies(psi, heaviside(psi.phi, REACH * spacing), points, sigma, weights)]
     how = "stopped at the limit"
     for _ in range(cycles):
         shape = heaviside(_on_band(psi, field.band), REACH * spacing)
@@ -64,7 +63,7 @@ def descend(prior: Surface, points: Array, sigma: float, weights: Weights, *, sp
         fall = trace[-1]["energy"] - record["energy"]
         if fall > 0.0:
             field = candidate
-            trace.append(record)
+            trace.append({"iteration": len(trace)} | record)
         if fall <= SETTLED * trace[-1]["energy"]:
             how = "converged" if fall >= 0.0 else "stopped, since the next reinitialisation would raise the energy,"
             break
@@ -72,7 +71,7 @@ def descend(prior: Surface, points: Array, sigma: float, weights: Weights, *, sp
     return Reached(field, prior, sigma, status, how == "converged", tuple(trace), facts=facts, islands=True)
 
 
-def energies(field: SignedDistance, shape: Array, points: Array, sigma: float, weights: Weights) -> Mapping[str, float]:
+def energies(field: SignedDistance, shape: Array, points: Array, sigma: float, weights: Weights) -> dict[str, float]:
     """Terms of the energy; shape (n,) is H(psi.T) on the band of the field."""
     band, phi = field.band, field.phi
     cell, reach = band.spacing**band.dimension, REACH * band.spacing

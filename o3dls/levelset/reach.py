@@ -20,6 +20,7 @@ from .wall import Wall
 
 HALF_BAND = 3.0  # half width of the band of phi, in spacings
 JOINT = 0.5  # diagonals of a cell: half the thickness of a sheet, however it lies, that the lattice cannot miss
+COARSE = "walls are closer than the lattice tells apart"
 Mesher = Callable[[SignedDistance], tuple[Array, Ints]]
 Crossing = Callable[[Surface], NDArray[np.bool_]]
 CLOSINGS = np.array([0.5, 1.0, 2.0, 3.0])  # spacings: the least that makes a wall whole which runs into itself
@@ -45,12 +46,20 @@ class Reached:
         """True where nothing was added to the moved prior."""
         return self.facts.get("fields") == []
 
-    def faults(self, mesh: Surface) -> tuple[str, ...]:
+    @property
+    def smallest(self) -> float:
+        """Area of the wall's smallest piece, over that of its largest."""
+        _, piece = np.unique(pieces(len(self.wall.vertices), self.wall.faces)[self.wall.faces[:, 0]], return_inverse=True)
+        areas = np.bincount(piece, self.wall.face_areas)
+        return float(areas.min() / areas.max())
+
+    def faults(self, mesh: Surface, crossing: Crossing) -> tuple[str, ...]:
         """What a mesh of phi has that the wall has not, as a warning; nothing where islands belong to the result."""
         found, meant = topology(mesh.vertices, mesh.faces), topology(self.wall.vertices, self.wall.faces)
         if found == meant or (self.islands and meant[0] == 1):
             return ()
-        return (f"the mesh has pieces and Euler number {found}, the moved prior {meant}: where that runs into itself, walls are united",)
+        why = "where that runs into itself, walls are united" if crossing(self.wall).any() else f"{COARSE}; try a smaller spacing"
+        return (f"the mesh has pieces and Euler number {found}, the moved prior {meant}: {why}",)
 
 
 def reach(
@@ -79,18 +88,19 @@ def _settled(
 
     Where a wall runs into itself all the same it is united; the mesh may still come out whole.
     """
-    kind, spacing = topology(wall.rest, wall.faces), limits.spacing
+    kind, spacing, crossing = topology(wall.rest, wall.faces), limits.spacing, cache(crossing)
     for share in (1.0, 0.5, 0.25, 0.0) if found.fields else (0.0,):
         final = _corrected(wall, share * found.u)
-        for phi, radius, lost in _attempts(final, spacing, kind, CLOSINGS if share == 0.0 else JOININGS, crossing):
+        for phi, radius, left in _attempts(final, spacing, kind, CLOSINGS if share == 0.0 else JOININGS, crossing):
             if topology(*mesh(phi)) == kind:
                 said = []
                 if found.fields and share < 1.0:
                     said.append(f"the correction was taken by {share:.0%}: more would tear or merge the surface")
                 if radius > 0.0:
-                    lost = [f"gaps narrower than {2.0 * radius:g} {limits.unit} were closed", *lost]
-                if lost:
-                    said.append(f"the moved prior runs into itself: {', '.join(lost)}")
+                    left = [f"gaps narrower than {2.0 * radius:g} {limits.unit} were closed", *left]
+                if left:
+                    crosses, lost = crossing(final).any(), ", ".join(left)
+                    said.append(f"the moved prior runs into itself: {lost}" if crosses else f"{COARSE}: {lost}; try a smaller spacing")
                 return final, phi, tuple(said)
     phi = _whole(_band(final, spacing, 0.0, inverted=False), kind)
     if not found.fields:

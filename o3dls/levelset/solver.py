@@ -212,5 +212,5 @@ def _sentence(fields: list[Field], trace: list[Mapping[str, float]], converged: 
     if not fields:
         return "nothing to add: the residuals of the points hold no field that the noise would not explain"
     said = ", ".join(f"{field.amplitude:.2g} over {field.length:.3g} {unit} (evidence {field.gain:+.1f} nats)" for field in fields)
-    how = "converged" if converged else "stopped at the iteration limit"
-    return f"{how} after {len(trace) - len(fields)} iterations; fields: {said}"
+    how, iterations = "converged" if converged else "stopped at the iteration limit", sum(row["iteration"] > 0 for row in trace)
+    return f"{how} after {iterations} iteration{'s' * (iterations != 1)}; fields: {said}"

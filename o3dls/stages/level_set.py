@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 DOUBT = 0.1  # of the logarithm of a noise level that the motion found
 COARSEST = 0.1  # spacing over the surface's diagonal: such a lattice cuts off a fifth of an atrium
 MOST_NODES = 1e7  # of the narrow band: 4 GB; an atrium has so many at a spacing of 0.07 mm
+LOST = 2.0  # spacings: a sharp edge that the lattice rounds off is nearer to what it leaves
 UNLIKE = 0.25  # relative difference in volume from what was to be meshed that is no matter of accuracy any more
 
 
@@ -53,28 +54,33 @@ class LevelSet(Stage):
 
     def __call__(self, case: Case, start: Estimate) -> Estimate:
         from ..extract import carry_fields, extract
+        from ..validity import crossing
 
         began = time.perf_counter()
+        if not (case.points.type == "eam").any():
+            raise InputError(f"level_set: case {case.name} has no points of type eam")
         self._check_spacing(start.surface, case.units)
         start, changes = self._reshaped(case, start)
         unfinished = self._unfinished(start)
         reached = self._by_the_paper(case, start) if self.formulation == "paper" else self._by_default(case, start)
-        mesh = extract(reached.phi, smoothing=self.smoothing, keep=self.keep, islands=reached.islands)
+        mesh = extract(reached.phi, smoothing=self.smoothing, keep=self.keep, islands=reached.islands, smallest=reached.smallest)
         if case.dimension == 2 and reached.unchanged:  # a polyline needs no repair, and a lattice would cut its tips
-            mesh = replace(mesh, surface=reached.wall)
+            mesh, reached = replace(mesh, surface=reached.wall), replace(reached, warnings=())
+        said = [*reached.faults(mesh.surface, crossing)]
         if self.formulation == "default":
             self._check_mesh(mesh.surface, reached.wall, case.units)
+            said += self._lost(mesh.surface, reached.wall, case.units)
         return replace(
             start,
             surface=_with_unit(carry_fields(reached.wall, mesh.surface), case.units),
             status="; ".join([*changes, *unfinished, reached.status]),
             converged=reached.converged and not unfinished,
-            iterations=sum(row.get("iteration", 1) > 0 for row in reached.trace),
+            iterations=sum(row["iteration"] > 0 for row in reached.trace),
             seconds=time.perf_counter() - began,
             sigma=reached.sigma,
             phi=reached.phi,
             trace=reached.trace,
-            warnings=(*start.warnings, *(f"{change}: look at it" for change in changes), *reached.warnings, *reached.faults(mesh.surface)),
+            warnings=(*start.warnings, *(f"{change}: look at it" for change in changes), *reached.warnings, *said),
             facts={**reached.facts, "changes": changes, "meshing_shift_mean": mesh.shift_mean, "meshing_shift_max": mesh.shift_max},
         )
 
@@ -104,6 +110,16 @@ class LevelSet(Stage):
                 f"level_set: the mesh encloses {abs(change):.0%} {'more' if change > 0.0 else 'less'} than the surface it stands for; "
                 f"a spacing below {self.spacing:g} {unit} or a share to keep above {self.keep:g} may follow it, unless that is folded"
             )
+
+    def _lost(self, mesh: Surface, wall: Surface, unit: str) -> list[str]:
+        """A sentence where parts of the wall, however little they enclose, are not in the mesh."""
+        from ..levelset.wall import Wall
+
+        far = float(Wall(mesh).look(wall.vertices)[0].max()) / self.spacing
+        if far < LOST:
+            return []
+        lost = f"parts of the moved prior, up to {far * self.spacing:.2g} {unit} from the mesh, are lost"
+        return [f"{lost}: thinner than the lattice can hold, or cut off where it runs into itself; a smaller spacing may keep them"]
 
     def _reshaped(self, case: Case, start: Estimate) -> tuple[Estimate, list[str]]:
         """The start with the changes of topology that earn their nats, and these as sentences: none without a motion that was fitted."""
@@ -136,11 +152,12 @@ class LevelSet(Stage):
     def _by_the_paper(self, case: Case, start: Estimate) -> Reached:
         """psi.T is the prior under the similarity alone, as the paper has it."""
         from ..evaluate import distances
+        from ..levelset.observe import EXACT
         from ..levelset.paper import Weights, descend
 
         prior = case.prior.transformed(start.T_map_prior)
         points = case.points.of("eam").xyz
-        sigma = _noise(start).sigma or float(np.median(distances(points, prior))) / 0.6745
+        sigma = _noise(start).sigma or max(float(np.median(distances(points, prior))) / 0.6745, EXACT * prior.diagonal)
         weights = Weights(self.data, self.area, self.shape)
         return descend(prior, points, sigma, weights, spacing=self.spacing, cycles=self.iterations)
 
@@ -152,8 +169,6 @@ def _observer(case: Case, start: Estimate) -> Callable[[Wall], Measured]:
     every = case.points.of(*FITTED_TYPES)
     rows, _ = every.distinct()
     points, relative = every.select(rows), every.relative_noise(start.fit.problem.data.typical if start.fit else None)[rows]
-    if len(points) == 0:
-        raise InputError(f"level_set: case {case.name} has no points of type {' or '.join(FITTED_TYPES)}")
     return lambda wall: observe(wall, points.xyz, points.type == "inside", relative, _noise(start))
 
 
@@ -168,7 +183,7 @@ def _noise(start: Estimate) -> Noise:
 def _doubt(case: Case, start: Estimate) -> Array:
     """How uncertain the motion is at each vertex, relative to its root mean square, half to twice; 1 everywhere where it does not say."""
     sd = start.surface.fields.get(f"sd_{case.units}")
-    if sd is None:
+    if sd is None or not sd.any():
         return np.ones(len(start.surface.vertices))
     return np.asarray(np.clip(sd / np.sqrt((sd**2).mean()), 0.5, 2.0))
 
