@@ -321,3 +321,9 @@ def test_what_an_earlier_run_said_of_its_surface_is_not_taken_for_a_prior_s() ->
     case = Case("case", prior, Points(np.eye(3), np.full(3, "eam")))
     assert set(case.prior.fields) == {"region"}
     assert replace(case, units="px", prior=prior).prior.fields.keys() == stale.keys() - {"prior_only"} | {"region"}
+
+
+def test_a_prior_wound_inwards_is_refused() -> None:
+    prior = Surface(np.vstack([np.zeros(3), np.eye(3)]), np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])[:, ::-1])
+    with pytest.raises(InputError, match="case case: the prior's faces are wound inwards: reverse the order of their corners"):
+        Case("case", prior, Points(np.eye(3), np.full(3, "eam")))

@@ -16,8 +16,9 @@ from o3dls.case import Case, Points
 from o3dls.errors import InputError, PipelineError, SolverError
 from o3dls.estimate import Estimate
 from o3dls.evaluate import distances
-from o3dls.geometry import Array, Surface, similarity
+from o3dls.geometry import Array, Surface, apply, similarity
 from o3dls.levelset.fit import fit_motion
+from o3dls.levelset.operators import zero_set
 from o3dls.levelset.reach import topology
 from o3dls.levelset.wall import Wall
 from o3dls.stages.level_set import LevelSet, _doubt, _noise, _observer
@@ -126,6 +127,19 @@ def bumped(points: Array) -> Array:
     return radius - 20.0 - 3.0 * np.exp(-(2.0 - 2.0 * up) / 0.25)
 
 
+def test_a_correction_is_the_same_however_the_lattice_lies() -> None:
+    prior = meshed(lambda at: round_distance(18.0)(at * [1.0, 1.3, 0.8]), 28.0)
+    points = sampled(meshed(bumped, 25.0), 300, 0.5, SEED)
+    turned = similarity(np.array([[2.0, -1.0, 2.0], [2.0, 2.0, -1.0], [-1.0, 2.0, 2.0]]) / 3.0, np.array([3.3, 1.1, 7.7]))
+    found = []
+    for frame in (np.eye(4), turned):
+        there = prior.transformed(frame)
+        case = Case("case", there, Points(apply(frame, points), np.full(300, "eam")))
+        found.append(LevelSet()(case, Estimate(there, np.eye(4), "start")).surface.transformed(np.linalg.inv(frame)))
+    assert distances(found[0].vertices, prior).mean() > 1.0
+    assert distances(found[0].vertices, found[1]).mean() < 0.04  # .06 with half as many nodes in a correlation length
+
+
 def test_an_outline_that_crosses_itself_is_not_handed_out() -> None:
     prior = circle(20.0, 300)
     vertices = prior.vertices.copy()
@@ -134,8 +148,12 @@ def test_an_outline_that_crosses_itself_is_not_handed_out() -> None:
     crossed = prior.with_vertices(vertices)
     assert self_intersections(crossed) > 0
     case, start = started(crossed, sampled(prior, 300, 1.0, SEED), 1.0, fitted=False)
-    found = LevelSet()(case, start).surface
+    estimate = LevelSet()(case, start)
+    found, phi = estimate.surface, estimate.phi
     assert self_intersections(found) == 0
+    assert estimate.warnings == ()
+    outline_of_phi = Surface(*zero_set(phi.band, phi.phi))
+    assert distances(found.vertices, outline_of_phi).max() < 0.5
     np.testing.assert_array_equal(found.vertices, crossed.vertices)  # what was drawn stays, only its order changes
     assert found.volume == pytest.approx(prior.volume, rel=0.01)
 
@@ -220,6 +238,17 @@ def test_halved_spacing_is_no_worse() -> None:
     case, start = started(prior, sampled(prior, 100, 1.0, SEED), 1.0)
     errors = [distances(prior.vertices, LevelSet(spacing=h)(case, start).surface).mean() for h in (2.0, 1.0)]
     assert errors[1] < 0.5 * errors[0]
+
+
+def test_phi_is_a_distance_where_walls_were_made_whole_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    prior = meshed(round_distance(14.0), 18.0)
+    case, start = started(prior, sampled(prior, 100, 0.5, SEED), 0.5, fitted=False)
+    reached = LevelSet()._by_default(case, start)
+    cut = replace(reached, phi=replace(reached.phi, phi=3.0 * reached.phi.phi), warnings=("shreds were left out",))
+    monkeypatch.setattr(LevelSet, "_by_default", lambda *_: cut)
+    found = LevelSet()(case, start)
+    assert found.warnings == cut.warnings
+    np.testing.assert_allclose(found.phi.phi, round_distance(14.0)(found.phi.band.positions), atol=0.1)
 
 
 def test_folded_prior_comes_out_without_folds() -> None:
@@ -341,6 +370,13 @@ def test_the_prior_holds_less_where_the_motion_is_in_doubt() -> None:
     assert found[2] == pytest.approx(1.5 * found[1])
     assert found[0] == 2.0
     assert (_doubt(case, replace(start, surface=replace(start.surface, fields={"sd_mm": 0.0 * sd}))) == 1.0).all()
+
+
+def test_a_surface_that_shrinks_to_nothing_is_an_error() -> None:
+    prior = meshed(round_distance(24.0), 28.0)
+    case, start = started(prior, sampled(meshed(round_distance(4.0), 8.0), 100, 0.5, SEED), 0.5, fitted=False)
+    with pytest.raises(SolverError, match="level_set: the surface shrank to nothing"):
+        LevelSet()(case, Estimate(prior, start.T_map_prior, "start"))
 
 
 @pytest.mark.parametrize(("factor", "said"), [(1.1, "33% more"), (0.9, "27% less")])

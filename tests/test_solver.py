@@ -232,7 +232,7 @@ def test_noise_that_is_known_is_kept_and_doubtful_noise_is_found() -> None:
 
 def test_no_field_is_finer_than_the_points_stand_apart() -> None:
     surface = body(3)
-    assert min(_lengths(surface, seen(surface, around(surface, 20.0, 12)), 0.1)) >= np.sqrt(surface.area / 12)
+    assert min(_lengths(Wall(surface), seen(surface, around(surface, 20.0, 12)), 0.1)) >= np.sqrt(surface.area / 12)
 
 
 @pytest.mark.parametrize("sigma", [0.2, 3.0])

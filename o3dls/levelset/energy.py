@@ -21,12 +21,12 @@ from .grid import Band
 from .operators import laplacian
 
 INNER_OUTLIERS = 0.9  # share of the outliers that lie inside
-INNER_DEPTH, OUTER_REACH = 0.15, 0.3  # how far outliers scatter, as parts of the prior's diagonal: 15 and 30 mm for an atrium
+INNER_DEPTH, OUTER_REACH = 0.6, 1.2  # how far outliers scatter, in rms radii of the prior: 15 and 30 mm for an atrium
 
 
 @dataclass(frozen=True, eq=False)
 class Likelihood:
-    """Noise of points around a surface: sd `sigma` (n,) each, outliers with probability `share` over the length `diagonal` of the prior.
+    """Noise of points around a surface: sd `sigma` (n,) each, outliers with probability `share` over the rms `radius` of the prior.
 
     In logarithms: with a share of 0, a point however far off is still one of the wall.
 
@@ -35,7 +35,7 @@ class Likelihood:
 
     sigma: Array
     share: float
-    diagonal: float
+    radius: float
     one_sided: NDArray[np.bool_]
 
     def loss(self, distance: Array) -> Array:
@@ -64,9 +64,9 @@ class Likelihood:
         """log p (n,) of the points as outliers."""
         if self.share == 0.0:
             return np.full(len(distance), -np.inf)
-        inner = np.where(distance < 0.0, INNER_OUTLIERS / (INNER_DEPTH * self.diagonal), 0.0)
+        inner = np.where(distance < 0.0, INNER_OUTLIERS / (INNER_DEPTH * self.radius), 0.0)
         inner = np.where(self.one_sided, 0.0, inner)  # being inside is no fault of theirs
-        return np.asarray(np.log(self.share * (inner + (1.0 - INNER_OUTLIERS) / (OUTER_REACH * self.diagonal))))
+        return np.asarray(np.log(self.share * (inner + (1.0 - INNER_OUTLIERS) / (OUTER_REACH * self.radius))))
 
 
 @dataclass(frozen=True, eq=False)

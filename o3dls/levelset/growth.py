@@ -19,19 +19,22 @@ from .wall import Wall
 FAR = 2.0  # noise levels off the surface from which a point asks for a tube
 LINK = 0.6  # points closer than this, in radii of the body, may trace one tube
 TYPICAL, SPREAD = 0.35, 0.35  # radius of a tube in radii of the body (a vein of 5.5 mm on a body of 16 mm), and the sd of its logarithm
+UNEVEN = 0.15  # sd of the logarithm of one end's radius over the other's
 SEEDS = 3  # far points that start a tube; nearer ones join in
 TRACED = 5  # points that must trace a tube: it has eight numbers to be fitted
 REACHES_OUT = 0.5  # how far a tube must stick out, and stay away from the thin parts that are there, in radii of the body
 NEARBY = 2.0  # points so near to a cluster, in radii of the body, are asked about its tube
 THIN = 0.5  # radius of the ball that finds those parts, in radii of the body
 SEEN = 0.5  # points that a new stretch of wall must be expected to gather, over those of evenly spread ones: some walls are never touched
+SAME = 0.5  # nats by which a search must come to rest lower, to have found another tube
+STEPS = (0.05, 0.2, -0.2)  # first steps of a search and of those after it: of a tube's ends in radii of the body, of its radii's logarithms
 NODES = 6.0  # lattice nodes in a tube's radius
 
 
-def growth(wall: Wall, measured: Measured) -> Change | None:
-    """The tube whose union with the surface gains most, or None where no points outside ask for one."""
-    proposals = [_tube(wall, measured, cluster) for cluster in _clusters(wall.surface, measured)]
-    return max((change for change in proposals if change), key=lambda change: change.gain, default=None)
+def growth(wall: Wall, measured: Measured) -> Iterator[Change]:
+    """Tubes whose union with the surface gains, round the points outside that ask for one."""
+    for cluster in _clusters(wall.surface, measured):
+        yield from _tubes(wall, measured, cluster)
 
 
 def _clusters(surface: Surface, measured: Measured) -> Iterator[Array]:
@@ -53,26 +56,26 @@ def cone(points: Array, tube: Array) -> Array:
     return np.asarray(gap - radii[0] - (radii[1] - radii[0]) * along)
 
 
-def _tube(wall: Wall, measured: Measured, cluster: Array) -> Change | None:
-    """The most likely tube round a cluster, as a change where enough points tell for it."""
+def _tubes(wall: Wall, measured: Measured, cluster: Array) -> Iterator[Change]:
+    """Likely tubes round a cluster, as changes, where enough points tell for them."""
     surface, radius = wall.surface, body_radius(wall.surface)
     whole, measured = len(measured.points), measured.of(np.linalg.norm(measured.points - cluster.mean(axis=0), axis=1) < NEARBY * radius)
-    distance = measured.distance
+    distance, likelihood = measured.distance, measured.likelihood
+    before = likelihood.loss(distance - measured.bias)
+
+    def after(tube: Array) -> Array:
+        return likelihood.loss(np.minimum(distance, cone(measured.points, tube)) - measured.bias)
 
     def cost(tube: Array) -> float:
-        union = np.minimum(distance, cone(measured.points, tube))
-        return float(measured.likelihood.loss(union - measured.bias).sum()) + _rarity(wall, tube, radius)
+        return float(after(tube).sum()) + _rarity(wall, tube, radius)
 
-    tube = _fitted(cost, _first(wall, cluster, radius))
-    before = measured.likelihood.loss(distance - measured.bias)
-    gain = before - measured.likelihood.loss(np.minimum(distance, cone(measured.points, tube)) - measured.bias)
-    witnesses = int((gain > TELLING).sum())
-    region = _mesh(tube, surface.dimension)
-    if witnesses < TRACED or not _stands_alone(wall, region[0]):
-        return None
-    centre = tube[: 2 * surface.dimension].reshape(2, -1).mean(axis=0)
-    doubt = _rarity(wall, tube, radius) + SEEN * whole * _exposed(wall, region) / surface.area
-    return Change(False, region, float(gain.sum()) - doubt, doubt, witnesses, cluster, centre)
+    for tube in _fitted(cost, _first(wall, cluster, radius), np.r_[np.full(2 * surface.dimension, radius), 1.0, 1.0]):
+        gain, region = before - after(tube), _mesh(tube, surface.dimension)
+        witnesses = int((gain > TELLING).sum())
+        if witnesses >= TRACED and _stands_alone(wall, region[0]):
+            centre = tube[: 2 * surface.dimension].reshape(2, -1).mean(axis=0)
+            doubt = _rarity(wall, tube, radius) + SEEN * whole * _exposed(wall, region) / surface.area
+            yield Change(False, region, float(gain.sum()) - doubt, doubt, witnesses, cluster, centre)
 
 
 def _exposed(wall: Wall, region: tuple[Array, Ints]) -> float:
@@ -108,13 +111,27 @@ def _rarity(wall: Wall, tube: Array, radius: float) -> float:
     sizes = (tube[-2:] - np.log(TYPICAL * radius)) / SPREAD
     depth = wall.look(tube[None, :d])[0][0] / np.exp(tube[-2])
     length = float(np.linalg.norm(tube[d : 2 * d] - tube[:d])) / radius
-    return float(0.5 * (sizes**2).sum() + 0.5 * ((tube[-1] - tube[-2]) / SPREAD) ** 2 + 2.0 * max(depth + 0.5, 0.0) ** 2 + length)
+    return float(0.5 * (sizes**2).sum() + 0.5 * ((tube[-1] - tube[-2]) / UNEVEN) ** 2 + 2.0 * max(depth + 0.5, 0.0) ** 2 + length)
 
 
-def _fitted(cost: Callable[[Array], float], first: Array) -> Array:
-    """Downhill from a first guess in unit steps; the simplex method forgives the kinks of a union."""
-    found = minimize(cost, first, method="Nelder-Mead", options={"maxiter": 600, "xatol": 0.02, "fatol": 0.02, "adaptive": True})
-    return np.asarray(found.x)
+def _fitted(cost: Callable[[Array], float], first: Array, units: Array) -> Iterator[Array]:
+    """Downhill from a first guess (k,) whose coordinates have `units` (k,). The simplex method forgives the kinks of a union, but comes to
+    rest early, so it begins anew from there; where it rested may be the better tube once the wall has moved."""
+    at, before = first, np.inf
+
+    def moved(x: Array) -> float:
+        return cost(at + units * x)
+
+    for step in STEPS:
+        simplex = step * np.vstack([np.zeros(len(units)), np.eye(len(units))])
+        found = minimize(
+            moved, simplex[0], method="Nelder-Mead",
+            options={"initial_simplex": simplex, "maxiter": 600, "xatol": 0.02, "fatol": 0.02, "adaptive": True},
+        )  # fmt: skip
+        at = at + units * found.x
+        if found.fun < before - SAME:
+            yield at
+        before = min(before, float(found.fun))
 
 
 def _mesh(tube: Array, dimension: int) -> tuple[Array, Ints]:

@@ -14,7 +14,7 @@ from .outliers import CROWD, say
 from .wall import Wall
 
 SHARES = (0.02, 0.3)  # a share outside is not believed, but for 0: then every point is
-EXACT = 1e-6  # diagonals: noise of points that lie on the surface as it is
+EXACT = 4e-6  # rms radii: noise of points that lie on the surface as it is
 MOST_BENT = 0.6  # noise times curvature beyond which the bias is not to be trusted
 
 
@@ -56,9 +56,9 @@ def observe(wall: Wall, points: Array, one_sided: NDArray[np.bool_], relative: A
     """
     distance, corners, weights = wall.look(points)
     spread = float(np.median(np.abs(distance[~one_sided]))) / 0.6745 if noise.sigma is None else noise.sigma
-    sigma = relative * max(spread, EXACT * wall.surface.diagonal)
+    sigma = relative * max(spread, EXACT * wall.radius)
     share = float(np.clip(noise.share, *SHARES)) if noise.share > 0.0 else 0.0
-    likelihood = Likelihood(sigma, share, wall.surface.diagonal, one_sided)
+    likelihood = Likelihood(sigma, share, wall.radius, one_sided)
     bend = np.einsum("nc,nc->n", weights, wall.curvature[corners])
     # the mean of the distance from a curved wall under noise of variance s^2 is s^2 / 2 times the sum of its curvatures
     bias = np.where(one_sided, 0.0, 0.5 * sigma * np.clip(sigma * bend, -MOST_BENT, MOST_BENT))

@@ -26,7 +26,7 @@ from .wall import Wall
 
 MOST = 4  # changes of one prior: more would be another one
 ENOUGH = 1000  # points that propose and judge a change
-CUTS = 3  # cuts that are looked at closely: those that the likelihood prefers
+CLOSELY = 3  # tubes, and cuts, that are looked at closely: those that the likelihood prefers
 
 
 def reshape(fit: MotionFit, *, spacing: float, threshold: float) -> tuple[MotionFit, tuple[Change, ...]]:
@@ -48,13 +48,12 @@ def reshape(fit: MotionFit, *, spacing: float, threshold: float) -> tuple[Motion
 def _proposals(fit: MotionFit, threshold: float) -> Iterator[Change]:
     """Changes of the prior in its pose. Tubes are looked for before the motion, which would hide them; cuts, whose points must lie on a
     wall that is not there, after it."""
-    posed = Surface(fit.motion.rest.at, fit.motion.faces)
+    posed = _posed(fit)
     before, after = Wall(posed), Wall(posed.with_vertices(fit.vertices))
-    tube = growth(before, _seen(fit, before, moved=False))
-    if tube and tube.gain >= threshold:
-        yield tube
+    tubes = [tube for tube in growth(before, _seen(fit, before, moved=False)) if tube.gain >= threshold]
+    yield from heapq.nlargest(CLOSELY, tubes, key=lambda change: change.gain)
     cuts = removals(after, _seen(fit, after, moved=True))
-    for cut in heapq.nlargest(CUTS, cuts, key=lambda change: change.gain):
+    for cut in heapq.nlargest(CLOSELY, cuts, key=lambda change: change.gain):
         vertices, faces = cut.region
         yield replace(cut, region=(_back(fit, after, vertices), faces))
 
@@ -88,7 +87,7 @@ def _edge(surface: Surface) -> float:
 def _judged(fit: MotionFit, changes: list[Change], spacing: float) -> Iterator[Change]:
     """Changes with what each gains once a motion is fitted anew. The prior without a change is meshed on the same lattice: many points
     see the difference."""
-    if not changes:
+    if not changes or not _holds(fit, spacing):
         return
     part = _part(fit)
     settings = replace(fit.problem.settings, unfold=False)
@@ -97,6 +96,18 @@ def _judged(fit: MotionFit, changes: list[Change], spacing: float) -> Iterator[C
         after = _fitted(fit, change, spacing, part, settings)
         if _explained(change, after):
             yield replace(change, gain=whole - after.energy - change.price)
+
+
+def _holds(fit: MotionFit, spacing: float) -> bool:
+    """Whether the lattice on which the prior would be changed holds it as it is: one that tears a thin wall spoils the comparison."""
+    posed = _posed(fit)
+    whole = changed(posed, None, max(spacing, _edge(posed)))
+    return topology(whole.vertices, whole.faces) == topology(posed.vertices, posed.faces)
+
+
+def _posed(fit: MotionFit) -> Surface:
+    """The prior in its pose, before the motion."""
+    return Surface(fit.motion.rest.at, fit.motion.faces)
 
 
 def _explained(change: Change, after: MotionFit) -> bool:
@@ -108,8 +119,7 @@ def _explained(change: Change, after: MotionFit) -> bool:
 
 def _fitted(fit: MotionFit, change: Change | None, spacing: float, data: Data, settings: Settings) -> MotionFit:
     """The motion of the prior after a change."""
-    motion = fit.motion
-    posed = Surface(motion.rest.at, motion.faces)
+    motion, posed = fit.motion, _posed(fit)
     posed = changed(posed, change, max(spacing, _edge(posed)))
     prior = apply(np.asarray(np.linalg.inv(motion.T_map_prior)), posed.vertices)
     return fit_motion(prior, posed.faces, motion.T_map_prior, data, replace(settings, fairing=()))

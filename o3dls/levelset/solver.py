@@ -17,8 +17,8 @@ from .observe import Measured
 from .residual import Field, evidence
 from .wall import Wall
 
-COARSEST = 0.3  # longest correlation length tried, in diagonals of the surface; the others are halves of it
-NODES_PER_LENGTH = 4.0  # lattice nodes in a correlation length: finer changes the field by a percent
+COARSEST = 1.2  # longest correlation length tried, in rms radii of the surface; the others are halves of it
+NODES_PER_LENGTH = 8.0  # lattice nodes in a correlation length: with 4 the field depends on where the lattice lies by a tenth
 HALF_BAND = 2.0  # half width of a field's band in nodes: enough that every foot has all its corners
 COOLING = 0.7  # most that the noise falls from one round to the next
 ROUNDS = 2  # times that the evidence sets amplitude and noise of a field
@@ -64,7 +64,7 @@ def refine(wall: Wall, measured: Measured, doubt: Array, limits: Limits) -> Corr
     fields: list[Field] = []
     trace: list[Mapping[str, float]] = []
     converged = True
-    lengths = _lengths(surface, measured, limits.spacing)
+    lengths = _lengths(wall, measured, limits.spacing)
     lengths = lengths if limits.coarse_to_fine else lengths[-1:]
     while lengths:
         found = [_evidence(wall, measured.with_noise(noise), measured.with_noise(1.0), length) for length in lengths]
@@ -83,10 +83,11 @@ def refine(wall: Wall, measured: Measured, doubt: Array, limits: Limits) -> Corr
     return Correction(u, tuple(fields), noise, tuple(trace), converged, _sentence(fields, trace, converged, limits.unit))
 
 
-def _lengths(surface: Surface, measured: Measured, spacing: float) -> list[float]:
+def _lengths(wall: Wall, measured: Measured, spacing: float) -> list[float]:
     """Correlation lengths from coarse to fine; shorter ones than the points' distance cannot be told from noise."""
+    surface = wall.surface
     between = (surface.area / len(measured.points)) ** (1.0 / (surface.dimension - 1))
-    lengths = COARSEST * surface.diagonal * 0.5 ** np.arange(10)
+    lengths = COARSEST * wall.radius * 0.5 ** np.arange(10)
     return [float(length) for length in lengths if length >= max(between, FEWEST_NODES_WIDE * spacing)]
 
 

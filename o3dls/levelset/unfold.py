@@ -36,7 +36,7 @@ def uncrossed(outline: Surface) -> Surface:
         if len(crossing):
             first, last = sorted((k - 1, int(crossing[0])))
             order[first + 1 : last + 1] = order[first + 1 : last + 1][::-1]
-            outline, k = _through(outline, order), 0
+            outline, k = _through(outline, order), first  # what lies before crosses the new segments at most, and these come again
     return outline if outline.volume > 0.0 else _through(outline, order[::-1])
 
 

@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from ..geometry import Array, Ints, Surface
+from ..registration.pose import rms_radius
 from .closest import ClosestPoint
 from .shape import normals_and_curvature
 
-BENT = 20.0  # curvatures beyond this over the diagonal are noise of the mesh
+BENT = 5.0  # curvatures beyond this over the rms radius are noise of the mesh
 
 
 class Wall:
@@ -17,7 +18,8 @@ class Wall:
     def __init__(self, surface: Surface) -> None:
         self.surface = surface
         self.rest, self.faces = surface.vertices, surface.faces
-        self.normals, self.curvature = normals_and_curvature(self.rest, self.faces, BENT / surface.diagonal)
+        self.radius = rms_radius(self.rest)
+        self.normals, self.curvature = normals_and_curvature(self.rest, self.faces, BENT / self.radius)
         self.tree = ClosestPoint(surface.vertices, surface.faces)
 
     def move(self, u: Array) -> Array:

@@ -17,6 +17,7 @@ from ..geometry import Array, Surface
 from ..stage import Stage
 
 if TYPE_CHECKING:
+    from ..levelset.distance import SignedDistance
     from ..levelset.observe import Measured, Noise
     from ..levelset.reach import Reached
     from ..levelset.wall import Wall
@@ -25,6 +26,7 @@ DOUBT = 0.1  # of the logarithm of a noise level that the motion found
 COARSEST = 0.1  # spacing over the surface's diagonal: such a lattice cuts off a fifth of an atrium
 MOST_NODES = 1e7  # of the narrow band: 4 GB; an atrium has so many at a spacing of 0.07 mm
 LOST = 2.0  # spacings: a sharp edge that the lattice rounds off is nearer to what it leaves
+NOTHING = 8.0  # cells of the lattice: less is no surface
 UNLIKE = 0.25  # relative difference in volume from what was to be meshed that is no matter of accuracy any more
 
 
@@ -54,6 +56,7 @@ class LevelSet(Stage):
 
     def __call__(self, case: Case, start: Estimate) -> Estimate:
         from ..extract import carry_fields, extract
+        from ..levelset.operators import reinitialise
         from ..validity import crossing
 
         began = time.perf_counter()
@@ -65,7 +68,9 @@ class LevelSet(Stage):
         reached = self._by_the_paper(case, start) if self.formulation == "paper" else self._by_default(case, start)
         mesh = extract(reached.phi, smoothing=self.smoothing, keep=self.keep, islands=reached.islands, smallest=reached.smallest)
         if case.dimension == 2 and reached.unchanged:  # a polyline needs no repair, and a lattice would cut its tips
-            mesh, reached = replace(mesh, surface=reached.wall), replace(reached, warnings=())
+            mesh, reached = replace(mesh, surface=reached.wall), replace(reached, phi=self._distance(reached.wall), warnings=())
+        elif reached.warnings:  # closed or cut, phi is no distance where it was
+            reached = replace(reached, phi=reinitialise(reached.phi.band, reached.phi.phi))
         said = [*reached.faults(mesh.surface, crossing)]
         if self.formulation == "default":
             self._check_mesh(mesh.surface, reached.wall, case.units)
@@ -89,6 +94,12 @@ class LevelSet(Stage):
         lean = self.formulation == "default" and start.fit is not None and not start.fit.converged
         return ["the motion had not converged"] if lean else []
 
+    def _distance(self, surface: Surface) -> SignedDistance:
+        from ..levelset.distance import signed_distance
+        from ..levelset.reach import HALF_BAND
+
+        return signed_distance(surface.vertices, surface.faces, self.spacing, HALF_BAND * self.spacing)
+
     def _check_spacing(self, surface: Surface, unit: str) -> None:
         """Raise InputError where such a lattice cannot hold the surface, as when lengths are not in mm, or would fill the memory."""
         from ..levelset.reach import HALF_BAND
@@ -105,6 +116,10 @@ class LevelSet(Stage):
     def _check_mesh(self, mesh: Surface, wall: Surface, unit: str) -> None:
         """Raise SolverError where the mesh encloses far more or less than the wall that it stands for."""
         change = mesh.volume / wall.volume - 1.0
+        if mesh.volume < NOTHING * self.spacing**wall.dimension:
+            raise SolverError(
+                "level_set: the surface shrank to nothing: the start or the scale may be wrong, or the points another surface's"
+            )
         if abs(change) > UNLIKE:
             raise SolverError(
                 f"level_set: the mesh encloses {abs(change):.0%} {'more' if change > 0.0 else 'less'} than the surface it stands for; "
@@ -154,10 +169,11 @@ class LevelSet(Stage):
         from ..evaluate import distances
         from ..levelset.observe import EXACT
         from ..levelset.paper import Weights, descend
+        from ..registration.pose import rms_radius
 
         prior = case.prior.transformed(start.T_map_prior)
         points = case.points.of("eam").xyz
-        sigma = _noise(start).sigma or max(float(np.median(distances(points, prior))) / 0.6745, EXACT * prior.diagonal)
+        sigma = _noise(start).sigma or max(float(np.median(distances(points, prior))) / 0.6745, EXACT * rms_radius(prior.vertices))
         weights = Weights(self.data, self.area, self.shape)
         return descend(prior, points, sigma, weights, spacing=self.spacing, cycles=self.iterations)
 
