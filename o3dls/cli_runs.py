@@ -34,10 +34,13 @@ def demo(out: Path) -> int:
 def run(pipeline: Path | None, case: Path | None, out: Path | None, settings: tuple[str, ...], force: bool, **reading: Any) -> int:
     """Run a PIPELINE file, or without one the default pipeline with what the case allows."""
     from .batch import run_into
+    from .errors import InputError
     from .io.atomic import check_free
     from .io.case_folder import read_case
     from .pipeline_file import default_pipeline, read_pipeline
 
+    if pipeline and pipeline.is_dir():
+        raise InputError(f"{pipeline}: is a folder and no pipeline file; if it is a case, say --case {pipeline}")
     plan = read_pipeline(pipeline, settings) if pipeline else default_pipeline(settings)
     folder = _needed(case or plan.case, "--case")
     out = _needed(out or plan.out, "--out")

@@ -138,6 +138,7 @@ def test_batch_gives_a_folder_per_case_and_one_table(case: Path, pipeline: Path,
 def test_misuse_of_the_command_itself_is_one_line(pipeline: Path, tmp_path: Path) -> None:
     refused(o3dls("run", pipeline, cwd=tmp_path), "no --case given, and the pipeline names none")
     refused(o3dls("run", pipeline, "--casee", "x", cwd=tmp_path), "--casee")
+    refused(o3dls("run", tmp_path, cwd=tmp_path), f"{tmp_path}: is a folder and no pipeline file; if it is a case, say --case {tmp_path}")
     refused(o3dls("runn", cwd=tmp_path), "runn")
 
 
