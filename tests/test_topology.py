@@ -18,7 +18,7 @@ from o3dls.levelset.growth import _stands_alone, cone, growth
 from o3dls.levelset.motion import MotionFit
 from o3dls.levelset.observe import Measured, Noise, observe
 from o3dls.levelset.reach import topology
-from o3dls.levelset.reshape import _back, _explained, _holds, _judged, _seen, reshape
+from o3dls.levelset.reshape import _back, _explained, _judged, _seen, reshape
 from o3dls.levelset.topology import Change, body_radius, changed, removals
 from o3dls.levelset.wall import Wall
 
@@ -204,14 +204,17 @@ def test_a_tube_is_the_same_in_every_frame_and_unit(frame: Array) -> None:
     assert apart(same, after) < 0.1 * unit
 
 
-def test_a_wall_that_the_lattice_would_tear_is_not_judged_on_it() -> None:
+def test_a_wall_that_the_lattice_would_tear_is_not_judged_on_it(monkeypatch: pytest.MonkeyPatch) -> None:
     """Half a shell of radius 16, 1.2 thick. Unchanged it would be torn as well, and a change of the shreds look good."""
     shell = meshed(lambda at: np.maximum(np.abs(np.linalg.norm(at, axis=1) - 16.0) - 0.6, at[:, 0] - 3.3), 18.0, 0.5)
-    fit = SimpleNamespace(motion=SimpleNamespace(rest=SimpleNamespace(at=shell.vertices), faces=shell.faces))
+    motion = SimpleNamespace(rest=SimpleNamespace(at=shell.vertices), faces=shell.faces)
+    fit = replace(bent_fit(), motion=motion)
     assert topology(shell.vertices, shell.faces) == (1, 2)
-    assert _holds(fit, 0.5)
-    assert not _holds(fit, 1.7)
-    assert list(_judged(fit, [proposed(np.zeros((3, 3)))], 1.7)) == []
+    monkeypatch.setattr(reshape_module, "_fitted", lambda *_: SimpleNamespace(energy=0.0))
+    monkeypatch.setattr(reshape_module, "_explained", lambda *_: True)
+    change = replace(proposed(np.zeros((3, 3))), region=(ball().vertices, ball().faces))
+    assert len(list(_judged(fit, [change], 0.5))) == 1
+    assert list(_judged(fit, [change], 1.7)) == []
 
 
 def test_points_known_to_be_inside_grow_no_tube() -> None:
@@ -236,8 +239,9 @@ def proposed(odd: Array, price: float = 0.0) -> Change:
 
 @pytest.mark.parametrize(("explained", "gains"), [(True, [33.0]), (False, [])])
 def test_a_change_gains_what_the_fit_gains_less_its_price(explained: bool, gains: list[float], monkeypatch: pytest.MonkeyPatch) -> None:
-    energies = {True: 100.0, False: 60.0}  # without the change, with it
-    monkeypatch.setattr(reshape_module, "_fitted", lambda fit, change, *rest: SimpleNamespace(energy=energies[change is None]))
+    energies = iter([100.0, 60.0])  # without the change, with it
+    monkeypatch.setattr(reshape_module, "_remade", lambda fit, *rest: surface(fit))
+    monkeypatch.setattr(reshape_module, "_fitted", lambda *rest: SimpleNamespace(energy=next(energies)))
     monkeypatch.setattr(reshape_module, "_explained", lambda change, after: explained)
     judged = _judged(bent_fit(), [proposed(np.zeros((0, 3)), price=7.0)], 1.0)
     assert [change.gain for change in judged] == gains

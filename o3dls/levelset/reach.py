@@ -48,7 +48,9 @@ class Reached:
 
     @property
     def smallest(self) -> float:
-        """Area of the wall's smallest piece, over that of its largest."""
+        """Area of the wall's smallest piece, over that of its largest; 1 where no other than the largest stays."""
+        if not self.islands:
+            return 1.0
         _, piece = np.unique(pieces(len(self.wall.vertices), self.wall.faces)[self.wall.faces[:, 0]], return_inverse=True)
         areas = np.bincount(piece, self.wall.face_areas)
         return float(areas.min() / areas.max())

@@ -40,7 +40,7 @@ def reshape(fit: MotionFit, *, spacing: float, threshold: float) -> tuple[Motion
         best = max(_judged(fit, list(_proposals(fit, threshold)), spacing), key=lambda change: change.gain, default=None)
         if best is None or best.gain < threshold:
             break
-        fit = _fitted(fit, best, spacing, fit.problem.data, fit.problem.settings)
+        fit = _fitted(fit, _remade(fit, best, spacing), fit.problem.data, fit.problem.settings)
         made.append(best)
     return fit, tuple(made)
 
@@ -86,23 +86,17 @@ def _edge(surface: Surface) -> float:
 
 def _judged(fit: MotionFit, changes: list[Change], spacing: float) -> Iterator[Change]:
     """Changes with what each gains once a motion is fitted anew. The prior without a change is meshed on the same lattice: many points
-    see the difference."""
-    if not changes or not _holds(fit, spacing):
+    see the difference; where the lattice tears it, as a thin wall, that would spoil the comparison, and nothing is judged."""
+    unchanged = _remade(fit, None, spacing) if changes else None
+    if unchanged is None or topology(unchanged.vertices, unchanged.faces) != topology(fit.motion.rest.at, fit.motion.faces):
         return
     part = _part(fit)
     settings = replace(fit.problem.settings, unfold=False)
-    whole = _fitted(fit, None, spacing, part, settings).energy
+    whole = _fitted(fit, unchanged, part, settings).energy
     for change in changes:
-        after = _fitted(fit, change, spacing, part, settings)
+        after = _fitted(fit, _remade(fit, change, spacing), part, settings)
         if _explained(change, after):
             yield replace(change, gain=whole - after.energy - change.price)
-
-
-def _holds(fit: MotionFit, spacing: float) -> bool:
-    """Whether the lattice on which the prior would be changed holds it as it is: one that tears a thin wall spoils the comparison."""
-    posed = _posed(fit)
-    whole = changed(posed, None, max(spacing, _edge(posed)))
-    return topology(whole.vertices, whole.faces) == topology(posed.vertices, posed.faces)
 
 
 def _posed(fit: MotionFit) -> Surface:
@@ -117,9 +111,14 @@ def _explained(change: Change, after: MotionFit) -> bool:
     return len(distance) >= WITNESSES and float(np.median(np.abs(distance))) < DEEP * after.sigma
 
 
-def _fitted(fit: MotionFit, change: Change | None, spacing: float, data: Data, settings: Settings) -> MotionFit:
-    """The motion of the prior after a change."""
-    motion, posed = fit.motion, _posed(fit)
-    posed = changed(posed, change, max(spacing, _edge(posed)))
+def _remade(fit: MotionFit, change: Change | None, spacing: float) -> Surface:
+    """The prior in its pose after a change, or meshed anew without one."""
+    posed = _posed(fit)
+    return changed(posed, change, max(spacing, _edge(posed)))
+
+
+def _fitted(fit: MotionFit, posed: Surface, data: Data, settings: Settings) -> MotionFit:
+    """The motion of what the prior was made into."""
+    motion = fit.motion
     prior = apply(np.asarray(np.linalg.inv(motion.T_map_prior)), posed.vertices)
     return fit_motion(prior, posed.faces, motion.T_map_prior, data, replace(settings, fairing=()))
