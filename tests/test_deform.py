@@ -384,6 +384,18 @@ def test_most_points_off_the_wall_are_warned_of() -> None:
     assert distances(found.surface.vertices, case.prior.with_vertices(truth)).mean() < NOISE
 
 
+@pytest.mark.parametrize(("grain", "said"), [(0.3, False), (1.0, True)])
+def test_a_crumpled_prior_is_warned_of(grain: float, said: bool) -> None:
+    """Where every vertex is an edge's length off, nothing else says why noise and motion are wrong; grain of .3 edges is smoothed."""
+    case, _ = bent_case()
+    prior = case.prior
+    edge = float(np.linalg.norm(np.diff(prior.vertices[prior.faces[:, :2]], axis=1), axis=2).mean())
+    shift = grain * edge * np.random.default_rng(9_281).normal(size=(len(prior.vertices), 1))
+    rough = replace(case, prior=prior.with_vertices(prior.vertices + shift * prior.vertex_normals))
+    warnings = Deform()(rough, started(rough)).warnings
+    assert any("the prior is crumpled" in warning for warning in warnings) == said
+
+
 def test_points_that_mean_no_surface_come_to_an_end() -> None:
     """They had the start pose mended for ever."""
     case, _ = bent_case(count=200)

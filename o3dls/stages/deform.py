@@ -28,6 +28,7 @@ NEVER = 1e-250  # odds of being off the wall that no residual outweighs, and who
 NO_WALL = 0.95  # share of the points off the wall that leaves no wall
 GROWS = 3.0  # factor on the volume that no heartbeat has: a ventricle keeps a third at least
 WRONG = "start, scale, frame or landmarks may be wrong"
+SMOOTH = 0.7  # share of a prior's area that its smooth wall has: patients' have .94 and more, stairs of label volumes .79
 CLOSE = 3.0  # nats: a surface whose evidence is within a factor of 20 of the best is no worse a guess
 
 
@@ -93,6 +94,7 @@ class Deform(Stage):
         fits = [self._fitted(case, pose, data) for pose in self._poses(case, start)]
         best = min(fits, key=lambda estimate: float(estimate.fit.energy))
         said = [*_repeated(case.points), *self._without_marks(case), *_rivals(best, fits, case.units), *_doubts(start, best)]
+        said += _crumpled(best.fit.problem)
         return replace(best, warnings=(*start.warnings, *said))
 
     def _poses(self, case: Case, start: Estimate) -> list[Array]:
@@ -184,6 +186,16 @@ def _doubts(start: Estimate, found: Estimate) -> list[str]:
     if not 1.0 / GROWS < grown < GROWS:
         said += [f"the motion makes what the surface encloses {grown:.2g} times as large: {WRONG}"]
     return said
+
+
+def _crumpled(problem: Problem) -> list[str]:
+    """A sentence where a fold of the prior is near wherever a point lies: distances to such a wall say little of noise and motion."""
+    posed = Surface(problem.rest.at, problem.faces)
+    facing = (posed.face_area_vectors * problem.rest.normals[posed.faces].mean(axis=1)).sum() / posed.face_areas.sum()
+    if facing > SMOOTH:
+        return []
+    area = f"{1.0 / facing:.2g} times the area of a smooth wall"
+    return [f"the prior is crumpled ({area}): some fold of it is near every point, and noise and motion follow the folds; smooth it first"]
 
 
 def _repeated(points: Points) -> list[str]:
