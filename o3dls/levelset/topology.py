@@ -69,7 +69,8 @@ def removals(wall: Wall, measured: Measured) -> Iterator[Change]:
     """Cuts of thin parts of the prior that points speak against, each at the height over the body that gains most."""
     if _deep(measured).sum() >= WITNESSES:
         for part in parts(wall.surface):
-            yield from _cuts(part, measured)
+            if part.near(measured.points[_deep(measured)]) >= WITNESSES:
+                yield from _cuts(part, measured)
 
 
 def _deep(measured: Measured) -> NDArray[np.bool_]:
@@ -79,15 +80,32 @@ def _deep(measured: Measured) -> NDArray[np.bool_]:
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """A thin part: `outside` (n,) is the distance of the lattice nodes from the body opened by a ball; `share` (n,) is 1 in the part,
-    falls to 0 over the radius of the ball around it, and is negative where the part has no say: in other parts and far away."""
+    """A thin part `core` (n,), one of all that are `thin` (n,): `outside` (n,) is the distance of the lattice nodes from the body opened
+    by a ball."""
 
     field: SignedDistance
     opened: ClosestPoint
     ball: float
     outside: Array
+    thin: NDArray[np.bool_]
     core: NDArray[np.bool_]
-    share: Array
+
+    def near(self, points: Array) -> int:
+        """How many points (k, d) inside the prior the part may have a say about."""
+        reach = self.ball + self.field.band.spacing
+        return int(np.isfinite(cKDTree(self.field.band.positions[self.core]).query(points, distance_upper_bound=reach)[0]).sum())
+
+    def share(self) -> Array:
+        """1 at the nodes (n,) in the part, falling to 0 over the radius of the ball around it, negative where the part has no say: in other
+        parts and far away. A node outside the prior follows the closest node inside."""
+        inner = np.flatnonzero(self.field.phi < 0.0)
+        positions = self.field.band.positions
+        gap = np.asarray(cKDTree(positions[self.core]).query(positions, distance_upper_bound=self.ball)[0])
+        near = np.flatnonzero(gap < np.inf)
+        nearest = inner[cKDTree(positions[inner]).query(positions[near])[1]]
+        share = np.full(len(positions), -1.0)
+        share[near] = np.where(self.core[nearest], 1.0, np.where(self.thin[nearest], -1.0, 1.0 - gap[near] / self.ball))
+        return share
 
 
 def parts(surface: Surface, balls: tuple[float, ...] = BALLS) -> Iterator[Part]:
@@ -106,19 +124,7 @@ def parts(surface: Surface, balls: tuple[float, ...] = BALLS) -> Iterator[Part]:
         for piece in range(label.max() + 1):
             core = label == piece
             if outside[core].max() >= STICKS_OUT * radius:
-                yield Part(field, opened, ball, outside, core, _share(field, core, thin, ball))
-
-
-def _share(field: SignedDistance, core: NDArray[np.bool_], thin: NDArray[np.bool_], reach: float) -> Array:
-    """Say of a part at every node, as in `Part`; a node outside the prior follows the closest node inside."""
-    inner = np.flatnonzero(field.phi < 0.0)
-    positions = field.band.positions
-    gap = np.asarray(cKDTree(positions[core]).query(positions, distance_upper_bound=reach)[0])
-    near = np.flatnonzero(gap < np.inf)
-    nearest = inner[cKDTree(positions[inner]).query(positions[near])[1]]
-    share = np.full(len(field.band), -1.0)
-    share[near] = np.where(core[nearest], 1.0, np.where(thin[nearest], -1.0, 1.0 - gap[near] / reach))
-    return share
+                yield Part(field, opened, ball, outside, thin, core)
 
 
 def _outside(opened: ClosestPoint, positions: Array, phi: Array, ball: float) -> Array:
@@ -134,7 +140,8 @@ def _cuts(part: Part, measured: Measured) -> Iterator[Change]:
     likelihood, distance, band = measured.likelihood, measured.distance, part.field.band
     sigma = float(np.median(likelihood.sigma))
     node = cKDTree(band.positions).query(measured.points)[1]
-    share, outside = part.share[node], _outside(part.opened, measured.points, part.field.phi[node], part.ball)
+    shares = part.share()
+    share, outside = shares[node], _outside(part.opened, measured.points, part.field.phi[node], part.ball)
     before = likelihood.loss(distance - measured.bias)
     best, height = np.zeros(len(distance)), 0.0
     for trial in np.arange(-part.ball, part.outside[part.core].max() - sigma, 0.5 * sigma):
@@ -147,7 +154,7 @@ def _cuts(part: Part, measured: Measured) -> Iterator[Change]:
     near = np.abs(np.maximum(distance, outside - _level(height, share))[deep]) < DEEP * likelihood.sigma[deep]
     if witnesses < WITNESSES or near.sum() < WITNESSES:
         return
-    above = np.where(part.share > 0.0, part.outside - _level(height, part.share), -band.spacing)
+    above = np.where(shares > 0.0, part.outside - _level(height, shares), -band.spacing)
     lost = part.core & (above > 0.0)
     nearby = np.isin(node, np.flatnonzero(lost)).any()
     region = zero_set(*band.whole(-above, band.spacing))
