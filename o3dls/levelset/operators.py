@@ -168,5 +168,12 @@ def largest_piece(vertices: Array, faces: Ints) -> tuple[Array, Ints]:
     corners = vertices[faces] - vertices.mean(axis=0)
     piece = np.bincount(label[faces[:, 0]], weights=np.linalg.det(corners))
     kept = faces[label[faces[:, 0]] == piece.argmax()]
-    used, renumbered = np.unique(kept, return_inverse=True)
-    return vertices[used], renumbered.reshape(kept.shape)
+    used, renumbered = used_by(len(vertices), kept)
+    return vertices[used], renumbered
+
+
+def used_by(count: int, faces: Ints) -> tuple[NDArray[np.bool_], Ints]:
+    """Which of `count` vertices the faces (m, d) use, and the faces counted in these alone."""
+    used = np.zeros(count, dtype=bool)
+    used[faces] = True
+    return used, (np.cumsum(used) - 1)[faces]

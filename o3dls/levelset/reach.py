@@ -14,7 +14,7 @@ from ..geometry import Array, Ints, Surface
 from .closest import ClosestPoint
 from .distance import SignedDistance, signed_distance
 from .observe import Measured
-from .operators import pieces, without_shreds, zero_set
+from .operators import pieces, used_by, without_shreds, zero_set
 from .solver import Correction, Limits, refine
 from .wall import Wall
 
@@ -174,6 +174,6 @@ def _whole(phi: SignedDistance, kind: tuple[int, int]) -> SignedDistance:
 
 def topology(vertices: Array, faces: Ints) -> tuple[int, int]:
     """Pieces and Euler number of a closed surface (2 per piece without handles in 3D, 0 in 2D)."""
-    used, index = np.unique(faces, return_inverse=True)
-    count = len(np.unique(pieces(len(used), index.reshape(faces.shape))))
-    return count, len(used) - (len(faces) // 2 if faces.shape[1] == 3 else len(faces))  # a triangle has half of three edges
+    used, renumbered = used_by(len(vertices), faces)
+    count, n = int(pieces(int(used.sum()), renumbered).max(initial=-1)) + 1, int(used.sum())
+    return count, n - (len(faces) // 2 if faces.shape[1] == 3 else len(faces))  # a triangle has half of three edges
