@@ -29,6 +29,13 @@ def face_normals(vertices: Array, faces: Ints) -> Array:
     return np.asarray(areas / np.maximum(np.sqrt(np.einsum("md,md->m", areas, areas)), 1e-300)[:, None])
 
 
+def facing(vertices: Array, faces: Ints, normals: Array) -> float:
+    """Share of a surface's area that is left when each face counts by how far it looks along unit normals (n, d) given at the vertices."""
+    areas = _normals(vertices, faces)[1]
+    along = np.einsum("md,mcd->", areas, normals[faces]) / faces.shape[1]
+    return float(along / np.sqrt(np.einsum("md,md->m", areas, areas)).sum())
+
+
 def unit_mean(vectors: Array, corner: Ints, bary: Array) -> Array:
     """Unit vectors (k, d): vectors (n, d) of the vertices, interpolated at corners (k, d) with barycentric weights (k, d)."""
     mean = (vectors[corner] * bary[:, :, None]).sum(axis=1)

@@ -190,11 +190,12 @@ def _doubts(start: Estimate, found: Estimate) -> list[str]:
 
 def _crumpled(problem: Problem) -> list[str]:
     """A sentence where a fold of the prior is near wherever a point lies: distances to such a wall say little of noise and motion."""
-    posed = Surface(problem.rest.at, problem.faces)
-    facing = (posed.face_area_vectors * problem.rest.normals[posed.faces].mean(axis=1)).sum() / posed.face_areas.sum()
-    if facing > SMOOTH:
+    from ..levelset.shape import facing
+
+    share = facing(problem.rest.at, problem.faces, problem.rest.normals)
+    if share > SMOOTH:
         return []
-    area = f"{1.0 / facing:.2g} times the area of a smooth wall"
+    area = f"{1.0 / share:.2g} times the area of a smooth wall"
     return [f"the prior is crumpled ({area}): some fold of it is near every point, and noise and motion follow the folds; smooth it first"]
 
 
