@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import InputError
-from .geometry import Array, Ints, Surface
+from .geometry import Array, Surface
 
 UNITS = ("mm", "px")
 POINT_TYPES = ("eam", "ablation", "landmark", "inside")
@@ -43,15 +43,6 @@ class Points:
     def of(self, *types: str) -> Points:
         """The points of the given types, in file order."""
         return self.select(np.isin(self.type, types))
-
-    def distinct(self) -> tuple[Ints, Ints]:
-        """Rows of the first point of every place and type, in order, and which of these (n,) each point is."""
-        places = np.column_stack([self.xyz, np.unique(self.type, return_inverse=True)[1]])
-        _, first, same = np.unique(places, axis=0, return_index=True, return_inverse=True)
-        order = np.argsort(first)
-        rank = np.empty_like(order)
-        rank[order] = np.arange(len(order))
-        return first[order], rank[same.ravel()]
 
     @cached_property
     def typical_sigma(self) -> float | None:

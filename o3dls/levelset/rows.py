@@ -17,8 +17,8 @@ class Data:
     """What is fitted: points (n, d), which of the noise groups each is in, its noise relative to the group's, its odds of floating, whether
     it is known to be inside only; landmarks.
 
-    mapping: rows of the mapping points of the case, of which those at one place are one row; up (d,), where it is known: the direction of
-    the prior, in its own frame, along which it bends most.
+    mapping: rows of the mapping points of the case, of which those at one place are one row; apart: within what distance they are; up (d,),
+    where it is known: the direction of the prior, in its own frame, along which it bends most.
     """
 
     PER_POINT: ClassVar = ("points", "group", "relative", "odds", "inside")
@@ -34,6 +34,7 @@ class Data:
     groups: int = 1
     mapping: Ints | None = None
     typical: float | None = None
+    apart: float = 0.0
 
     @property
     def trusted(self) -> Array:

@@ -93,7 +93,7 @@ class Deform(Stage):
             raise InputError(f"deform: case {case.name} has no points of type eam")
         fits = [self._fitted(case, pose, data) for pose in self._poses(case, start)]
         best = min(fits, key=lambda estimate: float(estimate.fit.energy))
-        said = [*_repeated(case.points), *self._without_marks(case), *_rivals(best, fits, case.units), *_doubts(start, best)]
+        said = [*_repeated(data, case.units), *self._without_marks(case), *_rivals(best, fits, case.units), *_doubts(start, best)]
         said += _crumpled(best.fit.problem)
         return replace(best, warnings=(*start.warnings, *said))
 
@@ -143,7 +143,7 @@ class Deform(Stage):
         if fit is None or estimate.motion is not fit.motion or not _same(fit.problem, case.prior):
             raise InputError("update: the estimate must come from the stage 'deform' of this session, fitted to this prior")
         before = fit.problem.data
-        data = observed(case.visible(self.fits), self, before.typical)
+        data = observed(case.visible(self.fits), self, before)
         if len(data.points) < len(before.points):
             raise InputError(f"update: {len(data.points)} points, fewer than the {len(before.points)} of the estimate")
         if self.settings() != fit.problem.settings:
@@ -199,26 +199,31 @@ def _crumpled(problem: Problem) -> list[str]:
     return [f"the prior is crumpled ({area}): some fold of it is near every point, and noise and motion follow the folds; smooth it first"]
 
 
-def _repeated(points: Points) -> list[str]:
-    """A sentence where points share a place: copies are no new evidence."""
-    mapping = points.of("eam")
-    more = len(mapping) - len(mapping.distinct()[0])
-    return [f"{more} of {len(mapping)} points repeat the place of another; each place counts once"] if more else []
+def _repeated(data: Data, unit: str) -> list[str]:
+    """A sentence where mapping points share a place: they are no new evidence."""
+    place = np.asarray(data.mapping)
+    more = len(place) - len(np.unique(place))
+    near = f" or lie within {data.apart:.2g} {unit} of it, too close for noise of their own" if data.apart else ""
+    return [f"{more} of {len(place)} points repeat the place of another{near}; each place counts once"] if more else []
 
 
 def _same(problem: Problem, prior: Surface) -> bool:
     return np.array_equal(problem.faces, prior.faces) and np.array_equal(problem.vertices, prior.vertices)
 
 
-def observed(case: Case, stage: Deform, typical: float | None = None) -> Data:
+def observed(case: Case, stage: Deform, before: Data | None = None) -> Data:
     """The fitted points as arrays: eam and inside points in noise group 0, ablation points in group 1, landmarks apart.
 
-    `typical` is what the points' own noise is relative to, where an earlier fit has found the level of the others.
+    `before`, the points of an earlier fit, tell what the points' own noise is relative to, and within what distance they are of one place.
     """
     from ..levelset.rows import Data
+    from ..places import apart, places
+    from ..registration.pose import rms_radius
 
     every = case.points.of(*stage.fits)
-    rows, same = every.distinct()
+    near = apart(every, rms_radius(case.prior.vertices)) if before is None else before.apart
+    typical = every.typical_sigma if before is None or before.typical is None else before.typical
+    rows, same = places(every, near)
     points = every.select(rows)
     _, marks_prior, marks_map = case.landmark_pairs()
     keep = slice(None) if stage.landmarks else slice(0)
@@ -233,7 +238,8 @@ def observed(case: Case, stage: Deform, typical: float | None = None) -> Data:
         up=upwards(case.prior_landmarks) if stage.bends == "upright" else None,
         groups=1 + (stage.ablation == "fit"),
         mapping=same[every.type == "eam"],
-        typical=every.typical_sigma if typical is None else typical,
+        typical=typical,
+        apart=near,
     )
 
 

@@ -181,10 +181,12 @@ class LevelSet(Stage):
 def _observer(case: Case, start: Estimate) -> Callable[[Wall], Measured]:
     """How the fitted points look from a wall, with the noise and the outliers that the start found among them."""
     from ..levelset.observe import observe
+    from ..places import apart, places
+    from ..registration.pose import rms_radius
 
-    every = case.points.of(*FITTED_TYPES)
-    rows, _ = every.distinct()
-    points, relative = every.select(rows), every.relative_noise(start.fit.problem.data.typical if start.fit else None)[rows]
+    every, data = case.points.of(*FITTED_TYPES), start.fit.problem.data if start.fit else None
+    rows, _ = places(every, data.apart if data else apart(every, rms_radius(case.prior.vertices)))
+    points, relative = every.select(rows), every.relative_noise(data.typical if data else None)[rows]
     return lambda wall: observe(wall, points.xyz, points.type == "inside", relative, _noise(start))
 
 
