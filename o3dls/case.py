@@ -98,6 +98,8 @@ class Case:
             raise InputError(f"case {self.name}: points are {self.points.xyz.shape[1]}D, the prior is {self.dimension}D")
         if self.units not in UNITS:
             raise InputError(f"case {self.name}: units = '{self.units}': lengths of a case are in {' or '.join(UNITS)}; scale them first")
+        object.__setattr__(self, "prior", self.prior.without_unused())
+        object.__setattr__(self, "phases", tuple(phase.without_unused() for phase in self.phases))
         if self.prior.watertight and self.prior.volume < 0.0:
             raise InputError(f"case {self.name}: the prior's faces are wound inwards: reverse the order of their corners")
         stale = {*(f"{name}_{self.units}" for name in OF_A_RUN), "prior_only"} & self.prior.fields.keys()

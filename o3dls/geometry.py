@@ -94,6 +94,11 @@ class Surface:
         forward, backward = np.sort(a * n + b), np.sort(b * n + a)
         return bool((forward == backward).all() and (np.diff(forward) > 0).all())
 
+    def without_unused(self) -> Surface:
+        """The surface without vertices that no face uses: they lie on no wall, but have a say in sizes and means. Itself without any."""
+        used, faces = used_by(len(self.vertices), self.faces)
+        return self if used.all() else Surface(self.vertices[used], faces, {name: values[used] for name, values in self.fields.items()})
+
     def with_vertices(self, vertices: Array) -> Surface:
         """The same connectivity and fields at other positions."""
         return replace(self, vertices=vertices)
@@ -102,6 +107,13 @@ class Surface:
         """The surface under a (d+1, d+1) homogeneous matrix; a mirroring one flips the winding back to outward."""
         faces = self.faces[:, ::-1] if np.linalg.det(matrix[:-1, :-1]) < 0 else self.faces
         return replace(self, vertices=apply(matrix, self.vertices), faces=faces)
+
+
+def used_by(count: int, faces: Ints) -> tuple[NDArray[np.bool_], Ints]:
+    """Which of `count` vertices the faces (m, d) use, and the faces counted in these alone."""
+    used = np.zeros(count, dtype=bool)
+    used[faces] = True
+    return used, (np.cumsum(used) - 1)[faces]
 
 
 def apply(matrix: Array, points: ArrayLike) -> Array:

@@ -412,6 +412,18 @@ def test_a_crumpled_prior_is_warned_of(grain: float, said: bool) -> None:
     assert any("the prior is crumpled" in warning for warning in warnings) == said
 
 
+def test_vertices_that_no_face_uses_are_no_part_of_the_prior() -> None:
+    """As decimation and clipping in other programs leave them: the deviation was none where they lay, and lengths were theirs too."""
+    case, _ = bent_case()
+    prior, stray = case.prior, 3.0 * case.prior.vertices[:400]
+    fields = {"region": np.r_[np.zeros(400), np.arange(len(prior.vertices))]}
+    kept = replace(case, prior=Surface(np.vstack([stray, prior.vertices]), prior.faces + 400, fields))
+    np.testing.assert_array_equal(kept.prior.vertices, prior.vertices)
+    np.testing.assert_array_equal(kept.prior.fields["region"], np.arange(len(prior.vertices)))
+    plain, found = Deform()(case, started(case)).surface, Deform()(kept, started(kept)).surface
+    np.testing.assert_array_equal(found.fields["sd_mm"], plain.fields["sd_mm"])
+
+
 def test_points_that_mean_no_surface_come_to_an_end() -> None:
     """They had the start pose mended for ever."""
     case, _ = bent_case(count=200)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
-from ..geometry import Array, Ints
+from ..geometry import Array, Ints, used_by
 from . import kernels
 from .distance import SignedDistance, signed_distance
 from .grid import Band
@@ -170,10 +170,3 @@ def largest_piece(vertices: Array, faces: Ints) -> tuple[Array, Ints]:
     kept = faces[label[faces[:, 0]] == piece.argmax()]
     used, renumbered = used_by(len(vertices), kept)
     return vertices[used], renumbered
-
-
-def used_by(count: int, faces: Ints) -> tuple[NDArray[np.bool_], Ints]:
-    """Which of `count` vertices the faces (m, d) use, and the faces counted in these alone."""
-    used = np.zeros(count, dtype=bool)
-    used[faces] = True
-    return used, (np.cumsum(used) - 1)[faces]

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..geometry import Array, Ints, Surface
+from ..geometry import Array, Ints, Surface, used_by
 from .closest import ClosestPoint
 from .distance import SignedDistance, signed_distance
 from .observe import Measured
-from .operators import pieces, used_by, without_shreds, zero_set
+from .operators import pieces, without_shreds, zero_set
 from .solver import Correction, Limits, refine
 from .wall import Wall
 
