@@ -184,6 +184,22 @@ def test_a_fit_with_shared_rows_comes_to_stand_still() -> None:
     assert len(split.trace) > max(Settings().tune_at)  # the rounds that found the amplitudes count too
 
 
+def test_many_points_inside_do_not_crowd_out_the_few_at_the_wall() -> None:
+    """Of a part of all kinds alike, every so-manieth, few were of the wall, and none where kinds take turns."""
+    surface, truth, data = bent(3, count=150)
+    deep = 0.5 * spots(surface, 1_500, 77)[0]
+    plain = fit(surface, data, settings=Settings(many=300))
+    crowded = fit(surface, with_inside(data, deep), settings=Settings(many=300))
+    assert off(surface, truth, crowded.vertices) < off(surface, truth, plain.vertices) + 0.02 * NOISE
+
+
+def test_a_part_of_the_points_has_all_kinds() -> None:
+    group, inside = np.arange(24) % 2, np.arange(24) % 4 == 0
+    rows = wall(np.zeros((24, 3)), group=group, inside=inside).part(3)
+    assert sorted(zip(group[rows], inside[rows], strict=True)) == [(0, False)] * 3 + [(0, True)] * 3 + [(1, False)] * 3
+    assert (np.diff(rows) > 0).all()
+
+
 def test_many_points_may_share_rows() -> None:
     surface, truth, data = bent(3, count=400)
     dense, merged = fit(surface, data), fit(surface, data, settings=Settings(rows=100))

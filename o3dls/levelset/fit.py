@@ -33,8 +33,8 @@ def fit_motion(
     if warm is not None:
         return _proceed(warm, data, slice(len(warm.state.weights)), WARM_ROUNDS)
     settings = settings or Settings()
-    if len(data.points) > settings.many:
-        some = slice(None, None, -(-len(data.points) // settings.many))
+    some = data.part(settings.many)
+    if len(some) < len(data.points):
         first = fit_motion(vertices, faces, pose, data.at(some), settings)
         fit = _proceed(first, data, some, MANY_ROUNDS)
         return replace(fit, trace=(*first.trace, *fit.trace))
@@ -54,7 +54,7 @@ def fit_motion(
     return run.result(found.share, found.alone, settings.tolerance * run.problem.size)
 
 
-def _proceed(earlier: MotionFit, data: Data, known: slice, rounds: int) -> MotionFit:
+def _proceed(earlier: MotionFit, data: Data, known: slice | Ints, rounds: int) -> MotionFit:
     """Rounds with all of `data`, of which the earlier fit had the `known` points: pose, amplitudes and noise levels are kept."""
     least = 0.1 * float(earlier.state.scales.noises[0])  # the surface stands within the noise
     problem: Problem = replace(earlier.problem, data=data)
@@ -67,7 +67,7 @@ def _proceed(earlier: MotionFit, data: Data, known: slice, rounds: int) -> Motio
     return Run(problem, state, solved, trace, trace[-1]["step"]).result(earlier.motion.share, earlier.motion.alone, least)
 
 
-def _first_beliefs(earlier: MotionFit, data: Data, known: slice) -> Array:
+def _first_beliefs(earlier: MotionFit, data: Data, known: slice | Ints) -> Array:
     """Belief (n,) in the known points as it was, in the further ones by their distances from the surface as it is."""
     weights, state, surface = data.trusted, earlier.state, earlier.problem.tree
     new = ~data.inside

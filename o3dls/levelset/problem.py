@@ -59,7 +59,7 @@ class Settings:
     odds: float = 0.0  # nats against a motion beyond the pose, before the points are seen
     finest: float = 0.01  # rms radii: no point is believed better than this
     rows: int = 600  # more points than this share rows by patches of the surface
-    many: int = 3000  # of more points than this, an even part finds amplitudes, noise and motion; all of them have the last word
+    many: int = 3000  # of more points of a kind than this, an even part finds amplitudes, noise and motion; all have the last word
     iterations: int = 25
     tune_at: tuple[int, ...] = (5, 9, 13)
     tolerance: float = 2e-4  # rms radii: mean step of the surface that counts as standing still

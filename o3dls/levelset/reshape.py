@@ -25,7 +25,7 @@ from .topology import DEEP, WITNESSES, Change, changed, removals
 from .wall import Wall
 
 MOST = 4  # changes of one prior: more would be another one
-ENOUGH = 1000  # points that propose and judge a change
+ENOUGH = 1000  # points of a kind that propose and judge a change
 CLOSELY = 3  # tubes, and cuts, that are looked at closely: those that the likelihood prefers
 
 
@@ -69,7 +69,7 @@ def _seen(fit: MotionFit, wall: Wall, *, moved: bool) -> Measured:
 def _part(fit: MotionFit) -> Data:
     """An even part of many points: what changes the topology is no detail."""
     data: Data = fit.problem.data
-    return data.at(slice(None, None, max(1, len(data.points) // ENOUGH)))
+    return data.at(data.part(ENOUGH))
 
 
 def _back(fit: MotionFit, moved: Wall, points: Array) -> Array:

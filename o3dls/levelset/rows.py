@@ -41,7 +41,13 @@ class Data:
         """Belief (n,) in every point before any surface is known: those inside have nothing to say yet."""
         return np.where(self.inside, 0.0, 1.0)
 
-    def at(self, which: slice) -> Data:
+    def part(self, most: int) -> Ints:
+        """Rows of an even part of the points: at most so many of each group and of those inside: none crowds out others."""
+        kind = 2 * self.group + self.inside
+        rows = [np.flatnonzero(kind == one) for one in np.unique(kind)]
+        return np.sort(np.concatenate([some[:: -(-len(some) // most)] for some in rows]))
+
+    def at(self, which: slice | Ints) -> Data:
         """Some of the points, all of the landmarks."""
         return replace(self, **{name: getattr(self, name)[which] for name in self.PER_POINT})
 
