@@ -412,6 +412,17 @@ def test_a_crumpled_prior_is_warned_of(grain: float, said: bool) -> None:
     assert any("the prior is crumpled" in warning for warning in warnings) == said
 
 
+def test_small_pieces_of_a_prior_are_warned_of() -> None:
+    case, _ = bent_case()
+    crumbs = [sphere(0.5).vertices + place for place in case.prior.vertices[[3, 400]]]
+    vertices, faces = np.vstack([case.prior.vertices, *crumbs]), [case.prior.faces]
+    faces += [sphere().faces + len(case.prior.vertices) + k * len(crumbs[0]) for k in (0, 1)]
+    littered = replace(case, prior=Surface(vertices, np.vstack(faces)))
+    assert Deform()(littered, started(littered)).warnings == (
+        "the prior has 2 small pieces that points may take for their wall: remove those that are none",
+    )
+
+
 def test_vertices_that_no_face_uses_are_no_part_of_the_prior() -> None:
     """As decimation and clipping in other programs leave them: the deviation was none where they lay, and lengths were theirs too."""
     case, _ = bent_case()

@@ -64,3 +64,18 @@ def test_mending_never_leaves_more_folds_than_there_were() -> None:
     mended, count, left = unfold(rest, moved, ball.faces)
     assert 0 < left <= count
     assert unfold(rest, mended, ball.faces, rounds=0)[1] == left
+
+
+def test_a_small_piece_that_folded_as_a_whole_stays_and_the_rest_is_mended() -> None:
+    """It has no surroundings to continue: its bending alone is singular, so that nothing was mended, or the solver gave up in an error."""
+    ball, crumb = body(3, fineness=5), body(3, fineness=1)
+    rest = np.vstack([ball.vertices, 0.05 * crumb.vertices + 3.0 * SIZE])
+    faces = np.vstack([ball.faces, crumb.faces + len(ball.vertices)])
+    moved = rest.copy()
+    moved[: len(ball.vertices)] = pushed_through(ball, ball.vertices[17], 2.2, 0.16 * SIZE)
+    small = slice(len(ball.vertices), None)
+    moved[small] = moved[small][np.random.default_rng(5).permutation(len(crumb.vertices))]
+    mended, count, left = unfold(rest, moved, faces)
+    assert 0 < left < count
+    np.testing.assert_array_equal(mended[small], moved[small])
+    assert unfold(ball.vertices, mended[: len(ball.vertices)], ball.faces)[1] == 0

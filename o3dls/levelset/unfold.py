@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix, diags
+from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 from scipy.spatial import cKDTree
 
@@ -61,6 +62,7 @@ def unfold(rest: Array, moved: Array, faces: Ints, rounds: int = 12) -> tuple[Ar
     adjacency = neighbours(faces, len(rest))
     laplacian = diags(np.asarray(adjacency.sum(axis=1)).ravel()) - adjacency
     bending = csr_matrix(laplacian.T @ laplacian)
+    piece = connected_components(adjacency, directed=False)[1]
     finer = int(np.ceil(np.sqrt(len(rest) / ENOUGH)))  # a ring of a fine mesh is narrow
     zone = np.zeros(len(rest), dtype=bool)
     for attempt in range(rounds):
@@ -68,12 +70,12 @@ def unfold(rest: Array, moved: Array, faces: Ints, rounds: int = 12) -> tuple[Ar
         patch[faces[turned]] = True
         for _ in range(finer * (2 + attempt // 2)):
             patch |= (adjacency @ patch.astype(np.float64)) > 0.0
+        patch |= zone
+        patch &= (np.bincount(piece, ~patch) > 0.0)[piece]  # a piece that has folded as a whole has nothing to continue
         if not (patch & ~zone).any():  # the same faces are turned still: wider around them
             continue
-        zone |= patch
+        zone = patch
         inside, outside = np.flatnonzero(zone), np.flatnonzero(~zone)
-        if len(outside) == 0:
-            break
         rows = bending[inside]
         bends = splu(rows[:, inside].tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
         displacement[inside] = bends.solve(-(rows[:, outside] @ displacement[outside]))

@@ -29,6 +29,7 @@ NO_WALL = 0.95  # share of the points off the wall that leaves no wall
 GROWS = 3.0  # factor on the volume that no heartbeat has: a ventricle keeps a third at least
 WRONG = "start, scale, frame or landmarks may be wrong"
 SMOOTH = 0.7  # share of a prior's area that its smooth wall has: patients' have .94 and more, stairs of label volumes .79
+DEBRIS = 0.01  # area of a piece over that of the largest: no vein, appendage or chamber is so small
 CLOSE = 3.0  # nats: a surface whose evidence is within a factor of 20 of the best is no worse a guess
 
 
@@ -94,7 +95,7 @@ class Deform(Stage):
         fits = [self._fitted(case, pose, data) for pose in self._poses(case, start)]
         best = min(fits, key=lambda estimate: float(estimate.fit.energy))
         said = [*_repeated(data, case.units), *self._without_marks(case), *_rivals(best, fits, case.units), *_doubts(start, best)]
-        said += _crumpled(best.fit.problem)
+        said += [*_crumpled(best.fit.problem), *_debris(case.prior)]
         return replace(best, warnings=(*start.warnings, *said))
 
     def _poses(self, case: Case, start: Estimate) -> list[Array]:
@@ -197,6 +198,15 @@ def _crumpled(problem: Problem) -> list[str]:
         return []
     area = f"{1.0 / share:.2g} times the area of a smooth wall"
     return [f"the prior is crumpled ({area}): some fold of it is near every point, and noise and motion follow the folds; smooth it first"]
+
+
+def _debris(prior: Surface) -> list[str]:
+    """A sentence where small pieces lie about the prior: whatever is nearest to a point may be its wall."""
+    from ..levelset.operators import pieces
+
+    areas = np.bincount(pieces(len(prior.vertices), prior.faces)[prior.faces[:, 0]], prior.face_areas)
+    small = int((areas[areas > 0.0] < DEBRIS * areas.max()).sum())
+    return [f"the prior has {small} small pieces that points may take for their wall: remove those that are none"] if small else []
 
 
 def _repeated(data: Data, unit: str) -> list[str]:
