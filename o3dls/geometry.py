@@ -130,6 +130,15 @@ def similarity(rotation: Array, translation: Array, scale: float = 1.0) -> Array
     return matrix
 
 
+def principal_frame(points: Array) -> Array:
+    """Rigid matrix (d+1, d+1), mirroring or not, into the centre and principal axes of points (n, d), each turned to the longer tail: what
+    is numbered by cells there does not depend on the frame that the points are given in."""
+    x = points - points.mean(axis=0)
+    axes = np.linalg.eigh(x.T @ x)[1]
+    axes = axes * np.where(((x @ axes) ** 3).sum(axis=0) < 0.0, -1.0, 1.0)
+    return similarity(axes.T, -points.mean(axis=0) @ axes)
+
+
 def scale_of(matrix: Array) -> float:
     """Scale factor of a similarity: the d-th root of its determinant."""
     return float(abs(np.linalg.det(matrix[:-1, :-1])) ** (1.0 / (len(matrix) - 1)))

@@ -184,6 +184,15 @@ def test_a_fit_with_shared_rows_comes_to_stand_still() -> None:
     assert len(split.trace) > max(Settings().tune_at)  # the rounds that found the amplitudes count too
 
 
+def test_rows_that_points_share_do_not_depend_on_the_frame() -> None:
+    """Cells along the map's axes moved the surface by a fifth of the noise; nodes of the field along them still do by hundredths."""
+    surface, _, data = bent(3, count=700)
+    frame = similarity(np.array([[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]]), np.array([1.7, -2.2, 903.1]))
+    here = fit(surface, data).vertices
+    there = fit(surface.with_vertices(apply(frame, surface.vertices)), replace(data, points=apply(frame, data.points))).vertices
+    assert np.abs(apply(np.linalg.inv(frame), there) - here).max() < 0.1 * NOISE
+
+
 def test_many_points_inside_do_not_crowd_out_the_few_at_the_wall() -> None:
     """Of a part of all kinds alike, every so-manieth, few were of the wall, and none where kinds take turns."""
     surface, truth, data = bent(3, count=150)

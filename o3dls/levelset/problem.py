@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 from scipy import sparse
 
-from ..geometry import Array, Ints, apply
+from ..geometry import Array, Ints, apply, principal_frame
 from .closest import ClosestPoint
 from .covariance import Covariance, Observed, Places, displacement, grams, interpolation
 from .evidence import Posterior, Scales, assemble, free_energy, left_out, misfit, solve, tune
@@ -25,7 +25,7 @@ from .shape import vertex_normals
 from .unfold import unfold
 
 Faired = tuple[float, Array]  # a length and the vertices (n, d) of the posed prior smoothed over it
-PATCH = 0.4  # shortest correlation lengths: where points share rows, smaller patches change nothing but the time
+PATCH = 0.4  # shortest correlation lengths: where points share rows, smaller patches change little (docs/method.md) but the time
 LATE = 1000  # number of a round that continues an earlier fit
 SETTLED = 5  # rounds in which amplitudes grow and noise shrinks: steps are large on purpose
 NOISE, MOST_NOISE = 0.7, 0.95  # share of noise in the residuals of the start: at first, and the most, since some motion there is
@@ -101,6 +101,11 @@ class Problem:
         return Problem(vertices, faces, pose, rest, length, rough, data, marks, cov, settings, size, ClosestPoint(at, faces), nodes, spread)
 
     @cached_property
+    def frame(self) -> Array:
+        """The prior's own axes (d+1, d+1), for what must not depend on those of the map."""
+        return principal_frame(self.rest.at)
+
+    @cached_property
     def residual(self) -> float:
         """Standard deviation of the points' distances from the posed surface, by their median so that outliers have no say."""
         self.tree.refit(self.rest.at)
@@ -164,7 +169,7 @@ class Problem:
 
     def rows(self, feet: Feet, state: State) -> Rows:
         patch = PATCH * min(self.covariance.lengths)
-        return gather(feet, self.data, state.weights, self.marks, self.settings.rows, patch, state.patches)
+        return gather(feet, self.data, state.weights, self.marks, self.settings.rows, patch, state.patches, self.frame)
 
     def believe(self, state: State, residual: Array, var: Array) -> tuple[Array, Contact]:
         """Belief per point; an `inside` point has a say only while the surface leaves it outside."""

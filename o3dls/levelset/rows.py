@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ..geometry import Array, Ints
+from ..geometry import Array, Ints, apply
 from .covariance import Observed
 
 
@@ -88,16 +88,18 @@ class Rows:
 LEAST = 1e-6  # weight of a point that is not believed: keeps its row, and so its left-out residual, defined
 
 
-def gather(feet: Feet, data: Data, weights: Array, marks: Array, most: int, patch: float, patches: Ints | None = None) -> Rows:
-    """Rows of all points and landmarks. Above `most` points, those whose feet share a patch (a length), or did before (`patches` (n,)),
-    speak with one voice.
+def gather(
+    feet: Feet, data: Data, weights: Array, marks: Array, most: int, patch: float, patches: Ints | None = None, frame: Array | None = None
+) -> Rows:
+    """Rows of all points and landmarks. Above `most` points, those whose feet share a patch (a length) of a `frame` (d+1, d+1), or did
+    before (`patches` (n,)), speak with one voice.
 
-    Patches small against the field's shortest length lose nothing: the precision-weighted mean is sufficient for a constant.
+    The precision-weighted mean is sufficient for a constant, and nearly so for a field that is smooth over a patch.
     """
     precision = np.maximum(weights, LEAST) / data.relative**2
     of_point = patches
     if of_point is None:
-        of_point = np.arange(len(weights)) if len(weights) <= most else _patches(feet, data.group, patch)
+        of_point = np.arange(len(weights)) if len(weights) <= most else _patches(feet, data.group, patch, frame)
     count = int(of_point.max(initial=-1)) + 1
     total = np.bincount(of_point, precision, minlength=count)
 
@@ -151,10 +153,11 @@ def points_left_out(
     return feet.residual - mean, var + own
 
 
-def _patches(feet: Feet, group: Ints, patch: float) -> Ints:
+def _patches(feet: Feet, group: Ints, patch: float, frame: Array | None) -> Ints:
     """Number of the patch of each foot: same cell of the reference, same noise group, normals in the same orthant."""
-    cells = np.floor(feet.at / patch).astype(np.int64)
-    facing = (feet.normals > 0) @ (1 << np.arange(feet.normals.shape[1]))
+    frame = np.eye(feet.at.shape[1] + 1) if frame is None else frame
+    cells = np.floor(apply(frame, feet.at) / patch).astype(np.int64)
+    facing = (feet.normals @ frame[:-1, :-1].T > 0) @ (1 << np.arange(feet.normals.shape[1]))
     number = np.zeros(len(cells), dtype=np.int64)
     for column in (*cells.T, facing + (group << feet.normals.shape[1])):
         wide = number * (np.ptp(column) + 1) + column - column.min()

@@ -10,7 +10,7 @@ from scipy import sparse
 from scipy.sparse.linalg import LinearOperator, cg
 
 from ..errors import SolverError
-from ..geometry import Array, Ints, Surface
+from ..geometry import Array, Ints, Surface, apply
 from .distance import signed_distance
 from .energy import Roughness
 from .observe import Measured
@@ -103,7 +103,7 @@ def _evidence(wall: Wall, believed: Measured, given: Measured, length: float, ma
     if made is not None:
         rest = rest + np.einsum("nc,nc->n", weights, made[corners])
     feet = np.einsum("nc,ncd->nd", weights, wall.rest[corners])
-    return evidence(feet, pull * rest, weight, given.likelihood.sigma, given.doubt, length)
+    return evidence(apply(wall.frame, feet), pull * rest, weight, given.likelihood.sigma, given.doubt, length)
 
 
 @dataclass(frozen=True, eq=False)

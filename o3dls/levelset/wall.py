@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 
-from ..geometry import Array, Ints, Surface
+from ..geometry import Array, Ints, Surface, principal_frame
 from ..registration.pose import rms_radius
 from .closest import ClosestPoint
 from .shape import normals_and_curvature
@@ -21,6 +23,11 @@ class Wall:
         self.radius = rms_radius(self.rest)
         self.normals, self.curvature = normals_and_curvature(self.rest, self.faces, BENT / self.radius)
         self.tree = ClosestPoint(surface.vertices, surface.faces)
+
+    @cached_property
+    def frame(self) -> Array:
+        """The wall's own axes (d+1, d+1), for what must not depend on those of the map."""
+        return principal_frame(self.rest)
 
     def move(self, u: Array) -> Array:
         """Put the wall at rest + u * normal; the vertices there."""
