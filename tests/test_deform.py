@@ -533,6 +533,22 @@ def test_spread_holds_the_amplitudes_where_they_are_expected() -> None:
     np.testing.assert_allclose(found.fit.state.scales.log, found.fit.state.scales.centre, atol=0.01)
 
 
+def test_an_update_says_what_its_points_have_made_of_the_estimate() -> None:
+    """Warnings are those of the points of now: what the estimate said of fewer is not said again, nor twice."""
+    case, _ = bent_case()
+    fitted, stage = Deform()(case.visible(), started(case)), Deform()
+    assert stage.update(with_points(case, case.points.xyz[:5].mean(axis=0)), fitted).warnings == ()
+    middle = case.prior.vertices.mean(axis=0)
+    floating = [middle + depth * (at - middle) for depth in (0.2, 0.3) for at in case.points.xyz[:150]]
+    some = stage.update(with_points(case, *floating[:200]), fitted)
+    more = stage.update(with_points(case, *floating), some)
+    for found, count, now in ((some, 200, 350), (more, 300, 450)):
+        off, old = found.warnings
+        assert old == f"amplitudes, noise and pose are those of the first 150 of {now} points: fit again"
+        assert off.startswith(f"{found.facts['off_wall']:.0%} of the points are judged to be off the wall")
+        assert found.facts["off_wall"] > 0.9 * count / now
+
+
 def test_warnings_of_earlier_stages_stay() -> None:
     case, _ = bent_case()
     found = Deform()(case.visible(), replace(started(case), warnings=("from before",)))

@@ -19,7 +19,6 @@ from ..registration.landmarks import determined
 from ..stage import Stage
 
 if TYPE_CHECKING:
-    from ..levelset.motion import MotionFit
     from ..levelset.problem import Problem, Settings
     from ..levelset.rows import Data
 
@@ -29,6 +28,7 @@ NO_WALL = 0.95  # share of the points off the wall that leaves no wall
 GROWS = 3.0  # factor on the volume that no heartbeat has: a ventricle keeps a third at least
 WRONG = "start, scale, frame or landmarks may be wrong"
 SMOOTH = 0.7  # share of a prior's area that its smooth wall has: patients' have .94 and more, stairs of label volumes .79
+OUTGROWN = 1.1  # points over those that a fit from nothing had: what it found of them all may be another by now
 DEBRIS = 0.01  # area of a piece over that of the largest: no vein, appendage or chamber is so small
 CLOSE = 3.0  # nats: a surface whose evidence is within a factor of 20 of the best is no worse a guess
 
@@ -94,7 +94,7 @@ class Deform(Stage):
             raise InputError(f"deform: case {case.name} has no points of type eam")
         fits = [self._fitted(case, pose, data) for pose in self._poses(case, start)]
         best = min(fits, key=lambda estimate: float(estimate.fit.energy))
-        said = [*_repeated(data, case.units), *self._without_marks(case), *_rivals(best, fits, case.units), *_doubts(start, best)]
+        said = [*_said(start, best, case.units), *self._without_marks(case), *_rivals(best, fits, case.units)]
         said += [*_crumpled(best.fit.problem), *_debris(case.prior)]
         return replace(best, warnings=(*start.warnings, *said))
 
@@ -111,11 +111,11 @@ class Deform(Stage):
             return []
         return ['starts = "several": no three landmark pairs fix a pose, so that the given start was the only one']
 
-    def _fitted(self, case: Case, pose: Array, data: Data, warm: MotionFit | None = None) -> Estimate:
+    def _fitted(self, case: Case, pose: Array, data: Data, earlier: Estimate | None = None) -> Estimate:
         from ..levelset.fit import fit_motion
 
         began = time.perf_counter()
-        fit = fit_motion(case.prior.vertices, case.prior.faces, pose, data, self.settings(), warm)
+        fit = fit_motion(case.prior.vertices, case.prior.faces, pose, data, self.settings(), earlier.fit if earlier else None)
         surface = replace(case.prior, vertices=fit.vertices, fields={**case.prior.fields, f"sd_{case.units}": fit.sd})
         return Estimate(
             surface=surface,
@@ -128,7 +128,7 @@ class Deform(Stage):
             weights=fit.weights,
             motion=fit.motion,
             trace=fit.trace,
-            facts=fit.facts,
+            facts={**fit.facts, "tuned_on": earlier.facts["tuned_on"] if earlier else len(data.points)},
             fit=fit,
         )
 
@@ -136,9 +136,9 @@ class Deform(Stage):
         """An estimate of this stage after a few more points, in milliseconds: `case` has the points of before, and the new ones behind.
 
         Pose, amplitudes and noise levels stay; motion, posterior and beliefs take in the new points. Within 0.05 mm in the mean of a fit
-        from nothing after one point, where that would leave the amplitudes as they are. The column `sigma` compares new points with those
-        of the estimate. Raises InputError where the estimate is not one of this stage, or prior, landmarks, parameters or the points of
-        before have changed.
+        from nothing after one point, where that would leave the amplitudes as they are; a tenth more points than these were found with
+        are warned of. The column `sigma` compares new points with those of the estimate. Raises InputError where the estimate is not one
+        of this stage, or prior, landmarks, parameters or the points of before have changed.
         """
         fit = estimate.fit
         if fit is None or estimate.motion is not fit.motion or not _same(fit.problem, case.prior):
@@ -157,7 +157,9 @@ class Deform(Stage):
             )
         if not (np.array_equal(data.marks_prior, before.marks_prior) and np.array_equal(data.marks_map, before.marks_map)):
             raise InputError("update: the landmarks are not those of the estimate; fit it again")
-        return replace(self._fitted(case, estimate.T_map_prior, data, fit), warnings=estimate.warnings)
+        updated, outdated = self._fitted(case, estimate.T_map_prior, data, estimate), _said(estimate, estimate, case.units)
+        kept = (warning for warning in estimate.warnings if warning not in outdated)
+        return replace(updated, warnings=(*kept, *_said(estimate, updated, case.units)))
 
     def settings(self) -> Settings:
         from ..levelset.problem import Settings
@@ -174,6 +176,17 @@ def _rivals(best: Estimate, fits: list[Estimate], unit: str) -> list[str]:
         if behind < CLOSE and apart > best.fit.state.scales.noises[0]:
             return [f"another start, almost as likely ({behind:.1f} nats less), puts the vertices {apart:.1f} {unit} elsewhere on average"]
     return []
+
+
+def _said(start: Estimate, found: Estimate, unit: str) -> list[str]:
+    """Sentences on the points and what they made of a start, in a fit or an update."""
+    return [*_repeated(found.fit.problem.data, unit), *_doubts(start, found), *_outgrown(found)]
+
+
+def _outgrown(found: Estimate) -> list[str]:
+    """A sentence where many points came after a fit, which might find other amplitudes, noise and pose with them."""
+    before, now = found.facts["tuned_on"], len(found.fit.problem.data.points)
+    return [f"amplitudes, noise and pose are those of the first {before} of {now} points: fit again"] if now > OUTGROWN * before else []
 
 
 def _doubts(start: Estimate, found: Estimate) -> list[str]:
