@@ -98,6 +98,22 @@ def test_sigma_of_single_points_is_relative_to_their_median() -> None:
         observed(with_column(case, sigma=sigma), Deform())
 
 
+@pytest.mark.parametrize(
+    ("first", "others", "said"),
+    [
+        (1.0, 1.3, []),
+        (3.0, np.nan, ["165 of 180 points have no sigma: they count like the median of the others, 3 mm"]),
+        (0.0013, 1.3, ["sigma goes from 0.0013 to 1.3: is all of it in mm?"]),
+    ],
+)
+def test_a_sigma_that_may_not_mean_what_it_says_is_warned_of(first: float, others: float, said: list[str]) -> None:
+    case, _ = bent_case()
+    sigma = np.full(len(case.points), others)
+    sigma[:15] = first
+    stage = Deform(ablation="fit")
+    assert list(stage(with_column(case, sigma=sigma).visible(stage.fits), started(case)).warnings) == said
+
+
 def test_points_that_hardly_press_are_doubted() -> None:
     case, _ = bent_case()
     force = np.where(np.arange(len(case.points)) < 75, 0.5, 20.0)

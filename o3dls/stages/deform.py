@@ -29,6 +29,7 @@ GROWS = 3.0  # factor on the volume that no heartbeat has: a ventricle keeps a t
 WRONG = "start, scale, frame or landmarks may be wrong"
 SMOOTH = 0.7  # share of a prior's area that its smooth wall has: patients' have .94 and more, stairs of label volumes .79
 OUTGROWN = 1.1  # points over those that a fit from nothing had: what it found of them all may be another by now
+UNITS_APART = 100.0  # no map has points a hundred times as good as others; a column in two units has
 DEBRIS = 0.01  # area of a piece over that of the largest: no vein, appendage or chamber is so small
 CLOSE = 3.0  # nats: a surface whose evidence is within a factor of 20 of the best is no worse a guess
 
@@ -95,7 +96,7 @@ class Deform(Stage):
         fits = [self._fitted(case, pose, data) for pose in self._poses(case, start)]
         best = min(fits, key=lambda estimate: float(estimate.fit.energy))
         said = [*_said(start, best, case.units), *self._without_marks(case), *_rivals(best, fits, case.units)]
-        said += [*_crumpled(best.fit.problem), *_debris(case.prior)]
+        said += [*_crumpled(best.fit.problem), *_debris(case.prior), *_told(case.points.of(*self.fits), case.units)]
         return replace(best, warnings=(*start.warnings, *said))
 
     def _poses(self, case: Case, start: Estimate) -> list[Array]:
@@ -211,6 +212,23 @@ def _crumpled(problem: Problem) -> list[str]:
         return []
     area = f"{1.0 / share:.2g} times the area of a smooth wall"
     return [f"the prior is crumpled ({area}): some fold of it is near every point, and noise and motion follow the folds; smooth it first"]
+
+
+def _told(points: Points, unit: str) -> list[str]:
+    """Sentences on a column `sigma` that may not mean what it says."""
+    sigma = _numbers(points, "sigma")
+    told = sigma[np.isfinite(sigma)]
+    if len(told) == 0:
+        return []
+    said = (
+        [f"sigma goes from {told.min():.2g} to {told.max():.2g}: is all of it in {unit}?"] if told.max() > UNITS_APART * told.min() else []
+    )
+    blank = len(sigma) - len(told)
+    if blank:
+        said += [
+            f"{blank} of {len(sigma)} points have no sigma: they count like the median of the others, {points.typical_sigma:.2g} {unit}"
+        ]
+    return said
 
 
 def _debris(prior: Surface) -> list[str]:
