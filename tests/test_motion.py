@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from fields import SIZE, bend, body, spots, wall
+from threadpoolctl import ThreadpoolController
 from tiny import sphere
 
 from o3dls.geometry import Array, Surface, apply, fit_similarity, similarity
@@ -355,6 +356,20 @@ def run_with_threads(count: int, path: Path) -> Array:
 def test_repeated_runs_are_equal_and_threads_agree(tmp_path: Path) -> None:
     one, two = (run_with_threads(count, tmp_path / f"{count}.npy") for count in (1, 2))
     np.testing.assert_allclose(two, one, atol=THREADS_AGREE)
+
+
+def test_a_fit_keeps_the_linear_algebra_to_one_thread_and_gives_the_others_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two made it three times as long, and several times that where the machine had other work."""
+    surface, _, data = bent(3, count=40)
+    libraries, within = ThreadpoolController(), list[set[int]]()
+
+    def threads() -> set[int]:
+        return {library["num_threads"] for library in libraries.info() if library["user_api"] == "blas"}
+
+    monkeypatch.setattr(fit_module, "shown", lambda run, shown=fit_module.shown: within.append(threads()) or shown(run))
+    with libraries.limit(limits=2, user_api="blas"):
+        fit(surface, data)
+        assert (within, threads()) == ([{1}], {2})
 
 
 def marked(count: int = 80) -> tuple[Surface, Data]:

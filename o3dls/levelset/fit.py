@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from threadpoolctl import ThreadpoolController
 
 from ..geometry import Array, Ints
 from .choice import shown, smoother
@@ -19,6 +20,7 @@ from .shape import unit_mean, vertex_normals
 
 MENDINGS = 3  # of the start pose: points that mean no surface have it mended for ever
 MANY_ROUNDS = 6  # with all points, after a fit to some of them
+LIBRARIES = ThreadpoolController()  # on matrices of a few hundred rows, two threads take three times as long as one
 WARM_ROUNDS = 1  # one more point moves the surface by a fraction of the noise: a second round would move it by hundredths of that
 
 
@@ -30,12 +32,17 @@ def fit_motion(
     `warm` starts from an earlier fit of the same surface to the first of the same points: its pose, amplitudes and noise levels
     are kept, and a few rounds take in the further points.
     """
-    if warm is not None:
-        return _proceed(warm, data, slice(len(warm.state.weights)), WARM_ROUNDS)
-    settings = settings or Settings()
+    with LIBRARIES.limit(limits=1, user_api="blas"):
+        if warm is not None:
+            return _proceed(warm, data, slice(len(warm.state.weights)), WARM_ROUNDS)
+        return _from_nothing(vertices, faces, pose, data, settings or Settings())
+
+
+def _from_nothing(vertices: Array, faces: Ints, pose: Array, data: Data, settings: Settings) -> MotionFit:
+    """Of very many points, a part finds what all of them then proceed from; a start that others explain better is mended."""
     some = data.part(settings.many)
     if len(some) < len(data.points):
-        first = fit_motion(vertices, faces, pose, data.at(some), settings)
+        first = _from_nothing(vertices, faces, pose, data.at(some), settings)
         fit = _proceed(first, data, some, MANY_ROUNDS)
         return replace(fit, trace=(*first.trace, *fit.trace))
     for _ in range(1 + MENDINGS):
