@@ -17,7 +17,7 @@ from .errors import InputError, PipelineError, SolverError, did_you_mean
 from .estimate import Estimate
 from .run import Run
 from .stage import Stage, Writer
-from .start import check_start, start_estimate
+from .start import check_start, doubts, start_estimate
 
 START = "start"
 MOST_FOLDS = 50
@@ -70,8 +70,11 @@ class Pipeline:
         if why := self.obstacles(case):
             raise InputError("; ".join(why))
         begin = perf_counter()
-        check_start(case, start_estimate(case), pose_is_known=not any(stage.finds_pose for stage in self.stages))
+        known = not any(stage.finds_pose for stage in self.stages)
+        check_start(case, start_estimate(case), pose_is_known=known)
         estimates = self.fit(case)
+        said = doubts(case.visible(), estimates[START]) if known else []
+        estimates = {name: replace(estimate, warnings=(*said, *estimate.warnings)) for name, estimate in estimates.items()}
         left_out = cross_validate(lambda part: self.fit(part, logging.DEBUG), case, self.folds) if self.folds else {}
         run = Run.scored(case, self, estimates, left_out)
         return replace(run, provenance=run.provenance | {"seconds": perf_counter() - begin})

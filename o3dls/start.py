@@ -39,6 +39,22 @@ def check_start(case: Case, start: Estimate, *, pose_is_known: bool) -> None:
         _check_near(case, start, float(np.median(distances(points, start.surface))))
 
 
+def doubts(case: Case, start: Estimate) -> list[str]:
+    """A sentence where no landmarks fix the start pose and the points fit the prior clearly better in one that lies elsewhere: an `init`
+    of another frame leads to a surface that looks right, since a motion can mend what a turned chamber lacks.
+    """
+    _, prior, measured = case.landmark_pairs()
+    if len(prior) >= 3 and determined(prior) and determined(measured):
+        return []
+    from .registration.match import SurfaceMatcher
+    from .stages.global_pose import beaten
+    from .stages.icp import ICP, fitted_points
+
+    icp, points, surface = ICP(), fitted_points(case), SurfaceMatcher(case.prior)
+    said = beaten(case.units, points, surface, icp.aligned(points, surface, start.T_map_prior), scale=icp.scale)
+    return [f"the start may be wrong: {said}"] if said else []
+
+
 def _placed(case: Case, T_map_prior: Array, status: str) -> Estimate:
     return Estimate(case.prior.transformed(T_map_prior), T_map_prior, status)
 

@@ -13,6 +13,7 @@ from o3dls.case import Case
 from o3dls.errors import InputError
 from o3dls.estimate import Estimate
 from o3dls.geometry import Surface
+from o3dls.pipeline import Pipeline
 from o3dls.registration.global_pose import angle_of, confidence
 from o3dls.registration.lattice import sample, signed_lattice
 from o3dls.registration.search import even_rotations, thinned
@@ -69,6 +70,23 @@ def test_icp_on_request_refuses_a_pose_that_another_beats() -> None:
     flipped = replace(case, prior=Surface(PRIOR.vertices * [-1.0, 1.0, 1.0], PRIOR.faces[:, ::-1]))
     with pytest.raises(InputError, match="mirror image of the prior"):
         ICP(verify=True)(flipped, good)
+
+
+@pytest.mark.parametrize("marked", [False, True], ids=["init alone", "landmarks"])
+@pytest.mark.parametrize("angle", [5.0, 150.0])
+def test_a_run_says_that_its_start_may_be_wrong_where_no_landmarks_fix_it(angle: float, marked: bool) -> None:
+    case = replace(measured(PRIOR, np.eye(4), noise=0.5), init=pose(angle, 0.0))
+    case = case if marked else replace(case, prior_landmarks={})
+    done = Pipeline([ICP()]).run(case)
+    for estimate in done.estimates.values():
+        said = [warning for warning in estimate.warnings if warning.startswith("the start may be wrong: icp ended")]
+        assert len(said) == (angle > 90.0 and not marked)
+
+
+def test_a_run_says_that_the_prior_may_be_mirrored() -> None:
+    case = measured(PRIOR, np.eye(4), noise=0.5)
+    flipped = replace(case, prior=Surface(PRIOR.vertices * [-1.0, 1.0, 1.0], PRIOR.faces[:, ::-1]), prior_landmarks={})
+    assert "the start may be wrong: the points fit the mirror image" in Pipeline([ICP()]).run(flipped).estimates["icp"].warnings[0]
 
 
 def test_a_rigid_search_keeps_the_scale() -> None:

@@ -64,30 +64,37 @@ class GlobalPose(Stage):
 
 def refuse_mirrored(case: Case, points: Array, best: Candidate, other: Candidate) -> None:
     """Raise InputError where points (n, d) fit the mirror image of the prior, posed as `other`, clearly better than the prior."""
+    if said := _fits_mirrored(case.units, points, best, other):
+        raise InputError(f"case {case.name}: {said}")
+
+
+def _fits_mirrored(unit: str, points: Array, best: Candidate, other: Candidate) -> str:
     from ..registration.global_pose import confidence
 
     sure = confidence(other.costs, best.costs, points)
-    if sure > CERTAIN:
-        gaps = [float(np.median(c.alignment.pairs.distances)) for c in (best, other)]
-        raise InputError(
-            f"case {case.name}: the points fit the mirror image of the prior (median distance {gaps[1]:.3g} {case.units}) better than "
-            f"the prior (median {gaps[0]:.3g} {case.units}), confidence {sure:.2f}: flip one axis of the prior"
-        )
+    if sure <= CERTAIN:
+        return ""
+    gaps = [float(np.median(c.alignment.pairs.distances)) for c in (best, other)]
+    return (
+        f"the points fit the mirror image of the prior (median distance {gaps[1]:.3g} {unit}) better than "
+        f"the prior (median {gaps[0]:.3g} {unit}), confidence {sure:.2f}: flip one axis of the prior"
+    )
 
 
-def refuse_beaten(case: Case, points: Array, surface: SurfaceMatcher, found: Alignment, *, scale: bool) -> None:
-    """Raise InputError where a search of all rotations finds a pose, or a mirror image, that fits points (n, d) clearly better."""
+def beaten(unit: str, points: Array, surface: SurfaceMatcher, found: Alignment, *, scale: bool) -> str:
+    """What is wrong with the pose that icp found, where a search of all rotations finds one, or a mirror image, that fits points (n, d)
+    clearly better; else nothing."""
     from ..registration.global_pose import Candidate, angle_of, candidates, confidence, mirrored
     from ..registration.search import APART
 
     own, best = Candidate.of(found, surface.radius), candidates(points, surface, starts=STARTS, scale=scale)[0]
-    refuse_mirrored(case, points, best, candidates(points, mirrored(surface), starts=STARTS, scale=scale)[0])
+    if said := _fits_mirrored(unit, points, best, candidates(points, mirrored(surface), starts=STARTS, scale=scale)[0]):
+        return said
     away = angle_of(own.T_map_prior, best.T_map_prior)
-    if away > APART and confidence(best.costs, own.costs, points) > CERTAIN:
-        raise InputError(
-            f"case {case.name}: icp ended {np.degrees(away):.0f} degrees from a pose that fits the points clearly better: "
-            "begin with the stage global_pose, or give landmarks"
-        )
+    if away <= APART or confidence(best.costs, own.costs, points) <= CERTAIN:
+        return ""
+    turned = f"icp ended {np.degrees(away):.0f} degrees from a pose that fits the points clearly better"
+    return f"{turned}: check the frame of the start, begin with the stage global_pose, or give landmarks"
 
 
 def _runner_up(T_map_prior: Array, others: list[Candidate]) -> str:

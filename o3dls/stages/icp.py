@@ -16,6 +16,7 @@ from ..stage import Stage
 
 if TYPE_CHECKING:
     from ..registration.icp import Alignment, Belief, Solver
+    from ..registration.match import SurfaceMatcher
     from ..registration.metrics import Metric
     from ..registration.reject import Rule
 
@@ -155,19 +156,30 @@ class ICP(Stage):
         return "Open3D's estimators are for 3D: use engine 'o3dls'" if self.engine == "open3d" and case.dimension == 2 else None
 
     def __call__(self, case: Case, start: Estimate) -> Estimate:
-        from ..registration.icp import Criteria, align
         from ..registration.match import SurfaceMatcher
-        from ..registration.step import Freedom
 
         obstacle = self.obstacle(case)
         if obstacle is not None:
             raise InputError(f"case {case.name}: {obstacle}")
-        points = fitted_points(case)
-        normals, surface = self._point_normals(points), SurfaceMatcher(case.prior)
-        found = align(
+        points, surface = fitted_points(case), SurfaceMatcher(case.prior)
+        found = self.aligned(points, surface, start.T_map_prior)
+        if self.verify:
+            from .global_pose import beaten
+
+            if said := beaten(case.units, points, surface, found, scale=self.scale):
+                raise InputError(f"case {case.name}: {said}")
+        return as_estimate(case, found, scale=self.scale)
+
+    def aligned(self, points: Array, surface: SurfaceMatcher, T_map_prior: Array) -> Alignment:
+        """The pose of the prior's surface that fits points (n, d), from a start pose (d+1, d+1)."""
+        from ..registration.icp import Criteria, align
+        from ..registration.step import Freedom
+
+        normals = self._point_normals(points)
+        return align(
             points,
             surface,
-            start.T_map_prior,
+            T_map_prior,
             metric=self._metric(normals),
             rules=tuple(self._rule(name, normals) for name in self.reject),
             belief=self._belief(surface.radius),
@@ -175,11 +187,6 @@ class ICP(Stage):
             freedom=Freedom(self.scale, self.scale_sd, (self.scale_min, self.scale_max), self.strain_sd, self.freeze),
             criteria=Criteria(self.tolerance, self.iterations, self.coarse, self.anneal),
         )
-        if self.verify:
-            from .global_pose import refuse_beaten
-
-            refuse_beaten(case, points, surface, found, scale=self.scale)
-        return as_estimate(case, found, scale=self.scale)
 
     def _point_normals(self, points: Array) -> Array:
         """Normals of the points (n, d) where a part needs them, else none (0, d)."""
