@@ -95,7 +95,7 @@ class Deform(Stage):
             raise InputError(f"deform: case {case.name} has no points of type eam")
         fits = [self._fitted(case, pose, data) for pose in self._poses(case, start)]
         best = min(fits, key=lambda estimate: float(estimate.fit.energy))
-        said = [*_said(start, best, case.units), *self._without_marks(case), *_rivals(best, fits, case.units)]
+        said = [*_said(best, case.units), *_doubts(start, best), *self._without_marks(case), *_rivals(best, fits, case.units)]
         said += [*_crumpled(best.fit.problem), *_debris(case.prior), *_told(case.points.of(*self.fits), case.units)]
         return replace(best, warnings=(*start.warnings, *said))
 
@@ -158,9 +158,9 @@ class Deform(Stage):
             )
         if not (np.array_equal(data.marks_prior, before.marks_prior) and np.array_equal(data.marks_map, before.marks_map)):
             raise InputError("update: the landmarks are not those of the estimate; fit it again")
-        updated, outdated = self._fitted(case, estimate.T_map_prior, data, estimate), _said(estimate, estimate, case.units)
+        updated, outdated = self._fitted(case, estimate.T_map_prior, data, estimate), _said(estimate, case.units)
         kept = (warning for warning in estimate.warnings if warning not in outdated)
-        return replace(updated, warnings=(*kept, *_said(estimate, updated, case.units)))
+        return replace(updated, warnings=(*kept, *_said(updated, case.units)))
 
     def settings(self) -> Settings:
         from ..levelset.problem import Settings
@@ -179,9 +179,16 @@ def _rivals(best: Estimate, fits: list[Estimate], unit: str) -> list[str]:
     return []
 
 
-def _said(start: Estimate, found: Estimate, unit: str) -> list[str]:
-    """Sentences on the points and what they made of a start, in a fit or an update."""
-    return [*_repeated(found.fit.problem.data, unit), *_doubts(start, found), *_outgrown(found)]
+def _said(found: Estimate, unit: str) -> list[str]:
+    """Sentences on the points, in a fit or an update. Raises SolverError where hardly one of them is on the wall."""
+    return [*_repeated(found.fit.problem.data, unit), *_off_wall(found), *_outgrown(found)]
+
+
+def _off_wall(found: Estimate) -> list[str]:
+    off = found.facts["off_wall"]
+    if off > NO_WALL:
+        raise SolverError(f"deform: {found.status}: the points are not of this surface, or {WRONG}")
+    return [f"{off:.0%} of the points are judged to be off the wall: {WRONG}"] if off > 0.5 else []
 
 
 def _outgrown(found: Estimate) -> list[str]:
@@ -191,16 +198,13 @@ def _outgrown(found: Estimate) -> list[str]:
 
 
 def _doubts(start: Estimate, found: Estimate) -> list[str]:
-    """Sentences on what can hardly be meant. Raises SolverError where the motion is none of this prior."""
-    off, grown = found.facts["off_wall"], found.surface.volume / start.surface.volume
-    if off > NO_WALL:
-        raise SolverError(f"deform: {found.status}: the points are not of this surface, or {WRONG}")
+    """A sentence on a motion that can hardly be meant. Raises SolverError where it is none of this prior."""
+    grown = found.surface.volume / start.surface.volume
     if grown <= 0.0:
         raise SolverError(f"deform: the motion turns the surface inside out: {WRONG}")
-    said = [f"{off:.0%} of the points are judged to be off the wall: {WRONG}"] if off > 0.5 else []
-    if not 1.0 / GROWS < grown < GROWS:
-        said += [f"the motion makes what the surface encloses {grown:.2g} times as large: {WRONG}"]
-    return said
+    if 1.0 / GROWS < grown < GROWS:
+        return []
+    return [f"the motion makes what the surface encloses {grown:.2g} times as large: {WRONG}"]
 
 
 def _crumpled(problem: Problem) -> list[str]:
