@@ -83,10 +83,13 @@ def test_a_run_says_that_its_start_may_be_wrong_where_no_landmarks_fix_it(angle:
         assert len(said) == (angle > 90.0 and not marked)
 
 
-def test_a_run_says_that_the_prior_may_be_mirrored() -> None:
+def test_a_run_says_that_the_prior_may_be_mirrored(caplog: pytest.LogCaptureFixture) -> None:
+    """In its result, and at once."""
     case = measured(PRIOR, np.eye(4), noise=0.5)
     flipped = replace(case, prior=Surface(PRIOR.vertices * [-1.0, 1.0, 1.0], PRIOR.faces[:, ::-1]), prior_landmarks={})
-    assert "the start may be wrong: the points fit the mirror image" in Pipeline([ICP()]).run(flipped).estimates["icp"].warnings[0]
+    warning = Pipeline([ICP()]).run(flipped).estimates["icp"].warnings[0]
+    assert "the start may be wrong: the points fit the mirror image" in warning
+    assert next(record.getMessage() for record in caplog.records if record.levelname == "WARNING") == f"warning: {warning}"
 
 
 def test_a_rigid_search_keeps_the_scale() -> None:
