@@ -76,7 +76,7 @@ class Pipeline:
         said = doubts(case.visible(), estimates[START]) if known else []
         estimates = {name: replace(estimate, warnings=(*said, *estimate.warnings)) for name, estimate in estimates.items()}
         for warning in dict.fromkeys(text for estimate in estimates.values() for text in estimate.warnings):
-            log.warning("warning: %s", warning)
+            log.warning("%s", warning)
         left_out = cross_validate(lambda part: self.fit(part, logging.DEBUG), case, self.folds) if self.folds else {}
         run = Run.scored(case, self, estimates, left_out)
         return replace(run, provenance=run.provenance | {"seconds": perf_counter() - begin})
