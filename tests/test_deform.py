@@ -435,7 +435,7 @@ def test_small_pieces_of_a_prior_are_warned_of() -> None:
     faces += [sphere().faces + len(case.prior.vertices) + k * len(crumbs[0]) for k in (0, 1)]
     littered = replace(case, prior=Surface(vertices, np.vstack(faces)))
     assert Deform()(littered, started(littered)).warnings == (
-        "the prior has 2 small pieces that points may take for their wall: remove those that are none",
+        "the prior has 2 small pieces that points may take for their wall: remove what is none",
     )
 
 

@@ -224,14 +224,12 @@ def _told(points: Points, unit: str) -> list[str]:
     told = sigma[np.isfinite(sigma)]
     if len(told) == 0:
         return []
-    said = (
-        [f"sigma goes from {told.min():.2g} to {told.max():.2g}: is all of it in {unit}?"] if told.max() > UNITS_APART * told.min() else []
-    )
-    blank = len(sigma) - len(told)
+    said, blank = list[str](), len(sigma) - len(told)
+    if told.max() > UNITS_APART * told.min():
+        said.append(f"sigma goes from {told.min():.2g} to {told.max():.2g}: is all of it in {unit}?")
     if blank:
-        said += [
-            f"{blank} of {len(sigma)} points have no sigma: they count like the median of the others, {points.typical_sigma:.2g} {unit}"
-        ]
+        count = f"{blank} of {len(sigma)} points"
+        said.append(f"{count} have no sigma: they count like the median of the others, {points.typical_sigma:.2g} {unit}")
     return said
 
 
@@ -241,7 +239,8 @@ def _debris(prior: Surface) -> list[str]:
 
     areas = np.bincount(pieces(len(prior.vertices), prior.faces)[prior.faces[:, 0]], prior.face_areas)
     small = int((areas[areas > 0.0] < DEBRIS * areas.max()).sum())
-    return [f"the prior has {small} small pieces that points may take for their wall: remove those that are none"] if small else []
+    some = f"{small} small pieces" if small > 1 else "a small piece"
+    return [f"the prior has {some} that points may take for their wall: remove what is none"] if small else []
 
 
 def _repeated(data: Data, unit: str) -> list[str]:
