@@ -19,7 +19,7 @@ FARTHEST = 0.5  # median distance of the points from the prior after the start p
 def start_estimate(case: Case) -> Estimate:
     """The prior in its rough pose: rigid fit of the named landmarks, else `init`, else as it stands; the status says which."""
     names, prior, measured = case.landmark_pairs()
-    if len(names) >= 3 and determined(prior) and determined(measured):
+    if _fixed_by(prior, measured):
         start = _placed(case, fit_similarity(prior, measured, scale=False), "")
         error = np.sqrt((landmark_errors(case, start) ** 2).mean())
         return _placed(case, start.T_map_prior, f"rigid fit of {len(names)} landmarks ({', '.join(names)}), rms {error:.2f} {case.units}")
@@ -44,7 +44,7 @@ def doubts(case: Case, start: Estimate) -> list[str]:
     of another frame leads to a surface that looks right, since a motion can mend what a turned chamber lacks.
     """
     _, prior, measured = case.landmark_pairs()
-    if len(prior) >= 3 and determined(prior) and determined(measured):
+    if _fixed_by(prior, measured):
         return []
     from .registration.match import SurfaceMatcher
     from .stages.global_pose import beaten
@@ -53,6 +53,11 @@ def doubts(case: Case, start: Estimate) -> list[str]:
     icp, points, surface = ICP(), fitted_points(case), SurfaceMatcher(case.prior)
     said = beaten(case.units, points, surface, icp.aligned(points, surface, start.T_map_prior), scale=icp.scale)
     return [f"the start may be wrong: {said}"] if said else []
+
+
+def _fixed_by(prior: Array, measured: Array) -> bool:
+    """Whether landmark pairs (k, d) fix a pose."""
+    return len(prior) >= 3 and determined(prior) and determined(measured)
 
 
 def _placed(case: Case, T_map_prior: Array, status: str) -> Estimate:
