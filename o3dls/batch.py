@@ -15,6 +15,7 @@ from .case import Case
 from .errors import InputError, O3dlsError
 from .io.atomic import check_free
 from .io.case_folder import read_case
+from .levelset.cores import share
 from .pipeline import Pipeline
 from .run import Run
 from .run_folder import log_of_failure, write_rows
@@ -57,7 +58,8 @@ def run_cohort(
             raise InputError(f"two case folders are named '{name}': their runs would have one folder")
         check_free(out / name, force)
     one = partial(_outcome, pipeline=pipeline, out=out, trim=trim, force=force)
-    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:  # fork hangs once numba has used its threads
+    spawn = get_context("spawn")  # fork hangs once numba has used its threads
+    with ProcessPoolExecutor(jobs, spawn, initializer=share, initargs=(jobs,)) as pool:
         outcomes = list(pool.map(one, folders))
     out.mkdir(parents=True, exist_ok=True)
     write_rows(out / COHORT, [row for outcome in outcomes for row in cohort_rows(outcome)])

@@ -23,12 +23,12 @@ def apart(points: Points, size: float) -> float:
     """
     at = _by_type(points.select(points.type != "inside"), WIDER * NEAR[0] * size)
     tree = cKDTree(np.unique(at, axis=0))
-    for radius in (share * size for share in NEAR):
-        near, wide = (np.asarray(tree.count_neighbors(tree, [radius, WIDER * radius])) - tree.n) / 2.0
-        by_chance = (wide - near) / (WIDER ** (points.xyz.shape[1] - 1) - 1.0)
-        if near > CHANCE * by_chance + SIGMAS * by_chance**0.5 + PAIRS:
-            return radius
-    return 0.0
+    radii, pairs = size * np.outer([1.0, WIDER], NEAR), np.empty(2 * len(NEAR))
+    order = np.argsort(radii.ravel())
+    pairs[order] = (tree.count_neighbors(tree, radii.ravel()[order]) - tree.n) / 2.0  # of all radii in one pass
+    near, wide = pairs.reshape(radii.shape)
+    by_chance = (wide - near) / (WIDER ** (points.xyz.shape[1] - 1) - 1.0)
+    return float(radii[0, near > CHANCE * by_chance + SIGMAS * by_chance**0.5 + PAIRS].max(initial=0.0))
 
 
 def places(points: Points, within: float) -> tuple[Ints, Ints]:

@@ -96,9 +96,9 @@ def test_the_trace_has_the_terms_of_the_energy(dimension: int) -> None:
 def test_a_surface_may_stand_still_while_its_vertices_slide() -> None:
     """A ball turns freely under its points: that moves no wall."""
     ball = sphere(SIZE, 30)
-    rng = np.random.default_rng(2)
-    points = 1.03 * spots(ball, 120, 2)[0] + 0.5 * rng.normal(size=(120, 3)) + [0.0, 0.0, 1.0]
-    found = fit(ball, wall(points))
+    rng = np.random.default_rng(3)
+    points = 1.03 * spots(ball, 120, 3)[0] + 0.5 * rng.normal(size=(120, 3)) + [0.0, 0.0, 1.0]
+    found = fit(ball, wall(points), settings=Settings(iterations=16))  # in the end it may come to rest, as rounding has it
     assert found.trace[-1]["step"] > Settings().tolerance * SIZE
     assert found.converged
     assert found.facts["moving"] < 1e-5 * SIZE
@@ -346,8 +346,8 @@ np.save({path!r}, np.column_stack([first.vertices, first.sd]))
 
 
 def run_with_threads(count: int, path: Path) -> Array:
-    """The same fit twice, in a process of its own with so many threads of linear algebra."""
-    names = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
+    """The same fit twice, in a process of its own with so many threads of linear algebra and compiled loops."""
+    names = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
     environment = os.environ | {name: str(count) for name in names}
     subprocess.run([sys.executable, "-c", CODE.format(path=str(path))], check=True, env=environment, cwd=Path(__file__).parent)
     return np.asarray(np.load(path))

@@ -6,7 +6,9 @@ import numpy as np
 from numba import njit
 
 from ..geometry import Array, Ints
+from .cores import by_rows
 
+WORTH = 500  # points that are worth a thread
 LEAF = 4  # faces per leaf: fewer deepen the tree, more test triangles in vain
 
 
@@ -39,7 +41,8 @@ class ClosestPoint:
         spatial = np.zeros((n, 3))
         spatial[:, :d] = points
         guess = np.full(n, -1) if hint is None else self.rank[hint]
-        squared, found, feet, weights = _query(spatial, self.corners, self.leaves, self.boxes, bound * bound, guess)
+        squared, found, feet, weights = np.full(n, np.inf), np.full(n, -1), np.full((n, 3), np.nan), np.zeros((n, 3))
+        by_rows(_query, WORTH, (spatial, guess, squared, found, feet, weights), self.corners, self.leaves, self.boxes, bound * bound)
         return squared, np.where(found < 0, -1, self.order[found]), feet[:, :d], weights[:, :d]
 
     def distance(self, points: Array) -> Array:
@@ -192,11 +195,10 @@ def _nearest(x, y, z, corners, k):  # type: ignore[no-untyped-def]
     return gx * gx + gy * gy + gz * gz, v, w
 
 
-@njit(cache=True)
-def _query(points, corners, leaves, boxes, bound2, guess):  # type: ignore[no-untyped-def]
+@njit(cache=True, nogil=True)
+def _query(points, guess, best2, found, feet, weights, corners, leaves, boxes, bound2):  # type: ignore[no-untyped-def]
+    """Fill in what is nearest to each point, where something is near enough."""
     n, m = points.shape[0], corners.shape[0]
-    best2, found = np.full(n, np.inf), np.full(n, -1, dtype=np.int64)
-    feet, weights = np.full((n, 3), np.nan), np.zeros((n, 3))
     stack, stack_gap = np.empty(128, dtype=np.int64), np.empty(128)
     for i in range(n):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
@@ -234,4 +236,3 @@ def _query(points, corners, leaves, boxes, bound2, guess):  # type: ignore[no-un
             weights[i, 0], weights[i, 1], weights[i, 2] = 1.0 - best_v - best_w, best_v, best_w
             for axis in range(3):
                 feet[i, axis] = weights[i, 0] * corners[best, 0, axis] + best_v * corners[best, 1, axis] + best_w * corners[best, 2, axis]
-    return best2, found, feet, weights

@@ -18,9 +18,10 @@ from scipy import sparse
 from scipy.spatial import cKDTree
 
 from ..geometry import Array
+from .cores import by_rows
 
 SQRT5 = 5.0**0.5
-BLOCK = 4096  # places whose correlations are held at a time
+WORTH = 500  # places that are worth a thread
 
 
 @dataclass(frozen=True)
@@ -67,6 +68,22 @@ class Covariance:
             found.append(turns * np.tanh(x @ self.up / self.radius)[:, None, None])
         return [*found, self._anchored(at)] if len(self.anchors) else found
 
+    def features(self, at: Array) -> list[Array]:
+        """All of these, the similarity's first."""
+        return [self.similarity(at), *self.tunable(at)]
+
+    def whole_sds(self, sds: Array) -> Array:
+        """Standard deviations of the features: one for the similarity, whose features have their own, and one per tunable component."""
+        return np.concatenate([[1.0], sds[len(self.lengths) :]])
+
+    def smooth(self, sds: Array) -> tuple[Array, Array]:
+        """Correlation lengths (l,), and for each the variances (l, 2) of its fields: of vectors, and along the normal."""
+        lengths, which = np.unique(self.lengths, return_inverse=True)
+        along = np.arange(len(which)) >= len(self.vector)
+        variances = np.zeros((len(lengths), 2))
+        np.add.at(variances, (which, along.astype(int)), sds[: len(which)] ** 2)
+        return lengths, variances
+
     def _anchored(self, at: Array) -> Array:
         dim = at.shape[1]
         reach = np.exp(-0.5 * ((at[:, None] - self.anchors[None]) ** 2).sum(axis=2) / self.anchor_length**2)
@@ -75,75 +92,65 @@ class Covariance:
 
 @dataclass(frozen=True)
 class Observed:
-    """Linear observations `directions . D(at)` (n, d), with `normal_part` (n,) = directions . N (zero where D has no field along it)."""
+    """Linear observations `directions . D(at)` (n, d), with `normal_part` (n,) = directions . N (zero where D has no field along it);
+    and the covariance's features there, if they are at hand."""
 
     at: Array
     directions: Array
     normal_part: Array
+    features: list[Array] | None = None
 
 
 @dataclass(frozen=True)
 class Places:
-    """Places on the posed prior: positions (m, d) and the unit normals N (m, d) along which it likes to move."""
+    """Places on the posed prior: positions (m, d) and the unit normals N (m, d) along which it likes to move; features as in `Observed`."""
 
     at: Array
     normals: Array
+    features: list[Array] | None = None
 
     def observed(self, directions: Array) -> Observed:
-        return Observed(self.at, directions, (self.normals * directions).sum(axis=1))
+        return Observed(self.at, directions, (self.normals * directions).sum(axis=1), self.features)
 
 
 def grams(cov: Covariance, obs: Observed) -> tuple[Array, list[Array]]:
     """Gram matrix (n, n) of the similarity part and one of unit variance per tunable component."""
-    fixed = _seen(obs, cov.similarity(obs.at))
     dots, sides = obs.directions @ obs.directions.T, np.outer(obs.normal_part, obs.normal_part)
     correlation = {length: _matern(obs.at, obs.at, length) for length in {*cov.vector, *cov.normal}}
     parts = [correlation[length] * dots for length in cov.vector] + [correlation[length] * sides for length in cov.normal]
-    parts += [f @ f.T for f in (_seen(obs, features) for features in cov.tunable(obs.at))]
-    return fixed @ fixed.T, parts
+    fixed, *wholes = (seen @ seen.T for seen in _seen(cov, obs))
+    return fixed, parts + wholes
 
 
 def displacement(cov: Covariance, sds: Array, obs: Observed, alpha: Array, places: Places) -> Array:
     """Field (m, d) at `places`, for observation weights alpha (n,) = C^-1 z."""
-    at, normals = places.at, places.normals
-    field = cov.similarity(at) @ (alpha @ _seen(obs, cov.similarity(obs.at)))
-    k, split = len(cov.lengths), len(cov.vector)
-    lengths, which = np.unique(cov.lengths, return_inverse=True)  # fields of one length share its correlation
-    free = np.bincount(which[:split], sds[:split] ** 2, minlength=len(lengths))
-    along = np.bincount(which[split:], sds[split:k] ** 2, minlength=len(lengths))
-    for begin in range(0, len(at), BLOCK):
-        block = slice(begin, begin + BLOCK)
-        for length, of_vector, of_normal in zip(lengths, free, along, strict=True):
-            correlation = _matern(at[block], obs.at, length)
-            pull = of_vector * alpha[:, None] * obs.directions
-            push = of_normal * alpha * obs.normal_part
-            field[block] += correlation @ pull + (correlation @ push)[:, None] * normals[block]
-    for sd, here, there in zip(sds[k:], cov.tunable(at), cov.tunable(obs.at), strict=True):
-        field += here @ (sd**2 * (alpha @ _seen(obs, there)))
-    return np.asarray(field)
+    whole = np.zeros(places.at.size)
+    for sd, here, there in zip(cov.whole_sds(sds), _features(cov, places), _seen(cov, obs), strict=True):
+        whole += here.reshape(len(whole), -1) @ (sd**2 * (alpha @ there))
+    lengths, variances = cov.smooth(sds)
+    smooth = np.zeros((len(places.at), places.at.shape[1] + 1))
+    by_rows(_correlated, WORTH, (places.at, smooth), obs.at, lengths, alpha[:, None] * _pulls(obs, variances))
+    return np.asarray(whole.reshape(places.at.shape) + smooth[:, :-1] + smooth[:, -1:] * places.normals)
 
 
 def cross(cov: Covariance, sds: Array, a: Observed, b: Observed) -> Array:
     """Covariance (n, m) between two sets of observations."""
-    total = _seen(a, cov.similarity(a.at)) @ _seen(b, cov.similarity(b.at)).T
-    dots, sides = a.directions @ b.directions.T, np.outer(a.normal_part, b.normal_part)
-    lengths, which = np.unique(cov.lengths, return_inverse=True)  # fields of one length share its correlation
-    for index, length in enumerate(lengths):
-        shared = [sds[i] ** 2 * (dots if i < len(cov.vector) else sides) for i in np.flatnonzero(which == index)]
-        total += _matern(a.at, b.at, length) * sum(shared[1:], start=shared[0])
-    k = len(cov.lengths)
-    for sd, left, right in zip(sds[k:], cov.tunable(a.at), cov.tunable(b.at), strict=True):
-        total += sd**2 * _seen(a, left) @ _seen(b, right).T
+    left = np.hstack([sd**2 * seen for sd, seen in zip(cov.whole_sds(sds), _seen(cov, a), strict=True)])
+    total = left @ np.hstack(_seen(cov, b)).T
+    lengths, variances = cov.smooth(sds)
+    for length, pulls in zip(lengths, _pulls(a, variances), strict=True):
+        shared = pulls @ np.column_stack([b.directions, b.normal_part]).T
+        shared *= _matern(a.at, b.at, length)
+        total += shared
     return np.asarray(total)
 
 
 def variance(cov: Covariance, sds: Array, obs: Observed) -> Array:
     """Prior variance (n,) of the observations: the diagonal of `cross(obs, obs)`."""
     k, split = len(cov.lengths), len(cov.vector)
-    total = (_seen(obs, cov.similarity(obs.at)) ** 2).sum(axis=1)
-    total += (sds[:split] ** 2).sum() * (obs.directions**2).sum(axis=1) + (sds[split:k] ** 2).sum() * obs.normal_part**2
-    for sd, features in zip(sds[k:], cov.tunable(obs.at), strict=True):
-        total += sd**2 * (_seen(obs, features) ** 2).sum(axis=1)
+    total = (sds[:split] ** 2).sum() * (obs.directions**2).sum(axis=1) + (sds[split:k] ** 2).sum() * obs.normal_part**2
+    for sd, seen in zip(cov.whole_sds(sds), _seen(cov, obs), strict=True):
+        total += sd**2 * (seen**2).sum(axis=1)
     return np.asarray(total)
 
 
@@ -152,12 +159,24 @@ def interpolation(nodes: Array, at: Array, length: float, neighbours: int = 8) -
     k = min(neighbours, len(nodes))
     near = cKDTree(nodes).query(at, k=k)[1].reshape(len(at), k)
     begin = np.arange(0, near.size + 1, k)
-    return sparse.csr_matrix((_kriging(nodes, at, near, length).ravel(), near.ravel(), begin), shape=(len(at), len(nodes)))
+    weights = np.empty(near.shape)
+    by_rows(_kriging, WORTH, (at, near, weights), nodes, length)
+    return sparse.csr_matrix((weights.ravel(), near.ravel(), begin), shape=(len(at), len(nodes)))
 
 
-def _seen(obs: Observed, features: Array) -> Array:
-    """Features (n, d, k) as the observations see them: along their directions, (n, k)."""
-    return np.asarray(np.einsum("na,nak->nk", obs.directions, features))
+def _seen(cov: Covariance, obs: Observed) -> list[Array]:
+    """Features as the observations see them: along their directions, (n, k) each."""
+    return [np.einsum("na,nak->nk", obs.directions, features) for features in _features(cov, obs)]
+
+
+def _features(cov: Covariance, where: Observed | Places) -> list[Array]:
+    return cov.features(where.at) if where.features is None else where.features
+
+
+def _pulls(obs: Observed, variances: Array) -> Array:
+    """How the observations pull at fields of every correlation length, of vectors and along the normal: (l, n, d + 1)."""
+    dim = obs.at.shape[1]
+    return np.asarray(np.repeat(variances, [dim, 1], axis=1)[:, None] * np.column_stack([obs.directions, obs.normal_part]))
 
 
 def _skew(dim: int) -> list[Array]:
@@ -180,43 +199,72 @@ def _unit(dim: int, i: int, j: int) -> Array:
 
 @njit(cache=True)
 def _matern(a, b, length):  # type: ignore[no-untyped-def]
-    """Matern 5/2 correlation (n, m) of two point sets, within 1e-11.
+    """Matern 5/2 correlation (n, m) of two point sets, within 1e-11."""
+    out, squared, columns = np.empty((a.shape[0], b.shape[0])), np.empty(b.shape[0]), np.ascontiguousarray(b.T)
+    for i in range(a.shape[0]):
+        _squared_distances(a[i], columns, squared)
+        _decay(squared, SQRT5 / length, out[i])
+    return out
+
+
+@njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})
+def _correlated(a, out, b, lengths, values):  # type: ignore[no-untyped-def]
+    """Add to out (n, q), over lengths (l,), the correlations (n, m) times values (l, m, q); of those no more than a row is in memory."""
+    n, m, q = a.shape[0], b.shape[0], values.shape[2]
+    squared, row, columns = np.empty(m), np.empty(m), np.ascontiguousarray(b.T)
+    by_column = np.empty((len(lengths), q, m))
+    for k in range(len(lengths)):
+        by_column[k] = values[k].T
+    for i in range(n):
+        _squared_distances(a[i], columns, squared)
+        for k in range(len(lengths)):
+            _decay(squared, SQRT5 / lengths[k], row)
+            for c in range(q):
+                total = 0.0
+                for j in range(m):
+                    total += row[j] * by_column[k, c, j]
+                out[i, c] += total
+
+
+@njit(cache=True, inline="always")
+def _squared_distances(place, columns, out):  # type: ignore[no-untyped-def]
+    """Write the squared distances (m,) of a place (d,) from the columns (d, m)."""
+    out[:] = 0.0
+    for k in range(columns.shape[0]):
+        for j in range(columns.shape[1]):
+            out[j] += (place[k] - columns[k, j]) ** 2
+
+
+@njit(cache=True, inline="always")
+def _decay(squared, scale, out):  # type: ignore[no-untyped-def]
+    """Write the correlations (m,) at squared distances (m,) times scale^2.
 
     Plain loops and a polynomial for the exponential, exp(-s) = exp(-s / 256)^256, because a compiler turns these into vector
     instructions, and calls of exp it does not: ten times faster.
     """
-    n, m, dim = a.shape[0], b.shape[0], a.shape[1]
-    columns = np.ascontiguousarray(b.T)
-    out = np.zeros((n, m))
-    scale = SQRT5 / length
-    for i in range(n):
-        for k in range(dim):
-            for j in range(m):
-                out[i, j] += (a[i, k] - columns[k, j]) ** 2
-        for j in range(m):
-            s = min(scale * np.sqrt(out[i, j]), 40.0)  # beyond, nothing is left
-            x = s * (1 / 256)
-            e = 1.0 - x * (1.0 - x * (1 / 2 - x * (1 / 6 - x * (1 / 24 - x * (1 / 120)))))
-            e *= e
-            e *= e
-            e *= e
-            e *= e
-            e *= e
-            e *= e
-            e *= e
-            e *= e
-            out[i, j] = (1.0 + s + s * s * (1 / 3)) * e
-    return out
+    for j in range(len(squared)):
+        s = min(scale * np.sqrt(squared[j]), 40.0)  # beyond, nothing is left
+        x = s * (1 / 256)
+        e = 1.0 - x * (1.0 - x * (1 / 2 - x * (1 / 6 - x * (1 / 24 - x * (1 / 120)))))
+        e *= e
+        e *= e
+        e *= e
+        e *= e
+        e *= e
+        e *= e
+        e *= e
+        e *= e
+        out[j] = (1.0 + s + s * s * (1 / 3)) * e
 
 
-@njit(cache=True)
-def _kriging(nodes, at, near, length):  # type: ignore[no-untyped-def]
-    """Weights (m, k), summing to one, of the nodes (m, k) near each place: correlations among them solved for those with it.
+@njit(cache=True, nogil=True)
+def _kriging(at, near, weights, nodes, length):  # type: ignore[no-untyped-def]
+    """Fill in weights (m, k), summing to one, of the nodes (m, k) near each place: correlations among them solved for those with it.
 
     By Cholesky's factorisation written out: on so small a system a library's call takes longer than its arithmetic.
     """
     m, k = near.shape
-    weights, here = np.empty((m, k)), np.empty((k + 1, nodes.shape[1]))
+    here = np.empty((k + 1, nodes.shape[1]))
     for i in range(m):
         w = weights[i]
         here[:k], here[k] = nodes[near[i]], at[i]
@@ -237,4 +285,3 @@ def _kriging(nodes, at, near, length):  # type: ignore[no-untyped-def]
                 w[j] -= factor[c, j] * w[c]
             w[j] /= factor[j, j]
         w /= w.sum()
-    return weights

@@ -12,12 +12,15 @@ from numba import njit
 
 from ..geometry import Array
 from .closest import ClosestPoint, _gap, _nearest
+from .cores import by_rows
 from .covariance import Places
 from .rows import Feet
 from .shape import vertex_normals
 
 REACH = 3.0  # elements less likely than exp(-3) times the closest are left out: more change no result, and cost time
 FINE = 3.0  # what is smaller than the noise times the root of this is seen as its centre: exact enough for a Gaussian
+
+WORTH, WORTH_FACES = 100, 10_000  # points, and faces, that are worth a thread
 
 
 def likely_feet(tree: ClosestPoint, points: Array, sd: Array, rest: Places) -> Feet:
@@ -31,18 +34,21 @@ def likely_feet(tree: ClosestPoint, points: Array, sd: Array, rest: Places) -> F
     normals = vertex_normals(tree.vertices, tree.faces)
     spatial = np.zeros((len(points), 3))
     spatial[:, :dim] = points
-    centres = _elements(axes, tree.corners, tree.in_order, normals, rest.at, rest.normals)
-    tree_of = (tree.corners, tree.leaves, tree.boxes, tree.in_order, centres, _nodes(axes, centres, tree.leaves, tree.boxes))
-    sums = _expected(axes, spatial, sd**2, closest2, tree.rank[nearest], *tree_of, normals, rest.at, rest.normals)
-    at, mean, along, height, moved = np.split(sums, [dim, 2 * dim, 2 * dim + 1, 2 * dim + 2], axis=1)
-    residual = height[:, 0] + (mean * moved).sum(axis=1)  # from the foot's place in the reference pose
+    centres, means = np.empty((len(tree.faces), 3 * dim + 4)), np.zeros((len(points), 3 * dim + 2))
+    by_rows(_elements, WORTH_FACES, (tree.corners, tree.in_order, centres), axes, normals, rest.at, rest.normals)
+    nodes = _nodes(axes, centres, tree.leaves, tree.boxes)
+    rows = spatial, sd**2, closest2, tree.rank[nearest], means
+    elements = tree.leaves, tree.boxes, tree.corners, tree.in_order, centres, nodes, normals, rest.at, rest.normals
+    by_rows(_expected, WORTH, rows, axes, *elements)
+    at, mean, along, height, moved = np.split(means, [dim, 2 * dim, 2 * dim + 1, 2 * dim + 2], axis=1)
+    residual = height[:, 0] + (mean * (moved - at)).sum(axis=1)  # from the foot's place in the reference pose
     return Feet(at, mean, along[:, 0], residual)
 
 
 @njit(cache=True, error_model="numpy", inline="always")
 def _element(axes, corners, faces, k, share, normals, rest, rest_normals, out):  # type: ignore[no-untyped-def]
     """Write what face k holds at barycentric weights `share`: rest place, normal, its share along the rest normal, normal . place,
-    displacement; then the place, the face's measure and its greatest squared edge."""
+    place."""
     dim = len(axes)
     length = rest_length = agreement = height = 0.0
     for axis in range(dim):
@@ -52,8 +58,7 @@ def _element(axes, corners, faces, k, share, normals, rest, rest_normals, out): 
             rest_normal += share[c] * rest_normals[faces[k, c], axis]
             place += share[c] * corners[k, c, axis]
             origin += share[c] * rest[faces[k, c], axis]
-        out[axis], out[dim + axis] = origin, normal
-        out[2 * dim + 2 + axis], out[3 * dim + 2 + axis] = place - origin, place
+        out[axis], out[dim + axis], out[2 * dim + 2 + axis] = origin, normal, place
         length += normal * normal
         rest_length += rest_normal * rest_normal
         agreement += normal * rest_normal
@@ -65,26 +70,25 @@ def _element(axes, corners, faces, k, share, normals, rest, rest_normals, out): 
     out[2 * dim + 1] = height / length
 
 
-@njit(cache=True, error_model="numpy")
-def _elements(axes, corners, faces, normals, rest, rest_normals):  # type: ignore[no-untyped-def]
-    """What every face holds at its centre, (m, 4 d + 4), in tree order."""
+@njit(cache=True, nogil=True, error_model="numpy")
+def _elements(corners, faces, out, axes, normals, rest, rest_normals):  # type: ignore[no-untyped-def]
+    """Fill in what every face holds at its centre, then its measure and its greatest squared edge: (m, 3 d + 4), in tree order."""
     m, dim = len(faces), len(axes)
-    out, share = np.empty((m, 4 * dim + 4)), np.full(dim, 1.0 / dim)
+    share = np.full(dim, 1.0 / dim)
     for k in range(m):
         _element(axes, corners, faces, k, share, normals, rest, rest_normals, out[k])
         ux, uy, uz = corners[k, 1, 0] - corners[k, 0, 0], corners[k, 1, 1] - corners[k, 0, 1], corners[k, 1, 2] - corners[k, 0, 2]
         vx, vy, vz = corners[k, 2, 0] - corners[k, 0, 0], corners[k, 2, 1] - corners[k, 0, 1], corners[k, 2, 2] - corners[k, 0, 2]
         x, y, z = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
         edge2 = max(ux * ux + uy * uy + uz * uz, vx * vx + vy * vy + vz * vz, (ux - vx) ** 2 + (uy - vy) ** 2 + (uz - vz) ** 2)
-        out[k, 4 * dim + 2] = np.sqrt(edge2) if dim == 2 else 0.5 * np.sqrt(x * x + y * y + z * z)
-        out[k, 4 * dim + 3] = edge2
-    return out
+        out[k, 3 * dim + 2] = np.sqrt(edge2) if dim == 2 else 0.5 * np.sqrt(x * x + y * y + z * z)
+        out[k, 3 * dim + 3] = edge2
 
 
 @njit(cache=True, error_model="numpy")
 def _nodes(axes, centres, leaves, boxes):  # type: ignore[no-untyped-def]
     """What every node of the tree holds: the means of its faces, their measure, and the squared diagonal of its box."""
-    m, width = len(centres), 4 * len(axes) + 4
+    m, width = len(centres), 3 * len(axes) + 4
     out = np.zeros((2 * leaves - 1, width))
     for leaf in range(leaves):
         node = leaves - 1 + leaf
@@ -109,8 +113,8 @@ def _add(axes, means, points, i, elements, k, closest2, sd2):  # type: ignore[no
     dim = len(axes)
     gap = 0.0
     for axis in range(dim):
-        gap += (points[i, axis] - elements[k, 3 * dim + 2 + axis]) ** 2
-    weight = elements[k, 4 * dim + 2] * np.exp(0.5 * (closest2 - gap) / sd2)
+        gap += (points[i, axis] - elements[k, 2 * dim + 2 + axis]) ** 2
+    weight = elements[k, 3 * dim + 2] * np.exp(0.5 * (closest2 - gap) / sd2)
     for q in range(3 * dim + 2):
         means[i, q] += weight * elements[k, q]
     for axis in range(dim):
@@ -118,14 +122,13 @@ def _add(axes, means, points, i, elements, k, closest2, sd2):  # type: ignore[no
     return weight
 
 
-@njit(cache=True, error_model="numpy")
-def _expected(axes, points, sd2, closest2, nearest, corners, leaves, boxes, faces, centres, nodes, normals, rest, rest_normals):  # type: ignore[no-untyped-def]
-    """Means (n, 3 d + 2) of what the faces hold, with weights measure * exp(-squared distance / 2 sd2); the height is that of
+@njit(cache=True, nogil=True, error_model="numpy")
+def _expected(points, sd2, closest2, nearest, means, axes, leaves, boxes, corners, faces, centres, nodes, normals, rest, rest_normals):  # type: ignore[no-untyped-def]
+    """Add to the means (n, 3 d + 2) what the faces hold, with weights measure * exp(-squared distance / 2 sd2); the height is that of
     the point over the face."""
     n, m, dim = len(points), len(faces), len(axes)
     size = 3 * dim + 2
-    means = np.zeros((n, size))
-    stack, share, own = np.empty(128, dtype=np.int64), np.empty(3), np.empty((1, 4 * dim + 4))
+    stack, share, own = np.empty(128, dtype=np.int64), np.empty(3), np.empty((1, 3 * dim + 4))
     for i in range(n):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
         limit, total = closest2[i] * (1.0 + 1e-12) + 2.0 * REACH * sd2[i], 0.0
@@ -135,7 +138,7 @@ def _expected(axes, points, sd2, closest2, nearest, corners, leaves, boxes, face
             node = stack[top]
             if _gap(x, y, z, boxes, node) > limit:
                 continue
-            if nodes[node, 4 * dim + 3] < FINE * sd2[i]:
+            if nodes[node, 3 * dim + 3] < FINE * sd2[i]:
                 total += _add(axes, means, points, i, nodes, node, closest2[i], sd2[i])
                 continue
             if node < leaves - 1:
@@ -144,7 +147,7 @@ def _expected(axes, points, sd2, closest2, nearest, corners, leaves, boxes, face
                 continue
             leaf = node - (leaves - 1)
             for k in range(leaf * m // leaves, (leaf + 1) * m // leaves):
-                if centres[k, 4 * dim + 3] < FINE * sd2[i]:
+                if centres[k, 3 * dim + 3] < FINE * sd2[i]:
                     total += _add(axes, means, points, i, centres, k, closest2[i], sd2[i])
                     continue
                 gap, share[1], share[2] = _nearest(x, y, z, corners, k)  # a face large against the noise is seen at its closest point
@@ -154,7 +157,7 @@ def _expected(axes, points, sd2, closest2, nearest, corners, leaves, boxes, face
                 if dim == 2:  # a segment is a triangle whose last two corners coincide
                     share[1] += share[2]
                 _element(axes, corners, faces, k, share, normals, rest, rest_normals, own[0])
-                own[0, 4 * dim + 2] = centres[k, 4 * dim + 2]
+                own[0, 3 * dim + 2] = centres[k, 3 * dim + 2]
                 total += _add(axes, means, points, i, own, 0, closest2[i], sd2[i])
         if total == 0.0:  # far off a sharp edge: total = 0 by underflow
             total = 1.0
@@ -165,4 +168,3 @@ def _expected(axes, points, sd2, closest2, nearest, corners, leaves, boxes, face
         for q in range(size):
             means[i, q] /= total
         means[i, 2 * dim + 1] *= -1.0
-    return means

@@ -168,8 +168,9 @@ class Problem:
         return likely_feet(self.tree, self.data.points, sd, self.rest)
 
     def rows(self, feet: Feet, state: State) -> Rows:
-        patch = PATCH * min(self.covariance.lengths)
-        return gather(feet, self.data, state.weights, self.marks, self.settings.rows, patch, state.patches, self.frame)
+        patch, most = PATCH * min(self.covariance.lengths), self.settings.rows
+        frame = self.frame if len(self.data.points) > most else None
+        return gather(feet, self.data, state.weights, self.marks, most, patch, state.patches, frame)
 
     def believe(self, state: State, residual: Array, var: Array) -> tuple[Array, Contact]:
         """Belief per point; an `inside` point has a say only while the surface leaves it outside."""
@@ -189,9 +190,10 @@ class Problem:
         density = -np.log(np.sqrt(2.0 * np.pi) * noises[data.group] * data.relative)
         return mixture_energy(weights[wall], residual[wall], data.odds[wall], contact) + float(weights[~wall] @ density[~wall])
 
-    @property
+    @cached_property
     def at_nodes(self) -> Places:
-        return Places(self.rest.at[self.nodes], self.rest.normals[self.nodes])
+        at = self.rest.at[self.nodes]
+        return Places(at, self.rest.normals[self.nodes], self.covariance.features(at))
 
     def spread_from_nodes(self, sds: Array, observed: Observed, posterior: Posterior) -> Array:
         """Displacement (n, d) of every vertex, interpolated from nodes that stand close together against the shortest length."""
