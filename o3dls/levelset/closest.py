@@ -29,7 +29,8 @@ class ClosestPoint:
     def refit(self, vertices: Array) -> None:
         """Take new vertex positions (n, d); exact for any motion, fastest while neighbours stay neighbours."""
         self.vertices = np.ascontiguousarray(vertices, dtype=np.float64)
-        self.corners, self.boxes = _arrange(self.vertices, self.in_order, self.leaves)
+        axes = (0,) * vertices.shape[1]  # the compiler knows how long a tuple is, and unrolls the kernel's loops over it
+        self.corners, self.boxes = _arrange(axes, self.vertices, self.in_order, self.leaves)
 
     def query(self, points: Array, bound: float = np.inf, hint: Ints | None = None) -> tuple[Array, Ints, Array, Array]:
         """Squared distance (k,), face (k,), closest point (k, d) and barycentric weights (k, d) of points (k, d).
@@ -102,24 +103,25 @@ def _partition(values, order, left, right, middle):  # type: ignore[no-untyped-d
 
 
 @njit(cache=True)
-def _arrange(vertices, faces, leaves):  # type: ignore[no-untyped-def]
+def _arrange(axes, vertices, faces, leaves):  # type: ignore[no-untyped-def]
     """Corners (m, 3, 3) of faces in tree order, and bounding boxes (low, high) of an implicit binary tree: children of node i
     are 2i+1 and 2i+2, the leaves come last."""
-    m, dim = faces.shape
+    m, dim = len(faces), len(axes)
     corners = np.zeros((m, 3, 3))
     boxes = np.empty((2 * leaves - 1, 2, 3))
-    boxes[:, 0] = np.inf
-    boxes[:, 1] = -np.inf
     for leaf in range(leaves):
-        node = leaves - 1 + leaf
+        x0 = y0 = z0 = np.inf  # scalars stay in registers
+        x1 = y1 = z1 = -np.inf
         for k in range(leaf * m // leaves, (leaf + 1) * m // leaves):
             for corner in range(3):
-                vertex = faces[k, min(corner, dim - 1)]
                 for axis in range(dim):
-                    corners[k, corner, axis] = vertices[vertex, axis]
-                for axis in range(3):
-                    boxes[node, 0, axis] = min(boxes[node, 0, axis], corners[k, corner, axis])
-                    boxes[node, 1, axis] = max(boxes[node, 1, axis], corners[k, corner, axis])
+                    corners[k, corner, axis] = vertices[faces[k, min(corner, dim - 1)], axis]
+                x, y, z = corners[k, corner, 0], corners[k, corner, 1], corners[k, corner, 2]
+                x0, y0, z0 = min(x0, x), min(y0, y), min(z0, z)
+                x1, y1, z1 = max(x1, x), max(y1, y), max(z1, z)
+        box = boxes[leaves - 1 + leaf]
+        box[0, 0], box[0, 1], box[0, 2] = x0, y0, z0
+        box[1, 0], box[1, 1], box[1, 2] = x1, y1, z1
     for node in range(leaves - 2, -1, -1):
         for axis in range(3):
             boxes[node, 0, axis] = min(boxes[2 * node + 1, 0, axis], boxes[2 * node + 2, 0, axis])

@@ -100,8 +100,9 @@ def _nodes(axes, centres, leaves, boxes):  # type: ignore[no-untyped-def]
         for q in range(width - 1):
             out[node, q] = out[2 * node + 1, q] + out[2 * node + 2, q]
     for node in range(2 * leaves - 1):
+        share = 1.0 / max(out[node, width - 2], 1e-300)
         for q in range(width - 2):
-            out[node, q] /= max(out[node, width - 2], 1e-300)
+            out[node, q] *= share
         for axis in range(3):
             out[node, width - 1] += (boxes[node, 1, axis] - boxes[node, 0, axis]) ** 2
     return out

@@ -42,20 +42,25 @@ def unit_mean(vectors: Array, corner: Ints, bary: Array) -> Array:
     return np.asarray(mean / np.maximum(np.linalg.norm(mean, axis=1), 1e-300)[:, None])
 
 
+def _normals(vertices: Array, faces: Ints) -> tuple[Array, Array]:
+    """Unit vertex normals (n, d) and area vectors (m, d) of the faces."""
+    axes = (0,) * vertices.shape[1]  # the compiler knows how long a tuple is, and unrolls the kernel's loops over it
+    normals, areas = _summed(axes, vertices, faces)
+    return normals, areas
+
+
 @njit(cache=True)
-def _normals(vertices, faces):  # type: ignore[no-untyped-def]
-    n, dim = vertices.shape
-    total = np.zeros((n, dim))
-    areas = np.empty((faces.shape[0], dim))
-    for f in range(faces.shape[0]):
-        a, b = vertices[faces[f, 0]], vertices[faces[f, 1]]
+def _summed(axes, vertices, faces):  # type: ignore[no-untyped-def]
+    n, dim = len(vertices), len(axes)
+    total, areas = np.zeros((n, dim)), np.empty((len(faces), dim))
+    for f in range(len(faces)):
+        a, b, c = faces[f, 0], faces[f, 1], faces[f, dim - 1]
         if dim == 2:
-            areas[f, 0], areas[f, 1] = b[1] - a[1], a[0] - b[0]
+            areas[f, 0], areas[f, 1] = vertices[b, 1] - vertices[a, 1], vertices[a, 0] - vertices[b, 0]
         else:
-            c = vertices[faces[f, 2]]
-            areas[f, 0] = 0.5 * ((b[1] - a[1]) * (c[2] - a[2]) - (b[2] - a[2]) * (c[1] - a[1]))
-            areas[f, 1] = 0.5 * ((b[2] - a[2]) * (c[0] - a[0]) - (b[0] - a[0]) * (c[2] - a[2]))
-            areas[f, 2] = 0.5 * ((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))
+            ux, uy, uz = vertices[b, 0] - vertices[a, 0], vertices[b, 1] - vertices[a, 1], vertices[b, 2] - vertices[a, 2]
+            vx, vy, vz = vertices[c, 0] - vertices[a, 0], vertices[c, 1] - vertices[a, 1], vertices[c, 2] - vertices[a, 2]
+            areas[f, 0], areas[f, 1], areas[f, 2] = 0.5 * (uy * vz - uz * vy), 0.5 * (uz * vx - ux * vz), 0.5 * (ux * vy - uy * vx)
         for corner in range(dim):
             for k in range(dim):
                 total[faces[f, corner], k] += areas[f, k]
