@@ -66,7 +66,12 @@ class Pipeline:
 
     def run(self, case: Case | None = None) -> Run:
         """Fit, cross-validate and score. Raises InputError where the case cannot be fitted so, SolverError where a stage fails."""
-        case = case or self._own_case()
+        from .levelset.cores import compiling_said  # numba is not for those who only check a file
+
+        with compiling_said():
+            return self._run(case or self._own_case())
+
+    def _run(self, case: Case) -> Run:
         if why := self.obstacles(case):
             raise InputError("; ".join(why))
         begin = perf_counter()

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from numba import njit
 from tiny import SHIFT, Greedy, Nudge, Spy, ball_case, disc_case, tiny_stages  # noqa: F401  (a fixture)
 
 from o3dls.errors import InputError, PipelineError
@@ -218,3 +220,21 @@ def test_a_stage_that_cannot_work_on_the_case_is_refused_or_left_out() -> None:
         pipeline.run(disc_case())
     assert pipeline.allowed_by(disc_case()) == Pipeline([Nudge()], folds=0)
     assert pipeline.allowed_by(ball_case()) == pipeline
+
+
+def test_compiling_is_said_once_and_only_where_it_happens(caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first run of a version is a minute longer, and would seem to hang."""
+    plan, case, plain = Pipeline([Nudge()], folds=0), ball_case(), Nudge.__call__
+    plan.run(case)
+    caplog.set_level(logging.INFO, "o3dls")
+    plan.run(case)
+    assert "compiling" not in caplog.text
+
+    def compiling(self: Nudge, case: Any, before: Any) -> Any:
+        for start in (1, 2):
+            njit(lambda x, start=start: x + start)(1)
+        return plain(self, case, before)
+
+    monkeypatch.setattr(Nudge, "__call__", compiling)
+    plan.run(case)
+    assert [record.message[:9] for record in caplog.records].count("compiling") == 1

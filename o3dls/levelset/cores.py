@@ -1,20 +1,26 @@
-"""Compiled loops over rows on several cores: each thread fills rows of its own, so that results do not depend on how many there are."""
+"""Compiled loops: over rows on several cores, each thread filling rows of its own, so that results do not depend on how many there are;
+and a word where they have to be compiled first."""
 
 from __future__ import annotations
 
+import logging
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from functools import lru_cache
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numba import config
+from numba.core.event import Event, Listener, install_listener
 
 from ..geometry import Array, Ints
 
 THREADS: int = config.NUMBA_NUM_THREADS  # the cores this process may use, unless the variable of that name says otherwise
+
+log = logging.getLogger("o3dls")
 
 
 def by_rows(kernel: Callable[..., Any], least: int, rows: tuple[Array | Ints, ...], *shared: Any) -> None:
@@ -40,3 +46,22 @@ def share(processes: int) -> None:
 def _pool(process: int) -> ThreadPoolExecutor:
     """Threads of a process: a fork has none of its parent's."""
     return ThreadPoolExecutor(THREADS - 1)
+
+
+@contextmanager
+def compiling_said() -> Iterator[None]:
+    """Within this, the first loop that has to be compiled is announced: a version's first run seems to stand still."""
+    with install_listener("numba:compile", _Compiling()):
+        yield
+
+
+class _Compiling(Listener):  # type: ignore[misc]
+    said = False
+
+    def on_start(self, event: Event) -> None:
+        if not self.said:
+            log.info("compiling the loops of this version, which is done once and takes up to a minute")
+        self.said = True
+
+    def on_end(self, event: Event) -> None:
+        pass
