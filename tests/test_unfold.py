@@ -1,5 +1,7 @@
 """Folds are mended, and nothing else is: not what turned with its surroundings, however far."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from fields import SIZE, body
@@ -79,3 +81,39 @@ def test_a_small_piece_that_folded_as_a_whole_stays_and_the_rest_is_mended() -> 
     assert 0 < left < count
     np.testing.assert_array_equal(mended[small], moved[small])
     assert unfold(ball.vertices, mended[: len(ball.vertices)], ball.faces)[1] == 0
+
+
+def test_a_sliver_of_a_fine_mesh_is_mended_by_a_few_vertices_around_it(sizes: list[int], monkeypatch: pytest.MonkeyPatch) -> None:
+    """A patch as wide as folds of the wall took seconds for it, and folded others."""
+    monkeypatch.setattr(unfold_module, "ENOUGH", 500)
+    ball, vertex = body(3, fineness=5), 17
+    moved = ball.vertices.copy()
+    neighbour = ball.faces[(ball.faces == vertex).any(axis=1)].max()
+    moved[vertex] += 1.5 * (moved[neighbour] - moved[vertex])
+    _, count, left = unfold(ball.vertices, moved, ball.faces)
+    assert (count > 0, left) == (True, 0)
+    assert sizes == [30]  # of 10 242
+
+
+def test_patches_that_fold_ever_more_faces_are_given_up(sizes: list[int], monkeypatch: pytest.MonkeyPatch) -> None:
+    """They spread over half of a mesh of slivers, round by round, for two faces that nothing mends."""
+    ball = body(3, fineness=4)
+    moved = ball.vertices + 0.01 * SIZE * np.random.default_rng(5).normal(size=ball.vertices.shape)
+    turned = [np.arange(len(ball.faces)) < folded for folded in (2, 2, 3, 13, 40)]
+    monkeypatch.setattr(unfold_module, "_turned", lambda rest, moved, faces: turned[len(sizes)])
+    mended, count, left = unfold(ball.vertices, moved, ball.faces)
+    assert (count, left, len(sizes)) == (2, 2, 3)
+    np.testing.assert_array_equal(mended, moved)
+
+
+@pytest.fixture
+def sizes(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """How many vertices each round replaces."""
+    found, solver = list[int](), unfold_module.splu
+
+    def recorded(matrix: Any, **options: Any) -> Any:
+        found.append(matrix.shape[0])
+        return solver(matrix, **options)
+
+    monkeypatch.setattr(unfold_module, "splu", recorded)
+    return found

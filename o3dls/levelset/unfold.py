@@ -19,6 +19,7 @@ LEAST_COSINE = 0.25  # between a face's normal and where its surroundings' rotat
 SURROUNDINGS = 0.3  # rms radii
 BLOCK = 2000  # faces whose surroundings are in memory at a time
 ENOUGH = 16_000  # vertices: of more, an even part tells how the surroundings turned
+FEW = 8  # faces: so many more than twice those at first come and go while a patch grows
 
 
 def uncrossed(outline: Surface) -> Surface:
@@ -51,7 +52,8 @@ def unfold(rest: Array, moved: Array, faces: Ints, rounds: int = 12) -> tuple[Ar
 
     Around turned faces the displacement is replaced by the one of least bending (biharmonic) that continues the surroundings;
     the patch grows round the faces that are still turned until none is, or `rounds` are over: then the round that left fewest counts,
-    since on a mesh of slivers a patch may fold more than it mends.
+    since on a mesh of slivers a patch may fold more than it mends. It begins with two rings, which are enough for a sliver however fine
+    the mesh, and ends as wide as folds of the wall are.
     """
     displacement = moved - rest
     turned = _turned(rest, moved, faces)
@@ -63,12 +65,12 @@ def unfold(rest: Array, moved: Array, faces: Ints, rounds: int = 12) -> tuple[Ar
     laplacian = diags(np.asarray(adjacency.sum(axis=1)).ravel()) - adjacency
     bending = csr_matrix(laplacian.T @ laplacian)
     piece = connected_components(adjacency, directed=False)[1]
-    finer = int(np.ceil(np.sqrt(len(rest) / ENOUGH)))  # a ring of a fine mesh is narrow
+    finer = np.ceil(np.sqrt(len(rest) / ENOUGH))  # a ring of a fine mesh is narrow
     zone = np.zeros(len(rest), dtype=bool)
     for attempt in range(rounds):
         patch = np.zeros(len(rest), dtype=bool)
         patch[faces[turned]] = True
-        for _ in range(finer * (2 + attempt // 2)):
+        for _ in range(round((2 + attempt // 2) * finer ** (attempt / (rounds - 1)))):
             patch |= (adjacency @ patch.astype(np.float64)) > 0.0
         patch |= zone
         patch &= (np.bincount(piece, ~patch) > 0.0)[piece]  # a piece that has folded as a whole has nothing to continue
@@ -83,7 +85,7 @@ def unfold(rest: Array, moved: Array, faces: Ints, rounds: int = 12) -> tuple[Ar
         turned = _turned(rest, mended, faces)
         if turned.sum() < left:
             best, left = mended, int(turned.sum())
-        if left == 0:
+        if left == 0 or turned.sum() > 2 * count + FEW:  # patches that fold ever more would spread over the whole surface
             break
     return best, count, left
 
