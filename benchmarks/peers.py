@@ -33,7 +33,7 @@ def thin_plate(case: Case, pose: Array, *, kernel: str, smoothing: float, reject
         at, first = np.unique(np.round(feet[keep], 6), axis=0, return_index=True)  # two points with one foot make the system singular
         warp = RBFInterpolator(at, points[keep][first] - at, kernel=kernel, smoothing=smoothing)
         before, moved = moved, posed.vertices + warp(posed.vertices)
-        tree.refit(moved)
+        tree = tree.at(moved)
         if np.linalg.norm(moved - before, axis=1).mean() < still:
             break
     return posed.with_vertices(moved)
@@ -55,7 +55,7 @@ def nricp_sumner(case: Case, pose: Array, *, smooth: float, landmarks: float, re
         # trimesh asks for a target all the same; its own vertices, weighted zero, are one
         moved = trimesh.registration.nricp_sumner(mesh, moved, (face, bary), points[keep], steps=steps, use_faces=False)
         moved = np.asarray(moved)
-        tree.refit(moved)
+        tree = tree.at(moved)
     shift = RBFInterpolator(coarse.vertices, moved - coarse.vertices, neighbors=16, kernel="linear")
     return posed.with_vertices(posed.vertices + shift(posed.vertices))
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from copy import copy
+
 import numpy as np
 from numba import njit
 
@@ -13,7 +15,7 @@ LEAF = 4  # faces per leaf: fewer deepen the tree, more test triangles in vain
 
 
 class ClosestPoint:
-    """Closest points on a surface of vertices (n, d) and faces (m, d); `refit` follows moved vertices without rebuilding the tree.
+    """Closest points on a surface of vertices (n, d) and faces (m, d); `at` follows moved vertices without rebuilding the tree.
 
     Inside, a segment of the plane is a triangle in space whose last two corners coincide, so that one kernel serves both.
     """
@@ -24,10 +26,15 @@ class ClosestPoint:
         self.order = _median_order(np.ascontiguousarray(vertices[self.faces].mean(axis=1).T), self.leaves)
         self.rank = np.argsort(self.order)
         self.in_order = self.faces[self.order]
-        self.refit(vertices)
+        self._place(vertices)
 
-    def refit(self, vertices: Array) -> None:
-        """Take new vertex positions (n, d); exact for any motion, fastest while neighbours stay neighbours."""
+    def at(self, vertices: Array) -> ClosestPoint:
+        """The same surface at new vertex positions (n, d); exact for any motion, fastest while neighbours stay neighbours."""
+        moved = copy(self)
+        moved._place(vertices)
+        return moved
+
+    def _place(self, vertices: Array) -> None:
         self.vertices = np.ascontiguousarray(vertices, dtype=np.float64)
         axes = (0,) * vertices.shape[1]  # the compiler knows how long a tuple is, and unrolls the kernel's loops over it
         self.corners, self.boxes = _arrange(axes, self.vertices, self.in_order, self.leaves)

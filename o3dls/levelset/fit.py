@@ -76,12 +76,12 @@ def _proceed(earlier: MotionFit, data: Data, known: slice | Ints, rounds: int) -
 
 def _first_beliefs(earlier: MotionFit, data: Data, known: slice | Ints) -> Array:
     """Belief (n,) in the known points as it was, in the further ones by their distances from the surface as it is."""
-    weights, state, surface = data.trusted, earlier.state, earlier.problem.tree
+    weights, state = data.trusted, earlier.state
     new = ~data.inside
     new[known] = False
     weights[known] = state.weights
     if new.any():
-        surface.refit(state.moved)
+        surface = earlier.problem.tree.at(state.moved)
         _, face, foot, bary = surface.query(data.points[new])
         corners = earlier.problem.faces[face]
         outward = (data.points[new] - foot) * unit_mean(vertex_normals(state.moved, earlier.problem.faces), corners, bary)

@@ -130,8 +130,7 @@ class _Points:
     def refined(self, found: Between, iterations: int) -> Between:
         here = apply(found.pose, self.model.shape(found.c))
         for _ in range(iterations):
-            self.tree.refit(here)
-            found = self.step(found)
+            found = self.step(found, self.tree.at(here))
             before, here = here, apply(found.pose, self.model.shape(found.c))
             step = float(np.abs(here - before).max())
             found = replace(found, trace=(*found.trace, {"sigma": found.sigma, "step": step}))
@@ -139,12 +138,13 @@ class _Points:
                 return replace(found, converged=True)
         return found
 
-    def step(self, now: Between) -> Between:
-        """One Gauss-Newton step in coefficients and pose; the coefficients are drawn to the way through the phases."""
+    def step(self, now: Between, surface: ClosestPoint) -> Between:
+        """One Gauss-Newton step in coefficients and pose, from the surface as it is; coefficients are drawn to the way through the
+        phases."""
         model, k = self.model, len(now.c)
-        _, face, foot, bary = self.tree.query(self.points)
+        _, face, foot, bary = surface.query(self.points)
         corners = model.faces[face]
-        normals = unit_mean(vertex_normals(self.tree.vertices, model.faces), corners, bary)
+        normals = unit_mean(vertex_normals(surface.vertices, model.faces), corners, bary)
         residual = ((self.points - foot) * normals).sum(axis=1)
         mixture = fit_mixture(residual, self.size)
         turned = np.einsum("kncd,nc->knd", model.modes[:, corners], bary) @ now.pose[:-1, :-1].T

@@ -108,8 +108,7 @@ class Problem:
     @cached_property
     def residual(self) -> float:
         """Standard deviation of the points' distances from the posed surface, by their median so that outliers have no say."""
-        self.tree.refit(self.rest.at)
-        distances = np.sqrt(self.tree.query(self.data.points[~self.data.inside])[0])
+        distances = self.tree.at(self.rest.at).distance(self.data.points[~self.data.inside])
         return max(1.4826 * float(np.median(distances)), 1e-4 * self.size)
 
     def expected(self, share: float) -> Array:
@@ -163,9 +162,8 @@ class Problem:
 
     def feet(self, state: State, widening: float = 1.0) -> Feet:
         """Where on the moved surface the points may have come from, by the noise levels of now times `widening`."""
-        self.tree.refit(state.feet_on)
         sd = widening * state.scales.noises[self.data.group] * self.data.relative
-        return likely_feet(self.tree, self.data.points, sd, self.rest)
+        return likely_feet(self.tree.at(state.feet_on), self.data.points, sd, self.rest)
 
     def rows(self, feet: Feet, state: State) -> Rows:
         patch, most = PATCH * min(self.covariance.lengths), self.settings.rows

@@ -31,7 +31,7 @@ class Wall:
 
     def move(self, u: Array) -> Array:
         """Put the wall at rest + u * normal; the vertices there."""
-        self.tree.refit(self.rest + u[:, None] * self.normals)
+        self.tree = self.tree.at(self.rest + u[:, None] * self.normals)
         return self.tree.vertices
 
     def look(self, points: Array) -> tuple[Array, Ints, Array]:
