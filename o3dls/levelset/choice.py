@@ -103,15 +103,13 @@ def smoother(run: Run) -> Faired | None:
     missed at once there, before another motion could make up for it. As much as the best length must gain, none may lose.
     """
     problem, settings, at = run.problem, run.problem.settings, run.problem.rest.at
-    most = run.energy + settings.fairing_nats
+    found, most = list[tuple[float, float, Array]](), run.energy + settings.fairing_nats
     normals = vertex_normals(at - problem.rough, problem.faces)  # a smooth wall's: along its own, one of stairs folds at every step
-    smoothed, found = list[tuple[float, Array]](), list[tuple[float, float, Array]]()
     for length in sorted(problem.size * x for x in settings.fairing):
-        smoothed.append((length, fair(at, roughness(at, problem.faces, length), normals)))
-        if _glimpse(problem, run.state, smoothed[-1][1]) > most:  # most walls end here, before folds take their time
+        smooth = fair(at, roughness(at, problem.faces, length), normals)
+        if not found and _glimpse(problem, run.state, smooth) > most:  # most walls end here, before folds take their time
             return None
-    for length, folded in smoothed:
-        smooth = unfold(at, folded, problem.faces)[0]  # parts thinner than the length have folded
+        smooth = unfold(at, smooth, problem.faces)[0]  # parts thinner than the length have folded
         found.append((_glimpse(problem, run.state, smooth), length, smooth))
         if found[-1][0] > most:
             return None
