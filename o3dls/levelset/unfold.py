@@ -19,6 +19,7 @@ LEAST_COSINE = 0.25  # between a face's normal and where its surroundings' rotat
 SURROUNDINGS = 0.3  # rms radii
 BLOCK = 2000  # faces whose surroundings are in memory at a time
 ENOUGH = 16_000  # vertices: of more, an even part tells how the surroundings turned
+SLIVER = 0.01  # longest edges: the height of a face that is no more than a line
 FEW = 8  # faces: so many more than twice those at first come and go while a patch grows
 
 
@@ -50,17 +51,18 @@ def _through(outline: Surface, order: list[int]) -> Surface:
 def unfold(rest: Array, moved: Array, faces: Ints, rounds: int = 12) -> tuple[Array, int, int]:
     """Vertices (n, d) moved from `rest` with folds mended, how many faces had folded, and how many are folded still.
 
-    Around turned faces the displacement is replaced by the one of least bending (biharmonic) that continues the surroundings;
-    the patch grows round the faces that are still turned until none is, or `rounds` are over: then the round that left fewest counts,
-    since on a mesh of slivers a patch may fold more than it mends. It begins with two rings, which are enough for a sliver however fine
-    the mesh, and ends as wide as folds of the wall are.
+    Slivers are straightened. Around other turned faces the displacement is replaced by the one of least bending (biharmonic) that
+    continues the surroundings; the patch grows round the faces that are still turned until none is, or `rounds` are over: then the round
+    that left fewest counts. It begins with two rings, however fine the mesh, and ends as wide as folds of the wall are.
     """
-    displacement = moved - rest
     turned = _turned(rest, moved, faces)
-    count = left = int(turned.sum())
+    count = int(turned.sum())
     if count == 0:
         return moved, 0, 0
-    best = moved
+    displacement, turned = _straightened(rest, moved - rest, faces, turned)
+    best, left = rest + displacement if turned.sum() < count else moved, int(turned.sum())
+    if left == 0:
+        return best, count, 0
     adjacency = neighbours(faces, len(rest))
     laplacian = diags(np.asarray(adjacency.sum(axis=1)).ravel()) - adjacency
     bending = csr_matrix(laplacian.T @ laplacian)
@@ -81,13 +83,39 @@ def unfold(rest: Array, moved: Array, faces: Ints, rounds: int = 12) -> tuple[Ar
         rows = bending[inside]
         bends = splu(rows[:, inside].tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
         displacement[inside] = bends.solve(-(rows[:, outside] @ displacement[outside]))
-        mended = rest + displacement
-        turned = _turned(rest, mended, faces)
+        displacement, turned = _straightened(rest, displacement, faces, _turned(rest, rest + displacement, faces))
         if turned.sum() < left:
-            best, left = mended, int(turned.sum())
+            best, left = rest + displacement, int(turned.sum())
         if left == 0 or turned.sum() > 2 * count + FEW:  # patches that fold ever more would spread over the whole surface
             break
     return best, count, left
+
+
+def _straightened(rest: Array, displacement: Array, faces: Ints, turned: Mask) -> tuple[Array, Mask]:
+    """Displacement (n, d) whose turned slivers move as their longest edge does, and the faces (m,) that are turned then.
+
+    Any bend turns a triangle over whose corners stand nearly in line, though it takes its middle corner by no more than the height.
+    """
+    while faces.shape[1] == 3:
+        corners = rest[faces[turned]]
+        edges = np.roll(corners, -1, axis=1) - np.roll(corners, -2, axis=1)  # opposite each corner
+        lengths = np.linalg.norm(edges, axis=2)
+        rows, middle = np.arange(len(corners)), lengths.argmax(axis=1)
+        edge, start, at = edges[rows, middle], np.roll(corners, -2, axis=1)[rows, middle], corners[rows, middle]
+        share = ((at - start) * edge).sum(axis=1) / np.maximum((edge**2).sum(axis=1), 1e-300)
+        height = np.linalg.norm(at - start - share[:, None] * edge, axis=1)
+        thin = height < SLIVER * lengths[rows, middle]
+        if not thin.any():
+            break
+        which, share = faces[turned][thin], share[thin, None]
+        own, first, second = (which[rows[: len(which)], (middle[thin] + k) % 3] for k in (0, 2, 1))
+        straight = displacement.copy()
+        straight[own] = (1.0 - share) * displacement[first] + share * displacement[second]
+        still = _turned(rest, rest + straight, faces)
+        if still.sum() >= turned.sum():
+            break
+        displacement, turned = straight, still
+    return displacement, turned
 
 
 def _turned(rest: Array, moved: Array, faces: Ints) -> Mask:
