@@ -129,8 +129,9 @@ class MotionFit:
             said += [f"the points show the prior to be rough, so it was smoothed over {faired:.2g} {unit} before it was moved"]
         if folded := int(self.facts["folded_faces"]):
             left = int(self.facts["still_folded_faces"])
-            mended = f", and {left} of them could not be mended" if left else " and were mended from their surroundings"
-            said += [f"{folded} faces folded over{mended}"]
+            faces, were = ("face", "was") if folded == 1 else ("faces", "were")
+            mended = f", of which {left} could not be mended" if left else f" and {were} mended from the surroundings"
+            said += [f"{folded} {faces} folded over{mended}"]
         return "; ".join(said)
 
     @property

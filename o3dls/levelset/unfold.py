@@ -97,20 +97,17 @@ def _straightened(rest: Array, displacement: Array, faces: Ints, turned: Mask) -
     Any bend turns a triangle over whose corners stand nearly in line, though it takes its middle corner by no more than the height.
     """
     while faces.shape[1] == 3:
-        corners = rest[faces[turned]]
-        edges = np.roll(corners, -1, axis=1) - np.roll(corners, -2, axis=1)  # opposite each corner
-        lengths = np.linalg.norm(edges, axis=2)
-        rows, middle = np.arange(len(corners)), lengths.argmax(axis=1)
-        edge, start, at = edges[rows, middle], np.roll(corners, -2, axis=1)[rows, middle], corners[rows, middle]
-        share = ((at - start) * edge).sum(axis=1) / np.maximum((edge**2).sum(axis=1), 1e-300)
-        height = np.linalg.norm(at - start - share[:, None] * edge, axis=1)
-        thin = height < SLIVER * lengths[rows, middle]
+        which = faces[turned]
+        corners = rest[which]
+        middle = np.linalg.norm(np.roll(corners, -1, axis=1) - np.roll(corners, -2, axis=1), axis=2).argmax(axis=1)
+        own, second, first = (np.take_along_axis(which, (middle[:, None] + k) % 3, axis=1)[:, 0] for k in range(3))
+        edge, along = rest[second] - rest[first], rest[own] - rest[first]
+        share = ((along * edge).sum(axis=1) / np.maximum((edge**2).sum(axis=1), 1e-300))[:, None]
+        thin = np.linalg.norm(along - share * edge, axis=1) < SLIVER * np.linalg.norm(edge, axis=1)
         if not thin.any():
             break
-        which, share = faces[turned][thin], share[thin, None]
-        own, first, second = (which[rows[: len(which)], (middle[thin] + k) % 3] for k in (0, 2, 1))
         straight = displacement.copy()
-        straight[own] = (1.0 - share) * displacement[first] + share * displacement[second]
+        straight[own[thin]] = ((1.0 - share) * displacement[first] + share * displacement[second])[thin]
         still = _turned(rest, rest + straight, faces)
         if still.sum() >= turned.sum():
             break
