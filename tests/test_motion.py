@@ -465,3 +465,12 @@ def test_a_smoothed_prior_stays_only_if_it_is_likelier(monkeypatch: pytest.Monke
     assert plain.motion.share == 1.0
     assert found.facts["faired"] == 0.0
     np.testing.assert_array_equal(found.vertices, plain.vertices)
+
+
+@BOTH
+def test_no_places_go_nowhere(dimension: int) -> None:
+    """A case without landmarks asks where none of them went."""
+    surface, _, data = bent(dimension)
+    motion, none = fit(surface, data).motion, np.zeros((0, dimension))
+    assert motion(none).shape == (0, dimension)
+    assert motion.sd(none, none).shape == (0,)

@@ -126,7 +126,7 @@ def displacement(cov: Covariance, sds: Array, obs: Observed, alpha: Array, place
     """Field (m, d) at `places`, for observation weights alpha (n,) = C^-1 z."""
     whole = np.zeros(places.at.size)
     for sd, here, there in zip(cov.whole_sds(sds), _features(cov, places), _seen(cov, obs), strict=True):
-        whole += here.reshape(len(whole), -1) @ (sd**2 * (alpha @ there))
+        whole += here.reshape(-1, here.shape[2]) @ (sd**2 * (alpha @ there))
     lengths, variances = cov.smooth(sds)
     smooth = np.zeros((len(places.at), places.at.shape[1] + 1))
     by_rows(_correlated, WORTH, (places.at, smooth), obs.at, lengths, alpha[:, None] * _pulls(obs, variances))

@@ -10,6 +10,7 @@ from multiprocessing import get_context
 from pathlib import Path
 
 from ..io.atomic import check_free, staged_folder
+from ..levelset.cores import share
 from . import atrium, formulation, noise, real, related, temporal
 from .experiment import Outcome, Scope, Task
 from .results import read_results, write_results
@@ -47,7 +48,9 @@ def left_out(scope: Scope) -> dict[str, str]:
 
 def computed(tasks: Sequence[Task]) -> Iterator[Outcome]:
     """Outcomes in the order of the tasks; progress goes to the log."""
-    with ProcessPoolExecutor(min(2, os.cpu_count() or 1), mp_context=get_context("spawn")) as pool:  # fork hangs once numba has threads
+    processes = min(2, os.cpu_count() or 1)
+    spawn = get_context("spawn")  # fork hangs once numba has threads
+    with ProcessPoolExecutor(processes, spawn, initializer=share, initargs=(processes,)) as pool:
         for k, outcome in enumerate(pool.map(_call, tasks), 1):
             log.info("paper: %d of %d: %s", k, len(tasks), tasks[k - 1].label)
             yield outcome
