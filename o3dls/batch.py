@@ -15,7 +15,7 @@ from .case import Case
 from .errors import InputError, O3dlsError
 from .io.atomic import check_free
 from .io.case_folder import read_case
-from .levelset.cores import share
+from .levelset.compiled import share
 from .pipeline import Pipeline
 from .run import Run
 from .run_folder import log_of_failure, write_rows

@@ -66,7 +66,7 @@ class Pipeline:
 
     def run(self, case: Case | None = None) -> Run:
         """Fit, cross-validate and score. Raises InputError where the case cannot be fitted so, SolverError where a stage fails."""
-        from .levelset.cores import compiling_said  # numba is not for those who only check a file
+        from .levelset.compiled import compiling_said  # numba is not for those who only check a file
 
         with compiling_said():
             return self._run(case or self._own_case())

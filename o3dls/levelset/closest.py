@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 
 from ..geometry import Array, Ints
-from .cores import by_rows
+from .compiled import axes_of, by_rows
 
 WORTH = 500  # points that are worth a thread
 LEAF = 4  # faces per leaf: fewer deepen the tree, more test triangles in vain
@@ -36,8 +36,7 @@ class ClosestPoint:
 
     def _place(self, vertices: Array) -> None:
         self.vertices = np.ascontiguousarray(vertices, dtype=np.float64)
-        axes = (0,) * vertices.shape[1]  # the compiler knows how long a tuple is, and unrolls the kernel's loops over it
-        self.corners, self.boxes = _arrange(axes, self.vertices, self.in_order, self.leaves)
+        self.corners, self.boxes = _arrange(axes_of(vertices), self.vertices, self.in_order, self.leaves)
 
     def query(self, points: Array, bound: float = np.inf, hint: Ints | None = None) -> tuple[Array, Ints, Array, Array]:
         """Squared distance (k,), face (k,), closest point (k, d) and barycentric weights (k, d) of points (k, d).

@@ -18,7 +18,7 @@ from scipy import sparse
 from scipy.spatial import cKDTree
 
 from ..geometry import Array
-from .cores import by_rows
+from .compiled import by_rows
 
 SQRT5 = 5.0**0.5
 WORTH = 500  # places that are worth a thread

@@ -12,7 +12,7 @@ from numba import njit
 
 from ..geometry import Array
 from .closest import ClosestPoint, _gap, _nearest
-from .cores import by_rows
+from .compiled import axes_of, by_rows
 from .covariance import Places
 from .rows import Feet
 from .shape import vertex_normals
@@ -29,7 +29,7 @@ def likely_feet(tree: ClosestPoint, points: Array, sd: Array, rest: Places) -> F
     The normals are means of unit normals: shorter where walls of several directions compete, and so is what the point tells.
     """
     dim = points.shape[1]
-    axes = (0,) * dim  # the compiler knows how long a tuple is, and unrolls the kernels' loops over it
+    axes = axes_of(points)
     closest2, nearest, _, _ = tree.query(points)
     normals = vertex_normals(tree.vertices, tree.faces)
     spatial = np.zeros((len(points), 3))

@@ -7,6 +7,7 @@ from numba import njit
 from scipy.sparse import coo_matrix, csr_matrix
 
 from ..geometry import Array, Ints
+from .compiled import axes_of
 
 
 def normals_and_curvature(vertices: Array, faces: Ints, limit: float, smoothing: int = 3) -> tuple[Array, Array]:
@@ -44,8 +45,7 @@ def unit_mean(vectors: Array, corner: Ints, bary: Array) -> Array:
 
 def _normals(vertices: Array, faces: Ints) -> tuple[Array, Array]:
     """Unit vertex normals (n, d) and area vectors (m, d) of the faces."""
-    axes = (0,) * vertices.shape[1]  # the compiler knows how long a tuple is, and unrolls the kernel's loops over it
-    normals, areas = _summed(axes, vertices, faces)
+    normals, areas = _summed(axes_of(vertices), vertices, faces)
     return normals, areas
 
 

@@ -10,7 +10,7 @@ from multiprocessing import get_context
 from pathlib import Path
 
 from ..io.atomic import check_free, staged_folder
-from ..levelset.cores import share
+from ..levelset.compiled import share
 from . import atrium, formulation, noise, real, related, temporal
 from .experiment import Outcome, Scope, Task
 from .results import read_results, write_results

@@ -23,6 +23,11 @@ THREADS: int = config.NUMBA_NUM_THREADS  # the cores this process may use, unles
 log = logging.getLogger("o3dls")
 
 
+def axes_of(vectors: Array) -> tuple[int, ...]:
+    """A tuple as long as vectors (n, d) have axes: the compiler knows how long a tuple is, and unrolls a kernel's loops over it."""
+    return (0,) * int(vectors.shape[1])
+
+
 def by_rows(kernel: Callable[..., Any], least: int, rows: tuple[Array | Ints, ...], *shared: Any) -> None:
     """Call kernel(*rows, *shared), which reads and fills `rows` (arrays of equal length) one by one and lets go of the interpreter's lock,
     on as many threads as have `least` rows to do: fewer take less time than to wake a thread."""

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from tiny import sphere
 
-from o3dls.levelset import cores
+from o3dls.levelset import compiled
 from o3dls.levelset.closest import WORTH, ClosestPoint
 
 POINTS = np.random.default_rng(7_717).normal(size=(5 * WORTH + 3, 3)) * 30.0
@@ -17,13 +17,13 @@ POINTS = np.random.default_rng(7_717).normal(size=(5 * WORTH + 3, 3)) * 30.0
 
 def found(threads: int) -> tuple[Any, ...]:
     ball = sphere(20.0, 20)
-    cores.THREADS = threads
+    compiled.THREADS = threads
     return ClosestPoint(ball.vertices, ball.faces).query(POINTS)
 
 
 @pytest.fixture(autouse=True)
 def _threads(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(cores, "THREADS", cores.THREADS)
+    monkeypatch.setattr(compiled, "THREADS", compiled.THREADS)
 
 
 def test_results_do_not_depend_on_the_number_of_threads() -> None:
@@ -35,28 +35,28 @@ def test_results_do_not_depend_on_the_number_of_threads() -> None:
 
 @pytest.mark.parametrize(("threads", "count", "parts"), [(1, 100, 1), (2, 19, 1), (2, 20, 2), (3, 100, 3), (8, 30, 3), (2, 0, 1)])
 def test_every_row_is_done_once_and_no_thread_has_too_few(monkeypatch: pytest.MonkeyPatch, threads: int, count: int, parts: int) -> None:
-    monkeypatch.setattr(cores, "THREADS", threads)
+    monkeypatch.setattr(compiled, "THREADS", threads)
     done, sizes = np.zeros(count), list[int]()
 
     def kernel(rows: Any, step: float) -> None:
         sizes.append(len(rows))
         rows += step
 
-    cores.by_rows(kernel, 10, (done,), 2.0)
+    compiled.by_rows(kernel, 10, (done,), 2.0)
     assert (done == 2.0).all()
     assert len(sizes) == parts
     assert parts == 1 or min(sizes) >= 10
 
 
 def test_what_fails_on_a_thread_fails() -> None:
-    cores.THREADS = 2
+    compiled.THREADS = 2
 
     def kernel(rows: Any) -> None:
         if rows[0] > 0:
             raise ValueError("the second half")
 
     with pytest.raises(ValueError, match="the second half"):
-        cores.by_rows(kernel, 1, (np.arange(10),))
+        compiled.by_rows(kernel, 1, (np.arange(10),))
 
 
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
@@ -70,7 +70,7 @@ def test_a_fork_has_threads_of_its_own() -> None:
 
 
 def test_processes_share_the_cores(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(cores.config, "NUMBA_NUM_THREADS", 8)
+    monkeypatch.setattr(compiled.config, "NUMBA_NUM_THREADS", 8)
     for processes, threads in ((1, 8), (3, 2), (20, 1)):
-        cores.share(processes)
-        assert threads == cores.THREADS
+        compiled.share(processes)
+        assert threads == compiled.THREADS
