@@ -129,7 +129,8 @@ def displacement(cov: Covariance, sds: Array, obs: Observed, alpha: Array, place
         whole += here.reshape(-1, here.shape[2]) @ (sd**2 * (alpha @ there))
     lengths, variances = cov.smooth(sds)
     smooth = np.zeros((len(places.at), places.at.shape[1] + 1))
-    by_rows(_correlated, WORTH, (places.at, smooth), obs.at, lengths, alpha[:, None] * _pulls(obs, variances))
+    pulls = np.ascontiguousarray(np.swapaxes(alpha[:, None] * _pulls(obs, variances), 1, 2))
+    by_rows(_correlated, WORTH, (places.at, smooth), obs.at, lengths, pulls)
     return np.asarray(whole.reshape(places.at.shape) + smooth[:, :-1] + smooth[:, -1:] * places.normals)
 
 
@@ -209,12 +210,9 @@ def _matern(a, b, length):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})
 def _correlated(a, out, b, lengths, values):  # type: ignore[no-untyped-def]
-    """Add to out (n, q), over lengths (l,), the correlations (n, m) times values (l, m, q); of those no more than a row is in memory."""
-    n, m, q = a.shape[0], b.shape[0], values.shape[2]
+    """Add to out (n, q), over lengths (l,), the correlations (n, m) times values (l, q, m); of those no more than a row is in memory."""
+    n, m, q = a.shape[0], b.shape[0], values.shape[1]
     squared, row, columns = np.empty(m), np.empty(m), np.ascontiguousarray(b.T)
-    by_column = np.empty((len(lengths), q, m))
-    for k in range(len(lengths)):
-        by_column[k] = values[k].T
     for i in range(n):
         _squared_distances(a[i], columns, squared)
         for k in range(len(lengths)):
@@ -222,7 +220,7 @@ def _correlated(a, out, b, lengths, values):  # type: ignore[no-untyped-def]
             for c in range(q):
                 total = 0.0
                 for j in range(m):
-                    total += row[j] * by_column[k, c, j]
+                    total += row[j] * values[k, c, j]
                 out[i, c] += total
 
 
@@ -267,7 +265,10 @@ def _kriging(at, near, weights, nodes, length):  # type: ignore[no-untyped-def]
     here = np.empty((k + 1, nodes.shape[1]))
     for i in range(m):
         w = weights[i]
-        here[:k], here[k] = nodes[near[i]], at[i]
+        for c in range(here.shape[1]):  # a slice assigned would compile for seconds
+            for j in range(k):
+                here[j, c] = nodes[near[i, j], c]
+            here[k, c] = at[i, c]
         factor = _matern(here, here, length)
         for j in range(k):
             w[j] = factor[j, k]

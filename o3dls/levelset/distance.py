@@ -43,7 +43,7 @@ def filled_distance(vertices: Array, faces: Ints, spacing: float, steps: int) ->
     """Signed distance on all nodes inside a closed surface and on those within `steps` nodes of these: for coarse lattices only."""
     dimension = vertices.shape[1]
     low, box, local = _lattice(vertices, spacing, steps * spacing)
-    every = np.indices(tuple(box)).reshape(3, -1).T.astype(np.int32)
+    every = np.ascontiguousarray(np.indices(tuple(box)).reshape(3, -1).T, dtype=np.int32)
     inside = _inside(every, local, faces, box)
     near = binary_dilation(inside.reshape(box[:dimension]), iterations=steps).ravel()
     band = Band(spacing, steps * spacing, low, tuple(int(n) for n in box[:dimension]), np.ascontiguousarray(every[near, :dimension]))

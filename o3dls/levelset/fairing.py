@@ -50,7 +50,7 @@ def _smoothed(begin, near, mass, pull, y, guess, error):  # type: ignore[no-unty
     n = len(mass)
     weight = mass + pull * (begin[1:] - begin[:-1])
     share = 1.0 / weight
-    x, r, p, q = guess.copy(), np.empty((n, 3)), guess.copy(), np.empty((n, 3))
+    x, r, p, q = np.zeros((n, 3)), mass.reshape(-1, 1) * y, guess.copy(), np.empty((n, 3))
     rho = np.zeros(3)
     for k in range(MOST_STEPS):
         u = v = w = 0.0
@@ -67,9 +67,7 @@ def _smoothed(begin, near, mass, pull, y, guess, error):  # type: ignore[no-unty
             w += p[i, 2] * c
         step = rho / np.maximum(np.array([u, v, w]), 1e-300)
         if k == 0:  # p is the guess, and q what the system makes of it
-            r[:] = mass.reshape(-1, 1) * y
             step[:] = 1.0
-            x[:] = 0.0
         a = b = c = u = v = w = 0.0
         for i in range(n):
             for axis in range(3):
