@@ -148,6 +148,17 @@ def test_the_fit_follows_when_the_whole_case_is_turned_shifted_and_scaled(dimens
     assert moved.energy == pytest.approx(here.energy + len(data.points) * np.log(2.5), abs=0.2)
 
 
+@BOTH
+def test_the_surface_knows_no_unit(dimension: int) -> None:
+    """Nothing stops at a tolerance that has a unit: what is left is rounding, which the iteration carries on."""
+    surface, _, data = bent(dimension)
+    here = fit(surface, data)
+    for unit in (0.001, 1000.0):
+        there = fit(replace(surface, vertices=unit * surface.vertices), replace(data, points=unit * data.points))
+        assert gap(here.vertices, there.vertices / unit) < THREADS_AGREE
+        np.testing.assert_allclose(there.sd / unit, here.sd, rtol=1e-6)
+
+
 @pytest.mark.parametrize("unit", [0.01, 100.0])
 def test_whether_there_is_a_motion_knows_no_unit(unit: float) -> None:
     """Also with points inside, which bound the wall from one side and have no density."""

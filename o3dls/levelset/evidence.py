@@ -15,6 +15,7 @@ from ..errors import SolverError
 from ..geometry import Array
 from .rows import Rows
 
+FLAT = 0.1  # nats per factor e of an amplitude or a noise level: less decides nothing
 FARTHEST = 100.0  # logarithms: a longer step leads to what is no number
 Terms = tuple[float, list[float], Array]  # -log evidence, its slopes along the logarithms of amplitudes, and of each row's noise (n,)
 
@@ -118,9 +119,9 @@ def _likeliest(scales: Scales, rows: Rows, terms: Callable[[Array], Terms], step
         return energy, np.r_[of_fields, of_noises] + pull / scales.spread
 
     limits = [(low, None) for low in scales.least]
-    found = minimize(
-        objective, scales.log, jac=True, method="L-BFGS-B", bounds=limits, options={"maxiter": steps, "maxcor": 8, "ftol": 1e-6}
-    )
+    # slopes are free of the unit of length, the energy is not: a drop relative to it would stop elsewhere in metres than in millimetres
+    options = {"maxiter": steps, "maxcor": 8, "ftol": 0.0, "gtol": FLAT}
+    found = minimize(objective, scales.log, jac=True, method="L-BFGS-B", bounds=limits, options=options)
     return np.asarray(found.x)
 
 
