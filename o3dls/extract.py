@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import SolverError
-from .geometry import Array, Ints, Surface
+from .geometry import Array, Ints, Surface, interpolated
 from .levelset.closest import ClosestPoint
 from .levelset.distance import SignedDistance
 from .levelset.operators import largest_piece, pieces, zero_set
@@ -100,6 +100,6 @@ def carry_fields(source: Surface, target: Surface) -> Surface:
     def read(values: Array) -> Array:
         if (values == np.round(values)).all():
             return values[nearest]
-        return np.asarray(np.einsum("nc,nc...->n...", weights, values[corners]))
+        return interpolated(values, corners, weights)
 
     return replace(target, fields={name: read(values) for name, values in source.fields.items()})

@@ -167,6 +167,12 @@ def fit_similarity(source: Array, target: Array, weights: Array | None = None, *
     return similarity(rotation, mean_b - factor * rotation @ mean_a, factor)
 
 
+def interpolated(values: Array, corners: Ints, weights: Array) -> Array:
+    """Values (n, ...) at places of barycentric weights (n, d) among vertices (n, d); one of no weight and no value leaves no gap."""
+    heaviest = np.take_along_axis(corners, weights.argmax(axis=1)[:, None], axis=1)
+    return np.asarray(np.einsum("nc,nc...->n...", weights, values[np.where(weights == 0.0, heaviest, corners)]))
+
+
 def outline(points: Array) -> Surface:
     """Closed 2D polyline (n, 2) as a surface, turned counter-clockwise; a repeated last point is dropped."""
     points = np.asarray(points, dtype=np.float64)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from .case import Points
 from .errors import InputError, did_you_mean
-from .geometry import Array, Ints, Surface
+from .geometry import Array, Ints, Surface, interpolated
 from .levelset.closest import ClosestPoint
 
 if TYPE_CHECKING:
@@ -24,7 +24,8 @@ REACH = 10.0  # mm: farther from every point nothing is claimed
 MOST_PROCESS_POINTS = 5000
 LENGTHS = (4.0, 8.0, 16.0, 32.0, 64.0)
 NOISES = (0.01, 0.03, 0.1, 0.3, 1.0)  # of the signal's deviation
-ELECTRICAL = ("bipolar", "unipolar", "lat", "force", "impedance")
+WIDTH = 4.0  # mm: deviation of the Gaussian that averages the data
+ELECTRICAL = {"bipolar": "mV", "unipolar": "mV", "lat": "ms", "force": "g", "impedance": "ohm"}  # columns and their units
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,19 +56,22 @@ def project(xyz: Array, surface: Surface) -> Wall:
 
 def to_surface(
     xyz: Array, values: Array, surface: Surface, *,
-    method: str = "gaussian", reach: float = REACH, width: float = 4.0, cycle: float | None = None,
+    method: str = "gaussian", reach: float = REACH, width: float = WIDTH, cycle: float | None = None,
 ) -> Carried:  # fmt: skip
     """Values (k,) measured at points (k, d) as values per vertex of a surface in the same frame.
 
     method: `nearest` datum; `gaussian` mean of deviation `width`; `harmonic`, smoothest on the surface; `process`, a Gaussian process
     with its deviation. Points without a value or farther than `reach` from the wall are left out, and vertices farther than `reach` from
     every datum are not known. With a `cycle` (ms) values are times on a circle of that length and stay within the measured window.
-    Raises InputError for an unknown method or where no point has a value near the wall.
+    Raises InputError for an unknown method, arrays that do not fit together, or where no point has a value near the wall.
     """
     if method not in METHODS:
         raise InputError(f"method '{method}' is no interpolator" + did_you_mean(method, list(METHODS)))
-    if not (reach > 0 and width > 0 and (cycle is None or cycle > 0)):
-        raise InputError(f"reach {reach}, width {width} and cycle {cycle} must be positive")
+    if not (reach > 0 and width > 0 and (cycle is None or 0 < cycle < np.inf)):
+        raise InputError(f"reach {reach}, width {width} and cycle {cycle} must be positive, and the cycle finite")
+    xyz, values = np.asarray(xyz, dtype=np.float64), np.asarray(values, dtype=np.float64)
+    if xyz.shape != (values.size, surface.dimension) or values.ndim != 1:
+        raise InputError(f"points {xyz.shape} and values {values.shape}: must be (k, {surface.dimension}) and (k,)")
     wall = project(xyz, surface)
     used = np.isfinite(values) & (wall.distance <= reach)
     if not used.any():
@@ -76,7 +80,7 @@ def to_surface(
     distance = _nearest_distance(near.foot, surface.vertices)
     known = distance <= reach
     interpolate = METHODS[method]
-    if cycle is None:
+    if cycle is None or interpolate is _nearest:
         found, sd = interpolate(near, values[used], surface, width)
     else:
         found, sd = _on_circle(interpolate, near, values[used], surface, width, cycle)
@@ -95,8 +99,10 @@ def _on_circle(
     """Interpolate the point on the unit circle that each time is, then read the angle: early meets late without a step between."""
     angle = 2 * np.pi * values / cycle
     (x, sd_x), (y, sd_y) = (interpolate(wall, part, surface, width) for part in (np.cos(angle), np.sin(angle)))
-    start = values.min()
-    times = start + np.mod(np.arctan2(y, x) * cycle / (2 * np.pi) - start, cycle)
+    first, last = values.min(), values.max()
+    middle = 0.5 * (first + last)  # a full circle around it holds the window, whose ends rounding must not exchange
+    times = middle + np.mod(np.arctan2(y, x) * cycle / (2 * np.pi) - middle + cycle / 2, cycle) - cycle / 2
+    times = np.clip(times, first, last)
     if sd_x is None or sd_y is None:
         return times, None
     length = np.maximum(np.hypot(x, y), 1e-9)
@@ -207,33 +213,44 @@ def between(
     moved = source if source_motion is None else source.with_vertices(source_motion(source.vertices))
     places = target.vertices if target_motion is None else target_motion(target.vertices)
     wall = project(places, moved)
-    far = wall.distance > reach
+    far, corners = wall.distance > reach, moved.faces[wall.face]
     fields = dict(target.fields)
     for name, values in source.fields.items():
-        corners = values[moved.faces[wall.face]]
         cycle = (cycles or {}).get(name)
-        found = np.einsum("nc,nc...->n...", wall.weights, corners) if cycle is None else _mean_time(wall.weights, corners, cycle)
+        found = interpolated(values, corners, wall.weights) if cycle is None else _mean_time(values, corners, wall.weights, cycle)
         found[far] = np.nan
         fields[name] = found
     return replace(target, fields=fields)
 
 
-def _mean_time(weights: Array, times: Array, cycle: float) -> Array:
-    """Weighted mean (n,) of times (n, c) on a circle, near the first of each row."""
-    apart = np.mod(times - times[:, :1] + cycle / 2, cycle) - cycle / 2
-    return np.asarray(times[:, 0] + (weights * apart).sum(axis=1))
+def _mean_time(times: Array, corners: Ints, weights: Array, cycle: float) -> Array:
+    """Weighted mean (n,) of times (v,) on a circle at corners (n, d), near that of the heaviest."""
+    heaviest = times[np.take_along_axis(corners, weights.argmax(axis=1)[:, None], axis=1)]
+    apart = np.mod(times[corners] - heaviest + cycle / 2, cycle) - cycle / 2
+    return np.asarray(heaviest[:, 0] + np.where(weights > 0.0, weights * apart, 0.0).sum(axis=1))
 
 
 def with_electrical(
-    surface: Surface, points: Points, *, columns: tuple[str, ...] = ELECTRICAL, cycle: float | None = None, method: str = "gaussian"
+    surface: Surface, points: Points, *, columns: Collection[str] = tuple(ELECTRICAL), cycle: float | None = None, method: str = "gaussian"
 ) -> Surface:
-    """The surface with every electrical column that the eam points carry, interpolated; lat on a circle where its cycle (ms) is given."""
-    measured = points.of("eam")
+    """The surface with every electrical column that the eam points carry, interpolated, NaN where no value is near; lat on a circle where
+    its cycle (ms) is given."""
     fields = dict(surface.fields)
-    for name in columns:
-        values = measured.columns.get(name)
-        if values is None or values.dtype.kind != "f" or not np.isfinite(values).any():
-            continue
+    for name, (xyz, values) in measured_values(points, columns).items():
         circle = cycle if name == "lat" else None
-        fields[name] = to_surface(measured.xyz, values, surface, method=method, cycle=circle).values
+        near = (project(xyz, surface).distance <= REACH).any()
+        fields[name] = (
+            to_surface(xyz, values, surface, method=method, cycle=circle).values if near else np.full(len(surface.vertices), np.nan)
+        )
     return replace(surface, fields=fields)
+
+
+def measured_values(points: Points, columns: Collection[str] = tuple(ELECTRICAL)) -> dict[str, tuple[Array, Array]]:
+    """Positions (k, d) and values (k,) of each of these columns of the eam points that holds any number."""
+    eam, found = points.of("eam"), dict[str, tuple[Array, Array]]()
+    for name in columns:
+        values = eam.columns.get(name)
+        if values is not None and values.dtype.kind in "fiu" and np.isfinite(values).any():
+            known = np.isfinite(values)
+            found[name] = (eam.xyz[known], np.asarray(values[known], dtype=np.float64))
+    return found

@@ -59,6 +59,16 @@ def test_a_constant_stays_one(method: str) -> None:
 
 
 @pytest.mark.parametrize("method", list(METHODS))
+@pytest.mark.parametrize("time", [250.0, -37.3, 1 / 3])
+def test_a_constant_time_stays_one_whatever_the_cycle(method: str, time: float) -> None:
+    """Rounding at the ends of the window does not make the earliest the latest."""
+    surface = ball(level=3)
+    xyz = sampled(surface, 60)
+    carried = to_surface(xyz, np.full(60, time), surface, method=method, cycle=200.0)
+    np.testing.assert_allclose(carried.values[carried.known], time)
+
+
+@pytest.mark.parametrize("method", list(METHODS))
 def test_missing_values_and_points_off_the_wall_do_not_count(method: str) -> None:
     surface = ball(level=3)
     xyz = sampled(surface, 60)
@@ -127,6 +137,16 @@ def test_fields_follow_the_motion_not_the_nearest_wall() -> None:
     assert np.isnan(far.fields["place"]).all(axis=1).any()
 
 
+def test_a_vertex_without_a_value_leaves_no_gap_where_it_has_no_say() -> None:
+    source = ball(level=3)
+    height = smooth(source.vertices)
+    height[7] = np.nan
+    source = Surface(source.vertices, source.faces, {"height": height, "lat": height})
+    for cycles in (None, {"lat": CYCLE}):
+        copy = between(source, Surface(source.vertices, source.faces), cycles=cycles)
+        assert np.flatnonzero(np.isnan(copy.fields["height"])).tolist() == np.flatnonzero(np.isnan(copy.fields["lat"])).tolist() == [7]
+
+
 def test_times_between_corners_do_not_run_through_the_whole_cycle() -> None:
     source = ball(level=3)
     lat = np.mod(np.arctan2(source.vertices[:, 1], source.vertices[:, 0]) / (2 * np.pi) * CYCLE, CYCLE)
@@ -168,8 +188,20 @@ def test_columns_of_points_become_fields() -> None:
     assert np.nanmax(np.abs(fields["bipolar"] - 1.5)) < 1e-9
     with pytest.raises(InputError, match="did you mean 'gaussian'"):
         to_surface(xyz, columns["bipolar"], surface, method="gausian")
-    with pytest.raises(InputError, match="must be positive"):
-        to_surface(xyz, columns["bipolar"], surface, reach=0.0)
+    for odd in ({"reach": 0.0}, {"cycle": np.inf}):
+        with pytest.raises(InputError, match="must be positive"):
+            to_surface(xyz, columns["bipolar"], surface, **odd)
+    with pytest.raises(InputError, match=r"must be \(k, 3\) and \(k,\)"):
+        to_surface(xyz[:, :2], columns["bipolar"], surface)
+
+
+def test_whole_numbers_are_carried_and_a_lone_value_off_the_wall_leaves_it_empty() -> None:
+    surface = ball(level=3)
+    xyz = np.vstack([sampled(surface, 50), np.zeros((1, 3))])
+    middle = np.where(np.arange(51) == 50, 1.5, np.nan)  # measured in the middle of the chamber alone
+    fields = with_electrical(surface, Points(xyz, np.array(["eam"] * 51), {"lat": np.full(51, 30), "bipolar": middle})).fields
+    assert np.nanmax(np.abs(fields["lat"] - 30.0)) < 1e-9
+    assert np.isnan(fields["bipolar"]).all()
 
 
 def test_real_voltages_reach_the_real_wall(shared_data: Path) -> None:

@@ -120,8 +120,9 @@ def _likeliest(scales: Scales, rows: Rows, terms: Callable[[Array], Terms], step
 
     limits = [(low, None) for low in scales.least]
     # slopes are free of the unit of length, the energy is not: a drop relative to it would stop elsewhere in metres than in millimetres
-    options = {"maxiter": steps, "maxcor": 8, "ftol": 0.0, "gtol": FLAT}
-    found = minimize(objective, scales.log, jac=True, method="L-BFGS-B", bounds=limits, options=options)
+    found = minimize(
+        objective, scales.log, jac=True, method="L-BFGS-B", bounds=limits, options={"maxiter": steps, "maxcor": 8, "ftol": 0, "gtol": FLAT}
+    )
     return np.asarray(found.x)
 
 

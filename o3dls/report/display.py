@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..case import Case
-from ..geometry import Surface
+from ..geometry import Surface, interpolated
 from .electrical import with_electrical
 
 MOST_FACES = 60_000  # a surface with more is decimated for display to
@@ -33,8 +33,7 @@ def decimated(surface: Surface, most: int = MOST_FACES, wanted: int = DISPLAY_FA
 
     small = _fewer_faces(surface, wanted)
     _, face, _, weights = ClosestPoint(surface.vertices, surface.faces).query(small.vertices)
-    corners = surface.faces[face]
-    fields = {key: np.einsum("nk,nk...->n...", weights, values[corners]) for key, values in surface.fields.items()}
+    fields = {key: interpolated(values, surface.faces[face], weights) for key, values in surface.fields.items()}
     return replace(small, fields=fields)
 
 

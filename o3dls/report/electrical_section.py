@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry import Array, Surface
-from .electrical import FAR, UNITS, measured_values, with_electrical
+from ..transfer import ELECTRICAL, WIDTH, measured_values
+from .electrical import FAR, with_electrical
 from .markup import Child, join, table, tag
 from .section import Section
 from .subject import Subject
@@ -19,32 +20,36 @@ def electrical_section(subject: Subject) -> Section | None:
     values = measured_values(subject.case.points)
     if not values or subject.case.dimension == 2:
         return None
-    rows = [_row(subject, name, *found) for name, found in values.items()]
+    surface = with_electrical(subject.last.estimate.surface, subject.case.points)
+    rows = [_row(surface, name, *found) for name, found in values.items()]
     head: list[Child] = ["measured", "unit", "points", "median", "5 % to 95 %", "median carry, mm", "longest carry, mm", "wall reached"]
-    said = f"A vertex takes the value of the nearest measured point within {FAR:g} mm; farther than that the wall stays without a value."
-    return Section("electrical", "Electrical map", join(table(head, rows), _low_voltage(subject), tag("p", said, class_="soft")))
+    said = (
+        f"A vertex takes the mean of the values measured near it, by a Gaussian of {WIDTH:g} mm; farther than {FAR:g} mm from all of them "
+        "the wall stays without a value."
+    )
+    return Section(
+        "electrical", "Electrical map", join(table(head, rows), _low_voltage(surface, subject.last.name), tag("p", said, class_="soft"))
+    )
 
 
-def _row(subject: Subject, name: str, xyz: Array, values: Array) -> list[Child]:
+def _row(surface: Surface, name: str, xyz: Array, values: Array) -> list[Child]:
     from scipy.spatial import cKDTree
 
-    surface = subject.last.estimate.surface
-    gap = np.asarray(cKDTree(xyz).query(surface.vertices)[0])
-    reached = gap[gap <= FAR]
+    known = np.isfinite(surface.fields[name])
+    gap = np.asarray(cKDTree(xyz).query(surface.vertices[known])[0])
     low, high = np.percentile(values, [5, 95])
-    carry: list[Child] = [f"{np.median(reached):.1f}", f"{reached.max():.1f}"] if len(reached) else ["–", "–"]
-    share = _area_share(surface, gap <= FAR)
-    return [name, UNITS[name], len(values), f"{np.median(values):.2f}", f"{low:.2f} to {high:.2f}", *carry, f"{share:.0%}"]
+    carry: list[Child] = [f"{np.median(gap):.1f}", f"{gap.max():.1f}"] if len(gap) else ["–", "–"]
+    share = _area_share(surface, known)
+    return [name, ELECTRICAL[name], len(values), f"{np.median(values):.2f}", f"{low:.2f} to {high:.2f}", *carry, f"{share:.0%}"]
 
 
-def _low_voltage(subject: Subject) -> Child:
+def _low_voltage(surface: Surface, name: str) -> Child:
     """Share of the reached wall below the usual border of scar."""
-    surface = with_electrical(subject.last.estimate.surface, subject.case.points)
     voltage = surface.fields.get("bipolar")
     if voltage is None or not np.isfinite(voltage).any():
         return None
     reached, low = _area_share(surface, np.isfinite(voltage)), _area_share(surface, voltage < LOW_VOLTAGE)
-    return tag("p", f"{low / reached:.0%} of the reached wall of {subject.last.name} is below {LOW_VOLTAGE:g} mV bipolar.")
+    return tag("p", f"{low / reached:.0%} of the reached wall of {name} is below {LOW_VOLTAGE:g} mV bipolar.")
 
 
 def _area_share(surface: Surface, marked: NDArray[np.bool_]) -> float:

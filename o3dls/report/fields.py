@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..geometry import Array, Surface
+from ..transfer import ELECTRICAL
 from .display import TRUTH
-from .electrical import UNITS
 from .subject import Subject
 
 # Colours of matplotlib that colour-blind readers can order; small values are light, so that the shape stays visible where all is well.
@@ -39,7 +39,7 @@ def known_fields(surfaces: Sequence[Surface], unit: str) -> list[Field]:
     ]
     there = dict.fromkeys(key for surface in surfaces for key, values in surface.fields.items() if values.ndim == 1)
     named = {field.key for field in words} | {"prior_only"}  # which is hatched, whatever the colours
-    others = [Field(key, key, UNITS.get(key, ""), "electrical") for key in there if key not in named]
+    others = [Field(key, key, ELECTRICAL.get(key, ""), "electrical") for key in there if key not in named]
     return [_ranged(field, surfaces) for field in [*words, *others] if field.key in there]
 
 
