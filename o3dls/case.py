@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .errors import InputError
-from .geometry import Array, Surface
+from .errors import InputError, did_you_mean
+from .geometry import Array, Surface, is_pose
 
 UNITS = ("mm", "px")
+FRAMES = ("LPS", "RAS", "unknown")
 POINT_TYPES = ("eam", "ablation", "landmark", "inside")
 FITTED_TYPES = ("eam", "inside")
 OF_A_RUN = ("sd", "displacement", "correction", "distance_to_nearest_point")  # fields of a result, with the unit behind their names
@@ -22,13 +23,26 @@ BEST = 0.02  # least relative noise of a point: it holds the surface as firmly a
 
 @dataclass(frozen=True, eq=False)
 class Points:
-    """Measured points: xyz (n, d) in the map frame, type (n,), further columns by name (numbers, NaN = missing, or text)."""
+    """Measured points: xyz (n, d) in the map frame, type (n,), further columns (n,) by name (numbers, NaN = missing, or text).
+
+    Raises InputError where lengths do not fit, a type is unknown or a place is not finite.
+    """
 
     xyz: Array
     type: NDArray[np.str_]
     columns: Mapping[str, NDArray[Any]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "xyz", np.asarray(self.xyz, dtype=np.float64))
+        object.__setattr__(self, "type", np.asarray(self.type, dtype=str))
+        object.__setattr__(self, "columns", {name: np.asarray(values) for name, values in self.columns.items()})
+        if self.xyz.ndim != 2:
+            raise InputError(f"points: xyz has shape {self.xyz.shape}: must be (n, 2) or (n, 3)")
+        for name, values in {"type": self.type, **self.columns}.items():
+            if values.shape[:1] != (len(self),):
+                raise InputError(f"points: column '{name}' has shape {values.shape}: there are {len(self)} points")
+        for kind in set(self.type) - set(POINT_TYPES):
+            raise InputError(f"points: '{kind}' is no type of point" + did_you_mean(str(kind), list(POINT_TYPES)))
         if not (finite := np.isfinite(self.xyz).all(axis=-1)).all():
             row = int(np.argmin(finite))
             raise InputError(f"points: point {row} is not finite: {self.xyz[row]}")
@@ -79,7 +93,10 @@ class Truth:
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """A prior surface (prior frame), measured points (map frame) and landmarks; lengths in `units`; never changed."""
+    """A prior surface (prior frame), measured points (map frame) and landmarks; lengths in `units`; never changed.
+
+    Raises InputError for parts that do not fit together, and for what no file may hold either.
+    """
 
     name: str
     prior: Surface
@@ -98,6 +115,15 @@ class Case:
             raise InputError(f"case {self.name}: points are {self.points.xyz.shape[1]}D, the prior is {self.dimension}D")
         if self.units not in UNITS:
             raise InputError(f"case {self.name}: units = '{self.units}': lengths of a case are in {' or '.join(UNITS)}; scale them first")
+        if self.frame not in FRAMES:
+            raise InputError(f"case {self.name}: frame = '{self.frame}': must be one of {', '.join(FRAMES)}")
+        if self.init is not None and not is_pose(self.init, self.dimension):
+            raise InputError(f"case {self.name}: init is no pose: it must be a rotation, a shift and one scale")
+        for name, at in self.prior_landmarks.items():
+            if np.shape(at) != (self.dimension,) or not np.isfinite(at).all():
+                raise InputError(f"case {self.name}: landmark '{name}' of the prior is {at}: must be {self.dimension} finite numbers")
+        if (self.points.type == "landmark").any() and "name" not in self.points.columns:
+            raise InputError(f"case {self.name}: points of type landmark need a column 'name'")
         object.__setattr__(self, "prior", self.prior.without_unused())
         object.__setattr__(self, "phases", tuple(phase.without_unused() for phase in self.phases))
         if self.prior.watertight and self.prior.volume < 0.0:

@@ -13,6 +13,7 @@ from .errors import InputError
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
+POSE_ROUNDING = 0.01  # of a rotation's entries, which files give with as few as two digits
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,7 +21,7 @@ class Surface:
     """Closed or open simplicial surface: triangles in 3D, segments in 2D, wound so that normals point outward.
 
     vertices (n, d) in the case's units; faces (m, d), 0-based; fields: values per vertex, each (n,) or (n, k).
-    Raises InputError where shapes or indices do not fit, or a coordinate is not finite.
+    Raises InputError where shapes, lengths or indices do not fit, or a coordinate is not finite.
     """
 
     vertices: Array
@@ -28,8 +29,9 @@ class Surface:
     fields: Mapping[str, Array] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        faces = np.asarray(self.faces)
         object.__setattr__(self, "vertices", np.ascontiguousarray(self.vertices, dtype=np.float64))
-        object.__setattr__(self, "faces", np.ascontiguousarray(self.faces, dtype=np.int64))
+        object.__setattr__(self, "faces", np.ascontiguousarray(faces, dtype=np.int64))
         if self.vertices.ndim != 2 or self.vertices.shape[1] not in (2, 3):
             raise InputError(f"surface vertices have shape {self.vertices.shape}: must be (n, 2) or (n, 3)")
         if self.faces.ndim != 2 or self.faces.shape[1] != self.dimension or len(self.faces) == 0:
@@ -37,8 +39,12 @@ class Surface:
         if not np.isfinite(self.vertices).all():
             row = int(np.flatnonzero(~np.isfinite(self.vertices).all(axis=1))[0])
             raise InputError(f"surface vertex {row} is not finite: {self.vertices[row]}")
-        if self.faces.min() < 0 or self.faces.max() >= len(self.vertices):
-            raise InputError(f"surface faces name vertex {self.faces.max()}: there are {len(self.vertices)}")
+        wrong = faces[(faces < 0) | (faces >= len(self.vertices)) | (faces != self.faces)]
+        if len(wrong):
+            raise InputError(f"surface faces name vertex {wrong[0]:g}: there are {len(self.vertices)}, counted from 0")
+        for name, values in self.fields.items():
+            if len(values) != len(self.vertices):
+                raise InputError(f"surface field '{name}' has {len(values)} values: there are {len(self.vertices)} vertices")
 
     @property
     def dimension(self) -> int:
@@ -143,6 +149,18 @@ def principal_frame(points: Array) -> Array:
 def scale_of(matrix: Array) -> float:
     """Scale factor of a similarity: the d-th root of its determinant."""
     return float(abs(np.linalg.det(matrix[:-1, :-1])) ** (1.0 / (len(matrix) - 1)))
+
+
+def is_pose(matrix: Array, dimension: int) -> bool:
+    """Whether a matrix is a rotation with scale and shift, written out (d+1, d+1); rounded to some digits it still is."""
+    if matrix.shape != (dimension + 1, dimension + 1) or not np.isfinite(matrix).all():
+        return False
+    linear = matrix[:-1, :-1]
+    with np.errstate(over="ignore", invalid="ignore"):  # of numbers that no pose has
+        if not np.linalg.det(linear) > 0.0 or not np.allclose(matrix[-1], np.eye(dimension + 1)[-1]):
+            return False
+        turn = linear / scale_of(matrix)
+        return bool(np.allclose(turn @ turn.T, np.eye(dimension), atol=POSE_ROUNDING))
 
 
 def rotation_angle(matrix: Array) -> float:

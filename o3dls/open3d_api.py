@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 REACH = 3.0  # pairs within this many standard deviations of the noise count as inliers
 MAD_TO_SD = 1.4826
+SMALLEST = 1.0  # mm: no chamber of a heart is smaller
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,6 +61,8 @@ def register(
     from .pipeline import Pipeline
     from .pipeline_file import default_pipeline
 
+    if max_correspondence_distance is not None and not max_correspondence_distance > 0.0:
+        raise InputError(f"max_correspondence_distance = {max_correspondence_distance} mm: must be above 0")
     case = _case(prior, points, landmarks or {}, init)
     pipeline = Pipeline(stages, folds=0) if stages is not None else Pipeline(default_pipeline().stages, folds=0).allowed_by(case)
     run = pipeline.run(case)
@@ -81,35 +84,53 @@ def _case(prior: Any, points: Any, landmarks: Mapping[str, tuple[ArrayLike, Arra
     """Open3D objects as a case, checked as strictly as files are."""
     from .io.repair import closed_outward
 
-    mesh, cloud = _legacy(prior), _legacy(points)
+    mesh, cloud = _legacy(prior, "prior", "TriangleMesh"), _legacy(points, "points", "PointCloud")
     if len(mesh.triangles) == 0:
         raise InputError(f"prior: {len(mesh.vertices)} vertices, no triangles; Open3D gives such a mesh where it could not read a file")
     xyz = np.asarray(cloud.points, dtype=np.float64).copy()
+    if not len(xyz):
+        raise InputError("points: the cloud has none; Open3D gives such a cloud where it could not read a file")
     if not np.isfinite(xyz).all():
         raise InputError(f"points: {(~np.isfinite(xyz).all(axis=1)).sum()} points are not finite; remove them")
     surface = closed_outward(Surface(np.asarray(mesh.vertices).copy(), np.asarray(mesh.triangles).copy()), "prior")
-    marks = np.array([to for _, to in landmarks.values()], dtype=np.float64).reshape(-1, 3)
+    if surface.diagonal < SMALLEST:
+        raise InputError(f"prior: extends over {surface.diagonal:.3g} mm, and an atrium over 60 to 160: lengths must be in mm")
+    marks = [_place(name, "among the points", to) for name, (_, to) in landmarks.items()]
     kinds = np.array(["eam"] * len(xyz) + ["landmark"] * len(marks))
-    names = np.array([""] * len(xyz) + list(landmarks))
+    names = np.array([""] * len(xyz) + [str(name) for name in landmarks])
     return Case(
         name="open3d",
         prior=surface,
-        points=Points(np.vstack([xyz, marks]), kinds, {"name": names}),
-        prior_landmarks={name: np.asarray(at, dtype=np.float64) for name, (at, _) in landmarks.items()},
+        points=Points(np.vstack([xyz, *marks]), kinds, {"name": names}),
+        prior_landmarks={str(name): _place(name, "on the prior", at) for name, (at, _) in landmarks.items()},
         init=None if init is None else np.asarray(init, dtype=np.float64),
     )
 
 
-def _legacy(thing: Any) -> Any:
+def _place(name: str, where: str, at: ArrayLike) -> Array:
+    place = np.asarray(at, dtype=np.float64)
+    if place.shape != (3,) or not np.isfinite(place).all():
+        raise InputError(f"landmarks: the position of '{name}' {where} is {at!r}: must be 3 finite numbers")
+    return place
+
+
+def _legacy(thing: Any, role: str, kind: str) -> Any:
     """The legacy twin of a tensor object; a legacy object is its own."""
-    return thing.to_legacy() if ".t.geometry" in type(thing).__module__ else thing
+    import open3d as o3d
+
+    legacy = thing.to_legacy() if isinstance(thing, getattr(o3d.t.geometry, kind)) else thing
+    if not isinstance(legacy, getattr(o3d.geometry, kind)):
+        raise InputError(f"{role}: is {type(thing).__name__}: must be an Open3D {kind}")
+    return legacy
 
 
 def _mesh(surface: Surface, *, like: Any) -> Any:
-    """An Open3D mesh of the same kind as `like`, with normals."""
+    """An Open3D mesh of the same kind and precision as `like`, with normals."""
     import open3d as o3d
 
     vertices, triangles = o3d.utility.Vector3dVector(surface.vertices), o3d.utility.Vector3iVector(surface.faces.astype(np.int32))
     mesh = o3d.geometry.TriangleMesh(vertices, triangles)
     mesh.compute_vertex_normals()
-    return mesh if _legacy(like) is like else o3d.t.geometry.TriangleMesh.from_legacy(mesh)
+    if isinstance(like, o3d.geometry.TriangleMesh):
+        return mesh
+    return o3d.t.geometry.TriangleMesh.from_legacy(mesh, like.vertex.positions.dtype, like.triangle.indices.dtype)

@@ -66,15 +66,15 @@ def test_landmarks_and_init_set_the_start() -> None:
 
 def test_metres_are_refused() -> None:
     mesh, cloud = (thing.scale(1e-3, np.zeros(3)) for thing in objects("legacy"))
-    with pytest.raises(InputError, match=r"level_set.spacing = 1 mm: .* take at most 0.00\d+ mm, or check that its lengths are in mm"):
-        o3dls.register(mesh, cloud)
+    with pytest.raises(InputError, match=r"prior: extends over 0.0\d+ mm.*must be in mm"):
+        o3dls.register(mesh, cloud, stages=[Nudge()])
 
 
 def test_what_open3d_hides_is_refused() -> None:
     mesh, cloud = objects("legacy")
     with pytest.raises(InputError, match="no triangles; Open3D gives such a mesh"):
         o3dls.register(o3d.geometry.TriangleMesh(), cloud)
-    with pytest.raises(InputError, match="0 points of type eam"):
+    with pytest.raises(InputError, match="points: the cloud has none"):
         o3dls.register(mesh, o3d.geometry.PointCloud(), stages=[Nudge()])
     bad = o3d.geometry.PointCloud(o3d.utility.Vector3dVector([[np.nan, 0, 0]] * 20))
     with pytest.raises(InputError, match="20 points are not finite"):
@@ -84,3 +84,28 @@ def test_what_open3d_hides_is_refused() -> None:
         o3dls.register(mesh, cloud)
     with pytest.raises(PipelineError, match="no stage"):
         o3dls.register(objects("legacy")[0], cloud, stages=[])
+    with pytest.raises(PipelineError, match=r"stages: .* is none: give a list of them, such as \[ICP\(\)\]"):
+        o3dls.register(objects("legacy")[0], cloud, stages=[Nudge])
+
+
+def test_arguments_of_another_kind_are_refused_in_words() -> None:
+    mesh, cloud = objects("legacy")
+    shear = np.eye(4)
+    shear[0, 1] = 0.7
+    for arguments, options, sentence in (
+        ((cloud, mesh), {}, "prior: is PointCloud: must be an Open3D TriangleMesh"),
+        ((mesh, np.zeros((20, 3))), {}, "points: is ndarray: must be an Open3D PointCloud"),
+        ((mesh, cloud), {"init": np.eye(3)}, "init is no pose"),
+        ((mesh, cloud), {"init": shear}, "init is no pose"),
+        ((mesh, cloud), {"max_correspondence_distance": np.nan}, "must be above 0"),
+        ((mesh, cloud), {"landmarks": {"LSPV": ([0.0, 0.0], [0.0, 0.0, 0.0])}}, "'LSPV' on the prior is .*: must be 3 finite numbers"),
+    ):
+        with pytest.raises(InputError, match=sentence):
+            o3dls.register(*arguments, stages=[Nudge()], **options)
+
+
+def test_a_mesh_comes_back_in_the_precision_it_came_in() -> None:
+    mesh, cloud = objects("tensor")
+    for kind in (o3d.core.float32, o3d.core.float64):
+        mesh.vertex.positions = mesh.vertex.positions.to(kind)
+        assert o3dls.register(mesh, cloud, stages=[Nudge()]).surface.vertex.positions.dtype == kind

@@ -66,10 +66,3 @@ class SurfaceMatcher:
         distances = np.linalg.norm(gaps, axis=1)
         apart = distances > APART * self.radius
         return np.where(apart[:, None], gaps * (outward / np.maximum(distances, 1e-300))[:, None], flat)
-
-
-def is_similarity(matrix: Array, tolerance: float = 1e-9) -> bool:
-    """True where a homogeneous matrix scales all directions alike (and may mirror), to a relative `tolerance`."""
-    scale = scale_of(matrix)
-    linear = matrix[:-1, :-1] / max(scale, 1e-300)
-    return bool(scale > 0.0 and np.abs(linear.T @ linear - np.eye(len(linear))).max() < tolerance)

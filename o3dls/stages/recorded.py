@@ -20,10 +20,6 @@ class Recorded(Stage):
         return None if case.init is not None else "the case has no init.csv with a recorded pose"
 
     def __call__(self, case: Case, start: Estimate) -> Estimate:
-        from ..registration.match import is_similarity
-
         if case.init is None:
             raise InputError(f"case {case.name}: {self.obstacle(case)}")
-        if not is_similarity(case.init, tolerance=1e-3):
-            raise InputError(f"case {case.name}: init.csv shears or stretches: it must be a rotation, a shift and one scale")
         return Estimate(case.prior.transformed(case.init), case.init, "pose recorded in init.csv")

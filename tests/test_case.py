@@ -1,0 +1,74 @@
+"""Cases made in code are held to what files are: parts that do not fit together are refused where they are made."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from tiny import sphere
+
+from o3dls.case import Case, Points
+from o3dls.errors import InputError
+from o3dls.geometry import Surface, is_pose, similarity
+
+XYZ = 20.0 * np.eye(3)
+EAM = np.full(3, "eam")
+TURN = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        ((XYZ, np.full(3, "eem")), "'eem' is no type of point: did you mean 'eam'"),
+        ((XYZ, EAM[:2]), r"column 'type' has shape \(2,\): there are 3 points"),
+        ((XYZ, EAM, {"lat": np.zeros(4)}), r"column 'lat' has shape \(4,\)"),
+        ((XYZ[0], EAM), r"must be \(n, 2\) or \(n, 3\)"),
+    ],
+)
+def test_points_that_do_not_fit_together_are_refused(arguments: tuple[Any, ...], sentence: str) -> None:
+    with pytest.raises(InputError, match=sentence):
+        Points(*arguments)
+
+
+def test_points_may_be_lists() -> None:
+    points = Points(XYZ.tolist(), ["eam"] * 3, {"lat": [1, 2, 3]})  # type: ignore[arg-type]
+    assert points.of("eam").columns["lat"].tolist() == [1, 2, 3]
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        ({"frame": "XYZ"}, "frame = 'XYZ': must be one of LPS, RAS, unknown"),
+        ({"init": np.eye(3)}, "init is no pose"),
+        ({"prior_landmarks": {"LSPV": np.zeros(2)}}, "landmark 'LSPV' of the prior is .*: must be 3 finite numbers"),
+        ({"prior_landmarks": {"LSPV": np.full(3, np.nan)}}, "must be 3 finite numbers"),
+        ({"points": Points(XYZ, np.array(["eam", "eam", "landmark"]))}, "type landmark need a column 'name'"),
+    ],
+)
+def test_a_case_that_no_file_could_hold_is_refused(options: dict[str, Any], sentence: str) -> None:
+    prior = sphere()
+    with pytest.raises(InputError, match=sentence):
+        Case("case", **{"prior": prior, "points": Points(XYZ, EAM)} | options)
+
+
+def test_a_pose_is_a_rotation_a_shift_and_one_scale() -> None:
+    pose = similarity(TURN, np.array([10.0, -20.0, 30.0]), 1.1)
+    assert is_pose(pose, 3)
+    assert is_pose(np.round(similarity(TURN @ TURN, np.ones(3)), 2), 3)
+    for k, value in (((0, 1), 0.7), ((3, 0), 1.0), ((2, 2), -1.0), ((0, 0), np.nan), ((1, 1), 1e300)):
+        wrong = pose.copy()
+        wrong[k] = value
+        assert not is_pose(wrong, 3)
+    assert not is_pose(np.zeros((4, 4)), 3)
+
+
+def test_surfaces_name_what_does_not_fit() -> None:
+    vertices, faces = sphere().vertices, sphere().faces
+    for wrong, sentence in ((-1, "vertex -1: there are"), (len(vertices), f"vertex {len(vertices)}: there are"), (0.7, "vertex 0.7")):
+        other = faces.astype(np.float64)
+        other[3, 1] = wrong
+        with pytest.raises(InputError, match=sentence):
+            Surface(vertices, other)
+    with pytest.raises(InputError, match=f"field 'lat' has 3 values: there are {len(vertices)} vertices"):
+        Surface(vertices, faces, {"lat": np.zeros(3)})
