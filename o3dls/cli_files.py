@@ -37,7 +37,7 @@ def compare(runs: tuple[Path, ...], out: Path) -> None:
 
 @click.command()
 @click.argument("run_folder", metavar="RUN", type=FOLDER)
-@click.option("--format", default="ply", show_default=True, help="ply, stl, obj, off, vtk, vtp, carto_vtk")
+@click.option("--format", default="ply", show_default=True, help="file format, such as ply, vtp, carto_vtk, mask_nrrd, tfm")
 @click.option("--estimate", help="estimate to write; default: the last")
 @click.option("--out", type=FILE, help="file to write; default: in the run's folder export/")
 @click.option("--frame", help="frame to write in, LPS or RAS; default: the frame of the case")
@@ -54,7 +54,7 @@ def export(run_folder: Path, out: Path | None, **options: Any) -> None:
 @click.command()
 @click.argument("source", metavar="IN", type=FILE)
 @click.argument("target", metavar="OUT", type=FILE)
-@click.option("--format", help="format of OUT where its suffix does not tell, such as carto_vtk")
+@click.option("--format", help="format of OUT where its suffix stands for several, such as carto_vtk")
 @click.option("--units", help="units of IN where it does not state them: mm, cm, m, um, in")
 @click.option("--frame", help="frame of IN where it does not state it: LPS or RAS")
 @click.option("--to", help="frame to write, LPS or RAS")

@@ -15,14 +15,15 @@ from .io.case_folder import check_scale
 from .io.case_settings import MILLIMETRES
 from .io.markups import Markups, read_markups, write_markups
 from .io.mesh import is_surface, read_surface_file, write_surface
-from .io.points import points_of, read_points_table, write_points
+from .io.points import points_of, read_points_table, scaled
 from .io.repair import closed_outward, welded
 from .io.surface_file import SPACES, SurfaceFile
-from .io.table import read_table, write_table
+from .io.table import write_table
 from .io.transforms import TURN, read_transform, turned, write_transform
 
 MARKUPS = (".json", ".fcsv")
 TRANSFORMS = (".tfm", ".txt")
+TABLES = (".csv", ".tsv")
 
 
 def convert(
@@ -42,11 +43,15 @@ def convert(
             raise InputError(f"{name} = '{value}': must be one of {', '.join(allowed)}")
     if is_surface(source):
         return _surface(source, target, format, units, frame, to, cap=cap, faces=faces, choice=choice)
+    suffix = source.suffix.lower()
+    if suffix not in (*TABLES, *MARKUPS, *TRANSFORMS):
+        raise InputError(
+            f"{source}: is no surface, points (.csv), named places (.mrk.json, .fcsv) or pose (.tfm, .txt) that o3dls knows; is it damaged?"
+        )
     if cap or faces is not None or format or any(value is not None for value in choice.values()):
         raise InputError(f"{source}: is no surface, so cap, faces, format, label, part, box and hidden mean nothing for it")
-    if source.suffix in TRANSFORMS:
-        return _transform(source, target, frame, to)
-    return _markups(source, target, units, frame, to) if source.suffix in MARKUPS else _points(source, target, units, frame, to)
+    write = _transform if suffix in TRANSFORMS else _markups if suffix in MARKUPS else _points
+    return write(source, target, units, frame, to)
 
 
 def _surface(
@@ -56,27 +61,45 @@ def _surface(
     file = in_millimetres(source, read_surface_file(source, **choice), units)
     surface, space = file.surface, _settled(source, "frame", file.space, frame)
     done = [f"{source}: {len(surface.vertices)} vertices, {len(surface.faces)} faces, frame {space}, units {file.units}"]
+    if dropped := file.metadata.get("voxels_of_smaller_pieces"):
+        done.append(f"{source}: {dropped} voxels of smaller pieces are left out")
+    if to and surface.dimension == 2:
+        raise InputError(f"{source}: is an outline in 2D, and LPS and RAS are frames in 3D; leave --to away")
     if to and _turns(source, space, to):
         surface = surface.transformed(TURN)
     if cap:
         surface = closed_outward(surface, str(source), cap=True)
     if faces is not None and faces < len(surface.faces):
         surface = decimated(surface, faces)
-    write_surface(target, surface, space=to or space, units=file.units, format=format)
-    return [*done, f"{target}: {len(surface.vertices)} vertices, {len(surface.faces)} faces, frame {to or space}, units {file.units}"]
+    space = to or space
+    write_surface(target, surface, space=space, units=file.units, format=format)
+    space = "LPS" if space == "RAS" and target.suffix.lower() == ".xml" else space  # DIF's by definition: it has been turned
+    return [*done, f"{target}: {len(surface.vertices)} vertices, {len(surface.faces)} faces, frame {space}, units {file.units}"]
 
 
 def in_millimetres(source: Path, file: SurfaceFile, units: str | None) -> SurfaceFile:
     """The surface in mm where its units are stated by the file or by `units`; else as it is, if its extent can be meant in mm."""
-    stated = _settled(source, "units", file.units, units)
+    stated = _units(source, file.units, units)
     if stated == "unknown":
         if file.surface.dimension == 3:
             check_scale(source, file.surface.vertices)
         return file
-    if stated not in MILLIMETRES:
-        raise InputError(f"{source}: states units '{stated}': must be one of {', '.join(MILLIMETRES)}; say which with --units")
     surface = file.surface.with_vertices(file.surface.vertices * MILLIMETRES[stated])
-    return replace(file, surface=surface, units="px" if stated == "px" else "mm")
+    return replace(file, surface=surface, units=_scaled_units(stated))
+
+
+def _scaled_units(stated: str) -> str:
+    """Units of lengths once they are scaled: mm, or what cannot be scaled to it."""
+    return stated if stated in ("px", "unknown") else "mm"
+
+
+def _units(source: Path, stated: str, given: str | None) -> str:
+    """As `_settled`, of units. Raises InputError too where the file states none that is known, and nothing is given."""
+    if stated in (*MILLIMETRES, "unknown"):
+        return _settled(source, "units", stated, given)
+    if given is None:
+        raise InputError(f"{source}: states units '{stated}': must be one of {', '.join(MILLIMETRES)}; say which with --units")
+    return given
 
 
 def _settled(source: Path, what: str, stated: str, given: str | None) -> str:
@@ -123,9 +146,9 @@ def _markups(source: Path, target: Path, units: str | None, frame: str | None, t
 
 
 def _write_places(source: Path, target: Path, marks: Markups) -> list[str]:
-    if target.suffix == ".json":
+    if target.suffix.lower() == ".json":
         write_markups(target, marks)
-    elif target.suffix == ".csv":
+    elif target.suffix.lower() == ".csv":
         columns = {"name": np.array(marks.names), **dict(zip("xyz", marks.xyz.T, strict=True))}
         write_table(target, columns, {"space": marks.space, "units": "mm"})
     else:
@@ -134,29 +157,31 @@ def _write_places(source: Path, target: Path, marks: Markups) -> list[str]:
 
 
 def _points(source: Path, target: Path, units: str | None, frame: str | None, to: str | None) -> list[str]:
-    """Tables of points or of named places; columns and types are kept where the target is a table too."""
+    """Tables of points or of named places; all columns are kept where the target is a table too."""
     table = read_points_table(source)
-    space = _settled(source, "frame", table.notes.get("space", "unknown"), frame)
-    stated = _settled(source, "units", table.notes.get("units", "unknown"), units)
-    if stated == "unknown":
-        check_scale(source, np.column_stack([table.numbers(axis) for axis in "xyz"]))
     points = points_of(table, 3)
+    space = _settled(source, "frame", table.notes.get("space", "unknown"), frame)
+    stated = _units(source, table.notes.get("units", "unknown"), units)
+    if stated == "unknown":
+        check_scale(source, points.xyz)
     turn = np.array([-1.0, -1.0, 1.0]) if to and _turns(source, space, to) else np.ones(3)
-    points = replace(points, xyz=points.xyz * turn * MILLIMETRES.get(stated, 1.0))
-    if target.suffix == ".json":
-        names = points.columns.get("name", np.full(len(points), ""))
-        return _write_places(source, target, Markups(tuple(map(str, names)), points.xyz, to or space))
-    if target.suffix != ".csv":
+    points = scaled(points, MILLIMETRES.get(stated, 1.0))
+    space, units = to or space, _scaled_units(stated)
+    columns = {**dict(zip("xyz", (points.xyz * turn).T, strict=True)), "type": points.type, **points.columns}
+    if target.suffix.lower() == ".csv":
+        write_table(target, {name: columns[name] for name in table.columns}, {"space": space, "units": units})
+        return [f"{source}: {len(points)} points", f"{target}: frame {space}, units {units}"]
+    if target.suffix.lower() != ".json":
         raise InputError(f"{target}: points are written as .csv or .mrk.json")
-    if "type" in table.columns or "name" not in table.columns:
-        write_points(target, points, space=to or space, units="unknown" if stated == "unknown" else "mm")
-    else:
-        columns = read_table(source, ("name",)).columns
-        write_table(target, {"name": np.array(columns["name"]), **dict(zip("xyz", points.xyz.T, strict=True))}, {"space": to or space})
-    return [f"{source}: {len(points)} points", f"{target}: frame {to or space}"]
+    if units == "px":
+        raise InputError(f"{target}: Slicer's markups are in mm, and {source} is in px")
+    names = points.columns.get("name", np.full(len(points), ""))
+    return _write_places(source, target, Markups(tuple(map(str, names)), points.xyz * turn, space))
 
 
-def _transform(source: Path, target: Path, frame: str | None, to: str | None) -> list[str]:
+def _transform(source: Path, target: Path, units: str | None, frame: str | None, to: str | None) -> list[str]:
+    if units:
+        raise InputError(f"{source}: a pose moves by mm; leave --units away")
     matrix, stated = read_transform(source)
     space = _settled(source, "frame", stated, frame)
     if to and _turns(source, space, to):

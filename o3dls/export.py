@@ -26,8 +26,12 @@ SUFFIXES = {
     "carto_vtk": "carto.vtk", "carto_mesh": "mesh", "openep": "mat", "opencarp": "pts", "dif": "dif.xml",
     "phi_nrrd": "phi.nrrd", "phi_nifti": "phi.nii.gz", "mask_nrrd": "mask.nrrd", "mask_nifti": "mask.nii.gz",
 }  # fmt: skip
-KEEP_FIELDS = ("ply", "vtk", "vtp", "openep", "carto_mesh", "opencarp")
+VOLUMES_AND_POSES = {
+    "phi_nrrd": (".nrrd",), "mask_nrrd": (".nrrd",), "phi_nifti": (".nii", ".nii.gz"), "mask_nifti": (".nii", ".nii.gz"),
+    "tfm": (".tfm",), "txt": (".txt",),
+}  # fmt: skip
 NEED_FRAME = ("phi_nifti", "mask_nifti", "tfm")  # formats that say LPS or RAS by definition
+FEWEST_ACROSS, MOST_VOXELS = 10.0, 1e8  # of a volume, over the diagonal and in all
 NOTICE = "o3dls, research software, not for clinical use"
 
 
@@ -53,6 +57,12 @@ class Export(Writer):
             raise PipelineError(f"export: field belongs to the formats carto_vtk and dif; {self.format} keeps every field it can")
         if (self.vmin is None) != (self.vmax is None):
             raise PipelineError("export: vmin and vmax must be given together")
+        if self.vmin is not None and self.vmax is not None and not self.vmin < self.vmax:
+            raise PipelineError(f"export: vmin = {self.vmin:g} must be below vmax = {self.vmax:g}")
+        if self.format == "dif" and self.frame == "RAS":
+            raise PipelineError("export: DIF files are in LPS by definition; leave frame away")
+        if self.field is None and self.vmin is not None:
+            raise PipelineError("export: vmin and vmax are limits of a field, and none is named; say field")
         return self
 
     @property
@@ -60,10 +70,14 @@ class Export(Writer):
         return (self.estimate,) if self.estimate else ()
 
     def obstacle(self, case: Case) -> str | None:
+        from .io.mesh import IN_MILLIMETRES
+
         if case.dimension == 2:
             return "the case is 2D, and its outlines are in estimates/ as csv already"
         if self.frame and case.frame == "unknown":
             return f'frame = {self.frame!r}: the frame of the case is unknown; say frame = "LPS" or "RAS" in its case.toml'
+        if self.format in (*IN_MILLIMETRES, *NEED_FRAME) and case.units != "mm":
+            return f"format = {self.format!r} is in mm by definition, and the case is in {case.units}"
         if self.format in NEED_FRAME and case.frame == "unknown":
             return (
                 f"format = {self.format!r} lies in LPS or RAS by definition, and the frame of the case is unknown; say it in its case.toml"
@@ -80,6 +94,7 @@ class Export(Writer):
     def write(self, surface: Surface, run: Run, name: str, path: Path) -> None:
         """Write an estimate's surface with its fields to a file, and beside it `<file>.json` with frame, units and meaning of values."""
         space = self.frame or run.case.frame
+        space = "LPS" if self.format == "dif" and space == "RAS" else space  # which DIF is by definition
         if space != run.case.frame:
             surface = surface.transformed(np.diag([-1.0, -1.0, 1.0, 1.0]))  # LPS and RAS differ by half a turn about z
         facts = _facts(run, name, self.format, space)
@@ -89,7 +104,7 @@ class Export(Writer):
 
     def _write(self, surface: Surface, path: Path, space: str, units: str, pose: Array, *, turned: bool) -> dict[str, Any]:
         """Write one file of the format; what only this format has to say goes into the sidecar."""
-        from .io.mesh import write_surface
+        from .io.mesh import read_surface, write_surface
         from .io.transforms import turned as in_other_frame
         from .io.transforms import write_transform
 
@@ -105,7 +120,7 @@ class Export(Writer):
         if self.format.startswith(("phi", "mask")):
             return self._write_volume(surface, path, space)
         write_surface(path, surface, space=space, units=units, format=self.format)
-        return counts | {"fields": sorted(surface.fields) if self.format in KEEP_FIELDS else []}
+        return counts | {"fields": sorted(read_surface(path).fields)}  # a format may hold fewer than the surface has
 
     def _small_enough(self, surface: Surface) -> Surface:
         """Decimated to `faces`, and to what an importing system takes."""
@@ -141,6 +156,12 @@ class Export(Writer):
         from .io.volumes import write_volume
         from .levelset.distance import filled_distance
 
+        voxels = float(np.prod(np.ptp(surface.vertices, axis=0) / self.spacing))
+        if self.spacing > surface.diagonal / FEWEST_ACROSS or voxels > MOST_VOXELS:
+            raise InputError(
+                f"export.spacing = {self.spacing:g}: a volume of {voxels:.2g} voxels; a spacing between "
+                f"{self.spacing * (voxels / MOST_VOXELS) ** (1 / 3):.2g} and {surface.diagonal / FEWEST_ACROSS:.2g} would be right"
+            )
         steps = 4
         outside = steps * self.spacing
         found = filled_distance(surface.vertices, surface.faces, self.spacing, steps)
@@ -158,10 +179,14 @@ def export_run(
 
     Further options as for `Export`. Raises InputError where the run, the estimate or the format is not there.
     """
+    from .io.mesh import FORMATS, check_suffix
     from .run_folder import read_run
 
     if format not in get_args(FormatName):
         raise InputError(f"export: no format '{format}'{did_you_mean(format, list(get_args(FormatName)))}")
+    path = Path(out) if out else None
+    if path:
+        check_suffix(path, format, ({known.name: known.suffixes for known in FORMATS} | VOLUMES_AND_POSES)[format])
     writer = Export(**options | {"estimate": estimate, "format": format})
     run = read_run(folder)
     name = estimate or run.final
@@ -169,7 +194,7 @@ def export_run(
         raise InputError(f"{folder}: no estimate '{name}'{did_you_mean(name, list(run.estimates))}")
     if why := writer.obstacle(run.case):
         raise InputError(f"{folder}: {why}")
-    path = Path(out) if out else Path(folder) / "export" / file_name(name, format)
+    path = path or Path(folder) / "export" / file_name(name, format)
     writer.write(run.estimates[name].surface, run, name, path)
     return path
 

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from o3dls.errors import InputError, PipelineError
-from o3dls.export import Export, export_run
-from o3dls.io.mesh import read_surface
+from o3dls.export import Export, export_run, file_name
+from o3dls.io.mesh import read_surface, read_surface_file
 from tests.finished import bulged_case, finished, finished_2d
 
 
@@ -38,10 +39,32 @@ def test_carto_dialect_is_anonymous_and_scaled(run: Path) -> None:
 
 @pytest.mark.parametrize("format", ["ply", "stl", "obj", "off", "vtk", "vtp", "carto_vtk", "carto_mesh", "openep", "opencarp", "dif"])
 def test_every_format_reads_back(run: Path, tmp_path: Path, format: str) -> None:
-    path = export_run(run, tmp_path / f"surface.{'pts' if format == 'opencarp' else format.removeprefix('carto_')}", format=format)
+    path = export_run(run, tmp_path / file_name("surface", format), format=format)
     written, known = read_surface(path), read_surface(run / "estimates/level_set/surface.ply")
     assert written.area == pytest.approx(known.area, rel=1e-4)
     assert written.watertight
+
+
+@pytest.mark.parametrize("spacing", [0.001, 1000.0])
+def test_a_volume_that_holds_nothing_or_fills_the_memory_is_refused(run: Path, tmp_path: Path, spacing: float) -> None:
+    with pytest.raises(InputError, match="would be right"):
+        export_run(run, tmp_path / "a.nrrd", format="mask_nrrd", spacing=spacing)
+    assert not list(tmp_path.iterdir())
+
+
+def test_dif_is_in_lps_whatever_the_frame_of_the_case(run: Path, tmp_path: Path) -> None:
+    from o3dls.run_folder import read_run
+
+    found = read_run(run)
+    ras = replace(found, case=replace(found.case, frame="RAS"))
+    for case, expected in ((found, 1.0), (ras, -1.0)):
+        Export(format="dif").write(found.estimates[found.final].surface, case, found.final, tmp_path / "a.xml")
+        file = read_surface_file(tmp_path / "a.xml")
+        turn = np.array([expected, expected, 1.0])
+        np.testing.assert_allclose(file.surface.vertices, found.estimates[found.final].surface.vertices * turn, atol=1e-3)
+        assert json.loads((tmp_path / "a.xml.json").read_text())["frame"] == "LPS"
+    with pytest.raises(PipelineError, match="LPS by definition"):
+        Export(format="dif", frame="RAS")
 
 
 def test_other_frame_turns_the_surface(run: Path, tmp_path: Path) -> None:
@@ -59,9 +82,39 @@ def test_wrong_words_are_named(run: Path, tmp_path: Path) -> None:
         Export(format="carto_vtk", vmin=1.0)
     with pytest.raises(PipelineError, match="belongs to the formats carto_vtk and dif"):
         Export(format="ply", field="sd_mm")
+    with pytest.raises(PipelineError, match="limits of a field, and none is named"):
+        Export(format="carto_vtk", vmin=0.0, vmax=1.0)
     with pytest.raises(InputError, match="no field 'sd'"):
         export_run(run, tmp_path / "a.vtk", format="carto_vtk", field="sd")
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("format", "name", "right"),
+    [
+        ("ply", "a.pts", ".ply"),
+        ("opencarp", "a.vtk", ".pts or .elem"),
+        ("opencarp", "a", ".pts or .elem"),
+        ("tfm", "pose.txt", ".tfm"),
+        ("mask_nifti", "a.nrrd", ".nii or .nii.gz"),
+        ("phi_nrrd", "a.nii", ".nrrd"),
+    ],
+)
+def test_a_name_that_belongs_to_another_format_is_refused(run: Path, tmp_path: Path, format: str, name: str, right: str) -> None:
+    with pytest.raises(InputError, match=f"{name}: files of the format {format} end in {right}$"):
+        export_run(run, tmp_path / name, format=format)
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_sidecar_names_the_fields_that_the_file_has_room_for(run: Path, tmp_path: Path) -> None:
+    has = {}
+    for format in ("ply", "stl", "openep", "carto_mesh"):
+        path = export_run(run, tmp_path / file_name("a", format), format=format)
+        has[format] = set(json.loads(path.with_name(f"{path.name}.json").read_text())["fields"])
+    assert has["ply"] == set(read_surface(run / "estimates/level_set/surface.ply").fields)
+    assert not has["stl"]
+    for format in ("openep", "carto_mesh"):  # they know electrical values only
+        assert has[format] <= {"lat", "bipolar", "unipolar", "impedance", "force"}
 
 
 def test_dif_is_anonymous_and_small_enough(run: Path, tmp_path: Path) -> None:
@@ -96,6 +149,13 @@ def test_poses_move_the_prior_onto_the_map(run: Path, tmp_path: Path) -> None:
         matrix, space = read_transform(export_run(run, tmp_path / name, format=name[2:]))
         assert space == "LPS"
         np.testing.assert_allclose(matrix, expected, atol=1e-9)
+
+
+def test_a_case_in_pixels_is_refused_for_formats_in_millimetres(tmp_path: Path) -> None:
+    case = replace(bulged_case("pixels"), units="px")
+    for format in ("carto_vtk", "dif", "opencarp", "tfm"):
+        assert "is in mm by definition, and the case is in px" in str(Export(format=format).obstacle(case))
+    assert Export(format="ply").obstacle(case) is None
 
 
 def test_two_dimensions_are_refused(tmp_path: Path) -> None:

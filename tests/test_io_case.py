@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import signal
 import subprocess
 import sys
 import time
+import tomllib
 from dataclasses import replace
 from pathlib import Path
 
@@ -21,6 +23,7 @@ from o3dls.errors import InputError
 from o3dls.geometry import Surface, outline
 from o3dls.io import read_case, read_points, write_case, write_points, write_surface
 from o3dls.io.atomic import staged_file, staged_folder
+from o3dls.io.case_settings import toml_lines
 from o3dls.io.repair import capped, closed_outward, welded
 
 SEED = 738_112
@@ -97,6 +100,9 @@ def test_delimiters_aliases_and_comments(delimiter: str, tmp_path: Path) -> None
         ("x,y,z,bipolar\n1,2,3,high\n", "column 'bipolar': 'high' is not a number"),
         ("x,y,z,sigma\n1,2,3,\n1,2,4,0\n", "line 3, column 'sigma': a noise level must be above 0, not 0"),
         ("x,y,z,type\n1,2,3,abblation\n", "line 2, column 'type': 'abblation' is no type of point: did you mean 'ablation'"),
+        ("x,y,z\n1,2,1_0\n", "line 2, column 'z': '1_0' is not a number"),
+        ("x,y,z\n1,2,3\n# the end\n", "line 3 has 1 cells, the header has 3; comments belong above the header"),
+        ("# space=scanner\nx,y,z\n1,2,3\n", "states space=scanner: must be one of LPS, RAS, unknown"),
         ("x,y,z,x\n1,2,3,4\n", "'x' is there twice"),
         ("x,y,z,\n1,2,3,4\n", "is empty"),
         ("x,y,z\n", "a header but no points"),
@@ -156,6 +162,52 @@ def test_declared_units_become_millimetres(units: str, factor: float, tmp_path: 
     np.testing.assert_allclose(back.truth.surface.vertices, cube().vertices)
 
 
+def test_every_file_of_a_case_is_in_the_units_that_it_states(tmp_path: Path) -> None:
+    write_case(tmp_path / "c", case())
+    for name in ("held_out.csv", "correspondence.csv", "prior_landmarks.csv", "points.csv"):
+        path = tmp_path / "c" / name
+        path.write_text("# Units=CM, space=lps\n" + path.read_text())
+    back, known = read_case(tmp_path / "c"), case()
+    np.testing.assert_allclose(back.points.xyz, known.points.xyz * 10)
+    np.testing.assert_allclose(back.truth.held_out, known.truth.held_out * 10)
+    np.testing.assert_allclose(back.truth.correspondence, np.array(known.truth.correspondence) * 10)
+    np.testing.assert_allclose(back.prior_landmarks["LSPV"], [10, 20, 30])
+    write_surface(tmp_path / "c/prior.ply", cube(), units="inches")
+    with pytest.raises(InputError, match=r"prior\.ply: states units 'inches': must be one of mm, cm"):
+        read_case(tmp_path / "c", units="cm")
+
+
+def test_an_outline_is_in_the_units_that_it_states(tmp_path: Path) -> None:
+    (tmp_path / "case.toml").write_text("dimension = 2\n")
+    (tmp_path / "prior.csv").write_text("# units=cm\nx,y\n0,0\n6,0\n6,7\n0,7\n")
+    (tmp_path / "points.csv").write_text("# units=cm\nx,y\n" + "1,2\n" * 12)
+    back = read_case(tmp_path)
+    assert back.prior.volume == pytest.approx(4200.0)
+    np.testing.assert_array_equal(back.points.xyz, [[10, 20]] * 12)
+
+
+def test_frames_are_known_words_and_agree(tmp_path: Path) -> None:
+    write_case(tmp_path / "c", replace(case(), frame="unknown"))
+    path = tmp_path / "c/points.csv"
+    path.write_text("# space=ras, units=mm\n" + path.read_text())
+    assert read_case(tmp_path / "c").frame == "RAS"
+    with pytest.raises(InputError, match=r"points\.csv: states frame RAS, and --frame or case\.toml says LPS"):
+        read_case(tmp_path / "c", frame="LPS")
+    write_surface(tmp_path / "c/prior.ply", cube(), space="RAS")
+    path = tmp_path / "c/prior_landmarks.csv"
+    path.write_text("# space=LPS\n" + path.read_text())
+    np.testing.assert_array_equal(read_case(tmp_path / "c").prior_landmarks["LSPV"], [-1, -2, 3])
+
+
+def test_numbers_of_unknown_columns_keep_their_value_or_stay_text(tmp_path: Path) -> None:
+    (tmp_path / "p.csv").write_text("x,y,z,id,code,depth\n1,2,3,12345678901234567,007,0.50\n4,5,6,12345678901234568,1_0,\n")
+    write_points(tmp_path / "q.csv", read_points(tmp_path / "p.csv"))
+    columns = read_points(tmp_path / "q.csv").columns
+    assert columns["id"].tolist() == ["12345678901234567", "12345678901234568"]
+    assert columns["code"].tolist() == ["007", "1_0"]
+    np.testing.assert_array_equal(columns["depth"], [0.5, np.nan])
+
+
 def test_undeclared_metres_are_asked_about(tmp_path: Path) -> None:
     write_case(tmp_path / "c", case())
     (tmp_path / "c/case.toml").unlink()
@@ -199,7 +251,11 @@ def test_a_force_that_stands_for_none_is_refused(tmp_path: Path) -> None:
         ("prior_landmarks.csv", "name,x,y\nA,1,2\n", "no column 'z'"),
         ("init.csv", "1,0,0\n0,1,0\n", "must hold 4 rows of 4"),
         ("init.csv", "1,0,0,0\n0,1,0,0\n0,0,-1,0\n0,0,0,1\n", "determinant positive"),
+        ("init.csv", "1,0,0,1_0\n0,1,0,0\n0,0,1,0\n0,0,0,1\n", "must hold 4 rows of 4"),
         ("outliers.csv", "row\n99\n", "outliers.csv names row 99: points have rows 0 to 19"),
+        ("outliers.csv", "row\n0\n-1\n", "outliers.csv names row -1: points have rows 0 to 19"),
+        ("outliers.csv", "row\n1.5\n", "outliers.csv: column 'row': 1.5 must be a whole number"),
+        ("held_out.csv", "# units=inches\nx,y,z\n1,2,3\n", "held_out.csv: states units 'inches': must be one of mm, cm"),
         ("held_out.csv", "x,y\n1,2\n", "held_out.csv: line 1: no column 'z'"),
         ("points.csv", "x,y,z\n" + "1,2,3\n" * 9, "9 points of type eam: at least 10"),
         ("points.csv", "", "points.csv: is empty"),
@@ -296,6 +352,51 @@ def test_staged_folder_appears_whole_and_replaces_only_our_own(tmp_path: Path) -
     with pytest.raises(InputError, match="not ours to replace"), staged_folder(out, force=True):
         pass
     assert [p.name for p in tmp_path.iterdir()] == ["run"]
+
+
+def test_a_link_is_followed_and_stays(tmp_path: Path) -> None:
+    (tmp_path / "there").mkdir()
+    for name in ("file.txt", "folder", "dangling"):
+        (tmp_path / name).symlink_to(tmp_path / "there" / f"real_{name}")
+    (tmp_path / "there/real_folder").mkdir()
+    with staged_file(tmp_path / "file.txt") as staged:
+        assert staged.suffix == ".txt"
+        staged.write_text("new")
+    for name in ("folder", "dangling"):
+        with staged_folder(tmp_path / name) as folder:
+            (folder / "run.json").write_text("{}")
+    assert all(path.is_symlink() for path in tmp_path.iterdir() if path.name != "there")
+    assert (tmp_path / "there/real_file.txt").read_text() == "new"
+    assert sorted(path.name for path in (tmp_path / "there").iterdir()) == ["real_dangling", "real_file.txt", "real_folder"]
+
+
+def test_a_pipe_is_not_replaced_by_a_file(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(InputError, match="pipe: is a pipe or a device; name a file"), staged_file(tmp_path / "pipe"):
+        pass
+    assert (tmp_path / "pipe").is_fifo()
+
+
+def test_the_working_folder_is_not_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "run").mkdir()
+    monkeypatch.chdir(tmp_path / "run")
+    for name in (".", "..", tmp_path / "run"):
+        with pytest.raises(InputError, match="is the working folder, or holds it"), staged_folder(name, force=True):
+            pass
+
+
+def test_a_full_disk_is_said_with_the_name_of_the_file(tmp_path: Path) -> None:
+    for staged in (staged_file, staged_folder):
+        with pytest.raises(InputError, match=r"a\.txt: cannot be written: No space left"), staged(tmp_path / "a.txt"):
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("name", ["für 😀", "a\x7fb", 'a"b\\c\n', os.fsdecode(b"F\xfcr")])
+def test_any_name_of_a_case_is_written_so_that_it_is_read(name: str, tmp_path: Path) -> None:
+    path = tmp_path / "case.toml"
+    path.write_text(toml_lines({"name": name}), encoding="utf-8")
+    assert tomllib.loads(path.read_text(encoding="utf-8"))["name"] == name.replace("\udcfc", "?")
 
 
 def test_a_killed_process_leaves_nothing_that_looks_finished(tmp_path: Path) -> None:

@@ -16,11 +16,13 @@ from formats import FIELDS, SPACE, SUFFIX, TOLERANCE, marker, same_body, write_a
 from o3dls.conversion import convert
 from o3dls.errors import InputError
 from o3dls.geometry import Surface
-from o3dls.io import read_surface, read_surface_file
+from o3dls.io import read_surface, read_surface_file, write_surface
 from o3dls.io.images import read_image
 from o3dls.io.markups import Markups, read_markups, write_markups
 from o3dls.io.mesh import FORMATS
 from o3dls.io.objects import points_of, surface_of, to_open3d, to_pyvista, to_trimesh
+from o3dls.io.opencarp import write_mesh
+from o3dls.io.points import read_points_table
 from o3dls.io.repair import capped
 from o3dls.io.transforms import read_transform, write_transform
 from o3dls.io.volumes import write_volume
@@ -125,6 +127,55 @@ def test_we_read_every_vtp_of_vtk(mode: str, packer: str | None, tmp_path: Path)
     np.testing.assert_array_equal(surface.fields["bipolar"], marker().fields["bipolar"])
 
 
+@pytest.mark.parametrize("suffix", ["vtk", "vtp", "object"])
+def test_strips_beside_polygons_are_read(suffix: str, tmp_path: Path) -> None:
+    vtk = pytest.importorskip("vtk")
+    pyvista = pytest.importorskip("pyvista")
+    halves = [to_pyvista(Surface(marker().vertices, part)) for part in (marker().faces[:2], marker().faces[2:])]
+    stripper = vtk.vtkStripper()
+    stripper.SetInputData(halves[1])
+    stripper.Update()
+    mesh = pyvista.PolyData(marker().vertices, faces=halves[0].faces, strips=pyvista.wrap(stripper.GetOutput()).strips)
+    if suffix != "object":
+        mesh.save(tmp_path / f"a.{suffix}")
+    surface = surface_of(mesh) if suffix == "object" else read_surface(tmp_path / f"a.{suffix}")
+    same_body(surface.vertices, surface.faces, 1e-12)
+
+
+def test_colours_of_vtk_are_the_same_in_text_and_binary(tmp_path: Path) -> None:
+    pytest.importorskip("pyvista")
+    mesh = to_pyvista(marker())
+    mesh.point_data["rgb"] = np.arange(0, 252, 21, dtype=np.uint8).reshape(4, 3)
+    mesh.point_data.active_scalars_name = "rgb"
+    for binary in (True, False):
+        mesh.save(tmp_path / "a.vtk", binary=binary)
+        assert b"COLOR_SCALARS" in (tmp_path / "a.vtk").read_bytes()
+        np.testing.assert_array_equal(read_surface(tmp_path / "a.vtk").fields["rgb"], mesh.point_data["rgb"])
+
+
+def test_dif_is_in_lps_whatever_is_written(tmp_path: Path) -> None:
+    convert(write_as("ply", tmp_path), tmp_path / "ras.xml", to="RAS")
+    file = read_surface_file(tmp_path / "ras.xml")
+    assert file.space == "LPS"
+    same_body(file.surface.vertices, file.surface.faces, TOLERANCE["dif"])
+
+
+def test_volumes_of_one_name_are_told_apart(tmp_path: Path) -> None:
+    path = write_as("dif", tmp_path)
+    volume = path.read_text().partition("<Volume ")[2].partition("</Volume>")[0]
+    path.write_text(path.read_text().replace("</Volume>", f"</Volume><Volume {volume.replace('10.0000', '12.0000')}</Volume>"))
+    with pytest.raises(InputError, match=r"say which with --part: surface \(volume 0\), surface \(volume 1\)"):
+        read_surface(path)
+    starts = [read_surface_file(path, part=f"surface (volume {k})").surface.vertices[0, 0] for k in (0, 1)]
+    assert starts == [10.0, 12.0]
+
+
+@pytest.mark.parametrize(("name", "read_as"), [("late_gadolinium", "late_gadolinium"), ("lat", "lat"), ("LAT Isochronal", "lat")])
+def test_dif_scalars_keep_their_names(name: str, read_as: str, tmp_path: Path) -> None:
+    path = write_as("dif", tmp_path, Surface(marker().vertices, marker().faces, {name: np.arange(4.0)}))
+    assert read_as in read_surface(path).fields
+
+
 def to_pyvista_or_skip() -> object:
     pytest.importorskip("pyvista")
     return to_pyvista(marker())
@@ -204,6 +255,27 @@ def test_opencarp_word_for_word(tmp_path: Path) -> None:
     assert not (tmp_path / "opencarp_bipolar.dat").exists()  # it has a missing value, for which the format has no word
 
 
+def test_fields_of_opencarp_belong_to_their_mesh(tmp_path: Path) -> None:
+    surface = Surface(marker().vertices, marker().faces, {"a b": np.arange(4.0), "a_b": np.ones(4)})
+    base = tmp_path / "map[1].pts"
+    write_surface(base, surface)
+    assert list(read_surface(base).fields) == ["a_b", "a_b_"]
+    with pytest.raises(InputError, match=r"map\[1\]_a_b.dat: is a field of an earlier mesh of this name"):
+        write_surface(base, marker())
+    write_surface(tmp_path / "map[1]_fine.pts", Surface(marker().vertices[:3], [[0, 1, 2]], {"lat": np.ones(3)}))
+    assert list(read_surface(base).fields) == ["a_b", "a_b_"]
+    assert list(read_surface(tmp_path / "map[1]_fine.elem").fields) == ["lat"]
+
+
+def test_files_of_opencarp_have_the_base_that_is_named(tmp_path: Path) -> None:
+    write_mesh(tmp_path / "la.v2", marker())
+    assert {p.name for p in tmp_path.iterdir()} == {"la.v2.pts", "la.v2.elem", "la.v2.lon", "la.v2_depth.dat"}
+    for suffix in (".pts", ".elem"):
+        (tmp_path / f"la.v2{suffix}").rename(tmp_path / f"LA{suffix.upper()}")
+    surface = read_surface(tmp_path / "LA.PTS")
+    same_body(surface.vertices, surface.faces, TOLERANCE["opencarp"])
+
+
 @pytest.mark.parametrize("space", ["LPS", "RAS"])
 def test_markups_keep_names_and_places(space: str, tmp_path: Path) -> None:
     marks = Markups(("LSPV", "RSPV µ"), marker().vertices[:2], space)
@@ -229,9 +301,11 @@ def test_markups_of_old_and_new_slicer_are_the_same_places(shared_data: Path) ->
     [
         ("# columns = id,x,y,z,label\n1,2,3,4,A\n", "states no '# CoordinateSystem"),
         ("# CoordinateSystem = LPS\n# columns = id,x,y,z,label\n1,2,x,4,A\n", "line 3: coordinate 'x' is not a number"),
+        ("# CoordinateSystem = LPS\n# columns = id,x,y,z,label\n1,2,1_0,4,A\n", "line 3: coordinate '1_0' is not a number"),
         ("# CoordinateSystem = LPS\n# columns = id,x,y,label\n", "must name x, y, z"),
         ('{"markups": []}', "no list 'markups'"),
         ('{"markups": [{"coordinateSystem": "IJK"}]}', "must be LPS or RAS"),
+        ('{"markups": [{"coordinateUnits": {"a": 1}}]}', "coordinateUnits .* one of mm"),
         ('{"markups": [{"controlPoints": [{"position": [1, 2]}]}]}', "must be three numbers"),
         ('{"markups": ', "is no JSON"),
     ],
@@ -380,6 +454,94 @@ def test_conversion_says_what_it_needs(tmp_path: Path) -> None:
     same_body(file.surface.vertices, file.surface.faces, 1e-6, marker().transformed(HALF_TURN))
     with pytest.raises(InputError, match="states units mm, and cm was given"):
         convert(out, tmp_path / "p.ply", units="cm")
+
+
+def test_units_that_nobody_knows_are_asked_for_and_the_option_wins(tmp_path: Path) -> None:
+    write_surface(tmp_path / "a.ply", marker(), units="millimeter")
+    (tmp_path / "a.csv").write_text("# units=millimeter\nx,y,z\n0,0,0\n30,40,50\n")
+    for name in ("a.ply", "a.csv"):
+        with pytest.raises(InputError, match=r"states units 'millimeter': must be one of mm, .* say which with --units"):
+            convert(tmp_path / name, tmp_path / f"b{name[1:]}")
+        convert(tmp_path / name, tmp_path / f"b{name[1:]}", units="mm")
+    np.testing.assert_array_equal(read_surface(tmp_path / "b.ply").vertices, marker().vertices)
+
+
+def test_tables_of_points_keep_columns_and_units(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("# units=cm\nname,x,y,z,sigma,acq_id\n#1,1,2,3,.1,007\n#2,4,15,6,,12345678901234567\n")
+    convert(tmp_path / "a.csv", tmp_path / "b.csv", frame="LPS", to="RAS")
+    table = read_points_table(tmp_path / "b.csv")
+    assert dict(table.notes) == {"space": "RAS", "units": "mm"}
+    assert list(table.columns) == ["name", "x", "y", "z", "sigma", "acq_id"]
+    assert table.columns["name"] == ["#1", "#2"]
+    assert table.columns["acq_id"] == ["007", "12345678901234567"]
+    np.testing.assert_allclose(table.numbers("x"), [-10, -40])
+    np.testing.assert_allclose(table.numbers("sigma", missing=True), [1, np.nan])
+    (tmp_path / "c.csv").write_text("# units=px\nx,y,z\n0,0,0\n30,40,50\n")
+    convert(tmp_path / "c.csv", tmp_path / "d.csv")
+    assert read_points_table(tmp_path / "d.csv").notes["units"] == "px"
+    with pytest.raises(InputError, match=r"Slicer's markups are in mm, and .*c\.csv is in px"):
+        convert(tmp_path / "c.csv", tmp_path / "d.mrk.json", frame="LPS")
+
+
+def test_names_of_places_survive_or_are_refused(tmp_path: Path) -> None:
+    marks = Markups(("#1", "#2", "a, b"), marker().vertices[:3], "LPS")
+    write_markups(tmp_path / "a.mrk.json", marks)
+    convert(tmp_path / "a.mrk.json", tmp_path / "a.csv")
+    convert(tmp_path / "a.csv", tmp_path / "b.mrk.json")
+    assert read_markups(tmp_path / "b.mrk.json").names == marks.names
+    write_markups(tmp_path / "a.mrk.json", Markups(("two\nlines",), np.zeros((1, 3)), "LPS"))
+    with pytest.raises(InputError, match=r"c\.csv: column 'name': .* holds a line break"):
+        convert(tmp_path / "a.mrk.json", tmp_path / "c.csv")
+    (tmp_path / "n.json").write_text('{"markups": [{"controlPoints": [{"label": null, "position": [1, 2, 3]}]}]}')
+    assert read_markups(tmp_path / "n.json").names == ("",)
+
+
+def test_a_pose_takes_no_units(tmp_path: Path) -> None:
+    write_transform(tmp_path / "a.txt", POSE, "LPS")
+    with pytest.raises(InputError, match="leave --units away"):
+        convert(tmp_path / "a.txt", tmp_path / "b.txt", units="cm")
+
+
+def test_capital_suffixes_mean_the_same(tmp_path: Path) -> None:
+    for name in ("a.TFM", "b.TXT"):
+        write_transform(tmp_path / name, POSE, "LPS")
+        convert(tmp_path / name, tmp_path / "back.TXT")
+        np.testing.assert_allclose(read_transform(tmp_path / "back.TXT")[0], POSE, atol=1e-9)
+    marks = Markups(("a", "b"), marker().vertices[:2], "LPS")
+    write_markups(tmp_path / "a.MRK.JSON", marks)
+    convert(tmp_path / "a.MRK.JSON", tmp_path / "a.CSV")
+    convert(tmp_path / "a.CSV", tmp_path / "b.MRK.JSON")
+    np.testing.assert_array_equal(read_markups(tmp_path / "b.MRK.JSON").xyz, marks.xyz)
+    (tmp_path / "o.CSV").write_text("x,y\n0,0\n9,0\n9,7\n")
+    assert read_surface(tmp_path / "o.CSV").dimension == 2
+    write_volume(tmp_path / "v.NRRD", np.ones((3, 3, 3)), 1.0, np.zeros(3), space="LPS")
+    assert read_image(tmp_path / "v.NRRD", (tmp_path / "v.NRRD").read_bytes()).values.shape == (3, 3, 3)
+
+
+@pytest.mark.parametrize("name", ["broken.stl", "short.stl", "new.nii", "old.mat"])
+def test_what_is_no_file_of_ours_is_said_to_be_none(name: str, tmp_path: Path) -> None:
+    (tmp_path / name).write_bytes(b"solid of ten" if name == "short.stl" else b"\0\1\2" * 60)
+    with pytest.raises(InputError, match=rf"{name}: is no surface, points .* that o3dls knows"):
+        convert(tmp_path / name, tmp_path / "o.ply")
+
+
+def test_outlines_in_2d_are_refused_where_they_have_no_room(tmp_path: Path) -> None:
+    (tmp_path / "o.csv").write_text("# units=cm space=RAS\nx,y\n0,0\n6,0\n6,7\n")
+    for name in ("o.ply", "o.stl", "o.obj", "o.off", "o.mesh", "o.mat", "o.xml", "o.pts"):
+        with pytest.raises(InputError, match=f"{name}: .* is for surfaces in 3D; outlines in 2D are written as csv"):
+            convert(tmp_path / "o.csv", tmp_path / name)
+    with pytest.raises(InputError, match="leave --to away"):
+        convert(tmp_path / "o.csv", tmp_path / "p.csv", to="LPS")
+    convert(tmp_path / "o.csv", tmp_path / "p.csv")
+    assert read_surface(tmp_path / "p.csv").volume == pytest.approx(2100)  # mm2
+
+
+@pytest.mark.parametrize("name", ["carto_mesh", "carto_vtk", "dif", "openep", "opencarp"])
+def test_pixels_are_refused_where_the_format_means_millimetres(name: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="in mm by definition, and the surface is in px"):
+        write_surface(tmp_path / f"a.{SUFFIX[name]}", marker(), units="px", format=name)
+    with pytest.raises(InputError, match="files of the format"):
+        write_surface(tmp_path / "a.ply", marker(), format=name)
 
 
 def test_conversion_closes_and_decimates(tmp_path: Path) -> None:

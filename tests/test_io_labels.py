@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from o3dls.conversion import convert
 from o3dls.errors import InputError
 from o3dls.io import read_case, read_surface_file
 
@@ -131,6 +132,88 @@ def test_nrrd_in_ras_is_turned_and_no_space_is_unknown(tmp_path: Path) -> None:
         np.testing.assert_allclose((file.surface.vertices.min(axis=0) + file.surface.vertices.max(axis=0)) / 2, centre, atol=0.05)
     nrrd.write(str(tmp_path / "b.nrrd"), mask, {"space dimension": 3, **geometry})
     assert read_surface_file(tmp_path / "b.nrrd").space == "unknown"
+
+
+def saved(values: np.ndarray, path: Path) -> Path:
+    sitk.WriteImage(sitk.GetImageFromArray(values.astype(np.uint8)), str(path))
+    return path
+
+
+def body() -> np.ndarray:
+    values = np.zeros((12, 13, 14))
+    values[3:8, 4:9, 5:9] = 1
+    return values
+
+
+def test_voxels_behind_another_header_are_found(tmp_path: Path) -> None:
+    known = read_surface_file(saved(body(), tmp_path / "a.mhd")).surface.vertices
+    raw, text = (tmp_path / "a.raw").read_bytes(), (tmp_path / "a.mhd").read_text()
+    (tmp_path / "a.raw").write_bytes(b"head of 17 bytes." + raw)
+    for size in (17, -1):
+        (tmp_path / "b.mhd").write_text(text.replace("ElementDataFile", f"HeaderSize = {size}\nElementDataFile"))
+        np.testing.assert_array_equal(read_surface_file(tmp_path / "b.mhd").surface.vertices, known)
+    for old, new, sentence in (
+        ("ElementDataFile", "HeaderSize = -2\nElementDataFile", "HeaderSize = -2: must be"),
+        ("BinaryData = True", "BinaryData = False", "BinaryData = False: must be True"),
+    ):
+        (tmp_path / "b.mhd").write_text(text.replace(old, new))
+        with pytest.raises(InputError, match=sentence):
+            read_surface_file(tmp_path / "b.mhd")
+
+
+def test_nrrd_units_become_millimetres_and_unknown_ones_are_refused(tmp_path: Path) -> None:
+    head, _, data = saved(body(), tmp_path / "a.nrrd").read_bytes().partition(b"\n\n")
+    known = read_surface_file(tmp_path / "a.nrrd").surface.vertices
+    for words, step, factor in (('"cm" "cm" "cm"', b"1", 10), ('"mm" "mm" "um"', b"1000", 1), ('"" "" ""', b"1", 1)):
+        stated = head.replace(b"(0,0,1)", b"(0,0,%b)" % step) + f"\nspace units: {words}\n\n".encode()
+        (tmp_path / "b.nrrd").write_bytes(stated + data)
+        np.testing.assert_allclose(read_surface_file(tmp_path / "b.nrrd").surface.vertices, known * factor, rtol=1e-6)
+    (tmp_path / "b.nrrd").write_bytes(head + b'\nspace units: "mi" "mi" "mi"\n\n' + data)
+    with pytest.raises(InputError, match=r'space units "mi" "mi" "mi": must be three of mm, um'):
+        read_surface_file(tmp_path / "b.nrrd")
+    (tmp_path / "b.nrrd").write_bytes(head.replace(b"(0,0,1)", b"(0,0,1_0)") + b"\n\n" + data)
+    with pytest.raises(InputError, match="space directions: value '1_0' is not a number"):
+        read_surface_file(tmp_path / "b.nrrd")
+
+
+def test_data_may_be_named_with_a_dot_and_a_slash(tmp_path: Path) -> None:
+    path = saved(body(), tmp_path / "a.nhdr")
+    known = read_surface_file(path).surface.vertices
+    path.write_text(path.read_text().replace("data file: ", "data file: ./"))
+    np.testing.assert_array_equal(read_surface_file(path).surface.vertices, known)
+    path.write_text(path.read_text().replace("data file: ./", "data file: ../"))
+    with pytest.raises(InputError, match="must be one file in the same folder"):
+        read_surface_file(path)
+
+
+def test_labels_that_enclose_nothing_are_refused(tmp_path: Path) -> None:
+    values = body()
+    values[0, 0, 0], values[0, 5, :] = 2, 3
+    path = saved(values, tmp_path / "a.mha")
+    for label in (2, 3):
+        with pytest.raises(InputError, match=rf"a\.mha: label {label}: its \d+ voxels are too few or lie too thin"):
+            read_surface_file(path, label=label)
+    with pytest.raises(InputError, match="no voxel of label 1 lies in the box"):
+        read_surface_file(path, label=1, box=(50, 50, 50, 60, 60, 60))
+    with pytest.raises(InputError, match="label 1 and part 'LA' are both given"):
+        read_surface_file(path, label=1, part="LA")
+
+
+def test_segments_without_voxels_or_layer_are_refused(tmp_path: Path) -> None:
+    head, _, data = saved(body(), tmp_path / "a.nrrd").read_bytes().partition(b"\n\n")
+    notes = "Segment0_Name:=LA\nSegment0_LabelValue:=7\nSegment1_Name:=LV\nSegment1_Layer:=3\n"
+    (tmp_path / "a.nrrd").write_bytes(head + f"\n{notes}\n".encode() + data)
+    with pytest.raises(InputError, match="no voxel of label 7 is there"):
+        read_surface_file(tmp_path / "a.nrrd", part="LA")
+    with pytest.raises(InputError, match="segment 'LV' is in layer 3: there are 1"):
+        read_surface_file(tmp_path / "a.nrrd", part="LV")
+
+
+def test_pieces_that_are_left_out_are_told(tmp_path: Path) -> None:
+    values = body()
+    values[0, 0, :4] = 1
+    told = convert(saved(values, tmp_path / "a.mha"), tmp_path / "a.ply")
+    assert any("4 voxels of smaller pieces are left out" in sentence for sentence in told)
 
 
 def test_what_is_no_label_volume_is_refused(tmp_path: Path) -> None:

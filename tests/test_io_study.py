@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import unicodedata
 import zipfile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,8 +18,11 @@ from o3dls.case import Points
 from o3dls.errors import InputError
 from o3dls.geometry import Surface, apply, similarity
 from o3dls.io import carto_mesh, carto_points, dif, ensite, openep, read_case, read_points, read_surface
-from o3dls.io.study import Imported, _registered_shell, _write_registered, import_study, read_study, vendor_pose
+from o3dls.io.carto_study import vendor_pose
+from o3dls.io.markups import Markups, write_markups
+from o3dls.io.study import Imported, _registered_shell, _write_registered, import_study, read_study
 from o3dls.io.surface_file import SurfaceFile
+from o3dls.io.table import read_table
 
 SEED = 5_102_933
 EXPORT = "formats/carto_export"
@@ -136,14 +141,97 @@ def test_archives_that_cannot_be_opened_say_why(tmp_path: Path) -> None:
     (tmp_path / "b.zip").write_bytes(whole[: len(whole) // 2])
     with pytest.raises(InputError, match="no readable zip"):
         read_study(tmp_path / "b.zip")
-    locked = bytearray(whole)
-    for mark, at in ((b"PK\x03\x04", 6), (b"PK\x01\x02", 8)):  # set the flag that says encrypted
+    for at, bits, sentence in ((6, 1, "password"), (8, 9, "method is not supported; unpack it with another program")):
+        (tmp_path / "c.zip").write_bytes(with_header_bits(whole, at, bits))
+        with pytest.raises(InputError, match=sentence):
+            read_study(tmp_path / "c.zip")
+
+
+def with_header_bits(data: bytes, at: int, bits: int) -> bytes:
+    """A zip whose headers say another thing of every file: 1 at 6 is the flag for encrypted, 9 at 8 the method Deflate64."""
+    out = bytearray(data)
+    for mark, offset in ((b"PK\x03\x04", at), (b"PK\x01\x02", at + 2)):
         start = -1
-        while (start := locked.find(mark, start + 1)) >= 0:
-            locked[start + at] |= 1
-    (tmp_path / "c.zip").write_bytes(bytes(locked))
-    with pytest.raises(InputError, match="password"):
-        read_study(tmp_path / "c.zip")
+        while (start := out.find(mark, start + 1)) >= 0:
+            out[start + offset] |= bits
+    return bytes(out)
+
+
+@pytest.mark.parametrize("beside", ["__MACOSX/._Export.zip", "list.csv"])
+def test_a_zip_in_a_zip_is_found_whatever_lies_beside_it(beside: str, tmp_path: Path) -> None:
+    inner = zipped(carto_folder(tmp_path / "s"), tmp_path / "Export.zip")
+    with zipfile.ZipFile(tmp_path / "all.zip", "w") as file:
+        file.write(inner, "Export.zip")
+        file.writestr(beside, "a,b\n")
+    assert len(read_study(tmp_path / "all.zip").points) == 4
+
+
+def test_names_are_found_with_accents_written_either_way_and_with_backslashes(tmp_path: Path) -> None:
+    folder = carto_folder(tmp_path / "s")
+    for path in folder.glob("1-Map*"):
+        path.rename(folder / unicodedata.normalize("NFD", path.name.replace("1-Map", "Vorhöfe")))
+    xml = folder / "Study 1.xml"
+    xml.write_text(xml.read_text(encoding="cp1252").replace("1-Map", "Vorhöfe"), encoding="utf-8")
+    with zipfile.ZipFile(tmp_path / "a.zip", "w") as file:
+        for path in folder.rglob("*.*"):
+            file.writestr("top\\" + str(path.relative_to(folder)).replace("/", "\\"), path.read_bytes())
+    for study in (folder, tmp_path / "a.zip"):
+        assert len(read_study(study, "Vorhöfe").points) == 4
+
+
+@pytest.mark.parametrize("start", ["", "\ufeff", "<?xml version='1.0'?>\n<!-- one --><!-- two -->\n"])
+def test_a_study_is_found_by_its_content_or_by_its_xml(start: str, tmp_path: Path) -> None:
+    folder = carto_folder(tmp_path / "top" / "Patient_Export_2021")
+    xml = (folder / "Study 1.xml").rename(folder / "LA_Export.xml")
+    xml.write_text(start + xml.read_text(encoding="cp1252"), encoding="utf-8")
+    (folder / "1-Map_Points_Export.xml").write_text("<Points />")
+    for study in (tmp_path / "top", xml):
+        found = read_study(study)
+        assert (len(found.points), len(found.shells)) == (4, 1)
+
+
+@pytest.mark.parametrize("name", ["map", "prior.v2", "truth", "points", "case"])
+def test_an_imported_shell_takes_no_name_that_a_case_knows(name: str, tmp_path: Path) -> None:
+    folder = carto_folder(tmp_path / "s")
+    import_study(folder, "1-Map", tmp_path / "before")
+    (folder / "CT.mesh").write_bytes(carto_mesh.write(SurfaceFile(marker().with_vertices(2 * marker().vertices))))
+    (folder / "CT.mesh").rename(folder / f"{name}.mesh")
+    xml = folder / "Study 1.xml"
+    xml.write_text(xml.read_text(encoding="cp1252").replace("CT.mesh", f"{name}.mesh"), encoding="cp1252")
+    import_study(folder, "1-Map", tmp_path / "after")
+    before, after = ({path.name.split(".")[0] for path in (tmp_path / case).iterdir()} for case in ("before", "after"))
+    assert (tmp_path / "after/map.ply").read_bytes() == (tmp_path / "before/map.ply").read_bytes()
+    assert len(after - before) == 2  # the shell and its registration
+    assert after.isdisjoint({"prior", "truth", "init"})
+
+
+def test_points_that_the_study_has_and_the_export_has_not_are_said(tmp_path: Path) -> None:
+    folder = carto_folder(tmp_path / "s")
+    assert "NOT agree" not in " ".join(read_study(folder).took)
+    car = folder / "1-Map_car.txt"
+    car.write_bytes(b"".join(car.read_bytes().splitlines(keepends=True)[:-1]))
+    assert any(line.startswith("2 points") and "3 points, which does NOT agree" in line for line in read_study(folder).took)
+
+
+def test_landmarks_are_brought_to_the_frame_of_the_prior_from_either_kind_of_file(tmp_path: Path) -> None:
+    folder, prior = carto_folder(tmp_path / "s"), write_as("ply", tmp_path)  # in LPS
+    write_markups(tmp_path / "a.mrk.json", Markups(("LSPV",), np.array([[1.0, 2, 3]]), "RAS"))
+    (tmp_path / "a.csv").write_text("# space=RAS units=cm\nname,x,y,z\nLSPV,0.1,0.2,0.3\n")
+    for path in (tmp_path / "a.mrk.json", tmp_path / "a.csv"):
+        import_study(folder, "1-Map", tmp_path / "case", prior=prior, landmarks=path, force=True)
+        table = read_table(tmp_path / "case/prior_landmarks.csv", "xyz")
+        np.testing.assert_allclose([table.numbers(axis)[0] for axis in "xyz"], [-1, -2, 3])
+        assert table.notes == {"space": "LPS", "units": "mm"}
+    (tmp_path / "a.csv").write_text("# space=RAS units=feet\nname,x,y,z\nLSPV,0.1,0.2,0.3\n")
+    with pytest.raises(InputError, match=r"a\.csv: states units 'feet': must be one of mm, cm"):
+        import_study(folder, "1-Map", tmp_path / "case", prior=prior, landmarks=tmp_path / "a.csv", force=True)
+
+
+def test_what_is_said_of_a_prior_needs_one(tmp_path: Path) -> None:
+    folder = carto_folder(tmp_path / "s")
+    with pytest.raises(InputError, match="cap, label: means nothing without a prior"):
+        import_study(folder, "1-Map", tmp_path / "case", cap=True, label=0, part=None)
+    import_study(folder, "1-Map", tmp_path / "case", cap=False, label=None)
 
 
 def test_car_files_survive() -> None:
@@ -244,26 +332,68 @@ def test_ensite_map_takes_utilised_points_at_the_electrode(tmp_path: Path) -> No
         ensite.read_map(Path("a.csv"), DXL.replace("B,4,5,", "B,4,5x,").encode())
 
 
+def test_ensite_files_of_one_map_must_agree(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text(DXL)
+    (tmp_path / "b.csv").write_text(DXL.replace("9,1,0.5,1", "9,1,0.6,1"))
+    with pytest.raises(InputError, match="several maps fit; say which file with --map"):
+        read_study(tmp_path)
+    assert read_study(tmp_path, "b").points.columns["bipolar"][0] == 0.6
+
+
+def test_ensite_tables_with_semicolons_are_the_same() -> None:
+    points, preamble = ensite.read_map(Path("a.csv"), DXL.encode())
+    other, same = ensite.read_map(Path("a.csv"), DXL.replace(",", ";").encode())
+    np.testing.assert_array_equal(other.xyz, points.xyz)
+    np.testing.assert_array_equal(other.columns["bipolar"], points.columns["bipolar"])
+    assert same == preamble
+    with pytest.raises(InputError, match="line 10, column 'roving y': value '2,5' has a decimal comma"):
+        ensite.read_map(Path("a.csv"), DXL.replace(",", ";").replace("A;1;2;", "A;1;2,5;").encode())
+
+
+def test_an_infinite_value_is_none() -> None:
+    points, _ = ensite.read_map(Path("a.csv"), DXL.replace("9,1,0.5,1", "9,1,inf,1").encode())
+    assert np.isnan(points.columns["bipolar"][0])
+    tree = openep_tree()
+    tree["electric"]["voltages"]["bipolar"][0] = np.inf
+    assert np.isnan(openep.read_points(Path("s.mat"), openep.save(tree)).columns["bipolar"][0])
+
+
 def test_ensite_cloud_lies_inside() -> None:
     cloud = ensite.read_cloud(Path("Model_Point_Cloud.csv"), b"trn_x,trn_y,trn_z,raw_x\n1,2,3,4\n5,6,7,8\n")
     assert cloud.type.tolist() == ["inside", "inside"]
     np.testing.assert_array_equal(cloud.xyz, [[1, 2, 3], [5, 6, 7]])
 
 
-def test_openep_points_and_reference(tmp_path: Path) -> None:
+def openep_tree() -> dict[str, Any]:
     electric = {
         "egmX": np.arange(9.0).reshape(3, 3), "include": np.array([1.0, 0, 1]), "voltages": {"bipolar": np.array([0.1, 0.2, 0.3])},
         "annotations": {"mapAnnot": np.array([2010.0, 2000, 1990]), "referenceAnnot": np.full(3, 2000.0)}, "sampleFrequency": 2000.0,
     }  # fmt: skip
-    shell = {"X": marker().vertices, "Triangulation": marker().faces + 1.0}
-    tree = {"surface": {"triRep": shell}, "electric": electric, "rfindex": {"tag": {"X": np.array([[1.0, 1, 1], [2, 2, 2]])}}}
+    shell = {"triRep": {"X": marker().vertices, "Triangulation": marker().faces + 1.0}, "act_bip": np.ones((4, 2))}
+    return {"surface": shell, "electric": electric, "rfindex": {"tag": {"X": np.array([[1.0, 1, 1], [2, 2, 2]])}}}
+
+
+def test_openep_points_and_reference(tmp_path: Path) -> None:
     path = tmp_path / "s.mat"
-    path.write_bytes(openep.save(tree))
+    path.write_bytes(openep.save(openep_tree()))
     import_study(path, None, tmp_path / "case")
     points = read_points(tmp_path / "case/points.csv")
     np.testing.assert_array_equal(points.type, ["eam", "eam", "ablation", "ablation"])
     np.testing.assert_allclose(points.columns["lat"][:2], [5.0, -5.0])
     np.testing.assert_allclose(points.columns["bipolar"][:2], [0.1, 0.3])
+
+
+@pytest.mark.parametrize("where", ["electric.include", "electric.voltages.bipolar", "electric.annotations.mapAnnot", "surface.act_bip"])
+def test_an_openep_column_that_is_too_short_is_named(where: str, tmp_path: Path) -> None:
+    tree = openep_tree()
+    *groups, last = where.split(".")
+    branch = tree
+    for name in groups:
+        branch = branch[name]
+    branch[last] = branch[last][:-1]
+    (tmp_path / "s.mat").write_bytes(openep.save(tree))
+    with pytest.raises(InputError, match=rf"s\.mat: {where} has \d rows: must be \d, one for each position"):
+        read_study(tmp_path / "s.mat")
 
 
 def test_matlab_73_is_read_too(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,11 @@ TEXT_DIGITS = 1e-8  # relative: text formats keep nine digits
 FLOAT32 = 1e-6
 WITH_FIELDS = ("ply", "vtk", "vtp")
 STATES_UNITS = ("ply", "vtk", "vtp", "off", "stl", "obj")
+VTK_POINTS = b"# vtk DataFile Version 3.0\nt\nASCII\nDATASET POLYDATA\nPOINTS 3 float\n"
+PLY_VERTICES = b"ply\nformat ascii 1.0\ncomment VTK generated PLY File\nelement vertex 3\n" + b"".join(
+    b"property float %c\n" % c for c in b"xyz"
+)
+PLY_ROWS = b"property list int int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"
 TOLERANCE = {"ply": 0.0, "vtk": 0.0, "vtp": 0.0, "off": TEXT_DIGITS, "obj": TEXT_DIGITS, "stl": FLOAT32, "carto_vtk": 1e-6}
 WRITTEN = [f.name for f in FORMATS if f.write and f.name in TOLERANCE]
 
@@ -120,6 +126,13 @@ def test_truncated_files_are_refused(name: str, share: float, tmp_path: Path) ->
         (b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 0 1 2\n", "counts from 1"),
         (b"v 0 0 0\nv 1 0 0\nv 0 one 0\nf 1 2 3\n", "line 3: vertex 'one' is not a number"),
         (b"# vtk DataFile Version 3.0\nt\nASCII\nDATASET POLYDATA\nPOINTS 3 float\n0 0 0\n1 0 0\n", "line 7: 9 numbers are declared, 6"),
+        (b"v 0 0 0\nv 5_0 0 0\nv 0 1 0\nf 1 2 3\n", "line 2: vertex '5_0' is not a number"),
+        (VTK_POINTS + b"0 0 0\n1,5 0 0\n0 1,5 0\n", "line 7: value '1,5' has a decimal comma"),
+        (VTK_POINTS + b"0 0 0\n1 0 0\n0 1_5 0\n", "line 8: value '1_5' is not a number"),
+        (b"<DIF><DIFBody><Volumes><Volume><Vertices>0 0 1_5</Vertices></Volume></Volumes></DIFBody></DIF>", "'1_5' is not a number"),
+        (PLY_VERTICES + b"element tristrips 1\n" + PLY_ROWS, r"holds triangle strips \(element 'tristrips'\), which are not read"),
+        (PLY_VERTICES + b"element face 1\n" + PLY_ROWS[:-1], "the last line has no end"),
+        (PLY_VERTICES + b"element face 1\n" + PLY_ROWS.replace(b"list int ", b"").replace(b"3 0 1 2", b"3"), "has no faces"),
         (b"# vtk DataFile Version 3.0\nt\nASCII\nDATASET STRUCTURED_POINTS\n", "line 4: .* must be DATASET POLYDATA"),
         (b"<?xml version='1.0'?><VTKFile type='PolyData'><PolyData>", "no well-formed XML"),
     ],
@@ -138,6 +151,10 @@ def test_missing_empty_and_folder(tmp_path: Path) -> None:
     (tmp_path / "empty.ply").touch()
     with pytest.raises(InputError, match="is empty"):
         read_surface(tmp_path / "empty.ply")
+    os.mkfifo(tmp_path / "pipe.ply")
+    with pytest.raises(InputError, match="is a pipe or a device"):  # opening one would wait for ever
+        read_surface(tmp_path / "pipe.ply")
+    (tmp_path / "pipe.ply").unlink()
     with pytest.raises(InputError, match="is a folder"):
         read_surface(tmp_path)
     with pytest.raises(InputError, match=r"cannot write surfaces as '\.xyz'"):
@@ -167,6 +184,64 @@ def test_obj_with_texture_and_backward_indices(tmp_path: Path) -> None:
     path = tmp_path / "a.obj"
     path.write_text("o thing\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvn 0 0 1\nf 1/1/1 2//1 3\nf -3 -2 -1\n")
     np.testing.assert_array_equal(read_surface(path).faces, [[0, 1, 2], [0, 1, 2]])
+
+
+def test_obj_indices_count_back_from_where_they_stand(tmp_path: Path) -> None:
+    path = tmp_path / "a.obj"
+    corners = marker().vertices[marker().faces].reshape(-1, 3, 3)
+    path.write_text("".join("".join("v {} {} {}\n".format(*v) for v in triangle) + "  f -3 -2 -1\n" for triangle in corners))
+    np.testing.assert_array_equal(by_position(read_surface(path)), by_position(marker()))
+
+
+@pytest.mark.parametrize("first", range(5))
+def test_polygons_with_a_reflex_corner_are_cut_inside_from_any_first_corner(first: int, tmp_path: Path) -> None:
+    path = tmp_path / "dented.off"
+    for dented in ([(0, 0), (50, 0), (10, 10), (0, 50)], [(0, 0), (50, 0), (10, 10), (20, 50), (0, 50)]):
+        ring = np.roll(np.column_stack([dented, np.zeros(len(dented))]), -first, axis=0)
+        x, y, _ = ring.T
+        n = len(ring)
+        rows = "".join("{} {} {}\n".format(*v) for v in ring)
+        path.write_text(f"OFF\n{n} 1 0\n{rows}{n} {' '.join(map(str, range(n)))}\n")
+        shoelace = 0.5 * (x * np.roll(y, -1) - y * np.roll(x, -1)).sum()
+        assert read_surface(path).area == pytest.approx(shoelace)
+
+
+@pytest.mark.parametrize("name", ["obj", "off"])
+def test_a_cut_within_the_last_number_is_seen(name: str, tmp_path: Path) -> None:
+    ring = 15 * np.column_stack([np.cos(np.arange(120)), np.sin(np.arange(120)), np.arange(120)])
+    faces = np.arange(120).reshape(-1, 3)
+    path = written(name, Surface(ring, faces), tmp_path)
+    path.write_bytes(path.read_bytes()[:-2])  # 119 becomes 11
+    with pytest.raises(InputError, match="the last line has no end"):
+        read_surface(path)
+    path.write_text("OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2")  # other programs end their files so
+    assert len(read_surface(path).faces) == 1
+
+
+def test_field_names_of_ply_never_clash(tmp_path: Path) -> None:
+    column = np.arange(4.0)
+    names = ["x", "nz", "a b", "a_b", "", "lat", "lat_0", "lat_1", "run_0", "run_1", "run_3", "shift_0"]
+    fields = {name: column + k for k, name in enumerate(names)} | {"shift": np.arange(12.0).reshape(4, 3)}
+    back = read_surface(written("ply", Surface(marker().vertices, marker().faces, fields), tmp_path)).fields
+    stored = ["x_", "nz_", "a_b", "a_b_", "_", *names[5:], "shift_"]
+    assert set(back) == set(stored)
+    for name, values in zip(stored, fields.values(), strict=True):
+        np.testing.assert_array_equal(back[name], values)
+
+
+POINT_DATA = "POINT_DATA {n}\nSCALARS depth float\nLOOKUP_TABLE default\n{values}\n"
+TRIANGLE = "# vtk DataFile Version 3.0\nt\nASCII\nDATASET POLYDATA\nPOINTS 3 float\n0 0 0\n1 0 0\n0 1 0\nPOLYGONS 1 4\n3 0 1 2\n"
+COUNTED = "FIELD f 1\ndepth 1 2 float\n1 2\n"
+
+
+def test_point_data_of_another_length_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.vtk"
+    for content in (POINT_DATA.format(n=2, values="1 2"), f"POINT_DATA 3\n{COUNTED}"):
+        path.write_text(TRIANGLE + content)
+        with pytest.raises(InputError, match=r"line 1\d: point data 'depth' have 2 rows: there are 3 points"):
+            read_surface(path)
+    path.write_text(TRIANGLE + POINT_DATA.format(n=3, values="1 2 3") + f"CELL_DATA 2\n{COUNTED}")
+    np.testing.assert_array_equal(read_surface(path).fields["depth"], [1, 2, 3])
 
 
 def test_stl_vertices_are_merged(tmp_path: Path) -> None:

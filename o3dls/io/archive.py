@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import io
+import unicodedata
 import zipfile
 import zlib
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 
 from ..errors import InputError
@@ -18,11 +20,11 @@ MOST_FILES = 1_000_000
 
 @dataclass(frozen=True)
 class Archive:
-    """Names relative to the study's top, and where their bytes are."""
+    """Names relative to the study's top, and, where they are zipped, what holds their bytes."""
 
     path: Path
     names: tuple[str, ...]
-    zipped: zipfile.ZipFile | None = None
+    zipped: Mapping[str, tuple[zipfile.ZipFile, zipfile.ZipInfo]] = field(default_factory=dict)
 
     @classmethod
     def open(cls, path: str | Path) -> Archive:
@@ -40,29 +42,36 @@ class Archive:
     @classmethod
     def _zipped(cls, path: Path, data: bytes) -> Archive:
         try:
-            zipped = zipfile.ZipFile(io.BytesIO(data))
-            names = tuple(sorted(name for name in zipped.namelist() if not name.endswith("/")))
+            file = zipfile.ZipFile(io.BytesIO(data))
         except (zipfile.BadZipFile, NotImplementedError, ValueError, EOFError, zlib.error) as error:
             raise InputError(f"{path}: is no readable zip: {error}; it is truncated or damaged") from None
-        inner = [name for name in names if name.lower().endswith(".zip")]
-        archive = cls(path, names[:MOST_FILES], zipped)
-        if len(inner) == 1 and not any(name.lower().endswith((".xml", ".csv", ".mat")) for name in names):
-            return cls._zipped(path / inner[0], archive.read(inner[0]))
-        return archive
+        found = {info.filename.replace("\\", "/"): (file, info) for info in file.infolist()[:MOST_FILES]}
+        found = {name: where for name, where in found.items() if not name.endswith("/") and not name.startswith("__MACOSX/")}
+        archive = cls(path, tuple(sorted(found)), found)
+        inner = archive.named(".zip")
+        if len(inner) != 1:
+            return archive
+        found |= {f"{inner[0]}/{name}": where for name, where in cls._zipped(path / inner[0], archive.read(inner[0])).zipped.items()}
+        return cls(path, tuple(sorted(found)), found)
+
+    def with_neighbours(self) -> Archive:
+        """All that lies in the folder, where one file of it was named."""
+        return self if self.zipped or len(self.names) > 1 else Archive.open(self.path)
 
     def read(self, name: str) -> bytes:
-        """The bytes of one file. Raises InputError where it is missing, locked or damaged."""
-        if self.zipped is None:
+        """The bytes of one file. Raises InputError where it is locked or damaged."""
+        if not self.zipped:
             return read_bytes(self.path / name)
+        file, info = self.zipped[name]
+        if info.file_size > LARGEST:
+            raise InputError(f"{self.path}: {name} unpacks to more than {LARGEST} bytes")
         try:
-            if self.zipped.getinfo(name).file_size > LARGEST:
-                raise InputError(f"{self.path}: {name} unpacks to more than {LARGEST} bytes")
-            return self.zipped.read(name)
-        except KeyError:
-            raise InputError(f"{self.path}: holds no {name}") from None
+            return file.read(info)
+        except NotImplementedError as error:  # a RuntimeError too
+            raise InputError(f"{self.path}: {name}: {error}; unpack it with another program and name the folder") from None
         except RuntimeError as error:  # what zipfile raises for a password
             raise InputError(f"{self.path}: {name}: {error}; unpack it with its password first") from None
-        except (zipfile.BadZipFile, NotImplementedError, EOFError, zlib.error, ValueError) as error:
+        except (zipfile.BadZipFile, EOFError, zlib.error, ValueError) as error:
             raise InputError(f"{self.path}: {name}: {error}; the zip is damaged") from None
 
     def where(self, name: str) -> Path:
@@ -70,10 +79,15 @@ class Archive:
         return self.path / name
 
     def find(self, folder: str, name: str) -> str | None:
-        """The file of that name in that folder, upper and lower case alike (systems differ); None where there is none."""
-        wanted = str(PurePosixPath(folder) / name).lower()
-        return next((n for n in self.names if n.lower() == wanted), None)
+        """The file of that name in that folder, upper and lower case and both forms of an accent alike; None where there is none."""
+        wanted = _plain(str(PurePosixPath(folder) / name))
+        return next((n for n in self.names if _plain(n) == wanted), None)
 
     def named(self, ending: str) -> list[str]:
         """Files whose name ends so."""
         return [name for name in self.names if name.lower().endswith(ending.lower())]
+
+
+def _plain(name: str) -> str:
+    """A name in the form in which systems agree on it."""
+    return unicodedata.normalize("NFC", name).lower()

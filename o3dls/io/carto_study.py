@@ -12,7 +12,7 @@ import numpy as np
 
 from ..case import Points
 from ..errors import InputError
-from ..geometry import Array
+from ..geometry import Array, apply
 from . import carto_mesh
 from .archive import Archive
 from .carto_points import read_car, read_sites
@@ -21,6 +21,9 @@ from .surface_file import SurfaceFile
 from .text import is_count
 
 ABLATION_TAG = "Ablation"
+CLEARLY_CLOSER = 0.5  # median gap to the points against that of the other direction
+BEGINNING = re.compile(rb"(\xef\xbb\xbf)?\s*(<\?xml[^>]*>\s*)?(?><!--.*?-->\s*)*<Study\b", re.DOTALL)
+OF_POINTS = ("_point_export.xml", "_points_export.xml")  # there are thousands, which need not be read
 LANDMARK = re.compile(r"^(LIPV|LSPV|RIPV|RSPV|LCPV|RMPV|MA|TA|IVC|SVC|CS)( OS)?$")
 
 
@@ -56,14 +59,10 @@ class Study:
 
 def find_study(archive: Archive) -> Study | None:
     """The study in an archive; None where no XML of CARTO's is there. Raises InputError where there are several."""
-    found = [
-        name
-        for name in archive.named(".xml")
-        if "_export" not in name.lower() and re.match(rb"\s*(<\?xml[^>]*>\s*)?<Study\b", archive.read(name)[:500])
-    ]
+    found = [name for name in archive.named(".xml") if not name.lower().endswith(OF_POINTS) and BEGINNING.match(archive.read(name)[:4000])]
     if len(found) > 1:
         raise InputError(f"{archive.path}: holds {len(found)} studies ({', '.join(found)}); name the folder of one")
-    return _study(archive, found[0]) if found else None
+    return _study(archive.with_neighbours(), found[0]) if found else None
 
 
 def _study(archive: Archive, name: str) -> Study:
@@ -148,3 +147,21 @@ def read_ablation(study: Study) -> Points | None:
     """VisiTag's sites of the whole study; None where there are none."""
     name = study.archive.find(f"{study.folder}/VisiTagExport", "Sites.txt")
     return None if name is None else read_sites(study.archive.where(name), study.archive.read(name))
+
+
+def vendor_pose(shell: Array, printed: tuple[float, ...], points: Array) -> Array | None:
+    """The vendor's registration as a pose (4, 4) of a shell's vertices (n, 3) in the map: rows or columns are told by the zeros.
+
+    Its direction is not documented: the one that brings the shell to the points is taken, None where neither is clearly closer.
+    """
+    from scipy.spatial import cKDTree
+
+    matrix = np.reshape(np.asarray(printed, dtype=np.float64), (4, 4))
+    if matrix[3, :3].any() and not matrix[:3, 3].any():
+        matrix = matrix.T
+    if not np.allclose(matrix[3], [0.0, 0.0, 0.0, 1.0]) or abs(np.linalg.det(matrix)) < 1e-9:
+        return None
+    readings = [matrix, np.asarray(np.linalg.inv(matrix), dtype=np.float64)]
+    gaps = [float(np.median(cKDTree(apply(reading, shell)).query(points)[0])) for reading in readings]
+    best = int(np.argmin(gaps))
+    return readings[best] if gaps[best] < CLEARLY_CLOSER * gaps[1 - best] else None

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,11 +13,13 @@ from ..errors import InputError
 from ..geometry import Array, Surface
 from .atomic import staged_folder
 from .case_settings import MILLIMETRES, Folder, open_folder, toml_lines
+from .markups import TURN
 from .mesh import read_surface_file, write_surface
-from .points import points_of, read_points_table, write_points
+from .points import points_of, read_points_table, scaled, write_points
 from .repair import closed_outward
+from .surface_file import SurfaceFile
 from .table import Table, write_table
-from .text import decode, read_bytes
+from .text import decode, integers, read_bytes, rectangle
 
 FEWEST_POINTS = 10
 
@@ -33,12 +37,12 @@ def read_case(folder: str | Path, *, points: str | Path | None = None, units: st
     measured = _points(opened, table)
     case = Case(
         name=opened.settings.get("name", opened.path.resolve().name),
-        prior=prior,
+        prior=prior.surface,
         points=measured,
-        prior_landmarks=_landmarks(opened),
+        prior_landmarks=_landmarks(opened, prior.space),
         init=_init(opened),
         units=opened.units,
-        frame=opened.settings.get("frame", table.notes.get("space", "unknown")),
+        frame=_frame(opened, table),
         notes=opened.settings.get("notes", ""),
         files=opened.hashes,
         truth=_truth(opened),
@@ -48,32 +52,51 @@ def read_case(folder: str | Path, *, points: str | Path | None = None, units: st
     return case
 
 
-def _surface(folder: Folder, role: str) -> Surface | None:
+def _frame(folder: Folder, table: Table) -> str:
+    """The frame that the points or the case state. Raises InputError where both do, and differ."""
+    stated, given = table.notes.get("space", "unknown"), str(folder.settings.get("frame", "unknown"))
+    if "unknown" not in (stated, given) and stated != given:
+        raise InputError(f"{table.path}: states frame {stated}, and --frame or case.toml says {given}; leave that away, or mend the file")
+    return given if stated == "unknown" else stated
+
+
+def _scale(folder: Folder, path: Path, stated: str | None) -> float:
+    """Factor to mm: what the file states, else what the case says. Raises InputError for units that nobody knows."""
+    if stated not in (*MILLIMETRES, "unknown", None):
+        raise InputError(f"{path}: states units '{stated}': must be one of {', '.join(MILLIMETRES)}")
+    return folder.scale(stated)
+
+
+def _scaled(folder: Folder, path: Path, file: SurfaceFile) -> SurfaceFile:
+    return replace(file, surface=file.surface.with_vertices(file.surface.vertices * _scale(folder, path, file.units)))
+
+
+def _surface(folder: Folder, role: str) -> SurfaceFile | None:
     path = folder.find(role)
     if path is None:
         return None
     choice = {key: folder.settings.get(key) for key in ("label", "part", "box")} if role == "prior" else {}
-    file = read_surface_file(path, **choice)
-    surface = file.surface.with_vertices(file.surface.vertices * folder.scale(file.units))
+    file = _scaled(folder, path, read_surface_file(path, **choice))
+    surface = file.surface
     if surface.dimension != folder.dimension:
         hint = f"say dimension = {surface.dimension} in case.toml"
         raise InputError(f"{path}: is {surface.dimension}D, the case is {folder.dimension}D; {hint}")
     if role != "prior":  # a truth may be open: it is only measured against
-        return surface
+        return file
     if "units" not in folder.settings and file.units not in MILLIMETRES:
         check_scale(path, surface.vertices)
-    return closed_outward(surface, str(path), cap=folder.settings.get("cap", False))
+    return replace(file, surface=closed_outward(surface, str(path), cap=folder.settings.get("cap", False)))
 
 
 def _phases(folder: Folder) -> tuple[Surface, ...]:
     """The surfaces in the folder phases/, in the order of their names."""
     found = []
     for path in sorted(p for p in (folder.path / "phases").glob("*") if p.is_file() and not p.name.startswith(".")):
-        file = read_surface_file(path)
-        if file.surface.dimension != folder.dimension:
-            raise InputError(f"{path}: is {file.surface.dimension}D, the case is {folder.dimension}D")
+        surface = _scaled(folder, path, read_surface_file(path)).surface
+        if surface.dimension != folder.dimension:
+            raise InputError(f"{path}: is {surface.dimension}D, the case is {folder.dimension}D")
         folder.note(path)
-        found.append(file.surface.with_vertices(file.surface.vertices * folder.scale(file.units)))
+        found.append(surface)
     return tuple(found)
 
 
@@ -93,31 +116,30 @@ def _points_table(folder: Folder, points: str | Path | None) -> Table:
         raise InputError(f"{folder.path}: no points.csv; there must be one with columns {','.join('xyz'[: folder.dimension])}")
     table = read_points_table(path, folder.dimension)
     folder.note(path)
-    if table.notes.get("units", "mm") not in MILLIMETRES:
-        raise InputError(f"{path}: units={table.notes['units']}: must be one of {', '.join(MILLIMETRES)}")
     return table
 
 
 def _points(folder: Folder, table: Table) -> Points:
-    points = points_of(table, folder.dimension)
-    scale = folder.scale(table.notes.get("units"))
-    columns = {k: v * scale if k == "sigma" else v for k, v in points.columns.items()}
-    points = Points(points.xyz * scale, points.type, columns)
+    stated = table.notes.get("units", "unknown")
+    points = scaled(points_of(table, folder.dimension), _scale(folder, table.path, stated))
     fitted = int((points.type == "eam").sum())
     if fitted < FEWEST_POINTS:
         raise InputError(f"{table.path}: {fitted} points of type eam: at least {FEWEST_POINTS} are needed to fit a surface")
-    if folder.dimension == 3 and "units" not in folder.settings and "units" not in table.notes:
+    if folder.dimension == 3 and "units" not in folder.settings and stated == "unknown":
         check_scale(table.path, points.xyz, np.inf)  # a few points may lie close together
     return points
 
 
-def _landmarks(folder: Folder) -> dict[str, Array]:
+def _landmarks(folder: Folder, space: str) -> dict[str, Array]:
+    """Places named on the prior, in its frame `space`."""
     axes = tuple("xyz"[: folder.dimension])
     table = folder.table("prior_landmarks", ("name", *axes))
     if table is None:
         return {}
     _unique(table, table.columns["name"])
-    xyz = np.column_stack([table.numbers(axis) for axis in axes]) * folder.scale(table.notes.get("units"))
+    xyz = _places(folder, table, axes)
+    if {table.notes.get("space"), space} == {"LPS", "RAS"}:
+        xyz = xyz * TURN[: folder.dimension]
     return dict(zip(table.columns["name"], xyz, strict=True))
 
 
@@ -134,12 +156,8 @@ def _init(folder: Folder) -> Array | None:
     if path is None:
         return None
     n = folder.dimension + 1
-    lines = [line.replace(",", " ").split() for line in decode(read_bytes(path), path).splitlines() if line.strip()]
-    try:
-        matrix = np.array(lines, dtype=np.float64)
-    except ValueError:
-        matrix = np.zeros((0, 0))
-    if matrix.shape != (n, n) or not np.isfinite(matrix).all():
+    matrix = rectangle([line.replace(",", " ") for line in decode(read_bytes(path), path).splitlines() if line.strip()])
+    if matrix is None or matrix.shape != (n, n) or not np.isfinite(matrix).all():
         raise InputError(f"{path}: must hold {n} rows of {n} finite numbers, without a header")
     if not np.allclose(matrix[-1], np.eye(n)[-1]) or np.linalg.det(matrix[:-1, :-1]) <= 0:
         raise InputError(f"{path}: is no pose: the last row must be {np.eye(n)[-1].tolist()} and the determinant positive")
@@ -155,13 +173,12 @@ def _truth(folder: Folder) -> Truth | None:
     pairs = folder.table("correspondence", _pair_names(axes))
     if all(part is None for part in (surface, held, pairs, outliers)):
         return None
-    scale = folder.scale()
     return Truth(
-        surface=surface,
-        held_out=None if held is None else _stack(held, axes) * scale,
+        surface=None if surface is None else surface.surface,
+        held_out=None if held is None else _places(folder, held, axes),
         unseen=None if held is None or "unseen" not in held.columns else held.numbers("unseen") > 0,
-        correspondence=None if pairs is None else tuple(_stack(pairs, tuple(s + a for a in axes)) * scale for s in "pt"),  # type: ignore[arg-type]
-        outliers=None if outliers is None else outliers.numbers("row").astype(np.int64),
+        correspondence=None if pairs is None else tuple(_places(folder, pairs, [s + a for a in axes]) for s in "pt"),  # type: ignore[arg-type]
+        outliers=None if outliers is None else integers(outliers.numbers("row"), f"{outliers.path}: column 'row'"),
     )
 
 
@@ -169,8 +186,9 @@ def _pair_names(axes: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(side + axis for side in "pt" for axis in axes)
 
 
-def _stack(table: Table, names: tuple[str, ...]) -> Array:
-    return np.column_stack([table.numbers(name) for name in names])
+def _places(folder: Folder, table: Table, names: Sequence[str]) -> Array:
+    """Coordinates (n, d) out of columns of a table, in mm."""
+    return np.column_stack([table.numbers(name) for name in names]) * _scale(folder, table.path, table.notes.get("units"))
 
 
 def _check(case: Case, folder: Folder) -> None:
@@ -186,8 +204,8 @@ def _check(case: Case, folder: Folder) -> None:
             f"({', '.join(case.prior_landmarks)}); give both sides the same names"
         )
     rows = case.truth.outliers if case.truth else None
-    if rows is not None and len(rows) and (rows.min() < 0 or rows.max() >= len(case.points)):
-        raise InputError(f"{folder.path}: outliers.csv names row {rows.max()}: points have rows 0 to {len(case.points) - 1}")
+    if rows is not None and len(wrong := rows[(rows < 0) | (rows >= len(case.points))]):
+        raise InputError(f"{folder.path}: outliers.csv names row {wrong[0]}: points have rows 0 to {len(case.points) - 1}")
 
 
 def write_case(folder: str | Path, case: Case, *, force: bool = False) -> None:

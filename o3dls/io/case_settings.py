@@ -100,5 +100,6 @@ def _check_setting(where: str, key: str, value: Any) -> None:
 
 
 def toml_lines(settings: Mapping[str, str | int | float | bool]) -> str:
-    """Settings as case.toml holds them; JSON's strings, numbers and booleans are TOML's too."""
-    return "".join(f"{key} = {json.dumps(value, ensure_ascii=False)}\n" for key, value in settings.items())
+    """Settings as case.toml holds them; JSON's strings, numbers and booleans are TOML's too, but for a bare DEL."""
+    text = "".join(f"{key} = {json.dumps(value, ensure_ascii=False)}\n" for key, value in settings.items())
+    return text.replace("\x7f", "\\u007f").encode("utf-8", "replace").decode("utf-8")  # names of files may hold bytes that are no text

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from ..errors import InputError, did_you_mean
 from ..geometry import Array, Surface
 from .surface_file import SurfaceFile
-from .text import check_numbers, join_rows
+from .text import flat_numbers, join_rows
+from .transforms import TURN
 
 LIMITS = {"vertices": 100_000, "triangles": 200_000}  # of the importing system, as MUSIC's authors found in 2016
 UNSAMPLED = 2
@@ -32,7 +33,7 @@ def knows(data: bytes) -> bool:
 def read(path: Path, data: bytes, *, part: str | None = None) -> SurfaceFile:
     """One volume of the file, in mm and LPS; its labels are metadata. Raises InputError where `part` must say which volume."""
     root = parse_xml(path, data)
-    volumes = {volume.get("name", f"volume {k}"): volume for k, volume in enumerate(root.iterfind("DIFBody/Volumes/Volume"))}
+    volumes = _volumes(root)
     if not volumes:
         raise InputError(f"{path}: DIF holds no <Volume>")
     if part is None and len(volumes) > 1:
@@ -57,13 +58,16 @@ def parse_xml(path: Path, data: bytes) -> ElementTree.Element:
         raise InputError(f"{path}: is no well-formed XML: {error}; the file is truncated or damaged") from None
 
 
+def _volumes(root: ElementTree.Element) -> dict[str, ElementTree.Element]:
+    """The volumes by name; those that share one are told apart by their number."""
+    found = root.findall("DIFBody/Volumes/Volume")
+    names = [volume.get("name", f"volume {k}") for k, volume in enumerate(found)]
+    return {name if names.count(name) == 1 else f"{name} (volume {k})": found[k] for k, name in enumerate(names)}
+
+
 def _numbers(text: str | None, where: str) -> Array:
-    words = (text or "").split()
-    try:
-        return np.array(words, dtype=np.float64)
-    except ValueError:
-        check_numbers(words, len(words), where, "value")
-        raise
+    text = text or ""
+    return flat_numbers(text, len(text.split()), where)
 
 
 def _rows(volume: ElementTree.Element, tag: str, width: int, where: str) -> Array:
@@ -93,19 +97,23 @@ def _fields(volume: ElementTree.Element, n: int, where: str) -> dict[str, Array]
 
 
 def _field_name(text: str) -> str:
-    return "lat" if text.upper().startswith("LAT") else text
+    return "lat" if re.match(r"LAT\b", text, re.IGNORECASE) else text  # "LAT Isochronal"
 
 
 def write(file: SurfaceFile) -> bytes:
     """Encode with the first scalar field (version 5.0), or the bare shell (version 3.0, which the system imports)."""
     fields = [name for name, values in file.surface.fields.items() if values.ndim == 1 and name != "map_status"]
-    return encode(file.surface, field=fields[0] if fields else None)
+    return encode(file.surface, field=fields[0] if fields else None, space=file.space)
 
 
-def encode(surface: Surface, *, field: str | None = None, name: str = "surface") -> bytes:
-    """The file, de-identified: every field of its header that could name a patient says NA. Raises InputError in 2D."""
+def encode(surface: Surface, *, field: str | None = None, name: str = "surface", space: str = "LPS") -> bytes:
+    """The file, in LPS as DIF is (a surface in RAS is turned), de-identified: header fields that could name a patient say NA.
+
+    Raises InputError in 2D.
+    """
     if surface.dimension != 3:
         raise InputError("DIF files hold surfaces in 3D")
+    surface = surface.transformed(TURN) if space == "RAS" else surface
     header = "".join(f"    <{key}>NA</{key}>\n" for key in ("VendorVersion", *PATIENT, *OTHERS)) + "    <Inventor>1</Inventor>\n"
     return "".join([
         '<?xml version="1.0" encoding="UTF-8"?>\n<DIF>\n  <DIFHeader>\n',

@@ -36,12 +36,12 @@ class Export:
         return [row[self.header.index(name)] for _, row in self.rows]
 
     def numbers(self, name: str) -> Array:
-        """A column as numbers; `invalid` and empty cells are NaN. Raises InputError naming line and column."""
+        """A column as numbers; `invalid`, empty and infinite cells are NaN. Raises InputError naming line and column."""
         values = []
         for (line, _), cell in zip(self.rows, self.column(name), strict=True):
             text = "nan" if cell.strip().lower() in ("", "invalid", "n/a") else cell
             check_numbers([text], 1, f"{self.path}: line {line}, column '{name}'", "value")
-            values.append(float(text))
+            values.append(float(text) if np.isfinite(float(text)) else np.nan)
         return np.array(values)
 
     def xyz(self, names: Sequence[str]) -> Array:
@@ -59,17 +59,17 @@ def knows(data: bytes) -> bool:
 def parse(path: Path, data: bytes, required: Sequence[str]) -> Export:
     """The table of an export, found by its column names, not by the row that the preamble states. Raises InputError."""
     lines = decode(data, path).splitlines()
-    start, header = _header(lines, required)
+    start, header, comma = _header(lines, required)
     if start is None:
         raise InputError(f"{path}: has no line with the columns {', '.join(required)}")
-    found = (re.match(r"\s*([^:*,]+?)\s*:\s*,?\s*([^,]*)", line) for line in lines[:start])
+    found = (re.match(rf"\s*([^:*{comma}]+?)\s*:\s*{comma}?\s*([^{comma}]*)", line) for line in lines[:start])
     preamble = {match[1]: match[2] for match in found if match}
     rows = []
     for number, line in enumerate(lines[start + 1 :], start + 2):
-        if line.strip() == "EOF":
+        if line.strip().rstrip(comma) == "EOF":
             break
         if line.strip():
-            cells = next(csv.reader([line]))
+            cells = next(csv.reader([line], delimiter=comma))
             if len(cells) < len(header) - 1:  # the last name often stands for any number of ticks
                 raise InputError(f"{path}: line {number} has {len(cells)} cells: the columns are {len(header)}")
             rows.append((number, cells + [""] * (len(header) - len(cells))))
@@ -79,14 +79,15 @@ def parse(path: Path, data: bytes, required: Sequence[str]) -> Export:
     return Export(path, preamble, header, rows)
 
 
-def _header(lines: Sequence[str], required: Sequence[str]) -> tuple[int | None, list[str]]:
-    """The first line that has all the columns, with its names stripped; a name that comes again counts once."""
+def _header(lines: Sequence[str], required: Sequence[str]) -> tuple[int | None, list[str], str]:
+    """The first line that has all the columns, with its names stripped, and what parts them; a name that comes again counts once."""
     for number, line in enumerate(lines[:2000]):
         if required[0] in line:
-            names = [cell.strip() for cell in next(csv.reader([line]))]
+            comma = max(",;", key=line.count)  # spreadsheets write semicolons in some countries
+            names = [cell.strip() for cell in next(csv.reader([line], delimiter=comma))]
             if set(required) <= set(names):
-                return number, names
-    return None, []
+                return number, names, comma
+    return None, [], ","
 
 
 def read_map(path: Path, data: bytes) -> tuple[Points, dict[str, str]]:

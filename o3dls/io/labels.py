@@ -31,8 +31,10 @@ def read(path: Path, data: bytes, *, label: int | None = None, part: str | None 
     mask = np.asarray(values == label)
     if box is not None:
         mask &= _inside(mask.shape, image.affine, box)
-    mask, dropped = _largest(path, mask, label)
-    surface = mask_surface(mask, image.affine, image.spacing)
+    if not mask.any():
+        raise InputError(f"{path}: no voxel of label {label} {'is there' if box is None else 'lies in the box'}")
+    mask, dropped = _largest(mask)
+    surface = mask_surface(mask, image.affine, image.spacing, f"{path}: label {label}")
     facts = {"label": label, "voxels": int(mask.sum()), "voxels_of_smaller_pieces": dropped}
     return SurfaceFile(surface, image.space, "mm", facts)
 
@@ -52,11 +54,15 @@ def _chosen(path: Path, image: Image, label: int | None, part: str | None) -> tu
     """The layer and the label in it that are meant; where nothing is said there must be one only."""
     layers = image.values if image.values.ndim == 4 else image.values[..., None]
     segments = _segments(image.notes)
+    if label is not None and part is not None:
+        raise InputError(f"{path}: label {label} and part '{part}' are both given; say the one that is meant")
     if part is not None:
         if part not in segments:
             raise InputError(f"{path}: has no segment '{part}'" + (did_you_mean(part, list(segments)) if segments else ""))
         layer, label = segments[part]
-        return layers[..., min(layer, layers.shape[-1] - 1)], label
+        if layer >= layers.shape[-1]:
+            raise InputError(f"{path}: segment '{part}' is in layer {layer}: there are {layers.shape[-1]}, counted from 0")
+        return layers[..., layer], label
     found = {k: _labels(path, layers[..., k]) for k in range(layers.shape[-1])}
     known = {value: k for k, values in found.items() for value in values}
     hint = f"; say --label (there are {', '.join(map(str, sorted(known)))})" + (f" or --part ({', '.join(segments)})" if segments else "")
@@ -92,22 +98,21 @@ def _inside(shape: tuple[int, ...], affine: Array, box: Box) -> NDArray[np.bool_
     return inside
 
 
-def _largest(path: Path, mask: NDArray[np.bool_], label: int) -> tuple[NDArray[np.bool_], int]:
+def _largest(mask: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], int]:
     """The largest piece, connected over faces, and how many voxels the others had."""
     from scipy.ndimage import label as connected
 
-    pieces, n = connected(mask)
-    if n == 0:
-        raise InputError(f"{path}: no voxel of label {label} lies in the box")
+    pieces, _ = connected(mask)
     sizes = np.bincount(pieces.ravel())
     sizes[0] = 0
     return pieces == sizes.argmax(), int(sizes.sum() - sizes.max())
 
 
-def mask_surface(mask: NDArray[np.bool_], affine: Array, spacing: Array) -> Surface:
+def mask_surface(mask: NDArray[np.bool_], affine: Array, spacing: Array, name: str = "mask") -> Surface:
     """Closed surface between the voxels of a mask (nz, ny, nx): the half-way level of the mask blurred just enough to hide its steps.
 
-    Voxel centres are at whole indices. The mask is padded, so what leaves the volume is closed by a flat cap.
+    Voxel centres are at whole indices. The mask is padded, so what leaves the volume is closed by a flat cap. Raises InputError where the
+    mask is so thin that the blur leaves nothing.
     """
     import open3d as o3d
     from scipy.ndimage import gaussian_filter
@@ -118,6 +123,8 @@ def mask_surface(mask: NDArray[np.bool_], affine: Array, spacing: Array) -> Surf
     high = np.array([axis.max() for axis in np.nonzero(mask)]) + 1
     part = np.pad(mask[tuple(map(slice, low, high))], pad).astype(np.float32)
     smooth = np.ascontiguousarray(gaussian_filter(part, sigma))
+    if smooth.max() <= 0.5:
+        raise InputError(f"{name}: its {int(mask.sum())} voxels are too few or lie too thin to enclose anything")
     mesh = o3d.t.geometry.TriangleMesh.create_isosurfaces(o3d.core.Tensor.from_numpy(smooth), [0.5])
     indices = mesh.vertex.positions.numpy().astype(np.float64) + low[::-1] - pad
     surface = Surface(apply(affine, indices), mesh.triangle.indices.numpy())

@@ -66,7 +66,7 @@ def _json_points(path: Path, item: Mapping[str, Any]) -> Markups:
     """The points of one markup; its own frame and units are honoured, or refused."""
     space, units = item.get("coordinateSystem", "LPS"), item.get("coordinateUnits", "mm")
     units = units[0] if isinstance(units, list) and units else units
-    if space not in ("LPS", "RAS") or units not in MILLIMETRES:
+    if space not in ("LPS", "RAS") or units not in tuple(MILLIMETRES):  # a tuple is searched for what has no hash, too
         raise InputError(
             f"{path}: coordinateSystem '{space}' must be LPS or RAS, coordinateUnits '{units}' one of {', '.join(MILLIMETRES)}"
         )
@@ -82,7 +82,8 @@ def _json_points(path: Path, item: Mapping[str, Any]) -> Markups:
             raise InputError(
                 f"{path}: control point {k} ('{point.get('label', '')}') has position {str(position)[:60]}: must be three numbers"
             )
-        names.append(str(point.get("label", "")))
+        label = point.get("label")
+        names.append("" if label is None else str(label))
         rows.append(position)
     return Markups(tuple(names), np.array(rows, dtype=np.float64).reshape(-1, 3) * MILLIMETRES[units], space)
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..geometry import Array
-from .text import number_rows
+from .text import integers, number_rows
 from .voxels import LARGEST, Image, beside, count, inflate, shaped
 
 TYPES = {"CHAR": "i1", "UCHAR": "u1", "SHORT": "i2", "USHORT": "u2", "INT": "i4", "UINT": "u4", "LONG": "i4", "ULONG": "u4",
@@ -34,8 +34,8 @@ def read_meta(path: Path, data: bytes) -> Image:
     sizes = [int(n) if n == int(n) and abs(n) < 1e9 else -1 for n in _numbers(path, header, ("DimSize",), 3, None)]
     order = ">" if "true" in (header.get(k, "").lower() for k in ("BinaryDataByteOrderMSB", "ElementByteOrderMSB")) else "<"
     file = end[1].decode("utf-8", errors="replace").strip()
-    body = data[end.end() :] if file == "LOCAL" else beside(path, file)
     need = count(path, sizes) * np.dtype(TYPES[kind]).itemsize
+    body = _body(path, header, file, data[end.end() :], need)
     if header.get("CompressedData", "").lower() == "true":
         body = inflate(path, body, need)
     affine = np.eye(4)
@@ -43,6 +43,17 @@ def read_meta(path: Path, data: bytes) -> Image:
     affine[:3, :3] = rows.T * _numbers(path, header, ("ElementSpacing", "ElementSize"), 3, np.ones(3))
     affine[:3, 3] = _numbers(path, header, ("Offset", "Position", "Origin"), 3, np.zeros(3))
     return Image(shaped(path, body, order + TYPES[kind], sizes), affine)
+
+
+def _body(path: Path, header: Mapping[str, str], file: str, local: bytes, need: int) -> bytes:
+    """The bytes of the voxels: a data file may begin with a header of its own, and -1 says that the voxels are its last bytes."""
+    if header.get("BinaryData", "True").lower() != "true":
+        raise InputError(f"{path}: BinaryData = {header['BinaryData'][:20]}: must be True; save the voxels as binary")
+    size = int(integers(_numbers(path, header, ("HeaderSize",), 1, np.zeros(1)), f"{path}: HeaderSize")[0])
+    if size < -1 or (size > 0 and file == "LOCAL"):
+        raise InputError(f"{path}: HeaderSize = {size}: must be -1 or 0, or above 0 where the voxels are in a file of their own")
+    body = local if file == "LOCAL" else beside(path, file)
+    return body[-need:] if size == -1 else body[size:]
 
 
 def _numbers(path: Path, header: Mapping[str, str], keys: tuple[str, ...], n: int, default: Array | None) -> Array:

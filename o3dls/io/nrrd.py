@@ -29,6 +29,7 @@ TYPES = {
 }
 SPACES = {"left-posterior-superior": (1, 1), "lps": (1, 1), "right-anterior-superior": (-1, -1), "ras": (-1, -1),
           "left-anterior-superior": (1, -1), "las": (1, -1)}  # fmt: skip
+UNITS = {"": 1.0, "mm": 1.0, "um": 0.001, "µm": 0.001, "cm": 10.0, "m": 1000.0}  # the empty word says nothing, as no line does
 VECTOR = r"\(([^)]*)\)|\bnone\b"
 
 
@@ -68,6 +69,7 @@ def _place(path: Path, header: Mapping[str, str], axes: int) -> tuple[Array, str
     if origin is None or origin[1] is None:
         raise InputError(f"{path}: NRRD 'space origin' must be a vector")
     affine[:3, 3] = flat_numbers(origin[1].replace(",", " "), 3, f"{path}: space origin")
+    affine[:3] *= _millimetres(path, header)[:, None]
     if not (np.abs(affine) < LARGEST).all():
         raise InputError(f"{path}: NRRD 'space directions' and 'space origin' must be finite and below {LARGEST:g}")
     name = header.get("space", "").lower()
@@ -76,6 +78,15 @@ def _place(path: Path, header: Mapping[str, str], axes: int) -> tuple[Array, str
     if name not in SPACES:
         raise InputError(f"{path}: NRRD space '{name[:40]}': must be one of {', '.join(SPACES)}")
     return np.diag([*SPACES[name], 1.0, 1.0]) @ affine, "LPS"
+
+
+def _millimetres(path: Path, header: Mapping[str, str]) -> Array:
+    """Factors to mm along the axes of space. Raises InputError for units that are not known."""
+    stated = header.get("space units", '"mm" "mm" "mm"')
+    words = re.findall(r'"([^"]*)"', stated)
+    if len(words) != 3 or not set(words) <= UNITS.keys():
+        raise InputError(f"{path}: NRRD space units {stated[:60]}: must be three of {', '.join(filter(None, UNITS))}, each in quotes")
+    return np.array([UNITS[word] for word in words])
 
 
 def _values(path: Path, header: Mapping[str, str], body: bytes, sizes: list[int]) -> NDArray[Any]:

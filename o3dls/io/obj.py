@@ -8,18 +8,18 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import InputError
-from ..geometry import Array
-from .surface_file import NOTICE, SurfaceFile, triangulate
+from ..geometry import Array, Ints
+from .surface_file import NOTICE, SurfaceFile, check_end, triangulate
 from .text import decode, is_count, join_rows, number_rows, rectangle
 
 
 def knows_obj(data: bytes) -> bool:
-    return re.search(rb"^v\s+[-+.\d]", data[:100_000], re.MULTILINE) is not None
+    return re.search(rb"^[ \t]*v\s+[-+.\d]", data[:100_000], re.MULTILINE) is not None
 
 
 def read_obj(path: Path, data: bytes) -> SurfaceFile:
     """Decode an OBJ file; normals, textures and groups are ignored. Raises InputError naming the line."""
-    lines = decode(data, path).splitlines()
+    lines = [line.lstrip() for line in decode(data, path).splitlines()]
     rows = [k for k, line in enumerate(lines) if line.startswith(("v ", "v\t"))]
     widths = {len(lines[k].split()) for k in rows}
     if not widths <= {4, 5, 7, 8}:
@@ -27,9 +27,10 @@ def read_obj(path: Path, data: bytes) -> SurfaceFile:
     table = [number_rows([lines[k][1:] for k in rows], w - 1, path, [k + 1 for k in rows], "vertex") for w in widths]
     vertices = table[0][:, :3] if table else np.zeros((0, 3))
     faces = [k for k, line in enumerate(lines) if line.startswith(("f ", "f\t"))]
-    polygons = _polygons(path, [lines[k][1:] for k in faces], [k + 1 for k in faces], len(vertices))
+    polygons = _polygons(path, [lines[k][1:] for k in faces], [k + 1 for k in faces], np.searchsorted(rows, faces))
     header = "\n".join(line for line in lines[:50] if line.startswith("#"))
-    triangles = triangulate(*polygons)
+    check_end(path, data, header)
+    triangles = triangulate(vertices, *polygons)
     for what, found in (("vertices", len(vertices)), ("triangles", len(triangles))):
         stated = re.search(rf"number of {what}: (\d{{1,12}})\b", header)
         if stated and int(stated[1]) != found:
@@ -37,8 +38,8 @@ def read_obj(path: Path, data: bytes) -> SurfaceFile:
     return SurfaceFile.of(path, vertices, triangles, header=header)
 
 
-def _polygons(path: Path, lines: list[str], numbers: list[int], n: int) -> list[Array]:
-    """Corners of the faces, 0-based; `7/1/3` means corner 7 and negative indices count from the end of the vertices."""
+def _polygons(path: Path, lines: list[str], numbers: list[int], before: Ints) -> list[Array]:
+    """Corners of the faces, 0-based; `7/1/3` means corner 7, negative indices count back from the vertices `before` the face."""
     if any("/" in line for line in lines):
         lines = [re.sub(r"/\S*", "", line) for line in lines]
     table = rectangle(lines) if lines else None
@@ -48,10 +49,11 @@ def _polygons(path: Path, lines: list[str], numbers: list[int], n: int) -> list[
         raise InputError(f"{path}: line {numbers[int(widths.argmin())]}: a face needs 3 corners, there are {widths.min()}")
     for width in np.unique(widths):
         mine = np.flatnonzero(widths == width)
-        polygons.append(number_rows([lines[k] for k in mine], int(width), path, [numbers[k] for k in mine], "face"))
-    if any((p == 0).any() for p in polygons):
-        raise InputError(f"{path}: a face names vertex 0: OBJ counts from 1")
-    return [np.where(p < 0, p + n, p - 1) for p in polygons]
+        corners = number_rows([lines[k] for k in mine], int(width), path, [numbers[k] for k in mine], "face")
+        if (corners == 0).any():
+            raise InputError(f"{path}: a face names vertex 0: OBJ counts from 1")
+        polygons.append(np.where(corners < 0, corners + before[mine, None], corners - 1))
+    return polygons
 
 
 def write_obj(file: SurfaceFile) -> bytes:
@@ -86,7 +88,9 @@ def read_off(path: Path, data: bytes) -> SurfaceFile:
     if width < 3:
         raise InputError(f"{path}: line {mine[0][0]}: vertex has {width} numbers: must be 3")
     header = "\n".join(line for line in text.splitlines()[:20] if line.startswith("#"))
-    return SurfaceFile.of(path, vertices[:, :3], triangulate(*_off_polygons(path, faces)), header=header)
+    check_end(path, data, header)
+    vertices = vertices[:, :3]
+    return SurfaceFile.of(path, vertices, triangulate(vertices, *_off_polygons(path, faces)), header=header)
 
 
 def _off_polygons(path: Path, rows: list[tuple[int, str]]) -> list[Array]:

@@ -9,7 +9,6 @@ import numpy as np
 
 from ..errors import InputError
 from ..geometry import Array, Surface
-from .surface_file import triangulate
 
 
 def to_open3d(surface: Surface) -> Any:
@@ -87,11 +86,11 @@ def _from_trimesh(mesh: Any) -> Surface:
 
 def _from_pyvista(mesh: Any) -> Surface:
     cells = np.asarray(mesh.faces)
-    if len(cells) % 4 or (cells[::4] != 3).any():
+    if mesh.n_strips or len(cells) % 4 or (cells[::4] != 3).any():
         mesh = mesh.triangulate()
         cells = np.asarray(mesh.faces)
     fields = {name: np.asarray(mesh.point_data[name], dtype=float) for name in mesh.point_data.keys() if name != "Normals"}  # noqa: SIM118  # no mapping
-    return Surface(np.asarray(mesh.points), triangulate(cells.reshape(-1, 4)[:, 1:]), fields)
+    return Surface(np.asarray(mesh.points), cells.reshape(-1, 4)[:, 1:], fields)
 
 
 def _flat(values: Any) -> Array:

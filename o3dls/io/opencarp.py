@@ -10,7 +10,7 @@ import numpy as np
 from ..errors import InputError
 from ..geometry import Array, Surface
 from .atomic import staged_file
-from .surface_file import SurfaceFile
+from .surface_file import SurfaceFile, unused
 from .text import decode, is_count, join_rows, number_rows, read_bytes
 
 MICROMETRES = 1000.0
@@ -25,7 +25,7 @@ def knows(data: bytes) -> bool:
 
 def read(path: Path, data: bytes) -> SurfaceFile:
     """The triangles of a mesh in mm, from either of its two files; fields are the `.dat` files named `<base>_<field>.dat`."""
-    points, elements = path.with_suffix(".pts"), path.with_suffix(".elem")
+    points, elements = _part(path, ".pts"), _part(path, ".elem")
     n, lines = _lines(points)
     vertices = number_rows(lines[:n], 3, points, range(2, n + 2), "point") / MICROMETRES
     m, lines = _lines(elements)
@@ -35,8 +35,22 @@ def read(path: Path, data: bytes) -> SurfaceFile:
         found = f"{elements}: line {wrong + 2}: '{lines[wrong][:40]}'"
         raise InputError(f"{found}: only triangles (Tr i j k [tag]) are read; extract the surface first")
     faces = number_rows([" ".join(row[1:4]) for row in rows], 3, elements, range(2, m + 2), "triangle")
-    fields = {dat.stem[len(path.stem) + 1 :]: _values(dat, n) for dat in sorted(path.parent.glob(f"{path.stem}_*.dat"))}
+    fields = {name: _values(dat, n) for name, dat in _dats(path).items()}
     return SurfaceFile.of(elements, vertices, faces, fields, units="mm")
+
+
+def _part(path: Path, suffix: str) -> Path:
+    """A file of the mesh that `path` names by its base or by its `.pts` or `.elem`; in upper case where that is."""
+    named = path.suffix.lower() in (".pts", ".elem")
+    return path.with_name((path.stem if named else path.name) + (suffix.upper() if named and path.suffix.isupper() else suffix))
+
+
+def _dats(path: Path) -> dict[str, Path]:
+    """The mesh's `.dat` files by field; `la_fine_lat.dat` is no field of `la` where there is a mesh `la_fine`."""
+    start = _part(path, "").name + "_"
+    beside = sorted(p for p in path.parent.glob("*") if p.name.startswith(start))
+    others = tuple(f"{p.stem}_" for p in beside if p.suffix.lower() == ".pts")
+    return {p.stem[len(start) :]: p for p in beside if p.suffix.lower() == ".dat" and not p.name.startswith(others)}
 
 
 def _lines(path: Path) -> tuple[int, list[str]]:
@@ -58,18 +72,30 @@ def _values(path: Path, n: int) -> Array:
 
 
 def write_mesh(path: Path, surface: Surface) -> None:
-    """Write `.pts`, `.elem`, `.lon` (the fibre direction 1 0 0 that openCARP must have) and a `.dat` per scalar field."""
+    """Write `.pts`, `.elem`, `.lon` (the fibre direction 1 0 0 that openCARP must have) and a `.dat` per scalar field.
+
+    Raises InputError where `.dat` files of an earlier mesh of this name would pass for fields of this one.
+    """
     if surface.dimension != 3:
         raise InputError(f"{path}: openCARP meshes are written in 3D")
-    m = len(surface.faces)
+    base, m = _part(path, ""), len(surface.faces)
+    dats = {base.with_name(f"{base.name}_{field}.dat"): join_rows("%.9g\n", values) for field, values in _writable(surface).items()}
+    if earlier := sorted(set(_dats(path).values()) - dats.keys()):
+        raise InputError(f"{earlier[0]}: is a field of an earlier mesh of this name; remove it, or write under another name")
     texts = {
-        path.with_suffix(".pts"): f"{len(surface.vertices)}\n" + join_rows("%.6f %.6f %.6f\n", surface.vertices * MICROMETRES),
-        path.with_suffix(".elem"): f"{m}\n" + join_rows("Tr %d %d %d 1\n", surface.faces),
-        path.with_suffix(".lon"): "1\n" + "1.000000 0.000000 0.000000\n" * m,
+        _part(path, ".pts"): f"{len(surface.vertices)}\n" + join_rows("%.6f %.6f %.6f\n", surface.vertices * MICROMETRES),
+        _part(path, ".elem"): f"{m}\n" + join_rows("Tr %d %d %d 1\n", surface.faces),
+        _part(path, ".lon"): "1\n" + "1.000000 0.000000 0.000000\n" * m,
     }
-    for name, values in surface.fields.items():
-        if values.ndim == 1 and np.isfinite(values).all():  # a .dat file has no word for a missing value
-            texts[path.with_name(f"{path.stem}_{re.sub(r'[^A-Za-z0-9_.-]', '_', name)}.dat")] = join_rows("%.9g\n", values)
-    for target, text in texts.items():
+    for target, text in (texts | dats).items():
         with staged_file(target) as staged:
             staged.write_text(text)
+
+
+def _writable(surface: Surface) -> dict[str, Array]:
+    """Scalar fields without missing values, for which a .dat file has no word, under names that can stand in a file's name."""
+    found: dict[str, Array] = {}
+    for name, values in surface.fields.items():
+        if values.ndim == 1 and np.isfinite(values).all():
+            found[unused(re.sub(r"[^A-Za-z0-9_.-]", "_", name), found)] = values
+    return found

@@ -38,8 +38,8 @@ def read(path: Path, data: bytes) -> SurfaceFile:
         raise InputError(f"{path}: has no surface.triRep.X and .Triangulation; a TriRep object must be saved as a struct")
     fields: dict[str, Array] = {}
     for name, columns in SURFACE_MAPS.items():
-        values = mat.numbers(path, tree, f"surface.{name}", len(columns))
-        if values is not None and len(values) == len(vertices):
+        values = _rows(path, tree, f"surface.{name}", len(vertices), len(columns))
+        if values is not None:
             fields |= {column: values[:, k] for k, column in enumerate(columns) if np.isfinite(values[:, k]).any()}
     return SurfaceFile.of(path, vertices, triangles - 1, fields, units="mm")
 
@@ -51,8 +51,8 @@ def read_points(path: Path, data: bytes) -> Points:
     xyz = np.zeros((0, 3)) if xyz is None else xyz
     sites = mat.numbers(path, tree, "rfindex.tag.X", 3)
     sites = np.zeros((0, 3)) if sites is None else sites
-    include = mat.numbers(path, tree, "electric.include")
-    keep = np.isfinite(xyz).all(axis=1) & (True if include is None or len(include) != len(xyz) else include > 0)
+    include = _rows(path, tree, "electric.include", len(xyz))
+    keep = np.isfinite(xyz).all(axis=1) & (True if include is None else include > 0)
     if keep.sum() + len(sites) == 0:
         raise InputError(f"{path}: has no measured points (electric.egmX)")
     columns: dict[str, NDArray[Any]] = {
@@ -64,12 +64,22 @@ def read_points(path: Path, data: bytes) -> Points:
 
 def _values(path: Path, tree: Mapping[str, Any], n: int) -> list[tuple[str, Array]]:
     """Columns of the measured points; the activation time is counted from the reference annotation."""
-    found = [(name, mat.numbers(path, tree, f"electric.voltages.{name}")) for name in ("bipolar", "unipolar")]
-    marks, reference = (mat.numbers(path, tree, f"electric.annotations.{name}") for name in ("mapAnnot", "referenceAnnot"))
+    found = [(name, _rows(path, tree, f"electric.voltages.{name}", n)) for name in ("bipolar", "unipolar")]
+    marks, reference = (_rows(path, tree, f"electric.annotations.{name}", n) for name in ("mapAnnot", "referenceAnnot"))
     rate = mat.numbers(path, tree, "electric.sampleFrequency")
-    if marks is not None and reference is not None and len(marks) == len(reference):
+    if marks is not None and reference is not None:
         found.append(("lat", (marks - reference) * 1000.0 / (rate[0] if rate is not None and rate[0] > 0 else 1000.0)))
-    return [(name, values) for name, values in found if values is not None and len(values) == n]
+    return [(name, values) for name, values in found if values is not None]
+
+
+def _rows(path: Path, tree: Mapping[str, Any], where: str, n: int, width: int | None = None) -> Array | None:
+    """Numbers at `a.b.c`, one row for each of n positions, NaN where one is not finite; None where there are none. Raises InputError."""
+    values = mat.numbers(path, tree, where, width)
+    if values is None:
+        return None
+    if len(values) != n:
+        raise InputError(f"{path}: {where} has {len(values)} rows: must be {n}, one for each position")
+    return np.where(np.isfinite(values), values, np.nan)
 
 
 def write(file: SurfaceFile) -> bytes:

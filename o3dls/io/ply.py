@@ -11,7 +11,7 @@ import numpy as np
 from ..errors import InputError
 from ..geometry import Array
 from .ply_rows import Columns, Element, Property, ascii_rows, binary_rows, truncated
-from .surface_file import NOTICE, SurfaceFile, flatten_fields, gather_fields, triangulate
+from .surface_file import NOTICE, SurfaceFile, check_end, flatten_fields, gather_fields, triangulate
 from .text import is_count
 
 TYPES = {
@@ -24,6 +24,7 @@ TYPES = {
     **dict.fromkeys(("float", "float32"), "f4"),
     **dict.fromkeys(("double", "float64"), "f8"),
 }
+GEOMETRY = ("x", "y", "z", "nx", "ny", "nz")
 ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">", "ascii": ""}
 
 
@@ -38,14 +39,19 @@ def read(path: Path, data: bytes) -> SurfaceFile:
         raise InputError(f"{path}: PLY header has no line 'end_header'; the file is truncated or not a PLY")
     header = data[: end.start()].decode("utf-8", errors="replace").splitlines()
     order, elements = _parse_header(path, header)
+    if any(element.name == "tristrips" and element.rows for element in elements):
+        raise InputError(f"{path}: holds triangle strips (element 'tristrips'), which are not read; save it with triangles")
+    comments = "\n".join(line for line in header if line.startswith("comment"))
+    if not order:
+        check_end(path, data, comments)
     body = memoryview(data)[end.end() :]
     tables = _binary_tables(path, elements, body, order) if order else _ascii_tables(path, elements, body, len(header) + 2)
     vertices, fields = _vertices(path, tables.get("vertex", {}))
-    polygons = next((tables["face"][k] for k in ("vertex_indices", "vertex_index") if k in tables.get("face", {})), None)
+    lists = {element.name: [prop.name for prop in element.properties if prop.count] for element in elements}.get("face", [])
+    polygons = next((tables["face"][k] for k in ("vertex_indices", "vertex_index") if k in lists), None)
     if polygons is None:
         raise InputError(f"{path}: has no faces (element 'face' with a list 'vertex_indices'); a surface needs triangles")
-    comments = "\n".join(line for line in header if line.startswith("comment"))
-    return SurfaceFile.of(path, vertices, triangulate(*_blocks(polygons)), fields, header=comments)
+    return SurfaceFile.of(path, vertices, triangulate(vertices, *_blocks(polygons)), fields, header=comments)
 
 
 def _parse_header(path: Path, lines: list[str]) -> tuple[str, list[Element]]:
@@ -103,15 +109,14 @@ def _vertices(path: Path, columns: Columns) -> tuple[Array, dict[str, Array]]:
     missing = [axis for axis in "xyz" if axis not in columns]
     if missing:
         raise InputError(f"{path}: PLY vertices have no property '{missing[0]}'")
-    geometry = ("x", "y", "z", "nx", "ny", "nz")
-    fields = {k: np.asarray(v, dtype=np.float64) for k, v in columns.items() if k not in geometry and not isinstance(v, list)}
+    fields = {k: np.asarray(v, dtype=np.float64) for k, v in columns.items() if k not in GEOMETRY and not isinstance(v, list)}
     return np.column_stack([np.asarray(columns[axis], dtype=np.float64) for axis in "xyz"]), gather_fields(fields)
 
 
 def write(file: SurfaceFile) -> bytes:
     """Encode as binary little-endian PLY: double coordinates and fields, frame and units in comments."""
     surface = file.surface
-    scalars = flatten_fields(surface.fields)
+    scalars = flatten_fields(surface.fields, GEOMETRY)
     header = [
         "ply",
         "format binary_little_endian 1.0",

@@ -69,6 +69,12 @@ def _types(table: Table) -> NDArray[np.str_]:
     return np.array(table.columns["type"], dtype=str)
 
 
+def scaled(points: Points, factor: float) -> Points:
+    """The same points in another unit of length: their places and their noise levels."""
+    columns = {name: values * factor if name == "sigma" else values for name, values in points.columns.items()}
+    return Points(points.xyz * factor, points.type, columns)
+
+
 def write_points(path: str | Path, points: Points, *, space: str | None = None, units: str | None = None) -> None:
     """Write points as CSV that `read_points` reads back equal; `space` and `units`, where given, go into a comment line."""
     axes = dict(zip("xyz", points.xyz.T, strict=False))

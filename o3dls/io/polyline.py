@@ -9,6 +9,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..geometry import Array, Ints, Surface
+from .surface_file import SurfaceFile
 from .table import read_table, write_table
 
 
@@ -19,8 +20,8 @@ def knows(data: bytes) -> bool:
     return {b"x", b"y"} <= names and b"z" not in names
 
 
-def read_polyline(path: str | Path) -> Surface:
-    """Closed outlines of a CSV file; a repeated last point is dropped, and a single loop is turned counter-clockwise.
+def read_polyline(path: str | Path) -> SurfaceFile:
+    """Closed outlines of a CSV file and what it states; a repeated last point is dropped, and a single loop is turned counter-clockwise.
 
     Several loops keep their direction, since holes run clockwise. Raises InputError below 3 points a loop.
     """
@@ -36,7 +37,8 @@ def read_polyline(path: str | Path) -> Surface:
     starts = np.cumsum([0, *map(len, loops)])
     faces = np.concatenate([start + _ring(len(rows)) for start, rows in zip(starts, loops, strict=False)])
     order = np.concatenate(loops)
-    return Surface(xy[order], faces, {name: values[order] for name, values in fields.items()})
+    surface = Surface(xy[order], faces, {name: values[order] for name, values in fields.items()})
+    return SurfaceFile(surface, table.notes.get("space", "unknown"), table.notes.get("units", "unknown"))
 
 
 def _open(xy: Array, rows: Ints) -> Ints:

@@ -10,12 +10,12 @@ import numpy as np
 
 from ..case import Points
 from ..errors import InputError
-from ..geometry import Array, apply
+from ..geometry import Array
 from . import carto_study, dif, ensite, mat, openep
 from .archive import Archive
 from .atomic import staged_folder
-from .case_settings import toml_lines
-from .markups import read_markups
+from .case_settings import MILLIMETRES, toml_lines
+from .markups import Markups, read_markups
 from .mesh import read_surface_file, write_surface
 from .points import write_points
 from .repair import closed_outward
@@ -23,7 +23,6 @@ from .surface_file import SurfaceFile
 from .table import read_table, write_table
 
 VOLUME_TOLERANCE = 2e-4
-CLEARLY_CLOSER = 0.5  # median gap to the points against that of the other direction
 
 
 @dataclass
@@ -51,8 +50,11 @@ def import_study(
     The folder holds points.csv, map.ply (the system's shell with its colours, for looking at) and what was given as prior. Without one,
     a single closed shell that the system had registered itself is the prior, and its registration init.csv, for stage `recorded` to
     compare with; where there is none the case is not complete, and the result says so.
-    `choice` goes to the prior's reader (label, part, box). Raises InputError.
+    `choice` is of the prior (cap, label, part, box). Raises InputError.
     """
+    given = [name for name, value in choice.items() if value is not None and value is not False]
+    if prior is None and given:
+        raise InputError(f"{', '.join(given)}: means nothing without a prior; name it with --prior")
     found = read_study(study, map_name)
     with staged_folder(out, force) as folder:
         _write_map(folder, found)
@@ -89,7 +91,8 @@ def _from_carto(study: carto_study.Study, map_name: str | None) -> Imported:
     points, landmarks = carto_study.read_map_points(study, wanted)
     shell = carto_study.read_shell(study, wanted.files[0]) if wanted.files else None
     found = Imported(points, landmarks, shell, vendor="CARTO 3", name=wanted.name)
-    found.took.append(f"{len(points)} points of map {wanted.name} (catheter positions, mm)")
+    agrees = "" if len(points) == wanted.points else f" (study: {wanted.points} points, which does NOT agree; is the export whole?)"
+    found.took.append(f"{len(points)} points of map {wanted.name} (catheter positions, mm)" + agrees)
     found.took += [f"landmark {name}" for name in landmarks]
     if shell is not None:
         found.took.append(f"shell {wanted.files[0]}, {shell.surface.volume / 1000:.2f} ml" + _volume_check(shell, wanted))
@@ -121,9 +124,9 @@ def _from_ensite(archive: Archive, maps: list[str], map_name: str | None) -> Imp
     if not chosen:
         raise InputError(f"{archive.path}: no map '{map_name}': there are {listed}")
     points, preamble = read[chosen[0]]
-    if any(not np.array_equal(read[name][0].xyz, points.xyz) for name in chosen[1:]):
-        raise InputError(f"{archive.path}: several maps fit; say which file with --map: {listed}")
     for name in chosen[1:]:  # one map is exported once per kind of value
+        if not _same_points(points, read[name][0]):
+            raise InputError(f"{archive.path}: several maps fit; say which file with --map: {listed}")
         points = Points(points.xyz, points.type, {**points.columns, **read[name][0].columns})
     found = Imported(points, vendor=f"EnSite, field scaling {preamble.get('Field Scaling', 'not stated')}", name=Path(chosen[0]).stem)
     found.took.append(f"{len(points)} utilised points of {', '.join(chosen)} (roving electrode, mm)")
@@ -140,6 +143,13 @@ def _from_ensite(archive: Archive, maps: list[str], map_name: str | None) -> Imp
             )
     _take_dif(archive, found)
     return found
+
+
+def _same_points(first: Points, second: Points) -> bool:
+    """Whether two exports are of the same points, and agree in what both say of them."""
+    shared = first.columns.keys() & second.columns.keys()
+    alike = all(np.array_equal(first.columns[name], second.columns[name], equal_nan=True) for name in shared)
+    return np.array_equal(first.xyz, second.xyz) and alike
 
 
 def _take_dif(archive: Archive, found: Imported) -> None:
@@ -184,35 +194,22 @@ def _write_map(folder: Path, found: Imported) -> None:
     if found.shell is not None:
         write_surface(folder / "map.ply", found.shell.surface, space=found.space)
     for name, shell in found.shells.items():
-        write_surface(folder / f"{Path(name).stem}.ply", shell.surface, space=shell.space)
+        write_surface(folder / f"{_stem(name)}_shell.ply", shell.surface, space=shell.space)
     for name, matrix in found.registrations.items():
         rows = np.reshape(matrix, (4, 4)).tolist()
-        (folder / f"{Path(name).stem}_vendor_registration.txt").write_text("".join(" ".join(map(repr, row)) + "\n" for row in rows))
+        (folder / f"{_stem(name)}_vendor_registration.txt").write_text("".join(" ".join(map(repr, row)) + "\n" for row in rows))
 
 
-def vendor_pose(shell: Array, printed: tuple[float, ...], points: Array) -> Array | None:
-    """The vendor's registration as a pose (4, 4) of a shell's vertices (n, 3) in the map: rows or columns are told by the zeros.
-
-    Its direction is not documented: the one that brings the shell to the points is taken, None where neither is clearly closer.
-    """
-    from scipy.spatial import cKDTree
-
-    matrix = np.reshape(np.asarray(printed, dtype=np.float64), (4, 4))
-    if matrix[3, :3].any() and not matrix[:3, 3].any():
-        matrix = matrix.T
-    if not np.allclose(matrix[3], [0.0, 0.0, 0.0, 1.0]) or abs(np.linalg.det(matrix)) < 1e-9:
-        return None
-    readings = [matrix, np.asarray(np.linalg.inv(matrix), dtype=np.float64)]
-    gaps = [float(np.median(cKDTree(apply(reading, shell)).query(points)[0])) for reading in readings]
-    best = int(np.argmin(gaps))
-    return readings[best] if gaps[best] < CLEARLY_CLOSER * gaps[1 - best] else None
+def _stem(name: str) -> str:
+    """A file's name without its suffix and other dots: what stands before a dot is how a case finds its files."""
+    return Path(name).stem.replace(".", "_")
 
 
 def _registered_shell(found: Imported) -> tuple[str, Array] | None:
     """Name and pose of the one imported shell that is closed and whose registration the points confirm."""
     points = found.points.of("eam").xyz
     poses = {
-        name: vendor_pose(found.shells[name].surface.vertices, printed, points)
+        name: carto_study.vendor_pose(found.shells[name].surface.vertices, printed, points)
         for name, printed in found.registrations.items()
         if len(points) and found.shells[name].surface.watertight
     }
@@ -240,13 +237,23 @@ def _write_prior(folder: Path, prior: Path, found: Imported, choice: dict[str, A
 
 
 def _write_landmarks(folder: Path, path: Path, found: Imported, space: str) -> None:
-    """Places named on the prior, from Slicer markups (turned into the prior's frame where that is known) or a table `name,x,y,z`."""
-    if path.suffix == ".csv":
-        table = read_table(path, ("name", "x", "y", "z"))
-        names, xyz = tuple(table.columns["name"]), np.column_stack([table.numbers(axis) for axis in "xyz"])
-    else:
-        markups = read_markups(path)
-        markups = markups if space == "unknown" else markups.in_space(space)
-        names, xyz = markups.names, markups.xyz
-    write_table(folder / "prior_landmarks.csv", {"name": np.array(names), **dict(zip("xyz", xyz.T, strict=True))})
-    found.took.append(f"{len(names)} landmarks of the prior")
+    """Places named on the prior, turned into the prior's frame where both frames are known."""
+    marks, units = _read_places(path)
+    if "unknown" not in (space, marks.space):
+        marks = marks.in_space(space)
+    columns = {"name": np.array(marks.names), **dict(zip("xyz", marks.xyz.T, strict=True))}
+    write_table(folder / "prior_landmarks.csv", columns, {"space": marks.space, **units})
+    found.took.append(f"{len(marks.names)} landmarks of the prior, in frame {marks.space}{'' if units else ' if their units are mm'}")
+
+
+def _read_places(path: Path) -> tuple[Markups, dict[str, str]]:
+    """Slicer markups or a table `name,x,y,z`, in mm where the units are stated, and then a note of that. Raises InputError."""
+    if path.suffix.lower() != ".csv":
+        return read_markups(path), {"units": "mm"}
+    table = read_table(path, ("name", "x", "y", "z"))
+    units = table.notes.get("units", "unknown")
+    if units not in (*MILLIMETRES, "unknown"):
+        raise InputError(f"{path}: states units '{units}': must be one of {', '.join(MILLIMETRES)}")
+    xyz = np.column_stack([table.numbers(axis) for axis in "xyz"]) * MILLIMETRES.get(units, 1.0)
+    marks = Markups(tuple(table.columns["name"]), xyz, table.notes.get("space", "unknown"))
+    return marks, {} if units == "unknown" else {"units": "mm"}

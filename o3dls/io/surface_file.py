@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -13,9 +13,12 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..geometry import Array, Ints, Surface
+from .text import is_count
 
 NOTICE = "o3dls, research software, not for clinical use"
 SPACES = ("LPS", "RAS", "unknown")
+STARTS = 16  # corners that are tried as the first of a fan
+END_LINES = re.compile(f"{NOTICE}|Open3D|VTK generated|VCGLIB generated")  # programs that end their last line, as not all do
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,30 +72,66 @@ def collapsed(faces: Array | Ints) -> NDArray[np.bool_]:
     return np.asarray((faces == np.roll(faces, 1, axis=1)).any(axis=1))
 
 
-def triangulate(*polygons: Array | Ints) -> Ints:
+def check_end(path: Path, data: bytes, header: str) -> None:
+    """Raise InputError where the last line has no end though the program that the header names writes one: a number may be cut."""
+    if END_LINES.search(header) and not data.endswith(b"\n"):
+        raise InputError(f"{path}: the last line has no end, and the program that wrote it ends every line: the file is truncated")
+
+
+def strips(blocks: Iterable[Array]) -> list[Array]:
+    """Triangles of blocks of triangle strips; every second one is turned."""
+    parts = []
+    for block in blocks:
+        for k in range(block.shape[1] - 2):
+            parts.append(block[:, [k, k + 1, k + 2] if k % 2 == 0 else [k + 1, k, k + 2]])
+    return parts
+
+
+def triangulate(vertices: Array, *polygons: Array | Ints) -> Ints:
     """Triangles (m, 3) of blocks of polygons, each block (k, n) with n corners; polygons are cut as fans."""
+    polygons = tuple(_well_begun(vertices, block) if block.shape[1] > 3 and len(vertices) else block for block in polygons)
     fans = [np.stack([block[:, [0, k, k + 1]] for k in range(1, block.shape[1] - 1)], axis=1) for block in polygons if block.shape[1] > 2]
     return np.concatenate([fan.reshape(-1, 3) for fan in fans]) if fans else np.zeros((0, 3), dtype=np.int64)
 
 
-def flatten_fields(fields: Mapping[str, Array]) -> dict[str, Array]:
+def _well_begun(vertices: Array, polygons: Array | Ints) -> Array | Ints:
+    """The polygons (k, n), begun at a corner from where a fan folds nowhere, if one is found: at a reflex corner, not beside it."""
+    polygons, left = polygons.copy(), np.arange(len(polygons))
+    for _ in range(min(polygons.shape[1], STARTS)):
+        with np.errstate(all="ignore"):  # what is no index or not finite is refused where the surface is made
+            corners = vertices.take(polygons[left].astype(np.int64), axis=0, mode="clip")
+            spokes = corners[:, 1:] - corners[:, :1]
+            areas = np.cross(spokes[:, :-1], spokes[:, 1:])
+            left = left[((areas * areas.sum(axis=1, keepdims=True)).sum(axis=2) < 0.0).any(axis=1)]
+        polygons[left] = np.roll(polygons[left], -1, axis=1)
+    return polygons
+
+
+def flatten_fields(fields: Mapping[str, Array], reserved: Collection[str] = ()) -> dict[str, Array]:
     """Scalar columns for formats without vectors: (n, k) fields become `name_0` ... `name_k-1`; names get no white space."""
     flat: dict[str, Array] = {}
     for name, values in fields.items():
-        safe = re.sub(r"\s+", "_", name)
-        columns = {safe: values} if values.ndim == 1 else {f"{safe}_{k}": values[:, k] for k in range(values.shape[1])}
-        flat |= columns
+        ends = [""] if values.ndim == 1 else [f"_{k}" for k in range(values.shape[1])]
+        stem = unused(re.sub(r"\s+", "_", name), {*reserved, *flat}, ends)
+        flat |= {stem + end: column for end, column in zip(ends, np.atleast_2d(values.T), strict=True)}
     return flat
 
 
+def unused(name: str, names: Collection[str], ends: Iterable[str] = ("",)) -> str:
+    """The name, with as many `_` behind it as it takes to be none of the others with any of the ends, nor empty."""
+    while not name or any(name + end in names for end in ends):
+        name += "_"
+    return name
+
+
 def gather_fields(flat: Mapping[str, Array]) -> dict[str, Array]:
-    """The inverse of `flatten_fields`: complete runs `name_0, name_1, ...` become one (n, k) field."""
-    fields: dict[str, Array] = {}
-    for name, values in flat.items():
+    """The inverse of `flatten_fields`: runs `name_0, name_1, ...` become one (n, k) field where they are complete and `name` is free."""
+    runs: dict[str, set[str]] = {}
+    for name in flat:
         stem, _, index = name.rpartition("_")
-        if not (stem and index.isdigit() and f"{stem}_0" in flat and f"{stem}_1" in flat):
-            fields[name] = values
-        elif index == "0":
-            run = [f"{stem}_{k}" for k in range(len(flat)) if f"{stem}_{k}" in flat]
-            fields[stem] = np.column_stack([flat[k] for k in run])
-    return fields
+        if stem and stem not in flat and is_count(index):
+            runs.setdefault(stem, set()).add(name)
+    whole = {stem: [f"{stem}_{k}" for k in range(len(run))] for stem, run in runs.items() if len(run) > 1}
+    whole = {stem: run for stem, run in whole.items() if set(run) == runs[stem]}
+    single = {name: values for name, values in flat.items() if not any(name in run for run in whole.values())}
+    return single | {stem: np.column_stack([flat[name] for name in run]) for stem, run in whole.items()}

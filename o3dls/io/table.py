@@ -1,4 +1,4 @@
-"""CSV tables whose columns are known by name: commas, semicolons or tabs, decimal points, `# key=value` comment lines."""
+"""CSV tables whose columns are known by name: commas, semicolons or tabs, decimal points, `# key=value` comment lines above the header."""
 
 from __future__ import annotations
 
@@ -15,12 +15,16 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from ..geometry import Array
 from .atomic import staged_file
-from .text import decode, read_bytes
+from .surface_file import SPACES
+from .text import LARGEST_WHOLE, decode, number, read_bytes
 
 
 @dataclass(frozen=True)
 class Table:
-    """Cells by column name, with the line of the file that each row stood on and the `key=value` notes of comment lines."""
+    """Cells by column name, with the line of the file that each row stood on and the `key=value` notes of comment lines.
+
+    The notes `space` and `units` are spelt as everywhere in o3dls, however the file spells them; `space` is a known one.
+    """
 
     path: Path
     columns: Mapping[str, list[str]]
@@ -41,16 +45,17 @@ class Table:
         if missing and cell.lower() in ("", "nan"):
             return np.nan
         try:
-            value = float(cell)
+            value = number(cell)
         except ValueError:
             hint = "has a decimal comma; write a decimal point" if re.fullmatch(r"[-+]?\d*,\d+", cell) else "is not a number"
+            hint += "; comments belong above the header" if cell.startswith("#") else ""
             raise InputError(f"{self.where(row, name)}: '{cell}' {hint}") from None
         if not np.isfinite(value):
             raise InputError(f"{self.where(row, name)}: '{cell}' is not finite; every number must be")
         return value
 
     def values(self, name: str) -> NDArray[Any]:
-        """A column as numbers where every cell is a number or empty, else as text."""
+        """A column as numbers where every cell is a number or empty, else as text; identifiers such as 007 are text."""
         cells = self.columns[name]
         if any(cells) and all(_is_number(cell) for cell in cells):
             return self.numbers(name, missing=True)
@@ -58,20 +63,21 @@ class Table:
 
 
 def _is_number(cell: str) -> bool:
+    """Whether a cell is empty or a number that a float holds and that has no leading zeros, which it would lose."""
     try:
-        float(cell or "nan")
+        value = number(cell or "nan")
     except ValueError:
         return False
-    return True
+    return not re.match(r"[-+]?0\d", cell) and not (re.fullmatch(r"[-+]?\d+", cell) and abs(value) > LARGEST_WHOLE)
 
 
 def read_table(path: str | Path, required: Iterable[str], aliases: Mapping[str, str] | None = None) -> Table:
     """The table in a CSV file. Raises InputError naming file, line and column for anything that does not fit."""
     path = Path(path)
     text = decode(read_bytes(path), path)
-    lines = [(number, line) for number, line in enumerate(text.splitlines(), 1) if line.strip()]
-    notes = dict(re.findall(r"(\w+)=(\S+)", " ".join(line for _, line in lines if line.lstrip().startswith("#"))))
-    body = [(number, line) for number, line in lines if not line.lstrip().startswith("#")]
+    lines = [(at, line) for at, line in enumerate(text.splitlines(), 1) if line.strip()]
+    top = next((k for k, (_, line) in enumerate(lines) if not line.lstrip().startswith("#")), len(lines))
+    body = lines[top:]  # from the header on, a line that begins with # is a row: names may begin so
     if not body:
         raise InputError(f"{path}: has no header line: must name the columns {', '.join(required)}")
     delimiter = next((d for d in ";\t" if d in body[0][1]), ",")
@@ -79,12 +85,24 @@ def read_table(path: str | Path, required: Iterable[str], aliases: Mapping[str, 
     if len(cells) != len(body):
         raise InputError(f"{path}: a quoted cell runs over several lines; close the quotes on each line")
     header = _header(cells[0], path, body[0][0], required, aliases or {})
-    for (number, _), row in zip(body[1:], cells[1:], strict=True):
+    for (at, _), row in zip(body[1:], cells[1:], strict=True):
         if len(row) != len(header):
             hint = "; decimal commas? write decimal points" if delimiter == "," and len(row) > len(header) else ""
-            raise InputError(f"{path}: line {number} has {len(row)} cells, the header has {len(header)}{hint}")
+            hint = "; comments belong above the header" if row[0].startswith("#") else hint
+            raise InputError(f"{path}: line {at} has {len(row)} cells, the header has {len(header)}{hint}")
     columns = {name: [row[k] for row in cells[1:]] for k, name in enumerate(header)}
-    return Table(path, columns, [number for number, _ in body[1:]], notes)
+    return Table(path, columns, [at for at, _ in body[1:]], _notes(path, [line for _, line in lines[:top]]))
+
+
+def _notes(path: Path, comments: Sequence[str]) -> dict[str, str]:
+    """The `key=value` pairs of comment lines. Raises InputError for a frame that is none."""
+    notes = {key.lower(): value for key, value in re.findall(r"(\w+)=([^\s,;]+)", " ".join(comments))}
+    spaces = {space.lower(): space for space in SPACES}
+    if notes.get("space", "unknown").lower() not in spaces:
+        raise InputError(f"{path}: states space={notes['space']}: must be one of {', '.join(SPACES)}")
+    if "space" in notes:
+        notes["space"] = spaces[notes["space"].lower()]
+    return notes | ({"units": notes["units"].lower()} if "units" in notes else {})
 
 
 def _header(cells: Sequence[str], path: Path, line: int, required: Iterable[str], aliases: Mapping[str, str]) -> list[str]:
@@ -99,16 +117,20 @@ def _header(cells: Sequence[str], path: Path, line: int, required: Iterable[str]
 
 
 def write_table(path: str | Path, columns: Mapping[str, NDArray[Any]], notes: Mapping[str, str] | None = None) -> None:
-    """Write equal-length columns as CSV; numbers keep all their digits, NaN becomes an empty cell."""
+    """Write equal-length columns as CSV; numbers keep all their digits, NaN becomes an empty cell. Raises InputError for line breaks."""
     with staged_file(path) as staged, staged.open("w", newline="", encoding="utf-8") as file:
         if notes:
             file.write("# " + " ".join(f"{key}={value}" for key, value in notes.items()) + "\n")
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(columns)
-        writer.writerows(zip(*([_cell(v) for v in values.tolist()] for values in columns.values()), strict=True))
+        cells = ([_cell(v, f"{path}: column '{name}'") for v in values.tolist()] for name, values in columns.items())
+        writer.writerows(zip(*cells, strict=True))
 
 
-def _cell(value: Any) -> str:
+def _cell(value: Any, where: str) -> str:
     if isinstance(value, float):
         return "" if np.isnan(value) else repr(value)
-    return str(value)
+    text = str(value)
+    if len(f"{text}.".splitlines()) > 1:
+        raise InputError(f"{where}: {text!r} holds a line break, which a cell cannot; take it out first")
+    return text

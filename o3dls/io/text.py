@@ -18,12 +18,14 @@ LARGEST_WHOLE = 1 << 53
 
 
 def read_bytes(path: str | Path) -> bytes:
-    """The content of a file. Raises InputError where it is missing, a folder, empty or not readable."""
+    """The content of a file. Raises InputError where it is missing, a folder, a pipe, empty or not readable."""
     path = Path(path)
     if not path.exists():
         raise InputError(f"{path}: no such file")
     if path.is_dir():
         raise InputError(f"{path}: is a folder; name a file")
+    if not path.is_file():  # what can be read once only, or never ends
+        raise InputError(f"{path}: is a pipe or a device, no regular file; save it as a file first")
     try:
         data = path.read_bytes()
     except OSError as error:
@@ -66,13 +68,20 @@ def rectangle(lines: Sequence[str]) -> Array | None:
     return rows if len(rows) == len(lines) else None
 
 
+def number(word: str) -> float:
+    """The number that a word of a file stands for. Raises ValueError, also for `1_0`, which Python itself takes for 10."""
+    if "_" in word:
+        raise ValueError(word)
+    return float(word)
+
+
 def check_numbers(cells: Sequence[str], columns: int, where: str, what: str) -> None:
     """Raise InputError unless there are `columns` cells and each is a number."""
     for cell in cells:
         if re.fullmatch(r"[-+]?\d+,\d+", cell):
             raise InputError(f"{where}: {what} '{cell}' has a decimal comma; write a decimal point")
         try:
-            float(cell)
+            number(cell)
         except ValueError:
             raise InputError(f"{where}: {what} '{cell[:40]}' is not a number") from None
     if len(cells) != columns:
@@ -84,6 +93,8 @@ def flat_numbers(text: str, count: int, where: str) -> Array:
     words = text.split()
     if len(words) != count:
         raise InputError(f"{where}: has {len(words)} numbers: must be {count}")
+    if "_" in text:
+        check_numbers(words, count, where, "value")  # numpy would take 1_0 for 10
     try:
         return np.array(words, dtype=np.float64)
     except ValueError:

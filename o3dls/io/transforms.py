@@ -30,9 +30,9 @@ def write_transform(path: str | Path, T_map_prior: Array, space: str) -> None:
     and for .tfm where the frame is not known.
     """
     path = Path(path)
-    if path.suffix == ".txt":
+    if path.suffix.lower() == ".txt":
         text = f"# T_map_prior, mm, SPACE={space}, {NOTICE}\n" + "".join(" ".join(map(repr, row)) + "\n" for row in T_map_prior.tolist())
-    elif path.suffix == ".tfm":
+    elif path.suffix.lower() == ".tfm":
         text = _itk_text(path, T_map_prior, space)
     else:
         raise InputError(f"{path}: transforms are written as .txt (4x4) or .tfm (ITK, Slicer)")

@@ -28,11 +28,12 @@ def write_volume(path: str | Path, values: NDArray[Any], spacing: float, origin:
     data = np.asarray(values, dtype="<u1" if values.dtype == bool else "<f4")
     if data.ndim != 3:
         raise InputError(f"{path}: volumes are written in 3D; these values are {data.ndim}D")
-    if path.name.endswith(".nrrd"):
+    name = path.name.lower()
+    if name.endswith(".nrrd"):
         content = _nrrd(data, spacing, origin, space)
-    elif path.name.endswith((".nii", ".nii.gz")):
+    elif name.endswith((".nii", ".nii.gz")):
         content = _nifti(path, data, spacing, origin, space)
-        content = gzip.compress(content, 6, mtime=0) if path.suffix == ".gz" else content
+        content = gzip.compress(content, 6, mtime=0) if name.endswith(".gz") else content
     else:
         raise InputError(f"{path}: volumes are written as .nrrd, .nii or .nii.gz")
     with staged_file(path) as staged:

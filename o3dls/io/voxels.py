@@ -70,6 +70,7 @@ def count(path: Path, sizes: list[int]) -> int:
 
 def beside(path: Path, name: str) -> bytes:
     """The bytes of a data file in the same folder. Raises InputError for a path that leads elsewhere."""
+    name = name.removeprefix("./")
     if Path(name).name != name or not name or "\0" in name or "%" in name or name == "LIST" or len(name) > 200:
         raise InputError(f"{path}: names its data '{name[:60]}': must be one file in the same folder")
     if not (path.parent / name).is_file():

@@ -30,10 +30,13 @@ class Cursor:
     def __init__(self, path: Path, data: bytes) -> None:
         self.path, self.data, self.at, self.binary = path, data, 0, False
 
-    def error(self, text: str) -> InputError:
+    @property
+    def place(self) -> str:
         line = self.data.count(b"\n", 0, max(self.at - 1, 0)) + 1
-        place = f"byte {self.at}" if self.binary else f"line {line}"
-        return InputError(f"{self.path}: {place}: {text}")
+        return f"{self.path}: byte {self.at}" if self.binary else f"{self.path}: line {line}"
+
+    def error(self, text: str) -> InputError:
+        return InputError(f"{self.place}: {text}")
 
     def line(self) -> str:
         """The next line, without its end; empty at the end of the file."""
@@ -76,7 +79,8 @@ class Cursor:
 
     def integers(self, n: int, kind: str) -> Ints:
         """The next n numbers, which must be whole."""
-        return integers(self.numbers(n, kind), str(self.error("above")))
+        place = self.place
+        return integers(self.numbers(n, kind), f"{place} and below")
 
     def _binary_numbers(self, n: int, kind: str) -> Array:
         dtype = np.dtype(">" + TYPES[kind])
@@ -89,7 +93,7 @@ class Cursor:
         return (np.unpackbits(values)[:n] if kind == "bit" else values).astype(np.float64)
 
     def _ascii_numbers(self, n: int) -> Array:
-        words: list[bytes] = []
+        words, start = list[bytes](), self.at
         while len(words) < n:
             end = self.data.find(b"\n", self.at)
             end = len(self.data) if end < 0 else end
@@ -101,10 +105,19 @@ class Cursor:
         if len(words) > n:
             raise self.error(f"{n} numbers are declared, {len(words)} are there")
         try:
+            if b"_" in self.data[start : self.at]:
+                self._check_lines(start)  # numpy would take 1_0 for 10
             return np.array(words, dtype=np.float64) if words else np.zeros(0)
         except ValueError:
-            check_numbers([w.decode("utf-8", errors="replace") for w in words], n, str(self.error("above")), "value")
+            self._check_lines(start)
             raise
+
+    def _check_lines(self, start: int) -> None:
+        """Raise InputError naming the first line, of those read from `start` on, with a word that is no number."""
+        for line in self.data[start : self.at].split(b"\n"):
+            self.at = start = start + len(line) + 1
+            words = [word.decode("ascii", errors="replace") for word in line.split()]
+            check_numbers(words, len(words), self.place, "value")
 
     def skip_block(self) -> None:
         """Past the blank line that ends a METADATA block."""

@@ -8,7 +8,7 @@ from urllib.parse import quote, unquote
 import numpy as np
 
 from ..geometry import Array, Ints
-from .surface_file import NOTICE, SurfaceFile, triangulate
+from .surface_file import NOTICE, SurfaceFile, strips, triangulate
 from .vtk_cursor import Cursor
 
 WIDTHS = {"NORMALS": 3, "VECTORS": 3, "TENSORS": 9, "GLOBAL_IDS": 1, "PEDIGREE_IDS": 1}
@@ -34,7 +34,7 @@ def read(path: Path, data: bytes) -> SurfaceFile:
                 vertices = cursor.numbers(cursor.count(n) * 3, kind).reshape(-1, 3)
             case ["POLYGONS" | "CELLS" | "TRIANGLE_STRIPS" | "LINES" | "VERTICES" as what, n, size]:
                 cells = _cells(cursor, cursor.count(n), cursor.count(size))
-                polygons += _strips(cells) if what == "TRIANGLE_STRIPS" else cells if what in ("POLYGONS", "CELLS") else []
+                polygons += strips(cells) if what == "TRIANGLE_STRIPS" else cells if what in ("POLYGONS", "CELLS") else []
             case ["CELL_TYPES", n]:
                 _check_types(cursor, cursor.integers(cursor.count(n), "int"))
             case ["POINT_DATA" | "CELL_DATA" as where, n]:
@@ -43,9 +43,8 @@ def read(path: Path, data: bytes) -> SurfaceFile:
                 cursor.skip_block()
             case _:
                 found = _attribute(cursor, words, rows)
-                fields |= found if on_points else {}
-    fields = {name: values for name, values in fields.items() if len(values) == len(vertices)}
-    return SurfaceFile.of(path, vertices, triangulate(*polygons), fields, header=title, metadata={"title": title})
+                fields |= _complete(cursor, found, len(vertices)) if on_points else {}
+    return SurfaceFile.of(path, vertices, triangulate(vertices, *polygons), fields, header=title, metadata={"title": title})
 
 
 def _cells(cursor: Cursor, n: int, size: int) -> list[Array]:
@@ -79,19 +78,18 @@ def _unroll(cursor: Cursor, flat: Ints, n: int) -> tuple[Ints, Ints, Ints]:
     return starts - np.arange(n + 1), np.delete(flat, starts[:-1]), np.diff(starts) - 1
 
 
-def _strips(cells: list[Array]) -> list[Array]:
-    """Triangles of strips; every second one is turned."""
-    parts = []
-    for block in cells:
-        for k in range(block.shape[1] - 2):
-            parts.append(block[:, [k, k + 1, k + 2] if k % 2 == 0 else [k + 1, k, k + 2]])
-    return parts
-
-
 def _check_types(cursor: Cursor, types: Ints) -> None:
     wrong = sorted(set(types.tolist()) - {5, 7, 9})
     if wrong:
         raise cursor.error(f"cells of type {wrong[0]}: only triangles (5), polygons (7) and quads (9) are read; extract the surface first")
+
+
+def _complete(cursor: Cursor, found: dict[str, Array], n: int) -> dict[str, Array]:
+    """Point data as they are. Raises InputError where an array is longer or shorter than the points."""
+    for name, values in found.items():
+        if len(values) != n:
+            raise cursor.error(f"point data '{name}' have {len(values)} rows: there are {n} points")
+    return found
 
 
 def _attribute(cursor: Cursor, words: list[str], n: int) -> dict[str, Array]:
@@ -109,7 +107,7 @@ def _attribute(cursor: Cursor, words: list[str], n: int) -> dict[str, Array]:
             return _drop(cursor, n * cursor.count(width), kind)
         case ["COLOR_SCALARS", name, width]:
             values = cursor.numbers(n * cursor.count(width), "unsigned_char" if cursor.binary else "float")
-            return _named(name, values, cursor.count(width))
+            return _named(name, values if cursor.binary else np.rint(255.0 * values), cursor.count(width))  # ascii counts to 1
         case ["LOOKUP_TABLE", _, size]:
             return _drop(cursor, 4 * cursor.count(size), "unsigned_char" if cursor.binary else "float")
         case ["FIELD", _, arrays]:

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..geometry import Array, Ints
-from .surface_file import NOTICE, SurfaceFile, triangulate
+from .surface_file import NOTICE, SurfaceFile, strips, triangulate
 from .text import integers
 from .vtp_arrays import Arrays, open_xml
 
@@ -35,14 +35,16 @@ def read(path: Path, data: bytes) -> SurfaceFile:
     for piece in pieces:
         n = arrays.count(piece, "NumberOfPoints")
         vertices.append(arrays.numbers(_only(path, piece, "Points/DataArray"), 3 * n).reshape(-1, 3) if n else np.zeros((0, 3)))
-        polygons += [block + start for block in _polygons(path, arrays, piece)]
+        cells = [*_cells(path, arrays, piece, "Polys"), *strips(_cells(path, arrays, piece, "Strips"))]
+        polygons += [block + start for block in cells]
         found = [(array.get("Name", f"array_{k}"), arrays.tuples(array, n)) for k, array in enumerate(piece.findall("PointData/DataArray"))]
         fields.append({name: values for name, values in found if name != "Normals"})
         start += n
     names = [name for name in fields[0] if all(name in f and f[name].shape[1:] == fields[0][name].shape[1:] for f in fields)]
     joined = {name: np.concatenate([f[name] for f in fields]) for name in names}
     notes = {name: arrays.text(root, name) for name in ("SPACE", "UNITS")}
-    return SurfaceFile.of(path, np.concatenate(vertices), triangulate(*polygons), joined, space=notes["SPACE"], units=notes["UNITS"])
+    xyz = np.concatenate(vertices)
+    return SurfaceFile.of(path, xyz, triangulate(xyz, *polygons), joined, space=notes["SPACE"], units=notes["UNITS"])
 
 
 def _only(path: Path, piece: ElementTree.Element, where: str) -> ElementTree.Element:
@@ -52,18 +54,18 @@ def _only(path: Path, piece: ElementTree.Element, where: str) -> ElementTree.Ele
     return found
 
 
-def _polygons(path: Path, arrays: Arrays, piece: ElementTree.Element) -> list[Array]:
-    """Blocks of polygons of equal size."""
-    n = arrays.count(piece, "NumberOfPolys")
+def _cells(path: Path, arrays: Arrays, piece: ElementTree.Element, kind: str) -> list[Array]:
+    """Blocks of Polys or Strips of equal size."""
+    n = arrays.count(piece, f"NumberOf{kind}")
     if n == 0:
         return []
-    parts = {array.get("Name"): array for array in piece.findall("Polys/DataArray")}
+    parts = {array.get("Name"): array for array in piece.findall(f"{kind}/DataArray")}
     if not {"connectivity", "offsets"} <= parts.keys():
-        raise InputError(f"{path}: <Polys> must hold the arrays connectivity and offsets")
-    offsets = integers(np.concatenate([[0.0], arrays.numbers(parts["offsets"], n)]), f"{path}: <Polys> offsets")
+        raise InputError(f"{path}: <{kind}> must hold the arrays connectivity and offsets")
+    offsets = integers(np.concatenate([[0.0], arrays.numbers(parts["offsets"], n)]), f"{path}: <{kind}> offsets")
     lengths = np.diff(offsets)
     if (lengths < 0).any():
-        raise InputError(f"{path}: <Polys> offsets fall at polygon {int(np.flatnonzero(lengths < 0)[0])}; they must rise")
+        raise InputError(f"{path}: <{kind}> offsets fall at cell {int(np.flatnonzero(lengths < 0)[0])}; they must rise")
     corners = arrays.numbers(parts["connectivity"], int(offsets[-1]))
     return [corners[offsets[:-1][lengths == k, None] + np.arange(k)] for k in np.unique(lengths)]
 
