@@ -10,7 +10,7 @@ import numpy as np
 
 from ..case import Case, Points, Truth
 from ..errors import InputError
-from ..geometry import Array, Surface
+from ..geometry import Array, Surface, is_pose
 from .atomic import staged_folder
 from .case_settings import MILLIMETRES, Folder, open_folder, toml_lines
 from .markups import TURN
@@ -159,8 +159,8 @@ def _init(folder: Folder) -> Array | None:
     matrix = rectangle([line.replace(",", " ") for line in decode(read_bytes(path), path).splitlines() if line.strip()])
     if matrix is None or matrix.shape != (n, n) or not np.isfinite(matrix).all():
         raise InputError(f"{path}: must hold {n} rows of {n} finite numbers, without a header")
-    if not np.allclose(matrix[-1], np.eye(n)[-1]) or np.linalg.det(matrix[:-1, :-1]) <= 0:
-        raise InputError(f"{path}: is no pose: the last row must be {np.eye(n)[-1].tolist()} and the determinant positive")
+    if not is_pose(matrix, folder.dimension):
+        raise InputError(f"{path}: is no pose: must be a rotation, a shift and one scale, with {np.eye(n)[-1].tolist()} as the last row")
     matrix[:-1, -1] *= folder.scale()
     return matrix
 
