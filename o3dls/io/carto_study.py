@@ -12,7 +12,7 @@ import numpy as np
 
 from ..case import Points
 from ..errors import InputError
-from ..geometry import Array, apply
+from ..geometry import Array, apply, is_pose
 from . import carto_mesh
 from .archive import Archive
 from .carto_points import read_car, read_sites
@@ -159,7 +159,7 @@ def vendor_pose(shell: Array, printed: tuple[float, ...], points: Array) -> Arra
     matrix = np.reshape(np.asarray(printed, dtype=np.float64), (4, 4))
     if matrix[3, :3].any() and not matrix[:3, 3].any():
         matrix = matrix.T
-    if not np.allclose(matrix[3], [0.0, 0.0, 0.0, 1.0]) or abs(np.linalg.det(matrix)) < 1e-9:
+    if not is_pose(matrix, 3):
         return None
     readings = [matrix, np.asarray(np.linalg.inv(matrix), dtype=np.float64)]
     gaps = [float(np.median(cKDTree(apply(reading, shell)).query(points)[0])) for reading in readings]
