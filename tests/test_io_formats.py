@@ -437,6 +437,36 @@ def test_objects_of_other_libraries_and_back() -> None:
         surface_of("mesh")
 
 
+def test_editing_a_mesh_leaves_the_surface_as_it_was() -> None:
+    pytest.importorskip("pyvista")
+    case, made = marker(), marker()
+    to_open3d(case).translate([100.0, 0, 0])
+    for mesh, points, fields in [(m := to_trimesh(case), m.vertices, m.vertex_attributes), (m := to_pyvista(case), m.points, m.point_data)]:
+        points += 100.0
+        fields["bipolar"][:] = 9.0
+        back = surface_of(mesh)
+        points += 100.0
+        fields["bipolar"][:] = 7.0
+        np.testing.assert_array_equal(back.vertices, made.vertices + 100.0)
+        np.testing.assert_array_equal(back.fields["bipolar"], 9.0)
+    same_body(case.vertices, case.faces, 0.0)
+    np.testing.assert_array_equal(case.fields["bipolar"], made.fields["bipolar"])
+
+
+def test_objects_that_are_no_mesh_are_refused() -> None:
+    import open3d as o3d
+    import trimesh
+
+    tensor, cloud = o3d.t.geometry, trimesh.PointCloud(np.zeros((3, 3)))
+    for thing in (o3d.geometry.PointCloud(), tensor.PointCloud(), tensor.TriangleMesh(), cloud, trimesh.Scene(cloud)):
+        with pytest.raises(InputError, match=r"is no mesh of open3d|mesh is empty"):
+            surface_of(thing)
+    assert surface_of(trimesh.primitives.Box()).area == pytest.approx(6.0)
+    for thing in (tensor.PointCloud(), trimesh.Scene(), "points"):
+        with pytest.raises(InputError, match="holds no points"):
+            points_of(thing)
+
+
 def test_conversion_says_what_it_needs(tmp_path: Path) -> None:
     path = write_as("off", tmp_path, Surface(marker().vertices / 1000, marker().faces))
     text = path.read_text().replace("SPACE=LPS UNITS=mm", "")

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from o3dls.errors import InputError
-from o3dls.report import Report, write_report
+from o3dls.report import Report, compare, write_report
 from o3dls.report.markup import Html, data_block, join, tag
 from tests.finished import NASTY, bulged_case, finished, finished_2d
 
@@ -130,6 +130,13 @@ def test_unknown_estimate_and_folder_are_named(run: Path, tmp_path: Path) -> Non
         write_report([run], tmp_path / "x.html", compare=["levelset"])
     with pytest.raises(InputError, match="is no run folder"):
         write_report([tmp_path])
+    assert not list(tmp_path.glob("*.html"))
+
+
+def test_a_page_of_no_run_is_refused(tmp_path: Path) -> None:
+    for write in (write_report, compare):
+        with pytest.raises(InputError, match="no run folder is given"):
+            write([], tmp_path / "x.html")
     assert not list(tmp_path.glob("*.html"))
 
 

@@ -10,11 +10,13 @@ import numpy as np
 import pytest
 
 from o3dls.geometry import Surface
-from o3dls.report import write_report
+from o3dls.report import slides, write_report
 from o3dls.report.fields import Field, colour_table, colours_of, robust_range
-from o3dls.report.figures import drawable, front_axes
+from o3dls.report.figures import drawable, front_axes, plain_figure, shrunk
 from o3dls.report.raster import Canvas, View
 from o3dls.report.slices import slice_surface
+from o3dls.report.subject import read_subject
+from o3dls.report.verdict import warnings as warned
 from tests.finished import NASTY, bulged_case, finished, finished_2d
 from tests.tiny import sphere
 
@@ -116,6 +118,30 @@ def test_equal_runs_give_equal_slides(report: Path, tmp_path: Path) -> None:
 def test_slides_of_two_dimensions(tmp_path: Path) -> None:
     report = write_report([finished_2d(tmp_path / "run")], slides=True)
     assert {path.name for path in (report.parent / "figures").iterdir()} == {"summary.png", "distances.png", "outlines.png"}
+
+
+def test_long_names_stay_in_their_place_and_keep_their_ends(tmp_path: Path) -> None:
+    folders = [finished(tmp_path / f"{'W' * 40}_{k}") for k in range(2)]
+    subject = read_subject(folders)
+    with plain_figure(11.69, 8.27) as figure:
+        slides._table(figure, subject, (0.04, 0.05, 0.58, 0.22))
+        figure.draw_without_rendering()
+        cells = {at: cell.get_text() for at, cell in figure.axes[0].tables[0].get_celld().items()}
+        last = max(row for row, _ in cells)
+        for row in range(1, last + 1):
+            assert cells[row, 0].get_window_extent().x1 < cells[row, 1].get_window_extent().x0
+        assert cells[last, 0].get_text().endswith("1 · level_set")
+        title = figure.text(0.04, 0.9, "W" * 80, fontsize=17)
+        shrunk(title, 600.0)
+        assert title.get_window_extent().width < 630  # letters have whole pixels
+
+
+def test_warnings_keep_to_their_lines(tmp_path: Path) -> None:
+    subject = read_subject([finished(tmp_path / "run")])
+    wide = {most: slides._warnings(subject, most).split("\n") for most in (1, 2, 9)}
+    assert wide[1] == ["and more in the report"]
+    assert len(wide[2]) == 2
+    assert len(wide[9]) == len(warned(subject))
 
 
 def test_letters_that_the_font_lacks_become_boxes(tmp_path: Path) -> None:

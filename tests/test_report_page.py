@@ -6,6 +6,7 @@ import base64
 import json
 import os
 import re
+import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -16,10 +17,10 @@ import pytest
 
 from o3dls.case import Case
 from o3dls.io.mesh import write_surface
-from o3dls.report import write_report
+from o3dls.report import compare, write_report
 from o3dls.report.subject import read_subject
 from tests.browser import Visit, chromium
-from tests.finished import NASTY, bulged_case, fine_sphere, finished, finished_2d
+from tests.finished import NASTY, bulged_case, fine_sphere, finished, finished_2d, renamed
 
 MOST_BYTES = 5_000_000
 READY_MS = 2_500  # software rendering, two surfaces of 36 000 faces, on an idle machine
@@ -237,6 +238,35 @@ def test_nothing_overflows_and_text_has_contrast(browser: Any, report: Path, sch
     assert visit.page.evaluate("document.documentElement.scrollWidth") <= width
     for text, found in visit.page.evaluate(CONTRASTS):
         assert found >= 4.5, f"{text!r} has contrast {found:.2f}"
+    visit.page.close()
+
+
+@pytest.mark.parametrize("width", [1440, 390])
+def test_rows_of_several_runs_are_named_whole_and_leave_room_for_numbers(browser: Any, run: Path, tmp_path: Path, width: int) -> None:
+    again = Path(shutil.copytree(run, tmp_path / "a_folder_with_a_name_as_long_as_those_of_a_sweep"))
+    visit = Visit(browser, write_report([run, again], tmp_path / "both.html"), width=width, height=844)
+    for inner, outer, right, end in visit.page.evaluate(HEADS):
+        assert inner <= outer
+        assert right <= end / 2
+    visit.page.close()
+
+
+HEADS = """() => [...document.querySelectorAll('.scroll')].flatMap((box) => {
+    box.scrollLeft = 1e6;
+    const from = box.getBoundingClientRect().left;
+    return [...box.querySelectorAll('tbody th')].map((one) =>
+        [one.scrollWidth, one.clientWidth, one.getBoundingClientRect().right - from, box.clientWidth]);
+})"""
+
+
+def test_names_of_compared_runs_are_seen_whole_on_a_narrow_screen(browser: Any, tmp_path: Path) -> None:
+    page = compare([finished(tmp_path / "run", renamed(bulged_case(), "W" * 100))], tmp_path / "all.html")
+    visit = Visit(browser, page, wait=False, width=390, height=844)
+    inside = """() => [...document.querySelectorAll('svg.wide text')].map((one) => {
+        const [box, all] = [one.getBoundingClientRect(), one.ownerSVGElement.getBoundingClientRect()];
+        return box.left >= all.left && box.right <= all.right;
+    })"""
+    assert all(visit.page.evaluate(inside))
     visit.page.close()
 
 

@@ -16,13 +16,18 @@ import pytest
 from o3dls.pipeline import Pipeline
 from o3dls.report import compare, section, write_report
 from o3dls.report.charts import Axis, Series, axis_over, line_chart
-from o3dls.report.markup import tag
+from o3dls.report.distance_charts import MOST, beyond, cumulative, histogram, spread_section
+from o3dls.report.fields import known_fields
+from o3dls.report.markup import signed, tag
+from o3dls.report.outline_sections import PLANES, turned
 from o3dls.report.provenance import as_toml
 from o3dls.report.section import Section
+from o3dls.report.slices import Frame
 from o3dls.report.subject import Subject, read_subject
 from o3dls.report.sweep_section import swept
-from tests.finished import Icp, LevelSet, bulged_case, finished, finished_2d, renamed
-from tests.tiny import Nudge, ball_case
+from o3dls.report.verdict import headline_difference, warnings
+from tests.finished import SEED, Icp, LevelSet, bulged_case, finished, finished_2d, renamed
+from tests.tiny import Nudge, ball_case, sphere
 
 
 @pytest.fixture(scope="module")
@@ -84,6 +89,7 @@ def test_runs_that_differ_in_one_number_give_a_curve(tmp_path: Path) -> None:
     names = [json.loads((folder / "run.json").read_text())["pipeline"] for folder in folders]
     assert swept(names) == ("nudge.share", [0.25, 1.0, 0.5])
     assert swept(names[:2]) is None
+    assert swept([{**names[0], "folds": 5}, *names[1:]]) is None
 
 
 def test_pipeline_reads_back_as_it_was(run: Path) -> None:
@@ -120,6 +126,82 @@ def test_estimates_may_start_at_none(tmp_path: Path) -> None:
     assert read_subject([folder]).shown == ["start", "level_set"]
     folder = Pipeline([Icp()], folds=0).run(bulged_case()).write(tmp_path / "one")
     assert read_subject([folder]).shown == ["start", "icp"]
+
+
+def test_fitted_ablation_points_count_wherever_fitted_points_do(tmp_path: Path) -> None:
+    """The verdict says what the table says; what it is compared with is measured at the same points, shown to it or not."""
+    case = replace(bulged_case(), truth=None)
+    subject = read_subject([Pipeline([Icp(), ShownAblation()], folds=0).run(case).write(tmp_path / "run")])
+    fitted, found = subject.last.scores["fitted"], headline_difference(subject)
+    assert subject.headline == "fitted"
+    assert found is not None
+    assert found.n == fitted["n"] == 100
+    assert found.second == pytest.approx(fitted["mean_mm"])
+    spread = spread_section(subject)
+    assert spread is not None
+    assert "100 points" in spread.body
+    case = replace(case, points=case.points.select(np.arange(103) >= 66))
+    few = read_subject([Pipeline([Icp(), ShownAblation()], folds=0).run(case).write(tmp_path / "few")])
+    assert "Only 34 points were fitted." in warnings(few)
+
+
+class ShownAblation(LevelSet):
+    @property
+    def fits(self) -> tuple[str, ...]:
+        return ("eam", "inside", "ablation")
+
+
+def test_what_is_shown_differs_in_colour_and_dash(run: Path, tmp_path: Path) -> None:
+    import shutil
+
+    folders = [run, *(Path(shutil.copytree(run, tmp_path / name)) for name in ("b", "c", "d"))]
+    subject = read_subject(folders)
+    styles = {subject.style(name) for name in [*subject.shown, next(iter(subject.results))]}
+    assert styles == set(range(5))  # and the last style is that of a calibrated posterior
+
+
+def test_distances_beyond_a_chart_are_counted_and_not_drawn() -> None:
+    gaps = np.random.default_rng(SEED).exponential(size=800)
+    x, share = cumulative(gaps, 2.0)
+    assert x[-1] == 2.0
+    assert (np.diff(share) >= 0).all()
+    assert share[-1] == pytest.approx((gaps <= 2.0).mean(), abs=1 / MOST)
+    edges, counts = histogram(gaps, 2.0)
+    assert edges[-1] == 2.0
+    assert counts[::2].sum() == (gaps <= 2.0).sum()
+    assert (
+        beyond({"icp": 3, "level_set": 0}, "2.00 mm") == '<p class="soft">Points farther than 2.00 mm, where the charts end: 3 of icp.</p>'
+    )
+
+
+@pytest.mark.parametrize("frame", ["LPS", "RAS"])
+def test_sections_are_drawn_with_the_named_side_on_the_right(frame: str) -> None:
+    """The axes of LPS point left, back and up, those of RAS right, front and up."""
+    side = 1.0 if frame == "LPS" else -1.0
+    ways = {"left": np.array([side, 0, 0]), "front": np.array([0, -side, 0])}
+    for axis, name in enumerate(PLANES.values()):
+        right = np.delete(ways[name], axis)
+        up = np.delete(ways["front"] if axis == 2 else np.array([0, 0, 1.0]), axis)
+        picture = Frame(-np.ones(2), np.ones(2), turned(frame, axis))
+        assert picture.place(right)[0] > picture.place(-right)[0]
+        assert picture.place(up)[1] < picture.place(-up)[1]
+
+
+def test_nothing_is_written_as_minus_zero() -> None:
+    assert [signed(value) for value in (-0.004, 0.0, -0.006, 0.5)] == ["+0.00", "+0.00", "-0.01", "+0.50"]
+    assert signed(-0.4, 0) == "+0"
+
+
+def test_a_correction_has_a_name_and_a_unit() -> None:
+    surface = replace(sphere(), fields={"correction_mm": sphere().vertices[:, 0]})
+    assert [(field.label, field.unit) for field in known_fields([surface], "mm")] == [("correction, outward positive", "mm")]
+
+
+@pytest.mark.parametrize(("low", "high"), [(1.0, 30.0), (0.3, 4.0), (0.002, 0.19), (2.0, 300.0), (0.001, 1000.0)])
+def test_ticks_of_a_logarithmic_axis_show_its_scale(low: float, high: float) -> None:
+    ticks = Axis("x", low, high, log=True).ticks()
+    assert 2 <= len(ticks) <= 7
+    assert ticks == sorted(tick for tick in ticks if low <= tick <= high)
 
 
 @pytest.mark.parametrize(("low", "high"), [(0.0, 1.0), (0.0, 0.037), (-13.0, 250.0), (0.0, 20000.0)])

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..geometry import Array
-from .charts import Series, axis_over, grouped, line_chart
+from .charts import STYLES, Series, axis_over, grouped, line_chart
 from .display import TRUTH
 from .markup import Child, Html, join, table, tag
 from .section import Section
@@ -56,9 +56,9 @@ def calibration_section(subject: Subject) -> Section | None:
 
 
 def _ideal(high: float) -> Series:
-    """What a calibrated posterior of normal errors shows."""
+    """What a calibrated posterior of normal errors shows, in the last style, which no shown estimate has."""
     ends = np.array([0.0, high])
-    return Series("calibrated", 5, ends, MEAN_OVER_SD * ends)
+    return Series("calibrated", STYLES - 1, ends, MEAN_OVER_SD * ends)
 
 
 def _shares(sd: Array, error: Array) -> Html:

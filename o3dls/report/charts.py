@@ -46,7 +46,8 @@ class Axis:
         """Round numbers between the ends, about five."""
         if self.log:
             powers = [10.0**k for k in range(math.floor(math.log10(self.low)), math.ceil(math.log10(self.high)) + 1)]
-            return [p for p in powers if self.low <= p <= self.high]
+            steps = (1, 2, 5) if self.high < 100 * self.low else (1,)
+            return [p * k for p in powers for k in steps if self.low <= p * k <= self.high]
         step = 10.0 ** math.floor(math.log10((self.high - self.low) / 4))
         step = next(step * k for k in (1, 2, 5, 10) if (self.high - self.low) / (step * k) <= 6)
         return [step * k for k in range(math.ceil(self.low / step - 1e-9), math.floor(self.high / step + 1e-9) + 1)]

@@ -10,15 +10,16 @@ from pathlib import Path
 
 import numpy as np
 
+from ..errors import InputError
 from ..geometry import Array
-from .markup import Child, Html, join, table, tag
+from .markup import Child, Html, join, signed, table, tag
 from .page import page
 from .statistics import ROUNDS, SEED, Difference
 from .subject import SETS, Subject
 from .verdict import headline_difference, warnings
 
-ROW, LEFT, WIDTH = 22, 210, 760  # pixels of the chart of all runs
-LONGEST = 28
+ROW, LEFT, WIDTH = 36, 12, 760  # pixels of the chart of all runs
+LONGEST = 40  # letters of a name, which stands above its line
 
 
 @dataclass(frozen=True)
@@ -58,7 +59,9 @@ def entry(subject: Subject) -> Entry | None:
 
 
 def cohort_page(subjects: Sequence[Subject], out: Path) -> str:
-    """The page of a cohort; links go to the report.html of each run, as seen from `out`."""
+    """The page of a cohort; links go to the report.html of each run, as seen from `out`. Raises InputError where it is empty."""
+    if not subjects:
+        raise InputError("no run folder is given to compare: name at least one")
     entries = sorted((found for one in subjects if (found := entry(one))), key=lambda e: (list(SETS).index(e.group), e.unit, -e.mean))
     mute = [one.case.name for one in subjects if one.headline is None]
     parts = [tag("h1", f"{len(subjects)} runs compared"), tag("p", "Research use only. Not for clinical use.", class_="notice")]
@@ -92,9 +95,9 @@ def summary(entries: Sequence[Entry]) -> str:
     spread = ""
     if len(gains) > 2:
         low, high = _interval(gains)
-        spread = f" (95 % interval over runs {low:+.2f} to {high:+.2f})"
+        spread = f" (95 % interval over runs {signed(low)} to {signed(high)})"
     better = int((gains < 0).sum())
-    return f"Closer than the baseline in {better} of {len(gains)} runs; mean difference {gains.mean():+.2f} {unit}{spread}.{bad}"
+    return f"Closer than the baseline in {better} of {len(gains)} runs; mean difference {signed(gains.mean())} {unit}{spread}.{bad}"
 
 
 def _interval(values: Array) -> tuple[float, float]:
@@ -113,10 +116,10 @@ def _row(one: Entry, out: Path) -> list[Child]:
     if one.gain is None:
         return [name, one.estimates[1], "–", f"{one.mean:.2f}", "–", "–", "–", *tail]
     gain = one.gain
-    interval = "too few" if np.isnan(gain.low) else f"{gain.low:+.2f} to {gain.high:+.2f}"
-    shown = tag("span", f"{gain.mean:+.2f}", class_="best" if gain.clear else None)
+    interval = "too few" if np.isnan(gain.low) else f"{signed(gain.low)} to {signed(gain.high)}"
+    shown = tag("span", signed(gain.mean), class_="best" if gain.clear else None)
     between = f"{one.estimates[1]} − {one.estimates[0]}"
-    return [name, between, f"{gain.first:.2f}", f"{gain.second:.2f}", shown, interval, f"{gain.percent:+.0f} %", *tail]
+    return [name, between, f"{gain.first:.2f}", f"{gain.second:.2f}", shown, interval, f"{signed(gain.percent, 0)} %", *tail]
 
 
 def _chart(entries: Sequence[Entry]) -> Html | None:
@@ -132,17 +135,17 @@ def _chart(entries: Sequence[Entry]) -> Html | None:
 
     rows = []
     for k, one in enumerate(paired):
-        y, gain = 18 + k * ROW, one.gain
+        y, gain = 30 + k * ROW, one.gain
         if gain is None:
             continue
         worse = gain.mean > 0
         rows += [
-            tag("text", one.name if len(one.name) <= LONGEST else one.name[: LONGEST - 1] + "…", x=LEFT - 10, y=y + 4, text_anchor="end"),
+            tag("text", one.name if len(one.name) <= LONGEST else one.name[: LONGEST - 1] + "…", x=LEFT + 6, y=y - 10),
             tag("path", d=f"M{at(gain.first):.1f} {y}H{at(gain.second):.1f}", class_="series s1 d1" if worse else "series s0"),
             tag("circle", cx=f"{at(gain.first):.1f}", cy=y, r="4.5", class_="ring"),
             tag("circle", cx=f"{at(gain.second):.1f}", cy=y, r="4.5", class_="f1" if worse else "f0"),
         ]
-    height = 18 + len(paired) * ROW + 22
+    height = 12 + len(paired) * ROW + 26
     axis = tag("path", d=f"M{LEFT} 4V{height - 26}H{right}", class_="axis")
     ends = [tag("text", "0", x=LEFT, y=height - 8), tag("text", f"{reach:.2f} {paired[0].unit}", x=right, y=height - 8, text_anchor="end")]
     said = "Ring: baseline; disc: result; dashed where the result is farther away."

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from ..geometry import Array
@@ -25,29 +27,37 @@ def spread_section(subject: Subject) -> Section | None:
 
 def _pair(subject: Subject, group: str) -> Html:
     names = dict.fromkeys([next(iter(subject.results)), *subject.shown])  # where it began, and what is shown
-    found = [(name, subject.style(name), subject.results[name].measured(group)[1]) for name in names]
+    found = [(name, subject.style(name), subject.results[name].measured(group, subject.last)[1]) for name in names]
     found = [one for one in found if len(one[2])]
     reach = float(np.percentile(np.concatenate([gaps for _, _, gaps in found]), 99.5))
     x = Axis(f"distance, {subject.unit}", 0.0, max(reach, 1e-9))
-    within = [Series(name, style, *_cumulative(gaps)) for name, style, gaps in found]
-    counts = [Series(name, style, *_histogram(gaps, reach)) for name, style, gaps in found]
-    within = [Series(s.name, s.style, np.minimum(s.x, reach), s.y) for s in within]
+    within = [Series(name, style, *cumulative(gaps, reach)) for name, style, gaps in found]
+    counts = [Series(name, style, *histogram(gaps, reach)) for name, style, gaps in found]
     return join(
         tag("h3", f"{SETS[group].capitalize()}, {len(found[0][2])} points"),
         grouped(
             line_chart("Share of points within a distance", within, x, Axis("share of points", 0.0, 1.0)),
             line_chart("Number of points at a distance", counts, x, axis_over("points", [s.y for s in counts])),
         ),
+        beyond({name: int((gaps > reach).sum()) for name, _, gaps in found}, f"{reach:.2f} {subject.unit}"),
     )
 
 
-def _cumulative(gaps: Array) -> tuple[Array, Array]:
-    """Corners of the empirical distribution, thinned where there are many."""
+def beyond(counts: Mapping[str, int], reach: str) -> Html | None:
+    """How many points lie outside the charts."""
+    said = ", ".join(f"{count} of {name}" for name, count in counts.items() if count)
+    return tag("p", f"Points farther than {reach}, where the charts end: {said}.", class_="soft") if said else None
+
+
+def cumulative(gaps: Array, reach: float) -> tuple[Array, Array]:
+    """Corners of the empirical distribution as far as the reach, thinned where there are many."""
     share = np.linspace(0, 1, min(len(gaps), MOST))
-    return np.concatenate([[0.0], np.quantile(gaps, share)]), np.concatenate([[0.0], share])
+    at = np.quantile(gaps, share)
+    inside = at <= reach
+    return np.r_[0.0, at[inside], reach], np.r_[0.0, share[inside], np.interp(reach, at, share)]
 
 
-def _histogram(gaps: Array, reach: float) -> tuple[Array, Array]:
-    """Outline of a histogram; distances beyond the reach count in its last bin."""
-    counts, edges = np.histogram(np.minimum(gaps, reach), bins=BINS, range=(0.0, reach))
+def histogram(gaps: Array, reach: float) -> tuple[Array, Array]:
+    """Outline of a histogram of the distances as far as the reach."""
+    counts, edges = np.histogram(gaps, bins=BINS, range=(0.0, reach))
     return np.repeat(edges, 2)[1:-1], np.repeat(counts, 2).astype(np.float64)

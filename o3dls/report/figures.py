@@ -16,6 +16,7 @@ from .subject import Subject
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+    from matplotlib.text import Text
 
     from .raster import View
 
@@ -59,7 +60,7 @@ def draw_pictures(figure: Figure, subject: Subject, box: tuple[float, float, flo
     for k, (name, surface) in enumerate(zip(subject.shown, surfaces, strict=True)):
         axes = figure.add_axes((left + k * each, bottom + 0.16 * height, each, 0.76 * height))
         axes.imshow(painted(subject, name, surface, field, view), interpolation="antialiased")
-        axes.set_title(drawable(name), fontsize=11, parse_math=False)
+        shrunk(axes.set_title(drawable(name), fontsize=11, parse_math=False), axes.bbox.width)
         axes.set_axis_off()
     _bar(figure, field, (left + 0.04 * width, bottom + 0.11 * height, 0.42 * width, 0.03 * height))
     gaps = point_field(subject)
@@ -103,10 +104,15 @@ def _bar(figure: Figure, field: Field, box: tuple[float, float, float, float]) -
     axes.tick_params(labelsize=8)
 
 
+def shrunk(text: Text, width: float) -> None:
+    """Make a text smaller where it is wider than so many pixels."""
+    text.set_fontsize(float(text.get_fontsize()) * min(1.0, width / text.get_window_extent().width))
+
+
 def drawable(text: str, longest: int = 32) -> str:
-    """Text that the figures' font can draw: other letters become a box, and what is too long is cut."""
+    """Text that the figures' font can draw: other letters become a box, and what is too long is cut in the middle."""
     known = _letters()
-    cut = text if len(text) <= longest else text[: longest - 1] + "…"
+    cut = text if len(text) <= longest else f"{text[: (longest - 1) // 2]}…{text[-(longest // 2) :]}"
     return "".join(letter if ord(letter) in known else "□" for letter in cut)
 
 

@@ -52,6 +52,11 @@ def table(head: Sequence[Child], rows: Sequence[Sequence[Child]], caption: str =
     return join(said, tag("div", whole, class_="scroll", tabindex="0", role="region", aria_label=caption or "table"))
 
 
+def signed(value: float, digits: int = 2) -> str:
+    """A number with its sign; nothing is written as minus zero."""
+    return f"{round(value, digits) + 0.0:+.{digits}f}"
+
+
 def millimetres(value: float | None, digits: int = 2) -> str:
     """A length for a table; a dash where there is none."""
     return "–" if value is None else f"{value:.{digits}f}"

@@ -14,6 +14,7 @@ from .subject import Subject
 
 BESIDE = 2.0  # mm beside a plane within which points are drawn
 MARGIN = 0.03  # of the extent, around the outlines
+PLANES = {"sagittal": "front", "coronal": "left", "axial": "left"}  # and which side of the patient is drawn on the right
 
 
 def slice_section(subject: Subject) -> Section | None:
@@ -21,9 +22,8 @@ def slice_section(subject: Subject) -> Section | None:
     if subject.case.dimension == 2:
         return None
     low, high = (pick(axis=0) for pick in (subject.last.estimate.surface.vertices.min, subject.last.estimate.surface.vertices.max))
-    names = ("sagittal", "coronal", "axial")
-    pictures = [_slice(subject, f"{name}, {'xyz'[axis]} = {level:.0f} {subject.unit}", axis, level)
-                for axis, (name, level) in enumerate(zip(names, (low + high) / 2, strict=True))]  # fmt: skip
+    pictures = [_slice(subject, f"{name}, {'xyz'[axis]} = {round(level)} {subject.unit} ({side} on the right)", axis, level)
+                for axis, ((name, side), level) in enumerate(zip(PLANES.items(), (low + high) / 2, strict=True))]  # fmt: skip
     note = tag("p", f"Dots: eam points within {BESIDE:g} {subject.unit} of the plane.", class_="soft")
     return Section("slices", "Cross-sections", join(grouped(*pictures), _legend(subject), note))
 
@@ -65,9 +65,14 @@ def _slice(subject: Subject, title: str, axis: int, level: float) -> Html | None
         return None
     points = subject.case.points.of("eam").xyz
     near = np.delete(points[np.abs(points[:, axis] - level) < BESIDE], axis, axis=1)
-    side = subject.case.frame == "RAS"  # patient's left is drawn on the right, front on the left, head up
-    flip = (not side if axis == 0 else side, axis == 2 and not side)
-    return drawing(title, outlines, near, ["var(--soft)"] * len(near), _frame(corners.min(axis=0), corners.max(axis=0), flip))
+    frame = _frame(corners.min(axis=0), corners.max(axis=0), turned(subject.case.frame, axis))
+    return drawing(title, outlines, near, ["var(--soft)"] * len(near), frame)
+
+
+def turned(frame: str, axis: int) -> tuple[bool, bool]:
+    """Whether a section across an axis is mirrored and turned over, so that `PLANES` holds, head up, in the axial plane front up."""
+    side = frame == "RAS"
+    return (not side if axis == 0 else side, axis == 2 and not side)
 
 
 def _surfaces(subject: Subject) -> list[tuple[str, str, Surface]]:

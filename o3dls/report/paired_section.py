@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from .markup import Child, Html, join, millimetres, table, tag
+from .markup import Child, Html, join, millimetres, signed, table, tag
 from .section import Section
 from .statistics import ROUNDS, Difference, paired_difference
 from .subject import SETS, Result, Subject
@@ -37,9 +37,9 @@ def paired_section(subject: Subject) -> Section | None:
 
 
 def _cells(found: Difference) -> list[Child]:
-    interval = "too few" if math.isnan(found.low) else f"{found.low:+.2f} to {found.high:+.2f}"
-    mean = tag("span", f"{found.mean:+.2f}", class_="best" if found.clear and abs(found.mean) >= SMALLEST else None)
-    return [mean, interval, f"{found.percent:+.0f} %", found.n, found.blocks]
+    interval = "too few" if math.isnan(found.low) else f"{signed(found.low)} to {signed(found.high)}"
+    mean = tag("span", signed(found.mean), class_="best" if found.clear and abs(found.mean) >= SMALLEST else None)
+    return [mean, interval, f"{signed(found.percent, 0)} %", found.n, found.blocks]
 
 
 def _regions(subject: Subject) -> Html | None:
@@ -48,7 +48,7 @@ def _regions(subject: Subject) -> Html | None:
     if subject.headline is None or subject.first is None or len(marks) == 0 or subject.case.units == "px":
         return None
     positions, gaps = subject.last.measured(subject.headline)
-    same, before = subject.first.measured(subject.headline)
+    same, before = subject.first.measured(subject.headline, subject.last)
     if same.shape != positions.shape:
         return None
     away = np.linalg.norm(positions[:, None] - marks.xyz[None], axis=2)

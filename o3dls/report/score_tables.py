@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from .markup import Child, Html, join, millimetres, table, tag
+from .markup import Child, Html, join, millimetres, signed, table, tag
 from .section import Section
 from .subject import SETS, Result, Subject
 
@@ -102,7 +102,7 @@ def _valid(key: str, found: Mapping[str, Any]) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
     if key == "volume_change" and value is not None:
-        return f"{round(value, 3) + 0.0:+.1%}"  # + 0.0: no minus before zero
+        return f"{signed(100 * value, 1)}%"
     return _number(value, "{:.1f}" if isinstance(value, float) else "{}")
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..io.atomic import staged_file
-from .figures import INK, draw_pictures, drawable, plain_figure, png
+from .figures import INK, draw_pictures, drawable, plain_figure, png, shrunk
 from .outline_sections import named_outlines
 from .score_tables import mean_table
 from .subject import SETS, Subject
@@ -23,7 +23,8 @@ if TYPE_CHECKING:
 NOTICE = "o3dls. Research use only. Not for clinical use."
 COLOURS = ("#0072b2", "#c04f00", "#00785a", "#a3487e", "#6b6b00", "#5b5f66")  # s0..s5 of report.css
 DASHES: tuple[Any, ...] = ("-", (0, (7, 3)), (0, (2, 3)), (0, (9, 3, 2, 3)), (0, (4, 2)), (0, (1, 4)))
-MOST_COLUMNS, MOST_ROWS, MOST_WARNINGS, HEAD_LINES = 7, 7, 3, 3
+MOST_COLUMNS, MOST_ROWS, HEAD_LINES, LETTERS = 7, 7, 3, 12
+VERDICT_LINES, TEXT_LINES = 4, 6  # at most, of the verdict, and with the warnings below it
 
 
 def write_slides(subject: Subject, folder: Path, pdf: Path) -> None:
@@ -64,29 +65,31 @@ def _surfaces(figure: Figure, subject: Subject, box: tuple[float, float, float, 
         axes.scatter(x, y, s=9, c=INK, zorder=3)
         axes.set(aspect="equal")
         axes.set_axis_off()
-        axes.set_title(drawable(name), fontsize=11, parse_math=False)
+        shrunk(axes.set_title(drawable(name), fontsize=11, parse_math=False), axes.bbox.width)
 
 
 def _summary(subject: Subject) -> tuple[bytes, bytes]:
     """One page, A4 across, as PNG and as PDF: verdict, warnings, surfaces, table and curve."""
     buffer = io.BytesIO()
     with plain_figure(11.69, 8.27) as figure:
-        figure.text(0.04, 0.955, drawable(subject.case.name, 80), fontsize=17, weight="bold", va="top", parse_math=False)
-        figure.text(0.04, 0.905, _wrapped(verdict(subject), 125), fontsize=11, va="top", linespacing=1.35, parse_math=False)
-        figure.text(0.04, 0.82, _warnings(subject), fontsize=8.5, va="top", color="#7a5200", linespacing=1.3, parse_math=False)
+        title = figure.text(0.04, 0.955, drawable(subject.case.name, 80), fontsize=17, weight="bold", va="top", parse_math=False)
+        shrunk(title, 0.92 * figure.bbox.width)
+        said = _wrapped(verdict(subject), 125, VERDICT_LINES)
+        figure.text(0.04, 0.905, "\n".join(said), fontsize=11, va="top", linespacing=1.35, parse_math=False)
+        under, doubts = 0.895 - 0.025 * len(said), _warnings(subject, TEXT_LINES - len(said))
+        figure.text(0.04, under, doubts, fontsize=8.5, va="top", color="#7a5200", linespacing=1.3, parse_math=False)
         _surfaces(figure, subject, (0.03, 0.3, 0.94, 0.46))
-        _table(figure, subject, (0.04, 0.05, 0.56, 0.22))
+        _table(figure, subject, (0.04, 0.05, 0.58, 0.22))
         _curve(figure.add_axes((0.68, 0.1, 0.28, 0.17)), subject)
         figure.text(0.04, 0.02, NOTICE, fontsize=8, parse_math=False)
         figure.savefig(buffer, format="pdf", dpi=200, metadata={"CreationDate": None, "Creator": "o3dls", "Producer": "o3dls"})
         return png(figure, 140), buffer.getvalue()
 
 
-def _warnings(subject: Subject) -> str:
-    """The first warnings, and how many more there are."""
-    said = warnings(subject)
-    more = len(said) - MOST_WARNINGS
-    return "\n".join([_wrapped(text, 150) for text in said[:MOST_WARNINGS]] + [f"and {more} more in the report"] * (more > 0))
+def _warnings(subject: Subject, most: int) -> str:
+    """The first lines of the warnings, and whether there are more."""
+    lines = [line for text in warnings(subject) for line in _wrapped(text, 150)]
+    return "\n".join(lines if len(lines) <= most else [*lines[: most - 1], "and more in the report"])
 
 
 def _distances_png(subject: Subject) -> bytes:
@@ -99,7 +102,7 @@ def _curve(axes: Axes, subject: Subject) -> None:
     """Share of points within a distance, on the set that speaks first."""
     group = subject.headline
     names = dict.fromkeys([next(iter(subject.results)), *subject.shown])  # where it began, and what is shown
-    gaps = {name: subject.results[name].measured(group)[1] for name in names} if group else {}
+    gaps = {name: subject.results[name].measured(group, subject.last)[1] for name in names} if group else {}
     gaps = {name: np.sort(values) for name, values in gaps.items() if len(values)}
     for name, values in gaps.items():
         k = subject.style(name) % len(COLOURS)
@@ -120,9 +123,11 @@ def _table(figure: Figure, subject: Subject, box: tuple[float, float, float, flo
         sets, rows = [*sets[: MOST_COLUMNS - 1], sets[-1]], [(name, [*cells[: MOST_COLUMNS - 1], cells[-1]]) for name, cells in rows]
     axes = figure.add_axes(box)
     axes.set_axis_off()
-    heads = [textwrap.fill(SETS[group] + " (seen by the fit)" * (group == "fitted"), 12, break_long_words=False) for group in sets]
+    heads = [textwrap.fill(SETS[group] + " (seen by the fit)" * (group == "fitted"), LETTERS, break_long_words=False) for group in sets]
     cells = [[drawable(name), *values] for name, values in rows[-MOST_ROWS:]]
-    drawn = axes.table(cells, colLabels=[f"mean, {subject.unit}", *heads], loc="upper left", cellLoc="right", edges="horizontal")
+    letters = np.array([max(len(row[0]) for row in cells), *[LETTERS] * len(heads)])
+    drawn = axes.table(cells, colLabels=[f"mean, {subject.unit}", *heads], colWidths=(letters / letters.sum()).tolist(),
+                       loc="upper left", cellLoc="right", edges="horizontal")  # fmt: skip
     drawn.auto_set_font_size(False)
     drawn.scale(1, 1.25)
     for (row, column), cell in drawn.get_celld().items():
@@ -132,7 +137,9 @@ def _table(figure: Figure, subject: Subject, box: tuple[float, float, float, flo
         cell.get_text().set_fontsize(7 if row == 0 else 8)  # the longest word of a head fills its column
         if column == 0:
             cell.get_text().set_horizontalalignment("left")
+            cell.PAD = 0.03
+            shrunk(cell.get_text(), (1 - 2 * cell.PAD) * cell.get_width() * axes.bbox.width)
 
 
-def _wrapped(text: str, width: int) -> str:
-    return textwrap.fill(drawable(text, 2000), width)
+def _wrapped(text: str, width: int, most: int | None = None) -> list[str]:
+    return textwrap.wrap(drawable(text, 2000), width, max_lines=most, placeholder=" …")

@@ -68,9 +68,17 @@ class Result:
         """Distances (n,) of the drawn points."""
         return np.asarray(self.drawn_points.columns[f"distance_{self.key}_{self.run.unit}"])
 
-    def measured(self, group: str) -> tuple[Array, Array]:
-        """Positions (n, d) and distances (n,) of a set of points; empty where the run has not that set."""
-        points = self._points_of(group)
+    @property
+    def fitted(self) -> tuple[str, ...]:
+        """Types of the points that it was fitted to: ablation points are a set of their own where it was not shown them."""
+        return ("eam",) if "ablation" in self.scores else ("eam", "ablation")
+
+    def measured(self, group: str, like: Result | None = None) -> tuple[Array, Array]:
+        """Positions (n, d) and distances (n,) of a set of points; empty where the run has not that set.
+
+        The fitted points are its own, or those of another result, `like`, with which it is compared.
+        """
+        points = self._points_of(group, (like or self).fitted)
         prefix = "left_out" if group == "cross_validated" else "distance"
         values = points.columns.get(f"{prefix}_{self.key}_{self.run.unit}")
         if values is None or group not in self.scores:
@@ -78,11 +86,11 @@ class Result:
         known = np.isfinite(values)
         return points.xyz[known], np.asarray(values[known])
 
-    def _points_of(self, group: str) -> Points:
+    def _points_of(self, group: str, fitted: tuple[str, ...]) -> Points:
         """The measured or held-out points that a set is made of."""
         held_out = self.run.held_out
         if not group.startswith("held_out") or held_out is None:
-            return self.run.points.of({"fitted": "eam", "cross_validated": "eam"}.get(group, group))
+            return self.run.points.of(*{"fitted": fitted, "cross_validated": ("eam",)}.get(group, (group,)))
         unseen = held_out.columns.get("unseen", np.zeros(len(held_out))) > 0
         return held_out.select({"held_out_seen": ~unseen, "held_out_unseen": unseen}.get(group, np.ones(len(held_out), dtype=bool)))
 
@@ -132,8 +140,8 @@ class Subject:
         return datetime.fromtimestamp((self.folders[-1] / "run.json").stat().st_mtime, UTC).date().isoformat()
 
     def style(self, name: str) -> int:
-        """Number of the colour and dash that an estimate has everywhere in the report."""
-        return list(self.results).index(name)
+        """Number of the colour and dash that an estimate has everywhere in the report; those shown come first, so that theirs differ."""
+        return list(dict.fromkeys([*self.shown, *self.results])).index(name)
 
     @cached_property
     def headline(self) -> str | None:
@@ -152,9 +160,11 @@ class Subject:
 
 
 def read_subject(folders: Sequence[Path], compare: Sequence[str] = ()) -> Subject:
-    """The subject of a report on finished run folders of one case. Raises InputError where they are of several cases."""
+    """The subject of a report on finished run folders of one case. Raises InputError where they are of several cases, or none is given."""
     from ..run_folder import read_run
 
+    if not folders:
+        raise InputError("no run folder is given: name at least one")
     runs = [read_run(folder) for folder in folders]
     records = [json.loads((folder / "run.json").read_text(encoding="utf-8")) for folder in folders]
     _check_same_case(folders, runs)

@@ -34,7 +34,7 @@ def sweep_section(subject: Subject) -> Section | None:
 
 
 def swept(pipelines: Sequence[Mapping[str, Any]]) -> tuple[str, list[float]] | None:
-    """Name and values of the one parameter in which the stages of pipelines differ; None where it is not one, or no number."""
+    """Name and values of the one parameter in which pipelines differ; None where it is not one, or no number."""
     flat = [_flat(pipeline) for pipeline in pipelines]
     keys = dict.fromkeys(key for one in flat for key in one)
     differing = [key for key in keys if len({repr(one.get(key)) for one in flat}) > 1]
@@ -44,5 +44,6 @@ def swept(pipelines: Sequence[Mapping[str, Any]]) -> tuple[str, list[float]] | N
 
 
 def _flat(pipeline: Mapping[str, Any]) -> dict[str, Any]:
-    """Every parameter of every stage as `estimate.parameter`."""
-    return {f"{stage.get('as') or stage['use']}.{key}": value for stage in pipeline["stage"] for key, value in stage.items()}
+    """What makes the result: every parameter of every stage as `estimate.parameter`, and those of the pipeline itself."""
+    own = {key: value for key, value in pipeline.items() if key not in ("stage", "write")}
+    return own | {f"{stage.get('as') or stage['use']}.{key}": value for stage in pipeline["stage"] for key, value in stage.items()}

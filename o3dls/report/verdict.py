@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from .electrical import FAR
+from .markup import signed
 from .statistics import Difference, paired_difference
 from .subject import Result, Subject
 
@@ -38,8 +39,8 @@ def headline_difference(subject: Subject) -> Difference | None:
 
 
 def difference(first: Result, second: Result, group: str) -> Difference | None:
-    """Paired difference of two results on a set of points; None where they do not share it."""
-    positions, a = first.measured(group)
+    """Paired difference of two results on a set of points, that of the second; None where they do not share it."""
+    positions, a = first.measured(group, second)
     other, b = second.measured(group)
     if len(a) < 2 or positions.shape != other.shape or (positions != other).any():
         return None
@@ -55,7 +56,7 @@ def _comparison(subject: Subject) -> str | None:
     if math.isnan(found.low):
         return f"{last} and {first} on {WORDS[subject.headline]}: {means} ({found.n} points, too few for an interval)."
     if not found.clear:
-        interval = f"95 % interval of the difference {found.low:+.2f} to {found.high:+.2f} {unit}"
+        interval = f"95 % interval of the difference {signed(found.low)} to {signed(found.high)} {unit}"
         return f"{last} and {first} cannot be told apart on {WORDS[subject.headline]}: {means} ({interval})."
     way = "closer to" if found.mean < 0 else "farther from"
     small, large = sorted((abs(found.low), abs(found.high)))
@@ -77,7 +78,7 @@ def warnings(subject: Subject) -> list[str]:
     said = [f"{result.name}: {fault}." for result in chain for fault in result.run.faults_of(result.key)]
     said += [_unfinished(result) for result in chain if not result.estimate.converged]
     said += _estimates_own(subject)
-    fitted = int((subject.case.points.type == "eam").sum())
+    fitted = len(subject.case.points.of(*subject.last.fitted))
     if fitted < FEW_POINTS:
         said.append(f"Only {fitted} points were fitted.")
     if subject.headline == "fitted":
