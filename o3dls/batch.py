@@ -3,12 +3,19 @@
 from __future__ import annotations
 
 import logging
+import os
+import signal
+import sys
+import time
+import traceback
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
-from functools import partial
+from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass, field
 from multiprocessing import get_context
+from multiprocessing.connection import Connection
 from pathlib import Path
+from threading import Thread
 from typing import Any
 
 from .case import Case
@@ -18,26 +25,28 @@ from .io.case_folder import read_case
 from .levelset.compiled import share
 from .pipeline import Pipeline
 from .run import Run
-from .run_folder import log_of_failure, write_rows
+from .run_folder import heard, log_of_failure, write_rows
 from .tables import score_rows
 
 log = logging.getLogger("o3dls")
 COHORT = "cohort.csv"
+GRACE = 2.0  # seconds in which a process that was told to end may remove what it has half made
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of one case: rows of its scores, or the sentence that says why there are none."""
+    """What became of one case: rows of its scores, or the sentence that says why there are none; and what it was warned of."""
 
     case: str
     rows: list[dict[str, Any]]
     faults: list[str]
     error: str | None = None
+    warnings: list[str] = field(default_factory=list)
 
 
 def run_into(pipeline: Pipeline, case: Case, out: Path, *, force: bool = False) -> Run:
     """Run a pipeline and write its folder; a failure leaves only a log beside it that says why."""
-    check_free(out, force)
+    check_free(out, force, "run")
     with log_of_failure(out):
         run = pipeline.run(case)
         run.write(out, force=force)
@@ -50,33 +59,92 @@ def run_cohort(
     """Run the pipeline on every case folder into `out/<name of the folder>` and write `out/cohort.csv`.
 
     trim: leave out what a case does not allow, as for the default pipeline. A case that fails does not stop the others.
-    Raises InputError before any work where two cases have one name or a run folder exists.
+    Raises InputError before any work where two cases have one name, or a run folder or the table exists.
     """
     names = [folder.resolve().name for folder in folders]
     for name in names:
         if names.count(name) > 1:
             raise InputError(f"two case folders are named '{name}': their runs would have one folder")
-        check_free(out / name, force)
-    one = partial(_outcome, pipeline=pipeline, out=out, trim=trim, force=force)
-    spawn = get_context("spawn")  # fork hangs once numba has used its threads
-    with ProcessPoolExecutor(jobs, spawn, initializer=share, initargs=(jobs,)) as pool:
-        outcomes = list(pool.map(one, folders))
+        check_free(out / name, force, "run", folders)
+    if (out / COHORT).exists() and not force:
+        raise InputError(f"{out / COHORT}: exists already; name another folder or use --force")
+    outcomes = _outcomes([_Job(folder, pipeline, out / name, trim, force) for folder, name in zip(folders, names, strict=True)], jobs)
     out.mkdir(parents=True, exist_ok=True)
     write_rows(out / COHORT, [row for outcome in outcomes for row in cohort_rows(outcome)])
     return outcomes
 
 
 def cohort_rows(outcome: Outcome) -> list[dict[str, Any]]:
-    """Rows of the cohort's table: case, error, faults of its final surface, then the columns of scores.csv."""
-    head = {"case": outcome.case, "error": outcome.error or "", "faults": "; ".join(outcome.faults)}
+    """Rows of the cohort's table: case, error, faults of its final surface, warnings, then the columns of scores.csv."""
+    said = {"faults": "; ".join(outcome.faults), "warnings": "; ".join(outcome.warnings)}
+    head = {"case": outcome.case, "error": outcome.error or "", **said}
     return [head | row for row in outcome.rows] or [head]
 
 
-def _outcome(folder: Path, pipeline: Pipeline, out: Path, trim: bool, force: bool) -> Outcome:
-    name = folder.resolve().name
+@dataclass(frozen=True)
+class _Job:
+    """One case, what to do with it, and where its run goes."""
+
+    folder: Path
+    pipeline: Pipeline
+    out: Path
+    trim: bool
+    force: bool
+
+    def __call__(self) -> Outcome:
+        with heard(logging.WARNING) as warnings:
+            try:
+                run = self._run()
+            except (O3dlsError, OSError) as error:
+                return Outcome(self.out.name, [], [], str(error), warnings)
+            except Exception as error:  # our own mistake in one case must not cost the others
+                traceback.print_exc()
+                return Outcome(self.out.name, [], [], f"internal error, please report it: {type(error).__name__}: {error}", warnings)
+            except SystemExit:
+                os._exit(1)  # told to end: the pool would take it for the case's error, and go on with the next
+        return Outcome(self.out.name, score_rows(run), run.faults, None, warnings)
+
+    def _run(self) -> Run:
+        case = read_case(self.folder)
+        return run_into(self.pipeline.allowed_by(case) if self.trim else self.pipeline, case, self.out, force=self.force)
+
+
+def _outcomes(work: Sequence[_Job], jobs: int) -> list[Outcome]:
+    """Do the jobs, so many at one time; an interruption drops what waits and ends what runs."""
+    spawn = get_context("spawn")  # fork hangs once numba has used its threads
+    theirs, ours = spawn.Pipe(duplex=False)
+    with ours, theirs, ProcessPoolExecutor(jobs, spawn, initializer=_begin, initargs=(jobs, theirs)) as pool:
+        futures = [pool.submit(job) for job in work]
+        try:
+            return [_outcome(job, future) for job, future in zip(work, futures, strict=True)]
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            ours.close()
+            raise
+
+
+def _outcome(job: _Job, future: Future[Outcome]) -> Outcome:
+    """The outcome of a job, once it is there; its warnings go to the log."""
     try:
-        case = read_case(folder)
-        run = run_into(pipeline.allowed_by(case) if trim else pipeline, case, out / name, force=force)
-    except O3dlsError as error:
-        return Outcome(name, [], [], str(error))
-    return Outcome(name, score_rows(run), run.faults)
+        outcome = future.result()
+    except BrokenProcessPool:
+        return Outcome(job.out.name, [], [], "its process, or one beside it, was ended from outside; is there too little memory?")
+    for warning in outcome.warnings:
+        log.warning("%s: %s", outcome.case, warning)
+    return outcome
+
+
+def _begin(jobs: int, parent: Connection) -> None:
+    """Prepare a process of the pool: it has its share of the cores, and ends when told, or when its parent is no more."""
+    share(jobs)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # reaches all processes of a terminal; the parent decides
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
+    Thread(target=_end_with, args=(parent,), daemon=True).start()
+
+
+def _end_with(parent: Connection) -> None:
+    """Wait until the parent closes its end, or the system does it for one that died; then end, first as if told to."""
+    parent.poll(None)
+    os.kill(os.getpid(), signal.SIGTERM)
+    time.sleep(GRACE)
+    os._exit(1)  # compiled code may have swallowed what was to interrupt it

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import io
 import logging
 import os
+import signal
 import sys
+from typing import Any
 
 import click
 
 from . import __version__, cli_files, cli_runs
-from .cli_words import DONE, INTERNAL, WRONG_INPUT
+from .cli_words import DONE, INTERNAL, INTERRUPTED, UNREAD, WRONG_INPUT
 from .errors import O3dlsError, SolverError
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: our systems are small, and threads made them ten times slower
@@ -28,17 +31,22 @@ def main() -> None:
     handler.setFormatter(Lines())
     logging.basicConfig(handlers=[handler], level=logging.WARNING)
     logging.getLogger("o3dls").setLevel(logging.INFO)
+    signal.signal(signal.SIGTERM, _interrupted)
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="surrogateescape")  # names of folders may hold bytes that are no text; they go out as they came in
     sys.exit(answer(sys.argv[1:]))
 
 
 def answer(arguments: list[str]) -> int:
     """The exit code of a command; errors become one line on stderr, only what is our own mistake shows a traceback."""
     try:
-        return cli.main(arguments, prog_name="o3dls", standalone_mode=False) or DONE
+        return cli.main(arguments or ["--help"], prog_name="o3dls", standalone_mode=False) or DONE
     except click.ClickException as error:
         return _failed(error.format_message(), WRONG_INPUT)
     except click.exceptions.Abort:
-        return _failed("interrupted", INTERNAL)
+        return _failed("interrupted", INTERRUPTED)
+    except SystemExit:  # so click answers a closed stdout
+        return UNREAD
     except SolverError as error:
         return _failed(str(error), INTERNAL)
     except (O3dlsError, OSError) as error:
@@ -48,6 +56,11 @@ def answer(arguments: list[str]) -> int:
 
         traceback.print_exc()
         return _failed(f"internal error, please report it: {type(error).__name__}: {error}", INTERNAL)
+
+
+def _interrupted(*_: Any) -> None:
+    """Being told to end is taken as Ctrl-C is: what is half made is removed, and said."""
+    raise KeyboardInterrupt
 
 
 def _failed(sentence: str, code: int) -> int:

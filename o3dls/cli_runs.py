@@ -12,14 +12,18 @@ from .cli_words import DONE, FILE, FOLDER, NOT_VALID, WRONG_INPUT
 
 @click.command()
 @click.option("--out", type=FOLDER, default=Path("o3dls_demo"), show_default=True, help="run folder; an earlier demo is replaced")
-def demo(out: Path) -> int:
+@click.option("--force", is_flag=True, help="replace any other run in the same folder too")
+def demo(out: Path, force: bool) -> int:
     """Run the main job on the built-in atrium: align, deform, refine, score, report, export."""
     from .batch import run_into
     from .io.case_folder import read_case
     from .pipeline_file import default_pipeline
     from .resources import demo_case
+    from .run_folder import repeats
 
-    return _told(run_into(default_pipeline(), read_case(demo_case()), out, force=True), out)
+    plan, case = default_pipeline(), read_case(demo_case())
+    force = force or ((out / "run.json").is_file() and repeats(out, plan, case))
+    return _told(run_into(plan, case, out, force=force), out)
 
 
 @click.command()
@@ -44,7 +48,7 @@ def run(pipeline: Path | None, case: Path | None, out: Path | None, settings: tu
     plan = read_pipeline(pipeline, settings) if pipeline else default_pipeline(settings)
     folder = _needed(case or plan.case, "--case")
     out = _needed(out or plan.out, "--out")
-    check_free(out, force)
+    check_free(out, force, "run", [source for source in (folder, reading["points"], pipeline) if source])
     subject = read_case(folder, **reading)
     return _told(run_into(plan if pipeline else plan.allowed_by(subject), subject, out, force=force), out)
 

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from .case import Case
+from .errors import InputError, O3dlsError
 from .estimate import Estimate
 from .evaluate import distances
 from .geometry import Array, Ints
@@ -28,10 +29,22 @@ def cross_validate(fit: Fit, case: Case, folds: int) -> dict[str, Array]:
     for fold in range(folds):
         log.info("fold %d of %d: %d points left out", fold + 1, folds, (of == fold).sum())
         away = rows[of == fold]
-        for name, estimate in fit(without(case, away)).items():
+        try:
+            estimates = fit(without(case, away))
+        except O3dlsError as error:
+            where = f"fold {fold + 1} of {folds} of the cross-validation"
+            raise type(error)(f"in {where}, with {len(away)} points left out: {error}; folds = 0 leaves it away") from error
+        for name, estimate in estimates.items():
             gaps = left_out.setdefault(name, np.zeros(len(rows)))
             gaps[of == fold] = distances(case.points.xyz[away], estimate.surface)
     return left_out
+
+
+def check_folds(case: Case, folds: int) -> None:
+    """Raise InputError where the case has fewer points than folds."""
+    points = int((case.points.type == "eam").sum())
+    if folds > points:
+        raise InputError(f"folds = {folds}: case {case.name} has {points} points of type eam: must be at most {points}, or 0 for none")
 
 
 def without(case: Case, rows: Ints) -> Case:

@@ -180,7 +180,7 @@ def export_run(
     Further options as for `Export`. Raises InputError where the run, the estimate or the format is not there.
     """
     from .io.mesh import FORMATS, check_suffix
-    from .run_folder import read_run
+    from .run_folder import check_not_of_a_run, read_run
 
     if format not in get_args(FormatName):
         raise InputError(f"export: no format '{format}'{did_you_mean(format, list(get_args(FormatName)))}")
@@ -195,6 +195,7 @@ def export_run(
     if why := writer.obstacle(run.case):
         raise InputError(f"{folder}: {why}")
     path = path or Path(folder) / "export" / file_name(name, format)
+    check_not_of_a_run(path)
     writer.write(run.estimates[name].surface, run, name, path)
     return path
 

@@ -62,9 +62,9 @@ def _is(entry: Any, kinds: set[Any]) -> bool:
 def _sentence(plugin: type[BaseModel], owner: str, detail: ErrorDetails) -> str:
     fields = {f.alias or name: f for name, f in plugin.model_fields.items()}
     key = str(detail["loc"][0]) if detail["loc"] else ""
-    key = next((f.alias for name, f in plugin.model_fields.items() if name == key and f.alias), key)
     if detail["type"] == "extra_forbidden":
         return f"{owner}.{key}: no such parameter{did_you_mean(key, list(fields))}"
+    key = next((f.alias for name, f in plugin.model_fields.items() if name == key and f.alias), key)
     if detail["type"] == "missing":
         return f"{owner}.{key}: is missing; it has no default"
     said = detail["msg"].removeprefix("Value error, ").replace("Input should be", "must be")
@@ -123,8 +123,11 @@ def _kind(field: FieldInfo) -> str:
         return f"{kind} per name"
     if get_origin(field.annotation) not in (tuple, list):
         return kind
-    least = max((m.min_length for m in field.metadata if hasattr(m, "min_length")), default=0)
-    return f"list of {kind}s" + f", at least {least}" * (least > 0)
+    bounds = [
+        f", {word} {getattr(m, name)}" for name, word in (("min_length", "at least"), ("max_length", "at most"))
+        for m in field.metadata if getattr(m, name, None)
+    ]  # fmt: skip
+    return f"list of {kind}s{''.join(bounds)}"
 
 
 def _limits(field: FieldInfo) -> str:

@@ -12,12 +12,12 @@ from typing import Any, Self
 import numpy as np
 
 from .case import Case
-from .crossval import cross_validate
+from .crossval import check_folds, cross_validate
 from .errors import InputError, PipelineError, SolverError, did_you_mean
 from .estimate import Estimate
 from .run import Run
 from .stage import Stage, Writer
-from .start import check_start, doubts, start_estimate
+from .start import doubts, misfit, start_estimate, unseen_pieces
 
 START = "start"
 MOST_FOLDS = 50
@@ -38,8 +38,10 @@ class Pipeline:
     folds: int = field(default=5, kw_only=True)
 
     def __post_init__(self) -> None:
-        for name in ("stages", "writes"):
+        for name, kind in (("stages", Stage), ("writes", Writer)):
             object.__setattr__(self, name, tuple(getattr(self, name)))
+            if wrong := [thing for thing in getattr(self, name) if not isinstance(thing, kind)]:
+                raise PipelineError(f"{name}: {wrong[0]!r} is none: give a list of them, such as [ICP()]")
         for name in ("case", "out"):
             if getattr(self, name) is not None:
                 object.__setattr__(self, name, Path(getattr(self, name)))
@@ -72,13 +74,13 @@ class Pipeline:
             return self._run(case or self._own_case())
 
     def _run(self, case: Case) -> Run:
-        if why := self.obstacles(case):
-            raise InputError("; ".join(why))
         begin = perf_counter()
-        known = not any(stage.finds_pose for stage in self.stages)
-        check_start(case, start_estimate(case), pose_is_known=known)
+        if why := self.refusals(case):
+            raise InputError("; ".join(why))
+        check_folds(case, self.folds)
         estimates = self.fit(case)
-        said = doubts(case.visible(), estimates[START]) if known else []
+        said = doubts(case.visible(), estimates[START]) if self._knows_pose else []
+        said += unseen_pieces(case.visible(), estimates[self.names[-1]].T_map_prior)
         estimates = {name: replace(estimate, warnings=(*said, *estimate.warnings)) for name, estimate in estimates.items()}
         for warning in dict.fromkeys(text for estimate in estimates.values() for text in estimate.warnings):
             log.warning("%s", warning)
@@ -111,6 +113,17 @@ class Pipeline:
         found = [(plugin.name, plugin.obstacle(case)) for plugin in (*self.stages, *self.writes)]
         return [f"case {case.name}: {name}: {why}" for name, why in found if why]
 
+    def refusals(self, case: Case) -> list[str]:
+        """Why a run on the case would end before any work, one sentence each."""
+        plugins = (*self.stages, *self.writes)
+        said = [f"{plugin.name}: {why}" for plugin in plugins if (why := plugin.obstacle(case) or plugin.mistake(case))]
+        said += misfit(case, start_estimate(case), pose_is_known=self._knows_pose)
+        return [f"case {case.name}: {why}" for why in said]
+
+    @property
+    def _knows_pose(self) -> bool:
+        return not any(stage.finds_pose for stage in self.stages)
+
     def allowed_by(self, case: Case) -> Self:
         """The pipeline without the stages and writers that cannot work on the case; each one dropped is said in the log."""
         for why in self.obstacles(case):
@@ -134,7 +147,9 @@ def _mistakes(pipeline: Pipeline) -> list[str]:
     said += order_mistakes([(stage.name, stage.estimate_name, stage.after) for stage in pipeline.stages])
     for writer in pipeline.writes:
         said += [f"{writer.name}: no estimate '{n}'{did_you_mean(n, pipeline.names)}" for n in writer.refers_to if n not in pipeline.names]
-    return said
+    targets = [" ".join(writer.target(pipeline.names[-1])) for writer in pipeline.writes]
+    twice = [target for target in dict.fromkeys(targets) if targets.count(target) > 1]
+    return said + [f"{target}: two writers would overwrite each other's files: leave one out" for target in twice]
 
 
 def order_mistakes(steps: Sequence[tuple[str, str, str | None]]) -> list[str]:

@@ -17,6 +17,7 @@ from .resources import pipeline_file
 from .stage import Plugin, load
 
 TOP = {"case": str, "out": str, "folds": int, "stage": list, "write": list}
+FOLDERS = ("case", "out")
 KINDS = {str: "a text", int: "a whole number", list: "a list of tables: [[stage]], [[write]]"}
 
 Tables = dict[str, Any]
@@ -38,7 +39,10 @@ def read_pipeline(path: str | Path, settings: Iterable[str] = ()) -> Pipeline:
 
 
 def all_mistakes(path: str | Path, case: str | Path | None = None) -> list[str]:
-    """Every mistake of a pipeline file and of its case, or of the case named here, one sentence each; nothing is run or written."""
+    """Every mistake of a pipeline file and of its case, or of the case named here, one sentence each; nothing is run or written.
+
+    An earlier run in the folder `out` is none.
+    """
     said: list[str] = []
     pipeline: Pipeline | None = None
     with _noted(said):
@@ -46,11 +50,13 @@ def all_mistakes(path: str | Path, case: str | Path | None = None) -> list[str]:
     folder = case or (pipeline and pipeline.case)
     if pipeline and pipeline.out:
         with _noted(said):
-            check_free(pipeline.out)
+            check_free(pipeline.out, True, "run", [Path(source) for source in (path, folder) if source])
     if folder:
-        with _noted(said):
+        from .levelset.compiled import compiling_said  # numba is not for those who only check a file
+
+        with _noted(said), compiling_said():
             subject = read_case(folder)
-            said += pipeline.obstacles(subject) if pipeline else []
+            said += pipeline.refusals(subject) if pipeline else []
     return said
 
 
@@ -77,7 +83,7 @@ def pipeline_from(tables: Tables, folder: Path = Path()) -> Pipeline:
     stages, writes = (_plugins(kind, tables.get(kind, []), said) for kind in ("stage", "write"))
     if said:
         raise PipelineError(*said, *order_mistakes([_step(table) for table in tables.get("stage", []) if isinstance(table, Mapping)]))
-    places = {key: folder / tables[key] for key in ("case", "out") if key in tables}
+    places = {key: folder / tables[key] for key in FOLDERS if key in tables}
     return Pipeline(stages, writes, folds=tables.get("folds", Pipeline.folds), **places)
 
 
@@ -88,6 +94,8 @@ def overruled(tables: Tables, settings: Iterable[str]) -> Tables:
         owner, dot, name = key.strip().rpartition(".")
         if not equals or not name:
             raise PipelineError(f"--set {setting}: must be STAGE.PARAM=VALUE, such as icp.keep=0.9")
+        if key.strip() in FOLDERS:
+            raise PipelineError(f"--set {setting}: is a folder and no parameter; say --{name} {value.strip()}")
         target = _table(tables, owner, setting) if dot else tables
         target[name] = _value(value.strip())
     return tables
@@ -109,20 +117,30 @@ def _plugin(kind: str, table: Any) -> Plugin:
         raise PipelineError(f"must be a table, not {table!r}")
     if "use" not in table:
         raise PipelineError(f'use: is missing; name the {kind}, such as use = "{"icp" if kind == "stage" else "report"}"')
-    return load(kind, table["use"]).model_validate({key: value for key, value in table.items() if key != "use"})
+    if not isinstance(table["use"], str):
+        raise PipelineError(f"use = {table['use']!r}: must be the name of one {kind}")
+    plugin = load(kind, table["use"])
+    said = [
+        f"{plugin.name}.{k}: no such parameter: did you mean '{f.alias}'?" for k, f in plugin.model_fields.items() if f.alias and k in table
+    ]
+    if said:  # names that only Python needs
+        raise PipelineError(*said)
+    return plugin.model_validate({key: value for key, value in table.items() if key != "use"})
 
 
 def _step(table: Mapping[str, Any]) -> tuple[str, str, str | None]:
-    use = str(table.get("use"))
-    return use, str(table.get("as") or use), table.get("after")
+    use, after = str(table.get("use")), table.get("after")
+    return use, str(table.get("as") or use), after if isinstance(after, str) else None
 
 
 def _table(tables: Tables, owner: str, setting: str) -> Tables:
     every = [table for kind in ("stage", "write") for table in tables.get(kind, []) if isinstance(table, dict)]
-    named = {str(table.get("as") or table.get("use")): table for table in every}
-    if owner not in named:
-        raise PipelineError(f"--set {setting}: the pipeline has no '{owner}'{did_you_mean(owner, list(named))}")
-    return named[owner]
+    names = [str(table.get("as") or table.get("use")) for table in every]
+    if owner not in names:
+        raise PipelineError(f"--set {setting}: the pipeline has no '{owner}'{did_you_mean(owner, names)}")
+    if names.count(owner) > 1:
+        raise PipelineError(f"--set {setting}: the pipeline has {names.count(owner)} named '{owner}'; set it in the pipeline file")
+    return every[names.index(owner)]
 
 
 def _value(text: str) -> Any:

@@ -7,9 +7,9 @@ import logging
 import math
 import traceback
 from collections.abc import Collection, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -26,7 +26,11 @@ from .run import Run
 from .surface_fields import with_fields
 from .tables import score_rows
 
+if TYPE_CHECKING:
+    from .pipeline import Pipeline
+
 SCHEMA = "o3dls/run/1"
+OWN = ("run.json", "scores.csv", "points.csv", "held_out.csv", "case", "estimates")  # what a run is; the rest can be made again
 log = logging.getLogger("o3dls")
 
 
@@ -71,19 +75,33 @@ def record(run: Run) -> dict[str, Any]:
     return found
 
 
-def read_run(folder: str | Path) -> Run:
-    """A run from its folder: everything but motions and level sets. Raises InputError where the folder holds no finished run."""
-    folder = Path(folder)
-    if not (folder / "run.json").is_file():
+def read_record(folder: str | Path) -> dict[str, Any]:
+    """The content of a folder's run.json. Raises InputError where it is none."""
+    path = Path(folder) / "run.json"
+    if not path.is_file():
         raise InputError(f"{folder}: is no run folder: it has no run.json")
     try:
-        found = json.loads((folder / "run.json").read_text(encoding="utf-8"))
+        found = json.loads(path.read_text(encoding="utf-8"))
     except ValueError as error:
-        raise InputError(f"{folder / 'run.json'}: {error}") from None
-    if found.get("schema") != SCHEMA:
-        raise InputError(f"{folder / 'run.json'}: schema is {found.get('schema')!r}: must be '{SCHEMA}'")
-    case, unit = read_case(folder / "case"), "px" if found["case"]["units"] == "px" else "mm"
-    held_out = folder / "held_out.csv"
+        raise InputError(f"{path}: {error}") from None
+    if not isinstance(found, dict) or found.get("schema") != SCHEMA:
+        said = repr(found.get("schema")) if isinstance(found, dict) else "not there"
+        raise InputError(f"{path}: schema is {said}: must be '{SCHEMA}'")
+    return found
+
+
+def read_run(folder: str | Path) -> Run:
+    """A run from its folder: everything but motions and level sets. Raises InputError where the folder holds no finished run."""
+    folder, found = Path(folder), read_record(folder)
+    try:
+        return _run_of(folder, found)
+    except KeyError as error:
+        raise InputError(f"{folder / 'run.json'}: has no {error}, so it is no finished run; run it again") from None
+
+
+def _run_of(folder: Path, found: Mapping[str, Any]) -> Run:
+    unit = "px" if found["case"]["units"] == "px" else "mm"
+    case, held_out = read_case(folder / "case"), folder / "held_out.csv"
     return Run(
         case=case,
         pipeline=None,
@@ -96,34 +114,59 @@ def read_run(folder: str | Path) -> Run:
     )
 
 
-class _Lines(logging.Handler):
-    """Keeps the log's lines in a list."""
+def repeats(folder: Path, pipeline: Pipeline, case: Case) -> bool:
+    """Whether the folder holds an earlier run of this pipeline on the files of this case."""
+    found = read_record(folder)
+    return bool(found.get("pipeline") == _plain(pipeline.record()) and found.get("case", {}).get("files") == case.files)
 
-    def __init__(self, lines: list[str]) -> None:
-        super().__init__(logging.DEBUG)
-        self.lines = lines
+
+def check_not_of_a_run(path: str | Path) -> None:
+    """Raise InputError where a file to be written would replace what a finished run is read from."""
+    path = Path(path).resolve()
+    for folder in path.parents:
+        if (folder / "run.json").exists() and path.relative_to(folder).parts[0] in OWN:
+            raise InputError(f"{path}: belongs to the run in {folder}; name another file")
+
+
+class _Lines(logging.Handler):
+    """Keeps the log's lines, from a level on, in a list."""
+
+    def __init__(self, level: int) -> None:
+        super().__init__(level)
+        self.lines: list[str] = []
 
     def emit(self, record: logging.LogRecord) -> None:
         self.lines.append(record.getMessage())
 
 
 @contextmanager
-def log_of_failure(out: Path) -> Iterator[None]:
-    """Leave `<out>.failed.log`, which says what was done and why it ended, where the block fails; nothing where it does not."""
-    lines: list[str] = []
-    handler, level = _Lines(lines), log.level
+def heard(level: int) -> Iterator[list[str]]:
+    """The lines of the log, from a level on, that the block gives."""
+    handler, before = _Lines(level), log.level
     log.addHandler(handler)
-    log.setLevel(min(log.getEffectiveLevel(), logging.INFO))
+    log.setLevel(min(log.getEffectiveLevel(), level))
     try:
-        yield
-    except BaseException as error:
-        lines.append(f"{type(error).__name__}: {error}" if isinstance(error, O3dlsError) else traceback.format_exc())
-        out.parent.mkdir(parents=True, exist_ok=True)
-        out.with_name(out.name + ".failed.log").write_text("\n".join(lines) + "\n", encoding="utf-8")
-        raise
+        yield handler.lines
     finally:
         log.removeHandler(handler)
-        log.setLevel(level)
+        log.setLevel(before)
+
+
+@contextmanager
+def log_of_failure(out: Path) -> Iterator[None]:
+    """Leave `<out>.failed.log`, which says what was done and why it ended, where the block fails; remove an old one where it does not."""
+    path = out.with_name(out.name + ".failed.log")
+    with heard(logging.INFO) as lines:
+        try:
+            yield
+        except BaseException as error:
+            lines.append(f"{type(error).__name__}: {error}" if isinstance(error, O3dlsError) else traceback.format_exc())
+            with suppress(OSError):  # what went wrong is said, whether or not there is room for a log of it
+                path.parent.mkdir(parents=True, exist_ok=True)
+                path.write_text("\n".join(lines) + "\n", encoding="utf-8", errors="replace")
+            raise
+    with suppress(OSError):
+        path.unlink(missing_ok=True)
 
 
 def _estimate_record(run: Run, name: str) -> dict[str, Any]:
@@ -175,6 +218,8 @@ def write_rows(path: Path, rows: Any) -> None:
 
 
 def _cell(value: Any) -> Any:
+    if isinstance(value, str):
+        return value.encode("utf-8", "replace").decode("utf-8")  # names of folders may hold bytes that are no text
     return "" if value is None else value.item() if isinstance(value, np.generic) else value
 
 

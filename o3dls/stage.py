@@ -49,6 +49,10 @@ class Plugin(BaseModel, ABC):
         """Why this plugin cannot work on the case (a sentence), None where it can."""
         return None
 
+    def mistake(self, case: Case) -> str | None:
+        """What of the case or the parameters must be mended first (a sentence), None where nothing: asked where there is no obstacle."""
+        return None
+
 
 class Stage(Plugin):
     """One step of a pipeline. `as_` names its estimate (default: the stage's name); `after` names the estimate to start from."""
@@ -81,6 +85,11 @@ class Writer(Plugin):
     def refers_to(self) -> tuple[str, ...]:
         """Names of the estimates that the writer shows, so that a misspelt one is found before the run."""
         return ()
+
+    def target(self, final: str) -> tuple[str, ...]:
+        """What its files are of and named after; two writers of one target would overwrite each other's. `final`: the last estimate."""
+        chosen = self.record()
+        return (self.name, *(str(chosen[key] or final) for key in ("estimate", "format") if key in chosen))
 
     @abstractmethod
     def __call__(self, run: Run, folder: Path) -> None: ...

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
-from .case import Case
-from .errors import InputError
+from .case import FITTED_TYPES, Case
 from .estimate import Estimate
 from .evaluate import distances, landmark_errors
 from .geometry import Array, fit_similarity
@@ -13,6 +13,13 @@ from .registration.landmarks import determined
 
 FEWEST_POINTS = 10
 SPANS = (0.1, 4.0)  # extent of the points relative to the prior's: a single vein is 0.15, a chamber 1
+NEARLY_ALL = (0.05, 0.95)  # quantiles that the points span: a few strays say nothing of units
+UNITS = {"m": 1e3, "in": 25.4, "cm": 10.0, "um": 1e-3}  # in mm: what may have been taken for it
+ATRIUM = 100.0  # mm across: in the right units points and prior are like it
+POINTS_IN = "if the points are in {0}, put the line '# units={0}' above the header of their file"
+PRIOR_IN = "if the prior is in {0}, write it in mm: o3dls convert PRIOR OUT --units {0}"
+FLATTEST = 1e-3  # mean thickness relative to the diagonal: .15 is an atrium
+CRUMB = 0.01  # area of a piece over that of the largest: no vein, appendage or chamber is smaller
 FARTHEST = 0.5  # median distance of the points from the prior after the start pose, relative to its diagonal
 
 
@@ -29,14 +36,14 @@ def start_estimate(case: Case) -> Estimate:
     return _placed(case, np.eye(case.dimension + 1), f"identity: the case has neither 3 landmark pairs nor an init matrix{why}")
 
 
-def check_start(case: Case, start: Estimate, *, pose_is_known: bool) -> None:
-    """Raise InputError unless there are enough points, as large as the prior and, where the pose counts as known, near it."""
+def misfit(case: Case, start: Estimate, *, pose_is_known: bool) -> list[str]:
+    """A sentence where the prior encloses nothing, or the points are too few, of another size than the prior or, where the pose counts
+    as known, far from it."""
     points = case.points.of("eam").xyz
-    if len(points) < FEWEST_POINTS:
-        raise InputError(f"case {case.name}: {len(points)} points of type eam; at least {FEWEST_POINTS} are needed")
-    _check_span(case, float(np.linalg.norm(np.ptp(points, axis=0))))
-    if pose_is_known:
-        _check_near(case, start, float(np.median(distances(points, start.surface))))
+    said = _flat(case) or _few(points) or _unlike(case, points) or _stray(case, points)
+    if not said and pose_is_known:
+        said = _far(case, start, points)
+    return [said] if said else []
 
 
 def doubts(case: Case, start: Estimate) -> list[str]:
@@ -55,6 +62,28 @@ def doubts(case: Case, start: Estimate) -> list[str]:
     return [f"the start may be wrong: {said}"] if said else []
 
 
+def unseen_pieces(case: Case, T_map_prior: Array) -> list[str]:
+    """A sentence for each piece of the prior, but for crumbs, that is nearest to no point: nothing tells where it lies."""
+    from .levelset.closest import ClosestPoint
+    from .levelset.operators import pieces
+
+    prior, points = case.prior, case.points.of(*FITTED_TYPES).xyz
+    piece = pieces(len(prior.vertices), prior.faces)[prior.faces[:, 0]]
+    areas = np.bincount(piece, prior.face_areas)
+    nearest = ClosestPoint(prior.transformed(T_map_prior).vertices, prior.faces).query(points)[1]
+    unseen = np.setdiff1d(np.flatnonzero(areas >= CRUMB * areas.max()), piece[nearest])
+    return [
+        f"no point is near the piece of the prior {_around(case, piece == k)} ({areas[k] / prior.area:.0%} of its area): is it meant?"
+        for k in unseen
+    ]
+
+
+def _around(case: Case, faces: NDArray[np.bool_]) -> str:
+    """Where some faces of the prior lie."""
+    middle = case.prior.vertices[np.unique(case.prior.faces[faces])].mean(axis=0)
+    return f"around ({', '.join(f'{x:.0f}' for x in middle)}) {case.units}"
+
+
 def _fixed_by(prior: Array, measured: Array) -> bool:
     """Whether landmark pairs (k, d) fix a pose."""
     return len(prior) >= 3 and determined(prior) and determined(measured)
@@ -64,26 +93,51 @@ def _placed(case: Case, T_map_prior: Array, status: str) -> Estimate:
     return Estimate(case.prior.transformed(T_map_prior), T_map_prior, status)
 
 
-def _check_span(case: Case, span: float) -> None:
-    """Points in another unit than the prior's are many times too small, not a little."""
-    ratio = span / case.prior.diagonal
-    if SPANS[0] <= ratio <= SPANS[1]:
-        return
-    units = {"m": 1e3, "in": 25.4, "cm": 10.0}  # either side's may have been taken for mm
-    likely = min(units, key=lambda unit: abs(np.log(units[unit]) - abs(np.log(max(ratio, 1e-300)))))
-    points = f"if the points are in {likely}, put the line '# units={likely}' above the header of their file"
-    prior = f"if the prior is in {likely}, write it in mm: o3dls convert PRIOR OUT --units {likely}"
-    raise InputError(
-        f"case {case.name}: the points span {span:.3g} {case.units}, the prior {case.prior.diagonal:.3g} {case.units}: "
-        f"{points if ratio < 1.0 else prior}; if not, look for the wrong unit on the other side"
-    )
+def _flat(case: Case) -> str:
+    prior, unit = case.prior, case.units
+    if not prior.watertight or prior.dimension * prior.volume > FLATTEST * prior.diagonal * prior.area:
+        return ""
+    return f"the prior is flat: {prior.diagonal:.3g} {unit} across, it encloses nothing; give the closed surface of a chamber"
 
 
-def _check_near(case: Case, start: Estimate, gap: float) -> None:
-    if gap <= FARTHEST * case.prior.diagonal:
-        return
-    raise InputError(
-        f"case {case.name}: half of the points are more than {gap:.3g} {case.units} away from the prior ({case.prior.diagonal:.3g} "
-        f"{case.units} across) after the start ({start.status}): give 3 or more named landmarks or an init matrix, check the frame, "
-        "or begin the pipeline with the stage global_pose"
-    )
+def _few(points: Array) -> str:
+    places = len(np.unique(points, axis=0))
+    if places >= FEWEST_POINTS:
+        return ""
+    where = "one place" if places == 1 else f"{places} different places"
+    return f"all {len(points)} points of type eam lie in {where}; at least {FEWEST_POINTS} are needed"
+
+
+def _unlike(case: Case, points: Array) -> str:
+    """Points in another unit than the prior's are many times too small or too large, not a little."""
+    box, unit = np.ptp(np.quantile(points, NEARLY_ALL, axis=0), axis=0), case.units
+    span, size = max(float(np.linalg.norm(box)), 1e-300), case.prior.diagonal
+    if SPANS[0] <= span / size <= SPANS[1]:
+        return ""
+    said = f"the points span {span:.3g} {unit}, the prior {size:.3g} {unit}"
+    readings = [(span * mm, size, POINTS_IN, name) for name, mm in UNITS.items()]
+    readings += [(span, size * mm, PRIOR_IN, name) for name, mm in UNITS.items()]
+    likely = [reading for reading in readings if SPANS[0] <= reading[0] / reading[1] <= SPANS[1]]
+    if unit == "px" or not likely:
+        return f"{said}, and no unit explains that: do nearly all points lie in one place, or are they of another case?"
+    *_, mend, name = min(likely, key=lambda reading: float(np.ptp(np.log((*reading[:2], ATRIUM)))))
+    return f"{said}: {mend.format(name)}; if not, look for the wrong unit on the other side"
+
+
+def _stray(case: Case, points: Array) -> str:
+    """The farthest point, where it is too far off to be of this map."""
+    away = np.linalg.norm(points - np.median(points, axis=0), axis=1)
+    far = int(away.argmax())
+    if away[far] <= SPANS[1] * case.prior.diagonal:
+        return ""
+    row = np.flatnonzero(case.points.type == "eam")[far]
+    return f"the point of row {row}, counted from 0, lies {away[far]:.3g} {case.units} from the middle of all: correct it or leave it out"
+
+
+def _far(case: Case, start: Estimate, points: Array) -> str:
+    gap, size, unit = float(np.median(distances(points, start.surface))), case.prior.diagonal, case.units
+    if gap <= FARTHEST * size:
+        return ""
+    said = f"half of the points are more than {gap:.3g} {unit} away from the prior ({size:.3g} {unit} across)"
+    mend = "give 3 or more named landmarks or an init matrix, check the frame, or begin the pipeline with the stage global_pose"
+    return f"{said} after the start ({start.status}): {mend}"

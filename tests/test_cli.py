@@ -10,11 +10,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tiny import ball_case
+from tiny import Nudge, ball_case
 
 from o3dls.case import Case
-from o3dls.geometry import Surface
+from o3dls.geometry import Surface, similarity
 from o3dls.io.case_folder import write_case
+from o3dls.pipeline import Pipeline
+from o3dls.pipeline_file import default_pipeline
+from o3dls.run_folder import record, repeats
 
 ICP = 'folds = 0\n[[stage]]\nuse = "icp"\n'
 
@@ -109,8 +112,18 @@ def test_check_names_mistakes_of_folders_too(case: Path, tmp_path: Path) -> None
     (tmp_path / "pipe.toml").write_text(f'case = "{case.name}"\nout = "taken"\n{ICP}')
     lines = o3dls("check", "pipe.toml", cwd=tmp_path).stderr.splitlines()
     assert len(lines) == 2
-    assert "taken: exists already" in lines[0]
+    assert "taken: is no run" in lines[0]
     assert "no prior surface" in lines[1]
+
+
+def test_check_says_what_run_would_refuse_and_an_earlier_run_is_no_mistake(case: Path, pipeline: Path, tmp_path: Path) -> None:
+    write_case(tmp_path / "far", replace(ball_case(), prior_landmarks={}, init=similarity(np.eye(3), np.full(3, 900.0))))
+    for command in ("check", "run"):
+        out = ("--out", "run") if command == "run" else ()
+        refused(o3dls(command, pipeline, "--case", "far", *out, cwd=tmp_path), "half of the points are more than")
+    pipeline.write_text(f'case = "{case.name}"\nout = "done"\n{ICP}')
+    for command in ("check", "run", "check"):
+        assert o3dls(command, pipeline, cwd=tmp_path).returncode == 0
 
 
 def test_stages_lists_and_explains(tmp_path: Path) -> None:
@@ -129,10 +142,42 @@ def test_batch_gives_a_folder_per_case_and_one_table(case: Path, pipeline: Path,
     assert done.returncode == 2
     assert "ball: done\nsmall: done\nbroken: broken: no prior surface" in done.stdout
     rows = (tmp_path / "runs/cohort.csv").read_text().splitlines()
-    assert rows[0].startswith("case,error,faults,estimate,set,n,mean_mm")
+    assert rows[0].startswith("case,error,faults,warnings,estimate,set,n,mean_mm")
     assert {row.split(",")[0] for row in rows[1:]} == {"ball", "small", "broken"}
     assert sorted(p.name for p in (tmp_path / "runs").iterdir()) == ["ball", "cohort.csv", "small"]
     refused(o3dls("batch", case, "--out", "runs", "--pipeline", pipeline, cwd=tmp_path), "exists already")
+
+
+def test_only_a_run_is_replaced_by_a_run(case: Path, pipeline: Path, tmp_path: Path) -> None:
+    write_case(tmp_path / "runs/case", ball_case())
+    (tmp_path / "runs/run.json").write_text("")
+    before = sorted(tmp_path.rglob("*"))
+    for source, out in ((case, case), ("runs/case", "runs"), ("runs/case", case)):
+        refused(o3dls("run", pipeline, "--case", source, "--out", out, "--force", cwd=tmp_path), "replace")
+    refused(o3dls("demo", "--out", case, cwd=tmp_path), "exists already; name another folder or use --force")
+    refused(o3dls("demo", "--out", case, "--force", cwd=tmp_path), "is no run, so it is not ours to replace")
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_a_demo_replaces_the_same_demo_only(case: Path, tmp_path: Path) -> None:
+    plan, subject = default_pipeline(), replace(ball_case(), files={"prior.ply": "ab"})
+    (tmp_path / "run.json").write_text(json.dumps(record(Pipeline([Nudge()], folds=0).run(subject)) | {"pipeline": plan.record()}))
+    assert repeats(tmp_path, plan, subject)
+    assert not repeats(tmp_path, replace(plan, folds=2), subject)
+    assert not repeats(tmp_path, plan, replace(subject, files={"prior.ply": "cd"}))
+
+
+def test_the_bare_command_shows_what_there_is(tmp_path: Path) -> None:
+    done = o3dls(cwd=tmp_path)
+    assert done.returncode == 0
+    assert {"Usage:", "run", "report", "batch"} <= set(done.stdout.split())
+
+
+def test_a_stdout_that_nobody_reads_is_no_invalid_result(tmp_path: Path) -> None:
+    with subprocess.Popen([sys.executable, "-m", "o3dls", "stages"], stdout=subprocess.PIPE, cwd=tmp_path) as process:
+        assert process.stdout is not None
+        process.stdout.close()
+    assert process.returncode == 141
 
 
 def test_misuse_of_the_command_itself_is_one_line(pipeline: Path, tmp_path: Path) -> None:
@@ -201,14 +246,14 @@ class TestWrongInput:
     def test_points_in_metres(self) -> None:
         points = ball_case().points
         self.rewrite(points=replace(points, xyz=points.xyz / 1000.0))
-        self.refused("the points span 0.066", "if the points are in m, put the line '# units=m'")
+        self.refused("the points span 0.06", "if the points are in m, put the line '# units=m'")
 
     @pytest.mark.parametrize(("unit", "factor"), [("in", 25.4), ("cm", 10.0), ("m", 1000.0)])
     def test_a_prior_or_points_in_another_unit(self, unit: str, factor: float) -> None:
         points, prior = ball_case().points, ball_case().prior
         self.rewrite(points=replace(points, xyz=points.xyz / factor))
         self.refused(f"if the points are in {unit}, put the line '# units={unit}'")
-        self.rewrite(points=replace(points, xyz=points.xyz * factor), prior=prior)
+        self.rewrite(points=points, prior=prior.with_vertices(prior.vertices / factor))
         self.refused(f"if the prior is in {unit}, write it in mm: o3dls convert PRIOR OUT --units {unit}")
 
     def test_no_point_near_the_prior(self) -> None:

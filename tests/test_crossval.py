@@ -8,7 +8,10 @@ import numpy as np
 import pytest
 from tiny import Nudge, Spy, ball_case
 
+from o3dls.case import Case
 from o3dls.crossval import blocks, cross_validate, fold_of, without
+from o3dls.errors import InputError, SolverError
+from o3dls.estimate import Estimate
 from o3dls.evaluate import distances
 from o3dls.pipeline import Pipeline
 
@@ -69,3 +72,17 @@ def test_only_eam_points_are_left_out(kind: str) -> None:
     rows = np.flatnonzero(case.points.type == "eam")[:5]
     assert len(without(case, rows).points.of(kind)) == len(case.points.of(kind))
     assert without(case, rows).truth is None
+
+
+def test_a_fold_that_cannot_be_fitted_is_named() -> None:
+    def picky(case: Case) -> dict[str, Estimate]:
+        raise SolverError("too few points")
+
+    with pytest.raises(SolverError, match=r"in fold 1 of 4 of .*, with 15 points left out: too few points; folds = 0 leaves it away"):
+        cross_validate(picky, ball_case(), FOLDS)
+
+
+def test_there_are_no_more_folds_than_points() -> None:
+    assert Pipeline([Nudge()], folds=12).run(ball_case(points=12)).scores["nudge"]["cross_validated"]["n"] == 12
+    with pytest.raises(InputError, match="folds = 13: case ball has 12 points of type eam: must be at most 12, or 0"):
+        Pipeline([Nudge()], folds=13).run(ball_case(points=12))

@@ -22,7 +22,7 @@ from o3dls.case import POINT_TYPES, Case, Points, Truth
 from o3dls.errors import InputError
 from o3dls.geometry import Surface, outline
 from o3dls.io import read_case, read_points, write_case, write_points, write_surface
-from o3dls.io.atomic import staged_file, staged_folder
+from o3dls.io.atomic import check_free, staged_file, staged_folder
 from o3dls.io.case_settings import toml_lines
 from o3dls.io.repair import capped, closed_outward, welded
 
@@ -152,6 +152,7 @@ def test_case_in_2d_survives(tmp_path: Path) -> None:
 def test_declared_units_become_millimetres(units: str, factor: float, tmp_path: Path) -> None:
     write_case(tmp_path / "c", case())
     folder = tmp_path / "c"
+    (folder / "case.toml").write_text('frame = "LPS"\n')
     write_surface(folder / "prior.ply", cube(), units="unknown")
     write_surface(folder / "truth.ply", cube(), units="mm")  # a file that states its units is believed
     back = read_case(folder, units=units, frame="RAS")
@@ -174,7 +175,26 @@ def test_every_file_of_a_case_is_in_the_units_that_it_states(tmp_path: Path) -> 
     np.testing.assert_allclose(back.prior_landmarks["LSPV"], [10, 20, 30])
     write_surface(tmp_path / "c/prior.ply", cube(), units="inches")
     with pytest.raises(InputError, match=r"prior\.ply: states units 'inches': must be one of mm, cm"):
-        read_case(tmp_path / "c", units="cm")
+        read_case(tmp_path / "c")
+
+
+def test_units_that_contradict_the_case_or_its_files_are_refused(tmp_path: Path) -> None:
+    write_case(tmp_path / "c", case())
+    with pytest.raises(InputError, match=r"case\.toml: states units mm, and --units says px"):
+        read_case(tmp_path / "c", units="px")
+    (tmp_path / "c/case.toml").unlink()
+    with pytest.raises(InputError, match="a file states units mm, and the case is in px"):
+        read_case(tmp_path / "c", units="px")
+    write_surface(tmp_path / "c/prior.ply", cube(), units="px")
+    with pytest.raises(InputError, match="a file states units px, and the case is in mm"):
+        read_case(tmp_path / "c", units="mm")
+
+
+def test_files_of_one_name_in_two_folders_have_hashes_of_their_own(tmp_path: Path) -> None:
+    write_case(tmp_path / "c", replace(case(), phases=(cube(61.0),)))
+    (tmp_path / "c/phases/01.ply").rename(tmp_path / "c/phases/prior.ply")
+    found = read_case(tmp_path / "c").files
+    assert len({found["prior.ply"], found["phases/prior.ply"]}) == 2
 
 
 def test_an_outline_is_in_the_units_that_it_states(tmp_path: Path) -> None:
@@ -353,6 +373,47 @@ def test_staged_folder_appears_whole_and_replaces_only_our_own(tmp_path: Path) -
     with pytest.raises(InputError, match="not ours to replace"), staged_folder(out, force=True):
         pass
     assert [p.name for p in tmp_path.iterdir()] == ["run"]
+
+
+@pytest.mark.parametrize(("there", "new"), [("case.toml", "run.json"), ("run.json", "case.toml"), ("run.json", "paper_results.json")])
+def test_a_folder_is_only_replaced_by_one_of_its_kind(there: str, new: str, tmp_path: Path) -> None:
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / there).write_text("")
+    with pytest.raises(InputError, match="so it is not ours to replace"), staged_folder(tmp_path / "out", force=True) as folder:
+        (folder / new).write_text("")
+    assert [path.name for path in (tmp_path / "out").iterdir()] == [there]
+
+
+@pytest.mark.parametrize("read", ["out", "out/case"])
+def test_a_folder_is_not_replaced_by_what_reads_it(read: str, tmp_path: Path) -> None:
+    (tmp_path / "out" / "case").mkdir(parents=True)
+    (tmp_path / "out" / "run.json").write_text("")
+    check_free(tmp_path / "out", True, "run", [tmp_path / "another", tmp_path])  # a run may lie in the folder of its case
+    with pytest.raises(InputError, match=r"is or holds .*, which is read"):
+        check_free(tmp_path / "out", True, "run", [tmp_path / read])
+
+
+def test_a_place_that_cannot_be_written_is_named_before_any_work(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match=r"run: cannot be made: .*file: Not a directory; name another folder"):
+        check_free(tmp_path / "file" / "run")
+    check_free(tmp_path / "deep" / "run")
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+def test_an_old_folder_that_cannot_be_removed_does_not_spoil_the_new(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def kept(path: Path, ignore_errors: bool = False) -> None:
+        if not ignore_errors:
+            raise PermissionError(errno.EACCES, "Permission denied")
+
+    monkeypatch.setattr("shutil.rmtree", kept)
+    for text in ("old", "new"):
+        with staged_folder(tmp_path / "run", force=True) as folder:
+            (folder / "run.json").write_text(text)
+    assert (tmp_path / "run/run.json").read_text() == "new"
+    assert "holds what was replaced, and cannot be removed: Permission denied" in caplog.text
 
 
 def test_a_link_is_followed_and_stays(tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ from o3dls.case import Case, Points
 from o3dls.errors import InputError
 from o3dls.estimate import Estimate
 from o3dls.geometry import Surface
+from o3dls.pipeline import Pipeline
 from o3dls.registration.landmarks import determined
 from o3dls.stages.landmarks import Landmarks
 
@@ -97,6 +98,7 @@ def test_weights_must_name_landmarks_and_be_positive() -> None:
         run(case, weights={"LSPW": 2.0})
     with pytest.raises(InputError, match="must be above 0"):
         run(case, weights={"LSPV": 0.0})
+    assert Pipeline([Landmarks(weights={"LSPW": 2.0})]).refusals(case)[0].endswith("did you mean 'LSPV'?")
 
 
 def test_two_landmarks_fix_a_pose_in_the_plane() -> None:

@@ -32,6 +32,7 @@ class Sample(Plugin):
     sizes: tuple[Annotated[float, Field(gt=0.0)], ...] = Field(
         (1.0,), min_length=1, description="some lengths", json_schema_extra={"unit": "mm"}
     )
+    few: tuple[str, ...] = Field((), max_length=2, description="some names")
     named: dict[str, float] = Field({}, description="a number for each name")
     plain: float = Field(0.0, description="a number without limits")
 
@@ -71,6 +72,7 @@ class Sample(Plugin):
         ({"length": True}, "sample.length = true: must be a number within [0, inf) mm"),
         ({"sizes": ["1"]}, "sample.sizes = ['1'] mm: must be a list of numbers, at least 1"),
         ({"sizes": []}, "sample.sizes = [] mm: must be a list of numbers, at least 1"),
+        ({"few": ["a", "b", "c"]}, "sample.few = ['a', 'b', 'c']: must be a list of texts, at most 2"),
         ({"named": {"a": "1"}}, "sample.named = {'a': '1'}: must be a number per name"),
         ({"plain": "1"}, "sample.plain = '1': must be a number"),
         ({"lenght": 1.0}, "sample.lenght: no such parameter: did you mean 'length'?"),
@@ -119,6 +121,7 @@ def test_parameters_describe_themselves() -> None:
         "words": ("list of words", (), "", "red, blue"),
         "flag": ("true or false", True, "", ""),
         "sizes": ("list of numbers, at least 1", (1.0,), "mm", ""),
+        "few": ("list of texts, at most 2", (), "", ""),
         "named": ("number per name", {}, "", ""),
         "plain": ("number", 0.0, "", ""),
     }

@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 from numba import njit
-from tiny import SHIFT, Greedy, Nudge, Spy, ball_case, disc_case, tiny_stages  # noqa: F401  (a fixture)
+from tiny import SHIFT, Greedy, Nudge, Spy, ball_case, disc_case, sphere, tiny_stages  # noqa: F401  (a fixture)
 
+from o3dls.case import Case
 from o3dls.errors import InputError, PipelineError
-from o3dls.geometry import similarity
+from o3dls.geometry import Surface, similarity
 from o3dls.pipeline import Pipeline
 from o3dls.pipeline_file import pipeline_from, read_pipeline
 
@@ -74,6 +75,11 @@ def test_the_record_of_a_pipeline_gives_it_back(tmp_path: Path) -> None:
         ('[[stage]]\nuse = "nudge"\nmode = "meen"', "nudge.mode = 'meen': did you mean 'mean'?"),
         ('[[stage]]\nuse = "nudge"\nas = "1 2"', "nudge.as = '1 2': must be text that matches"),
         ('[[stage]]\nuse = "nudge"\n[[stage]]\nuse = "nudge"', "nudge: a second estimate named 'nudge'"),
+        ('[[stage]]\nuse = "nudge"\nas_ = "a"', "nudge.as_: no such parameter: did you mean 'as'?"),
+        ('[[stage]]\nuse = "nudge"\nas = "a"\nas_ = "b"', "nudge.as_: no such parameter: did you mean 'as'?"),
+        ('[[stage]]\nuse = "nudge"\nafter = 3', "nudge.after = 3: must be a text"),
+        ('[[stage]]\nuse = ["nudge"]', "[[stage]] 1: use = ['nudge']: must be the name of one stage"),
+        ("[[stage]]\nuse = {a = 1}", "[[stage]] 1: use = {'a': 1}: must be the name of one stage"),
         ('[[stage]]\nuse = "nudge"\nas = "start"', "a second estimate named 'start'"),
         ('[[stage]]\nuse = "nudge"\nafter = "nugde"', "nudge.after = 'nugde': no such estimate: did you mean 'nudge'?"),
         ('[[stage]]\nuse = "nudge"\nafter = "spy"\n[[stage]]\nuse = "spy"', "nudge.after = 'spy': is not made before nudge"),
@@ -104,10 +110,26 @@ def test_all_mistakes_are_named_at_once(tmp_path: Path) -> None:
         ("icp.keep=2", "--set icp.keep=2: the pipeline has no 'icp'"),
         ("nudge", "--set nudge: must be STAGE.PARAM=VALUE"),
         ("folds=-2", "folds = -2"),
+        ("case=a", "--set case=a: is a folder and no parameter; say --case a"),
+        ("out = b", "--set out = b: is a folder and no parameter; say --out b"),
     ],
 )
 def test_settings_are_checked_like_files(tmp_path: Path, setting: str, sentence: str) -> None:
     assert sentence in mistakes(tmp_path, TEXT, setting)
+
+
+EXPORTS = '[[stage]]\nuse = "nudge"\n[[write]]\nuse = "export"\n[[write]]\nuse = "export"\n'
+
+
+@pytest.mark.parametrize("second", ["faces = 4", 'estimate = "nudge"'])
+def test_writers_that_would_overwrite_each_other_are_refused(tmp_path: Path, second: str) -> None:
+    assert "export nudge ply: two writers would overwrite" in mistakes(tmp_path, EXPORTS + second)
+
+
+@pytest.mark.parametrize("second", ['format = "stl"', 'estimate = "start"'])
+def test_a_setting_for_one_of_two_writers_is_refused(tmp_path: Path, second: str) -> None:
+    assert len(read_pipeline(written(tmp_path, EXPORTS + second)).writes) == 2
+    assert "the pipeline has 2 named 'export'" in mistakes(tmp_path, EXPORTS + second, "export.faces=100")
 
 
 def test_settings_reach_text_numbers_and_top_keys(tmp_path: Path) -> None:
@@ -183,8 +205,9 @@ class TestStart:
     ("factor", "shift", "sentence"),
     [
         (1e-3, 0.0, "in m, put"),
-        (0.1 / 1.2, 0.0, "in cm, put"),
-        (1e3, 0.0, "the prior is in m, write it in mm"),
+        (0.1, 0.0, "in cm, put"),
+        (1e3, 0.0, "in um, put"),
+        (1e-9, 0.0, "no unit explains that: do nearly all points lie in one place"),
         (1.0, 900.0, "half of the points are more than"),
     ],
 )
@@ -193,6 +216,41 @@ def test_points_that_cannot_belong_to_the_prior_are_refused(factor: float, shift
     case = replace(case, points=replace(case.points, xyz=case.points.xyz * factor + shift))
     with pytest.raises(InputError, match=sentence):
         Pipeline([Nudge()], folds=0).run(case)
+
+
+def test_a_prior_in_another_unit_than_mm_is_told_from_points_that_are() -> None:
+    case = replace(ball_case(), prior=sphere(0.02), prior_landmarks={})
+    with pytest.raises(InputError, match="the prior is in m, write it in mm"):
+        Pipeline([Nudge()], folds=0).run(case)
+
+
+def test_a_stray_point_is_named() -> None:
+    case, wild = ball_case(), 7
+    far = replace(case.points, xyz=case.points.xyz + 9e3 * (np.arange(len(case.points)) == wild)[:, None])
+    with pytest.raises(InputError, match=f"the point of row {wild}, counted from 0, lies"):
+        Pipeline([Nudge()], folds=0).run(replace(case, points=far))
+
+
+def test_points_in_one_place_are_refused() -> None:
+    case = ball_case()
+    same = replace(case.points, xyz=np.where(case.points.type[:, None] == "eam", SHIFT, case.points.xyz))
+    with pytest.raises(InputError, match="all 60 points of type eam lie in one place"):
+        Pipeline([Nudge()], folds=0).run(replace(case, points=same))
+
+
+@pytest.mark.parametrize("case", [ball_case(), disc_case()], ids=["3D", "2D"])
+def test_a_prior_that_encloses_nothing_is_refused(case: Case) -> None:
+    flat = case.prior.with_vertices(case.prior.vertices * ([1.0] * (case.dimension - 1) + [0.0]))
+    with pytest.raises(InputError, match="the prior is flat"):
+        Pipeline([Nudge()], folds=0).run(replace(case, prior=flat))
+
+
+def test_a_piece_of_the_prior_without_points_is_warned_of() -> None:
+    case = ball_case()
+    apart = Surface(case.prior.vertices + np.array([200.0, 0.0, 0.0]), case.prior.faces)
+    both = Surface(np.vstack([case.prior.vertices, apart.vertices]), np.vstack([case.prior.faces, apart.faces + len(apart.vertices)]))
+    said = [Pipeline([Spy()], folds=0).run(replace(case, prior=prior)).estimates["spy"].warnings for prior in (case.prior, both)]
+    assert said == [(), ("no point is near the piece of the prior around (200, 0, 0) mm (50% of its area): is it meant?",)]
 
 
 def test_points_far_away_are_no_mistake_where_a_stage_finds_the_pose() -> None:
@@ -206,7 +264,7 @@ def test_points_far_away_are_no_mistake_where_a_stage_finds_the_pose() -> None:
 
 
 def test_too_few_points_are_refused() -> None:
-    with pytest.raises(InputError, match="9 points of type eam; at least 10"):
+    with pytest.raises(InputError, match="9 points of type eam lie in 9 different places; at least 10"):
         Pipeline([Nudge()], folds=0).run(ball_case(points=9))
 
 

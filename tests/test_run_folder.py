@@ -21,6 +21,7 @@ from o3dls.io.mesh import read_surface
 from o3dls.io.points import read_points
 from o3dls.pipeline import Pipeline
 from o3dls.pipeline_file import pipeline_from
+from o3dls.report import compare, write_report
 from o3dls.run_folder import log_of_failure, read_run, record
 from o3dls.stage import Stage, Writer
 from o3dls.stages.deform import Deform
@@ -183,6 +184,41 @@ def test_a_failed_run_leaves_only_a_log_that_says_why(tmp_path: Path) -> None:
     assert "SolverError: no step lowers the energy" in said
 
 
+def test_a_log_of_failure_goes_with_the_failure(tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    with pytest.raises(SolverError), log_of_failure(out):
+        raise SolverError("at first")
+    with log_of_failure(out):
+        pass
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_log_that_cannot_be_written_does_not_hide_the_failure(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(SolverError, match="at first"), log_of_failure(tmp_path / "file" / "run"):
+        raise SolverError("at first")
+
+
+def test_distances_of_an_earlier_run_are_not_taken_for_this_one_s(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    case = ball_case()
+    old = dict.fromkeys(("distance_icp_mm", "left_out_icp_mm", "depth_mm"), np.zeros(len(case.points)))
+    case = replace(case, points=replace(case.points, columns={**case.points.columns, **old}))
+    run = Pipeline([Nudge()], folds=0).run(case)
+    assert set(run.points.columns) == {"name", "depth_mm", "distance_start_mm", "distance_nudge_mm"}
+    assert "distance_icp_mm, left_out_icp_mm: of an earlier run" in caplog.text
+
+
+def test_a_page_is_no_part_of_a_run_and_no_pdf(tmp_path: Path) -> None:
+    run = Pipeline([Nudge()], folds=0).run(ball_case()).write(tmp_path / "run")
+    before = sorted(run.rglob("*"))
+    for write in (write_report, compare):
+        with pytest.raises(InputError, match=r"run\.json: is written as HTML; name a file that ends in \.html or \.htm"):
+            write([run], run / "run.json")
+        with pytest.raises(InputError, match="belongs to the run in"):
+            write([run], run / "estimates" / "page.html")
+    assert sorted(run.rglob("*")) == before
+
+
 def test_an_invalid_surface_is_written_and_named() -> None:
     run = Pipeline([Nudge(), Broken()], folds=0).run(ball_case())
     assert run.faults == ["the surface is inside out"]
@@ -191,7 +227,13 @@ def test_an_invalid_surface_is_written_and_named() -> None:
 
 @pytest.mark.parametrize(
     ("content", "sentence"),
-    [(None, "is no run folder"), ("{", "run.json"), ('{"schema": "other/2"}', "schema is 'other/2': must be 'o3dls/run/1'")],
+    [
+        (None, "is no run folder"),
+        ("{", "run.json"),
+        ("[]", "run.json: schema is not there: must be 'o3dls/run/1'"),
+        ('{"schema": "other/2"}', "schema is 'other/2': must be 'o3dls/run/1'"),
+        ('{"schema": "o3dls/run/1"}', "run.json: has no 'case', so it is no finished run"),
+    ],
 )
 def test_what_is_no_run_is_refused(tmp_path: Path, content: str | None, sentence: str) -> None:
     if content is not None:

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import errno
+import logging
 import os
 import secrets
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from tempfile import mkdtemp
 
 from ..errors import InputError
 
-REPLACEABLE = ("run.json", "case.toml", "paper_results.json")  # only a folder that holds one of these, or nothing, is ever overwritten
+MARKS = {"run": "run.json", "case": "case.toml", "paper": "paper_results.json"}  # the file that tells each kind of folder of ours
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # disk, quota, limit of size: the system names no file
+log = logging.getLogger("o3dls")
 
 
 def _real(path: str | Path) -> Path:
@@ -57,28 +60,52 @@ def staged_file(path: str | Path) -> Iterator[Path]:
         staged.unlink(missing_ok=True)
 
 
-def check_free(out: str | Path, force: bool = False) -> None:
-    """Raise InputError unless the folder `out` may be written: it is not there, is empty, or is our own and `force` is set."""
+def check_free(out: str | Path, force: bool = False, kind: str | None = None, reads: Sequence[Path] = ()) -> None:
+    """Raise InputError unless the folder `out` may be written: it is not there, is empty, or is our own of that kind and `force` is set.
+
+    kind: run, case or paper, any where it is None; reads: files and folders that the work reads, which must not be replaced by it.
+    """
     out = Path(out)
-    if not out.exists():
-        return
-    if not out.is_dir():
+    if out.exists() and not out.is_dir():
         raise InputError(f"{out}: is a file; name a folder")
-    if Path.cwd().is_relative_to(_real(out)):
+    if out.exists() and Path.cwd().is_relative_to(_real(out)):
         raise InputError(f"{out}: is the working folder, or holds it, and would be replaced; name another folder")
-    if not any(out.iterdir()):
-        return
-    if not force:
-        raise InputError(f"{out}: exists already; name another folder or use --force")
-    if not any((out / name).exists() for name in REPLACEABLE):
-        raise InputError(f"{out}: holds neither {' nor '.join(REPLACEABLE)}, so it is not ours to replace; name another folder")
+    if out.exists() and any(out.iterdir()):
+        if not force:
+            raise InputError(f"{out}: exists already; name another folder or use --force")
+        _check_replaceable(out, kind, reads)
+    _check_writable(out)
+
+
+def _check_replaceable(out: Path, kind: str | None, reads: Sequence[Path]) -> None:
+    if _kind(out) not in ([kind] if kind else MARKS):
+        raise InputError(f"{out}: is no {kind or ' or '.join(MARKS)}, so it is not ours to replace; name another folder")
+    for source in reads:
+        if _real(source).is_relative_to(_real(out)):
+            raise InputError(f"{out}: is or holds {source}, which is read, and would be replaced; name another folder")
+
+
+def _kind(folder: Path) -> str | None:
+    """What a folder of ours is; None for any other, and where it bears the marks of two kinds."""
+    found = [kind for kind, mark in MARKS.items() if (folder / mark).exists()]
+    return found[0] if len(found) == 1 else None
+
+
+def _check_writable(out: Path) -> None:
+    """Raise InputError where nothing can be made beside `out`: only trying tells, and better before the work than after it."""
+    there = next(folder for folder in _real(out).parents if folder.exists())
+    try:
+        os.rmdir(mkdtemp(prefix=".", dir=there))
+    except OSError as error:
+        raise InputError(f"{out}: cannot be made: {there}: {error.strerror}; name another folder") from None
 
 
 @contextmanager
 def staged_folder(out: str | Path, force: bool = False) -> Iterator[Path]:
     """Yield an empty folder that becomes `out` (or what the link `out` leads to) when the block ends, and is removed when it fails.
 
-    An interrupted process leaves at most a hidden `.name.partial-*` folder. Raises InputError where `out` exists (see check_free).
+    An interrupted process leaves at most a hidden `.name.partial-*` folder. Raises InputError where `out` exists (see check_free),
+    or is of another kind than what was made.
     """
     check_free(out, force)
     out = _real(out)
@@ -87,13 +114,21 @@ def staged_folder(out: str | Path, force: bool = False) -> Iterator[Path]:
     try:
         with _named(out):
             yield staged
-        check_free(out, force)  # somebody may have been faster
+        check_free(out, force, _kind(staged))  # somebody may have been faster
         if out.exists():
             old = _sibling(out)
             os.replace(out, old)
             os.replace(staged, out)
-            shutil.rmtree(old)
+            _remove(old)
         else:
             os.replace(staged, out)
     finally:
         shutil.rmtree(staged, ignore_errors=True)
+
+
+def _remove(old: Path) -> None:
+    """Remove what was replaced, or say that it is still there: the new one is in its place."""
+    try:
+        shutil.rmtree(old)
+    except OSError as error:
+        log.warning("%s: holds what was replaced, and cannot be removed: %s", old, error.strerror)

@@ -25,7 +25,7 @@ FEWEST_POINTS = 10
 
 
 def read_case(folder: str | Path, *, points: str | Path | None = None, units: str | None = None, frame: str | None = None) -> Case:
-    """The case in a folder, lengths in mm (px where it says so); `points`, `units` and `frame` overrule the folder.
+    """The case in a folder, lengths in mm (px where it says so); `points` replace its own, `units` and `frame` say what it does not.
 
     Raises InputError for everything that is missing, unknown or cannot be meant.
     """

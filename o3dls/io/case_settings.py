@@ -38,7 +38,12 @@ class Folder:
         return "px" if self.settings.get("units") == "px" else "mm"
 
     def scale(self, stated: str | None = None) -> float:
-        """Factor to mm: what a file itself states comes before what the case says."""
+        """Factor to mm: what a file itself states comes before what the case says. Raises InputError where only one of them is in px."""
+        if stated in MILLIMETRES and "px" in (stated, self.units) and stated != self.units:
+            raise InputError(
+                f"{self.path}: a file states units {stated}, and the case is in {self.units}; pixels are of no length: "
+                "mend the file, or the units in case.toml or --units"
+            )
         return MILLIMETRES[stated if stated in MILLIMETRES else self.settings.get("units", "mm")]
 
     def find(self, role: str) -> Path | None:
@@ -58,7 +63,8 @@ class Folder:
         return path
 
     def note(self, path: Path) -> None:
-        self.hashes[path.name] = hashlib.sha256(read_bytes(path)).hexdigest()
+        inside = path.is_relative_to(self.path)
+        self.hashes[path.relative_to(self.path).as_posix() if inside else path.name] = hashlib.sha256(read_bytes(path)).hexdigest()
 
     def table(self, role: str, required: str | tuple[str, ...]) -> Table | None:
         path = self.find(role)
@@ -79,6 +85,9 @@ def open_folder(path: Path, overrules: Mapping[str, str]) -> Folder:
             _check_setting(f"{toml}: {key}", key, value)
     for key, value in overrules.items():
         _check_setting(f"--{key}", key, value)
+    stated, given = folder.settings.get("units"), overrules.get("units")
+    if stated and given and stated != given:
+        raise InputError(f"{toml}: states units {stated}, and --units says {given}; leave --units away, or mend the file")
     folder.settings |= overrules
     return folder
 

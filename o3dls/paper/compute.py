@@ -22,7 +22,7 @@ EXPERIMENTS = (noise, atrium, real, formulation, related, temporal)
 
 def make(out: Path, *, quick: bool = False, force: bool = False) -> Path:
     """Compute everything into a new folder `out`; the page. Raises InputError before any work where the folder cannot be written."""
-    check_free(out, force)
+    check_free(out, force, "paper")
     scope = Scope(quick, Path(os.environ[DATA]) if DATA in os.environ else None)
     tasks = [task for experiment in EXPERIMENTS for task in experiment.tasks(scope)]
     outcomes: dict[str, list[Outcome]] = {}

@@ -8,12 +8,14 @@ from typing import TYPE_CHECKING, ClassVar
 
 from pydantic import Field
 
+from ..errors import InputError
 from ..stage import Writer
 
 if TYPE_CHECKING:
     from ..run import Run
 
 REPORT = "report.html"
+PAGES = (".html", ".htm")
 
 
 class Report(Writer):
@@ -38,16 +40,16 @@ def write_report(
     """Write one HTML page on finished run folders of one case; `out` defaults to report.html in the first folder.
 
     `compare` names the estimates to show side by side; `slides` adds pictures in figures/ and a one-page PDF beside the page.
-    Raises InputError where a folder is no run, or the cases differ.
+    Raises InputError where a folder is no run, the cases differ, or `out` is no name for a page.
     """
     from ..io.atomic import staged_file
     from .page import report_page
     from .subject import read_subject
 
     subject = read_subject([Path(folder) for folder in folders], compare)
-    path = Path(out) if out else Path(folders[0]) / REPORT
+    path = _page(out or subject.folders[0] / REPORT)
     with staged_file(path) as staged:
-        staged.write_text(report_page(subject), encoding="utf-8")
+        staged.write_text(report_page(subject), encoding="utf-8", errors="replace")
     if slides:
         from .slides import write_slides
 
@@ -58,13 +60,24 @@ def write_report(
 def compare(folders: Sequence[str | Path], out: str | Path = "compare.html") -> Path:
     """Write one HTML page that compares finished runs, of one case or of many: the worst first, with links to their reports.
 
-    Raises InputError where a folder is no run.
+    Raises InputError where a folder is no run, or `out` is no name for a page.
     """
     from ..io.atomic import staged_file
     from .cohort import cohort_page
     from .subject import read_subject
 
-    path = Path(out)
+    path = _page(out)
     with staged_file(path) as staged:
-        staged.write_text(cohort_page([read_subject([Path(folder)]) for folder in folders], path), encoding="utf-8")
+        staged.write_text(cohort_page([read_subject([Path(folder)]) for folder in folders], path), encoding="utf-8", errors="replace")
+    return path
+
+
+def _page(out: str | Path) -> Path:
+    """The path of a page to write. Raises InputError for a name that says it is something else, or is a part of a run."""
+    from ..run_folder import check_not_of_a_run
+
+    path = Path(out)
+    if path.suffix.lower() not in PAGES:
+        raise InputError(f"{path}: is written as HTML; name a file that ends in {' or '.join(PAGES)}")
+    check_not_of_a_run(path)
     return path

@@ -56,13 +56,13 @@ class ICP(Stage):
     metric: MetricName = Field("point_to_plane", description="what a step minimises")
     scale: bool = Field(True, description="let the scale change: a similarity instead of a rigid motion")
     scale_sd: float | None = Field(
-        0.2, gt=0.0, description="log scale is pulled to zero with this sd; none: not pulled", json_schema_extra=unit("1")
+        0.2, ge=1e-6, description="log scale is pulled to zero with this sd; none: not pulled", json_schema_extra=unit("1")
     )
     scale_min: float = Field(0.5, gt=0.0, le=1.0, description="smallest scale", json_schema_extra=unit("1"))
     scale_max: float = Field(2.0, ge=1.0, description="largest scale", json_schema_extra=unit("1"))
     strain_sd: float | None = Field(
         0.015,
-        gt=0.0,
+        ge=1e-6,
         description="sd of a strain fitted on the way, so that it does not bend the pose; none: no strain",
         json_schema_extra=unit("1"),
     )
@@ -89,12 +89,12 @@ class ICP(Stage):
     )
     freeze: float | None = Field(
         0.05,
-        gt=0.0,
+        ge=1e-6,
         description="motions less certain than this (rms over the surface) are not made; none: all are",
         json_schema_extra=unit("rms radii"),
     )
     coarse: float = Field(
-        1.5, ge=1.0, description="factor on all thresholds and widths at the first iteration", json_schema_extra=unit("1")
+        1.5, ge=1.0, le=100.0, description="factor on all thresholds and widths at the first iteration", json_schema_extra=unit("1")
     )
     anneal: int = Field(5, ge=0, description="iterations over which it falls to 1")
     tolerance: float = Field(5e-3, ge=0.0, description="converged when no foot moves farther in a step", json_schema_extra=unit("mm"))

@@ -11,6 +11,7 @@ from ..case import Case
 from ..errors import InputError, did_you_mean
 from ..estimate import Estimate
 from ..geometry import Array
+from ..registration.landmarks import determined
 from ..registration.pose import rms_radius
 from ..stage import Stage
 
@@ -31,14 +32,31 @@ class Landmarks(Stage):
 
     def obstacle(self, case: Case) -> str | None:
         names, _, _ = case.landmark_pairs()
-        fewest = case.dimension
-        return None if len(names) >= fewest else f"{len(names)} landmark pairs: at least {fewest} are needed in {case.dimension}D"
+        if len(names) >= case.dimension:
+            return None
+        needed = f"at least {case.dimension} are needed in {case.dimension}D"
+        return f"{len(names)} landmark pairs: {needed}; name them in points.csv and prior_landmarks.csv"
+
+    def mistake(self, case: Case) -> str | None:
+        names, prior, measured = case.landmark_pairs()
+        for points, file in ((prior, "prior_landmarks.csv"), (measured, "points.csv")):
+            if not determined(points):
+                where = f"the landmarks {', '.join(names)} of {file} lie on one line"
+                return f"{where} and leave a rotation free; add one beside the line"
+        for name, weight in self.weights.items():
+            if name not in names:
+                return f"weights: no landmark pair '{name}'{did_you_mean(name, names)}"
+            if not weight > 0.0:
+                return f"weights: {name} = {weight}: must be above 0"
+        return None
 
     def __call__(self, case: Case, start: Estimate) -> Estimate:
         from ..registration.landmarks import errors, leave_one_out, readings
 
-        names, prior, measured = self._pairs(case)
-        weights = self._weights(names)
+        if why := self.obstacle(case) or self.mistake(case):
+            raise InputError(f"case {case.name}: {self.name}: {why}")
+        names, prior, measured = case.landmark_pairs()
+        weights = np.array([self.weights.get(name, 1.0) for name in names])
         found = readings(prior, measured, weights, scale=self.scale)
         _refuse_mixed_up(case, names, measured, found)
         named = found[0]
@@ -54,30 +72,6 @@ class Landmarks(Stage):
             trace=({"pairs": len(names), "rms": named.rms},),
             facts={"landmarks": _table(names, misses, alone)},
         )
-
-    def _pairs(self, case: Case) -> tuple[list[str], Array, Array]:
-        """Landmark pairs of the case, refused where they fix no pose."""
-        obstacle = self.obstacle(case)
-        if obstacle is not None:
-            raise InputError(f"case {case.name}: {obstacle}; name them in points.csv and prior_landmarks.csv")
-        from ..registration.landmarks import determined
-
-        names, prior, measured = case.landmark_pairs()
-        for points, file in ((prior, "prior_landmarks.csv"), (measured, "points.csv")):
-            if not determined(points):
-                raise InputError(
-                    f"case {case.name}: the landmarks {', '.join(names)} of {file} lie on one line and leave a rotation free; "
-                    "add one beside the line"
-                )
-        return names, prior, measured
-
-    def _weights(self, names: list[str]) -> Array:
-        for name, weight in self.weights.items():
-            if name not in names:
-                raise InputError(f"landmarks.weights: no landmark pair '{name}'{did_you_mean(name, names)}")
-            if not weight > 0.0:
-                raise InputError(f"landmarks.weights: {name} = {weight}: must be above 0")
-        return np.array([self.weights.get(name, 1.0) for name in names])
 
 
 def _refuse_mixed_up(case: Case, names: list[str], measured: Array, found: list[Reading]) -> None:
