@@ -117,6 +117,9 @@ def doctor() -> int:
 @click.argument("run_folder", metavar="RUN", type=FOLDER)
 def view(run_folder: Path) -> None:
     """Open a window on a finished run; keys switch estimates, colours, points, prior and truth."""
+    import signal
+
     from .view import view as open_window
 
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)  # Open3D's loop does not return to Python, where the command line would hear of it
     open_window(run_folder)
