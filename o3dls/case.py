@@ -14,7 +14,7 @@ from .errors import InputError, did_you_mean
 from .geometry import Array, Surface, is_pose
 
 UNITS = ("mm", "px")
-FRAMES = ("LPS", "RAS", "unknown")
+SPACES = ("LPS", "RAS", "unknown")
 POINT_TYPES = ("eam", "ablation", "landmark", "inside")
 FITTED_TYPES = ("eam", "inside")
 OF_A_RUN = ("sd", "displacement", "correction", "distance_to_nearest_point")  # fields of a result, with the unit behind their names
@@ -115,8 +115,8 @@ class Case:
             raise InputError(f"case {self.name}: points are {self.points.xyz.shape[1]}D, the prior is {self.dimension}D")
         if self.units not in UNITS:
             raise InputError(f"case {self.name}: units = '{self.units}': lengths of a case are in {' or '.join(UNITS)}; scale them first")
-        if self.frame not in FRAMES:
-            raise InputError(f"case {self.name}: frame = '{self.frame}': must be one of {', '.join(FRAMES)}")
+        if self.frame not in SPACES:
+            raise InputError(f"case {self.name}: frame = '{self.frame}': must be one of {', '.join(SPACES)}")
         if self.init is not None and not is_pose(self.init, self.dimension):
             raise InputError(f"case {self.name}: init is no pose: it must be a rotation, a shift and one scale")
         for name, at in self.prior_landmarks.items():

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from .case import SPACES
 from .errors import InputError
 from .geometry import Array, Surface
 from .io.case_folder import check_scale
@@ -17,7 +18,7 @@ from .io.markups import Markups, read_markups, write_markups
 from .io.mesh import is_surface, read_surface_file, write_surface
 from .io.points import points_of, read_points_table, scaled
 from .io.repair import closed_outward, welded
-from .io.surface_file import SPACES, SurfaceFile
+from .io.surface_file import SurfaceFile
 from .io.table import write_table
 from .io.transforms import TURN, read_transform, turned, write_transform
 

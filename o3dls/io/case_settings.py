@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from ..case import SPACES
 from ..errors import InputError, did_you_mean
-from .surface_file import SPACES
 from .table import Table, read_table
 from .text import decode, read_bytes
 

@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..case import SPACES
 from ..errors import InputError
 from ..geometry import Array, Ints, Surface
 from .text import is_count
 
 NOTICE = "o3dls, research software, not for clinical use"
-SPACES = ("LPS", "RAS", "unknown")
 STARTS = 16  # corners that are tried as the first of a fan
 END_LINES = re.compile(f"{NOTICE}|Open3D|VTK generated|VCGLIB generated")  # programs that end their last line, as not all do
 

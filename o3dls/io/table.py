@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..case import SPACES
 from ..errors import InputError
 from ..geometry import Array
 from .atomic import staged_file
-from .surface_file import SPACES
 from .text import LARGEST_WHOLE, decode, number, read_bytes
 
 
