@@ -219,6 +219,20 @@ def test_frames_are_known_words_and_agree(tmp_path: Path) -> None:
     np.testing.assert_array_equal(read_case(tmp_path / "c").prior_landmarks["LSPV"], [-1, -2, 3])
 
 
+def test_files_for_evaluation_are_turned_into_the_frame_of_the_points(tmp_path: Path) -> None:
+    write_case(tmp_path / "c", replace(case(), frame="RAS"))
+    truth = read_case(tmp_path / "c").truth
+    write_surface(tmp_path / "c/truth.ply", truth.surface, space="LPS")
+    for name in ("held_out.csv", "correspondence.csv"):
+        path = tmp_path / "c" / name
+        path.write_text("# space=LPS\n" + path.read_text())
+    turned = read_case(tmp_path / "c").truth
+    np.testing.assert_array_equal(turned.surface.vertices, truth.surface.vertices * [-1, -1, 1])
+    np.testing.assert_array_equal(turned.held_out, truth.held_out * [-1, -1, 1])
+    np.testing.assert_array_equal(turned.correspondence[1], truth.correspondence[1] * [-1, -1, 1])
+    np.testing.assert_array_equal(turned.correspondence[0], truth.correspondence[0])  # the prior's side; its frame is not stated
+
+
 def test_numbers_of_unknown_columns_keep_their_value_or_stay_text(tmp_path: Path) -> None:
     (tmp_path / "p.csv").write_text("x,y,z,id,code,depth\n1,2,3,12345678901234567,007,0.50\n4,5,6,12345678901234568,1_0,\n")
     write_points(tmp_path / "q.csv", read_points(tmp_path / "p.csv"))

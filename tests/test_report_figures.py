@@ -115,6 +115,14 @@ def test_equal_runs_give_equal_slides(report: Path, tmp_path: Path) -> None:
         assert path.read_bytes() == (tmp_path / "figures" / path.name).read_bytes()
 
 
+def test_reports_in_one_folder_keep_their_own_pictures(report: Path, tmp_path: Path) -> None:
+    for name in ("report.html", "other.html"):
+        write_report([report.parent], tmp_path / name, slides=True)
+    assert {path.name for path in tmp_path.iterdir()} == {
+        "report.html", "report.pdf", "figures", "other.html", "other.pdf", "other_figures",
+    }  # fmt: skip
+
+
 def test_slides_of_two_dimensions(tmp_path: Path) -> None:
     report = write_report([finished_2d(tmp_path / "run")], slides=True)
     assert {path.name for path in (report.parent / "figures").iterdir()} == {"summary.png", "distances.png", "outlines.png"}

@@ -34,7 +34,7 @@ def read_case(folder: str | Path, *, points: str | Path | None = None, units: st
     if prior is None:
         raise InputError(f"{opened.path}: no prior surface; there must be a file prior.ply (or .stl, .vtp, .mesh, .nii.gz and others)")
     table = _points_table(opened, points)
-    measured = _points(opened, table)
+    measured, frame = _points(opened, table), _frame(opened, table)
     case = Case(
         name=opened.settings.get("name", opened.path.resolve().name),
         prior=prior.surface,
@@ -42,11 +42,11 @@ def read_case(folder: str | Path, *, points: str | Path | None = None, units: st
         prior_landmarks=_landmarks(opened, prior.space),
         init=_init(opened),
         units=opened.units,
-        frame=_frame(opened, table),
+        frame=frame,
         notes=opened.settings.get("notes", ""),
         files=opened.hashes,
-        truth=_truth(opened),
-        phases=_phases(opened),
+        truth=_truth(opened, prior.space, frame),
+        phases=_phases(opened, prior.space),
     )
     _check(case, opened)
     return case
@@ -88,11 +88,20 @@ def _surface(folder: Folder, role: str) -> SurfaceFile | None:
     return replace(file, surface=closed_outward(surface, str(path), cap=folder.settings.get("cap", False)))
 
 
-def _phases(folder: Folder) -> tuple[Surface, ...]:
-    """The surfaces in the folder phases/, in the order of their names."""
+def _turned(xyz: Array, stated: str | None, space: str) -> Array:
+    """Coordinates (n, d) of a file that states its frame, in the frame `space`; as they are where one of the two is not known."""
+    return xyz * TURN[: xyz.shape[1]] if {stated, space} == {"LPS", "RAS"} else xyz
+
+
+def _framed(file: SurfaceFile, space: str) -> Surface:
+    return file.surface.with_vertices(_turned(file.surface.vertices, file.space, space))
+
+
+def _phases(folder: Folder, space: str) -> tuple[Surface, ...]:
+    """The surfaces in the folder phases/, in the order of their names and in the prior's frame `space`."""
     found = []
     for path in sorted(p for p in (folder.path / "phases").glob("*") if p.is_file() and not p.name.startswith(".")):
-        surface = _scaled(folder, path, read_surface_file(path)).surface
+        surface = _framed(_scaled(folder, path, read_surface_file(path)), space)
         if surface.dimension != folder.dimension:
             raise InputError(f"{path}: is {surface.dimension}D, the case is {folder.dimension}D")
         folder.note(path)
@@ -137,10 +146,7 @@ def _landmarks(folder: Folder, space: str) -> dict[str, Array]:
     if table is None:
         return {}
     _unique(table, table.columns["name"])
-    xyz = _places(folder, table, axes)
-    if {table.notes.get("space"), space} == {"LPS", "RAS"}:
-        xyz = xyz * TURN[: folder.dimension]
-    return dict(zip(table.columns["name"], xyz, strict=True))
+    return dict(zip(table.columns["name"], _places(folder, table, axes, space), strict=True))
 
 
 def _unique(table: Table, names: list[str]) -> None:
@@ -165,8 +171,8 @@ def _init(folder: Folder) -> Array | None:
     return matrix
 
 
-def _truth(folder: Folder) -> Truth | None:
-    """Whatever the folder holds for evaluation; None where it holds nothing."""
+def _truth(folder: Folder, prior: str, frame: str) -> Truth | None:
+    """Whatever the folder holds for evaluation, in the frame of the points, which `frame` names; None where it holds nothing."""
     axes = tuple("xyz"[: folder.dimension])
     surface = _surface(folder, "truth")
     held, outliers = folder.table("held_out", axes), folder.table("outliers", ("row",))
@@ -174,21 +180,26 @@ def _truth(folder: Folder) -> Truth | None:
     if all(part is None for part in (surface, held, pairs, outliers)):
         return None
     return Truth(
-        surface=None if surface is None else surface.surface,
-        held_out=None if held is None else _places(folder, held, axes),
+        surface=None if surface is None else _framed(surface, frame),
+        held_out=None if held is None else _places(folder, held, axes, frame),
         unseen=None if held is None or "unseen" not in held.columns else held.numbers("unseen") > 0,
-        correspondence=None if pairs is None else tuple(_places(folder, pairs, [s + a for a in axes]) for s in "pt"),  # type: ignore[arg-type]
+        correspondence=None if pairs is None else (_side(folder, pairs, "p", prior), _side(folder, pairs, "t", frame)),
         outliers=None if outliers is None else integers(outliers.numbers("row"), f"{outliers.path}: column 'row'"),
     )
+
+
+def _side(folder: Folder, pairs: Table, side: str, space: str) -> Array:
+    return _places(folder, pairs, [side + axis for axis in "xyz"[: folder.dimension]], space)
 
 
 def _pair_names(axes: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(side + axis for side in "pt" for axis in axes)
 
 
-def _places(folder: Folder, table: Table, names: Sequence[str]) -> Array:
-    """Coordinates (n, d) out of columns of a table, in mm."""
-    return np.column_stack([table.numbers(name) for name in names]) * _scale(folder, table.path, table.notes.get("units"))
+def _places(folder: Folder, table: Table, names: Sequence[str], space: str) -> Array:
+    """Coordinates (n, d) out of columns of a table, in mm and in the frame `space`."""
+    xyz = np.column_stack([table.numbers(name) for name in names]) * _scale(folder, table.path, table.notes.get("units"))
+    return _turned(xyz, table.notes.get("space"), space)
 
 
 def _check(case: Case, folder: Folder) -> None:

@@ -14,7 +14,7 @@ from ..stage import Writer
 if TYPE_CHECKING:
     from ..run import Run
 
-REPORT = "report.html"
+REPORT, FIGURES = "report.html", "figures"
 PAGES = (".html", ".htm")
 
 
@@ -39,7 +39,8 @@ def write_report(
 ) -> Path:
     """Write one HTML page on finished run folders of one case; `out` defaults to report.html in the first folder.
 
-    `compare` names the estimates to show side by side; `slides` adds pictures in figures/ and a one-page PDF beside the page.
+    `compare` names the estimates to show side by side; `slides` adds a one-page PDF and pictures beside the page, those of report.html
+    in figures/ and of NAME.html in NAME_figures/, since several reports may stand in one folder.
     Raises InputError where a folder is no run, the cases differ, or `out` is no name for a page.
     """
     from ..io.atomic import staged_file
@@ -53,7 +54,8 @@ def write_report(
     if slides:
         from .slides import write_slides
 
-        write_slides(subject, path.parent / "figures", path.with_suffix(".pdf"))
+        figures = FIGURES if path.name == REPORT else f"{path.stem}_{FIGURES}"
+        write_slides(subject, path.parent / figures, path.with_suffix(".pdf"))
     return path
 
 
