@@ -29,7 +29,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import multiprocessing
 import os
 import sys
 from collections.abc import Iterator
@@ -39,6 +38,7 @@ from time import perf_counter
 from typing import Any
 
 from benchmarks.cases import Listed, find
+from o3dls.workers import workers
 
 Record = dict[str, Any]
 
@@ -105,8 +105,8 @@ def main() -> None:
     records = _read(arguments.records)
     done = {record["case"] for record in records}
     todo = [listed for listed in find(arguments.folders) if listed.name not in done]
-    with multiprocessing.get_context("spawn").Pool(arguments.jobs) as pool:
-        for found in pool.imap(partial(run, phantom=arguments.phantom, plan=arguments.pipeline, ours_alone=arguments.ours), todo):
+    with workers(arguments.jobs) as pool:
+        for found in pool.map(partial(run, phantom=arguments.phantom, plan=arguments.pipeline, ours_alone=arguments.ours), todo):
             records += found
             _keep(arguments.records, found)
             print(f"{found[0]['case']} done", file=sys.stderr, flush=True)

@@ -4,33 +4,26 @@ from __future__ import annotations
 
 import logging
 import os
-import signal
-import sys
-import time
 import traceback
 from collections.abc import Sequence
-from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures import Future
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field
-from multiprocessing import get_context
-from multiprocessing.connection import Connection
 from pathlib import Path
-from threading import Thread
 from typing import Any
 
 from .case import Case
 from .errors import InputError, O3dlsError
 from .io.atomic import check_free
 from .io.case_folder import read_case
-from .levelset.compiled import share
 from .pipeline import Pipeline
 from .run import Run
 from .run_folder import heard, log_of_failure, write_rows
 from .tables import score_rows
+from .workers import workers
 
 log = logging.getLogger("o3dls")
 COHORT = "cohort.csv"
-GRACE = 2.0  # seconds in which a process that was told to end may remove what it has half made
 
 
 @dataclass(frozen=True)
@@ -110,17 +103,10 @@ class _Job:
 
 
 def _outcomes(work: Sequence[_Job], jobs: int) -> list[Outcome]:
-    """Do the jobs, so many at one time; an interruption drops what waits and ends what runs."""
-    spawn = get_context("spawn")  # fork hangs once numba has used its threads
-    theirs, ours = spawn.Pipe(duplex=False)
-    with ours, theirs, ProcessPoolExecutor(jobs, spawn, initializer=_begin, initargs=(jobs, theirs)) as pool:
+    """Do the jobs, so many at one time."""
+    with workers(jobs) as pool:
         futures = [pool.submit(job) for job in work]
-        try:
-            return [_outcome(job, future) for job, future in zip(work, futures, strict=True)]
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            ours.close()
-            raise
+        return [_outcome(job, future) for job, future in zip(work, futures, strict=True)]
 
 
 def _outcome(job: _Job, future: Future[Outcome]) -> Outcome:
@@ -132,19 +118,3 @@ def _outcome(job: _Job, future: Future[Outcome]) -> Outcome:
     for warning in outcome.warnings:
         log.warning("%s: %s", outcome.case, warning)
     return outcome
-
-
-def _begin(jobs: int, parent: Connection) -> None:
-    """Prepare a process of the pool: it has its share of the cores, and ends when told, or when its parent is no more."""
-    share(jobs)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # reaches all processes of a terminal; the parent decides
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
-    Thread(target=_end_with, args=(parent,), daemon=True).start()
-
-
-def _end_with(parent: Connection) -> None:
-    """Wait until the parent closes its end, or the system does it for one that died; then end, first as if told to."""
-    parent.poll(None)
-    os.kill(os.getpid(), signal.SIGTERM)
-    time.sleep(GRACE)
-    os._exit(1)  # compiled code may have swallowed what was to interrupt it

@@ -5,12 +5,10 @@ from __future__ import annotations
 import logging
 import os
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
 from pathlib import Path
 
 from ..io.atomic import check_free, staged_folder
-from ..levelset.compiled import share
+from ..workers import workers
 from . import atrium, formulation, noise, real, related, temporal
 from .experiment import Outcome, Scope, Task
 from .results import read_results, write_results
@@ -48,9 +46,7 @@ def left_out(scope: Scope) -> dict[str, str]:
 
 def computed(tasks: Sequence[Task]) -> Iterator[Outcome]:
     """Outcomes in the order of the tasks; progress goes to the log."""
-    processes = min(2, os.cpu_count() or 1)
-    spawn = get_context("spawn")  # fork hangs once numba has threads
-    with ProcessPoolExecutor(processes, spawn, initializer=share, initargs=(processes,)) as pool:
+    with workers(min(2, os.cpu_count() or 1)) as pool:
         for k, outcome in enumerate(pool.map(_call, tasks), 1):
             log.info("paper: %d of %d: %s", k, len(tasks), tasks[k - 1].label)
             yield outcome
