@@ -54,11 +54,8 @@ def ours(case: Any, plan: Path | None) -> Iterator[tuple[str, Any, float]]:
     pipeline = Pipeline([*asked.stages, LevelSet(as_="phi_only", after="icp")], folds=0)
     estimates = pipeline.fit(case)
     for name, estimate in estimates.items():
-        seconds, at = 0.0, name
-        while at != "start":
-            seconds, at = seconds + estimates[at].seconds, pipeline.sources[at]
         if name != "landmarks":
-            yield name, estimate, seconds
+            yield name, estimate, sum(estimates[one].seconds for one in pipeline.chain(name))
 
 
 def peers(case: Any, group: str, icp: Any, icp_seconds: float) -> Iterator[tuple[str, Any, float]]:

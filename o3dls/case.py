@@ -61,7 +61,8 @@ class Points:
     @cached_property
     def typical_sigma(self) -> float | None:
         """Median of the column `sigma` over the points that are fitted anyway; None without."""
-        told = self._sigma[np.isin(self.type, FITTED_TYPES) & np.isfinite(self._sigma)]
+        sigma = self.numbers("sigma")
+        told = sigma[np.isin(self.type, FITTED_TYPES) & np.isfinite(sigma)]
         return float(np.median(told)) if len(told) else None
 
     def relative_noise(self, typical: float | None = None) -> Array:
@@ -69,15 +70,16 @@ class Points:
 
         Raises InputError where one is not above 0.
         """
-        wrong = np.flatnonzero(self._sigma <= 0.0)
+        sigma = self.numbers("sigma")
+        wrong = np.flatnonzero(sigma <= 0.0)
         if len(wrong):
-            raise InputError(f"points: sigma is a noise level and must be above 0, but point {wrong[0]} has {self._sigma[wrong[0]]:g}")
+            raise InputError(f"points: sigma is a noise level and must be above 0, but point {wrong[0]} has {sigma[wrong[0]]:g}")
         typical = self.typical_sigma if typical is None else typical
-        return np.ones(len(self)) if typical is None else np.where(np.isfinite(self._sigma), np.maximum(self._sigma / typical, BEST), 1.0)
+        return np.ones(len(self)) if typical is None else np.where(np.isfinite(sigma), np.maximum(sigma / typical, BEST), 1.0)
 
-    @property
-    def _sigma(self) -> Array:
-        return np.asarray(self.columns.get("sigma", np.full(len(self), np.nan)), dtype=np.float64)
+    def numbers(self, column: str) -> Array:
+        """A column as numbers (n,), NaN where it is missing."""
+        return np.asarray(self.columns.get(column, np.full(len(self), np.nan)), dtype=np.float64)
 
 
 @dataclass(frozen=True, eq=False)

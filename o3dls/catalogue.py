@@ -7,9 +7,7 @@ from typing import Any
 
 from .errors import PipelineError, did_you_mean
 from .parameters import Parameter, describe
-from .stage import Plugin, load, registered
-
-GROUPS = {"stage": "o3dls.stages", "write": "o3dls.writers"}
+from .stage import GROUPS, Plugin, load, registered
 
 
 def listing() -> str:

@@ -11,7 +11,7 @@ import numpy as np
 
 from .case import SPACES
 from .errors import InputError
-from .geometry import Array, Surface
+from .geometry import Array, Surface, apply
 from .io.case_folder import check_scale
 from .io.case_settings import MILLIMETRES
 from .io.markups import Markups, read_markups, write_markups
@@ -165,10 +165,10 @@ def _points(source: Path, target: Path, units: str | None, frame: str | None, to
     stated = _units(source, table.notes.get("units", "unknown"), units)
     if stated == "unknown":
         check_scale(source, points.xyz)
-    turn = np.array([-1.0, -1.0, 1.0]) if to and _turns(source, space, to) else np.ones(3)
     points = scaled(points, MILLIMETRES.get(stated, 1.0))
+    xyz = apply(TURN, points.xyz) if to and _turns(source, space, to) else points.xyz
     space, units = to or space, _scaled_units(stated)
-    columns = {**dict(zip("xyz", (points.xyz * turn).T, strict=True)), "type": points.type, **points.columns}
+    columns = {**dict(zip("xyz", xyz.T, strict=True)), "type": points.type, **points.columns}
     if target.suffix.lower() == ".csv":
         write_table(target, {name: columns[name] for name in table.columns}, {"space": space, "units": units})
         return [f"{source}: {len(points)} points", f"{target}: frame {space}, units {units}"]
@@ -177,7 +177,7 @@ def _points(source: Path, target: Path, units: str | None, frame: str | None, to
     if units == "px":
         raise InputError(f"{target}: Slicer's markups are in mm, and {source} is in px")
     names = points.columns.get("name", np.full(len(points), ""))
-    return _write_places(source, target, Markups(tuple(map(str, names)), points.xyz * turn, space))
+    return _write_places(source, target, Markups(tuple(map(str, names)), xyz, space))
 
 
 def _transform(source: Path, target: Path, units: str | None, frame: str | None, to: str | None) -> list[str]:

@@ -100,10 +100,10 @@ def _one_open3d() -> Check:
 
 
 def _plugins() -> Check:
-    from .stage import load, registered
+    from .stage import GROUPS, load, registered
 
     try:
-        names = [(kind, name) for kind, group in (("stage", "o3dls.stages"), ("write", "o3dls.writers")) for name in registered(group)]
+        names = [(kind, name) for kind, group in GROUPS.items() for name in registered(group)]
         for kind, name in names:
             load(kind, name)
     except (ImportError, AttributeError, O3dlsError) as error:

@@ -32,7 +32,6 @@ VOLUMES_AND_POSES = {
 }  # fmt: skip
 NEED_FRAME = ("phi_nifti", "mask_nifti", "tfm")  # formats that say LPS or RAS by definition
 FEWEST_ACROSS, MOST_VOXELS = 10.0, 1e8  # of a volume, over the diagonal and in all
-NOTICE = "o3dls, research software, not for clinical use"
 
 
 class Export(Writer):
@@ -93,10 +92,12 @@ class Export(Writer):
 
     def write(self, surface: Surface, run: Run, name: str, path: Path) -> None:
         """Write an estimate's surface with its fields to a file, and beside it `<file>.json` with frame, units and meaning of values."""
+        from .io.transforms import TURN
+
         space = self.frame or run.case.frame
         space = "LPS" if self.format == "dif" and space == "RAS" else space  # which DIF is by definition
         if space != run.case.frame:
-            surface = surface.transformed(np.diag([-1.0, -1.0, 1.0, 1.0]))  # LPS and RAS differ by half a turn about z
+            surface = surface.transformed(TURN)
         facts = _facts(run, name, self.format, space)
         path.parent.mkdir(parents=True, exist_ok=True)
         facts |= self._write(surface, path, space, run.case.units, run.estimates[name].T_map_prior, turned=space != run.case.frame)
@@ -207,6 +208,8 @@ def file_name(estimate: str, format: str) -> str:
 
 def _facts(run: Run, name: str, format: str, space: str) -> dict[str, Any]:
     """What a reader of the file must know and the file cannot say. No name of a case: it may be a patient's."""
+    from .io.surface_file import NOTICE
+
     estimate = run.estimates[name]
     return {
         "notice": NOTICE,

@@ -115,6 +115,9 @@ class Surface:
         return replace(self, vertices=apply(matrix, self.vertices), faces=faces)
 
 
+TURN = np.diag([-1.0, -1.0, 1.0, 1.0])  # LPS to RAS and back
+
+
 def used_by(count: int, faces: Ints) -> tuple[NDArray[np.bool_], Ints]:
     """Which of `count` vertices the faces (m, d) use, and the faces counted in these alone."""
     used = np.zeros(count, dtype=bool)
@@ -126,6 +129,11 @@ def apply(matrix: Array, points: ArrayLike) -> Array:
     """Points (n, d) under a homogeneous (d+1, d+1) matrix."""
     points = np.asarray(points, dtype=np.float64)
     return np.asarray(points @ matrix[:-1, :-1].T + matrix[:-1, -1])
+
+
+def rms_radius(vertices: Array) -> float:
+    """Root mean square distance of vertices (n, d) from their middle: the lever that turns angles into lengths."""
+    return float(np.sqrt(vertices.var(axis=0).sum()))
 
 
 def similarity(rotation: Array, translation: Array, scale: float = 1.0) -> Array:
@@ -163,14 +171,6 @@ def is_pose(matrix: Array, dimension: int) -> bool:
         return bool(np.allclose(turn @ turn.T, np.eye(dimension), atol=POSE_ROUNDING))
 
 
-def rotation_angle(matrix: Array) -> float:
-    """Rotation angle in radians of a similarity's linear part."""
-    rotation = matrix[:-1, :-1] / scale_of(matrix)
-    if len(rotation) == 2:
-        return float(abs(np.arctan2(rotation[1, 0], rotation[0, 0])))
-    return float(np.arccos(np.clip((np.trace(rotation) - 1.0) / 2.0, -1.0, 1.0)))
-
-
 def fit_similarity(source: Array, target: Array, weights: Array | None = None, *, scale: bool = True) -> Array:
     """Least-squares similarity (or rigid motion) that maps source (n, d) onto target (n, d) (Umeyama 1991)."""
     w = np.ones(len(source)) if weights is None else np.asarray(weights, dtype=np.float64)
@@ -198,7 +198,7 @@ def outline(points: Array) -> Surface:
         points = points[:-1]
     index = np.arange(len(points))
     surface = Surface(points, np.column_stack([index, np.roll(index, -1)]))
-    return surface if surface.volume > 0 else outline(points[::-1])
+    return surface if surface.volume >= 0.0 else Surface(points[::-1], surface.faces)
 
 
 def crossed_by(outline: Surface, k: int) -> NDArray[np.bool_]:

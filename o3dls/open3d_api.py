@@ -14,6 +14,7 @@ from .errors import InputError
 from .estimate import Estimate
 from .evaluate import distances
 from .geometry import Array, Surface
+from .registration.robust import spread
 from .run import Run
 
 if TYPE_CHECKING:
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
     from .stage import Stage
 
 REACH = 3.0  # pairs within this many standard deviations of the noise count as inliers
-MAD_TO_SD = 1.4826
 SMALLEST = 1.0  # mm: no chamber of a heart is smaller
 
 
@@ -68,7 +68,7 @@ def register(
     run = pipeline.run(case)
     estimate = run.estimates[run.final]
     gap = distances(case.points.of("eam").xyz, estimate.surface)
-    noise = estimate.sigma or MAD_TO_SD * float(np.median(gap))
+    noise = estimate.sigma or spread(gap)
     near = gap <= (REACH * noise if max_correspondence_distance is None else max_correspondence_distance)
     return Registration(
         transformation=estimate.T_map_prior,

@@ -60,11 +60,12 @@ class Pipeline:
 
     def fitted(self, name: str) -> tuple[str, ...]:
         """Types of the points that an estimate, or one that it started from, was shown."""
-        stages, types = {stage.estimate_name: stage for stage in self.stages}, set[str]()
-        while name != START:
-            types |= set(stages[name].fits)
-            name = self.sources[name]
-        return tuple(sorted(types))
+        chain = self.chain(name)
+        return tuple(sorted({kind for stage in self.stages if stage.estimate_name in chain for kind in stage.fits}))
+
+    def chain(self, name: str) -> list[str]:
+        """An estimate and those that it started from, back to `start`."""
+        return [name, *self.chain(self.sources[name])] if name in self.sources else [name]
 
     def run(self, case: Case | None = None) -> Run:
         """Fit, cross-validate and score. Raises InputError where the case cannot be fitted so, SolverError where a stage fails."""
@@ -108,11 +109,6 @@ class Pipeline:
             "write": [writer.record() for writer in self.writes],
         }
 
-    def obstacles(self, case: Case) -> list[str]:
-        """Why stages or writers cannot work on the case, one sentence each."""
-        found = [(plugin.name, plugin.obstacle(case)) for plugin in (*self.stages, *self.writes)]
-        return [f"case {case.name}: {name}: {why}" for name, why in found if why]
-
     def refusals(self, case: Case) -> list[str]:
         """Why a run on the case would end before any work, one sentence each."""
         plugins = (*self.stages, *self.writes)
@@ -126,8 +122,9 @@ class Pipeline:
 
     def allowed_by(self, case: Case) -> Self:
         """The pipeline without the stages and writers that cannot work on the case; each one dropped is said in the log."""
-        for why in self.obstacles(case):
-            log.info("left out: %s", why)
+        for plugin in (*self.stages, *self.writes):
+            if why := plugin.obstacle(case):
+                log.info("left out: case %s: %s: %s", case.name, plugin.name, why)
         stages = [stage for stage in self.stages if not stage.obstacle(case)]
         return replace(self, stages=stages, writes=[writer for writer in self.writes if not writer.obstacle(case)])
 

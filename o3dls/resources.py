@@ -9,7 +9,7 @@ from .errors import InputError, did_you_mean
 
 
 def pipeline_files() -> dict[str, Path]:
-    """Packaged pipeline files by name (`atrium` for `atrium.toml`)."""
+    """Packaged pipeline files by name (`default` for `default.toml`)."""
     folder = Path(str(files("o3dls.pipelines")))
     return {path.stem: path for path in sorted(folder.glob("*.toml"))}
 

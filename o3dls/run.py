@@ -50,15 +50,14 @@ class Run:
     @classmethod
     def scored(cls, case: Case, pipeline: Pipeline, estimates: Mapping[str, Estimate], left_out: Mapping[str, Array]) -> Run:
         """Score estimates and judge their surfaces; `left_out` are the cross-validated distances of the eam points."""
-        unit = unit_of(case)
         return cls(
             case=case,
             pipeline=pipeline,
             estimates=estimates,
             scores={name: _scores(case, e, pipeline.fitted(name), left_out.get(name)) for name, e in estimates.items()},
-            validity={name: validity(e.surface, case.prior, unit) for name, e in estimates.items()},
-            points=_with_distances(case, estimates, left_out, unit),
-            held_out=_held_out(case, estimates, unit),
+            validity={name: validity(e.surface, case.prior, case.units) for name, e in estimates.items()},
+            points=_with_distances(case, estimates, left_out),
+            held_out=_held_out(case, estimates),
             provenance=provenance(pipeline),
         )
 
@@ -70,7 +69,7 @@ class Run:
     @property
     def unit(self) -> str:
         """Unit of lengths in the names of scores and columns."""
-        return unit_of(self.case)
+        return self.case.units
 
     @property
     def faults(self) -> list[str]:
@@ -93,21 +92,15 @@ class Run:
         return write_run(self, folder, force=force)
 
 
-def unit_of(case: Case) -> str:
-    """Unit of lengths in names of scores: `px` where the case is in pixels, else `mm`."""
-    return "px" if case.units == "px" else "mm"
-
-
 def _scores(case: Case, estimate: Estimate, fitted: tuple[str, ...], left_out: Array | None) -> dict[str, Record]:
-    unit = unit_of(case)
     sets = measure(case, estimate, fitted) | ({} if left_out is None else {"cross_validated": left_out})
-    scores: dict[str, Record] = {name: summary(values, unit) for name, values in sets.items()}
+    scores: dict[str, Record] = {name: summary(values, case.units) for name, values in sets.items()}
     if case.truth is not None and case.truth.surface is not None:
-        scores["truth"] = truth_scores(sets, estimate.surface, case.truth.surface, unit)
+        scores["truth"] = truth_scores(sets, estimate.surface, case.truth.surface, case.units)
     return scores
 
 
-def _with_distances(case: Case, estimates: Mapping[str, Estimate], left_out: Mapping[str, Array], unit: str) -> Points:
+def _with_distances(case: Case, estimates: Mapping[str, Estimate], left_out: Mapping[str, Array]) -> Points:
     """The case's points with their distance to every estimate; a landmark's is that to its moved partner."""
     stale = [name for name in case.points.columns if OF_A_RUN.fullmatch(name)]
     if stale:
@@ -120,20 +113,20 @@ def _with_distances(case: Case, estimates: Mapping[str, Estimate], left_out: Map
         gap = distances(case.points.xyz, estimate.surface)
         gap[marks] = np.nan
         gap[paired] = landmark_errors(case, estimate)
-        columns[f"distance_{name}_{unit}"] = gap
+        columns[f"distance_{name}_{case.units}"] = gap
         if name in left_out:
             column = np.full(len(case.points), np.nan)
             column[eam] = left_out[name]
-            columns[f"left_out_{name}_{unit}"] = column
+            columns[f"left_out_{name}_{case.units}"] = column
     return replace(case.points, columns=columns)
 
 
-def _held_out(case: Case, estimates: Mapping[str, Estimate], unit: str) -> Points | None:
+def _held_out(case: Case, estimates: Mapping[str, Estimate]) -> Points | None:
     truth = case.truth
     if truth is None or truth.held_out is None:
         return None
     columns: dict[str, Any] = {} if truth.unseen is None else {"unseen": truth.unseen.astype(int)}
-    columns |= {f"distance_{name}_{unit}": distances(truth.held_out, e.surface) for name, e in estimates.items()}
+    columns |= {f"distance_{name}_{case.units}": distances(truth.held_out, e.surface) for name, e in estimates.items()}
     return Points(truth.held_out, np.full(len(truth.held_out), "eam"), columns)
 
 

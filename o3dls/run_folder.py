@@ -47,7 +47,7 @@ def write_run(run: Run, folder: str | Path | None = None, *, force: bool = False
         write_rows(staged / "scores.csv", score_rows(run))
         for name, estimate in run.estimates.items():
             fitted = run.pipeline.fitted(name) if run.pipeline else ()
-            _write_estimate(staged / "estimates" / name, run.case, estimate, fitted, run.unit)
+            _write_estimate(staged / "estimates" / name, run.case, estimate, fitted)
         (staged / "run.json").write_text(json.dumps(record(run), indent=1, allow_nan=False) + "\n", encoding="utf-8")
         for writer in run.pipeline.writes if run.pipeline else ():
             log.info("writing %s", writer.name)
@@ -100,8 +100,8 @@ def read_run(folder: str | Path) -> Run:
 
 
 def _run_of(folder: Path, found: Mapping[str, Any]) -> Run:
-    unit = "px" if found["case"]["units"] == "px" else "mm"
-    case, held_out = read_case(folder / "case"), folder / "held_out.csv"
+    unit, held_out = found["case"]["units"], folder / "held_out.csv"
+    case = read_case(folder / "case")
     return Run(
         case=case,
         pipeline=None,
@@ -186,9 +186,9 @@ def _estimate_record(run: Run, name: str) -> dict[str, Any]:
     }
 
 
-def _write_estimate(folder: Path, case: Case, estimate: Estimate, fitted: Collection[str], unit: str) -> None:
+def _write_estimate(folder: Path, case: Case, estimate: Estimate, fitted: Collection[str]) -> None:
     folder.mkdir(parents=True)
-    surface = with_fields(case, estimate, fitted, unit)
+    surface = with_fields(case, estimate, fitted)
     names = ("surface.csv",) if case.dimension == 2 else ("surface.ply", "surface.vtp")
     for name in names:
         write_surface(folder / name, surface, space=case.frame, units=case.units)

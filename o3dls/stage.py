@@ -19,6 +19,8 @@ from .parameters import as_written, mistakes
 if TYPE_CHECKING:
     from .run import Run
 
+GROUPS = {"stage": "o3dls.stages", "write": "o3dls.writers"}  # entry points of each kind of table in a pipeline file
+
 
 class Plugin(BaseModel, ABC):
     """Typed, frozen parameters that check themselves; help, pipeline syntax and records come from them."""
@@ -108,7 +110,7 @@ def registered(group: str) -> dict[str, EntryPoint]:
 
 def load(kind: str, name: Any) -> type[Plugin]:
     """The class of a stage (kind 'stage') or writer (kind 'write') by name. Raises PipelineError where there is none or it cannot load."""
-    known = registered({"stage": "o3dls.stages", "write": "o3dls.writers"}[kind])
+    known = registered(GROUPS[kind])
     if name not in known:
         raise PipelineError(f"no {kind} '{name}'" + did_you_mean(str(name), list(known)))
     try:

@@ -65,11 +65,10 @@ def doubts(case: Case, start: Estimate) -> list[str]:
 def unseen_pieces(case: Case, T_map_prior: Array) -> list[str]:
     """A sentence for each piece of the prior, but for crumbs, that is nearest to no point: nothing tells where it lies."""
     from .levelset.closest import ClosestPoint
-    from .levelset.operators import pieces
+    from .levelset.operators import piece_areas
 
     prior, points = case.prior, case.points.of(*FITTED_TYPES).xyz
-    piece = pieces(len(prior.vertices), prior.faces)[prior.faces[:, 0]]
-    areas = np.bincount(piece, prior.face_areas)
+    piece, areas = piece_areas(prior)
     nearest = ClosestPoint(prior.transformed(T_map_prior).vertices, prior.faces).query(points)[1]
     unseen = np.setdiff1d(np.flatnonzero(areas >= CRUMB * areas.max()), piece[nearest])
     return [

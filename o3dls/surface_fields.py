@@ -14,14 +14,14 @@ from .geometry import Array, Surface, apply
 from .transfer import REACH, with_electrical
 
 
-def with_fields(case: Case, estimate: Estimate, fitted: Collection[str], unit: str) -> Surface:
+def with_fields(case: Case, estimate: Estimate, fitted: Collection[str]) -> Surface:
     """The surface with `displacement_mm`, `sd_mm` (where there is a posterior), `distance_to_nearest_point_mm`, `prior_only` (1 farther
     than `REACH` from every such point), the electrical values of the points carried to it (NaN there), and its own fields.
 
     The points are those at the wall: eam, and ablation where these are among the types that were `fitted`. displacement is signed, outward
     positive: from the prior under `T_map_prior`, so it shows what a similarity cannot explain.
     """
-    surface = with_electrical(estimate.surface, case.points)
+    surface, unit = with_electrical(estimate.surface, case.points), case.units
     gap = _to_points(case.points.of("eam", *({"ablation"} & set(fitted))), surface)
     fields = {f"displacement_{unit}": displacement(case.prior, estimate), f"distance_to_nearest_point_{unit}": gap}
     fields["prior_only"] = (gap > REACH).astype(np.float64)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from .geometry import Array, Surface, crossed_by
+from .geometry import Ints, Surface, crossed_by
 
 SHAKEN = 1e-8  # diagonals: a nanometre of an atrium
 Record = dict[str, bool | int | float | None]
@@ -55,12 +55,9 @@ def _handles(found: Record) -> int:
 
 def components(surface: Surface) -> int:
     """Number of pieces that hang together by shared vertices."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
+    from .levelset.operators import pieces
 
-    edges, n = _edges(surface), len(surface.vertices)
-    _, label = connected_components(coo_array((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(n, n)), directed=False)
-    return len(np.unique(label[surface.faces[:, 0]]))
+    return len(np.unique(pieces(len(surface.vertices), surface.faces)[surface.faces[:, 0]]))
 
 
 def euler(surface: Surface) -> int:
@@ -107,7 +104,7 @@ def _selected(surface: Surface) -> NDArray[np.bool_]:
     return np.asarray(meshes.current_mesh().face_selection_array(), dtype=bool)
 
 
-def _edges(surface: Surface) -> Array:
+def _edges(surface: Surface) -> Ints:
     """Undirected edges (k, 2), each once."""
     f = surface.faces
     pairs = f if surface.dimension == 2 else np.vstack([f[:, [0, 1]], f[:, [1, 2]], f[:, [2, 0]]])

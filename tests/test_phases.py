@@ -13,7 +13,8 @@ from o3dls import Case, Estimate, InputError, Phases, Pipeline, Points, Surface,
 from o3dls.evaluate import distances, moved, sample
 from o3dls.geometry import apply, similarity
 from o3dls.levelset.closest import ClosestPoint
-from o3dls.levelset.phases import Template, _moved, _Points, _turns, locate, template
+from o3dls.levelset.phases import Template, _Points, locate, template
+from o3dls.registration.pose import Twist
 
 NOISE = 0.3
 
@@ -114,12 +115,12 @@ def test_phases_are_kept_in_the_case_folder(tmp_path: Path) -> None:
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_a_small_motion_of_the_pose_is_made_seen_and_read_back_alike(dimension: int) -> None:
     """What it does along the normals is linear in it, and it is what two poses differ by."""
-    surface, rng = body(dimension), np.random.default_rng(5)
+    surface, rng, twist = body(dimension), np.random.default_rng(5), Twist(dimension)
     middle, normals = surface.vertices.mean(axis=0), surface.vertex_normals
-    change = 1e-5 * rng.normal(size=dimension + (1 if dimension == 2 else 3))
-    made = _moved(change, middle)
+    change = 1e-5 * rng.normal(size=twist.size)
+    made = twist.motion(change, middle)
     along = ((apply(made, surface.vertices) - surface.vertices) * normals).sum(axis=1)
-    np.testing.assert_allclose(along, np.hstack([normals, _turns(surface.vertices - middle, normals)]) @ change, atol=1e-8)
+    np.testing.assert_allclose(along, np.einsum("nd,ndk->nk", normals, twist.tangent(surface.vertices, middle)) @ change, atol=1e-8)
     model = Template(surface.vertices, np.zeros((1, *surface.vertices.shape)), np.zeros((2, 1)), surface.faces)
     start = similarity(np.linalg.qr(rng.normal(size=(dimension, dimension)))[0], np.full(dimension, 9.0))
     problem = _Points(model, surface.vertices, ClosestPoint(surface.vertices, surface.faces), start, 1.0)

@@ -18,7 +18,7 @@ from o3dls.registration.normals import point_normals
 from o3dls.registration.observability import spectrum
 from o3dls.registration.pose import Twist, rotation, strains
 from o3dls.registration.robust import EFFICIENT_95, KERNELS, kernel_weights, spread
-from o3dls.registration.step import Body, Freedom, best_motion, normal_equations
+from o3dls.registration.step import Body, Freedom, best_motion, normal_equations, velocity
 
 SHAPES = pytest.mark.parametrize("prior", [chamber(24), outline_without_symmetry()], ids=["3D", "2D"])
 
@@ -43,7 +43,7 @@ def test_the_gradient_is_that_of_the_metric_by_central_differences(prior: Surfac
     pairs = replace(pairs, normals=tilted / np.linalg.norm(tilted, axis=1, keepdims=True))
     factors, twist, centre = metric(pairs), Twist(prior.dimension, scale=True), pairs.feet.mean(axis=0)
     weights = np.random.default_rng(7_741).uniform(0.2, 1.0, 80)
-    _, gradient = normal_equations(factors, weights, twist, centre)
+    _, gradient = normal_equations(factors, weights, velocity(factors, twist, centre))
     h = 1e-5
     for k in range(twist.size):
         e = h * np.eye(twist.size)[k]

@@ -74,7 +74,7 @@ def read(path: Path, data: bytes, *, hidden: bool = False) -> SurfaceFile:
         raise InputError(f"{path}: triangles name vertices {used[0]} to {used[-1]}: there are {len(mesh.vertices)}, counted from 0")
     index = np.zeros(len(mesh.vertices), dtype=np.int64)
     index[used] = np.arange(len(used))
-    fields = {OUR_NAMES.get(name, name): _present(mesh.colours[used, k]) for k, name in enumerate(mesh.colour_names)}
+    fields = {OUR_NAMES.get(name, name): present(mesh.colours[used, k]) for k, name in enumerate(mesh.colour_names)}
     flags = mesh.attributes[used].astype(np.float64) if len(mesh.attributes) else np.zeros((len(used), 0))
     fields |= {name: flags[:, k] for k, name in enumerate(mesh.attribute_headings[0].lstrip(" ;").split()[: flags.shape[1]])}
     fields = {name: values for name, values in fields.items() if np.nan_to_num(values).any()}  # slots that CARTO leaves empty
@@ -82,7 +82,7 @@ def read(path: Path, data: bytes, *, hidden: bool = False) -> SurfaceFile:
     return SurfaceFile.of(path, mesh.vertices[used], index[triangles], fields, units="mm", metadata=facts)
 
 
-def _present(values: Array) -> Array:
+def present(values: Array) -> Array:
     """NaN for the values that mean `none`: -10000, and +10000 in some exports."""
     return np.where(np.abs(values) >= -MISSING, np.nan, values)
 

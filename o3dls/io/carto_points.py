@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from ..case import Points
 from ..errors import InputError
-from ..geometry import Array
-from .carto_mesh import MISSING
+from .carto_mesh import MISSING, present
 from .text import decode, integers, number_rows
 
 COLUMNS = {"unipolar": 10, "bipolar": 11, "lat": 12, "impedance": 13}
@@ -41,11 +40,6 @@ def read_car(path: Path, data: bytes) -> tuple[Points, NDArray[np.int64]]:
         raise InputError(f"{path}: line {rows[bad][0]}: position {xyz[bad]} is not finite")
     columns = {name: present(table[:, 4 + k]) for k, name in enumerate(COLUMNS)}
     return Points(xyz, np.full(len(rows), "eam"), columns), integers(table[:, 0], f"{path}: point id")
-
-
-def present(values: Array) -> Array:
-    """NaN where CARTO says none by -10000."""
-    return np.where(~np.isfinite(values) | (np.abs(values) >= -MISSING), np.nan, values)
 
 
 def write_car(map_name: str, points: Points) -> bytes:

@@ -145,25 +145,6 @@ def _gap(x, y, z, boxes, node):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _on_segment(p, a, b, weights):  # type: ignore[no-untyped-def]
-    along, length = 0.0, 0.0
-    for axis in range(p.shape[0]):
-        e = b[axis] - a[axis]
-        along += (p[axis] - a[axis]) * e
-        length += e * e
-    t = 0.0 if length == 0.0 else min(1.0, max(0.0, along / length))
-    weights[0], weights[1] = 1.0 - t, t
-
-
-@njit(cache=True)
-def _on_triangle(p, a, b, c, weights):  # type: ignore[no-untyped-def]
-    v, w = _second_and_third(
-        b[0] - a[0], b[1] - a[1], b[2] - a[2], c[0] - a[0], c[1] - a[1], c[2] - a[2], p[0] - a[0], p[1] - a[1], p[2] - a[2]
-    )
-    weights[0], weights[1], weights[2] = 1.0 - v - w, v, w
-
-
-@njit(cache=True)
 def _second_and_third(bx, by, bz, cx, cy, cz, x, y, z):  # type: ignore[no-untyped-def]
     """Barycentric weights of the second and third corner at the closest point, by Voronoi regions (Ericson, Real-Time Collision
     Detection, 5.1.5); corners and point relative to the first corner. Scalars, because array views cost more than the sums."""

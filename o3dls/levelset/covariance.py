@@ -18,6 +18,7 @@ from scipy import sparse
 from scipy.spatial import cKDTree
 
 from ..geometry import Array
+from ..registration import pose
 from .compiled import by_rows
 
 SQRT5 = 5.0**0.5
@@ -56,13 +57,13 @@ class Covariance:
 
     def turns(self, at: Array) -> Array:
         """Features (n, d, k) of unit rotations about the centre."""
-        return np.stack([(at - self.centre) @ m.T for m in _skew(at.shape[1])], axis=2)
+        return np.asarray(np.einsum("gij,nj->nig", pose.turns(at.shape[1]), at - self.centre))
 
     def tunable(self, at: Array) -> list[Array]:
         """Features (n, d, k) of bends, strains and, where there are any, tilts and shifts of the anchors, for unit standard deviations."""
         x, turns = at - self.centre, self.turns(at)
         bends = np.concatenate([turns * x[:, None, j : j + 1] / self.radius for j in range(x.shape[1])], axis=2)
-        strains = np.stack([x @ m.T for m in _traceless(at.shape[1])], axis=2)
+        strains = np.einsum("gij,nj->nig", pose.traceless(at.shape[1]), x)
         found = [bends, strains]
         if self.up is not None:
             found.append(turns * np.tanh(x @ self.up / self.radius)[:, None, None])
@@ -178,24 +179,6 @@ def _pulls(obs: Observed, variances: Array) -> Array:
     """How the observations pull at fields of every correlation length, of vectors and along the normal: (l, n, d + 1)."""
     dim = obs.at.shape[1]
     return np.asarray(np.repeat(variances, [dim, 1], axis=1)[:, None] * np.column_stack([obs.directions, obs.normal_part]))
-
-
-def _skew(dim: int) -> list[Array]:
-    pairs = [(0, 1)] if dim == 2 else [(0, 1), (0, 2), (1, 2)]
-    return [_unit(dim, i, j) - _unit(dim, j, i) for i, j in pairs]
-
-
-def _traceless(dim: int) -> list[Array]:
-    """Orthonormal symmetric traceless matrices times sqrt(2), so that a strain's sd reads as its entry off the diagonal."""
-    shear = [_unit(dim, i, j) + _unit(dim, j, i) for i in range(dim) for j in range(i + 1, dim)]
-    stretch = [np.diag([1.0, -1.0] + [0.0] * (dim - 2))]
-    return shear + stretch + ([np.diag([1.0, 1.0, -2.0]) / 3.0**0.5] if dim == 3 else [])
-
-
-def _unit(dim: int, i: int, j: int) -> Array:
-    m = np.zeros((dim, dim))
-    m[i, j] = 1.0
-    return m
 
 
 @njit(cache=True)

@@ -22,7 +22,7 @@ Terms = tuple[float, list[float], Array]  # -log evidence, its slopes along the 
 
 @dataclass(frozen=True)
 class Posterior:
-    """Cholesky factor (n, n), lower, of C = K + noise; alpha (n,) = C^-1 z; inverse diagonal (n,) of C^-1; -log evidence."""
+    """Cholesky factor (n, n), lower, of C = K + noise; alpha (n,) = C^-1 z; precision (n,): the diagonal of C^-1; -log evidence."""
 
     factor: Array
     alpha: Array

@@ -30,7 +30,7 @@ def fit_motion(
     """Fit the motion of a surface (vertices (n, d), faces (m, d), prior frame) from a start pose (d+1, d+1) to `data` (map frame).
 
     `warm` starts from an earlier fit of the same surface to the first of the same points: its pose, amplitudes and noise levels
-    are kept, and a few rounds take in the further points.
+    are kept, and one round takes in the further points. Raises SolverError where no motion can be solved for.
     """
     with LIBRARIES.limit(limits=1, user_api="blas"):
         if warm is not None:
@@ -64,7 +64,7 @@ def _from_nothing(vertices: Array, faces: Ints, pose: Array, data: Data, setting
 def _proceed(earlier: MotionFit, data: Data, known: slice | Ints, rounds: int) -> MotionFit:
     """Rounds with all of `data`, of which the earlier fit had the `known` points: pose, amplitudes and noise levels are kept."""
     least = 0.1 * float(earlier.state.scales.noises[0])  # the surface stands within the noise
-    problem: Problem = replace(earlier.problem, data=data)
+    problem = replace(earlier.problem, data=data)
     state, trace = replace(earlier.state, weights=_first_beliefs(earlier, data, known), patches=None), list[dict[str, float]]()
     for _ in range(rounds):
         state, solved, record = problem.step(state, LATE, tuning=False)

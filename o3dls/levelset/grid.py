@@ -102,7 +102,7 @@ class Band:
         return Band(self.spacing, self.width, self.low, self.shape, np.ascontiguousarray(nodes)), every
 
     def dense(self, phi: Array) -> NDArray[np.float32]:
-        """The level set on the whole box, float32: +width outside the band, -width inside it; for isosurfacing only."""
+        """The level set on the whole box, float32: +width outside the band, -width inside it."""
         from .kernels import fill_far
 
         box = np.full(self.shape, np.float32(self.width), dtype=np.float32)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,6 +14,9 @@ from .covariance import Covariance, Observed, Places, cross, displacement, varia
 from .evidence import Posterior, Scales, posterior_variance
 from .outliers import Contact
 from .shape import unit_mean
+
+if TYPE_CHECKING:
+    from .problem import Problem
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +38,7 @@ class Motion:
     posterior: Posterior
     share: float
     alone: Array
-    inflation: float = 1.0
+    inflation: float
 
     def __call__(self, points: Array) -> Array:
         places = self._reference(points)
@@ -108,9 +111,9 @@ class MotionFit:
     state: State
     sd: Array
     converged: bool
-    trace: tuple[dict[str, float], ...] = ()
-    facts: dict[str, float] = field(default_factory=dict)
-    problem: Any = None  # what stayed fixed during the fit: a warm start takes it over
+    trace: tuple[dict[str, float], ...]
+    facts: dict[str, float]
+    problem: Problem  # what stayed fixed during the fit: a warm start takes it over
 
     @property
     def energy(self) -> float:

@@ -68,11 +68,10 @@ def observe(wall: Wall, points: Array, one_sided: NDArray[np.bool_], relative: A
 
 def _heard(wall: Wall, points: Array, one_sided: NDArray[np.bool_], outside: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Which points (n,) known to be inside are outside and heard: all where twice as many as are inside around, else one."""
-    size = float(np.sqrt(((wall.rest - wall.rest.mean(axis=0)) ** 2).sum(axis=1).mean()))
     rows = np.flatnonzero(one_sided)
-    heard = say(points[rows], outside[rows], size)
+    heard = say(points[rows], outside[rows], wall.radius)
     chosen, near = np.zeros(len(points), dtype=bool), KDTree(points[rows])
     for k in np.flatnonzero(heard):
-        around = rows[near.query_ball_point(points[rows[k]], CROWD * size)]
+        around = rows[near.query_ball_point(points[rows[k]], CROWD * wall.radius)]
         chosen[rows[k]] = heard[k] > 0.5 or not chosen[around].any()
     return chosen

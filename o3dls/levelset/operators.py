@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from itertools import permutations, product
+from itertools import permutations
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
-from ..geometry import Array, Ints, used_by
+from ..geometry import Array, Ints, Surface, used_by
 from . import kernels
 from .distance import SignedDistance, signed_distance
 from .grid import Band
@@ -68,15 +68,14 @@ def zero_set(band: Band, phi: Array) -> tuple[Array, Ints]:
 
 def _cells(band: Band, phi: Array) -> Ints:
     """Corner rows (c, 2^d) of the lattice cells that phi changes sign in."""
-    rows = np.arange(len(band))
     columns = []
-    for corner in product((0, 1), repeat=band.dimension):
-        row = rows
-        for axis in np.flatnonzero(corner):
-            row = np.where(row >= 0, band.neighbours[row, axis, 1], -1)
+    for corner in range(2**band.dimension):  # bit a of its number: a step along axis a
+        row = np.arange(len(band))
+        for axis in range(band.dimension):
+            if corner >> axis & 1:
+                row = np.where(row >= 0, band.neighbours[row, axis, 1], -1)
         columns.append(row)
-    order = [sum(bit << axis for axis, bit in enumerate(c)) for c in product((0, 1), repeat=band.dimension)]
-    corners = np.column_stack(columns)[:, np.argsort(order)]
+    corners = np.column_stack(columns)
     inside = (phi[corners] < 0.0).sum(axis=1)
     return np.ascontiguousarray(corners[(corners >= 0).all(axis=1) & (inside > 0) & (inside < 2**band.dimension)], dtype=np.int64)
 
@@ -160,6 +159,12 @@ def pieces(count: int, faces: Ints) -> Ints:
     ends = np.roll(faces, -1, axis=1)
     links = sparse.csr_matrix((np.ones(faces.size), (faces.ravel(), ends.ravel())), shape=(count, count))
     return np.asarray(connected_components(links, directed=False)[1], dtype=np.int64)
+
+
+def piece_areas(surface: Surface) -> tuple[Ints, Array]:
+    """Number (m,) of the connected piece that each face is of, and the areas (k,) of the pieces."""
+    _, piece = np.unique(pieces(len(surface.vertices), surface.faces)[surface.faces[:, 0]], return_inverse=True)
+    return np.asarray(piece, dtype=np.int64), np.asarray(np.bincount(piece, surface.face_areas), dtype=np.float64)
 
 
 def largest_piece(vertices: Array, faces: Ints) -> tuple[Array, Ints]:

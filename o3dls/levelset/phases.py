@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..geometry import Array, Ints, apply
+from ..geometry import Array, Ints, apply, rms_radius
 from ..registration.mixture import fit_mixture
+from ..registration.pose import Twist
 from .closest import ClosestPoint
 from .fit import fit_motion
 from .rows import Data
@@ -125,7 +126,7 @@ class _Points:
 
     @cached_property
     def size(self) -> float:
-        return float(np.sqrt(((self.model.mean - self.model.mean.mean(axis=0)) ** 2).sum(axis=1).mean()))
+        return rms_radius(self.model.mean)
 
     def refined(self, found: Between, iterations: int) -> Between:
         here = apply(found.pose, self.model.shape(found.c))
@@ -148,18 +149,18 @@ class _Points:
         residual = ((self.points - foot) * normals).sum(axis=1)
         mixture = fit_mixture(residual, self.size)
         turned = np.einsum("kncd,nc->knd", model.modes[:, corners], bary) @ now.pose[:-1, :-1].T
-        middle = apply(now.pose, model.mean).mean(axis=0)
-        matrix = np.hstack([np.einsum("knd,nd->nk", turned, normals), normals, _turns(foot - middle, normals)])
+        middle, twist = apply(now.pose, model.mean).mean(axis=0), Twist(model.mean.shape[1])
+        matrix = np.hstack([np.einsum("knd,nd->nk", turned, normals), np.einsum("nd,ndk->nk", normals, twist.tangent(foot, middle))])
         weights = mixture.weights / mixture.sigma**2
         inverse, right = matrix.T @ (weights[:, None] * matrix), matrix.T @ (weights * residual)
         drawn_to, hold = self.prior(now.c)
         inverse[:k, :k] += hold
         right[:k] += hold @ (drawn_to - now.c)
-        firm = np.repeat([1.0, self.size], [model.mean.shape[1], matrix.shape[1] - k - model.mean.shape[1]]) / self.doubt
+        firm = np.repeat([1.0, self.size], [twist.d, twist.size - twist.d]) / self.doubt
         inverse[k:, k:] += np.diag(firm**2)
         right[k:] -= firm**2 * self.off(now.pose, middle)
         change = np.linalg.lstsq(inverse, right, rcond=1e-10)[0]
-        return replace(now, c=now.c + change[:k], pose=_moved(change[k:], middle) @ now.pose, sigma=mixture.sigma)
+        return replace(now, c=now.c + change[:k], pose=twist.motion(change[k:], middle) @ now.pose, sigma=mixture.sigma)
 
     def off(self, pose: Array, middle: Array) -> Array:
         """Shift and turn of a pose against the start's."""
@@ -175,25 +176,6 @@ class _Points:
         way = self.model.coefficients[before + 1] - self.model.coefficients[before]
         spread = np.diag(self.model.aside**2) + np.outer(way, way)
         return self.model.at(place), np.asarray(np.linalg.inv(spread))
-
-
-def _turns(lever: Array, normals: Array) -> Array:
-    """How far (n, r) a small turn about the middle moves a foot along its normal: one column in 2D, three in 3D."""
-    if lever.shape[1] == 2:
-        return (lever[:, :1] * normals[:, 1:] - lever[:, 1:] * normals[:, :1]).reshape(-1, 1)
-    return np.cross(lever, normals)
-
-
-def _moved(change: Array, middle: Array) -> Array:
-    """Rigid motion (d+1, d+1) of a small shift and turn about the middle."""
-    dim = len(middle)
-    shift, turn = change[:dim], change[dim:]
-    skew = np.array([[0.0, -turn[0]], [turn[0], 0.0]]) if dim == 2 else np.cross(np.eye(3), turn)
-    u, _, vt = np.linalg.svd(np.eye(dim) + skew)
-    matrix = np.eye(dim + 1)
-    matrix[:-1, :-1] = u @ vt
-    matrix[:-1, -1] = middle + shift - matrix[:-1, :-1] @ middle
-    return matrix
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,8 @@ from functools import cached_property
 import numpy as np
 from scipy import sparse
 
-from ..geometry import Array, Ints, apply, principal_frame
+from ..geometry import Array, Ints, apply, principal_frame, rms_radius
+from ..registration.robust import spread
 from .closest import ClosestPoint
 from .covariance import Covariance, Observed, Places, displacement, grams, interpolation
 from .evidence import Posterior, Scales, assemble, free_energy, left_out, misfit, solve, tune
@@ -87,8 +88,7 @@ class Problem:
     @staticmethod
     def make(vertices: Array, faces: Ints, pose: Array, data: Data, settings: Settings, faired: Faired | None = None) -> Problem:
         posed = apply(pose, vertices)
-        centre = posed.mean(axis=0)
-        size = float(np.sqrt(((posed - centre) ** 2).sum(axis=1).mean()))
+        centre, size = posed.mean(axis=0), rms_radius(posed)
         lengths = [tuple(size * x for x in group) for group in (settings.vector, settings.normal)]
         marks = apply(pose, data.marks_prior)
         up = None if data.up is None else pose[:-1, :-1] @ data.up / np.linalg.norm(pose[:-1, :-1] @ data.up)
@@ -109,7 +109,7 @@ class Problem:
     def residual(self) -> float:
         """Standard deviation of the points' distances from the posed surface, by their median so that outliers have no say."""
         distances = self.tree.at(self.rest.at).distance(self.data.points[~self.data.inside])
-        return max(1.4826 * float(np.median(distances)), 1e-4 * self.size)
+        return max(spread(distances), 1e-4 * self.size)
 
     def expected(self, share: float) -> Array:
         """Logarithms of amplitudes and noise levels that are usual where noise makes up a `share` of the residual: motion is the rest."""

@@ -14,7 +14,7 @@ from ..geometry import Array, Ints, Surface, used_by
 from .closest import ClosestPoint
 from .distance import SignedDistance, signed_distance
 from .observe import Measured
-from .operators import pieces, without_shreds, zero_set
+from .operators import piece_areas, pieces, without_shreds, zero_set
 from .solver import Correction, Limits, refine
 from .wall import Wall
 
@@ -39,20 +39,15 @@ class Reached:
     trace: tuple[Mapping[str, float], ...] = ()
     warnings: tuple[str, ...] = ()
     facts: Mapping[str, Any] = field(default_factory=dict)
+    unchanged: bool = False  # whether nothing was added to the moved prior
     islands: bool = False  # whether pieces beside the largest belong to the result: those of the wall, or what the paper's forces cut off
-
-    @property
-    def unchanged(self) -> bool:
-        """True where nothing was added to the moved prior."""
-        return self.facts.get("fields") == []
 
     @property
     def smallest(self) -> float:
         """Area of the wall's smallest piece, over that of its largest; 1 where no other than the largest stays."""
         if not self.islands:
             return 1.0
-        _, piece = np.unique(pieces(len(self.wall.vertices), self.wall.faces)[self.wall.faces[:, 0]], return_inverse=True)
-        areas = np.bincount(piece, self.wall.face_areas)
+        _, areas = piece_areas(self.wall)
         return float(areas.min() / areas.max())
 
     def faults(self, mesh: Surface, crossing: Crossing) -> tuple[str, ...]:
@@ -80,7 +75,7 @@ def reach(
     sigma = found.noise * float(np.median(measured.likelihood.sigma))
     facts = {"fields": [f.record for f in found.fields], "band_nodes": len(phi.band)}
     several = topology(wall.rest, wall.faces)[0] > 1
-    return Reached(phi, final, sigma, found.status, found.converged, found.trace, warnings, facts, several)
+    return Reached(phi, final, sigma, found.status, found.converged, found.trace, warnings, facts, not found.fields, several)
 
 
 def _settled(

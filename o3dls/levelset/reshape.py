@@ -68,7 +68,7 @@ def _seen(fit: MotionFit, wall: Wall, *, moved: bool) -> Measured:
 
 def _part(fit: MotionFit) -> Data:
     """An even part of many points: what changes the topology is no detail."""
-    data: Data = fit.problem.data
+    data = fit.problem.data
     return data.at(data.part(ENOUGH))
 
 

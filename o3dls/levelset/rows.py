@@ -18,7 +18,8 @@ class Data:
     it is known to be inside only; landmarks.
 
     mapping: rows of the mapping points of the case, of which those at one place are one row; apart: within what distance they are; up (d,),
-    where it is known: the direction of the prior, in its own frame, along which it bends most.
+    where it is known: the direction of the prior, in its own frame, along which it bends most; groups: how many noise groups there are;
+    typical: the `sigma` that relative noise is relative to, where points have one.
     """
 
     PER_POINT: ClassVar = ("points", "group", "relative", "odds", "inside")

@@ -67,7 +67,7 @@ def refine(wall: Wall, measured: Measured, doubt: Array, limits: Limits) -> Corr
     lengths = _lengths(wall, measured, limits.spacing)
     lengths = lengths if limits.coarse_to_fine else lengths[-1:]
     while lengths:
-        found = [_evidence(wall, measured.with_noise(noise), measured.with_noise(1.0), length) for length in lengths]
+        found = [_evidence(wall, measured.with_noise(noise), measured, length) for length in lengths]
         best = max(field.gain for field in found)
         if best < limits.evidence:
             break
@@ -153,9 +153,9 @@ def _descend(
         wall.move(base + level.spread @ f)
         return float(measured.likelihood.loss(wall.look(measured.points)[0] - measured.bias).sum()), level.prior.energy(f)
 
-    energy = sum(terms(f))
-    length = level.prior.length
-    trace: list[Mapping[str, float]] = [_record(length, 0, *terms(f))]
+    found, length = terms(f), level.prior.length
+    energy = sum(found)
+    trace: list[Mapping[str, float]] = [_record(length, 0, *found)]
     for iteration in range(1, iterations + 1):
         f, found = _backtrack(terms, f, _newton(wall, level, measured, f), energy)
         trace.append(_record(length, iteration, *found))
@@ -180,11 +180,11 @@ def _newton(wall: Wall, level: Level, measured: Measured, f: Array) -> Array:
     slope = prior.slope(f) - at_feet.T @ noise.slope(rest)
     believed = noise.weight(rest) * noise.pull(rest) / noise.sigma**2
 
-    def apply(step: Array) -> Array:
+    def hessian(step: Array) -> Array:
         return np.asarray(prior.slope(step) + at_feet.T @ (believed * (at_feet @ step)))
 
     diagonal = _squares(prior.operator).T @ np.full(len(f), prior.amplitude**-2.0) + _squares(at_feet).T @ believed
-    matrix = LinearOperator((len(f), len(f)), matvec=apply, dtype=np.float64)
+    matrix = LinearOperator((len(f), len(f)), matvec=hessian, dtype=np.float64)
     step, _ = cg(matrix, -slope, rtol=1e-6, maxiter=2000, M=sparse.diags(1.0 / diagonal))
     return np.asarray(step)
 

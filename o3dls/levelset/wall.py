@@ -6,8 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ..geometry import Array, Ints, Surface, principal_frame
-from ..registration.pose import rms_radius
+from ..geometry import Array, Ints, Surface, principal_frame, rms_radius
 from .closest import ClosestPoint
 from .shape import normals_and_curvature
 
@@ -29,10 +28,9 @@ class Wall:
         """The wall's own axes (d+1, d+1), for what must not depend on those of the map."""
         return principal_frame(self.rest)
 
-    def move(self, u: Array) -> Array:
-        """Put the wall at rest + u * normal; the vertices there."""
+    def move(self, u: Array) -> None:
+        """Put the wall at rest + u * normal."""
         self.tree = self.tree.at(self.rest + u[:, None] * self.normals)
-        return self.tree.vertices
 
     def look(self, points: Array) -> tuple[Array, Ints, Array]:
         """Signed distance (n,), corner vertices (n, d) of the foot's face and its barycentric weights (n, d)."""

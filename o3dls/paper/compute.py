@@ -9,13 +9,12 @@ from pathlib import Path
 
 from ..io.atomic import check_free, staged_folder
 from ..workers import workers
-from . import atrium, formulation, noise, real, related, temporal
 from .experiment import Outcome, Scope, Task
+from .page import EXPERIMENTS, write_page
 from .results import read_results, write_results
 
 log = logging.getLogger("o3dls")
 DATA = "O3DLS_DATA"  # folder of third-party data; its experiments are left out where it is not set
-EXPERIMENTS = (noise, atrium, real, formulation, related, temporal)
 
 
 def make(out: Path, *, quick: bool = False, force: bool = False) -> Path:
@@ -34,8 +33,6 @@ def make(out: Path, *, quick: bool = False, force: bool = False) -> Path:
 
 def shown(folder: Path) -> Path:
     """Write the page of a results folder again."""
-    from .page import write_page
-
     return write_page(read_results(folder), folder)
 
 

@@ -84,9 +84,7 @@ def _outline(ax: Axes, shape: Surface, colour: str, width: float) -> None:
     ax.add_collection(LineCollection(list(shape.vertices[shape.faces]), colors=colour, linewidths=width))
 
 
-def rendered(
-    panels: Sequence[Sequence[tuple[str, Surface, Array]]], axes: Array, scale: Field, points: Field | None = None, radius: float = 0.8
-) -> bytes:
+def rendered(panels: Sequence[Sequence[tuple[str, Surface, Array]]], axes: Array, scale: Field) -> bytes:
     """Rows of rendered surfaces with points, coloured by `scale.key`, one scale for all; surfaces without that field are bone."""
     from ..report.raster import Canvas, View
 
@@ -107,7 +105,7 @@ def rendered(
             for ax, (title, surface, seen) in zip(row, drawn, strict=False):
                 canvas = Canvas(view, *pixels, (1, 1, 1))
                 canvas.surface(surface, _colours(surface, scale))
-                canvas.balls(seen, np.tile([0.1, 0.1, 0.1], (len(seen), 1)), radius)
+                canvas.balls(seen, np.tile([0.1, 0.1, 0.1], (len(seen), 1)), 0.8)
                 ax.imshow(canvas.pixels(), interpolation="antialiased")
                 ax.set_title(title, fontsize=9)
         _bar(figure, scale, bottom)

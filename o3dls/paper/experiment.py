@@ -15,7 +15,6 @@ from ..estimate import Estimate
 from ..evaluate import distances, measure
 from ..geometry import Array, Surface
 from ..pipeline import Pipeline
-from ..run import unit_of
 from ..validity import components, flipped_faces, self_intersections
 
 # The rule: what a generator makes and what a method may set is chosen on development seeds; the page has other seeds, on which nothing was
@@ -65,13 +64,13 @@ class Task:
 
 def score(case: Case, pipeline: Pipeline, estimates: Mapping[str, Estimate], name: str) -> Row:
     """Mean distances by set, the spread of those that matter, validity, and the seconds of all stages that led to the estimate."""
-    estimate, chain = estimates[name], chain_of(pipeline, name)
+    estimate = estimates[name]
     sets = measure(case, estimate, pipeline.fitted(name))
     row: Row = {"method": name} | {key: float(values.mean()) for key, values in sets.items()}
     row |= {f"{key}_p95": float(np.percentile(sets[key], 95.0)) for key in ("held_out", "truth_to_surface") if key in sets}
     if "surface_to_truth" in sets:
         row["assd"] = (row["truth_to_surface"] + row["surface_to_truth"]) / 2.0
-    return row | judged(estimate.surface) | {"unit": unit_of(case), "seconds": sum(estimates[stage].seconds for stage in chain)}
+    return row | judged(estimate.surface) | {"unit": case.units, "seconds": sum(estimates[one].seconds for one in pipeline.chain(name))}
 
 
 def truth_of(case: Case) -> Surface:
@@ -89,14 +88,6 @@ def judged(surface: Surface) -> Row:
         "flipped_faces": flipped_faces(surface),
         "watertight": surface.watertight,
     }
-
-
-def chain_of(pipeline: Pipeline, name: str) -> list[str]:
-    """The estimate and those that it started from."""
-    found, sources = [name], pipeline.sources
-    while found[-1] in sources:
-        found.append(sources[found[-1]])
-    return found
 
 
 def with_truth_distance(surface: Surface, truth: Surface) -> Surface:

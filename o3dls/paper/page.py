@@ -11,7 +11,7 @@ from .blocks import Block, Command, Figure, Heading, Text
 from .claims import claims
 from .results import Results
 
-SECTIONS = (noise, atrium, real, formulation, related, temporal)
+EXPERIMENTS = (noise, atrium, real, formulation, related, temporal)
 STYLE = """body{font:16px/1.5 system-ui,sans-serif;max-width:62rem;margin:2rem auto;padding:0 1rem;color:#16191d;background:#fff}
 table{border-collapse:collapse;font-size:.9rem}td,th{padding:.2rem .6rem;border-bottom:1px solid #d5d9df;text-align:right}
 th:first-child{text-align:left}.scroll{overflow-x:auto}figure{margin:1.5rem 0}img{max-width:100%}
@@ -43,7 +43,7 @@ def page(results: Results) -> list[Block]:
         Command(f"o3dls paper --out DIR{' --quick' if results.quick else ''}"),
     ]
     blocks += claims(results)
-    for section in SECTIONS:
+    for section in EXPERIMENTS:
         blocks += section.blocks(results)
     return blocks
 

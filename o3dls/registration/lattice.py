@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from ..geometry import Array, Surface
-from .pose import rms_radius
+from ..geometry import Array, Surface, rms_radius
 
 NODES = 34  # along the longest side; finer finds no other basins
 MARGIN = 0.5  # beyond the surface's box, in rms radii

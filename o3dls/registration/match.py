@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..geometry import Array, Ints, Surface, apply, scale_of
-from .pose import rms_radius
+from ..geometry import Array, Ints, Surface, apply, rms_radius, scale_of
 
 APART = 1e-7  # distance over the surface's radius from which on the direction of a gap is not rounding
 

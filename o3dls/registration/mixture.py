@@ -9,6 +9,7 @@ import numpy as np
 from numba import njit
 
 from ..geometry import Array
+from .robust import spread
 
 DEPTH = 0.5  # how deep outliers lie, evenly, relative to the surface's rms radius
 INSIDE = 0.95  # share of the outliers that lie inside; the rest, and the deeper ones, are spread over twice the radius
@@ -27,7 +28,7 @@ class Mixture(NamedTuple):
 def fit_mixture(signed: Array, radius: float, loosening: float = 1.0) -> Mixture:
     """Fit signed distances (n,), negative inside, by expectation maximisation; weights are for a noise `loosening` times as large."""
     density = _outlier_density(np.asarray(signed, dtype=np.float64), DEPTH * radius, 2.0 * radius)
-    sigma, share = _fit(signed, density, max(1.4826 * float(np.median(np.abs(signed))), 1e-9 * radius), 1e-9 * radius)
+    sigma, share = _fit(signed, density, max(spread(signed), 1e-9 * radius), 1e-9 * radius)
     return Mixture(_posterior(signed, density, loosening * sigma, share), sigma, share)
 
 

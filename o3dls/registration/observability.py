@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from ..geometry import Array, scale_of
+from ..geometry import Array, rms_radius, scale_of
 from .match import Pairs
 from .metrics import point_to_plane
-from .pose import Twist, rms_radius
-from .step import normal_equations
+from .pose import Twist
+from .step import normal_equations, velocity
 
 WEAK = 0.03  # standard deviation of a motion (rms over the surface, relative to its rms radius) from which on it is called weak
 LOST = 0.05  # ... and from which on it is not determined
@@ -66,7 +66,7 @@ def spectrum(pairs: Pairs, weights: Array, vertices: Array, T_map_prior: Array, 
     radius = scale_of(T_map_prior) * rms_radius(vertices)
     parts = Twist(d, scale=scale)
     factors = point_to_plane(pairs)
-    hessian, _ = normal_equations(factors, weights, parts, centre)
+    hessian, _ = normal_equations(factors, weights, velocity(factors, parts, centre))
     noise = np.sqrt(weights @ factors.residuals**2 / max(weights.sum() - len(hessian), 1.0))
     units = np.ones(parts.size)
     units[d:] /= radius

@@ -41,11 +41,6 @@ class Twist:
         return similarity(linear, centre + twist[: self.d] - linear @ centre)
 
 
-def rms_radius(vertices: Array) -> float:
-    """Root mean square distance of vertices (n, d) from their middle: the lever that turns angles into lengths."""
-    return float(np.sqrt(vertices.var(axis=0).sum()))
-
-
 def turns(d: int) -> Array:
     """Generators (1 or 3, d, d) of the rotations: e_k x."""
     if d == 2:
@@ -63,14 +58,15 @@ def strains(vertices: Array) -> Array:
     similarity nearest to a strained body is the body itself.
     """
     d = vertices.shape[1]
-    raw = _traceless(d)
+    raw = traceless(d)
     similar = np.concatenate([turns(d), np.eye(d)[None]])
     spread = np.cov(vertices.T)
     gram, shared = (np.einsum("gij,jk,hik->gh", similar, spread, other) for other in (similar, raw))
     return np.asarray(raw - np.einsum("gh,gij->hij", np.linalg.solve(gram, shared), similar))
 
 
-def _traceless(d: int) -> Array:
+def traceless(d: int) -> Array:
+    """Orthogonal symmetric matrices (2 or 5, d, d) without trace, of squared norm 2: a strain's size is its entry off the diagonal."""
     if d == 2:
         return np.array([[[0.0, 1.0], [1.0, 0.0]], [[1.0, 0.0], [0.0, -1.0]]])
     shears = np.zeros((3, 3, 3))

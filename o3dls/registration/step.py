@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..geometry import Array, apply, fit_similarity, scale_of, similarity
+from ..geometry import Array, apply, fit_similarity, rms_radius, scale_of, similarity
 from .metrics import Factors
-from .pose import Twist, rms_radius, strains
+from .pose import Twist, strains
 
 
 @dataclass(frozen=True)
@@ -85,9 +85,12 @@ def _newton(factors: Factors, weights: Array, body: Body, freedom: Freedom, shar
     """Gauss-Newton step about the middle of the feet, in units of rms surface motion so that lengths and angles compare."""
     feet = factors.pairs.feet
     twist, centre, noise = Twist(feet.shape[1], freedom.scale), feet.mean(axis=0), _noise(factors, weights)
-    hessian, gradient = normal_equations(factors, weights, twist, centre)
-    if freedom.strain_sd is not None:
-        hessian, gradient = _without_strain(hessian, gradient, factors, weights, twist, centre, body, noise / freedom.strain_sd)
+    velocities = velocity(factors, twist, centre)
+    if freedom.strain_sd is None:
+        hessian, gradient = normal_equations(factors, weights, velocities)
+    else:
+        both = np.concatenate([velocities, body.strained(feet)], axis=2)
+        hessian, gradient = _without_strain(*normal_equations(factors, weights, both), twist.size, noise / freedom.strain_sd)
     if freedom.scale and freedom.scale_sd is not None:
         precision = (noise / freedom.scale_sd) ** 2
         hessian[-1, -1] += precision
@@ -104,25 +107,23 @@ def _newton(factors: Factors, weights: Array, body: Body, freedom: Freedom, shar
     return twist.motion(share * units * step, centre)
 
 
-def _without_strain(
-    hessian: Array, gradient: Array, factors: Factors, weights: Array, twist: Twist, centre: Array, body: Body, stiffness: float
-) -> tuple[Array, Array]:
-    """The normal equations of the twist after a strain, held to zero with this stiffness, has taken up what it can (Schur complement)."""
-    pairs, strained = factors.pairs, body.strained(factors.pairs.feet)
-    pulled = np.matmul(weights[:, None, None] * factors.information, strained)
-    own = np.tensordot(pulled, strained, axes=((0, 1), (0, 1))) + stiffness**2 * np.eye(strained.shape[2])
-    tangent = twist.tangent(pairs.feet, centre, turned=pairs.feet + factors.lever * pairs.gaps)
-    shared = np.tensordot(tangent, pulled, axes=((0, 1), (0, 1)))
-    taken = np.linalg.solve(own, np.column_stack([shared.T, np.tensordot(pulled, pairs.gaps, axes=((0, 1), (0, 1)))]))
-    return hessian - shared @ taken[:, :-1], gradient - shared @ taken[:, -1]
+def _without_strain(hessian: Array, gradient: Array, k: int, stiffness: float) -> tuple[Array, Array]:
+    """The first k unknowns' equations after the others, held to zero with this stiffness, took up what they can (Schur complement)."""
+    own = hessian[k:, k:] + stiffness**2 * np.eye(len(hessian) - k)
+    taken = np.linalg.solve(own, np.column_stack([hessian[k:, :k], gradient[k:]]))
+    return hessian[:k, :k] - hessian[:k, k:] @ taken[:, :-1], gradient[:k] - hessian[:k, k:] @ taken[:, -1]
 
 
-def normal_equations(factors: Factors, weights: Array, twist: Twist, centre: Array) -> tuple[Array, Array]:
-    """Hessian (k, k) and descent gradient (k,) of half the metric over a twist about `centre`."""
+def velocity(factors: Factors, twist: Twist, centre: Array) -> Array:
+    """Velocity (n, d, size) of the feet under a twist about `centre`, turned where the metric's lever says."""
     pairs = factors.pairs
-    tangent = twist.tangent(pairs.feet, centre, turned=pairs.feet + factors.lever * pairs.gaps)
-    pulled = np.matmul(weights[:, None, None] * factors.information, tangent)
-    return np.tensordot(pulled, tangent, axes=((0, 1), (0, 1))), np.tensordot(pulled, pairs.gaps, axes=((0, 1), (0, 1)))
+    return twist.tangent(pairs.feet, centre, turned=pairs.feet + factors.lever * pairs.gaps)
+
+
+def normal_equations(factors: Factors, weights: Array, velocities: Array) -> tuple[Array, Array]:
+    """Hessian (k, k) and descent gradient (k,) of half the metric over motions with these velocities (n, d, k) of the feet."""
+    pulled = np.matmul(weights[:, None, None] * factors.information, velocities)
+    return np.tensordot(pulled, velocities, axes=((0, 1), (0, 1))), np.tensordot(pulled, factors.pairs.gaps, axes=((0, 1), (0, 1)))
 
 
 def _solve(hessian: Array, gradient: Array, least: float) -> Array:

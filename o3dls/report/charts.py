@@ -79,8 +79,8 @@ def axis_over(label: str, values: Sequence[Array], *, zero: bool = True, log: bo
 
 def _grid(x: Axis, y: Axis) -> list[Html]:
     right, bottom = WIDTH - RIGHT, HEIGHT - BOTTOM
-    across = [(_column(x, t), f"{t:g}") for t in x.ticks()]
-    up = [(_row(y, t), f"{t:g}") for t in y.ticks()]
+    across, up = ([(at, f"{t:g}") for at, t in zip(place(axis, np.array(axis.ticks())), axis.ticks(), strict=True)]
+                  for place, axis in ((_columns, x), (_rows, y)))  # fmt: skip
     return [
         *(tag("path", d=f"M{at:.1f} {TOP}V{bottom}", class_="grid") for at, _ in across),
         *(tag("path", d=f"M{LEFT} {at:.1f}H{right}", class_="grid") for at, _ in up),
@@ -116,14 +116,6 @@ def _columns(axis: Axis, values: Array) -> Array:
 
 def _rows(axis: Axis, values: Array) -> Array:
     return HEIGHT - BOTTOM - axis.share(values) * (HEIGHT - TOP - BOTTOM)
-
-
-def _column(axis: Axis, value: float) -> float:
-    return float(_columns(axis, np.array([value]))[0])
-
-
-def _row(axis: Axis, value: float) -> float:
-    return float(_rows(axis, np.array([value]))[0])
 
 
 def grouped(*parts: Html | None) -> Html:

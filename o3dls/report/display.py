@@ -15,14 +15,14 @@ DISPLAY_FACES = 36_000
 TRUTH = "distance_to_truth"
 
 
-def displayed(surface: Surface, case: Case, unit: str) -> Surface:
+def displayed(surface: Surface, case: Case) -> Surface:
     """A surface of an estimate, decimated if need be, with electrical values, and the distance to truth where that is known."""
     from ..evaluate import distances
 
     surface = with_electrical(decimated(surface), case.points)
     if case.truth is None or case.truth.surface is None:
         return surface
-    return replace(surface, fields={f"{TRUTH}_{unit}": distances(surface.vertices, case.truth.surface), **surface.fields})
+    return replace(surface, fields={f"{TRUTH}_{case.units}": distances(surface.vertices, case.truth.surface), **surface.fields})
 
 
 def decimated(surface: Surface, most: int = MOST_FACES, wanted: int = DISPLAY_FACES) -> Surface:

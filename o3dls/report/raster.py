@@ -42,17 +42,11 @@ class Canvas:
         rows, columns = self._depth.shape
         return np.column_stack([columns / 2 + flat[:, 0] * self._scale, rows / 2 - flat[:, 1] * self._scale, flat[:, 2]])
 
-    def surface(self, surface: Surface, colours: Array, opacity: float = 1.0) -> None:
-        """Draw a surface with a colour per vertex (n, 3) in [0, 1]; below opacity 1 it is laid over what is there, front layer only."""
+    def surface(self, surface: Surface, colours: Array) -> None:
+        """Draw a surface with a colour per vertex (n, 3) in [0, 1]."""
         facing = surface.vertex_normals @ self.view.axes[2]
-        triangles = (self._pixels(surface.vertices), surface.faces, np.asarray(colours, dtype=np.float64), facing)
-        if opacity >= 1.0:
-            _draw_triangles(*triangles, self._colour, self._depth)
-            return
-        colour, depth = self._colour.copy(), np.full_like(self._depth, -np.inf)
-        _draw_triangles(*triangles, colour, depth)
-        front = depth > self._depth
-        self._colour[front] += opacity * (colour[front] - self._colour[front])
+        corners, shades = self._pixels(surface.vertices), np.asarray(colours, dtype=np.float64)
+        _draw_triangles(corners, surface.faces, shades, facing, self._colour, self._depth)
 
     def balls(self, centres: Array, colours: Array, radius: float) -> None:
         """Draw shaded balls of a radius in mm, colours (n, 3)."""

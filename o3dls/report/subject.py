@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -127,7 +126,7 @@ class Subject:
     @cached_property
     def surfaces(self) -> dict[str, Surface]:
         """The shown estimates' surfaces as they are drawn."""
-        return {name: displayed(self.results[name].estimate.surface, self.case, self.unit) for name in self.shown}
+        return {name: displayed(self.results[name].estimate.surface, self.case) for name in self.shown}
 
     @property
     def finals(self) -> list[Result]:
@@ -161,12 +160,12 @@ class Subject:
 
 def read_subject(folders: Sequence[Path], compare: Sequence[str] = ()) -> Subject:
     """The subject of a report on finished run folders of one case. Raises InputError where they are of several cases, or none is given."""
-    from ..run_folder import read_run
+    from ..run_folder import read_record, read_run
 
     if not folders:
         raise InputError("no run folder is given: name at least one")
     runs = [read_run(folder) for folder in folders]
-    records = [json.loads((folder / "run.json").read_text(encoding="utf-8")) for folder in folders]
+    records = [read_record(folder) for folder in folders]
     _check_same_case(folders, runs)
     prefixes = [""] if len(runs) == 1 else [f"{name} · " for name in _distinct_names(folders)]
     results = [Result(prefix + key, key, run) for run, prefix in zip(runs, prefixes, strict=True) for key in run.estimates]

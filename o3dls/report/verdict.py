@@ -102,6 +102,5 @@ def _unfinished(result: Result) -> str:
 
 
 def _ancestors(subject: Subject) -> list[Result]:
-    """The last estimate first, then the others of its run that are not the start, newest first."""
-    same = [result for result in subject.results.values() if result.run is subject.last.run]
-    return sorted(same, key=lambda result: result is not subject.last) if same else []
+    """The last estimate first, then the others of its run in their order."""
+    return [subject.last, *(one for one in subject.results.values() if one.run is subject.last.run and one is not subject.last)]

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import re
-import time
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field, field_validator
@@ -14,7 +13,7 @@ from pydantic import Field, field_validator
 from ..case import FITTED_TYPES, Case, Points
 from ..errors import InputError, SolverError
 from ..estimate import Estimate
-from ..geometry import Array, Surface, fit_similarity
+from ..geometry import Array, Surface, fit_similarity, rms_radius
 from ..registration.landmarks import determined
 from ..stage import Stage
 
@@ -115,7 +114,6 @@ class Deform(Stage):
     def _fitted(self, case: Case, pose: Array, data: Data, earlier: Estimate | None = None) -> Estimate:
         from ..levelset.fit import fit_motion
 
-        began = time.perf_counter()
         fit = fit_motion(case.prior.vertices, case.prior.faces, pose, data, self.settings(), earlier.fit if earlier else None)
         surface = replace(case.prior, vertices=fit.vertices, fields={**case.prior.fields, f"sd_{case.units}": fit.sd})
         return Estimate(
@@ -124,7 +122,6 @@ class Deform(Stage):
             status=fit.sentence(case.units),
             converged=fit.converged,
             iterations=len(fit.trace),
-            seconds=time.perf_counter() - began,
             sigma=fit.sigma,
             weights=fit.weights,
             motion=fit.motion,
@@ -220,7 +217,7 @@ def _crumpled(problem: Problem) -> list[str]:
 
 def _told(points: Points, unit: str) -> list[str]:
     """Sentences on a column `sigma` that may not mean what it says."""
-    sigma = _numbers(points, "sigma")
+    sigma = points.numbers("sigma")
     told = sigma[np.isfinite(sigma)]
     if len(told) == 0:
         return []
@@ -235,9 +232,9 @@ def _told(points: Points, unit: str) -> list[str]:
 
 def _debris(prior: Surface) -> list[str]:
     """A sentence where small pieces lie about the prior: whatever is nearest to a point may be its wall."""
-    from ..levelset.operators import pieces
+    from ..levelset.operators import piece_areas
 
-    areas = np.bincount(pieces(len(prior.vertices), prior.faces)[prior.faces[:, 0]], prior.face_areas)
+    _, areas = piece_areas(prior)
     small = int((areas[areas > 0.0] < DEBRIS * areas.max()).sum())
     some = f"{small} small pieces" if small > 1 else "a small piece"
     return [f"the prior has {some} that points may take for their wall: remove what is none"] if small else []
@@ -262,7 +259,6 @@ def observed(case: Case, stage: Deform, before: Data | None = None) -> Data:
     """
     from ..levelset.rows import Data
     from ..places import apart, places
-    from ..registration.pose import rms_radius
 
     every = case.points.of(*stage.fits)
     near = apart(every, rms_radius(case.prior.vertices)) if before is None else before.apart
@@ -299,12 +295,7 @@ def upwards(landmarks: Mapping[str, Array]) -> Array | None:
     return np.asarray(rise / length) if length > 0.0 else None
 
 
-def _numbers(points: Points, column: str) -> Array:
-    values: Any = points.columns.get(column, np.full(len(points), np.nan))
-    return np.asarray(values, dtype=np.float64)
-
-
 def _odds_of_floating(points: Points, force: float) -> Array:
     """Factor on the odds of being off the wall: doubled for each `force` too little, halved for each too much, at most fourfold."""
-    pressed = _numbers(points, "force")
+    pressed = points.numbers("force")
     return np.where(np.isfinite(pressed), 2.0 ** np.clip((force - pressed) / force, -2.0, 2.0), 1.0)

@@ -44,7 +44,8 @@ class GlobalPose(Stage):
         best, *others = candidates(points, surface, starts=self.starts, scale=self.scale)
         if self.hands:
             other_hand = candidates(points, mirrored(surface), starts=self.starts, scale=self.scale)[0]
-            refuse_mirrored(case, points, best, other_hand)
+            if said := _fits_mirrored(case.units, points, best, other_hand):
+                raise InputError(f"case {case.name}: {said}")
         sure = min([confidence(best.costs, other.costs, points) for other in others], default=1.0)
         return self._judged(as_estimate(case, best.alignment, scale=self.scale), best, others, sure)
 
@@ -60,12 +61,6 @@ class GlobalPose(Stage):
             warnings=estimate.warnings + ((doubt,) if sure < self.sure else ()),
             facts={**estimate.facts, "confidence": sure, "candidates": [_record(best.T_map_prior, c) for c in (best, *others)]},
         )
-
-
-def refuse_mirrored(case: Case, points: Array, best: Candidate, other: Candidate) -> None:
-    """Raise InputError where points (n, d) fit the mirror image of the prior, posed as `other`, clearly better than the prior."""
-    if said := _fits_mirrored(case.units, points, best, other):
-        raise InputError(f"case {case.name}: {said}")
 
 
 def _fits_mirrored(unit: str, points: Array, best: Candidate, other: Candidate) -> str:

@@ -11,7 +11,8 @@ from pydantic import Field, field_validator, model_validator
 from ..case import Case
 from ..errors import InputError
 from ..estimate import Estimate
-from ..geometry import Array
+from ..geometry import Array, rms_radius
+from ..open3d_steps import KERNELS
 from ..stage import Stage
 
 if TYPE_CHECKING:
@@ -140,7 +141,7 @@ class ICP(Stage):
         if self.engine == "o3dls":
             return self
         plain = self.metric == "point_to_point"
-        kernels = ("none",) if plain else ("none", "huber", "cauchy", "geman_mcclure", "tukey")
+        kernels = ("none",) if plain else KERNELS
         if self.kernel not in kernels:
             raise ValueError(
                 f"kernel = '{self.kernel}': with engine 'open3d' and metric '{self.metric}' must be one of {', '.join(kernels)}"
@@ -246,7 +247,6 @@ def as_estimate(case: Case, found: Alignment, *, scale: bool) -> Estimate:
     """What ICP found, in the words of an estimate, with what the points leave open."""
     from ..registration.mixture import fit_mixture
     from ..registration.observability import spectrum
-    from ..registration.pose import rms_radius
 
     mixture = fit_mixture(found.pairs.signed, rms_radius(case.prior.vertices))
     directions = spectrum(found.pairs, found.weights, case.prior.vertices, found.T_map_prior, scale=scale)

@@ -10,9 +10,8 @@ from pydantic import Field
 from ..case import Case
 from ..errors import InputError, did_you_mean
 from ..estimate import Estimate
-from ..geometry import Array
+from ..geometry import Array, rms_radius
 from ..registration.landmarks import determined
-from ..registration.pose import rms_radius
 from ..stage import Stage
 
 if TYPE_CHECKING:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING, ClassVar, Literal
@@ -13,7 +12,7 @@ from pydantic import Field
 from ..case import FITTED_TYPES, Case
 from ..errors import InputError, SolverError
 from ..estimate import Estimate
-from ..geometry import Array, Surface
+from ..geometry import Array, Surface, rms_radius
 from ..stage import Stage
 
 if TYPE_CHECKING:
@@ -59,7 +58,6 @@ class LevelSet(Stage):
         from ..levelset.operators import reinitialise
         from ..validity import crossing
 
-        began = time.perf_counter()
         if not (case.points.type == "eam").any():
             raise InputError(f"level_set: case {case.name} has no points of type eam")
         self._check_spacing(start.surface, case.units)
@@ -81,7 +79,6 @@ class LevelSet(Stage):
             status="; ".join([*changes, *unfinished, reached.status]),
             converged=reached.converged and not unfinished,
             iterations=sum(row["iteration"] > 0 for row in reached.trace),
-            seconds=time.perf_counter() - began,
             sigma=reached.sigma,
             phi=reached.phi,
             trace=reached.trace,
@@ -169,7 +166,6 @@ class LevelSet(Stage):
         from ..evaluate import distances
         from ..levelset.observe import EXACT
         from ..levelset.paper import Weights, descend
-        from ..registration.pose import rms_radius
 
         prior = case.prior.transformed(start.T_map_prior)
         points = case.points.of("eam").xyz
@@ -182,7 +178,6 @@ def _observer(case: Case, start: Estimate) -> Callable[[Wall], Measured]:
     """How the fitted points look from a wall, with the noise and the outliers that the start found among them."""
     from ..levelset.observe import observe
     from ..places import apart, places
-    from ..registration.pose import rms_radius
 
     every, data = case.points.of(*FITTED_TYPES), start.fit.problem.data if start.fit else None
     rows, _ = places(every, data.apart if data else apart(every, rms_radius(case.prior.vertices)))

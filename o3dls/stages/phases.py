@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import replace
 from typing import ClassVar
 
@@ -44,7 +43,7 @@ class Phases(Stage):
 
         if why := self.obstacle(case):
             raise InputError(f"case {case.name}: {why}")
-        began, prior = time.perf_counter(), case.prior
+        prior = case.prior
         model = template(prior.vertices, prior.faces, [(phase.vertices, phase.faces) for phase in case.phases], self.variance)
         found = locate(model, start.T_map_prior, case.points.of("eam").xyz, self.pose_sd, self.iterations)
         shape = model.shape(found.c)
@@ -60,7 +59,6 @@ class Phases(Stage):
             status=f"at {place:.2f} on the way through {len(case.phases) + 1} phases{word}; then {fitted.status}",
             converged=found.converged and fitted.converged,
             iterations=len(found.trace) + fitted.iterations,
-            seconds=time.perf_counter() - began,
             motion=fitted.motion and Chain(shift, fitted.motion),
             trace=(*found.trace, *fitted.trace),
             facts={**fitted.facts, "phase": place, "modes": len(found.c), "coefficients": found.c.tolist()},
