@@ -103,18 +103,25 @@ class _Job:
 
 
 def _outcomes(work: Sequence[_Job], jobs: int) -> list[Outcome]:
-    """Do the jobs, so many at one time."""
+    """Do the jobs, so many at one time; once a process was ended from outside, those that are left one by one: memory may be short."""
     with workers(jobs) as pool:
         futures = [pool.submit(job) for job in work]
-        return [_outcome(job, future) for job, future in zip(work, futures, strict=True)]
+        found = [_outcome(future) for future in futures]
+    return [outcome or _alone(job) for job, outcome in zip(work, found, strict=True)]
 
 
-def _outcome(job: _Job, future: Future[Outcome]) -> Outcome:
-    """The outcome of a job, once it is there; its warnings go to the log."""
+def _alone(job: _Job) -> Outcome:
+    with workers(1) as pool:
+        ended = "its process was ended from outside, also when it was the only one; is there too little memory?"
+        return _outcome(pool.submit(job)) or Outcome(job.out.name, [], [], ended)
+
+
+def _outcome(future: Future[Outcome]) -> Outcome | None:
+    """The outcome of a job, once it is there, None where its process was ended; its warnings go to the log."""
     try:
         outcome = future.result()
     except BrokenProcessPool:
-        return Outcome(job.out.name, [], [], "its process, or one beside it, was ended from outside; is there too little memory?")
+        return None
     for warning in outcome.warnings:
         log.warning("%s: %s", outcome.case, warning)
     return outcome

@@ -11,7 +11,7 @@ import numpy as np
 
 from .case import SPACES
 from .errors import InputError
-from .geometry import Array, Surface, apply
+from .geometry import TURN, Array, Surface, apply
 from .io.case_folder import check_scale
 from .io.case_settings import MILLIMETRES
 from .io.markups import Markups, read_markups, write_markups
@@ -20,7 +20,7 @@ from .io.points import points_of, read_points_table, scaled
 from .io.repair import closed_outward, welded
 from .io.surface_file import SurfaceFile
 from .io.table import write_table
-from .io.transforms import TURN, read_transform, turned, write_transform
+from .io.transforms import read_transform, turned, write_transform
 
 MARKUPS = (".json", ".fcsv")
 TRANSFORMS = (".tfm", ".txt")

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from .case import Case
-from .errors import InputError, O3dlsError
+from .errors import O3dlsError
 from .estimate import Estimate
 from .evaluate import distances
 from .geometry import Array, Ints
@@ -40,11 +40,10 @@ def cross_validate(fit: Fit, case: Case, folds: int) -> dict[str, Array]:
     return left_out
 
 
-def check_folds(case: Case, folds: int) -> None:
-    """Raise InputError where the case has fewer points than folds."""
+def too_many(case: Case, folds: int) -> list[str]:
+    """A sentence where the case has fewer points than folds."""
     points = int((case.points.type == "eam").sum())
-    if folds > points:
-        raise InputError(f"folds = {folds}: case {case.name} has {points} points of type eam: must be at most {points}, or 0 for none")
+    return [f"folds = {folds}: {points} points of type eam are there: must be at most {points}, or 0 for none"] if folds > points else []
 
 
 def without(case: Case, rows: Ints) -> Case:

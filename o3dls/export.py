@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from .errors import InputError, PipelineError, did_you_mean
-from .geometry import Array, Surface
+from .geometry import TURN, Array, Surface
 from .stage import Writer
 
 if TYPE_CHECKING:
@@ -68,6 +68,13 @@ class Export(Writer):
     def refers_to(self) -> tuple[str, ...]:
         return (self.estimate,) if self.estimate else ()
 
+    def target(self, final: str) -> tuple[str, ...]:
+        return (self.name, self.estimate or final, self.format)
+
+    def mistake(self, case: Case) -> str | None:
+        """The result is about as large as the prior."""
+        return self._unfit(case.prior) if self.format.startswith(("phi", "mask")) else None
+
     def obstacle(self, case: Case) -> str | None:
         from .io.mesh import IN_MILLIMETRES
 
@@ -92,8 +99,6 @@ class Export(Writer):
 
     def write(self, surface: Surface, run: Run, name: str, path: Path) -> None:
         """Write an estimate's surface with its fields to a file, and beside it `<file>.json` with frame, units and meaning of values."""
-        from .io.transforms import TURN
-
         space = self.frame or run.case.frame
         space = "LPS" if self.format == "dif" and space == "RAS" else space  # which DIF is by definition
         if space != run.case.frame:
@@ -157,12 +162,8 @@ class Export(Writer):
         from .io.volumes import write_volume
         from .levelset.distance import filled_distance
 
-        voxels = float(np.prod(np.ptp(surface.vertices, axis=0) / self.spacing))
-        if self.spacing > surface.diagonal / FEWEST_ACROSS or voxels > MOST_VOXELS:
-            raise InputError(
-                f"export.spacing = {self.spacing:g}: a volume of {voxels:.2g} voxels; a spacing between "
-                f"{self.spacing * (voxels / MOST_VOXELS) ** (1 / 3):.2g} and {surface.diagonal / FEWEST_ACROSS:.2g} would be right"
-            )
+        if why := self._unfit(surface):
+            raise InputError(f"export: {why}")
         steps = 4
         outside = steps * self.spacing
         found = filled_distance(surface.vertices, surface.faces, self.spacing, steps)
@@ -171,6 +172,15 @@ class Export(Writer):
         write_volume(path, phi if self.format.startswith("phi") else phi < 0.0, self.spacing, found.band.origin, space=space)
         meaning = "signed distance, negative inside" if self.format.startswith("phi") else "1 inside, 0 outside"
         return {"spacing": self.spacing, "values": meaning}
+
+    def _unfit(self, surface: Surface) -> str | None:
+        """Why the spacing of a volume is too coarse or too fine for a surface."""
+        voxels = float(np.prod(np.ptp(surface.vertices, axis=0) / self.spacing))
+        if self.spacing <= surface.diagonal / FEWEST_ACROSS and voxels <= MOST_VOXELS:
+            return None
+        finest, coarsest = self.spacing * (voxels / MOST_VOXELS) ** (1 / 3), surface.diagonal / FEWEST_ACROSS
+        between = f"a spacing between {finest:.2g} and {coarsest:.2g} would be right"
+        return f"spacing = {self.spacing:g}: a volume of {voxels:.2g} voxels; {between}"
 
 
 def export_run(

@@ -41,10 +41,10 @@ class Surface:
             raise InputError(f"surface vertex {row} is not finite: {self.vertices[row]}")
         wrong = faces[(faces < 0) | (faces >= len(self.vertices)) | (faces != self.faces)]
         if len(wrong):
-            raise InputError(f"surface faces name vertex {wrong[0]:g}: there are {len(self.vertices)}, counted from 0")
+            raise InputError(f"surface faces name vertex {wrong[0]:.12g}: there are {len(self.vertices)}, counted from 0")
         for name, values in self.fields.items():
-            if len(values) != len(self.vertices):
-                raise InputError(f"surface field '{name}' has {len(values)} values: there are {len(self.vertices)} vertices")
+            if np.shape(values)[:1] != (len(self.vertices),):
+                raise InputError(f"surface field '{name}' has shape {np.shape(values)}: there are {len(self.vertices)} vertices")
 
     @property
     def dimension(self) -> int:

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from .errors import InputError, did_you_mean
-from .geometry import apply
+from .geometry import TURN, apply
 from .io import igtl
-from .io.transforms import TURN, turned
+from .io.transforms import turned
 
 
 def messages(folder: str | Path, estimate: str | None = None) -> list[bytes]:

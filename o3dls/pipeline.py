@@ -12,7 +12,7 @@ from typing import Any, Self
 import numpy as np
 
 from .case import Case
-from .crossval import check_folds, cross_validate
+from .crossval import cross_validate, too_many
 from .errors import InputError, PipelineError, SolverError, did_you_mean
 from .estimate import Estimate
 from .run import Run
@@ -78,7 +78,6 @@ class Pipeline:
         begin = perf_counter()
         if why := self.refusals(case):
             raise InputError("; ".join(why))
-        check_folds(case, self.folds)
         estimates = self.fit(case)
         said = doubts(case.visible(), estimates[START]) if self._knows_pose else []
         said += unseen_pieces(case.visible(), estimates[self.names[-1]].T_map_prior)
@@ -113,6 +112,7 @@ class Pipeline:
         """Why a run on the case would end before any work, one sentence each."""
         plugins = (*self.stages, *self.writes)
         said = [f"{plugin.name}: {why}" for plugin in plugins if (why := plugin.obstacle(case) or plugin.mistake(case))]
+        said += too_many(case, self.folds)
         said += misfit(case, start_estimate(case), pose_is_known=self._knows_pose)
         return [f"case {case.name}: {why}" for why in said]
 

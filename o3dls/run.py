@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 import os
 import platform
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from importlib.metadata import PackageNotFoundError, version
@@ -23,7 +22,6 @@ from .validity import faults, validity
 if TYPE_CHECKING:
     from .pipeline import Pipeline
 
-OF_A_RUN = re.compile(r"(distance|left_out)_.+_(mm|px)")  # columns that a run adds to its points
 log = logging.getLogger("o3dls")
 PACKAGES = ("o3dls", "numpy", "scipy", "open3d", "pymeshlab", "numba")
 Record = dict[str, Any]
@@ -102,10 +100,7 @@ def _scores(case: Case, estimate: Estimate, fitted: tuple[str, ...], left_out: A
 
 def _with_distances(case: Case, estimates: Mapping[str, Estimate], left_out: Mapping[str, Array]) -> Points:
     """The case's points with their distance to every estimate; a landmark's is that to its moved partner."""
-    stale = [name for name in case.points.columns if OF_A_RUN.fullmatch(name)]
-    if stale:
-        log.warning("points: %s: of an earlier run, and left out of this one's points.csv", ", ".join(stale))
-    columns = {name: values for name, values in case.points.columns.items() if name not in stale}
+    columns = dict(case.points.columns)
     marks, eam = case.points.type == "landmark", case.points.type == "eam"
     names = columns.get("name", np.full(len(case.points), "")).tolist()
     paired = [k for k, name in enumerate(names) if marks[k] and name in case.prior_landmarks]

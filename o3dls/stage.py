@@ -90,8 +90,7 @@ class Writer(Plugin):
 
     def target(self, final: str) -> tuple[str, ...]:
         """What its files are of and named after; two writers of one target would overwrite each other's. `final`: the last estimate."""
-        chosen = self.record()
-        return (self.name, *(str(chosen[key] or final) for key in ("estimate", "format") if key in chosen))
+        return (self.name, *map(str, self.record().values()))
 
     @abstractmethod
     def __call__(self, run: Run, folder: Path) -> None: ...

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from .case import FITTED_TYPES, Case
 from .estimate import Estimate
-from .evaluate import distances, landmark_errors
+from .evaluate import landmark_errors
 from .geometry import Array, fit_similarity
 from .registration.landmarks import determined
 
 FEWEST_POINTS = 10
 SPANS = (0.1, 4.0)  # extent of the points relative to the prior's: a single vein is 0.15, a chamber 1
-NEARLY_ALL = (0.05, 0.95)  # quantiles that the points span: a few strays say nothing of units
+MOST, NEARLY_ALL = (0.05, 0.95), (0.01, 0.99)  # quantiles that the points span: some strays do not make them too wide, nor does a place
+# that was mapped densely make them too narrow
 UNITS = {"m": 1e3, "in": 25.4, "cm": 10.0, "um": 1e-3}  # in mm: what may have been taken for it
 ATRIUM = 100.0  # mm across: in the right units points and prior are like it
 POINTS_IN = "if the points are in {0}, put the line '# units={0}' above the header of their file"
@@ -101,18 +103,16 @@ def _flat(case: Case) -> str:
 
 def _few(points: Array) -> str:
     places = len(np.unique(points, axis=0))
-    if places >= FEWEST_POINTS:
-        return ""
-    where = "one place" if places == 1 else f"{places} different places"
-    return f"all {len(points)} points of type eam lie in {where}; at least {FEWEST_POINTS} are needed"
+    return "" if places >= FEWEST_POINTS else f"points of type eam in {places} different places: at least {FEWEST_POINTS} are needed"
 
 
 def _unlike(case: Case, points: Array) -> str:
     """Points in another unit than the prior's are many times too small or too large, not a little."""
-    box, unit = np.ptp(np.quantile(points, NEARLY_ALL, axis=0), axis=0), case.units
-    span, size = max(float(np.linalg.norm(box)), 1e-300), case.prior.diagonal
-    if SPANS[0] <= span / size <= SPANS[1]:
+    most, span = (max(float(np.linalg.norm(np.ptp(np.quantile(points, part, axis=0), axis=0))), 1e-300) for part in (MOST, NEARLY_ALL))
+    size, unit = case.prior.diagonal, case.units
+    if SPANS[0] <= span / size and most / size <= SPANS[1]:
         return ""
+    span = most if most / size > SPANS[1] else span
     said = f"the points span {span:.3g} {unit}, the prior {size:.3g} {unit}"
     readings = [(span * mm, size, POINTS_IN, name) for name, mm in UNITS.items()]
     readings += [(span, size * mm, PRIOR_IN, name) for name, mm in UNITS.items()]
@@ -134,7 +134,8 @@ def _stray(case: Case, points: Array) -> str:
 
 
 def _far(case: Case, start: Estimate, points: Array) -> str:
-    gap, size, unit = float(np.median(distances(points, start.surface))), case.prior.diagonal, case.units
+    gap = float(np.median(cKDTree(start.surface.vertices).query(points)[0]))  # near enough to the wall, without compiled loops
+    size, unit = case.prior.diagonal, case.units
     if gap <= FARTHEST * size:
         return ""
     said = f"half of the points are more than {gap:.3g} {unit} away from the prior ({size:.3g} {unit} across)"

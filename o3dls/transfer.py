@@ -230,18 +230,12 @@ def _mean_time(times: Array, corners: Ints, weights: Array, cycle: float) -> Arr
     return np.asarray(heaviest[:, 0] + np.where(weights > 0.0, weights * apart, 0.0).sum(axis=1))
 
 
-def with_electrical(
-    surface: Surface, points: Points, *, columns: Collection[str] = tuple(ELECTRICAL), cycle: float | None = None, method: str = "gaussian"
-) -> Surface:
-    """The surface with every electrical column that the eam points carry, interpolated, NaN where no value is near; lat on a circle where
-    its cycle (ms) is given."""
+def with_electrical(surface: Surface, points: Points, *, columns: Collection[str] = tuple(ELECTRICAL)) -> Surface:
+    """The surface with every one of these columns that the eam points carry, interpolated, NaN where no value is near."""
     fields = dict(surface.fields)
     for name, (xyz, values) in measured_values(points, columns).items():
-        circle = cycle if name == "lat" else None
         near = (project(xyz, surface).distance <= REACH).any()
-        fields[name] = (
-            to_surface(xyz, values, surface, method=method, cycle=circle).values if near else np.full(len(surface.vertices), np.nan)
-        )
+        fields[name] = to_surface(xyz, values, surface).values if near else np.full(len(surface.vertices), np.nan)
     return replace(surface, fields=fields)
 
 

@@ -37,6 +37,17 @@ class Careless(Nudge):
         return replace(super().__call__(case, start), warnings=("the map is not sure",))
 
 
+class Killed(Nudge):
+    """Is ended from outside where a case has few points, as by a system that is out of memory."""
+
+    name: ClassVar[str] = "killed"
+
+    def __call__(self, case: Case, start: Estimate) -> Estimate:
+        if len(case.points.of("eam")) < 40:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return super().__call__(case, start)
+
+
 class Slow(Stage):
     """Says that it has begun, and works for long."""
 
@@ -72,6 +83,13 @@ def test_a_mistake_of_ours_in_one_case_costs_no_other(tmp_path: Path, caplog: py
     assert caplog.messages == ["many: the map is not sure"]
     rows = list(csv.DictReader((tmp_path / "runs/cohort.csv").read_text().splitlines()))
     assert {row["case"]: row["warnings"] for row in rows} == {"few": "", "many": "the map is not sure"}
+
+
+def test_a_process_that_is_ended_from_outside_costs_no_other_case(tmp_path: Path) -> None:
+    outcomes = run_cohort(cases(tmp_path, one=60, few=30, two=60), Pipeline([Killed()], folds=0), tmp_path / "runs")
+    assert [outcome.case for outcome in outcomes] == ["one", "few", "two"]
+    assert [bool(outcome.rows) for outcome in outcomes] == [True, False, True]
+    assert "ended from outside" in str(outcomes[1].error)
 
 
 def test_a_table_of_another_batch_is_only_replaced_when_told(tmp_path: Path) -> None:

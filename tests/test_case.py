@@ -70,5 +70,5 @@ def test_surfaces_name_what_does_not_fit() -> None:
         other[3, 1] = wrong
         with pytest.raises(InputError, match=sentence):
             Surface(vertices, other)
-    with pytest.raises(InputError, match=f"field 'lat' has 3 values: there are {len(vertices)} vertices"):
+    with pytest.raises(InputError, match=rf"field 'lat' has shape \(3,\): there are {len(vertices)} vertices"):
         Surface(vertices, faces, {"lat": np.zeros(3)})

@@ -84,5 +84,5 @@ def test_a_fold_that_cannot_be_fitted_is_named() -> None:
 
 def test_there_are_no_more_folds_than_points() -> None:
     assert Pipeline([Nudge()], folds=12).run(ball_case(points=12)).scores["nudge"]["cross_validated"]["n"] == 12
-    with pytest.raises(InputError, match="folds = 13: case ball has 12 points of type eam: must be at most 12, or 0"):
+    with pytest.raises(InputError, match="folds = 13: 12 points of type eam are there: must be at most 12, or 0"):
         Pipeline([Nudge()], folds=13).run(ball_case(points=12))

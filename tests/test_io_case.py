@@ -101,7 +101,8 @@ def test_delimiters_aliases_and_comments(delimiter: str, tmp_path: Path) -> None
         ("x,y,z,sigma\n1,2,3,\n1,2,4,0\n", "line 3, column 'sigma': a noise level must be above 0, not 0"),
         ("x,y,z,type\n1,2,3,abblation\n", "line 2, column 'type': 'abblation' is no type of point: did you mean 'ablation'"),
         ("x,y,z\n1,2,1_0\n", "line 2, column 'z': '1_0' is not a number"),
-        ("x,y,z\n1,2,3\n# the end\n", "line 3 has 1 cells, the header has 3; comments belong above the header"),
+        ("x,y,z\n1,2,3\n# the end\n", "line 3 begins with #: comments belong above the header"),
+        ("name,x,y,z\nA,1,2,3\n#B,4,5,6\n", "line 3 begins with #: .* a name that begins so stands in quotes"),
         ("# space=scanner\nx,y,z\n1,2,3\n", "states space=scanner: must be one of LPS, RAS, unknown"),
         ("x,y,z,x\n1,2,3,4\n", "'x' is there twice"),
         ("x,y,z,\n1,2,3,4\n", "is empty"),
@@ -152,7 +153,7 @@ def test_case_in_2d_survives(tmp_path: Path) -> None:
 def test_declared_units_become_millimetres(units: str, factor: float, tmp_path: Path) -> None:
     write_case(tmp_path / "c", case())
     folder = tmp_path / "c"
-    (folder / "case.toml").write_text('frame = "LPS"\n')
+    (folder / "case.toml").write_text('frame = "unknown"\n')
     write_surface(folder / "prior.ply", cube(), units="unknown")
     write_surface(folder / "truth.ply", cube(), units="mm")  # a file that states its units is believed
     back = read_case(folder, units=units, frame="RAS")
@@ -180,6 +181,8 @@ def test_every_file_of_a_case_is_in_the_units_that_it_states(tmp_path: Path) -> 
 
 def test_units_that_contradict_the_case_or_its_files_are_refused(tmp_path: Path) -> None:
     write_case(tmp_path / "c", case())
+    with pytest.raises(InputError, match=r"case\.toml: states frame LPS, and --frame says RAS"):
+        read_case(tmp_path / "c", frame="RAS")
     with pytest.raises(InputError, match=r"case\.toml: states units mm, and --units says px"):
         read_case(tmp_path / "c", units="px")
     (tmp_path / "c/case.toml").unlink()
@@ -240,6 +243,8 @@ def test_numbers_of_unknown_columns_keep_their_value_or_stay_text(tmp_path: Path
     assert columns["id"].tolist() == ["12345678901234567", "12345678901234568"]
     assert columns["code"].tolist() == ["007", "1_0"]
     np.testing.assert_array_equal(columns["depth"], [0.5, np.nan])
+    (tmp_path / "p.csv").write_text("x,y,z,impedance\n1,2,3,095\n4,5,6,110\n")
+    np.testing.assert_array_equal(read_points(tmp_path / "p.csv").columns["impedance"], [95.0, 110.0])
 
 
 def test_undeclared_metres_are_asked_about(tmp_path: Path) -> None:
@@ -428,6 +433,23 @@ def test_an_old_folder_that_cannot_be_removed_does_not_spoil_the_new(
             (folder / "run.json").write_text(text)
     assert (tmp_path / "run/run.json").read_text() == "new"
     assert "holds what was replaced, and cannot be removed: Permission denied" in caplog.text
+
+
+def test_what_was_there_stays_where_the_new_folder_cannot_be_moved(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with staged_folder(tmp_path / "run") as folder:
+        (folder / "run.json").write_text("old")
+    replaced = os.replace
+
+    def only_the_old(source: Path, target: Path) -> None:
+        if (source / "run.json").read_text() == "new":
+            raise PermissionError(errno.EACCES, "Permission denied")
+        replaced(source, target)
+
+    monkeypatch.setattr("os.replace", only_the_old)
+    with pytest.raises(PermissionError), staged_folder(tmp_path / "run", force=True) as folder:
+        (folder / "run.json").write_text("new")
+    assert [path.name for path in tmp_path.iterdir()] == ["run"]
+    assert (tmp_path / "run/run.json").read_text() == "old"
 
 
 def test_a_link_is_followed_and_stays(tmp_path: Path) -> None:

@@ -497,7 +497,7 @@ def test_units_that_nobody_knows_are_asked_for_and_the_option_wins(tmp_path: Pat
 
 
 def test_tables_of_points_keep_columns_and_units(tmp_path: Path) -> None:
-    (tmp_path / "a.csv").write_text("# units=cm\nname,x,y,z,sigma,acq_id\n#1,1,2,3,.1,007\n#2,4,15,6,,12345678901234567\n")
+    (tmp_path / "a.csv").write_text('# units=cm\nname,x,y,z,sigma,acq_id\n"#1",1,2,3,.1,007\n"#2",4,15,6,,12345678901234567\n')
     convert(tmp_path / "a.csv", tmp_path / "b.csv", frame="LPS", to="RAS")
     table = read_points_table(tmp_path / "b.csv")
     assert dict(table.notes) == {"space": "RAS", "units": "mm"}

@@ -164,12 +164,17 @@ def test_voxels_behind_another_header_are_found(tmp_path: Path) -> None:
 def test_nrrd_units_become_millimetres_and_unknown_ones_are_refused(tmp_path: Path) -> None:
     head, _, data = saved(body(), tmp_path / "a.nrrd").read_bytes().partition(b"\n\n")
     known = read_surface_file(tmp_path / "a.nrrd").surface.vertices
-    for words, step, factor in (('"cm" "cm" "cm"', b"1", 10), ('"mm" "mm" "um"', b"1000", 1), ('"" "" ""', b"1", 1)):
+    for words, step, factor in (
+        ('"cm" "cm" "cm"', b"1", 10),
+        ('"mm" "mm" "um"', b"1000", 1),
+        ('"" "" "" ""', b"1", 1),
+        ("mm mm mm", b"1", 1),
+    ):
         stated = head.replace(b"(0,0,1)", b"(0,0,%b)" % step) + f"\nspace units: {words}\n\n".encode()
         (tmp_path / "b.nrrd").write_bytes(stated + data)
         np.testing.assert_allclose(read_surface_file(tmp_path / "b.nrrd").surface.vertices, known * factor, rtol=1e-6)
     (tmp_path / "b.nrrd").write_bytes(head + b'\nspace units: "mi" "mi" "mi"\n\n' + data)
-    with pytest.raises(InputError, match=r'space units "mi" "mi" "mi": must be three of mm, um'):
+    with pytest.raises(InputError, match=r'space units "mi" "mi" "mi": must be three of mm, millimeter'):
         read_surface_file(tmp_path / "b.nrrd")
     (tmp_path / "b.nrrd").write_bytes(head.replace(b"(0,0,1)", b"(0,0,1_0)") + b"\n\n" + data)
     with pytest.raises(InputError, match="space directions: value '1_0' is not a number"):

@@ -166,6 +166,24 @@ def test_a_zip_in_a_zip_is_found_whatever_lies_beside_it(beside: str, tmp_path: 
     assert len(read_study(tmp_path / "all.zip").points) == 4
 
 
+@pytest.mark.parametrize("beside", [b"damaged", None], ids=["damaged", "a copy of itself"])
+def test_a_zip_beside_the_study_is_left_alone(beside: bytes | None, tmp_path: Path) -> None:
+    whole = zipped(carto_folder(tmp_path / "s"), tmp_path / "a.zip")
+    copy = whole.read_bytes()
+    with zipfile.ZipFile(whole, "a") as file:
+        file.writestr("backup.zip", beside or copy)
+    assert len(read_study(whole).points) == 4
+
+
+def test_an_import_never_replaces_what_it_reads(tmp_path: Path) -> None:
+    (tmp_path / "case").mkdir()
+    (tmp_path / "case/case.toml").write_text("")
+    inside = zipped(carto_folder(tmp_path / "s"), tmp_path / "case/study.zip")
+    with pytest.raises(InputError, match=r"case: is or holds .*study\.zip, which is read"):
+        import_study(inside, None, tmp_path / "case", force=True)
+    assert inside.is_file()
+
+
 def test_names_are_found_with_accents_written_either_way_and_with_backslashes(tmp_path: Path) -> None:
     folder = carto_folder(tmp_path / "s")
     for path in folder.glob("1-Map*"):
@@ -381,6 +399,13 @@ def test_openep_points_and_reference(tmp_path: Path) -> None:
     np.testing.assert_array_equal(points.type, ["eam", "eam", "ablation", "ablation"])
     np.testing.assert_allclose(points.columns["lat"][:2], [5.0, -5.0])
     np.testing.assert_allclose(points.columns["bipolar"][:2], [0.1, 0.3])
+
+
+def test_one_openep_reference_counts_for_all_points(tmp_path: Path) -> None:
+    tree = openep_tree()
+    tree["electric"]["annotations"]["referenceAnnot"] = np.array([2000.0])
+    (tmp_path / "s.mat").write_bytes(openep.save(tree))
+    np.testing.assert_allclose(read_study(tmp_path / "s.mat").points.columns["lat"][:2], [5.0, -5.0])
 
 
 @pytest.mark.parametrize("where", ["electric.include", "electric.voltages.bipolar", "electric.annotations.mapAnnot", "surface.act_bip"])

@@ -63,6 +63,12 @@ def test_what_is_written_is_read_back(name: str, tmp_path: Path) -> None:
     assert (file.space, file.units) == (("LPS", "mm") if name in STATES_UNITS else ("unknown", "unknown"))
 
 
+def test_frame_and_units_in_a_header_are_read_in_any_case(tmp_path: Path) -> None:
+    path = written("ply", marker(), tmp_path, space="RAS", units="mm")
+    path.write_bytes(path.read_bytes().replace(b"SPACE=RAS", b"SPACE=ras").replace(b"UNITS=mm", b"UNITS=MM"))
+    assert (read_surface_file(path).space, read_surface_file(path).units) == ("RAS", "mm")
+
+
 @pytest.mark.parametrize("name", WITH_FIELDS)
 def test_fields_survive_with_their_missing_values(name: str, tmp_path: Path) -> None:
     fields = read_surface(written(name, marker(), tmp_path)).fields

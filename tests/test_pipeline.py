@@ -5,18 +5,21 @@ from __future__ import annotations
 import logging
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
 from numba import njit
 from tiny import SHIFT, Greedy, Nudge, Spy, ball_case, disc_case, sphere, tiny_stages  # noqa: F401  (a fixture)
 
-from o3dls.case import Case
+from o3dls.case import Case, Points
 from o3dls.errors import InputError, PipelineError
+from o3dls.export import Export
 from o3dls.geometry import Surface, similarity
 from o3dls.pipeline import Pipeline
 from o3dls.pipeline_file import pipeline_from, read_pipeline
+from o3dls.run import Run
+from o3dls.stage import Writer
 
 pytestmark = pytest.mark.usefixtures("tiny_stages")
 
@@ -126,6 +129,21 @@ def test_writers_that_would_overwrite_each_other_are_refused(tmp_path: Path, sec
     assert "export nudge ply: two writers would overwrite" in mistakes(tmp_path, EXPORTS + second)
 
 
+class Shot(Writer):
+    """Another package's writer: what tells two of them apart is theirs."""
+
+    name: ClassVar = "shot"
+    file: str = "front.png"
+
+    def __call__(self, run: Run, folder: Path) -> None: ...
+
+
+def test_writers_of_other_packages_differ_by_all_their_parameters() -> None:
+    assert len(Pipeline([Nudge()], writes=[Shot(), Shot(file="back.png")]).writes) == 2
+    with pytest.raises(PipelineError, match=r"shot front\.png: two writers would overwrite"):
+        Pipeline([Nudge()], writes=[Shot(), Shot()])
+
+
 @pytest.mark.parametrize("second", ['format = "stl"', 'estimate = "start"'])
 def test_a_setting_for_one_of_two_writers_is_refused(tmp_path: Path, second: str) -> None:
     assert len(read_pipeline(written(tmp_path, EXPORTS + second)).writes) == 2
@@ -224,6 +242,22 @@ def test_a_prior_in_another_unit_than_mm_is_told_from_points_that_are() -> None:
         Pipeline([Nudge()], folds=0).run(case)
 
 
+def test_a_place_that_was_mapped_densely_says_nothing_of_units() -> None:
+    case = ball_case(40)
+    xyz = case.points.of("eam").xyz
+    dense = xyz[0] + np.random.default_rng(3).normal(0.0, 0.5, (800, 3))
+    case = replace(case, points=Points(np.vstack([xyz, dense]), np.full(840, "eam")), prior_landmarks={}, init=similarity(np.eye(3), SHIFT))
+    assert not Pipeline([Nudge()], folds=0).refusals(case)
+
+
+def test_what_ends_a_run_before_any_work_is_found_by_check() -> None:
+    case = ball_case(30)
+    assert "folds = 40: 30 points of type eam are there" in Pipeline([Nudge()], folds=40).refusals(case)[0]
+    for spacing in (50.0, 0.01):
+        pipeline = Pipeline([Nudge()], folds=0, writes=[Export(format="phi_nrrd", spacing=spacing)])
+        assert f"export: spacing = {spacing:g}: a volume of" in pipeline.refusals(case)[0]
+
+
 def test_a_stray_point_is_named() -> None:
     case, wild = ball_case(), 7
     far = replace(case.points, xyz=case.points.xyz + 9e3 * (np.arange(len(case.points)) == wild)[:, None])
@@ -234,7 +268,7 @@ def test_a_stray_point_is_named() -> None:
 def test_points_in_one_place_are_refused() -> None:
     case = ball_case()
     same = replace(case.points, xyz=np.where(case.points.type[:, None] == "eam", SHIFT, case.points.xyz))
-    with pytest.raises(InputError, match="all 60 points of type eam lie in one place"):
+    with pytest.raises(InputError, match="points of type eam in 1 different places: at least 10 are needed"):
         Pipeline([Nudge()], folds=0).run(replace(case, points=same))
 
 
@@ -264,7 +298,7 @@ def test_points_far_away_are_no_mistake_where_a_stage_finds_the_pose() -> None:
 
 
 def test_too_few_points_are_refused() -> None:
-    with pytest.raises(InputError, match="9 points of type eam lie in 9 different places; at least 10"):
+    with pytest.raises(InputError, match="points of type eam in 9 different places: at least 10"):
         Pipeline([Nudge()], folds=0).run(ball_case(points=9))
 
 

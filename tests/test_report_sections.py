@@ -89,6 +89,7 @@ def test_runs_that_differ_in_one_number_give_a_curve(tmp_path: Path) -> None:
     names = [json.loads((folder / "run.json").read_text())["pipeline"] for folder in folders]
     assert swept(names) == ("nudge.share", [0.25, 1.0, 0.5])
     assert swept(names[:2]) is None
+    assert swept([{**names[0], "folds": folds} for folds in (0, 3, 5)]) is None  # which change no surface
     assert swept([{**names[0], "folds": 5}, *names[1:]]) is None
 
 
@@ -185,6 +186,12 @@ def test_sections_are_drawn_with_the_named_side_on_the_right(frame: str) -> None
         picture = Frame(-np.ones(2), np.ones(2), turned(frame, axis))
         assert picture.place(right)[0] > picture.place(-right)[0]
         assert picture.place(up)[1] < picture.place(-up)[1]
+
+
+@pytest.mark.parametrize("frame", ["unknown", "RAS"])
+def test_sections_name_a_side_where_the_frame_is_known(frame: str, tmp_path: Path) -> None:
+    page = write_report([finished(tmp_path / "run", replace(bulged_case(), frame=frame))]).read_text(encoding="utf-8")
+    assert ("(left on the right)" in page) == (frame == "RAS")
 
 
 def test_nothing_is_written_as_minus_zero() -> None:

@@ -199,13 +199,14 @@ def test_a_log_that_cannot_be_written_does_not_hide_the_failure(tmp_path: Path) 
         raise SolverError("at first")
 
 
-def test_distances_of_an_earlier_run_are_not_taken_for_this_one_s(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_columns_of_the_points_travel_to_the_run(tmp_path: Path) -> None:
     case = ball_case()
-    old = dict.fromkeys(("distance_icp_mm", "left_out_icp_mm", "depth_mm"), np.zeros(len(case.points)))
-    case = replace(case, points=replace(case.points, columns={**case.points.columns, **old}))
-    run = Pipeline([Nudge()], folds=0).run(case)
-    assert set(run.points.columns) == {"name", "depth_mm", "distance_start_mm", "distance_nudge_mm"}
-    assert "distance_icp_mm, left_out_icp_mm: of an earlier run" in caplog.text
+    own = dict.fromkeys(("distance_to_ostium_mm", "distance_nudge_mm"), np.full(len(case.points), -1.0))
+    case = replace(case, points=replace(case.points, columns={**case.points.columns, **own}))
+    columns = Pipeline([Nudge()], folds=0).run(case).points.columns
+    assert set(columns) == {"name", "distance_to_ostium_mm", "distance_start_mm", "distance_nudge_mm"}
+    assert (columns["distance_to_ostium_mm"] == -1.0).all()
+    assert (columns["distance_nudge_mm"] >= 0.0).all()  # of an earlier run no more
 
 
 def test_a_page_is_no_part_of_a_run_and_no_pdf(tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ import io
 import unicodedata
 import zipfile
 import zlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 
@@ -47,12 +47,15 @@ class Archive:
             raise InputError(f"{path}: is no readable zip: {error}; it is truncated or damaged") from None
         found = {info.filename.replace("\\", "/"): (file, info) for info in file.infolist()[:MOST_FILES]}
         found = {name: where for name, where in found.items() if not name.endswith("/") and not name.startswith("__MACOSX/")}
-        archive = cls(path, tuple(sorted(found)), found)
-        inner = archive.named(".zip")
-        if len(inner) != 1:
-            return archive
-        found |= {f"{inner[0]}/{name}": where for name, where in cls._zipped(path / inner[0], archive.read(inner[0])).zipped.items()}
         return cls(path, tuple(sorted(found)), found)
+
+    def unpacked(self) -> Iterator[Archive]:
+        """The archive with the files of the one zip in it, if it is zipped and holds just one. Raises InputError where that is damaged."""
+        inner = self.named(".zip")
+        if self.zipped and len(inner) == 1:
+            within = self._zipped(self.path / inner[0], self.read(inner[0])).zipped
+            found = {**self.zipped, **{f"{inner[0]}/{name}": where for name, where in within.items()}}
+            yield Archive(self.path, tuple(sorted(found)), found)
 
     def with_neighbours(self) -> Archive:
         """All that lies in the folder, where one file of it was named."""

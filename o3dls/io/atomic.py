@@ -118,7 +118,11 @@ def staged_folder(out: str | Path, force: bool = False) -> Iterator[Path]:
         if out.exists():
             old = _sibling(out)
             os.replace(out, old)
-            os.replace(staged, out)
+            try:
+                os.replace(staged, out)
+            except OSError:
+                os.replace(old, out)
+                raise
             _remove(old)
         else:
             os.replace(staged, out)

@@ -10,10 +10,9 @@ import numpy as np
 
 from ..case import Case, Points, Truth
 from ..errors import InputError
-from ..geometry import Array, Surface, is_pose
+from ..geometry import TURN, Array, Surface, apply, is_pose
 from .atomic import staged_folder
 from .case_settings import MILLIMETRES, Folder, open_folder, toml_lines
-from .markups import TURN
 from .mesh import read_surface_file, write_surface
 from .points import points_of, read_points_table, scaled, write_points
 from .repair import closed_outward
@@ -90,7 +89,8 @@ def _surface(folder: Folder, role: str) -> SurfaceFile | None:
 
 def _turned(xyz: Array, stated: str | None, space: str) -> Array:
     """Coordinates (n, d) of a file that states its frame, in the frame `space`; as they are where one of the two is not known."""
-    return xyz * TURN[: xyz.shape[1]] if {stated, space} == {"LPS", "RAS"} else xyz
+    d = xyz.shape[1]
+    return apply(TURN[: d + 1, : d + 1], xyz) if {stated, space} == {"LPS", "RAS"} else xyz
 
 
 def _framed(file: SurfaceFile, space: str) -> Surface:

@@ -85,9 +85,10 @@ def open_folder(path: Path, overrules: Mapping[str, str]) -> Folder:
             _check_setting(f"{toml}: {key}", key, value)
     for key, value in overrules.items():
         _check_setting(f"--{key}", key, value)
-    stated, given = folder.settings.get("units"), overrules.get("units")
-    if stated and given and stated != given:
-        raise InputError(f"{toml}: states units {stated}, and --units says {given}; leave --units away, or mend the file")
+    for key, given in overrules.items():
+        stated = folder.settings.get(key, "unknown")
+        if "unknown" not in (stated, given) and stated != given:
+            raise InputError(f"{toml}: states {key} {stated}, and --{key} says {given}; leave --{key} away, or mend the file")
     folder.settings |= overrules
     return folder
 

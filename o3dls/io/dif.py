@@ -12,10 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError, did_you_mean
-from ..geometry import Array, Surface
+from ..geometry import TURN, Array, Surface
 from .surface_file import SurfaceFile
 from .text import flat_numbers, join_rows
-from .transforms import TURN
 
 LIMITS = {"vertices": 100_000, "triangles": 200_000}  # of the importing system, as MUSIC's authors found in 2016
 UNSAMPLED = 2

@@ -13,12 +13,11 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
-from ..geometry import Array
+from ..geometry import TURN, Array, apply
 from .atomic import staged_file
 from .text import check_numbers, decode, read_bytes
 
 SCHEMA = "https://raw.githubusercontent.com/slicer/slicer/master/Modules/Loadable/Markups/Resources/Schema/markups-schema-v1.0.3.json#"
-TURN = np.array([-1.0, -1.0, 1.0])  # LPS to RAS and back
 MILLIMETRES = {"mm": 1.0, "um": 0.001, "cm": 10.0, "m": 1000.0}
 OLD_FRAMES = {"0": "RAS", "1": "LPS", "RAS": "RAS", "LPS": "LPS"}
 
@@ -37,7 +36,7 @@ class Markups:
             return self
         if {self.space, space} != {"LPS", "RAS"}:
             raise InputError(f"markups are in frame '{self.space}': cannot be brought to '{space}'")
-        return Markups(self.names, self.xyz * TURN, space)
+        return Markups(self.names, apply(TURN, self.xyz), space)
 
 
 def read_markups(path: str | Path) -> Markups:

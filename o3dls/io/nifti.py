@@ -8,12 +8,11 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import InputError
-from ..geometry import Array
+from ..geometry import TURN, Array
 from .voxels import LARGEST, Image, count, inflate, shaped
 
 TYPES = {2: "u1", 4: "i2", 8: "i4", 16: "f4", 64: "f8", 256: "i1", 512: "u2", 768: "u4", 1024: "i8", 1280: "u8"}
 UNITS = {0: 1.0, 1: 1000.0, 2: 1.0, 3: 0.001}
-RAS_TO_LPS = np.diag([-1.0, -1.0, 1.0, 1.0])
 
 
 def knows(data: bytes) -> bool:
@@ -48,7 +47,7 @@ def read_nifti(path: Path, data: bytes) -> Image:
     if np.isfinite([slope, shift]).all() and slope != 0 and (slope, shift) != (1.0, 0.0):
         values = values * slope + shift
     factor = UNITS.get(header[123] & 7, 1.0)
-    return Image(values, RAS_TO_LPS @ np.diag([factor, factor, factor, 1.0]) @ _affine(path, header, order))
+    return Image(values, TURN @ np.diag([factor, factor, factor, 1.0]) @ _affine(path, header, order))
 
 
 def _affine(path: Path, header: bytes, order: str) -> Array:

@@ -29,7 +29,8 @@ TYPES = {
 }
 SPACES = {"left-posterior-superior": (1, 1), "lps": (1, 1), "right-anterior-superior": (-1, -1), "ras": (-1, -1),
           "left-anterior-superior": (1, -1), "las": (1, -1)}  # fmt: skip
-UNITS = {"": 1.0, "mm": 1.0, "um": 0.001, "µm": 0.001, "cm": 10.0, "m": 1000.0}  # the empty word says nothing, as no line does
+UNITS = {"mm": 1.0, "millimeter": 1.0, "millimetre": 1.0, "um": 0.001, "µm": 0.001, "cm": 10.0, "m": 1000.0}
+UNITS[""] = 1.0  # says nothing, as no line does
 VECTOR = r"\(([^)]*)\)|\bnone\b"
 
 
@@ -83,10 +84,10 @@ def _place(path: Path, header: Mapping[str, str], axes: int) -> tuple[Array, str
 def _millimetres(path: Path, header: Mapping[str, str]) -> Array:
     """Factors to mm along the axes of space. Raises InputError for units that are not known."""
     stated = header.get("space units", '"mm" "mm" "mm"')
-    words = re.findall(r'"([^"]*)"', stated)
-    if len(words) != 3 or not set(words) <= UNITS.keys():
+    words = [quoted or bare for quoted, bare in re.findall(r'"([^"]*)"|([^\s"]+)', stated)]
+    if len(words) < 3 or any(words[3:]) or not set(words[:3]) <= UNITS.keys():
         raise InputError(f"{path}: NRRD space units {stated[:60]}: must be three of {', '.join(filter(None, UNITS))}, each in quotes")
-    return np.array([UNITS[word] for word in words])
+    return np.array([UNITS[word] for word in words[:3]])
 
 
 def _values(path: Path, header: Mapping[str, str], body: bytes, sizes: list[int]) -> NDArray[Any]:

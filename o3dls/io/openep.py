@@ -73,10 +73,12 @@ def _values(path: Path, tree: Mapping[str, Any], n: int) -> list[tuple[str, Arra
 
 
 def _rows(path: Path, tree: Mapping[str, Any], where: str, n: int, width: int | None = None) -> Array | None:
-    """Numbers at `a.b.c`, one row for each of n positions, NaN where one is not finite; None where there are none. Raises InputError."""
+    """Numbers at `a.b.c`, NaN where one is not finite: a row for each of n positions (or one for all); None without. Raises InputError."""
     values = mat.numbers(path, tree, where, width)
     if values is None:
         return None
+    if len(values) == 1:  # one for all
+        values = np.repeat(values, n, axis=0)
     if len(values) != n:
         raise InputError(f"{path}: {where} has {len(values)} rows: must be {n}, one for each position")
     return np.where(np.isfinite(values), values, np.nan)

@@ -12,7 +12,7 @@ from ..case import POINT_TYPES, Points
 from ..errors import InputError, did_you_mean
 from .table import Table, read_table, write_table
 
-NUMBERS = ("bipolar", "unipolar", "lat", "force", "sigma")
+NUMBERS = ("bipolar", "unipolar", "lat", "impedance", "force", "sigma")
 ALIASES = {"kind": "type", "label": "name", "bip_mv": "bipolar", "uni_mv": "unipolar", "lat_ms": "lat", "force_g": "force"}
 NO_FORCE = -100.0  # grams: sensors drift by a few, and CARTO writes -10000 for a value that is not there
 NAMES = {name: name for name in ("x", "y", "z", "type", "name", *NUMBERS)} | ALIASES

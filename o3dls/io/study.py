@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ from ..errors import InputError
 from ..geometry import Array
 from . import carto_study, dif, ensite, mat, openep
 from .archive import Archive
-from .atomic import staged_folder
+from .atomic import check_free, staged_folder
 from .case_settings import MILLIMETRES, toml_lines
 from .markups import Markups, read_markups
 from .mesh import read_surface_file, write_surface
@@ -55,6 +56,7 @@ def import_study(
     given = [name for name, value in choice.items() if value is not None and value is not False]
     if prior is None and given:
         raise InputError(f"{', '.join(given)}: means nothing without a prior; name it with --prior")
+    check_free(out, force, "case", [Path(path) for path in (study, prior, landmarks) if path is not None])
     found = read_study(study, map_name)
     with staged_folder(out, force) as folder:
         _write_map(folder, found)
@@ -75,15 +77,21 @@ def import_study(
 def read_study(study: str | Path, map_name: str | None = None) -> Imported:
     """One map of a study, told by content. Raises InputError listing the maps where the name does not fit."""
     archive = Archive.open(study)
+    for files in chain([archive], archive.unpacked()):
+        if (found := _found(files, map_name)) is not None:
+            return found
+    raise InputError(f"{study}: holds no CARTO 3 study (.xml), no EnSite map (.csv) and no OpenEP data set (.mat)")
+
+
+def _found(archive: Archive, map_name: str | None) -> Imported | None:
+    """The map of an archive; None where it holds no study."""
     if (carto := carto_study.find_study(archive)) is not None:
         return _from_carto(carto, map_name)
     maps = [name for name in archive.named(".csv") if ensite.knows(archive.read(name)) and b"roving x" in archive.read(name)]
     if maps:
         return _from_ensite(archive, maps, map_name)
     files = [name for name in archive.named(".mat") if mat.knows(archive.read(name)[:1024])]
-    if files:
-        return _from_openep(archive, files, map_name)
-    raise InputError(f"{study}: holds no CARTO 3 study (.xml), no EnSite map (.csv) and no OpenEP data set (.mat)")
+    return _from_openep(archive, files, map_name) if files else None
 
 
 def _from_carto(study: carto_study.Study, map_name: str | None) -> Imported:

@@ -40,7 +40,8 @@ class SurfaceFile:
         Raises InputError naming the file and the row where a vertex, an index or a triangle cannot be.
         """
         notes = dict(re.findall(r"\b(SPACE|UNITS)=(\w+)", header))
-        space, units = space or notes.get("SPACE"), units or notes.get("UNITS")
+        space, units = space or notes.get("SPACE", "unknown"), units or notes.get("UNITS", "unknown").lower()
+        spaces = {known.lower(): known for known in SPACES}
         if len(vertices) == 0 or len(faces) == 0:
             raise InputError(f"{path}: holds {len(vertices)} vertices and {len(faces)} triangles; a surface needs both")
         bad = np.flatnonzero(~np.isfinite(vertices).all(axis=1))
@@ -48,7 +49,7 @@ class SurfaceFile:
             raise InputError(f"{path}: vertex {bad[0]} is not finite: {vertices[bad[0]]}; {len(bad)} such vertices")
         check_faces(path, faces, len(vertices))
         surface = Surface(vertices, faces[~collapsed(faces)].astype(np.int64), fields or {})
-        return cls(surface, space if space in SPACES else "unknown", units or "unknown", metadata or {})
+        return cls(surface, spaces.get(space.lower(), "unknown"), units, metadata or {})
 
 
 def check_faces(path: Path, faces: Array | Ints, n: int) -> None:

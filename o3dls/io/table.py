@@ -48,7 +48,7 @@ class Table:
             value = number(cell)
         except ValueError:
             hint = "has a decimal comma; write a decimal point" if re.fullmatch(r"[-+]?\d*,\d+", cell) else "is not a number"
-            hint += "; comments belong above the header" if cell.startswith("#") else ""
+            hint += "; comments belong above the header" if "#" in cell else ""
             raise InputError(f"{self.where(row, name)}: '{cell}' {hint}") from None
         if not np.isfinite(value):
             raise InputError(f"{self.where(row, name)}: '{cell}' is not finite; every number must be")
@@ -77,7 +77,7 @@ def read_table(path: str | Path, required: Iterable[str], aliases: Mapping[str, 
     text = decode(read_bytes(path), path)
     lines = [(at, line) for at, line in enumerate(text.splitlines(), 1) if line.strip()]
     top = next((k for k, (_, line) in enumerate(lines) if not line.lstrip().startswith("#")), len(lines))
-    body = lines[top:]  # from the header on, a line that begins with # is a row: names may begin so
+    body = lines[top:]
     if not body:
         raise InputError(f"{path}: has no header line: must name the columns {', '.join(required)}")
     delimiter = next((d for d in ";\t" if d in body[0][1]), ",")
@@ -85,10 +85,11 @@ def read_table(path: str | Path, required: Iterable[str], aliases: Mapping[str, 
     if len(cells) != len(body):
         raise InputError(f"{path}: a quoted cell runs over several lines; close the quotes on each line")
     header = _header(cells[0], path, body[0][0], required, aliases or {})
-    for (at, _), row in zip(body[1:], cells[1:], strict=True):
+    for (at, line), row in zip(body[1:], cells[1:], strict=True):
+        if line.lstrip().startswith("#"):
+            raise InputError(f"{path}: line {at} begins with #: comments belong above the header; a name that begins so stands in quotes")
         if len(row) != len(header):
             hint = "; decimal commas? write decimal points" if delimiter == "," and len(row) > len(header) else ""
-            hint = "; comments belong above the header" if row[0].startswith("#") else hint
             raise InputError(f"{path}: line {at} has {len(row)} cells, the header has {len(header)}{hint}")
     columns = {name: [row[k] for row in cells[1:]] for k, name in enumerate(header)}
     return Table(path, columns, [at for at, _ in body[1:]], _notes(path, [line for _, line in lines[:top]]))
@@ -121,10 +122,15 @@ def write_table(path: str | Path, columns: Mapping[str, NDArray[Any]], notes: Ma
     with staged_file(path) as staged, staged.open("w", newline="", encoding="utf-8") as file:
         if notes:
             file.write("# " + " ".join(f"{key}={value}" for key, value in notes.items()) + "\n")
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(columns)
+        file.write(_line(columns))
         cells = ([_cell(v, f"{path}: column '{name}'") for v in values.tolist()] for name, values in columns.items())
-        writer.writerows(zip(*cells, strict=True))
+        file.writelines(_line(row) for row in zip(*cells, strict=True))
+
+
+def _line(cells: Iterable[str]) -> str:
+    """Cells as one line of CSV; in quotes where a comma, a quote or a # at the beginning, as of a comment, would be misread."""
+    line = ",".join('"' + c.replace('"', '""') + '"' if c[:1] == "#" or "," in c or '"' in c else c for c in cells)
+    return (line or '""') + "\n"  # an empty line would be no row
 
 
 def _cell(value: Any, where: str) -> str:

@@ -8,12 +8,11 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import InputError
-from ..geometry import Array, similarity
+from ..geometry import TURN, Array, similarity
 from .atomic import staged_file
 from .surface_file import NOTICE
 from .text import decode, number_rows, read_bytes
 
-TURN = np.diag([-1.0, -1.0, 1.0, 1.0])  # LPS to RAS and back
 LARGEST = 1e9  # mm; also keeps products finite
 ITK_HEAD = "#Insight Transform File V1.0"
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from ..geometry import Array
+from ..geometry import TURN, Array
 from .atomic import staged_file
 from .surface_file import NOTICE
 
@@ -62,7 +62,7 @@ def _nifti(path: Path, data: NDArray[Any], spacing: float, origin: Array, space:
     """NIfTI-1 with an sform in scanner coordinates, which are RAS."""
     if space not in ("LPS", "RAS"):
         raise InputError(f"{path}: NIfTI is RAS by definition and the frame is '{space}'; state LPS or RAS, or write .nrrd")
-    turn = np.array([-1.0, -1.0, 1.0]) if space == "LPS" else np.ones(3)
+    turn = TURN.diagonal()[:3] if space == "LPS" else np.ones(3)
     affine = np.column_stack([np.diag(turn * spacing), turn * origin])
     code, bits = NIFTI_TYPES[data.dtype.str[1:]]
     header = np.zeros(1, dtype=NIFTI)

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from ..case import Points
 from ..geometry import Surface
-from ..transfer import ELECTRICAL, REACH
+from ..transfer import ELECTRICAL
 from ..transfer import with_electrical as carried
-
-FAR = REACH  # beyond it a point says nothing about the wall: there only the prior speaks, and no value is carried
 
 
 def with_electrical(surface: Surface, points: Points) -> Surface:

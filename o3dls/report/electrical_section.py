@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry import Array, Surface
-from ..transfer import ELECTRICAL, WIDTH, measured_values
-from .electrical import FAR, with_electrical
+from ..transfer import ELECTRICAL, REACH, WIDTH, measured_values
+from .electrical import with_electrical
 from .markup import Child, join, table, tag
 from .section import Section
 from .subject import Subject
@@ -24,8 +24,8 @@ def electrical_section(subject: Subject) -> Section | None:
     rows = [_row(surface, name, *found) for name, found in values.items()]
     head: list[Child] = ["measured", "unit", "points", "median", "5 % to 95 %", "median carry, mm", "longest carry, mm", "wall reached"]
     said = (
-        f"A vertex takes the mean of the values measured near it, by a Gaussian of {WIDTH:g} mm; farther than {FAR:g} mm from all of them "
-        "the wall stays without a value."
+        f"A vertex takes the mean of the values measured near it, by a Gaussian of {WIDTH:g} mm; farther than {REACH:g} mm from all of "
+        "them the wall stays without a value."
     )
     return Section(
         "electrical", "Electrical map", join(table(head, rows), _low_voltage(surface, subject.last.name), tag("p", said, class_="soft"))

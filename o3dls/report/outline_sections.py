@@ -22,7 +22,8 @@ def slice_section(subject: Subject) -> Section | None:
     if subject.case.dimension == 2:
         return None
     low, high = (pick(axis=0) for pick in (subject.last.estimate.surface.vertices.min, subject.last.estimate.surface.vertices.max))
-    pictures = [_slice(subject, f"{name}, {'xyz'[axis]} = {round(level)} {subject.unit} ({side} on the right)", axis, level)
+    side_of = " ({} on the right)".format if subject.case.frame != "unknown" else lambda side: ""
+    pictures = [_slice(subject, f"{name}, {'xyz'[axis]} = {round(level)} {subject.unit}{side_of(side)}", axis, level)
                 for axis, ((name, side), level) in enumerate(zip(PLANES.items(), (low + high) / 2, strict=True))]  # fmt: skip
     note = tag("p", f"Dots: eam points within {BESIDE:g} {subject.unit} of the plane.", class_="soft")
     return Section("slices", "Cross-sections", join(grouped(*pictures), _legend(subject), note))

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from ..geometry import Array, Surface
+from ..transfer import REACH
 from .charts import STYLES
 from .display import MOST_FACES, decimated
-from .electrical import FAR
 from .fields import MAPS, Field, colour_table, known_fields, point_field
 from .subject import Subject
 
@@ -37,7 +37,7 @@ def scene(subject: Subject) -> Json:
     return {
         "file": re.sub(r"[^\w.-]+", "_", subject.case.name)[:80] or "case",
         "units": subject.unit,
-        "far": FAR,
+        "far": REACH,
         "remoteness": _remoteness(subject),
         "box": {"low": low.tolist(), "size": size.tolist()},
         "centre": centre.tolist(),

@@ -16,8 +16,8 @@ from ..errors import InputError, did_you_mean
 from ..estimate import Estimate
 from ..geometry import Array, Surface
 from ..run import Run
+from ..transfer import REACH
 from .display import displayed
-from .electrical import FAR
 
 MOST_SHOWN = 4
 BASELINE = "icp"  # estimates whose name begins so are what a result is compared with
@@ -149,12 +149,12 @@ class Subject:
 
     @cached_property
     def unmapped(self) -> float | None:
-        """Share of the last surface's area that is farther than FAR from every fitted point."""
+        """Share of the last surface's area that is farther than REACH from every fitted point."""
         surface = self.last.estimate.surface
         gap = surface.fields.get(f"distance_to_nearest_point_{self.unit}")
         if gap is None or surface.dimension == 2:
             return None
-        far = (gap > FAR)[surface.faces].mean(axis=1)
+        far = (gap > REACH)[surface.faces].mean(axis=1)
         return float((far * surface.face_areas).sum() / surface.area)
 
 

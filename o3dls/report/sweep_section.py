@@ -34,11 +34,11 @@ def sweep_section(subject: Subject) -> Section | None:
 
 
 def swept(pipelines: Sequence[Mapping[str, Any]]) -> tuple[str, list[float]] | None:
-    """Name and values of the one parameter in which pipelines differ; None where it is not one, or no number."""
+    """Name and values of the one parameter of a stage in which pipelines differ; None where it is not one, or no number."""
     flat = [_flat(pipeline) for pipeline in pipelines]
     keys = dict.fromkeys(key for one in flat for key in one)
     differing = [key for key in keys if len({repr(one.get(key)) for one in flat}) > 1]
-    values = [one.get(differing[0]) for one in flat] if len(differing) == 1 else []
+    values = [one.get(differing[0]) for one in flat] if len(differing) == 1 and "." in differing[0] else []
     numbers = [float(value) for value in values if isinstance(value, int | float) and not isinstance(value, bool)]
     return (differing[0], numbers) if len(numbers) >= FEWEST and len(set(numbers)) == len(pipelines) else None
 

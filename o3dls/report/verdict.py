@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from .electrical import FAR
+from ..transfer import REACH
 from .markup import signed
 from .statistics import Difference, paired_difference
 from .subject import Result, Subject
@@ -23,7 +23,7 @@ def verdict(subject: Subject) -> str:
     """One sentence: which is closer to unseen data, by how much, how sure, and how much of the surface has no data."""
     parts = [_comparison(subject) or _alone(subject)]
     if subject.unmapped is not None:
-        parts.append(_unmapped(subject.unmapped, f"{FAR:g} {subject.unit}"))
+        parts.append(_unmapped(subject.unmapped, f"{REACH:g} {subject.unit}"))
     return " ".join(parts)
 
 

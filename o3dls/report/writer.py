@@ -30,6 +30,9 @@ class Report(Writer):
     def refers_to(self) -> tuple[str, ...]:
         return self.compare
 
+    def target(self, final: str) -> tuple[str, ...]:
+        return (self.name,)
+
     def __call__(self, run: Run, folder: Path) -> None:
         write_report([folder], folder / REPORT, compare=self.compare, slides=self.slides)
 
