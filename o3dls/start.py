@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from .case import FITTED_TYPES, Case
 from .estimate import Estimate
@@ -21,7 +20,6 @@ ATRIUM = 100.0  # mm across: in the right units points and prior are like it
 POINTS_IN = "if the points are in {0}, put the line '# units={0}' above the header of their file"
 PRIOR_IN = "if the prior is in {0}, write it in mm: o3dls convert PRIOR OUT --units {0}"
 FLATTEST = 1e-3  # mean thickness relative to the diagonal: .15 is an atrium
-CRUMB = 0.01  # area of a piece over that of the largest: no vein, appendage or chamber is smaller
 FARTHEST = 0.5  # median distance of the points from the prior after the start pose, relative to its diagonal
 
 
@@ -67,7 +65,7 @@ def doubts(case: Case, start: Estimate) -> list[str]:
 def unseen_pieces(case: Case, T_map_prior: Array) -> list[str]:
     """A sentence for each piece of the prior, but for crumbs, that is nearest to no point: nothing tells where it lies."""
     from .levelset.closest import ClosestPoint
-    from .levelset.operators import piece_areas
+    from .levelset.operators import CRUMB, piece_areas
 
     prior, points = case.prior, case.points.of(*FITTED_TYPES).xyz
     piece, areas = piece_areas(prior)
@@ -134,6 +132,8 @@ def _stray(case: Case, points: Array) -> str:
 
 
 def _far(case: Case, start: Estimate, points: Array) -> str:
+    from scipy.spatial import cKDTree
+
     gap = float(np.median(cKDTree(start.surface.vertices).query(points)[0]))  # near enough to the wall, without compiled loops
     size, unit = case.prior.diagonal, case.units
     if gap <= FARTHEST * size:

@@ -29,7 +29,7 @@ ELECTRICAL = {"bipolar": "mV", "unipolar": "mV", "lat": "ms", "force": "g", "imp
 
 
 @dataclass(frozen=True, eq=False)
-class Wall:
+class Projection:
     """Where points (k, d) meet a surface: distance (k,), face (k,), foot (k, d) and barycentric weights (k, d) in it."""
 
     distance: Array
@@ -48,10 +48,10 @@ class Carried:
     sd: Array | None = None
 
 
-def project(xyz: Array, surface: Surface) -> Wall:
+def project(xyz: Array, surface: Surface) -> Projection:
     """The closest points of a surface to points (k, d)."""
     squared, face, foot, weights = ClosestPoint(surface.vertices, surface.faces).query(np.asarray(xyz, dtype=np.float64))
-    return Wall(np.sqrt(squared), face, foot, weights)
+    return Projection(np.sqrt(squared), face, foot, weights)
 
 
 def to_surface(
@@ -76,7 +76,7 @@ def to_surface(
     used = np.isfinite(values) & (wall.distance <= reach)
     if not used.any():
         raise InputError(f"none of {len(values)} points has a value and lies within {reach:g} mm of the surface")
-    near = Wall(wall.distance[used], wall.face[used], wall.foot[used], wall.weights[used])
+    near = Projection(wall.distance[used], wall.face[used], wall.foot[used], wall.weights[used])
     distance = _nearest_distance(near.foot, surface.vertices)
     known = distance <= reach
     interpolate = METHODS[method]
@@ -94,7 +94,7 @@ def _nearest_distance(data: Array, places: Array) -> Array:
 
 
 def _on_circle(
-    interpolate: Interpolator, wall: Wall, values: Array, surface: Surface, width: float, cycle: float
+    interpolate: Interpolator, wall: Projection, values: Array, surface: Surface, width: float, cycle: float
 ) -> tuple[Array, Array | None]:
     """Interpolate the point on the unit circle that each time is, then read the angle: early meets late without a step between."""
     angle = 2 * np.pi * values / cycle
@@ -110,13 +110,13 @@ def _on_circle(
     return times, np.minimum(across / length, np.pi / np.sqrt(3)) * cycle / (2 * np.pi)  # never more than of a uniform angle
 
 
-def _nearest(wall: Wall, values: Array, surface: Surface, width: float) -> tuple[Array, Array | None]:
+def _nearest(wall: Projection, values: Array, surface: Surface, width: float) -> tuple[Array, Array | None]:
     from scipy.spatial import cKDTree
 
     return values[cKDTree(wall.foot).query(surface.vertices)[1]], None
 
 
-def _gaussian(wall: Wall, values: Array, surface: Surface, width: float) -> tuple[Array, Array | None]:
+def _gaussian(wall: Projection, values: Array, surface: Surface, width: float) -> tuple[Array, Array | None]:
     """Weighted mean of the nearest data; a vertex beyond all weights takes the very nearest."""
     from scipy.spatial import cKDTree
 
@@ -126,7 +126,7 @@ def _gaussian(wall: Wall, values: Array, surface: Surface, width: float) -> tupl
     return (weights * values[row]).sum(axis=1) / weights.sum(axis=1), None
 
 
-def _harmonic(wall: Wall, values: Array, surface: Surface, width: float) -> tuple[Array, Array | None]:
+def _harmonic(wall: Projection, values: Array, surface: Surface, width: float) -> tuple[Array, Array | None]:
     """Least Dirichlet energy, the data held by springs; `width` is the distance over which one datum yields to its neighbours."""
     from scipy.sparse import coo_array, diags_array
     from scipy.sparse.linalg import spsolve
@@ -158,7 +158,7 @@ def stiffness(surface: Surface) -> csr_array:
     return coo_array((local.ravel(), (rows.ravel(), columns.ravel())), shape=(n, n)).tocsr()
 
 
-def _process(wall: Wall, values: Array, surface: Surface, width: float) -> tuple[Array, Array | None]:
+def _process(wall: Projection, values: Array, surface: Surface, width: float) -> tuple[Array, Array | None]:
     """Gaussian process of Matern 3/2 covariance; length and noise are the likeliest of a grid, which makes `width` superfluous."""
     from scipy.linalg import solve_triangular
     from scipy.spatial.distance import cdist
@@ -194,7 +194,7 @@ def _minus_log_likelihood(between: Array, y: Array, length: float, noise: float)
     return float(np.log(np.diag(lower)).sum() + 0.5 * (solve_triangular(lower, y, lower=True) ** 2).sum())
 
 
-Interpolator = Callable[[Wall, Array, Surface, float], tuple[Array, Array | None]]
+Interpolator = Callable[[Projection, Array, Surface, float], tuple[Array, Array | None]]
 METHODS: Mapping[str, Interpolator] = {"nearest": _nearest, "gaussian": _gaussian, "harmonic": _harmonic, "process": _process}
 
 

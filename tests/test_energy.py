@@ -10,7 +10,7 @@ from shapes import circle, meshed, round_distance
 
 from o3dls.geometry import Array
 from o3dls.levelset.distance import signed_distance
-from o3dls.levelset.energy import Likelihood, Roughness, matern
+from o3dls.levelset.energy import Likelihood, MaternPrior, matern
 
 STEP = 1e-5
 
@@ -20,10 +20,10 @@ def likelihood(one_sided: bool = False) -> Likelihood:
     return Likelihood(sigma, 0.08, 25.0, np.full(6, one_sided))
 
 
-def roughness(dimension: int, length: float = 8.0) -> Roughness:
+def roughness(dimension: int, length: float = 8.0) -> MaternPrior:
     surface = meshed(round_distance(12.0), 14.0, 1.0, 3) if dimension == 3 else circle(12.0, 300)
     band = signed_distance(surface.vertices, surface.faces, length / 4.0, length / 2.0).band
-    return Roughness.on(band, length, 0.7)
+    return MaternPrior.on(band, length, 0.7)
 
 
 @pytest.mark.parametrize("one_sided", [False, True])

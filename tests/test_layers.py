@@ -15,7 +15,7 @@ LAYERS = {
     "errors": 0, "geometry": 0,
     "levelset": 1, "registration": 1,
     "case": 2, "estimate": 2, "places": 2, "io": 2,
-    "voxelize": 3, "extract": 3, "evaluate": 3, "validity": 3, "transfer": 3, "open3d_steps": 3, "conversion": 3,
+    "extract": 3, "evaluate": 3, "validity": 3, "transfer": 3, "open3d_steps": 3, "conversion": 3,
     "parameters": 4, "stage": 4, "stages": 4, "catalogue": 4,
     "start": 5, "crossval": 5, "pipeline": 5, "pipeline_file": 5, "run": 5, "run_folder": 5, "surface_fields": 5, "tables": 5, "workers": 5,
     "report": 6, "export": 6, "view": 6, "live": 6, "batch": 6, "open3d_api": 6, "paper": 6, "doctor": 6, "resources": 0,

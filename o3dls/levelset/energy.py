@@ -70,7 +70,7 @@ class Likelihood:
 
 
 @dataclass(frozen=True, eq=False)
-class Roughness:
+class MaternPrior:
     """Prior of a field f on the nodes of a band: 1/2 a^-2 |(kappa^2 - Laplacian) f|^2, of unit variance for a = 1.
 
     band reaches `width` to both sides of the surface; `length`: distance at which the field's correlation has fallen to about 0.13.
@@ -82,7 +82,7 @@ class Roughness:
     operator: sparse.csr_matrix
 
     @classmethod
-    def on(cls, band: Band, length: float, amplitude: float) -> Roughness:
+    def on(cls, band: Band, length: float, amplitude: float) -> MaternPrior:
         """The prior on a band, scaled so that a field on the surface has standard deviation `amplitude`."""
         surface_dimension = band.dimension - 1
         order = 2.0 - 0.5 * surface_dimension  # smoothness nu of the Matern family: 1 on a surface, 3/2 on a curve
@@ -102,7 +102,7 @@ class Roughness:
 
 
 def matern(distance: Array, length: float, dimension: int) -> Array:
-    """Correlation of the `Roughness` field at a distance, on a flat surface in `dimension` dimensions."""
+    """Correlation of the `MaternPrior` field at a distance, on a flat surface in `dimension` dimensions."""
     if dimension == 2:
         s = np.sqrt(12.0) * distance / length
         return np.asarray((1.0 + s) * np.exp(-s))

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from ..geometry import Array
+from ..registration.robust import spread
 from .energy import Likelihood
 from .outliers import CROWD, say
 from .wall import Wall
@@ -55,8 +56,7 @@ def observe(wall: Wall, points: Array, one_sided: NDArray[np.bool_], relative: A
     the distances.
     """
     distance, corners, weights = wall.look(points)
-    spread = float(np.median(np.abs(distance[~one_sided]))) / 0.6745 if noise.sigma is None else noise.sigma
-    sigma = relative * max(spread, EXACT * wall.radius)
+    sigma = relative * max(spread(distance[~one_sided]) if noise.sigma is None else noise.sigma, EXACT * wall.radius)
     share = float(np.clip(noise.share, *SHARES)) if noise.share > 0.0 else 0.0
     likelihood = Likelihood(sigma, share, wall.radius, one_sided)
     bend = np.einsum("nc,nc->n", weights, wall.curvature[corners])

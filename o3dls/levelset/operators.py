@@ -14,6 +14,8 @@ from . import kernels
 from .distance import SignedDistance, signed_distance
 from .grid import Band
 
+CRUMB = 0.01  # area of a piece over that of the largest: no vein, appendage or chamber is so small
+
 
 def gradient(band: Band, phi: Array) -> Array:
     """Central differences (n, d); one-sided where the band ends."""
@@ -159,6 +161,13 @@ def pieces(count: int, faces: Ints) -> Ints:
     ends = np.roll(faces, -1, axis=1)
     links = sparse.csr_matrix((np.ones(faces.size), (faces.ravel(), ends.ravel())), shape=(count, count))
     return np.asarray(connected_components(links, directed=False)[1], dtype=np.int64)
+
+
+def topology(vertices: Array, faces: Ints) -> tuple[int, int]:
+    """Pieces and Euler number of a closed surface (2 per piece without handles in 3D, 0 in 2D)."""
+    used, renumbered = used_by(len(vertices), faces)
+    count, n = int(pieces(int(used.sum()), renumbered).max(initial=-1)) + 1, int(used.sum())
+    return count, n - (len(faces) // 2 if faces.shape[1] == 3 else len(faces))  # a triangle has half of three edges
 
 
 def piece_areas(surface: Surface) -> tuple[Ints, Array]:

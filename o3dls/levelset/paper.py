@@ -26,8 +26,8 @@ from ..errors import SolverError
 from ..geometry import Array, Surface
 from .distance import SignedDistance, signed_distance
 from .grid import Band
-from .operators import delta, gradient, heaviside, mean_curvature, reinitialise, zero_set
-from .reach import Reached, topology
+from .operators import delta, gradient, heaviside, mean_curvature, reinitialise, topology, zero_set
+from .reach import Reached
 
 REACH = 2.0  # half width of the regularised delta and Heaviside functions in spacings: whole, so that sampling keeps their sums
 HALF_BAND = 5.0  # half width of the band, in spacings

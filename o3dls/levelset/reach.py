@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..geometry import Array, Ints, Surface, used_by
+from ..geometry import Array, Ints, Surface
 from .closest import ClosestPoint
 from .distance import SignedDistance, signed_distance
 from .observe import Measured
-from .operators import piece_areas, pieces, without_shreds, zero_set
+from .operators import piece_areas, topology, without_shreds, zero_set
 from .solver import Correction, Limits, refine
 from .wall import Wall
 
@@ -165,10 +165,3 @@ def _closed(phi: SignedDistance, radius: float) -> SignedDistance:
 def _whole(phi: SignedDistance, kind: tuple[int, int]) -> SignedDistance:
     """The level set of a surface in one piece, without the shreds that a folded wall leaves."""
     return phi if kind[0] > 1 else replace(phi, phi=without_shreds(phi.band, phi.phi))
-
-
-def topology(vertices: Array, faces: Ints) -> tuple[int, int]:
-    """Pieces and Euler number of a closed surface (2 per piece without handles in 3D, 0 in 2D)."""
-    used, renumbered = used_by(len(vertices), faces)
-    count, n = int(pieces(int(used.sum()), renumbered).max(initial=-1)) + 1, int(used.sum())
-    return count, n - (len(faces) // 2 if faces.shape[1] == 3 else len(faces))  # a triangle has half of three edges

@@ -18,8 +18,8 @@ from .fit import fit_motion
 from .growth import growth
 from .motion import MotionFit
 from .observe import Measured, Noise, observe
+from .operators import topology
 from .problem import Settings
-from .reach import topology
 from .rows import Data
 from .topology import DEEP, WITNESSES, Change, changed, removals
 from .wall import Wall

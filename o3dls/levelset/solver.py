@@ -12,7 +12,7 @@ from scipy.sparse.linalg import LinearOperator, cg
 from ..errors import SolverError
 from ..geometry import Array, Ints, Surface, apply
 from .distance import signed_distance
-from .energy import Roughness
+from .energy import MaternPrior
 from .observe import Measured
 from .residual import Field, evidence
 from .wall import Wall
@@ -110,14 +110,14 @@ def _evidence(wall: Wall, believed: Measured, given: Measured, length: float, ma
 class Level:
     """One field on its band: `spread` (v, n) carries nodes to vertices, doubt included."""
 
-    prior: Roughness
+    prior: MaternPrior
     spread: sparse.csr_matrix
 
     @classmethod
     def of(cls, surface: Surface, doubt: Array, length: float) -> Level:
         step = length / NODES_PER_LENGTH
         band = signed_distance(surface.vertices, surface.faces, step, HALF_BAND * step).band
-        return cls(Roughness.on(band, length, 1.0), sparse.csr_matrix(sparse.diags(doubt) @ band.interpolation(surface.vertices)))
+        return cls(MaternPrior.on(band, length, 1.0), sparse.csr_matrix(sparse.diags(doubt) @ band.interpolation(surface.vertices)))
 
     def of_amplitude(self, amplitude: float) -> Level:
         return replace(self, prior=replace(self.prior, amplitude=amplitude))

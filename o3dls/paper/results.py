@@ -43,9 +43,6 @@ class Results:
         with np.load(self.folder / SHAPES / f"{name}.npz") as file:
             return np.asarray(file["values"])
 
-    def has(self, name: str) -> bool:
-        return (self.folder / SHAPES / f"{name}.npz").is_file()
-
 
 def column(rows: Sequence[Row], key: str) -> Array:
     """Values (n,) of a column; rows without it are left out."""

@@ -29,7 +29,6 @@ WRONG = "start, scale, frame or landmarks may be wrong"
 SMOOTH = 0.7  # share of a prior's area that its smooth wall has: patients' have .94 and more, stairs of label volumes .79
 OUTGROWN = 1.1  # points over those that a fit from nothing had: what it found of them all may be another by now
 UNITS_APART = 100.0  # no map has points a hundred times as good as others; a column in two units has
-DEBRIS = 0.01  # area of a piece over that of the largest: no vein, appendage or chamber is so small
 CLOSE = 3.0  # nats: a surface whose evidence is within a factor of 20 of the best is no worse a guess
 
 
@@ -232,10 +231,10 @@ def _told(points: Points, unit: str) -> list[str]:
 
 def _debris(prior: Surface) -> list[str]:
     """A sentence where small pieces lie about the prior: whatever is nearest to a point may be its wall."""
-    from ..levelset.operators import piece_areas
+    from ..levelset.operators import CRUMB, piece_areas
 
     _, areas = piece_areas(prior)
-    small = int((areas[areas > 0.0] < DEBRIS * areas.max()).sum())
+    small = int((areas[areas > 0.0] < CRUMB * areas.max()).sum())
     some = f"{small} small pieces" if small > 1 else "a small piece"
     return [f"the prior has {some} that points may take for their wall: remove what is none"] if small else []
 

@@ -166,10 +166,11 @@ class LevelSet(Stage):
         from ..evaluate import distances
         from ..levelset.observe import EXACT
         from ..levelset.paper import Weights, descend
+        from ..registration.robust import spread
 
         prior = case.prior.transformed(start.T_map_prior)
         points = case.points.of("eam").xyz
-        sigma = _noise(start).sigma or max(float(np.median(distances(points, prior))) / 0.6745, EXACT * rms_radius(prior.vertices))
+        sigma = _noise(start).sigma or max(spread(distances(points, prior)), EXACT * rms_radius(prior.vertices))
         weights = Weights(self.data, self.area, self.shape)
         return descend(prior, points, sigma, weights, spacing=self.spacing, cycles=self.iterations)
 
