@@ -19,7 +19,7 @@ from .rows import Data
 from .shape import unit_mean, vertex_normals
 
 MENDINGS = 3  # of the start pose: points that mean no surface have it mended for ever
-MANY_ROUNDS = 6  # with all points, after a fit to some of them
+MANY_ROUNDS = 8  # with all points, after a fit to some of them
 LIBRARIES = ThreadpoolController()  # on matrices of a few hundred rows, two threads take three times as long as one
 WARM_ROUNDS = 1  # one more point moves the surface by a fraction of the noise: a second round would move it by hundredths of that
 
@@ -94,7 +94,7 @@ def _first_beliefs(earlier: MotionFit, data: Data, known: slice | Ints) -> Array
 
 def _run(problem: Problem) -> Run:
     """Iterate from nothing until the vertices stand still."""
-    settings, state = problem.settings, problem.start()
+    settings, state = problem.settings, replace(problem.start(), weights=problem.first_beliefs())
     trace: list[dict[str, float]] = []
     for iteration in range(settings.iterations):
         at = state.feet_on

@@ -19,6 +19,7 @@ from .wall import Wall
 FAR = 2.0  # noise levels off the surface from which a point asks for a tube
 LINK = 0.6  # points closer than this, in radii of the body, may trace one tube
 TYPICAL, SPREAD = 0.35, 0.35  # radius of a tube in radii of the body (a vein of 5.5 mm on a body of 16 mm), and the sd of its logarithm
+WIDEST = TYPICAL * np.exp(2.0 * SPREAD)  # a wider one, in radii of the body, is no vein: those points are of another chamber
 UNEVEN = 0.15  # sd of the logarithm of one end's radius over the other's
 SEEDS = 3  # far points that start a tube; nearer ones join in
 TRACED = 5  # points that must trace a tube: it has eight numbers to be fitted
@@ -72,7 +73,7 @@ def _tubes(wall: Wall, measured: Measured, cluster: Array) -> Iterator[Change]:
     for tube in _fitted(cost, _first(wall, cluster, radius), np.r_[np.full(2 * surface.dimension, radius), 1.0, 1.0]):
         gain, region = before - after(tube), _mesh(tube, surface.dimension)
         witnesses = int((gain > TELLING).sum())
-        if witnesses >= TRACED and _stands_alone(wall, region[0]):
+        if witnesses >= TRACED and np.exp(tube[-2:].max()) < WIDEST * radius and _stands_alone(wall, region[0]):
             centre = tube[: 2 * surface.dimension].reshape(2, -1).mean(axis=0)
             doubt = _rarity(wall, tube, radius) + SEEN * whole * _exposed(wall, region) / surface.area
             yield Change(False, region, float(gain.sum()) - doubt, doubt, witnesses, cluster, centre)

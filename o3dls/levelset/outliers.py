@@ -13,23 +13,29 @@ from ..geometry import Array
 
 LEAST = 1e-100  # density of contact however far off: a point that may not float touches
 CROWD = 0.37  # rms radii: `inside` points that lie closer together speak of the same wall
-INSIDE_SHARE = 0.9  # of the points off the wall, those inside the chamber; the rest lie anywhere
+INSIDE, SURE = 0.9, 10.0  # share of the points off the wall that lie inside the chamber, the rest anywhere; known as from so many of them
 
 
 @dataclass(frozen=True)
 class Contact:
-    """State of the mixture: share of points off the wall, the depth (a length) over which they spread, and how runs persist (0 = none)."""
+    """State of the mixture: share of points off the wall, the depth (a length) over which they spread, how runs persist (0 = none), and
+    the share of those off the wall that lie inside."""
 
     share: float = 0.08
     depth: float = 8.0
     persistence: float = 0.0
+    inside: float = INSIDE
+
+    @property
+    def anywhere(self) -> float:
+        """Density of the points off the wall that lie anywhere."""
+        return (1.0 - self.inside) / (4.0 * self.depth)
 
 
 def density(residual: Array, variance: Array, contact: Contact) -> tuple[Array, Array]:
     """Densities (n,) of signed residuals (negative inside) for contact, N(0, variance), and for a point off the wall."""
     touching = np.exp(-0.5 * residual**2 / variance) / np.sqrt(2.0 * np.pi * variance)
-    anywhere = (1.0 - INSIDE_SHARE) / (4.0 * contact.depth)
-    return touching, np.where(residual < 0.0, INSIDE_SHARE / contact.depth, 0.0) + anywhere
+    return touching, np.where(residual < 0.0, contact.inside / contact.depth, 0.0) + contact.anywhere
 
 
 def believe(residual: Array, variance: Array, odds: Array, contact: Contact) -> tuple[Array, Contact]:
@@ -47,7 +53,9 @@ def believe(residual: Array, variance: Array, odds: Array, contact: Contact) -> 
     pairs = (1.0 - weights)[:-1].sum()
     chance = off * pairs
     persistence = float(np.clip((together - chance) / (pairs * (1.0 - off) + 20.0 * off), 0.0, 0.9))
-    return weights, Contact(share, contact.depth, persistence)
+    from_inside = (1.0 - weights) @ (1.0 - contact.anywhere / floating)  # 0 for those outside
+    inside = (float(from_inside) + SURE * INSIDE) / (float((1.0 - weights).sum()) + SURE)
+    return weights, Contact(share, contact.depth, persistence, inside)
 
 
 def say(points: Array, outside: NDArray[np.bool_], size: float) -> Array:
@@ -66,13 +74,15 @@ def say(points: Array, outside: NDArray[np.bool_], size: float) -> Array:
 
 
 def mixture_energy(weights: Array, residual: Array, odds: Array, contact: Contact) -> float:
-    """What the beliefs cost, in nats: surprise at the points off the wall, prior of the labels, less the labels' entropy."""
+    """What the beliefs cost, in nats: surprise at the points off the wall, priors of the labels and of `contact.inside` (Beta, 0 where it
+    is usual), less the labels' entropy."""
     _, floating = density(residual, np.ones(len(residual)), contact)
     off = np.clip(1.0 - weights, 1e-12, 1.0)
     on = np.clip(weights, 1e-12, 1.0)
     prior = off * np.log(contact.share * odds * floating) + on * np.log(1.0 - contact.share)
     normaliser = np.log(1.0 - contact.share + contact.share * odds)
-    return float((off * np.log(off) + on * np.log(on) - prior + normaliser).sum())
+    usual = SURE * (INSIDE * np.log(contact.inside / INSIDE) + (1.0 - INSIDE) * np.log((1.0 - contact.inside) / (1.0 - INSIDE)))
+    return float((off * np.log(off) + on * np.log(on) - prior + normaliser).sum() - usual)
 
 
 def _share(off_wall: float, odds: Array) -> float:

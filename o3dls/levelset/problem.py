@@ -13,6 +13,7 @@ import numpy as np
 from scipy import sparse
 
 from ..geometry import Array, Ints, apply, principal_frame, rms_radius
+from ..registration.mixture import fit_mixture
 from ..registration.robust import spread
 from .closest import ClosestPoint
 from .covariance import Covariance, Observed, Places, displacement, grams, interpolation
@@ -20,9 +21,9 @@ from .evidence import Posterior, Scales, assemble, free_energy, left_out, misfit
 from .fairing import fair, roughness
 from .feet import likely_feet
 from .motion import Motion, MotionFit, State
-from .outliers import Contact, believe, density, mixture_energy, say
+from .outliers import LEAST, Contact, believe, density, mixture_energy, say
 from .rows import Data, Feet, Rows, gather, points_left_out
-from .shape import vertex_normals
+from .shape import unit_mean, vertex_normals
 from .unfold import unfold
 
 Faired = tuple[float, Array]  # a length and the vertices (n, d) of the posed prior smoothed over it
@@ -132,6 +133,16 @@ class Problem:
         least = np.r_[np.full(len(log) - noises, -np.inf), np.full(noises, np.log(s.finest * self.size))]
         scales = Scales(log, log, spread, least, len(log) - noises)
         return State(self.rest.at, self.rest.at, 1.0, scales, Contact(depth=s.depth * self.size), self.data.trusted)
+
+    def first_beliefs(self) -> Array:
+        """Belief (n,) in points by their distance from the posed surface: many that float together would draw a wall that trusted them."""
+        weights, wall = self.data.trusted, ~self.data.inside
+        points = self.data.points[wall]
+        _, face, foot, bary = self.tree.at(self.rest.at).query(points)
+        outward = (points - foot) * unit_mean(self.rest.normals, self.faces[face], bary)
+        touching = np.maximum(fit_mixture(outward.sum(axis=1), self.size).weights, LEAST)
+        weights[wall] = touching / (touching + (1.0 - touching) * self.data.odds[wall])
+        return weights
 
     def step(self, state: State, iteration: int, *, tuning: bool) -> tuple[State, tuple[Rows, Posterior], dict[str, float]]:
         """One round of foot points, posterior and belief; early rounds are held stiff and trust points less."""

@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..geometry import Array, Surface, apply
+from ..geometry import Array, Surface, apply, rms_radius
 from .fit import fit_motion
 from .growth import growth
 from .motion import MotionFit
@@ -121,4 +121,5 @@ def _fitted(fit: MotionFit, posed: Surface, data: Data, settings: Settings) -> M
     """The motion of what the prior was made into."""
     motion = fit.motion
     prior = apply(np.asarray(np.linalg.inv(motion.T_map_prior)), posed.vertices)
-    return fit_motion(prior, posed.faces, motion.T_map_prior, data, replace(settings, fairing=()))
+    depth = settings.depth * fit.problem.size / rms_radius(posed.vertices)  # in mm: points float as deep in whatever prior
+    return fit_motion(prior, posed.faces, motion.T_map_prior, data, replace(settings, fairing=(), depth=depth))

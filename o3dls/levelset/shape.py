@@ -37,6 +37,16 @@ def facing(vertices: Array, faces: Ints, normals: Array) -> float:
     return float(along / np.sqrt(np.einsum("md,md->m", areas, areas)).sum())
 
 
+def stretches(rest: Array, moved: Array, faces: Ints) -> Array:
+    """The largest factor (m,) by which each face gets longer in any direction, from one position (n, d) of the vertices to another."""
+    g, h = (np.einsum("mid,mjd->mij", edges, edges) for edges in (at[faces[:, 1:]] - at[faces[:, :1]] for at in (rest, moved)))
+    if faces.shape[1] == 2:
+        return np.asarray(np.sqrt(h[:, 0, 0] / np.maximum(g[:, 0, 0], 1e-300)))
+    area, now = (np.maximum(np.linalg.det(x), 1e-300) for x in (g, h))  # squared, and four times
+    half = 0.5 * (h[:, 0, 0] * g[:, 1, 1] - 2.0 * h[:, 0, 1] * g[:, 0, 1] + h[:, 1, 1] * g[:, 0, 0]) / area
+    return np.asarray(np.sqrt(half + np.sqrt(np.maximum(half**2 - now / area, 0.0))))
+
+
 def unit_mean(vectors: Array, corner: Ints, bary: Array) -> Array:
     """Unit vectors (k, d): vectors (n, d) of the vertices, interpolated at corners (k, d) with barycentric weights (k, d)."""
     mean = (vectors[corner] * bary[:, :, None]).sum(axis=1)

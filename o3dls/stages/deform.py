@@ -26,6 +26,8 @@ NEVER = 1e-250  # odds of being off the wall that no residual outweighs, and who
 NO_WALL = 0.95  # share of the points off the wall that leaves no wall
 GROWS = 3.0  # factor on the volume that no heartbeat has: a ventricle keeps a third at least
 WRONG = "start, scale, frame or landmarks may be wrong"
+LONGER, TORN = 2.0, 0.03  # share of a wall that is stretched so far where it follows what is not of it; 0.015 is the most among good fits
+WON_OVER, WON = 0.05, 5  # share and number of points off the wall at the start that a motion makes touch: .04 is the most of good fits
 SMOOTH = 0.7  # share of a prior's area that its smooth wall has: patients' have .94 and more, stairs of label volumes .79
 OUTGROWN = 1.1  # points over those that a fit from nothing had: what it found of them all may be another by now
 UNITS_APART = 100.0  # no map has points a hundred times as good as others; a column in two units has
@@ -93,8 +95,13 @@ class Deform(Stage):
             raise InputError(f"deform: case {case.name} has no points of type eam")
         fits = [self._fitted(case, pose, data) for pose in self._poses(case, start)]
         best = min(fits, key=lambda estimate: float(estimate.fit.energy))
-        said = [*_said(best, case.units), *_doubts(start, best), *self._without_marks(case), *_rivals(best, fits, case.units)]
-        said += [*_crumpled(best.fit.problem), *_debris(case.prior), *_told(case.points.of(*self.fits), case.units)]
+        said = [*_said(best, case.units), *_doubts(start, best), *_followed(best), *self._without_marks(case)]
+        said += [
+            *_rivals(best, fits, case.units),
+            *_crumpled(best.fit.problem),
+            *_debris(case.prior),
+            *_told(case.points.of(*self.fits), case.units),
+        ]
         return replace(best, warnings=(*start.warnings, *said))
 
     def _poses(self, case: Case, start: Estimate) -> list[Array]:
@@ -201,6 +208,25 @@ def _doubts(start: Estimate, found: Estimate) -> list[str]:
     if 1.0 / GROWS < grown < GROWS:
         return []
     return [f"the motion makes what the surface encloses {grown:.2g} times as large: {WRONG}"]
+
+
+def _followed(found: Estimate) -> list[str]:
+    """Sentences on a wall that seems to follow points which are not of it."""
+    from ..levelset.shape import stretches
+
+    fit, said = found.fit, list[str]()
+    won = (fit.problem.first_beliefs() < 0.5) & (fit.state.weights > 0.5)
+    if won.sum() > WON and won.mean() > WON_OVER:
+        touching = f"{won.mean():.0%} of the points lie far off the wall at the start, and on it after the motion"
+        said.append(f"{touching}: does it follow points that float, or something that the prior lacks?")
+    rest = found.surface.with_vertices(fit.motion.rest.at)
+    long = stretches(rest.vertices, found.surface.vertices, rest.faces) > LONGER
+    torn = float(rest.face_areas[long].sum() / rest.area)
+    if torn > TORN:
+        middle = ", ".join(f"{x:.0f}" for x in found.surface.vertices[rest.faces[long]].mean(axis=(0, 1)))
+        stretched = f"{torn:.0%} of the wall gets more than {LONGER:g} times as long, around ({middle})"
+        said.append(f"{stretched}: are the points there of this chamber?")
+    return said
 
 
 def _crumpled(problem: Problem) -> list[str]:
