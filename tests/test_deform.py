@@ -19,7 +19,7 @@ from o3dls.errors import InputError, PipelineError, SolverError
 from o3dls.estimate import Estimate
 from o3dls.evaluate import distances
 from o3dls.geometry import Array, Surface, apply, similarity
-from o3dls.stages.deform import Deform, _doubts, _rivals, observed, upwards
+from o3dls.stages.deform import Deform, _doubts, _followed, _rivals, observed, upwards
 from o3dls.stages.level_set import LevelSet, _observer
 
 NOISE = 0.8
@@ -580,6 +580,18 @@ def test_a_volume_that_no_heartbeat_has_is_warned_of(factor: float, said: list[s
     warnings = _doubts(started(case), found)
     assert len(warnings) == len(said)
     assert all(word in warning for word, warning in zip(said, warnings, strict=True))
+
+
+def test_a_wall_that_follows_what_is_not_of_it_is_warned_of(monkeypatch: pytest.MonkeyPatch) -> None:
+    case, _ = bent_case()
+    found = Deform()(case, started(case))
+    assert not _followed(found)
+    monkeypatch.setattr(type(found.fit.problem), "first_beliefs", lambda self: np.where(np.arange(len(self.data.points)) < 30, 0.1, 0.9))
+    assert "of the points lie far off the wall at the start, and on it after" in " ".join(_followed(found))
+    drawn = found.surface.vertices.copy()
+    drawn[drawn[:, 0] > 0.7 * drawn[:, 0].max(), 0] *= 4.0
+    stretched = _followed(replace(found, surface=found.surface.with_vertices(drawn)))
+    assert "of the wall gets more than 2 times as long" in stretched[-1]
 
 
 def test_a_motion_that_turns_the_prior_inside_out_is_an_error() -> None:

@@ -1,5 +1,6 @@
 """Belief in points: Bayes point by point, exact over runs, lower for what lies inside and for what hardly presses."""
 
+from dataclasses import replace
 from itertools import pairwise, product
 
 import numpy as np
@@ -109,6 +110,24 @@ def test_the_energy_of_beliefs_is_least_at_the_beliefs_found() -> None:
     rng = np.random.default_rng(77_041)
     for _ in range(20):
         assert total(weights) <= total(np.clip(weights + rng.normal(size=40) * 0.05, 1e-6, 1 - 1e-6)) + 1e-9
+
+
+@pytest.mark.parametrize("outside", [0, 25])
+def test_the_share_of_stray_points_inside_is_where_the_energy_is_least(outside: int) -> None:
+    """... for these beliefs, the prior's ten points among them; where many lie outside, they are cheaper to doubt."""
+    rng = np.random.default_rng(90_523)
+    residual = np.concatenate([rng.normal(size=60), rng.uniform(-20.0, -5.0, 20), rng.uniform(5.0, 40.0, outside)])
+    ones, contact = np.ones(len(residual)), PLAIN
+    for _ in range(200):
+        weights, contact = believe(residual, ones, ones, contact)
+
+    def energy(inside: float) -> float:
+        return mixture_energy(weights, residual, ones, replace(contact, inside=inside))
+
+    slope = (energy(contact.inside + 1e-5) - energy(contact.inside - 1e-5)) / 2e-5
+    assert abs(slope) < 1e-3
+    assert energy(contact.inside) < min(energy(contact.inside - 0.05), energy(contact.inside + 0.02))
+    assert (contact.inside < 0.7) == (outside > 0)
 
 
 def test_the_energy_of_the_beliefs_is_that_of_the_mixture_also_with_odds() -> None:

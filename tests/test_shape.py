@@ -6,7 +6,7 @@ from fields import body
 from shapes import meshed, round_distance
 
 from o3dls.geometry import Array, Surface, apply, outline, similarity
-from o3dls.levelset.shape import evened, normals_and_curvature, unit_mean, vertex_normals
+from o3dls.levelset.shape import evened, normals_and_curvature, stretches, unit_mean, vertex_normals
 
 NO_LIMIT = 1e9
 
@@ -84,3 +84,16 @@ def test_slivers_of_a_lattice_become_triangles_on_the_same_surface() -> None:
     even = evened(sphere.vertices, sphere.faces)
     assert shortest(even) > 2.0 * shortest(sphere.vertices)
     assert np.abs(np.linalg.norm(even, axis=1) - 8.3).max() < 0.1  # chords of edges of 1 mm lie 0.02 inside: a few times that
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_a_stretch_is_the_largest_in_any_direction_whatever_turn_goes_with_it(dimension: int) -> None:
+    surface = body(dimension)
+    longer = np.diag(np.array([1.0, 3.0, 0.5])[:dimension])
+    turn = np.linalg.qr(np.random.default_rng(5).normal(size=(dimension, dimension)))[0]
+    found = stretches(surface.vertices, surface.vertices @ longer @ turn, surface.faces)
+    assert found.max() == pytest.approx(3.0, rel=0.01)
+    assert found.min() >= (1.0 - 1e-9 if dimension == 2 else 0.5)
+    edges = surface.vertices[surface.faces[:, 1]] - surface.vertices[surface.faces[:, 0]]
+    assert (found >= np.linalg.norm(edges @ longer, axis=1) / np.linalg.norm(edges, axis=1) - 1e-9).all()
+    np.testing.assert_allclose(stretches(surface.vertices, 2.0 * surface.vertices @ turn, surface.faces), 2.0)

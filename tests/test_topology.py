@@ -17,8 +17,8 @@ from o3dls.levelset.fit import fit_motion
 from o3dls.levelset.growth import _stands_alone, cone, growth
 from o3dls.levelset.motion import MotionFit
 from o3dls.levelset.observe import Measured, Noise, observe
-from o3dls.levelset.reach import topology
-from o3dls.levelset.reshape import _back, _explained, _judged, _seen, reshape
+from o3dls.levelset.operators import topology
+from o3dls.levelset.reshape import _back, _explained, _fitted, _judged, _seen, reshape
 from o3dls.levelset.topology import Change, body_radius, changed, removals
 from o3dls.levelset.wall import Wall
 
@@ -129,6 +129,21 @@ def test_a_tube_that_points_trace_is_grown_and_said() -> None:
     assert "grew a tube at (" in made[0].sentence
     assert topology(after.vertices, after.motion.faces) == (1, 2)
     assert apart(surface(after), truth) < 0.35 * apart(ball(), truth)
+
+
+def test_another_chamber_is_no_tube() -> None:
+    """A ball beside the ball, of which a third would be a tube wider than any vein."""
+    beside = sampled(ball(), 60, SIGMA, SEED + 1) + np.array([28.0, 0.0, 0.0])
+    wall = Wall(ball())
+    assert grown(wall, seen(wall, np.vstack([sampled(ball(), 200, SIGMA, SEED), beside]))) is None
+
+
+def test_a_smaller_prior_makes_floating_points_no_likelier() -> None:
+    """Their depth was relative to the prior judged: cutting a vein off made it smaller, and so paid for itself."""
+    fit = bent_fit()
+    smaller = surface(fit).with_vertices(0.9 * fit.motion.rest.at)
+    again = _fitted(fit, smaller, fit.problem.data, fit.problem.settings)
+    assert again.state.contact.depth == pytest.approx(fit.state.contact.depth)
 
 
 def test_three_stray_points_outside_grow_nothing() -> None:
