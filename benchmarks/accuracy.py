@@ -21,6 +21,13 @@ and, by our own generator, atria of which the prior has a vein too many or too f
         python -m data_synth atrium cases/missing_${n}_$s --seed $s --points $n --lacks prior
     done; done
 
+and, by the same, atria in whose map there are points of the other atrium, by the number of points:
+
+    for s in $(seq 2001 2030); do
+        python -m data_synth atrium cases/beside_250_$s --seed $s --points 250 --beside 40
+        python -m data_synth atrium cases/beside_1000_$s --seed $s --points 1000 --beside 160
+    done
+
 Rows: start (landmarks), icp (our robust similarity), phi_only (level set after icp), deform (T only), level_set (T and phi), each
 peer as tuned by benchmarks.tune, and with --phantom phantom.py the generator's bound. Columns: mean +- standard error (worst).
 """

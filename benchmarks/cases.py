@@ -13,7 +13,7 @@ from o3dls.case import Case
 from o3dls.errors import InputError
 from o3dls.io.case_folder import read_case
 
-SEEDED = re.compile(r"(lah|la|(?:jar|star|extra|missing|sparse)_\d+)_(\d+)$")  # groups as benchmarks.accuracy names them
+SEEDED = re.compile(r"(lah|la|(?:jar|star|extra|missing|sparse|beside)_\d+)_(\d+)$")  # groups as benchmarks.accuracy names them
 
 
 @dataclass(frozen=True, order=True)

@@ -40,6 +40,7 @@ def main() -> None:
     show_default=True,
     help="which surface lacks a vein that the other has",
 )
+@click.option("--beside", type=click.IntRange(min=0), default=0, show_default=True, help="points more, of the other atrium")
 @FORCE
 def _atrium(folder: Path, force: bool, **options: Any) -> None:
     """A left atrium that moved between imaging and mapping."""

@@ -21,6 +21,7 @@ from .shapes import Array, Shape
 VEINS = {"LSPV": (0.80, 0.36, 0.48), "LIPV": (0.76, 0.50, -0.40), "RSPV": (-0.80, 0.30, 0.52), "RIPV": (-0.75, 0.52, -0.38)}
 APPENDAGE = np.array([0.62, -0.65, 0.44])
 MITRAL = np.array([0.34, -0.75, -0.57])
+OTHER_MIDDLE, OTHER_AXES = np.array([-43.0, -6.0, -8.0]), np.array([18.0, 20.0, 24.0])  # of the right atrium, beyond the septum
 SPACING = 1.5
 SAME = 0.05  # mm: a wall that both surfaces have, vertices are put onto it within a hundredth
 RING_POINTS = 40
@@ -59,12 +60,13 @@ def atrium(
     outliers: float | None = None,
     unseen: float | None = None,
     lacks: Literal["neither", "prior", "truth"] = "neither",
+    beside: int = 0,
 ) -> Case:
     """The case of a seed. motion: 1 is a typical beat, 0 leaves the similarity only; noise: sd per axis in mm.
 
     outliers: share of the points inside the chamber; unseen: share of the area without points. What is not given is drawn:
     noise from 1 to 2 mm, outliers from 0.05 to 0.10, unseen from 0.15 to 0.25. lacks: which surface lacks a vein that the other has;
-    the four take turns with the seed.
+    the four take turns with the seed. beside: so many mapping points more, of the chamber on the other side of the septum.
     """
     streams = np.random.default_rng((seed, 6871)).spawn(5)
     noise, outliers, unseen = _drawn(streams[0], (noise, 1.0, 2.0), (outliers, 0.05, 0.10), (unseen, 0.15, 0.25))
@@ -80,18 +82,21 @@ def atrium(
     hidden = sampling.patches(rest, bare(streams[0], body, rest), unseen)
     at = visited(streams[4], truth, (~hidden, rings(there, rest)), (points, RING_POINTS))
     measured, inside = mapped(streams[4], truth, at, dict(zip(there.veins, beat(there.ostia), strict=True)), noise, outliers)
+    measured, others = _with_chamber(np.random.default_rng((seed, 7993)), measured, beside, noise)
     held_out = sampling.sites(streams[0], truth, 4000)
     some = np.arange(0, len(prior.vertices), 5)
     some = some[np.abs(there.shape(imaged.vertices[some])) < SAME]
+    pairs = prior.vertices[some], beat(imaged.vertices[some])
     drawn = f"seed {seed}, motion {motion:g}, noise {noise:.2f} mm, outliers {outliers:.2f}, unseen {unseen:.2f}"
+    said = ("" if lacks == "neither" else f"; the {lacks} lacks the {vein}") + f"; {beside} points of the other atrium" * (beside > 0)
     return Case(
         name=f"atrium_{seed}",
         prior=prior,
         points=measured,
         prior_landmarks=dict(zip(known.veins, ostia, strict=True)),
         frame="LPS",
-        notes=f"synthetic left atrium: {drawn}" + ("" if lacks == "neither" else f"; the {lacks} lacks the {vein}"),
-        truth=Truth(truth, held_out.xyz, hidden[held_out.face], (prior.vertices[some], beat(imaged.vertices[some])), inside),
+        notes=f"synthetic left atrium: {drawn}{said}",
+        truth=Truth(truth, held_out.xyz, hidden[held_out.face], pairs, np.append(inside, others)),
     )
 
 
@@ -187,6 +192,15 @@ def mapped(
         np.repeat(["eam", "ablation", "landmark"], [n, burns, len(ostia)]),
         {"name": np.array([""] * (n + burns) + list(ostia))} | {name: np.round(v, 2) for name, v in columns.items()},
     ), inside
+
+
+def _with_chamber(rng: np.random.Generator, measured: Points, count: int, noise: float) -> tuple[Points, sampling.Rows]:
+    """The points and, behind them, some of the other atrium's wall; the rows of these."""
+    wall = OTHER_MIDDLE + OTHER_AXES * np.array([moves.direction(rng) for _ in range(count)]).reshape(-1, 3)
+    xyz = np.round(wall + noise * rng.normal(size=wall.shape), 3)
+    columns = {name: np.append(v, np.full(count, "" if v.dtype.kind == "U" else np.nan)) for name, v in measured.columns.items()}
+    rows = np.arange(len(measured), len(measured) + count)
+    return Points(np.vstack([measured.xyz, xyz]), np.append(measured.type, np.full(count, "eam")), columns), rows
 
 
 def _unit(vector: Array) -> Array:

@@ -270,6 +270,15 @@ def test_ablation_rings_and_landmarks_lie_about_the_veins(case: Case) -> None:
     assert np.quantile(away, 0.9) < 18.0
 
 
+def test_points_of_the_other_atrium_are_outliers_behind_the_others() -> None:
+    plain, more = atrium(SEED), atrium(SEED, beside=40)
+    np.testing.assert_array_equal(more.points.xyz[:-40], plain.points.xyz)
+    np.testing.assert_array_equal(more.truth.outliers[-40:], np.arange(len(plain.points), len(more.points)))
+    assert distances(more.points.xyz[-40:], more.truth.surface).max() > 25.0
+    assert (more.points.type[-40:] == "eam").all()
+    assert "40 points of the other atrium" in more.notes
+
+
 def test_electrical_columns(case: Case) -> None:
     eam = case.points.of("eam")
     assert eam.columns["bipolar"].min() > 0.0
