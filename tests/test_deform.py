@@ -19,7 +19,7 @@ from o3dls.errors import InputError, PipelineError, SolverError
 from o3dls.estimate import Estimate
 from o3dls.evaluate import distances
 from o3dls.geometry import Array, Surface, apply, similarity
-from o3dls.stages.deform import Deform, _doubts, _followed, _rivals, observed, upwards
+from o3dls.stages.deform import Deform, _doubts, _followed, _misnamed, _rivals, observed, upwards
 from o3dls.stages.level_set import LevelSet, _observer
 
 NOISE = 0.8
@@ -592,6 +592,18 @@ def test_a_wall_that_follows_what_is_not_of_it_is_warned_of(monkeypatch: pytest.
     drawn[drawn[:, 0] > 0.7 * drawn[:, 0].max(), 0] *= 4.0
     stretched = _followed(replace(found, surface=found.surface.with_vertices(drawn)))
     assert "of the wall gets more than 2 times as long" in stretched[-1]
+
+
+def test_a_landmark_that_was_marked_at_the_place_of_another_is_warned_of() -> None:
+    case, _ = bent_case()
+    xyz, (wrong, other) = case.points.xyz.copy(), np.flatnonzero(case.points.type == "landmark")[:2]
+    assert not _misnamed(case, started(case))
+    xyz[wrong] = xyz[other] + 1.0
+    said = _misnamed(replace(case, points=replace(case.points, xyz=xyz)), started(case))
+    assert len(said) == 1
+    assert "landmark a lies" in said[0]
+    assert "from that of b: was it marked there?" in said[0]
+    assert not _misnamed(replace(case, prior_landmarks={}), started(case))
 
 
 def test_a_motion_that_turns_the_prior_inside_out_is_an_error() -> None:

@@ -13,7 +13,7 @@ from pydantic import Field, field_validator
 from ..case import FITTED_TYPES, Case, Points
 from ..errors import InputError, SolverError
 from ..estimate import Estimate
-from ..geometry import Array, Surface, fit_similarity, rms_radius
+from ..geometry import Array, Surface, apply, fit_similarity, rms_radius
 from ..registration.landmarks import determined
 from ..stage import Stage
 
@@ -28,6 +28,9 @@ GROWS = 3.0  # factor on the volume that no heartbeat has: a ventricle keeps a t
 WRONG = "start, scale, frame or landmarks may be wrong"
 LONGER, TORN = 2.0, 0.03  # share of a wall that is stretched so far where it follows what is not of it; 0.015 is the most among good fits
 WON_OVER, WON = 0.05, 5  # share and number of points off the wall at the start that a motion makes touch: .04 is the most of good fits
+MISNAMED = (
+    2.0  # distance of a landmark from its own place over that from another's: 0.9 is the most among good ones, 2.6 the least of wrong
+)
 SMOOTH = 0.7  # share of a prior's area that its smooth wall has: patients' have .94 and more, stairs of label volumes .79
 OUTGROWN = 1.1  # points over those that a fit from nothing had: what it found of them all may be another by now
 UNITS_APART = 100.0  # no map has points a hundred times as good as others; a column in two units has
@@ -98,6 +101,7 @@ class Deform(Stage):
         said = [*_said(best, case.units), *_doubts(start, best), *_followed(best), *self._without_marks(case)]
         said += [
             *_rivals(best, fits, case.units),
+            *_misnamed(case, start),
             *_crumpled(best.fit.problem),
             *_debris(case.prior),
             *_told(case.points.of(*self.fits), case.units),
@@ -227,6 +231,18 @@ def _followed(found: Estimate) -> list[str]:
         stretched = f"{torn:.0%} of the wall gets more than {LONGER:g} times as long, around ({middle})"
         said.append(f"{stretched}: are the points there of this chamber?")
     return said
+
+
+def _misnamed(case: Case, start: Estimate) -> list[str]:
+    """A sentence for each landmark that lies far nearer to another's place on the posed prior than to its own."""
+    names, prior, measured = case.landmark_pairs()
+    apart = np.linalg.norm(measured[:, None] - apply(start.T_map_prior, prior)[None], axis=2)
+    return [
+        f"landmark {names[k]} lies {apart[k, k]:.0f} {case.units} from its place on the prior and {apart[k, other]:.0f} from that of "
+        f"{names[other]}: was it marked there?"
+        for k, other in enumerate(apart.argmin(axis=1) if names else [])
+        if MISNAMED * apart[k, other] < apart[k, k]
+    ]
 
 
 def _crumpled(problem: Problem) -> list[str]:
