@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.cases import Listed
+from benchmarks.scores import on_wall
 from o3dls.case import Case
 from o3dls.evaluate import distances
 from o3dls.geometry import Array, Surface, apply, fit_similarity
@@ -48,14 +49,12 @@ def bound(listed: Listed, case: Case, phantom: ModuleType) -> dict[str, float]:
     ostia = np.stack([anatomy["pv"][name]["ost"] for name in phantom.PV])
     marks = np.stack([case.prior_landmarks[name] for name in phantom.PV])
     rest = Surface(apply(np.linalg.inv(fit_similarity(ostia, marks)), case.prior.vertices), case.prior.faces)
-    points = case.points.of("eam").xyz
-    inlier = np.ones(len(points), dtype=bool)
-    inlier[truth.outliers if truth.outliers is not None else []] = False
-    noise = np.sqrt((distances(points[inlier], truth.surface) ** 2).mean())
+    points = case.points.xyz[on_wall(case)]
+    noise = np.sqrt((distances(points, truth.surface) ** 2).mean())
     unseen = truth.unseen[::EVERY]
-    at, normals = _feet(np.vstack([points[inlier], truth.held_out[::EVERY]]), truth.surface, rest)
+    at, normals = _feet(np.vstack([points, truth.held_out[::EVERY]]), truth.surface, rest)
     covariance = _covariance(at, normals, rest.vertices, anatomy, phantom, MOTION[listed.group])
-    n = int(inlier.sum())
+    n = len(points)
     seen_by = covariance[:n, :n] + noise**2 * np.eye(n)
     crossed = covariance[n:, :n]
     variance = np.diag(covariance)[n:] - (crossed * np.linalg.solve(seen_by, crossed.T).T).sum(axis=1)

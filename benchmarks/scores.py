@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from o3dls.case import Case
 from o3dls.estimate import Estimate
@@ -63,6 +64,14 @@ def _on_cap(at: Array, source: Surface, truth: Surface) -> Array:
     return np.asarray(np.abs(source.face_normals[face] @ axis) > FLAT_WITHIN)
 
 
+def on_wall(case: Case) -> NDArray[np.bool_]:
+    """Which of a case's points (n,) are mapping points that truly lie on the wall."""
+    inlier = case.points.type == "eam"
+    if case.truth is not None and case.truth.outliers is not None:
+        inlier[case.truth.outliers] = False
+    return inlier
+
+
 def calibration(case: Case, estimate: Estimate) -> Record:
     """sigma over the noise that the inliers really have; share of vertices within their 95 % band; rank correlation of the deviation
     with the error, and what a perfect posterior of the same deviations would reach."""
@@ -70,10 +79,7 @@ def calibration(case: Case, estimate: Estimate) -> Record:
     assert truth is not None
     assert truth.surface is not None
     if estimate.sigma is not None and truth.held_out is not None:
-        inlier = np.ones(len(case.points.of("eam")), dtype=bool)
-        if truth.outliers is not None:
-            inlier[truth.outliers] = False
-        noise = np.sqrt((distances(case.points.of("eam").xyz[inlier], truth.surface) ** 2).mean())
+        noise = np.sqrt((distances(case.points.xyz[on_wall(case)], truth.surface) ** 2).mean())
         found["sigma_ratio"] = float(estimate.sigma / noise)
     sd = estimate.surface.fields.get(f"sd_{case.units}")
     if sd is not None:
