@@ -13,8 +13,8 @@ from .registration.landmarks import determined
 
 FEWEST_POINTS = 10
 SPANS = (0.1, 4.0)  # extent of the points relative to the prior's: a single vein is 0.15, a chamber 1
-MOST, NEARLY_ALL = (0.05, 0.95), (0.01, 0.99)  # quantiles that the points span: some strays do not make them too wide, nor does a place
-# that was mapped densely make them too narrow
+MOST = (0.05, 0.95)  # quantiles between which points must not be too wide, whatever strays there are
+NEARLY_ALL = (0.01, 0.99)  # ... nor too narrow, however densely one place was mapped
 UNITS = {"m": 1e3, "in": 25.4, "cm": 10.0, "um": 1e-3}  # in mm: what may have been taken for it
 ATRIUM = 100.0  # mm across: in the right units points and prior are like it
 POINTS_IN = "if the points are in {0}, put the line '# units={0}' above the header of their file"
