@@ -131,9 +131,10 @@ def test_a_tube_that_points_trace_is_grown_and_said() -> None:
     assert apart(surface(after), truth) < 0.35 * apart(ball(), truth)
 
 
-def test_another_chamber_is_no_tube() -> None:
-    """A ball beside the ball, of which a third would be a tube wider than any vein."""
-    beside = sampled(ball(), 60, SIGMA, SEED + 1) + np.array([28.0, 0.0, 0.0])
+@pytest.mark.parametrize("count", [60, 25], ids=["larger than any vein", "goes on around it"])
+def test_another_chamber_is_no_tube(count: int) -> None:
+    """A ball beside the ball: of many points on it a third would be a tube, of few a long one among others that it leaves out."""
+    beside = sampled(ball(), count, SIGMA, SEED + 1) + np.array([28.0, 0.0, 0.0])
     wall = Wall(ball())
     assert grown(wall, seen(wall, np.vstack([sampled(ball(), 200, SIGMA, SEED), beside]))) is None
 

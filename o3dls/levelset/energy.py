@@ -3,7 +3,7 @@
     E(u) = sum_i -log p(p_i | surface) + 1/2 a^-2 |(kappa^2 - Laplacian) f|^2,    u = doubt * f,    phi = psi.T - u
 
 u is the correction of the deformed prior along its outward normals. The likelihood of a point is Gaussian around the wall or, rarely, an
-outlier, which lies inside nine times out of ten (a catheter in the blood). The field has a Matern covariance (Lindgren, Rue, Lindstroem
+outlier, which as a rule lies inside (a catheter in the blood). The field has a Matern covariance (Lindgren, Rue, Lindstroem
 2011); its order is two because point values have no hold on a field of order one on a surface.
 """
 
@@ -19,14 +19,15 @@ from scipy.special import gamma, k1
 from ..geometry import Array
 from .grid import Band
 from .operators import laplacian
+from .outliers import INSIDE
 
-INNER_OUTLIERS = 0.9  # share of the outliers that lie inside
 INNER_DEPTH, OUTER_REACH = 0.6, 1.2  # how far outliers scatter, in rms radii of the prior: 15 and 30 mm for an atrium
 
 
 @dataclass(frozen=True, eq=False)
 class Likelihood:
-    """Noise of points around a surface: sd `sigma` (n,) each, outliers with probability `share` over the rms `radius` of the prior.
+    """Noise of points around a surface: sd `sigma` (n,) each, outliers with probability `share` over the rms `radius` of the prior,
+    of them the share `inside` inside, the rest anywhere.
 
     In logarithms: with a share of 0, a point however far off is still one of the wall.
 
@@ -37,6 +38,7 @@ class Likelihood:
     share: float
     radius: float
     one_sided: NDArray[np.bool_]
+    inside: float = INSIDE
 
     def loss(self, distance: Array) -> Array:
         """-log p (n,) of signed distances (n,)."""
@@ -64,9 +66,9 @@ class Likelihood:
         """log p (n,) of the points as outliers."""
         if self.share == 0.0:
             return np.full(len(distance), -np.inf)
-        inner = np.where(distance < 0.0, INNER_OUTLIERS / (INNER_DEPTH * self.radius), 0.0)
+        inner = np.where(distance < 0.0, self.inside / (INNER_DEPTH * self.radius), 0.0)
         inner = np.where(self.one_sided, 0.0, inner)  # being inside is no fault of theirs
-        return np.asarray(np.log(self.share * (inner + (1.0 - INNER_OUTLIERS) / (OUTER_REACH * self.radius))))
+        return np.asarray(np.log(self.share * (inner + (1.0 - self.inside) / (OUTER_REACH * self.radius))))
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial.distance import cdist
@@ -19,13 +20,14 @@ from .wall import Wall
 FAR = 2.0  # noise levels off the surface from which a point asks for a tube
 LINK = 0.6  # points closer than this, in radii of the body, may trace one tube
 TYPICAL, SPREAD = 0.35, 0.35  # radius of a tube in radii of the body (a vein of 5.5 mm on a body of 16 mm), and the sd of its logarithm
-WIDEST = TYPICAL * np.exp(2.0 * SPREAD)  # a wider one, in radii of the body, is no vein: those points are of another chamber
 UNEVEN = 0.15  # sd of the logarithm of one end's radius over the other's
 SEEDS = 3  # far points that start a tube; nearer ones join in
 TRACED = 5  # points that must trace a tube: it has eight numbers to be fitted
 REACHES_OUT = 0.5  # how far a tube must stick out, and stay away from the thin parts that are there, in radii of the body
 NEARBY = 2.0  # points so near to a cluster, in radii of the body, are asked about its tube
 THIN = 0.5  # radius of the ball that finds those parts, in radii of the body
+LARGE, LARGEST = 4.4, 9.0  # new wall, in squared radii of the body, that few veins and that no vein adds: a third of a ball, two thirds
+OTHERS = 0.2  # far points around a tube, over those on it, from which a large one is taken for a part of another chamber
 SEEN = 0.5  # points that a new stretch of wall must be expected to gather, over those of evenly spread ones: some walls are never touched
 SAME = 0.5  # nats by which a search must come to rest lower, to have found another tube
 STEPS = (0.05, 0.2, -0.2)  # first steps of a search and of those after it: of a tube's ends in radii of the body, of its radii's logarithms
@@ -40,11 +42,16 @@ def growth(wall: Wall, measured: Measured) -> Iterator[Change]:
 
 def _clusters(surface: Surface, measured: Measured) -> Iterator[Array]:
     """Groups (k, d) of neighbouring points that lie far outside."""
-    far = measured.points[(measured.distance > FAR * measured.likelihood.sigma) & ~measured.likelihood.one_sided]
+    far = measured.points[_far(measured)]
     if len(far) < SEEDS:
         return
     count, label = connected_components(cdist(far, far) < LINK * body_radius(surface), directed=False)
     yield from (far[label == k] for k in range(count) if (label == k).sum() >= SEEDS)
+
+
+def _far(measured: Measured) -> NDArray[np.bool_]:
+    """Points (n,) that lie far outside."""
+    return np.asarray((measured.distance > FAR * measured.likelihood.sigma) & ~measured.likelihood.one_sided)
 
 
 def cone(points: Array, tube: Array) -> Array:
@@ -60,7 +67,7 @@ def cone(points: Array, tube: Array) -> Array:
 def _tubes(wall: Wall, measured: Measured, cluster: Array) -> Iterator[Change]:
     """Likely tubes round a cluster, as changes, where enough points tell for them."""
     surface, radius = wall.surface, body_radius(wall.surface)
-    whole, measured = len(measured.points), measured.of(np.linalg.norm(measured.points - cluster.mean(axis=0), axis=1) < NEARBY * radius)
+    whole, measured = measured, measured.of(np.linalg.norm(measured.points - cluster.mean(axis=0), axis=1) < NEARBY * radius)
     distance, likelihood = measured.distance, measured.likelihood
     before = likelihood.loss(distance - measured.bias)
 
@@ -72,10 +79,10 @@ def _tubes(wall: Wall, measured: Measured, cluster: Array) -> Iterator[Change]:
 
     for tube in _fitted(cost, _first(wall, cluster, radius), np.r_[np.full(2 * surface.dimension, radius), 1.0, 1.0]):
         gain, region = before - after(tube), _mesh(tube, surface.dimension)
-        witnesses = int((gain > TELLING).sum())
-        if witnesses >= TRACED and np.exp(tube[-2:].max()) < WIDEST * radius and _stands_alone(wall, region[0]):
+        witnesses, exposed = int((gain > TELLING).sum()), _exposed(wall, region)
+        if witnesses >= TRACED and not _of_a_chamber(whole, tube, exposed, radius) and _stands_alone(wall, region[0]):
             centre = tube[: 2 * surface.dimension].reshape(2, -1).mean(axis=0)
-            doubt = _rarity(wall, tube, radius) + SEEN * whole * _exposed(wall, region) / surface.area
+            doubt = _rarity(wall, tube, radius) + SEEN * len(whole.points) * exposed / surface.area
             yield Change(False, region, float(gain.sum()) - doubt, doubt, witnesses, cluster, centre)
 
 
@@ -84,6 +91,15 @@ def _exposed(wall: Wall, region: tuple[Array, Ints]) -> float:
     tube = Surface(*region)
     outside = wall.look(tube.vertices[tube.faces].mean(axis=1))[0] > 0.0
     return float(tube.face_areas[outside].sum())
+
+
+def _of_a_chamber(measured: Measured, tube: Array, exposed: float, radius: float) -> bool:
+    """Whether a tube of so much new wall is a part of another chamber: too large for a vein, or large with far points around it too."""
+    area = exposed / radius ** (measured.points.shape[1] - 1)
+    reach, off = FAR * measured.likelihood.sigma, cone(measured.points, tube)
+    on, around = np.abs(off) < reach, (off > reach) & (off < radius)
+    far = _far(measured)
+    return area > LARGEST or (area > LARGE and bool((far & around).sum() > OTHERS * (far & on).sum()))
 
 
 def _stands_alone(wall: Wall, region: Array) -> bool:

@@ -11,7 +11,7 @@ from scipy.spatial import KDTree
 from ..geometry import Array
 from ..registration.robust import spread
 from .energy import Likelihood
-from .outliers import CROWD, say
+from .outliers import CROWD, INSIDE, say
 from .wall import Wall
 
 SHARES = (0.02, 0.3)  # a share outside is not believed, but for 0: then every point is
@@ -21,11 +21,13 @@ MOST_BENT = 0.6  # noise times curvature beyond which the bias is not to be trus
 
 @dataclass(frozen=True, eq=False)
 class Noise:
-    """What is known of the noise beforehand: `sigma` (None: nothing), uncertain by `doubt` (of its logarithm), outliers with `share`."""
+    """What is known of the noise beforehand: `sigma` (None: nothing), uncertain by `doubt` (of its logarithm), outliers with
+    `share`, of which the share `inside` lies inside."""
 
     sigma: float | None = None
     doubt: float = 0.5
     share: float = 0.08
+    inside: float = INSIDE
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +60,7 @@ def observe(wall: Wall, points: Array, one_sided: NDArray[np.bool_], relative: A
     distance, corners, weights = wall.look(points)
     sigma = relative * max(spread(distance[~one_sided]) if noise.sigma is None else noise.sigma, EXACT * wall.radius)
     share = float(np.clip(noise.share, *SHARES)) if noise.share > 0.0 else 0.0
-    likelihood = Likelihood(sigma, share, wall.radius, one_sided)
+    likelihood = Likelihood(sigma, share, wall.radius, one_sided, noise.inside)
     bend = np.einsum("nc,nc->n", weights, wall.curvature[corners])
     # the mean of the distance from a curved wall under noise of variance s^2 is s^2 / 2 times the sum of its curvatures
     bias = np.where(one_sided, 0.0, 0.5 * sigma * np.clip(sigma * bend, -MOST_BENT, MOST_BENT))
