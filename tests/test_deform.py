@@ -586,7 +586,9 @@ def test_a_wall_that_follows_what_is_not_of_it_is_warned_of(monkeypatch: pytest.
     case, _ = bent_case()
     found = Deform()(case, started(case))
     assert not _followed(found)
-    monkeypatch.setattr(type(found.fit.problem), "first_beliefs", lambda self: np.where(np.arange(len(self.data.points)) < 30, 0.1, 0.9))
+    monkeypatch.setattr(
+        type(found.fit.problem), "first_beliefs", property(lambda self: np.where(np.arange(len(self.data.points)) < 30, 0.1, 0.9))
+    )
     assert "of the points lie far off the wall at the start, and on it after" in " ".join(_followed(found))
     drawn = found.surface.vertices.copy()
     drawn[drawn[:, 0] > 0.7 * drawn[:, 0].max(), 0] *= 4.0

@@ -18,7 +18,7 @@ from .unfold import unfold
 
 CERTAIN, DECISIVE = 0.999, 10.0  # a motion this probable is a motion; a pose better by so many nats is the pose
 GLIMPSE_ROUNDS = 2  # the first one still has the feet of the rougher surface
-ALONE_ROUNDS = 6
+ALONE_ROUNDS = 12
 STEADY = 0.5  # points: total change of belief in a round
 SAME = 0.2  # nats: less than any decision turns on
 

@@ -11,14 +11,16 @@ import numpy as np
 from threadpoolctl import ThreadpoolController
 
 from ..geometry import Array, Ints
-from .choice import shown, smoother
-from .motion import MotionFit
+from .choice import DECISIVE, shown, smoother
+from .drawn import doubtful, drawn
+from .motion import MotionFit, State
 from .outliers import believe
 from .problem import LATE, Problem, Run, Settings
 from .rows import Data
 from .shape import unit_mean, vertex_normals
 
 MENDINGS = 3  # of the start pose: points that mean no surface have it mended for ever
+ALOOF = 1e6  # factor on the odds of being off the wall, for points that may have drawn it: until the wall stands without them
 MANY_ROUNDS = 8  # with all points, after a fit to some of them
 LIBRARIES = ThreadpoolController()  # on matrices of a few hundred rows, two threads take three times as long as one
 WARM_ROUNDS = 1  # one more point moves the surface by a fraction of the noise: a second round would move it by hundredths of that
@@ -46,7 +48,7 @@ def _from_nothing(vertices: Array, faces: Ints, pose: Array, data: Data, setting
         fit = _proceed(first, data, some, MANY_ROUNDS)
         return replace(fit, trace=(*first.trace, *fit.trace))
     for _ in range(1 + MENDINGS):
-        run = _run(Problem.make(vertices, faces, pose, data, settings))
+        run = _without_drawn(_run(Problem.make(vertices, faces, pose, data, settings)))
         found = shown(run)
         if not found.mended:
             break
@@ -54,7 +56,7 @@ def _from_nothing(vertices: Array, faces: Ints, pose: Array, data: Data, setting
     scales = found.scales
     faired = smoother(run) if found.share == 1.0 else None  # points that show no motion show no roughness either
     if faired is not None:
-        other = _run(Problem.make(vertices, faces, pose, data, settings, faired))
+        other = _without_drawn(_run(Problem.make(vertices, faces, pose, data, settings, faired)))
         if other.energy < run.energy:
             run, scales = other, other.state.scales
     run = replace(run, state=replace(run.state, scales=scales), moving=found.share * run.moving)  # what is not shown need not stand still
@@ -92,11 +94,22 @@ def _first_beliefs(earlier: MotionFit, data: Data, known: slice | Ints) -> Array
     return weights
 
 
-def _run(problem: Problem) -> Run:
-    """Iterate from nothing until the vertices stand still."""
-    settings, state = problem.settings, replace(problem.start(), weights=problem.first_beliefs())
+def _without_drawn(run: Run) -> Run:
+    """The run, or one that begins without the points that may have drawn the wall, and then hears them again, if it is clearly likelier."""
+    problem, odd = run.problem, drawn(run)
+    if not odd.any():
+        return run
+    data = replace(problem.data, odds=np.where(odd, ALOOF, 1.0) * problem.data.odds)
+    first = _run(replace(problem, data=data))
+    other = _run(problem, replace(first.state, patches=None), LATE)
+    return replace(other, trace=[*first.trace, *other.trace]) if doubtful(other) + DECISIVE < doubtful(run) else run
+
+
+def _run(problem: Problem, state: State | None = None, first: int = 0) -> Run:
+    """Iterate until the vertices stand still: from nothing, or from a state and the number of its `first` round on."""
+    settings, state = problem.settings, state or problem.start()
     trace: list[dict[str, float]] = []
-    for iteration in range(settings.iterations):
+    for iteration in range(first, first + settings.iterations):
         at = state.feet_on
         state, solved, record = problem.step(state, iteration, tuning=iteration in settings.tune_at)
         trace.append(record)

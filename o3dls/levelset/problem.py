@@ -125,15 +125,16 @@ class Problem:
         return np.asarray(np.log(amplitudes + noises))
 
     def start(self) -> State:
-        """Amplitudes and noise in proportion to the residuals of the start pose."""
+        """Amplitudes and noise in proportion to the residuals of the start pose, beliefs by them."""
         s, log = self.settings, self.expected(NOISE)
         fields, anchors = len(s.vector) + len(s.normal), int(len(self.marks) > 0)
         whole, noises = 2 + (self.covariance.up is not None), self.data.groups + anchors
         spread = s.spread * np.repeat([1.0, s.whole_spread, s.anchor_spread, s.noise_spread], [fields, whole, anchors, noises])
         least = np.r_[np.full(len(log) - noises, -np.inf), np.full(noises, np.log(s.finest * self.size))]
         scales = Scales(log, log, spread, least, len(log) - noises)
-        return State(self.rest.at, self.rest.at, 1.0, scales, Contact(depth=s.depth * self.size), self.data.trusted)
+        return State(self.rest.at, self.rest.at, 1.0, scales, Contact(depth=s.depth * self.size), self.first_beliefs)
 
+    @cached_property
     def first_beliefs(self) -> Array:
         """Belief (n,) in points by their distance from the posed surface: many that float together would draw a wall that trusted them."""
         weights, wall = self.data.trusted, ~self.data.inside

@@ -26,8 +26,7 @@ NEVER = 1e-250  # odds of being off the wall that no residual outweighs, and who
 NO_WALL = 0.95  # share of the points off the wall that leaves no wall
 GROWS = 3.0  # factor on the volume that no heartbeat has: a ventricle keeps a third at least
 WRONG = "start, scale, frame or landmarks may be wrong"
-LONGER, TORN = 2.0, 0.03  # share of a wall that is stretched so far where it follows what is not of it; 0.015 is the most among good fits
-WON_OVER, WON = 0.05, 5  # share and number of points off the wall at the start that a motion makes touch: .04 is the most of good fits
+WON_OVER = 0.05  # share of points off the wall at the start that a motion makes touch: .04 is the most of good fits
 MISNAMED = (
     2.0  # distance of a landmark from its own place over that from another's: 0.9 is the most among good ones, 2.6 the least of wrong
 )
@@ -216,19 +215,18 @@ def _doubts(start: Estimate, found: Estimate) -> list[str]:
 
 def _followed(found: Estimate) -> list[str]:
     """Sentences on a wall that seems to follow points which are not of it."""
-    from ..levelset.shape import stretches
+    from ..levelset.drawn import LONGER, TORN, WON, torn, won
 
     fit, said = found.fit, list[str]()
-    won = (fit.problem.first_beliefs() < 0.5) & (fit.state.weights > 0.5)
-    if won.sum() > WON and won.mean() > WON_OVER:
-        touching = f"{won.mean():.0%} of the points lie far off the wall at the start, and on it after the motion"
+    touch = won(fit.problem, fit.state)
+    if touch.sum() > WON and touch.mean() > WON_OVER:
+        touching = f"{touch.mean():.0%} of the points lie far off the wall at the start, and on it after the motion"
         said.append(f"{touching}: does it follow points that float, or something that the prior lacks?")
     rest = found.surface.with_vertices(fit.motion.rest.at)
-    long = stretches(rest.vertices, found.surface.vertices, rest.faces) > LONGER
-    torn = float(rest.face_areas[long].sum() / rest.area)
-    if torn > TORN:
+    long, share = torn(rest, found.surface.vertices)
+    if share > TORN:
         middle = ", ".join(f"{x:.0f}" for x in found.surface.vertices[rest.faces[long]].mean(axis=(0, 1)))
-        stretched = f"{torn:.0%} of the wall gets more than {LONGER:g} times as long, around ({middle})"
+        stretched = f"{share:.0%} of the wall gets more than {LONGER:g} times as long, around ({middle})"
         said.append(f"{stretched}: are the points there of this chamber?")
     return said
 
