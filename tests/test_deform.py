@@ -619,10 +619,14 @@ def test_a_motion_that_turns_the_prior_inside_out_is_an_error() -> None:
 def test_a_rival_is_told_of_only_where_the_points_hardly_prefer(behind: float, told: bool) -> None:
     surface, state = body(3), SimpleNamespace(scales=SimpleNamespace(noises=np.array([0.5])))
     best, other = (
-        SimpleNamespace(surface=surface.with_vertices(surface.vertices + shift), fit=SimpleNamespace(energy=100.0 + energy, state=state))
+        SimpleNamespace(
+            surface=surface.with_vertices(surface.vertices + shift), fit=SimpleNamespace(energy=100.0 + energy, state=state), facts={}
+        )
         for shift, energy in ((0.0, 0.0), (3.0, behind))
     )
     assert bool(_rivals(best, [best, other], "mm")) is told  # type: ignore[arg-type, list-item]
+    best.facts = {"rival_without": 7.0, "rival_behind": behind, "rival_apart": 3.0}
+    assert any("without 7 points" in said for said in _rivals(best, [best], "mm")) is told  # type: ignore[arg-type, list-item]
 
 
 def test_the_veins_of_one_side_tell_which_way_is_up() -> None:

@@ -102,7 +102,11 @@ def _without_drawn(run: Run) -> Run:
     data = replace(problem.data, odds=np.where(odd, ALOOF, 1.0) * problem.data.odds)
     first = _run(replace(problem, data=data))
     other = _run(problem, replace(first.state, patches=None), LATE)
-    return replace(other, trace=[*first.trace, *other.trace]) if doubtful(other) + DECISIVE < doubtful(run) else run
+    behind, count = doubtful(other) - doubtful(run), float(odd.sum())
+    if behind < -DECISIVE:
+        return replace(other, trace=[*first.trace, *other.trace], facts={"let_go": count})
+    apart = float(np.linalg.norm(other.state.moved - run.state.moved, axis=1).mean())
+    return replace(run, facts={"rival_without": count, "rival_behind": behind, "rival_apart": apart})
 
 
 def _run(problem: Problem, state: State | None = None, first: int = 0) -> Run:

@@ -130,6 +130,8 @@ class MotionFit:
             said += [f"the points show a motion beyond the pose with probability {share:.2f}, and the prior follows it that far{posed}"]
         if faired:
             said += [f"the points show the prior to be rough, so it was smoothed over {faired:.2g} {unit} before it was moved"]
+        if odd := int(self.facts.get("let_go", 0)):
+            said += [f"{odd} points that seemed to draw the wall out were let go until it stood without them"]
         if folded := int(self.facts["folded_faces"]):
             left = int(self.facts["still_folded_faces"])
             faces, were = ("face", "was") if folded == 1 else ("faces", "were")

@@ -6,7 +6,8 @@ Where on the moved surface each point may have come from (`feet`), and how far a
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -226,13 +227,15 @@ class Problem:
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """What rounds solved, how they went, and how far the last one moved the surface (mean; from nothing along its normals only)."""
+    """What rounds solved, how they went, how far the last one moved the surface (mean; from nothing along its normals only), and what else
+    is to be known of them."""
 
     problem: Problem
     state: State
     solved: tuple[Rows, Posterior]
     trace: list[dict[str, float]]
     moving: float
+    facts: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def energy(self) -> float:
@@ -249,7 +252,7 @@ class Run:
         vertices, folded, left = motion.mean(problem.rest.at, state.moved - problem.rest.at), 0, 0
         if problem.settings.unfold:
             vertices, folded, left = unfold(problem.rest.at, vertices, problem.faces)
-        facts = problem.facts(state) | {"share": share, "faired": problem.faired, "moving": self.moving}
+        facts = problem.facts(state) | dict(self.facts) | {"share": share, "faired": problem.faired, "moving": self.moving}
         facts |= {"folded_faces": float(folded), "still_folded_faces": float(left)}
         return MotionFit(motion, vertices, state, sd, self.moving < least, tuple(self.trace), facts, problem)
 

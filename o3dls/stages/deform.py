@@ -176,13 +176,20 @@ class Deform(Stage):
 
 
 def _rivals(best: Estimate, fits: list[Estimate], unit: str) -> list[str]:
-    """A sentence where another start led to another surface that the points make almost as likely."""
+    """Sentences where another start, or one without some points, led to another surface that the points make almost as likely."""
+    facts, rivals = best.facts, list[tuple[str, float, float]]()
     for other in fits:
         apart = float(np.linalg.norm(other.surface.vertices - best.surface.vertices, axis=1).mean())
-        behind = other.fit.energy - best.fit.energy
+        rivals.append(("another start", other.fit.energy - best.fit.energy, apart))
+    if "rival_behind" in facts:
+        without = f"a fit that begins without {facts['rival_without']:.0f} points that may have drawn the wall"
+        rivals.append((without, facts["rival_behind"], facts["rival_apart"]))
+    told = dict[str, str]()
+    for name, behind, apart in rivals:
         if behind < CLOSE and apart > best.fit.state.scales.noises[0]:
-            return [f"another start, almost as likely ({behind:.1f} nats less), puts the vertices {apart:.1f} {unit} elsewhere on average"]
-    return []
+            elsewhere = f"({max(behind, 0.0):.1f} nats less), puts the vertices {apart:.1f} {unit} elsewhere on average"
+            told.setdefault(name, f"{name}, almost as likely {elsewhere}")
+    return list(told.values())
 
 
 def _said(found: Estimate, unit: str) -> list[str]:
