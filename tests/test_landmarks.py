@@ -14,7 +14,7 @@ from o3dls.errors import InputError
 from o3dls.estimate import Estimate
 from o3dls.geometry import Surface
 from o3dls.pipeline import Pipeline
-from o3dls.registration.landmarks import determined
+from o3dls.registration.landmarks import Reading, better_reading, determined
 from o3dls.stages.landmarks import Landmarks
 
 PRIOR = chamber(24)
@@ -78,6 +78,15 @@ def test_a_mirrored_prior_is_refused_also_where_the_landmarks_lie_in_a_plane(mar
     assert run(case).converged
     with pytest.raises(InputError, match="prior looks mirrored"):
         run(mirrored(case))
+
+
+@pytest.mark.parametrize(("mirrored", "told"), [(True, False), (False, True)])
+def test_two_mistakes_at_once_are_for_points_that_are_sure(mirrored: bool, told: bool) -> None:
+    """Three landmarks of an atrium, noisy and moved, whose prior lacked the fourth vein were refused so."""
+    named, other = Reading((0, 1, 2), False, np.eye(4), 4.65), Reading((1, 0, 2), mirrored, np.eye(4), 1.65)
+    cost = {id(named): np.ones(50), id(other): np.full(50, 0.84)}
+    found = better_reading([named, other], 18.2, lambda reading: cost[id(reading)], np.eye(50, 3))
+    assert (found is other) is told
 
 
 def test_landmarks_on_a_line_and_too_few_are_refused() -> None:

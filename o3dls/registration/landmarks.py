@@ -77,7 +77,9 @@ def better_reading(found: list[Reading], radius: float, costs: Callable[[Reading
 
     Names fall where another reading halves the error of the landmarks, whose rms radius is `radius`, unless the points say no; or
     where the points are sure of a reading that fits the landmarks about as well: an atrium's ostia are nearly a rectangle, so that
-    they alone cannot tell left from right. `costs` gives the points' costs (n,) of a reading's pose, None where points are too few.
+    they alone cannot tell left from right. Two mistakes at once, a mirrored prior and exchanged names, are for points that are sure: three
+    landmarks, which lie in a plane, hardly tell them from one. `costs` gives the points' costs (n,) of a reading's pose, None where points
+    are too few.
     """
     from .global_pose import confidence  # here, because it brings numba
 
@@ -93,7 +95,8 @@ def better_reading(found: list[Reading], radius: float, costs: Callable[[Reading
     best = int(np.argmin([cost.mean() for cost in of_rivals]))
     gain = float(of_rivals[best].mean() / of_named.mean())
     sure = gain < BETTER_FIT and confidence(of_rivals[best], of_named, points) > CERTAIN
-    return rivals[best] if sure or (accused and gain < 1.0) else None
+    twice = rivals[best].mirrored and bool(rivals[best].exchanged)
+    return rivals[best] if sure or (accused and not twice and gain < 1.0) else None
 
 
 def _orders(n: int) -> list[tuple[int, ...]]:
