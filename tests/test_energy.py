@@ -17,7 +17,7 @@ STEP = 1e-5
 
 def likelihood(one_sided: bool = False) -> Likelihood:
     sigma = np.array([0.8, 1.0, 1.5, 2.0, 1.2, 0.9])
-    return Likelihood(sigma, 0.08, 25.0, np.full(6, one_sided))
+    return Likelihood(sigma, 0.08, 25.0, np.full(6, one_sided), 0.9)
 
 
 def roughness(dimension: int, length: float = 8.0) -> MaternPrior:
@@ -36,7 +36,7 @@ def test_slope_of_the_loss(one_sided: bool, side: float) -> None:
 
 def test_loss_is_a_normalised_density_but_for_the_reach_of_outliers() -> None:
     s = np.linspace(-15.0, 30.0, 90001)
-    noise = Likelihood(np.full(len(s), 1.3), 0.08, 25.0, np.zeros(len(s), dtype=bool))
+    noise = Likelihood(np.full(len(s), 1.3), 0.08, 25.0, np.zeros(len(s), dtype=bool), 0.9)
     assert np.trapezoid(np.exp(-noise.loss(s)), s) == pytest.approx(1.0, abs=0.02)  # a uniform density over 15 inside and 30 anywhere
 
 

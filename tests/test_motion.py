@@ -220,6 +220,13 @@ def test_points_that_a_motion_wins_may_have_drawn_the_wall(count: int, odd: int,
     assert drawn(Run(replace(found.problem), state, (), [], 0.0)).sum() == odd  # type: ignore[arg-type]
 
 
+def test_a_fit_that_goes_on_with_more_points_says_what_its_part_found() -> None:
+    surface, _, data = bent(3, count=400)
+    found = fit(surface, data)
+    found.facts["rival_behind"] = 1.0  # type: ignore[index]
+    assert fit(surface, data, warm=found).facts["rival_behind"] == 1.0
+
+
 def test_points_on_a_stretched_part_may_have_drawn_it(monkeypatch: pytest.MonkeyPatch) -> None:
     surface, _, data = bent(3)
     found = fit(surface, data)

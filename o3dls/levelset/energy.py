@@ -19,7 +19,6 @@ from scipy.special import gamma, k1
 from ..geometry import Array
 from .grid import Band
 from .operators import laplacian
-from .outliers import INSIDE
 
 INNER_DEPTH, OUTER_REACH = 0.6, 1.2  # how far outliers scatter, in rms radii of the prior: 15 and 30 mm for an atrium
 
@@ -38,7 +37,7 @@ class Likelihood:
     share: float
     radius: float
     one_sided: NDArray[np.bool_]
-    inside: float = INSIDE
+    inside: float
 
     def loss(self, distance: Array) -> Array:
         """-log p (n,) of signed distances (n,)."""

@@ -73,8 +73,7 @@ def _proceed(earlier: MotionFit, data: Data, known: slice | Ints, rounds: int) -
         trace.append(record)
         if record["step"] < least:
             break
-    facts = {name: fact for name, fact in earlier.facts.items() if name == "let_go"}
-    return Run(problem, state, solved, trace, trace[-1]["step"], facts).result(earlier.motion.share, earlier.motion.alone, least)
+    return Run(problem, state, solved, trace, trace[-1]["step"], earlier.facts).result(earlier.motion.share, earlier.motion.alone, least)
 
 
 def _first_beliefs(earlier: MotionFit, data: Data, known: slice | Ints) -> Array:

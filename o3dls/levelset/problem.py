@@ -252,7 +252,7 @@ class Run:
         vertices, folded, left = motion.mean(problem.rest.at, state.moved - problem.rest.at), 0, 0
         if problem.settings.unfold:
             vertices, folded, left = unfold(problem.rest.at, vertices, problem.faces)
-        facts = problem.facts(state) | dict(self.facts) | {"share": share, "faired": problem.faired, "moving": self.moving}
+        facts = dict(self.facts) | problem.facts(state) | {"share": share, "faired": problem.faired, "moving": self.moving}
         facts |= {"folded_faces": float(folded), "still_folded_faces": float(left)}
         return MotionFit(motion, vertices, state, sd, self.moving < least, tuple(self.trace), facts, problem)
 

@@ -188,12 +188,11 @@ def _observer(case: Case, start: Estimate) -> Callable[[Wall], Measured]:
 
 def _noise(start: Estimate) -> Noise:
     from ..levelset.observe import Noise
-    from ..levelset.outliers import INSIDE
 
     if start.motion is None or start.sigma is None or start.weights is None:
         return Noise()
-    inside = start.fit.state.contact.inside if start.fit else INSIDE
-    return Noise(start.sigma, DOUBT, float(1.0 - start.weights.mean()), inside)
+    noise = Noise(start.sigma, DOUBT, float(1.0 - start.weights.mean()))
+    return replace(noise, inside=start.fit.state.contact.inside) if start.fit else noise
 
 
 def _doubt(case: Case, start: Estimate) -> Array:
