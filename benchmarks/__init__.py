@@ -1,1 +1,3 @@
-"""Accuracy and speed of o3dls, side by side with other methods: `python -m benchmarks.accuracy --help`, `python -m benchmarks.speed`."""
+"""Accuracy and speed of o3dls, side by side with other methods: `python -m benchmarks.accuracy --help`,
+`python -m benchmarks.speed`.
+"""

@@ -1,4 +1,5 @@
-"""Accuracy over folders of cases, o3dls beside its own parts and other methods: python -m benchmarks.accuracy FOLDER...
+"""Accuracy over folders of cases, o3dls beside its own parts and other methods: python -m benchmarks.accuracy
+FOLDER...
 
 Fresh seeds are made by the phantom generator, once per group (development seeds below 1000, judging above):
 
@@ -28,8 +29,9 @@ and, by the same, atria in whose map there are points of the other atrium, by th
         python -m data_synth atrium cases/beside_1000_$s --seed $s --points 1000 --beside 160
     done
 
-Rows: start (landmarks), icp (our robust similarity), phi_only (level set after icp), deform (T only), level_set (T and phi), each
-peer as tuned by benchmarks.tune, and with --phantom phantom.py the generator's bound. Columns: mean +- standard error (worst).
+Rows: start (landmarks), icp (our robust similarity), phi_only (level set after icp), deform (T only),
+level_set (T and phi), each peer as tuned by benchmarks.tune, and with --phantom phantom.py the generator's
+bound. Columns: mean +- standard error (worst).
 """
 
 from __future__ import annotations
@@ -45,15 +47,17 @@ from time import perf_counter
 from typing import Any
 
 from benchmarks.cases import Listed, find
-from o3dls.workers import workers
+from o3dls.pipeline.workers import workers
 
 Record = dict[str, Any]
 
 
 def ours(case: Any, plan: Path | None) -> Iterator[tuple[str, Any, float]]:
-    """Estimates of a pipeline (the packaged default), and of the level set without the motion: name, estimate, seconds from the start."""
-    from o3dls.pipeline import Pipeline
-    from o3dls.pipeline_file import read_pipeline
+    """Estimates of a pipeline (the packaged default), and of the level set without the motion: name,
+    estimate, seconds from the start.
+    """
+    from o3dls.pipeline.file import read_pipeline
+    from o3dls.pipeline.pipeline import Pipeline
     from o3dls.resources import pipeline_file
     from o3dls.stages.level_set import LevelSet
 
@@ -90,27 +94,44 @@ def run(listed: Listed, phantom: Path | None, plan: Path | None, ours_alone: boo
     icp, seconds = next((estimate, seconds) for name, estimate, seconds in results if name == "icp")
     if not ours_alone:
         results += list(peers(case, listed.group, icp, seconds))
-    records = [{"method": name, "seconds": seconds, **scores(case, estimate)} for name, estimate, seconds in results]
+    records = [
+        {"method": name, "seconds": seconds, **scores(case, estimate)} for name, estimate, seconds in results
+    ]
     if phantom is not None and listed.group in MOTION:
         records.append({"method": "bound", **bound(listed, case, load(phantom))})
     return [{"group": listed.group, "case": listed.name, **record} for record in records]
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("folders", nargs="+", type=Path, help="case folders, or folders of them")
     parser.add_argument("--phantom", type=Path, help="the generator's file, for its bound")
     parser.add_argument("--pipeline", type=Path, help="a pipeline file in place of the default pipeline")
     parser.add_argument("--ours", action="store_true", help="leave the other methods out")
-    parser.add_argument("--records", type=Path, help="one JSON line per case and method; cases that are in it already are not run again")
-    parser.add_argument("--jobs", type=int, default=1, help="processes side by side (times are then those of a shared machine)")
+    parser.add_argument(
+        "--records",
+        type=Path,
+        help="one JSON line per case and method; cases that are in it already are not run again",
+    )
+    parser.add_argument(
+        "--jobs",
+        type=int,
+        default=1,
+        help="processes side by side (times are then those of a shared machine)",
+    )
     arguments = parser.parse_args()
-    os.environ.update(dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1"))  # for the processes below
+    os.environ.update(
+        dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+    )  # for the processes below
     records = _read(arguments.records)
     done = {record["case"] for record in records}
     todo = [listed for listed in find(arguments.folders) if listed.name not in done]
     with workers(arguments.jobs) as pool:
-        for found in pool.map(partial(run, phantom=arguments.phantom, plan=arguments.pipeline, ours_alone=arguments.ours), todo):
+        for found in pool.map(
+            partial(run, phantom=arguments.phantom, plan=arguments.pipeline, ours_alone=arguments.ours), todo
+        ):
             records += found
             _keep(arguments.records, found)
             print(f"{found[0]['case']} done", file=sys.stderr, flush=True)

@@ -13,12 +13,16 @@ from o3dls.case import Case
 from o3dls.errors import InputError
 from o3dls.io.case_folder import read_case
 
-SEEDED = re.compile(r"(lah|la|(?:jar|star|extra|missing|sparse|beside)_\d+)_(\d+)$")  # groups as benchmarks.accuracy names them
+SEEDED = re.compile(
+    r"(lah|la|(?:jar|star|extra|missing|sparse|beside)_\d+)_(\d+)$"
+)  # groups as benchmarks.accuracy names them
 
 
 @dataclass(frozen=True, order=True)
 class Listed:
-    """A case folder, perhaps with another file of points; `seed` is None where the case came from no generator."""
+    """A case folder, perhaps with another file of points; `seed` is None where the case came from no
+    generator.
+    """
 
     group: str
     name: str
@@ -27,22 +31,35 @@ class Listed:
     seed: int | None = None
 
     def read(self) -> Case:
-        """The case; where other points are fitted, the ablation points are those of the case itself, for scoring."""
+        """The case; where other points are fitted, the ablation points are those of the case itself, for
+        scoring.
+        """
         case = read_case(self.folder)
         if self.points is None:
             return case
         noisy = read_case(self.folder, points=self.points)
-        columns = {k: np.concatenate([v[noisy.points.type != "ablation"], case.points.columns[k][case.points.type == "ablation"]])
-                   for k, v in noisy.points.columns.items() if k in case.points.columns}  # fmt: skip
-        keep, own = noisy.points.type != "ablation", case.points.type == "ablation"
+        columns = {
+            k: np.concatenate(
+                [v[noisy.points.type != "ablation"], case.points.columns[k][case.points.type == "ablation"]]
+            )
+            for k, v in noisy.points.columns.items()
+            if k in case.points.columns
+        }
+        keep = noisy.points.type != "ablation"
+        own = case.points.type == "ablation"
         xyz = np.vstack([noisy.points.xyz[keep], case.points.xyz[own]])
         kind = np.concatenate([noisy.points.type[keep], case.points.type[own]])
         return replace(noisy, points=replace(noisy.points, xyz=xyz, type=kind, columns=columns))
 
 
 def find(folders: Iterable[Path]) -> list[Listed]:
-    """Every case folder among or in the folders given, sorted by group. Raises InputError where there is none."""
-    found = sorted({case for folder in folders for case in _in(Path(folder))}, key=lambda c: (c.group, c.seed or 0, c.name))
+    """Every case folder among or in the folders given, sorted by group. Raises InputError where there is
+    none.
+    """
+    found = sorted(
+        {case for folder in folders for case in _in(Path(folder))},
+        key=lambda c: (c.group, c.seed or 0, c.name),
+    )
     if not found:
         raise InputError(f"no case folder (with points.csv and prior.*) in {', '.join(map(str, folders))}")
     return found
@@ -57,6 +74,8 @@ def _in(folder: Path) -> Iterator[Listed]:
             yield Listed(seeded[1], path.name, path, None, int(seeded[2]))
             continue
         yield Listed(path.name, path.name, path)
-        for other in sorted(path.glob("points_*.csv")):  # the same case with other points, such as noisier ones
+        for other in sorted(
+            path.glob("points_*.csv")
+        ):  # the same case with other points, such as noisier ones
             name = f"{path.name}+{other.stem.removeprefix('points_')}"
             yield Listed(name, name, path, other)

@@ -1,8 +1,9 @@
-"""ICP against ICP: accuracy of the variants on case folders, seconds beside Open3D and small_gicp, and the search without a start.
+"""ICP against ICP: accuracy of the variants on case folders, seconds beside Open3D and small_gicp, and the
+search without a start.
 
-python -m benchmarks.icp accuracy CASES...          held-out mean and scale error of each variant, over all cases found
-python -m benchmarks.icp speed CASE [--faces N]     milliseconds of one registration, warm, each with what it reached
-python -m benchmarks.icp search CASES... [--rotations N]    how often the global search finds the pose again
+    python -m benchmarks.icp accuracy CASES...                held-out mean and scale error of each variant
+    python -m benchmarks.icp speed CASE [--faces N]           milliseconds of one warm registration
+    python -m benchmarks.icp search CASES... [--rotations N]  how often the global search finds the pose again
 """
 
 from __future__ import annotations
@@ -17,15 +18,17 @@ from typing import Any
 import numpy as np
 
 from benchmarks.cases import Listed, find
+from o3dls.arrays import Array
 from o3dls.case import Case
 from o3dls.estimate import Estimate
-from o3dls.evaluate import distances
-from o3dls.geometry import Array, Surface, apply, fit_similarity, scale_of, similarity
+from o3dls.evaluation.distances import distances
+from o3dls.geometry.similarity import apply, fit_similarity, scale_of, similarity
+from o3dls.geometry.surface import Surface
+from o3dls.pipeline.start import start_estimate
 from o3dls.registration.global_pose import angle_of
 from o3dls.registration.search import even_rotations
 from o3dls.stages.global_pose import GlobalPose
 from o3dls.stages.icp import ICP
-from o3dls.start import start_estimate
 
 VARIANTS: dict[str, ICP] = {
     "standard": ICP(preset="standard"),
@@ -44,13 +47,16 @@ REPEATS = 15
 
 
 def accuracy(listed: list[Listed]) -> None:
-    """One row per variant: mean held-out distance, its worst excess over the rigid robust variant, scale error, iterations."""
+    """One row per variant: mean held-out distance, its worst excess over the rigid robust variant, scale
+    error, iterations.
+    """
     held: dict[str, list[float]] = {name: [] for name in VARIANTS}
     scale: dict[str, list[float]] = {name: [] for name in VARIANTS}
     rounds: dict[str, list[int]] = {name: [] for name in VARIANTS}
     for item in listed:
         case = item.read()
-        seen, wanted = case.visible(), _best_scale(case)
+        seen = case.visible()
+        wanted = _best_scale(case)
         start = start_estimate(seen)
         for name, stage in VARIANTS.items():
             found = stage(seen, start)
@@ -58,7 +64,9 @@ def accuracy(listed: list[Listed]) -> None:
             scale[name].append(found.scale - wanted)
             rounds[name].append(found.iterations)
     print(f"{len(listed)} cases: {', '.join(item.name for item in listed)}")
-    print(f"{'':32}{'held-out':>9}{'worst':>8}{'- rigid':>9}{'scale rms':>11}{'max':>7}{'> .02':>7}{'steps':>7}")
+    print(
+        f"{'':32}{'held-out':>9}{'worst':>8}{'- rigid':>9}{'scale rms':>11}{'max':>7}{'> .02':>7}{'steps':>7}"
+    )
     for name in VARIANTS:
         over = max(np.subtract(held[name], held["robust, rigid"]))
         size = np.abs(scale[name])
@@ -75,7 +83,9 @@ def _held_out(case: Case, surface: Surface) -> Array:
 
 
 def _best_scale(case: Case) -> float:
-    """Scale of the best similarity to the true correspondences: named ones, or those of meshes with equal faces; NaN where unknown."""
+    """Scale of the best similarity to the true correspondences: named ones, or those of meshes with equal
+    faces; NaN where unknown.
+    """
     truth = case.truth
     if truth is not None and truth.correspondence is not None:
         return scale_of(fit_similarity(*truth.correspondence))
@@ -85,7 +95,9 @@ def _best_scale(case: Case) -> float:
 
 
 def speed(item: Listed, faces: int) -> None:
-    """One row per method: best and median milliseconds from arrays in memory to the pose, and the median distance it leaves."""
+    """One row per method: best and median milliseconds from arrays in memory to the pose, and the median
+    distance it leaves.
+    """
     case = item.read().visible()
     case = replace(case, prior=_remeshed(case.prior, faces))
     start = start_estimate(case)
@@ -102,7 +114,10 @@ def speed(item: Listed, faces: int) -> None:
         pose = method()  # warm: compiled kernels, imported packages
         seconds = sorted(_seconds(method) for _ in range(REPEATS))
         gaps = distances(points, case.prior.transformed(pose))
-        print(f"{name:40}{1e3 * seconds[0]:9.1f}{1e3 * seconds[REPEATS // 2]:11.1f}{np.median(gaps):12.2f}{gaps.mean():10.2f}")
+        print(
+            f"{name:40}{1e3 * seconds[0]:9.1f}{1e3 * seconds[REPEATS // 2]:11.1f}"
+            f"{np.median(gaps):12.2f}{gaps.mean():10.2f}"
+        )
 
 
 def _seconds(method: Callable[[], Array]) -> float:
@@ -114,25 +129,38 @@ def _seconds(method: Callable[[], Array]) -> float:
 def _remeshed(prior: Surface, faces: int) -> Surface:
     import open3d as o3d
 
-    mesh = o3d.geometry.TriangleMesh(o3d.utility.Vector3dVector(prior.vertices), o3d.utility.Vector3iVector(prior.faces.astype(np.int32)))
+    mesh = o3d.geometry.TriangleMesh(
+        o3d.utility.Vector3dVector(prior.vertices), o3d.utility.Vector3iVector(prior.faces.astype(np.int32))
+    )
     mesh = mesh.subdivide_midpoint(1).simplify_quadric_decimation(faces)
     return Surface(np.asarray(mesh.vertices), np.asarray(mesh.triangles))
 
 
 def _open3d(prior: Surface, points: Array, start: Estimate) -> dict[str, Callable[[], Array]]:
-    """Open3D's legacy registration: points against the prior's vertices, 30 steps at most, as its defaults are."""
+    """Open3D's legacy registration: points against the prior's vertices, 30 steps at most, as its defaults
+    are.
+    """
     import open3d as o3d
 
-    registration, begin = o3d.pipelines.registration, np.linalg.inv(start.T_map_prior)
+    registration = o3d.pipelines.registration
+    begin = np.linalg.inv(start.T_map_prior)
 
     def run(estimator: Any) -> Array:
-        source, target = (o3d.geometry.PointCloud(o3d.utility.Vector3dVector(xyz)) for xyz in (points, prior.vertices))
+        source, target = (
+            o3d.geometry.PointCloud(o3d.utility.Vector3dVector(xyz)) for xyz in (points, prior.vertices)
+        )
         target.normals = o3d.utility.Vector3dVector(prior.vertex_normals)
-        return np.asarray(np.linalg.inv(registration.registration_icp(source, target, 30.0, begin, estimator).transformation))
+        return np.asarray(
+            np.linalg.inv(
+                registration.registration_icp(source, target, 30.0, begin, estimator).transformation
+            )
+        )
 
     return {
         "Open3D legacy point to point": lambda: run(registration.TransformationEstimationPointToPoint()),
-        "Open3D legacy point to point, scaled": lambda: run(registration.TransformationEstimationPointToPoint(True)),
+        "Open3D legacy point to point, scaled": lambda: run(
+            registration.TransformationEstimationPointToPoint(True)
+        ),
         "Open3D legacy point to plane": lambda: run(registration.TransformationEstimationPointToPlane()),
     }
 
@@ -148,7 +176,12 @@ def _small_gicp(prior: Surface, points: Array, start: Estimate) -> dict[str, Cal
 
     def run(kind: str) -> Array:
         found = small_gicp.align(
-            prior.vertices, points, begin, registration_type=kind, downsampling_resolution=1e-3, max_correspondence_distance=30.0
+            prior.vertices,
+            points,
+            begin,
+            registration_type=kind,
+            downsampling_resolution=1e-3,
+            max_correspondence_distance=30.0,
         )
         return np.asarray(np.linalg.inv(found.T_target_source))
 
@@ -156,7 +189,9 @@ def _small_gicp(prior: Surface, points: Array, start: Estimate) -> dict[str, Cal
 
 
 def search(listed: list[Listed], rotations: int) -> None:
-    """One row per case: how often the search, from the points turned by each rotation, comes within 10 degrees of the best pose."""
+    """One row per case: how often the search, from the points turned by each rotation, comes within 10
+    degrees of the best pose.
+    """
     print(f"{'':32}{'right':>8}{'lowest sure':>13}{'sure if wrong':>15}{'median s':>10}{'longest s':>11}")
     for item in listed:
         case = item.read().visible()
@@ -173,11 +208,15 @@ def search(listed: list[Listed], rotations: int) -> None:
             right.append(np.degrees(angle_of(found.T_map_prior, frame @ best)) < 10.0)
             sure.append(found.facts["confidence"])
         wrong = max((s for s, ok in zip(sure, right, strict=True) if not ok), default=float("nan"))
-        print(f"{item.name:32}{sum(right):5d}/{rotations}{min(sure):11.3f}{wrong:15.3f}{np.median(seconds):10.2f}{max(seconds):11.2f}")
+        print(
+            f"{item.name:32}{sum(right):5d}/{rotations}{min(sure):11.3f}{wrong:15.3f}{np.median(seconds):10.2f}{max(seconds):11.2f}"
+        )
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("what", choices=("accuracy", "speed", "search"))
     parser.add_argument("cases", nargs="+", type=Path)
     parser.add_argument("--faces", type=int, default=30_000)

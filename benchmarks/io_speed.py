@@ -1,4 +1,6 @@
-"""Seconds to write and read a surface of 200 000 vertices in every format: python benchmarks/io_speed.py. Time and check together."""
+"""Seconds to write and read a surface of 200 000 vertices in every format: python benchmarks/io_speed.py.
+Time and check together.
+"""
 
 from __future__ import annotations
 
@@ -9,9 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from o3dls.geometry import Surface
-from o3dls.io import read_surface, write_surface
-from o3dls.io.mesh import FORMATS
+from o3dls.geometry.surface import Surface
+from o3dls.io.meshes.registry import FORMATS, read_surface, write_surface
 
 N = 200_000
 SUFFIX = {"carto_vtk": ".vtk", "opencarp": ".pts"}
@@ -21,11 +22,17 @@ def sphere(n: int) -> Surface:
     """A grid of the sphere with about n vertices and two fields."""
     rows = int(np.sqrt(n / 2))
     columns = 2 * rows
-    theta, phi = np.meshgrid((np.arange(rows) + 0.5) * np.pi / rows, np.arange(columns) * 2 * np.pi / columns, indexing="ij")
-    xyz = 40 * np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], axis=-1).reshape(-1, 3)
+    theta, phi = np.meshgrid(
+        (np.arange(rows) + 0.5) * np.pi / rows, np.arange(columns) * 2 * np.pi / columns, indexing="ij"
+    )
+    xyz = 40 * np.stack(
+        [np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], axis=-1
+    ).reshape(-1, 3)
     index = np.arange(rows * columns).reshape(rows, columns)
-    a, b = index[:-1].ravel(), index[1:].ravel()
-    c, d = np.roll(index, -1, axis=1)[1:].ravel(), np.roll(index, -1, axis=1)[:-1].ravel()
+    a = index[:-1].ravel()
+    b = index[1:].ravel()
+    c = np.roll(index, -1, axis=1)[1:].ravel()
+    d = np.roll(index, -1, axis=1)[:-1].ravel()
     faces = np.vstack([np.column_stack([a, b, c]), np.column_stack([a, c, d])])
     return Surface(xyz, faces, {"bipolar": xyz[:, 0] / 10, "lat": xyz[:, 1]})
 
@@ -43,10 +50,18 @@ def main() -> None:
             back = read_surface(path)
             end = time.perf_counter()
             off = float(np.abs(np.sort(back.vertices, axis=0) - np.sort(surface.vertices, axis=0)).max())
-        print(json.dumps({
-            "format": known.name, "vertices": len(surface.vertices), "write_s": round(middle - start, 2), "read_s": round(end - middle, 2),
-            "largest_error_mm": off, "faces_kept": len(back.faces) == len(surface.faces),
-        }))  # fmt: skip
+        print(
+            json.dumps(
+                {
+                    "format": known.name,
+                    "vertices": len(surface.vertices),
+                    "write_s": round(middle - start, 2),
+                    "read_s": round(end - middle, 2),
+                    "largest_error_mm": off,
+                    "faces_kept": len(back.faces) == len(surface.faces),
+                }
+            )
+        )
 
 
 if __name__ == "__main__":

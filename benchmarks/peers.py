@@ -1,6 +1,8 @@
-"""Other methods, run as their authors mean them to be run, on the same case from the same pose: what they find for the prior's surface.
+"""Other methods, run as their authors mean them to be run, on the same case from the same pose: what they
+find for the prior's surface.
 
-Each peer is a function (case, pose, parameters) -> surface; GRIDS holds the settings that `python -m benchmarks.tune` tries for it.
+Each peer is a function (case, pose, parameters) -> surface; GRIDS holds the settings that `python -m
+benchmarks.tune` tries for it.
 """
 
 from __future__ import annotations
@@ -10,9 +12,10 @@ from itertools import product
 
 import numpy as np
 
+from o3dls.arrays import Array
 from o3dls.case import Case
-from o3dls.geometry import Array, Surface
-from o3dls.levelset.closest import ClosestPoint
+from o3dls.geometry.closest_point import ClosestPoint
+from o3dls.geometry.surface import Surface
 
 Peer = Callable[..., Surface]
 ROUNDS = 15  # most re-associations of the warp
@@ -22,38 +25,55 @@ CPD_NODES = 700  # pycpd is dense: this many vertices of the prior, its motion i
 
 
 def thin_plate(case: Case, pose: Array, *, kernel: str, smoothing: float, reject: float) -> Surface:
-    """Biharmonic warp of scipy, re-associated to closest points; points beyond median + `reject` robust deviations are left out."""
+    """Biharmonic warp of scipy, re-associated to closest points; points beyond median + `reject` robust
+    deviations are left out.
+    """
     from scipy.interpolate import RBFInterpolator
 
-    posed, points = case.prior.transformed(pose), case.points.of("eam").xyz
-    moved, tree = posed.vertices, ClosestPoint(posed.vertices, posed.faces)
+    posed = case.prior.transformed(pose)
+    points = case.points.of("eam").xyz
+    moved = posed.vertices
+    tree = ClosestPoint(posed.vertices, posed.faces)
     still = STILL * float(np.sqrt(tree.query(points)[0].mean()))
     for _ in range(ROUNDS):
         keep, feet = _believed(tree, points, posed, reject)
-        at, first = np.unique(np.round(feet[keep], 6), axis=0, return_index=True)  # two points with one foot make the system singular
+        at, first = np.unique(
+            np.round(feet[keep], 6), axis=0, return_index=True
+        )  # two points with one foot make the system singular
         warp = RBFInterpolator(at, points[keep][first] - at, kernel=kernel, smoothing=smoothing)
-        before, moved = moved, posed.vertices + warp(posed.vertices)
+        before = moved
+        moved = posed.vertices + warp(posed.vertices)
         tree = tree.at(moved)
         if np.linalg.norm(moved - before, axis=1).mean() < still:
             break
     return posed.with_vertices(moved)
 
 
-def nricp_sumner(case: Case, pose: Array, *, smooth: float, landmarks: float, reject: float, rounds: int) -> Surface:
-    """trimesh's non-rigid ICP after Sumner and Popovic, the points as landmarks of their feet, re-associated `rounds` times."""
+def nricp_sumner(
+    case: Case, pose: Array, *, smooth: float, landmarks: float, reject: float, rounds: int
+) -> Surface:
+    """trimesh's non-rigid ICP after Sumner and Popovic, the points as landmarks of their feet, re-associated
+    `rounds` times.
+    """
     import trimesh
     from scipy.interpolate import RBFInterpolator
 
-    posed, points = case.prior.transformed(pose), case.points.of("eam").xyz
+    posed = case.prior.transformed(pose)
+    points = case.points.of("eam").xyz
     coarse = _decimated(posed)
     mesh = trimesh.Trimesh(coarse.vertices, coarse.faces, process=False)
-    moved, tree = coarse.vertices, ClosestPoint(coarse.vertices, coarse.faces)
+    moved = coarse.vertices
+    tree = ClosestPoint(coarse.vertices, coarse.faces)
     for _ in range(rounds):
         keep, _ = _believed(tree, points, coarse, reject)
         _, face, _, bary = tree.query(points[keep])
-        steps = [[0.0, 1e-3, smooth, landmarks, 0.0]]  # no correspondences but the points: there is no target surface
+        steps = [
+            [0.0, 1e-3, smooth, landmarks, 0.0]
+        ]  # no correspondences but the points: there is no target surface
         # trimesh asks for a target all the same; its own vertices, weighted zero, are one
-        moved = trimesh.registration.nricp_sumner(mesh, moved, (face, bary), points[keep], steps=steps, use_faces=False)
+        moved = trimesh.registration.nricp_sumner(
+            mesh, moved, (face, bary), points[keep], steps=steps, use_faces=False
+        )
         moved = np.asarray(moved)
         tree = tree.at(moved)
     shift = RBFInterpolator(coarse.vertices, moved - coarse.vertices, neighbors=16, kernel="linear")
@@ -61,16 +81,19 @@ def nricp_sumner(case: Case, pose: Array, *, smooth: float, landmarks: float, re
 
 
 def cpd(case: Case, pose: Array, *, moves: str, alpha: float, beta: float, outliers: float) -> Surface:
-    """pycpd's deformable registration, in units of the prior's rms radius; `moves` says which side is the moving one.
+    """pycpd's deformable registration, in units of the prior's rms radius; `moves` says which side is the
+    moving one.
 
-    Points that move onto the prior leave its unseen areas alone, but the motion wanted is then the inverse of what they did.
+    Points that move onto the prior leave its unseen areas alone, but the motion wanted is then the inverse of
+    what they did.
     """
     from pycpd import DeformableRegistration
 
     posed = case.prior.transformed(pose)
     centre = posed.vertices.mean(axis=0)
     size = float(np.sqrt(((posed.vertices - centre) ** 2).sum(axis=1).mean()))
-    points, vertices = (case.points.of("eam").xyz - centre) / size, (posed.vertices - centre) / size
+    points = (case.points.of("eam").xyz - centre) / size
+    vertices = (posed.vertices - centre) / size
     nodes = vertices[np.linspace(0, len(vertices) - 1, min(CPD_NODES, len(vertices))).round().astype(int)]
     still, moving = (nodes, points) if moves == "points" else (points, nodes)
     fit = DeformableRegistration(X=still, Y=moving, alpha=alpha, beta=beta, w=outliers, max_iterations=60)
@@ -90,41 +113,65 @@ def _cpd_field(fit, at):  # type: ignore[no-untyped-def]
 
 
 def open3d_icp(case: Case, pose: Array, *, reach: float, kernel: str, samples: int) -> Surface:
-    """Open3D's point-to-point ICP with scale, from the points to samples of the prior; `reach` in rms distances of the start."""
+    """Open3D's point-to-point ICP with scale, from the points to samples of the prior; `reach` in rms
+    distances of the start.
+    """
     import open3d as o3d
 
-    from o3dls.evaluate import sample
+    from o3dls.evaluation.distances import sample
 
-    posed, points = case.prior.transformed(pose), case.points.of("eam").xyz
+    posed = case.prior.transformed(pose)
+    points = case.points.of("eam").xyz
     rms = float(np.sqrt((ClosestPoint(posed.vertices, posed.faces).query(points)[0]).mean()))
-    clouds = [o3d.geometry.PointCloud(o3d.utility.Vector3dVector(_spatial(x))) for x in (points, sample(posed, samples))]
+    clouds = [
+        o3d.geometry.PointCloud(o3d.utility.Vector3dVector(_spatial(x)))
+        for x in (points, sample(posed, samples))
+    ]
     reg = o3d.pipelines.registration
-    found = reg.registration_icp(
-        *clouds, reach * rms, np.eye(4), reg.TransformationEstimationPointToPoint(with_scaling=True),
-        reg.ICPConvergenceCriteria(max_iteration=200),
-    ) if kernel == "none" else _trimmed(reg, clouds, reach * rms)  # fmt: skip
+    found = (
+        reg.registration_icp(
+            *clouds,
+            reach * rms,
+            np.eye(4),
+            reg.TransformationEstimationPointToPoint(with_scaling=True),
+            reg.ICPConvergenceCriteria(max_iteration=200),
+        )
+        if kernel == "none"
+        else _trimmed(reg, clouds, reach * rms)
+    )
     back = np.linalg.inv(found.transformation)
     keep = [*range(case.dimension), 3]
     return posed.transformed(back[np.ix_(keep, keep)])
 
 
 def _trimmed(reg, clouds, reach):  # type: ignore[no-untyped-def]
-    """ICP whose reach shrinks from round to round, as coarse-to-fine recipes do: the scaled estimator takes no robust kernel."""
+    """ICP whose reach shrinks from round to round, as coarse-to-fine recipes do: the scaled estimator takes
+    no robust kernel.
+    """
     pose = np.eye(4)
     for factor in (4.0, 2.0, 1.0):
-        found = reg.registration_icp(*clouds, factor * reach, pose, reg.TransformationEstimationPointToPoint(with_scaling=True),
-                                     reg.ICPConvergenceCriteria(max_iteration=100))  # fmt: skip
+        found = reg.registration_icp(
+            *clouds,
+            factor * reach,
+            pose,
+            reg.TransformationEstimationPointToPoint(with_scaling=True),
+            reg.ICPConvergenceCriteria(max_iteration=100),
+        )
         pose = found.transformation
     return found
 
 
 def _believed(tree: ClosestPoint, points: Array, rest: Surface, reject: float) -> tuple[Array, Array]:
-    """Mask of the points within median + reject * 1.48 MAD of the moved surface, and their feet on the surface at rest."""
+    """Mask of the points within median + reject * 1.48 MAD of the moved surface, and their feet on the
+    surface at rest.
+    """
     squared, face, _, bary = tree.query(points)
     distance = np.sqrt(squared)
     middle = float(np.median(distance))
     spread = 1.4826 * float(np.median(np.abs(distance - middle)))
-    return distance <= middle + reject * spread, np.einsum("nc,ncd->nd", bary, rest.vertices[rest.faces[face]])
+    return distance <= middle + reject * spread, np.einsum(
+        "nc,ncd->nd", bary, rest.vertices[rest.faces[face]]
+    )
 
 
 def _decimated(surface: Surface) -> Surface:
@@ -133,7 +180,8 @@ def _decimated(surface: Surface) -> Surface:
     if len(surface.faces) <= COARSE_FACES:
         return surface
     mesh = o3d.geometry.TriangleMesh(
-        o3d.utility.Vector3dVector(surface.vertices), o3d.utility.Vector3iVector(surface.faces.astype(np.int32))
+        o3d.utility.Vector3dVector(surface.vertices),
+        o3d.utility.Vector3iVector(surface.faces.astype(np.int32)),
     )
     mesh = mesh.simplify_quadric_decimation(COARSE_FACES)
     return Surface(np.asarray(mesh.vertices), np.asarray(mesh.triangles))
@@ -143,7 +191,12 @@ def _spatial(points: Array) -> Array:
     return np.column_stack([points, np.zeros((len(points), 3 - points.shape[1]))])
 
 
-PEERS: Mapping[str, Peer] = {"thin-plate": thin_plate, "nricp_sumner": nricp_sumner, "pycpd": cpd, "open3d icp": open3d_icp}
+PEERS: Mapping[str, Peer] = {
+    "thin-plate": thin_plate,
+    "nricp_sumner": nricp_sumner,
+    "pycpd": cpd,
+    "open3d icp": open3d_icp,
+}
 
 
 def _grid(**values: tuple[object, ...]) -> list[dict[str, object]]:
@@ -152,11 +205,27 @@ def _grid(**values: tuple[object, ...]) -> list[dict[str, object]]:
 
 GRIDS: Mapping[str, list[dict[str, object]]] = {
     "thin-plate": _grid(
-        kernel=("linear", "thin_plate_spline"), smoothing=(1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0, 3000.0), reject=(2.5, 4.0, 8.0)
+        kernel=("linear", "thin_plate_spline"),
+        smoothing=(1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0, 3000.0),
+        reject=(2.5, 4.0, 8.0),
     ),
-    "nricp_sumner": _grid(smooth=(0.1, 1.0, 10.0, 100.0), landmarks=(1.0, 10.0, 100.0, 1000.0), reject=(2.5, 4.0, 8.0), rounds=(5,)),
-    "pycpd": _grid(moves=("points", "prior"), alpha=(0.1, 0.3, 1.0, 3.0, 10.0), beta=(0.15, 0.3, 0.6, 1.2), outliers=(0.1, 0.3)),
-    "open3d icp": _grid(reach=(1.0, 1.5, 2.0, 3.0, 5.0, 8.0, 12.0, 100.0), kernel=("none", "shrinking"), samples=(3000, 10000, 30000)),
+    "nricp_sumner": _grid(
+        smooth=(0.1, 1.0, 10.0, 100.0),
+        landmarks=(1.0, 10.0, 100.0, 1000.0),
+        reject=(2.5, 4.0, 8.0),
+        rounds=(5,),
+    ),
+    "pycpd": _grid(
+        moves=("points", "prior"),
+        alpha=(0.1, 0.3, 1.0, 3.0, 10.0),
+        beta=(0.15, 0.3, 0.6, 1.2),
+        outliers=(0.1, 0.3),
+    ),
+    "open3d icp": _grid(
+        reach=(1.0, 1.5, 2.0, 3.0, 5.0, 8.0, 12.0, 100.0),
+        kernel=("none", "shrinking"),
+        samples=(3000, 10000, 30000),
+    ),
 }
 NEEDS_TRIANGLES = ("nricp_sumner",)
 

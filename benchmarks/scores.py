@@ -5,22 +5,29 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from o3dls.arrays import Array
 from o3dls.case import Case
 from o3dls.estimate import Estimate
-from o3dls.evaluate import SAMPLES, distances, sample
-from o3dls.geometry import Array, Surface
-from o3dls.validity import validity
+from o3dls.evaluation.distances import SAMPLES, distances, sample
+from o3dls.evaluation.validity import validity
+from o3dls.geometry.surface import Surface
 
 Record = dict[str, float]
 BAND_95 = 1.959964  # deviations that hold 95 % of a Gaussian
-FLAT_WITHIN = 0.9  # cosine to the slices' axis from which a piece of a ventricle's surface belongs to a flat end cap
+FLAT_WITHIN = (
+    0.9  # cosine to the slices' axis from which a piece of a ventricle's surface belongs to a flat end cap
+)
 VERTICES = 2000  # vertices that calibration looks at
 SEED = 770_143_905
 
 
 def scores(case: Case, estimate: Estimate) -> Record:
     """Distances in the case's units; a key is missing where the case cannot say it."""
-    return distance_scores(case, estimate) | calibration(case, estimate) | {"valid": is_valid(case, estimate.surface)}
+    return (
+        distance_scores(case, estimate)
+        | calibration(case, estimate)
+        | {"valid": is_valid(case, estimate.surface)}
+    )
 
 
 def distance_scores(case: Case, estimate: Estimate) -> Record:
@@ -39,15 +46,20 @@ def distance_scores(case: Case, estimate: Estimate) -> Record:
         if truth.unseen is not None and truth.unseen.any():
             found |= {"seen": gap[~truth.unseen].mean(), "unseen": gap[truth.unseen].mean()}
     if truth.correspondence is not None:
-        found["correspondence"] = np.linalg.norm(_carried(case, estimate, truth.correspondence[0]) - truth.correspondence[1], axis=1).mean()
+        found["correspondence"] = np.linalg.norm(
+            _carried(case, estimate, truth.correspondence[0]) - truth.correspondence[1], axis=1
+        ).mean()
     return {name: float(value) for name, value in found.items()}
 
 
 def truth_distances(case: Case, surface: Surface, samples: int = SAMPLES) -> tuple[Array, Array]:
-    """Distances of samples of the truth to the surface and back; a ventricle's flat end caps, which carry no points, are left out."""
+    """Distances of samples of the truth to the surface and back; a ventricle's flat end caps, which carry no
+    points, are left out.
+    """
     assert case.truth is not None
     assert case.truth.surface is not None
-    truth, both = case.truth.surface, []
+    truth = case.truth.surface
+    both = []
     for source, target in ((truth, surface), (surface, truth)):
         at = sample(source, samples)
         both.append(distances(at[~_on_cap(at, source, truth)] if case.name.startswith("lv_") else at, target))
@@ -55,11 +67,15 @@ def truth_distances(case: Case, surface: Surface, samples: int = SAMPLES) -> tup
 
 
 def _on_cap(at: Array, source: Surface, truth: Surface) -> Array:
-    """Whether samples lie where the surface is across the slices, whose axis is the commonest normal of the truth."""
-    from o3dls.levelset.closest import ClosestPoint
+    """Whether samples lie where the surface is across the slices, whose axis is the commonest normal of the
+    truth.
+    """
+    from o3dls.geometry.closest_point import ClosestPoint
 
     normals, areas = truth.face_normals, truth.face_areas
-    axis = max(normals[np.argsort(-areas)[:50]], key=lambda n: float(areas[np.abs(normals @ n) > 0.999].sum()))
+    axis = max(
+        normals[np.argsort(-areas)[:50]], key=lambda n: float(areas[np.abs(normals @ n) > 0.999].sum())
+    )
     face = ClosestPoint(source.vertices, source.faces).query(at)[1]
     return np.asarray(np.abs(source.face_normals[face] @ axis) > FLAT_WITHIN)
 
@@ -73,9 +89,12 @@ def on_wall(case: Case) -> NDArray[np.bool_]:
 
 
 def calibration(case: Case, estimate: Estimate) -> Record:
-    """sigma over the noise that the inliers really have; share of vertices within their 95 % band; rank correlation of the deviation
-    with the error, and what a perfect posterior of the same deviations would reach."""
-    truth, found = case.truth, Record()
+    """sigma over the noise that the inliers really have; share of vertices within their 95 % band; rank
+    correlation of the deviation with the error, and what a perfect posterior of the same deviations would
+    reach.
+    """
+    truth = case.truth
+    found = Record()
     assert truth is not None
     assert truth.surface is not None
     if estimate.sigma is not None and truth.held_out is not None:
@@ -92,7 +111,9 @@ def calibration(case: Case, estimate: Estimate) -> Record:
 
 
 def is_valid(case: Case, surface: Surface) -> float:
-    """1 where the surface is closed, without self-intersection, and has pieces and handles as the truth (where closed) or the prior."""
+    """1 where the surface is closed, without self-intersection, and has pieces and handles as the truth
+    (where closed) or the prior.
+    """
     assert case.truth is not None
     assert case.truth.surface is not None
     found = validity(surface, case.prior)
@@ -103,8 +124,10 @@ def is_valid(case: Case, surface: Surface) -> float:
 
 
 def _carried(case: Case, estimate: Estimate, at: Array) -> Array:
-    """Where points of the prior went: by the motion, or with the surface where it keeps the prior's vertices."""
-    from o3dls.levelset.closest import ClosestPoint
+    """Where points of the prior went: by the motion, or with the surface where it keeps the prior's
+    vertices.
+    """
+    from o3dls.geometry.closest_point import ClosestPoint
 
     if estimate.motion is not None:
         return estimate.motion(at)

@@ -1,8 +1,9 @@
-"""Time and memory of o3dls beside other methods, each with the error and the sentence it ended with: python -m benchmarks.speed
+"""Time and memory of o3dls beside other methods, each with the error and the sentence it ended with: python
+-m benchmarks.speed
 
-The case is made afresh (data_synth's atrium, --seed); kernels are warm, files excluded, one thread of linear algebra as on the command
-line. Every time is the median of --repeat runs, by the clock and, beside it, of the processor: on a machine that does other work the
-clock is an upper bound.
+The case is made afresh (data_synth's atrium, --seed); kernels are warm, files excluded, one thread of linear
+algebra as on the command line. Every time is the median of --repeat runs, by the clock and, beside it, of the
+processor: on a machine that does other work the clock is an upper bound.
 """
 
 from __future__ import annotations
@@ -23,15 +24,23 @@ THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 FACES = 30_000
 FLOATING = 0.8  # from the middle of the chamber to the wall: some 6 mm off it
 LIMITS = {  # what is asked for
-    "motion": (0.5, "s"), "everything": (1.5, "s"), "memory": (700.0, "MB"), "band 128^3": (0.2, "s"), "halving": (4.5, "x"),
-    "20 000 points": (6.0, "s"), "one more point": (0.03, "s"), "one more point, off": (0.05, "mm"),
+    "motion": (0.5, "s"),
+    "everything": (1.5, "s"),
+    "memory": (700.0, "MB"),
+    "band 128^3": (0.2, "s"),
+    "halving": (4.5, "x"),
+    "20 000 points": (6.0, "s"),
+    "one more point": (0.03, "s"),
+    "one more point, off": (0.05, "mm"),
     "the same floating inside, off": (0.05, "mm"),
-}  # fmt: skip
+}
 
 
 @dataclass(frozen=True)
 class Time:
-    """Median seconds of some calls, by the clock and of the processor: the second does not mind what else the machine does."""
+    """Median seconds of some calls, by the clock and of the processor: the second does not mind what else the
+    machine does.
+    """
 
     clock: float
     cpu: float
@@ -42,7 +51,9 @@ class Time:
 
 def timed(action: Callable[[], Any], repeat: int) -> tuple[Time, Any]:
     """Median time of a call, after one that warms caches and compilers; and what it gave."""
-    result, clock, cpu = action(), [], []
+    result = action()
+    clock = []
+    cpu = []
     for _ in range(repeat):
         begin, began = perf_counter(), process_time()
         result = action()
@@ -54,7 +65,7 @@ def timed(action: Callable[[], Any], repeat: int) -> tuple[Time, Any]:
 def problem(seed: int, points: int = 250) -> tuple[Any, Any]:
     """A fresh atrium with `points` fitted points whose prior has about FACES faces, and its start."""
     from data_synth.atrium import atrium
-    from o3dls.start import start_estimate
+    from o3dls.pipeline.start import start_estimate
 
     case = atrium(seed, points=points)
     case = replace(case, prior=_refined(case.prior))
@@ -66,9 +77,11 @@ def _refined(prior: Any) -> Any:
     import numpy as np
     import open3d as o3d
 
-    from o3dls.geometry import Surface
+    from o3dls.geometry.surface import Surface
 
-    mesh = o3d.geometry.TriangleMesh(o3d.utility.Vector3dVector(prior.vertices), o3d.utility.Vector3iVector(prior.faces.astype(np.int32)))
+    mesh = o3d.geometry.TriangleMesh(
+        o3d.utility.Vector3dVector(prior.vertices), o3d.utility.Vector3iVector(prior.faces.astype(np.int32))
+    )
     while len(mesh.triangles) < FACES:
         mesh = mesh.subdivide_midpoint(1)
     mesh = mesh.simplify_quadric_decimation(FACES)
@@ -76,7 +89,7 @@ def _refined(prior: Any) -> Any:
 
 
 def error(case: Any, surface: Any) -> float:
-    from o3dls.evaluate import distances
+    from o3dls.evaluation.distances import distances
 
     return float(distances(case.truth.held_out, surface).mean())
 
@@ -89,19 +102,30 @@ def engine(seed: int, repeat: int) -> list[Row]:
 
     case, start = problem(seed)
     shown = case.visible()
-    rows, total, at = [], Time(0.0, 0.0), start
+    rows = []
+    total = Time(0.0, 0.0)
+    at = start
     for stage in (ICP(), Deform(), LevelSet(spacing=1.0)):
         seconds, at = timed(lambda stage=stage, at=at: stage(shown, at), repeat)  # type: ignore[misc]
         total = total + seconds
         rows.append(_row(f"stage {stage.name}", seconds, case, at.surface, at.status))
         if stage.name == "deform":
             rows.append(_row("motion", total, case, at.surface, "alignment, motion field and posterior"))
-    rows.append(_row("everything", total, case, at.surface, "with level set at 1 mm, isosurface and clean-up"))
+    rows.append(
+        _row("everything", total, case, at.surface, "with level set at 1 mm, isosurface and clean-up")
+    )
     return rows
 
 
 def _row(what: str, seconds: Time, case: Any, surface: Any, status: str) -> Row:
-    return {"what": what, "value": seconds.clock, "cpu": seconds.cpu, "unit": "s", "held_out_mm": error(case, surface), "status": status}
+    return {
+        "what": what,
+        "value": seconds.clock,
+        "cpu": seconds.cpu,
+        "unit": "s",
+        "held_out_mm": error(case, surface),
+        "status": status,
+    }
 
 
 def halving(seed: int, repeat: int) -> list[Row]:
@@ -126,11 +150,16 @@ def halving(seed: int, repeat: int) -> list[Row]:
         }
     ]
     v, f = moved.surface.vertices, moved.surface.faces
-    spacing = float((v.max(axis=0) - v.min(axis=0)).max()) / 120.0  # with the pad about 128 nodes along the longest side
+    spacing = (
+        float((v.max(axis=0) - v.min(axis=0)).max()) / 120.0
+    )  # with the pad about 128 nodes along the longest side
     seconds, field = timed(lambda: signed_distance(v, f, spacing, 3.0 * spacing), repeat)
     shape = "x".join(map(str, field.band.shape))
     status = f"{len(field.band)} band nodes of {shape}"
-    return [*rows, {"what": "band 128^3", "value": seconds.clock, "cpu": seconds.cpu, "unit": "s", "status": status}]
+    return [
+        *rows,
+        {"what": "band 128^3", "value": seconds.clock, "cpu": seconds.cpu, "unit": "s", "status": status},
+    ]
 
 
 def many(seed: int, repeat: int) -> list[Row]:
@@ -141,7 +170,9 @@ def many(seed: int, repeat: int) -> list[Row]:
 
     case, start = problem(seed, points=20_000)
     shown = case.visible()
-    seconds, found = timed(lambda: LevelSet()(shown, Deform()(shown, ICP()(shown, start))), max(1, repeat // 3))
+    seconds, found = timed(
+        lambda: LevelSet()(shown, Deform()(shown, ICP()(shown, start))), max(1, repeat // 3)
+    )
     return [_row("20 000 points", seconds, case, found.surface, found.status)]
 
 
@@ -149,25 +180,30 @@ def one_more(seed: int, repeat: int) -> list[Row]:
     """A warm start with one more point against a fit from nothing with all of them."""
     import numpy as np
 
-    from o3dls.levelset.fit import fit_motion
+    from o3dls.motion.fit import fit_motion
     from o3dls.stages.deform import Deform, observed
     from o3dls.stages.icp import ICP
 
     case, start = problem(seed)
-    pose, stage = ICP()(case.visible(), start).T_map_prior, Deform()
+    pose = ICP()(case.visible(), start).T_map_prior
+    stage = Deform()
     data = observed(case.visible(), stage)
     first = data.at(slice(-1))
     v, f = case.prior.vertices, case.prior.faces
     before = fit_motion(v, f, pose, first, stage.settings())
     seconds, warm = timed(lambda: fit_motion(v, f, pose, data, stage.settings(), warm=before), repeat)
-    rows = [_row("one more point", seconds, case, case.prior.with_vertices(warm.vertices), warm.sentence("mm"))]
+    rows = [
+        _row("one more point", seconds, case, case.prior.with_vertices(warm.vertices), warm.sentence("mm"))
+    ]
     centre = warm.vertices.mean(axis=0)
     floating = data.points.copy()
     floating[-1] = centre + FLOATING * (floating[-1] - centre)
     said = {"unit": "mm", "status": "from a fit from nothing, mean over vertices"}
     for what, points in (("one more point, off", data.points), ("the same floating inside, off", floating)):
         shown = replace(data, points=points)
-        two = [fit_motion(v, f, pose, shown, stage.settings(), warm=known).vertices for known in (before, None)]
+        two = [
+            fit_motion(v, f, pose, shown, stage.settings(), warm=known).vertices for known in (before, None)
+        ]
         rows.append({"what": what, "value": float(np.linalg.norm(two[0] - two[1], axis=1).mean()), **said})
     return rows
 
@@ -183,7 +219,9 @@ def memory(seed: int, repeat: int) -> list[Row]:
     case, start = problem(seed)
     shown = case.visible()
     found = LevelSet(spacing=1.0)(shown, Deform()(shown, ICP()(shown, start)))
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (1024.0**2 if sys.platform == "darwin" else 1024.0)
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (
+        1024.0**2 if sys.platform == "darwin" else 1024.0
+    )
     return [
         {
             "what": "memory",
@@ -204,18 +242,27 @@ def peers(seed: int, repeat: int) -> list[Row]:
     pose = pose_of(case)
     rows = []
     for name, setting in tuned().get("la", {}).items():
-        seconds, surface = timed(lambda n=name, s=setting: PEERS[n](case.visible(), pose, **s["parameters"]), max(1, repeat // 3))  # type: ignore[misc]
+        seconds, surface = timed(
+            lambda n=name, s=setting: PEERS[n](case.visible(), pose, **s["parameters"]), max(1, repeat // 3)
+        )  # type: ignore[misc]
         rows.append(_row(f"peer {name}", seconds, case, surface, "without the alignment it starts from"))
     return rows
 
 
 PARTS: dict[str, Callable[[int, int], list[Row]]] = {
-    "engine": engine, "halving": halving, "many": many, "one_more": one_more, "memory": memory, "peers": peers,
-}  # fmt: skip
+    "engine": engine,
+    "halving": halving,
+    "many": many,
+    "one_more": one_more,
+    "memory": memory,
+    "peers": peers,
+}
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--seed", type=int, default=2401, help="of the synthetic atrium")
     parser.add_argument("--repeat", type=int, default=5, help="runs of which the median counts")
     parser.add_argument("--part", choices=PARTS, action="append", help="only these; default: all")
@@ -231,11 +278,33 @@ def main() -> None:
 
 
 def _apart(part: str, seed: int, repeat: int) -> list[Row]:
-    command = [sys.executable, "-m", "benchmarks.speed", "--json", "--part", part, "--seed", str(seed), "--repeat", str(repeat)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, env=os.environ | dict.fromkeys(THREADS, "1"))
+    command = [
+        sys.executable,
+        "-m",
+        "benchmarks.speed",
+        "--json",
+        "--part",
+        part,
+        "--seed",
+        str(seed),
+        "--repeat",
+        str(repeat),
+    ]
+    done = subprocess.run(
+        command, capture_output=True, text=True, check=False, env=os.environ | dict.fromkeys(THREADS, "1")
+    )
     if done.returncode:
-        return [{"what": part, "value": float("nan"), "unit": "", "status": f"failed: {done.stderr.strip().splitlines()[-1]}"}]
-    return [json.loads(line) for line in done.stdout.splitlines() if line.startswith("{")]  # libraries say things there too
+        return [
+            {
+                "what": part,
+                "value": float("nan"),
+                "unit": "",
+                "status": f"failed: {done.stderr.strip().splitlines()[-1]}",
+            }
+        ]
+    return [
+        json.loads(line) for line in done.stdout.splitlines() if line.startswith("{")
+    ]  # libraries say things there too
 
 
 def _say(rows: list[Row]) -> None:
@@ -248,7 +317,10 @@ def _line(row: Row) -> str:
     asked = f"<= {limit[0]:g} {limit[1]}" if limit else ""
     held_out = f"{row['held_out_mm']:.3f} mm" if "held_out_mm" in row else ""
     cpu = f"{row['cpu']:.3f}" if "cpu" in row else ""
-    return f"{row['what']:22}{row['value']:>9.3f} {row['unit']:2} {cpu:>9}    {asked:>10}  {held_out:>8}  {row['status']}"
+    return (
+        f"{row['what']:22}{row['value']:>9.3f} {row['unit']:2} {cpu:>9}    {asked:>10}  {held_out:>8} "
+        f" {row['status']}"
+    )
 
 
 if __name__ == "__main__":

@@ -1,4 +1,6 @@
-"""Records of `accuracy` as tables: one per group, methods below each other, and what is asked of the joint estimate beside it."""
+"""Records of `accuracy` as tables: one per group, methods below each other, and what is asked of the joint
+estimate beside it.
+"""
 
 from __future__ import annotations
 
@@ -6,18 +8,22 @@ from typing import Any
 
 import numpy as np
 
-from o3dls.geometry import Array
+from o3dls.arrays import Array
 
 Record = dict[str, Any]
 COLUMNS = ("held_out", "seen", "unseen", "ssd", "hd95", "t2s", "s2t", "ablation", "correspondence", "seconds")
 ASKED: dict[str, dict[str, float]] = {  # at most; of the joint estimate
     "la": {"held_out": 0.65, "unseen": 1.05, "hd95": 2.0},
     "lah": {"held_out": 0.72},
-    "jar_03": {"held_out": 0.28}, "jar_06": {"held_out": 0.49}, "jar_09": {"held_out": 0.63}, "jar_12": {"held_out": 0.76},
+    "jar_03": {"held_out": 0.28},
+    "jar_06": {"held_out": 0.49},
+    "jar_09": {"held_out": 0.63},
+    "jar_12": {"held_out": 0.76},
     "kit_mri_to_eam": {"ablation": 1.0, "t2s": 0.85, "s2t": 1.4},
     "kit_mri_to_eam+noise2mm": {"ablation": 1.9, "t2s": 1.25, "s2t": 1.8},
-    "lv_ed_to_es": {"ssd": 0.32}, "vampy_moving_la": {"ssd": 0.36},
-}  # fmt: skip
+    "lv_ed_to_es": {"ssd": 0.32},
+    "vampy_moving_la": {"ssd": 0.36},
+}
 OURS = ("start", "global_pose", "icp", "phi_only", "deform", "level_set")
 TOLERATED = 0.05  # mm: by so much a result may be worse than another's
 
@@ -37,9 +43,17 @@ def _table(group: str, records: list[Record]) -> str:
         own = [r for r in records if r["method"] == method]
         rows.append([method, *(_spread(_values(own, c)) for c in columns), *_quality(own)])
     if group in ASKED:
-        rows.append(["asked of level_set", *(f"{ASKED[group][c]:.2f}" if c in ASKED[group] else "" for c in columns), *[""] * 4])
+        rows.append(
+            [
+                "asked of level_set",
+                *(f"{ASKED[group][c]:.2f}" if c in ASKED[group] else "" for c in columns),
+                *[""] * 4,
+            ]
+        )
     widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
-    lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
+    lines = [
+        "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows
+    ]
     return "\n".join([*lines, *_comparisons(records)])
 
 
@@ -70,10 +84,15 @@ def _quality(records: list[Record]) -> list[str]:
 def _comparisons(records: list[Record]) -> list[str]:
     """What the joint estimate is worth against its parts and the best peer, case by case."""
     key = "held_out" if any("held_out" in r for r in records) else "ssd"
-    by = {name: {r["case"]: r for r in records if r["method"] == name} for name in dict.fromkeys(r["method"] for r in records)}
+    by = {
+        name: {r["case"]: r for r in records if r["method"] == name}
+        for name in dict.fromkeys(r["method"] for r in records)
+    }
     if "level_set" not in by:
         return []
-    means = {name: float(np.mean([r[key] for r in own.values()])) for name, own in by.items() if name != "bound"}
+    means = {
+        name: float(np.mean([r[key] for r in own.values()])) for name, own in by.items() if name != "bound"
+    }
     pairs = [("icp", key), *(("deform", k) for k in dict.fromkeys((key, "ssd")))]
     said = [_against(by["level_set"], by[name], name, k) for name, k in pairs if name in by]
     if "icp" in by and any("unseen" in r for r in records):
@@ -81,7 +100,9 @@ def _comparisons(records: list[Record]) -> list[str]:
     others = {name: mean for name, mean in means.items() if name not in OURS}
     if others:
         best = min(others, key=lambda name: others[name])
-        said.append(f"  best peer {best}: level_set is at {means['level_set'] / others[best]:.3f} of its {key}")
+        said.append(
+            f"  best peer {best}: level_set is at {means['level_set'] / others[best]:.3f} of its {key}"
+        )
     return said
 
 
@@ -90,7 +111,8 @@ def _against(ours: dict[str, Record], theirs: dict[str, Record], name: str, key:
     a, b = (np.array([side[case][key] for case in both]) for side in (ours, theirs))
     worse, better = int((a - b > TOLERATED).sum()), int((b - a > TOLERATED).sum())
     return (
-        f"  {key}: level_set - {name} = {_signed(a - b)}; by more than {TOLERATED} worse in {worse}, better in {better} of {len(both)}; "
+        f"  {key}: level_set - {name} = {_signed(a - b)}; by more than {TOLERATED} worse in {worse}, "
+        f"better in {better} of {len(both)}; "
         f"largest ratio {float((a / b).max()):.3f}"
     )
 
@@ -98,4 +120,7 @@ def _against(ours: dict[str, Record], theirs: dict[str, Record], name: str, key:
 def _signed(difference: Array) -> str:
     if len(difference) == 1:
         return f"{difference[0]:+.3f}"
-    return f"{difference.mean():+.3f}±{difference.std(ddof=1) / np.sqrt(len(difference)):.3f} (worst {difference.max():+.3f})"
+    return (
+        f"{difference.mean():+.3f}±{difference.std(ddof=1) / np.sqrt(len(difference)):.3f} (worst "
+        f"{difference.max():+.3f})"
+    )

@@ -1,8 +1,10 @@
-"""Choose each peer's setting per group on development cases: python -m benchmarks.tune FOLDER... (about an hour for all groups).
+"""Choose each peer's setting per group on development cases: python -m benchmarks.tune FOLDER... (about an
+hour for all groups).
 
-Every setting of peers.GRIDS is tried on the first case of a group, the best quarter on the others; the lowest mean symmetric
-distance to the truth wins and is written to benchmarks/tuned.json, with the number of settings tried. Real cases are tuned on
-themselves, in the peers' favour. Make development cases (seeds below 1000) as `python -m benchmarks.accuracy --help` shows.
+Every setting of peers.GRIDS is tried on the first case of a group, the best quarter on the others; the lowest
+mean symmetric distance to the truth wins and is written to benchmarks/tuned.json, with the number of settings
+tried. Real cases are tuned on themselves, in the peers' favour. Make development cases (seeds below 1000) as
+`python -m benchmarks.accuracy --help` shows.
 """
 
 from __future__ import annotations
@@ -20,10 +22,11 @@ import numpy as np
 from benchmarks.cases import Listed, find
 from benchmarks.peers import GRIDS, PEERS, applicable
 from benchmarks.scores import truth_distances
+from o3dls.arrays import Array
 from o3dls.case import Case
-from o3dls.geometry import Array, Surface
+from o3dls.geometry.surface import Surface
+from o3dls.pipeline.start import start_estimate
 from o3dls.stages.icp import ICP
-from o3dls.start import start_estimate
 
 TUNED = Path(__file__).with_name("tuned.json")
 SAMPLES = 4000
@@ -49,11 +52,13 @@ def cost(case: Case, surface: Surface) -> float:
 
 def tune(cases: list[tuple[Case, Array]], peer: str) -> dict[str, Any]:
     """The best of a peer's grid over the cases of one group."""
-    settings, costs = list(GRIDS[peer]), np.zeros(len(GRIDS[peer]))
+    settings = list(GRIDS[peer])
+    costs = np.zeros(len(GRIDS[peer]))
     for k, (case, pose) in enumerate(cases):
         if k == 1:
             best = np.argsort(costs, kind="stable")[: max(1, int(KEPT * len(settings)))]
-            settings, costs = [settings[i] for i in best], costs[best]
+            settings = [settings[i] for i in best]
+            costs = costs[best]
         costs = costs + np.array([_tried(case, pose, peer, setting) for setting in settings])
     winner = int(costs.argmin())
     return {
@@ -67,15 +72,23 @@ def tune(cases: list[tuple[Case, Array]], peer: str) -> dict[str, Any]:
 def _tried(case: Case, pose: Array, peer: str, setting: Mapping[str, Any]) -> float:
     try:
         return cost(case, PEERS[peer](case, pose, **setting))
-    except (np.linalg.LinAlgError, ValueError, RuntimeError) as error:  # a setting that fails has lost, and says so
+    except (
+        np.linalg.LinAlgError,
+        ValueError,
+        RuntimeError,
+    ) as error:  # a setting that fails has lost, and says so
         print(f"{case.name}: {peer} {setting}: {error}", file=sys.stderr)
         return float("inf")
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("folders", nargs="+", type=Path, help="case folders, or folders of them")
-    parser.add_argument("--again", action="store_true", help="tune groups that benchmarks/tuned.json has already")
+    parser.add_argument(
+        "--again", action="store_true", help="tune groups that benchmarks/tuned.json has already"
+    )
     arguments = parser.parse_args()
     for group, members in groupby(find(arguments.folders), key=lambda c: c.group):
         _tune_group(group, list(members), arguments.again)

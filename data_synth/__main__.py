@@ -15,7 +15,11 @@ SEED = click.option("--seed", type=click.IntRange(min=0), default=7, show_defaul
 FORCE = click.option("--force", is_flag=True, help="replace an earlier case in the same folder")
 FOLDER = click.argument("folder", metavar="DIR", type=click.Path(path_type=Path))
 PERCENT = click.option(
-    "--percent", type=click.FloatRange(0.0, 100.0), default=6.0, show_default=True, help="noise in percent of the points' sd"
+    "--percent",
+    type=click.FloatRange(0.0, 100.0),
+    default=6.0,
+    show_default=True,
+    help="noise in percent of the points' sd",
 )
 SHARE = click.FloatRange(0.0, 0.9)
 
@@ -28,11 +32,21 @@ def main() -> None:
 @main.command("atrium")
 @FOLDER
 @SEED
-@click.option("--motion", type=click.FloatRange(0.0, 3.0), default=1.0, show_default=True, help="non-rigid motion; 1 is typical")
+@click.option(
+    "--motion",
+    type=click.FloatRange(0.0, 3.0),
+    default=1.0,
+    show_default=True,
+    help="non-rigid motion; 1 is typical",
+)
 @click.option("--noise", type=click.FloatRange(min=0.0), help="sd per axis in mm; default: drawn from 1 to 2")
 @click.option("--points", type=click.IntRange(min=10), default=250, show_default=True, help="mapping points")
-@click.option("--outliers", type=SHARE, help="share of the points inside the chamber; default: drawn from 0.05 to 0.10")
-@click.option("--unseen", type=SHARE, help="share of the wall without points; default: drawn from 0.15 to 0.25")
+@click.option(
+    "--outliers", type=SHARE, help="share of the points inside the chamber; default: drawn from 0.05 to 0.10"
+)
+@click.option(
+    "--unseen", type=SHARE, help="share of the wall without points; default: drawn from 0.15 to 0.25"
+)
 @click.option(
     "--lacks",
     type=click.Choice(["neither", "prior", "truth"]),
@@ -40,7 +54,13 @@ def main() -> None:
     show_default=True,
     help="which surface lacks a vein that the other has",
 )
-@click.option("--beside", type=click.IntRange(min=0), default=0, show_default=True, help="points more, of the other atrium")
+@click.option(
+    "--beside",
+    type=click.IntRange(min=0),
+    default=0,
+    show_default=True,
+    help="points more, of the other atrium",
+)
 @FORCE
 def _atrium(folder: Path, force: bool, **options: Any) -> None:
     """A left atrium that moved between imaging and mapping."""

@@ -1,4 +1,6 @@
-"""A jar of 60 x 60 x 80 mm: a body of revolution with a lip; the prior is the jar bent as a whole, as a shaky hand drew it."""
+"""A jar of 60 x 60 x 80 mm: a body of revolution with a lip; the prior is the jar bent as a whole, as a shaky
+hand drew it.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,9 @@ from .meshing import mesh
 from .motion import bend, then, wobble
 from .shapes import Shape
 
-WALL = np.array([[12.0, 8], [16, 14], [20, 24], [21, 33], [19, 43], [13, 52], [9, 58], [9, 62], [11, 67], [14, 71]])  # radius, z
+WALL = np.array(
+    [[12.0, 8], [16, 14], [20, 24], [21, 33], [19, 43], [13, 52], [9, 58], [9, 62], [11, 67], [14, 71]]
+)  # radius, z
 ROUNDING = 1.5
 SPACING = 1.5
 BENT_OVER, SHAKEN_OVER = 60.0, 8.0  # mm
@@ -34,10 +38,13 @@ def truth_surface() -> Surface:
     return mesh(shape(), (2, 2, 2), (58, 58, 78), SPACING)
 
 
-def jar(seed: int = 7, *, percent: float = 6.0, points: int = 282, bent: float = 2.0, shake: float = 0.3) -> Case:
+def jar(
+    seed: int = 7, *, percent: float = 6.0, points: int = 282, bent: float = 2.0, shake: float = 0.3
+) -> Case:
     """The case of a seed; percent: noise per axis in percent of the points' standard deviation.
 
-    bent: how far (rms, mm) the prior is off once it lies as well as it can; shake: sd per axis (mm) of the hand that drew it.
+    bent: how far (rms, mm) the prior is off once it lies as well as it can; shake: sd per axis (mm) of the
+    hand that drew it.
     """
     scribe, hand = np.random.default_rng((seed, 2203)).spawn(2)
     truth = truth_surface()

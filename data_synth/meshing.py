@@ -25,8 +25,11 @@ def mesh(shape: Shape, low: ArrayLike, high: ArrayLike, spacing: float) -> Surfa
 
 
 def _evened(shape: Shape, vertices: Array, faces: NDArray[np.int64], rounds: int = 8) -> Array:
-    """Vertices moved along the surface towards the mean of their neighbours: the isosurface's slivers become triangles."""
-    start, end = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
+    """Vertices moved along the surface towards the mean of their neighbours: the isosurface's slivers become
+    triangles.
+    """
+    start = faces.ravel()
+    end = np.roll(faces, -1, axis=1).ravel()
     valence = np.bincount(start, minlength=len(vertices))[:, None]
     vertices = project(shape, vertices)
     for _ in range(rounds):
@@ -35,5 +38,7 @@ def _evened(shape: Shape, vertices: Array, faces: NDArray[np.int64], rounds: int
         step = mean / valence - vertices
         normal = gradient(shape, vertices)
         normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-        vertices = project(shape, vertices + 0.5 * (step - (step * normal).sum(axis=1, keepdims=True) * normal), rounds=1)
+        vertices = project(
+            shape, vertices + 0.5 * (step - (step * normal).sum(axis=1, keepdims=True) * normal), rounds=1
+        )
     return vertices

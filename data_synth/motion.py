@@ -1,4 +1,6 @@
-"""Motions as functions from points (n, d) to points; each is smooth and, at the sizes used here, without folds."""
+"""Motions as functions from points (n, d) to points; each is smooth and, at the sizes used here, without
+folds.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +31,8 @@ def strain(factors: ArrayLike) -> Motion:
 
 
 def tilt(axis: ArrayLike, angle: float, height: float) -> Motion:
-    """What lies above z = 0 turns by `angle` (rad) about an axis through the origin, what lies below by as much the other way.
+    """What lies above z = 0 turns by `angle` (rad) about an axis through the origin, what lies below by as
+    much the other way.
 
     The turn grows over about `height`.
     """
@@ -50,7 +53,9 @@ def drag(centres: ArrayLike, shifts: ArrayLike, width: float) -> Motion:
 
 
 def blend(one: Motion, other: Motion, share: float, centres: Array, width: float) -> Motion:
-    """One motion, but for a share of another about centres (k, d), within about `width`; a negative share leads away from the other."""
+    """One motion, but for a share of another about centres (k, d), within about `width`; a negative share
+    leads away from the other.
+    """
 
     def moved(p: Array) -> Array:
         near = np.exp(-((p[:, None] - centres) ** 2).sum(axis=2) / (2.0 * width**2)).sum(axis=1)
@@ -60,17 +65,22 @@ def blend(one: Motion, other: Motion, share: float, centres: Array, width: float
 
 
 def wobble(rng: np.random.Generator, amplitude: float, length: float, dimension: int) -> Motion:
-    """A random smooth shift: Gaussian field of standard deviation `amplitude` per axis and correlation length `length`."""
-    waves, phase = rng.normal(size=(200, dimension)) / length, rng.uniform(0.0, 2.0 * np.pi, 200)
+    """A random smooth shift: Gaussian field of standard deviation `amplitude` per axis and correlation length
+    `length`.
+    """
+    waves = rng.normal(size=(200, dimension)) / length
+    phase = rng.uniform(0.0, 2.0 * np.pi, 200)
     weights = amplitude * np.sqrt(2.0 / 200) * rng.normal(size=(200, dimension))
     return lambda p: p + np.cos(p @ waves.T + phase) @ weights
 
 
 def bend(rng: np.random.Generator, rest: Array, way: float, length: float) -> Motion:
-    """A random smooth shift over a correlation length, as large as needed: no rigid motion takes the points `rest` (n, d) nearer to where
-    it puts them than `way` (rms). A field of fixed strength would leave a rigid fit little to miss on one seed and everything on another.
+    """A random smooth shift over a correlation length, as large as needed: no rigid motion takes the points
+    `rest` (n, d) nearer to where it puts them than `way` (rms). A field of fixed strength would leave a rigid
+    fit little to miss on one seed and everything on another.
     """
-    shift, share = wobble(rng, way, length, rest.shape[1]), 1.0
+    shift = wobble(rng, way, length, rest.shape[1])
+    share = 1.0
     for _ in range(4):  # what is left is about proportional to the share: each step takes two digits
         share *= way / rms(no_rigid(rest, rest + share * (shift(rest) - rest)))
     return lambda p: p + share * (shift(p) - p)

@@ -26,7 +26,11 @@ class Sites:
 
     def on(self, surface: Surface) -> Sites:
         """The same sites of the same wall where it has moved to."""
-        return Sites((surface.vertices[surface.faces[self.face]] * self.weights[:, :, None]).sum(axis=1), self.face, self.weights)
+        return Sites(
+            (surface.vertices[surface.faces[self.face]] * self.weights[:, :, None]).sum(axis=1),
+            self.face,
+            self.weights,
+        )
 
     def read(self, surface: Surface, values: Array) -> Array:
         """Values (n,) at the sites of a quantity given per vertex."""
@@ -37,7 +41,8 @@ def sites(rng: np.random.Generator, surface: Surface, n: int, density: NDArray[A
     """n random sites on a 3D surface, uniform by area but for a relative density per face (m,)."""
     chance = surface.face_areas * density
     face = rng.choice(len(surface.faces), n, p=chance / chance.sum())
-    root, other = np.sqrt(rng.uniform(size=n)), rng.uniform(size=n)
+    root = np.sqrt(rng.uniform(size=n))
+    other = rng.uniform(size=n)
     weights = np.column_stack([1.0 - root, root * (1.0 - other), root * other])
     return Sites((surface.vertices[surface.faces[face]] * weights[:, :, None]).sum(axis=1), face, weights)
 
@@ -56,8 +61,12 @@ def patches(surface: Surface, middles: ArrayLike, share: float) -> Mask:
     return chosen
 
 
-def clustered(rng: np.random.Generator, surface: Surface, allowed: Mask, *, clusters: int = 14, width: float = 5.0) -> Array:
-    """Density (m,) of a mapping catheter: two thirds of the points lie in random clusters, the others evenly; none outside `allowed`."""
+def clustered(
+    rng: np.random.Generator, surface: Surface, allowed: Mask, *, clusters: int = 14, width: float = 5.0
+) -> Array:
+    """Density (m,) of a mapping catheter: two thirds of the points lie in random clusters, the others evenly;
+    none outside `allowed`.
+    """
     areas = surface.face_areas * allowed
     about = centres(surface)[rng.choice(len(areas), clusters, p=areas / areas.sum())]
     heap = np.exp(-((centres(surface)[:, None] - about) ** 2).sum(axis=2) / (2.0 * width**2))
@@ -65,18 +74,26 @@ def clustered(rng: np.random.Generator, surface: Surface, allowed: Mask, *, clus
 
 
 def activation(surface: Surface, source: ArrayLike, velocity: float = 0.8) -> Array:
-    """Local activation time (n,) in ms per vertex: way along the surface's edges from the source, at `velocity` mm/ms."""
+    """Local activation time (n,) in ms per vertex: way along the surface's edges from the source, at
+    `velocity` mm/ms.
+    """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import dijkstra
 
-    a, b = surface.faces.ravel(), np.roll(surface.faces, -1, axis=1).ravel()  # each edge once in each direction
+    # each edge once in each direction
+    a = surface.faces.ravel()
+    b = np.roll(surface.faces, -1, axis=1).ravel()
     length = np.linalg.norm(surface.vertices[a] - surface.vertices[b], axis=1)
     first = int(np.argmin(np.linalg.norm(surface.vertices - np.asarray(source), axis=1)))
     ways = dijkstra(coo_array((length, (a, b)), shape=(len(surface.vertices),) * 2), indices=[first])
     return np.asarray(ways[0] / velocity)
 
 
-def voltage(surface: Surface, scar: ArrayLike, radius: float = 9.0, healthy: float = 2.5, low: float = 0.2) -> Array:
-    """Bipolar voltage (n,) in mV per vertex: low within a scar, healthy elsewhere, with a border zone of 2 mm."""
+def voltage(
+    surface: Surface, scar: ArrayLike, radius: float = 9.0, healthy: float = 2.5, low: float = 0.2
+) -> Array:
+    """Bipolar voltage (n,) in mV per vertex: low within a scar, healthy elsewhere, with a border zone of 2
+    mm.
+    """
     away = np.linalg.norm(surface.vertices - np.asarray(scar), axis=1)
     return np.asarray(low + (healthy - low) / (1.0 + np.exp(-(away - radius) / 2.0)))

@@ -1,4 +1,6 @@
-"""Shapes as functions from points (n, d) to signed distances (n,), negative inside; blends are functions of shapes."""
+"""Shapes as functions from points (n, d) to signed distances (n,), negative inside; blends are functions of
+shapes.
+"""
 
 from __future__ import annotations
 
@@ -25,19 +27,23 @@ def half_space(normal: ArrayLike, offset: float) -> Shape:
 def ellipsoid(axes: ArrayLike) -> Shape:
     """Ellipsoid about the origin with the given half axes; exact.
 
-    The foot of the perpendicular from y is a_i^2 y_i / (t + a_i^2), with t the largest root of sum (a_i y_i / (t + a_i^2))^2 = 1.
-    The sum falls and is convex there, so that Newton's steps from below never overshoot.
+    The foot of the perpendicular from y is a_i^2 y_i / (t + a_i^2), with t the largest root of sum (a_i y_i /
+    (t + a_i^2))^2 = 1. The sum falls and is convex there, so that Newton's steps from below never overshoot.
     """
     a = np.asarray(axes, dtype=np.float64)
 
     def distance(p: Array) -> Array:
-        y = np.maximum(np.abs(p), 1e-9 * a.max())  # by symmetry; never on a plane of symmetry, where the root is double
+        y = np.maximum(
+            np.abs(p), 1e-9 * a.max()
+        )  # by symmetry; never on a plane of symmetry, where the root is double
         t = (a * y - a**2).max(axis=1)  # one term is 1 here, so the sum is at least that
         for _ in range(8):
             terms = (a * y / (t[:, None] + a**2)) ** 2
             t += (terms.sum(axis=1) - 1.0) / (2.0 * terms / (t[:, None] + a**2)).sum(axis=1)
         foot = a**2 * y / (t[:, None] + a**2)
-        return np.asarray(np.linalg.norm(y - foot, axis=1) * np.where(((y / a) ** 2).sum(axis=1) < 1.0, -1.0, 1.0))
+        return np.asarray(
+            np.linalg.norm(y - foot, axis=1) * np.where(((y / a) ** 2).sum(axis=1) < 1.0, -1.0, 1.0)
+        )
 
     return distance
 
@@ -52,10 +58,18 @@ def round_cone(start: ArrayLike, end: ArrayLike, start_radius: float, end_radius
     def distance(p: Array) -> Array:
         along = (p - a) @ (b - a) / length
         beside = np.sqrt(np.maximum(((p - a) ** 2).sum(axis=1) - along**2, 0.0))
-        down = along * cosine - beside * sine  # position along the flank, counted from where it leaves the first ball
+        down = (
+            along * cosine - beside * sine
+        )  # position along the flank, counted from where it leaves the first ball
         flank = along * sine + beside * cosine - start_radius
         at_end = np.hypot(along - length, beside) - end_radius
-        return np.asarray(np.where(down < 0.0, np.hypot(along, beside) - start_radius, np.where(down > length * cosine, at_end, flank)))
+        return np.asarray(
+            np.where(
+                down < 0.0,
+                np.hypot(along, beside) - start_radius,
+                np.where(down > length * cosine, at_end, flank),
+            )
+        )
 
     return distance
 
@@ -66,7 +80,8 @@ def polygon(corners: ArrayLike) -> Shape:
     b = np.roll(a, -1, axis=0)
 
     def distance(p: Array) -> Array:
-        squared, inside = np.full(len(p), np.inf), np.zeros(len(p), dtype=bool)
+        squared = np.full(len(p), np.inf)
+        inside = np.zeros(len(p), dtype=bool)
         for start, end in zip(a, b, strict=True):
             edge, to = end - start, p - start
             t = np.clip(to @ edge / (edge @ edge), 0.0, 1.0)
@@ -79,7 +94,9 @@ def polygon(corners: ArrayLike) -> Shape:
 
 
 def revolve(profile: Shape) -> Shape:
-    """Body of revolution about z of a 2D shape in (radius, z) that is symmetric in the radius; exact where the profile is."""
+    """Body of revolution about z of a 2D shape in (radius, z) that is symmetric in the radius; exact where
+    the profile is.
+    """
     return lambda p: profile(np.column_stack([np.hypot(p[:, 0], p[:, 1]), p[:, 2]]))
 
 
@@ -94,7 +111,9 @@ def grow(shape: Shape, by: float) -> Shape:
 
 
 def union(*shapes: Shape, blend: float = 0.0) -> Shape:
-    """What any of the shapes covers; a fillet of the given width fills the grooves and is no exact distance there."""
+    """What any of the shapes covers; a fillet of the given width fills the grooves and is no exact distance
+    there.
+    """
     return lambda p: reduce(lambda f, g: _soft_minimum(f, g, blend), [shape(p) for shape in shapes])
 
 

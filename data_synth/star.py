@@ -11,8 +11,9 @@ from .shapes import Array, Shape, polygon
 
 CENTRE = (100.0, 96.0)
 RADII = (80.0, 38.0)  # of the five tips and of the five notches
-# px: what 33 points, 16 px apart, can tell, and what they cannot. A template that is bent alone leaves the best estimator there is, which
-# knows the bend's covariance, a mean distance of 0.54 to 0.66 of the noise: 33 points less its degrees of freedom.
+# px: what 33 points, 16 px apart, can tell, and what they cannot. A template that is bent alone leaves the
+# best estimator there is, which knows the bend's covariance, a mean distance of 0.54 to 0.66 of the noise: 33
+# points less its degrees of freedom.
 BENT_OVER, SHAKEN_OVER = 80.0, 12.0
 
 
@@ -35,10 +36,13 @@ def walk(n: int) -> Array:
     return np.column_stack([np.interp(at, way, axis) for axis in closed.T])
 
 
-def star(seed: int = 7, *, percent: float = 6.0, points: int = 33, bent: float = 8.0, shake: float = 2.0) -> Case:
+def star(
+    seed: int = 7, *, percent: float = 6.0, points: int = 33, bent: float = 8.0, shake: float = 2.0
+) -> Case:
     """The case of a seed; percent: noise per axis in percent of the points' standard deviation.
 
-    bent: how far (rms, px) the prior is off once it lies as well as it can; shake: sd per axis (px) of the hand that drew it.
+    bent: how far (rms, px) the prior is off once it lies as well as it can; shake: sd per axis (px) of the
+    hand that drew it.
     """
     scribe, hand = np.random.default_rng((seed, 3301)).spawn(2)
     index = np.arange(660)

@@ -1,4 +1,6 @@
-"""o3dls: level-set registration and reconstruction of an atrium from a prior surface and sparse points, on Open3D. Not for clinical use."""
+"""o3dls: level-set registration and reconstruction of an atrium from a prior surface and sparse points, on
+Open3D. Not for clinical use.
+"""
 
 from typing import Any
 
@@ -9,26 +11,26 @@ PUBLIC = {
     "Points": "case",
     "Truth": "case",
     "Estimate": "estimate",
-    "Surface": "geometry",
-    "Stage": "stage",
-    "Writer": "stage",
+    "Surface": "geometry.surface",
+    "Stage": "plugins.stage",
+    "Writer": "runs.writers",
     "O3dlsError": "errors",
     "InputError": "errors",
     "PipelineError": "errors",
     "SolverError": "errors",
     "read_case": "io.case_folder",
     "write_case": "io.case_folder",
-    "read_surface": "io.mesh",
-    "write_surface": "io.mesh",
+    "read_surface": "io.meshes.registry",
+    "write_surface": "io.meshes.registry",
     "read_points": "io.points",
     "write_points": "io.points",
-    "import_study": "io.study",
-    "convert": "conversion",
-    "Pipeline": "pipeline",
-    "read_pipeline": "pipeline_file",
-    "default_pipeline": "pipeline_file",
-    "Run": "run",
-    "read_run": "run_folder",
+    "import_study": "io.mapping.study",
+    "convert": "io.conversion",
+    "Pipeline": "pipeline.pipeline",
+    "read_pipeline": "pipeline.file",
+    "default_pipeline": "pipeline.file",
+    "Run": "runs.run",
+    "read_run": "runs.folder",
     "Landmarks": "stages.landmarks",
     "ICP": "stages.icp",
     "GlobalPose": "stages.global_pose",
@@ -36,8 +38,8 @@ PUBLIC = {
     "Deform": "stages.deform",
     "LevelSet": "stages.level_set",
     "Phases": "stages.phases",
-    "Report": "report",
-    "Export": "export",
+    "Report": "report.writer",
+    "Export": "runs.export",
     "register": "open3d_api",
 }
 

@@ -1,5 +1,5 @@
 """`python -m o3dls` is the command `o3dls`."""
 
-from .cli import main
+from .cli.main import main
 
 main()

@@ -1,4 +1,6 @@
-"""What is known before anything is fitted: the prior, the points, the landmarks; and, kept apart, the truth."""
+"""What is known before anything is fitted: the prior, the points, the landmarks; and, kept apart, the
+truth.
+"""
 
 from __future__ import annotations
 
@@ -10,20 +12,30 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .arrays import Array
 from .errors import InputError, did_you_mean
-from .geometry import Array, Surface, is_pose
+from .geometry.similarity import is_pose
+from .geometry.surface import Surface
 
 UNITS = ("mm", "px")
 SPACES = ("LPS", "RAS", "unknown")
 POINT_TYPES = ("eam", "ablation", "landmark", "inside")
 FITTED_TYPES = ("eam", "inside")
-OF_A_RUN = ("sd", "displacement", "correction", "distance_to_nearest_point")  # fields of a result, with the unit behind their names
-BEST = 0.02  # least relative noise of a point: it holds the surface as firmly as one can, and smaller ones are lost in rounding
+OF_A_RUN = (
+    "sd",
+    "displacement",
+    "correction",
+    "distance_to_nearest_point",
+)  # fields of a result, with the unit behind their names
+# least relative noise of a point: it holds the surface as firmly as one can, and smaller ones are lost in
+# rounding
+BEST = 0.02
 
 
 @dataclass(frozen=True, eq=False)
 class Points:
-    """Measured points: xyz (n, d) in the map frame, type (n,), further columns (n,) by name (numbers, NaN = missing, or text).
+    """Measured points: xyz (n, d) in the map frame, type (n,), further columns (n,) by name (numbers, NaN =
+    missing, or text).
 
     Raises InputError where lengths do not fit, a type is unknown or a place is not finite.
     """
@@ -35,14 +47,20 @@ class Points:
     def __post_init__(self) -> None:
         object.__setattr__(self, "xyz", np.asarray(self.xyz, dtype=np.float64))
         object.__setattr__(self, "type", np.asarray(self.type, dtype=str))
-        object.__setattr__(self, "columns", {name: np.asarray(values) for name, values in self.columns.items()})
+        object.__setattr__(
+            self, "columns", {name: np.asarray(values) for name, values in self.columns.items()}
+        )
         if self.xyz.ndim != 2:
             raise InputError(f"points: xyz has shape {self.xyz.shape}: must be (n, 2) or (n, 3)")
         for name, values in {"type": self.type, **self.columns}.items():
             if values.shape[:1] != (len(self),):
-                raise InputError(f"points: column '{name}' has shape {values.shape}: there are {len(self)} points")
+                raise InputError(
+                    f"points: column '{name}' has shape {values.shape}: there are {len(self)} points"
+                )
         for kind in set(self.type) - set(POINT_TYPES):
-            raise InputError(f"points: '{kind}' is no type of point" + did_you_mean(str(kind), list(POINT_TYPES)))
+            raise InputError(
+                f"points: '{kind}' is no type of point" + did_you_mean(str(kind), list(POINT_TYPES))
+            )
         if not (finite := np.isfinite(self.xyz).all(axis=-1)).all():
             row = int(np.argmin(finite))
             raise InputError(f"points: point {row} is not finite: {self.xyz[row]}")
@@ -66,16 +84,24 @@ class Points:
         return float(np.median(told)) if len(told) else None
 
     def relative_noise(self, typical: float | None = None) -> Array:
-        """Noise (n,) of each point by the column `sigma`, over the typical one (of these points if not given), at least `BEST`; 1 without.
+        """Noise (n,) of each point by the column `sigma`, over the typical one (of these points if not
+        given), at least `BEST`; 1 without.
 
         Raises InputError where one is not above 0.
         """
         sigma = self.numbers("sigma")
         wrong = np.flatnonzero(sigma <= 0.0)
         if len(wrong):
-            raise InputError(f"points: sigma is a noise level and must be above 0, but point {wrong[0]} has {sigma[wrong[0]]:g}")
+            raise InputError(
+                f"points: sigma is a noise level and must be above 0, but point {wrong[0]} has "
+                f"{sigma[wrong[0]]:g}"
+            )
         typical = self.typical_sigma if typical is None else typical
-        return np.ones(len(self)) if typical is None else np.where(np.isfinite(sigma), np.maximum(sigma / typical, BEST), 1.0)
+        return (
+            np.ones(len(self))
+            if typical is None
+            else np.where(np.isfinite(sigma), np.maximum(sigma / typical, BEST), 1.0)
+        )
 
     def numbers(self, column: str) -> Array:
         """A column as numbers (n,), NaN where it is missing."""
@@ -84,7 +110,9 @@ class Points:
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """What only evaluation may see: surface, held-out points (n, d), their `unseen` mask, correspondence (prior, truth), outlier rows."""
+    """What only evaluation may see: surface, held-out points (n, d), their `unseen` mask, correspondence
+    (prior, truth), outlier rows.
+    """
 
     surface: Surface | None = None
     held_out: Array | None = None
@@ -95,7 +123,8 @@ class Truth:
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """A prior surface (prior frame), measured points (map frame) and landmarks; lengths in `units`; never changed.
+    """A prior surface (prior frame), measured points (map frame) and landmarks; lengths in `units`; never
+    changed.
 
     Raises InputError for parts that do not fit together, and for what no file may hold either.
     """
@@ -110,26 +139,40 @@ class Case:
     notes: str = ""
     files: Mapping[str, str] = field(default_factory=dict)  # file name -> sha256
     truth: Truth | None = None
-    phases: tuple[Surface, ...] = ()  # further surfaces of the same patient in the prior's frame, in order of time
+    phases: tuple[
+        Surface, ...
+    ] = ()  # further surfaces of the same patient in the prior's frame, in order of time
 
     def __post_init__(self) -> None:
         if self.points.xyz.shape[1:] != (self.dimension,):
-            raise InputError(f"case {self.name}: points are {self.points.xyz.shape[1]}D, the prior is {self.dimension}D")
+            raise InputError(
+                f"case {self.name}: points are {self.points.xyz.shape[1]}D, the prior is {self.dimension}D"
+            )
         if self.units not in UNITS:
-            raise InputError(f"case {self.name}: units = '{self.units}': lengths of a case are in {' or '.join(UNITS)}; scale them first")
+            raise InputError(
+                f"case {self.name}: units = '{self.units}': lengths of a case are in "
+                f"{' or '.join(UNITS)}; scale them first"
+            )
         if self.frame not in SPACES:
             raise InputError(f"case {self.name}: frame = '{self.frame}': must be one of {', '.join(SPACES)}")
         if self.init is not None and not is_pose(self.init, self.dimension):
-            raise InputError(f"case {self.name}: init is no pose: it must be a rotation, a shift and one scale")
+            raise InputError(
+                f"case {self.name}: init is no pose: it must be a rotation, a shift and one scale"
+            )
         for name, at in self.prior_landmarks.items():
             if np.shape(at) != (self.dimension,) or not np.isfinite(at).all():
-                raise InputError(f"case {self.name}: landmark '{name}' of the prior is {at}: must be {self.dimension} finite numbers")
+                raise InputError(
+                    f"case {self.name}: landmark '{name}' of the prior is {at}: must be {self.dimension} "
+                    "finite numbers"
+                )
         if (self.points.type == "landmark").any() and "name" not in self.points.columns:
             raise InputError(f"case {self.name}: points of type landmark need a column 'name'")
         object.__setattr__(self, "prior", self.prior.without_unused())
         object.__setattr__(self, "phases", tuple(phase.without_unused() for phase in self.phases))
         if self.prior.watertight and self.prior.volume < 0.0:
-            raise InputError(f"case {self.name}: the prior's faces are wound inwards: reverse the order of their corners")
+            raise InputError(
+                f"case {self.name}: the prior's faces are wound inwards: reverse the order of their corners"
+            )
         stale = {*(f"{name}_{self.units}" for name in OF_A_RUN), "prior_only"} & self.prior.fields.keys()
         if stale:  # the surface of an earlier run, which this one must not take for its own
             fields = {name: values for name, values in self.prior.fields.items() if name not in stale}
@@ -140,7 +183,9 @@ class Case:
         return self.prior.dimension
 
     def landmark_pairs(self) -> tuple[list[str], Array, Array]:
-        """Names and positions (prior frame, map frame) of the landmarks that both sides have, in the points' order."""
+        """Names and positions (prior frame, map frame) of the landmarks that both sides have, in the points'
+        order.
+        """
         marks = self.points.of("landmark")
         names = [str(n) for n in marks.columns.get("name", np.zeros(0, dtype=str))]
         rows = [i for i, n in enumerate(names) if n in self.prior_landmarks]

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 
 class O3dlsError(Exception):
-    """Base of every error that o3dls raises on purpose; the command line turns it into one line and exit code 2."""
+    """Base of every error that o3dls raises on purpose; the command line turns it into one line and exit code
+    2.
+    """
 
 
 class InputError(O3dlsError):
@@ -12,7 +14,9 @@ class InputError(O3dlsError):
 
 
 class PipelineError(O3dlsError):
-    """A pipeline names a stage, a parameter or an estimate that cannot be; `args` holds one sentence per mistake."""
+    """A pipeline names a stage, a parameter or an estimate that cannot be; `args` holds one sentence per
+    mistake.
+    """
 
     def __str__(self) -> str:
         return "; ".join(map(str, self.args))

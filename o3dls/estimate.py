@@ -4,28 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any
 
-from .geometry import Array, Surface, scale_of
-
-
-class Motion(Protocol):
-    """A fitted motion of the prior: prior frame to map frame, with its uncertainty."""
-
-    def __call__(self, points: Array) -> Array:
-        """Positions (n, d) in the map frame of points (n, d) of the prior frame."""
-
-    def sd(self, points: Array, normals: Array) -> Array:
-        """Posterior standard deviation (n,) along `normals` (map frame) of the motion at points of the prior frame."""
+from .arrays import Array
+from .geometry.similarity import scale_of
+from .geometry.surface import Surface
+from .motion.interface import Motion
 
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
     """A surface in the map frame with the motion that led to it, and a sentence on how it went.
 
-    T_map_prior (d+1, d+1) is the similarity part; sigma the noise level found (case units); weights (k,) in [0, 1] say how far
-    each mapping point was believed; trace holds one record per iteration; phi is the level set where there is one, fit what its stage
-    needs to go on from here with more points (Deform.update).
+    T_map_prior (d+1, d+1) is the similarity part; sigma the noise level found (case units); weights (k,) in
+    [0, 1] say how far each mapping point was believed; trace holds one record per iteration; phi is the level
+    set where there is one, fit what its stage needs to go on from here with more points (Deform.update).
     """
 
     surface: Surface

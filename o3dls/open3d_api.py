@@ -1,4 +1,6 @@
-"""Registration for people with Open3D objects: a mesh and a point cloud in, names like `RegistrationResult` and a mesh out."""
+"""Registration for people with Open3D objects: a mesh and a point cloud in, names like `RegistrationResult`
+and a mesh out.
+"""
 
 from __future__ import annotations
 
@@ -9,18 +11,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .arrays import Array
 from .case import Case, Points
 from .errors import InputError
 from .estimate import Estimate
-from .evaluate import distances
-from .geometry import Array, Surface
-from .registration.robust import spread
-from .run import Run
+from .evaluation.distances import distances
+from .geometry.surface import Surface
+from .noise.robust import spread
+from .runs.run import Run
 
 if TYPE_CHECKING:
     import open3d as o3d
 
-    from .stage import Stage
+    from .plugins.stage import Stage
 
 REACH = 3.0  # pairs within this many standard deviations of the noise count as inliers
 SMALLEST = 1.0  # mm: no chamber of a heart is smaller
@@ -30,9 +33,9 @@ SMALLEST = 1.0  # mm: no chamber of a heart is smaller
 class Registration:
     """What `register` found.
 
-    transformation (4, 4): the similarity part, prior to points; surface: the fused surface, an Open3D mesh of the kind that came in;
-    fitness: share of the points within the correspondence distance of the surface; inlier_rmse: of those points;
-    estimate and run: everything else, as in the rest of o3dls.
+    transformation (4, 4): the similarity part, prior to points; surface: the fused surface, an Open3D mesh of
+    the kind that came in; fitness: share of the points within the correspondence distance of the surface;
+    inlier_rmse: of those points; estimate and run: everything else, as in the rest of o3dls.
     """
 
     transformation: Array
@@ -54,17 +57,22 @@ def register(
 ) -> Registration:
     """Fuse a closed prior mesh with measured points, both legacy or tensor objects, lengths in mm.
 
-    landmarks: name -> (position on the prior, position among the points); init: rough pose (4, 4), prior to points; stages: default
-    those of the default pipeline that the case allows; max_correspondence_distance: default three standard deviations of the noise found.
-    Raises InputError for what cannot be registered, PipelineError for wrong stages.
+    landmarks: name -> (position on the prior, position among the points); init: rough pose (4, 4), prior to
+    points; stages: default those of the default pipeline that the case allows; max_correspondence_distance:
+    default three standard deviations of the noise found. Raises InputError for what cannot be registered,
+    PipelineError for wrong stages.
     """
-    from .pipeline import Pipeline
-    from .pipeline_file import default_pipeline
+    from .pipeline.file import default_pipeline
+    from .pipeline.pipeline import Pipeline
 
     if max_correspondence_distance is not None and not max_correspondence_distance > 0.0:
         raise InputError(f"max_correspondence_distance = {max_correspondence_distance} mm: must be above 0")
     case = _case(prior, points, landmarks or {}, init)
-    pipeline = Pipeline(stages, folds=0) if stages is not None else Pipeline(default_pipeline().stages, folds=0).allowed_by(case)
+    pipeline = (
+        Pipeline(stages, folds=0)
+        if stages is not None
+        else Pipeline(default_pipeline().stages, folds=0).allowed_by(case)
+    )
     run = pipeline.run(case)
     estimate = run.estimates[run.final]
     gap = distances(case.points.of("eam").xyz, estimate.surface)
@@ -80,21 +88,35 @@ def register(
     )
 
 
-def _case(prior: Any, points: Any, landmarks: Mapping[str, tuple[ArrayLike, ArrayLike]], init: ArrayLike | None) -> Case:
+def _case(
+    prior: Any, points: Any, landmarks: Mapping[str, tuple[ArrayLike, ArrayLike]], init: ArrayLike | None
+) -> Case:
     """Open3D objects as a case, checked as strictly as files are."""
-    from .io.repair import closed_outward
+    from .io.meshes.repair import closed_outward
 
     mesh, cloud = _legacy(prior, "prior", "TriangleMesh"), _legacy(points, "points", "PointCloud")
     if len(mesh.triangles) == 0:
-        raise InputError(f"prior: {len(mesh.vertices)} vertices, no triangles; Open3D gives such a mesh where it could not read a file")
+        raise InputError(
+            f"prior: {len(mesh.vertices)} vertices, no triangles; Open3D gives such a mesh where it "
+            "could not read a file"
+        )
     xyz = np.asarray(cloud.points, dtype=np.float64).copy()
     if not len(xyz):
-        raise InputError("points: the cloud has none; Open3D gives such a cloud where it could not read a file")
+        raise InputError(
+            "points: the cloud has none; Open3D gives such a cloud where it could not read a file"
+        )
     if not np.isfinite(xyz).all():
-        raise InputError(f"points: {(~np.isfinite(xyz).all(axis=1)).sum()} points are not finite; remove them")
-    surface = closed_outward(Surface(np.asarray(mesh.vertices).copy(), np.asarray(mesh.triangles).copy()), "prior")
+        raise InputError(
+            f"points: {(~np.isfinite(xyz).all(axis=1)).sum()} points are not finite; remove them"
+        )
+    surface = closed_outward(
+        Surface(np.asarray(mesh.vertices).copy(), np.asarray(mesh.triangles).copy()), "prior"
+    )
     if surface.diagonal < SMALLEST:
-        raise InputError(f"prior: extends over {surface.diagonal:.3g} mm, and an atrium over 60 to 160: lengths must be in mm")
+        raise InputError(
+            f"prior: extends over {surface.diagonal:.3g} mm, and an atrium over 60 to 160: lengths must "
+            "be in mm"
+        )
     marks = [_place(name, "among the points", to) for name, (_, to) in landmarks.items()]
     kinds = np.array(["eam"] * len(xyz) + ["landmark"] * len(marks))
     names = np.array([""] * len(xyz) + [str(name) for name in landmarks])
@@ -128,9 +150,12 @@ def _mesh(surface: Surface, *, like: Any) -> Any:
     """An Open3D mesh of the same kind and precision as `like`, with normals."""
     import open3d as o3d
 
-    vertices, triangles = o3d.utility.Vector3dVector(surface.vertices), o3d.utility.Vector3iVector(surface.faces.astype(np.int32))
+    vertices = o3d.utility.Vector3dVector(surface.vertices)
+    triangles = o3d.utility.Vector3iVector(surface.faces.astype(np.int32))
     mesh = o3d.geometry.TriangleMesh(vertices, triangles)
     mesh.compute_vertex_normals()
     if isinstance(like, o3d.geometry.TriangleMesh):
         return mesh
-    return o3d.t.geometry.TriangleMesh.from_legacy(mesh, like.vertex.positions.dtype, like.triangle.indices.dtype)
+    return o3d.t.geometry.TriangleMesh.from_legacy(
+        mesh, like.vertex.positions.dtype, like.triangle.indices.dtype
+    )

@@ -26,7 +26,9 @@ WITHOUT_WEBGL = ("--disable-gpu", "--disable-3d-apis", "--disable-software-raste
 @contextmanager
 def chromium() -> Iterator[Callable[..., Any]]:
     """A function that starts a browser, with or without WebGL; all are closed at the end."""
-    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed: pages are not tested")
+    playwright = pytest.importorskip(
+        "playwright.sync_api", reason="playwright is not installed: pages are not tested"
+    )
     with playwright.sync_playwright() as started:
         own = started.chromium.executable_path
         path = next(filter(None, map(shutil.which, NAMES)), own if Path(own).is_file() else None)
@@ -47,16 +49,32 @@ def chromium() -> Iterator[Callable[..., Any]]:
 class Visit:
     """A page that was opened, with what went wrong and what it asked of the network."""
 
-    def __init__(self, browser: Any, path: Path, *, width: int = 1440, height: int = 900, wait: bool = True, **options: Any) -> None:
+    def __init__(
+        self,
+        browser: Any,
+        path: Path,
+        *,
+        width: int = 1440,
+        height: int = 900,
+        wait: bool = True,
+        **options: Any,
+    ) -> None:
         self.page = browser.new_page(viewport={"width": width, "height": height}, **options)
         self.errors: list[str] = []
         self.requests: list[str] = []
         self.page.on("pageerror", lambda error: self.errors.append(str(error)))
-        self.page.on("console", lambda message: self.errors.append(message.text) if message.type in ("error", "warning") else None)
+        self.page.on(
+            "console",
+            lambda message: (
+                self.errors.append(message.text) if message.type in ("error", "warning") else None
+            ),
+        )
         self.page.on("request", lambda request: self.requests.append(request.url))
         self.page.goto(path.resolve().as_uri())
         if wait:
-            self.page.wait_for_function("document.documentElement.dataset.ready !== undefined", timeout=60_000)
+            self.page.wait_for_function(
+                "document.documentElement.dataset.ready !== undefined", timeout=60_000
+            )
 
     def picture(self, index: int) -> Any:
         """Pixels (height, width, 4) of a panel's canvas."""
@@ -65,17 +83,25 @@ class Visit:
         found = self.page.evaluate(
             """index => {
                 const canvas = document.querySelectorAll('#panels canvas')[index];
-                const { data, width, height } = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height);
+                const picture = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height);
+                const { data, width, height } = picture;
                 let text = '';
-                for (let i = 0; i < data.length; i += 8192) text += String.fromCharCode(...data.subarray(i, i + 8192));
+                for (let i = 0; i < data.length; i += 8192)
+                    text += String.fromCharCode(...data.subarray(i, i + 8192));
                 return { text: btoa(text), width, height };
             }""",
             index,
         )
         import base64
 
-        return np.frombuffer(base64.b64decode(found["text"]), dtype=np.uint8).reshape(found["height"], found["width"], 4).astype(int)
+        return (
+            np.frombuffer(base64.b64decode(found["text"]), dtype=np.uint8)
+            .reshape(found["height"], found["width"], 4)
+            .astype(int)
+        )
 
     def settle(self) -> None:
         """Let the page paint what was asked for."""
-        self.page.evaluate("() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
+        self.page.evaluate(
+            "() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))"
+        )

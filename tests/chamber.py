@@ -1,15 +1,24 @@
-"""A small chamber that has no symmetry: an ellipsoid with four veins and an appendage, its landmarks, and points measured on it."""
+"""A small chamber that has no symmetry: an ellipsoid with four veins and an appendage, its landmarks, and
+points measured on it.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 from tiny import sphere
 
+from o3dls.arrays import Array
 from o3dls.case import Case, Points
-from o3dls.geometry import Array, Surface, apply, outline, similarity
-from o3dls.registration.pose import rotation
+from o3dls.geometry.similarity import apply, similarity
+from o3dls.geometry.surface import Surface, outline
+from o3dls.geometry.twist import rotation
 
-VEINS = {"LSPV": (0.80, 0.35, 0.48), "LIPV": (0.78, 0.48, -0.38), "RSPV": (-0.80, 0.30, 0.50), "RIPV": (-0.74, 0.55, -0.36)}
+VEINS = {
+    "LSPV": (0.80, 0.35, 0.48),
+    "LIPV": (0.78, 0.48, -0.38),
+    "RSPV": (-0.80, 0.30, 0.50),
+    "RIPV": (-0.74, 0.55, -0.36),
+}
 APPENDAGE = (0.62, -0.66, 0.42)
 
 
@@ -26,7 +35,9 @@ def chamber(rings: int = 40) -> Surface:
 
 def tips(surface: Surface) -> dict[str, Array]:
     """The vertex farthest along each vein."""
-    return {name: surface.vertices[np.argmax(surface.vertices @ np.array(axis))] for name, axis in VEINS.items()}
+    return {
+        name: surface.vertices[np.argmax(surface.vertices @ np.array(axis))] for name, axis in VEINS.items()
+    }
 
 
 def sampled(surface: Surface, n: int, seed: int, noise: float = 0.0) -> Array:
@@ -34,19 +45,26 @@ def sampled(surface: Surface, n: int, seed: int, noise: float = 0.0) -> Array:
     rng = np.random.default_rng(seed)
     faces = rng.choice(len(surface.faces), n, p=surface.face_areas / surface.face_areas.sum())
     weights = rng.dirichlet(np.ones(surface.dimension), n)
-    return np.einsum("nc,ncd->nd", weights, surface.vertices[surface.faces[faces]]) + rng.normal(0.0, noise, (n, surface.dimension))
+    return np.einsum("nc,ncd->nd", weights, surface.vertices[surface.faces[faces]]) + rng.normal(
+        0.0, noise, (n, surface.dimension)
+    )
 
 
 def pose(degrees: float, shift: float, scale: float = 1.0, *, seed: int = 75_913, d: int = 3) -> Array:
     """A similarity of the given size about the origin."""
     rng = np.random.default_rng(seed)
-    turn, way = rng.normal(size=1 if d == 2 else 3), rng.normal(size=d)
-    return similarity(rotation(np.radians(degrees) * turn / np.linalg.norm(turn)), shift * way / np.linalg.norm(way), scale)
+    turn = rng.normal(size=1 if d == 2 else 3)
+    way = rng.normal(size=d)
+    return similarity(
+        rotation(np.radians(degrees) * turn / np.linalg.norm(turn)), shift * way / np.linalg.norm(way), scale
+    )
 
 
 def measured(prior: Surface, truth: Array, n: int = 200, *, noise: float = 0.0, seed: int = 30_817) -> Case:
     """A case whose points and landmarks lie on the prior moved by `truth`."""
-    points = apply(truth, sampled(prior, n, seed)) + np.random.default_rng(seed + 1).normal(0.0, noise, (n, prior.dimension))
+    points = apply(truth, sampled(prior, n, seed)) + np.random.default_rng(seed + 1).normal(
+        0.0, noise, (n, prior.dimension)
+    )
     marks = tips(prior) if prior.dimension == 3 else {}
     xyz = np.vstack([points, *[apply(truth, mark[None]) for mark in marks.values()]])
     kind = np.array(["eam"] * n + ["landmark"] * len(marks))

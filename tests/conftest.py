@@ -12,7 +12,9 @@ ROOT = Path(__file__).resolve().parents[1]
 
 @pytest.fixture(scope="session")
 def shared_data() -> Path:
-    """Folder of third-party and phantom data, which is not in the repository; O3DLS_DATA names another place."""
+    """Folder of third-party and phantom data, which is not in the repository; O3DLS_DATA names another
+    place.
+    """
     folder = Path(os.environ.get("O3DLS_DATA", ROOT / "../shared/data")).resolve()
     if not folder.is_dir():
         pytest.skip(f"no data folder {folder}: set O3DLS_DATA")

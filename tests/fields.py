@@ -6,9 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from o3dls.geometry import Array, Surface, apply, fit_similarity, outline
-from o3dls.levelset.covariance import Covariance
-from o3dls.levelset.rows import Data
+from o3dls.arrays import Array
+from o3dls.geometry.similarity import apply, fit_similarity
+from o3dls.geometry.surface import Surface, outline
+from o3dls.motion.covariance import Covariance
+from o3dls.motion.observations import Data
 
 SIZE = 25.0  # about the rms radius of the bodies, mm
 
@@ -37,21 +39,29 @@ def spots(surface: Surface, count: int, seed: int) -> tuple[Array, Array, Array]
 
 def wall(points: Array, **changes: object) -> Data:
     """Data of plain wall points, no landmarks."""
-    n, none = len(points), np.zeros((0, points.shape[1]))
-    plain = Data(points, np.zeros(n, dtype=np.int64), np.ones(n), np.ones(n), np.zeros(n, dtype=bool), none, none)
+    n = len(points)
+    none = np.zeros((0, points.shape[1]))
+    plain = Data(
+        points, np.zeros(n, dtype=np.int64), np.ones(n), np.ones(n), np.zeros(n, dtype=bool), none, none
+    )
     return replace(plain, **changes)
 
 
 def covariance(dimension: int, anchors: int = 0, up: Array | None = None) -> Covariance:
     marks = body(dimension).vertices[np.arange(anchors) * 7]
-    return Covariance(np.full(dimension, 0.5), (1.15 * SIZE,), (0.46 * SIZE,), SIZE, marks, 0.38 * SIZE, 0.2 * SIZE, up)
+    return Covariance(
+        np.full(dimension, 0.5), (1.15 * SIZE,), (0.46 * SIZE,), SIZE, marks, 0.38 * SIZE, 0.2 * SIZE, up
+    )
 
 
 def bend(surface: Surface, seed: int, amplitude: float = 2.0) -> Array:
-    """Displacement (n, d) of the vertices from the vector field's prior, without what a pose would do: pulls at 60 places, scaled."""
+    """Displacement (n, d) of the vertices from the vector field's prior, without what a pose would do: pulls
+    at 60 places, scaled.
+    """
     rng = np.random.default_rng(seed)
     at = spots(surface, 60, seed)[0]
-    cov, pull = covariance(surface.dimension), rng.normal(size=at.shape)
+    cov = covariance(surface.dimension)
+    pull = rng.normal(size=at.shape)
     field = np.zeros_like(surface.vertices)
     for axis in range(surface.dimension):
         r = np.linalg.norm(surface.vertices[:, None] - at[None], axis=2) * 5**0.5 / cov.vector[0]

@@ -8,15 +8,20 @@ from typing import ClassVar
 
 import numpy as np
 
+from o3dls.arrays import Array
 from o3dls.case import Case, Points, Truth
 from o3dls.estimate import Estimate
-from o3dls.geometry import Array, Surface, apply, similarity
-from o3dls.pipeline import Pipeline
-from o3dls.stage import Stage
+from o3dls.geometry.similarity import apply, similarity
+from o3dls.geometry.surface import Surface
+from o3dls.pipeline.pipeline import Pipeline
+from o3dls.plugins.stage import Stage
 from tests.tiny import disc_case, sphere
 
 SEED = 551_908
-NASTY = '</script><script>window.bad = 1</script> "quoted" & \'single\' <img src=x onerror="window.bad = 1"> 左心房 предсердие'
+NASTY = (
+    '</script><script>window.bad = 1</script> "quoted" & \'single\' <img src=x onerror="window.bad = '
+    '1"> 左心房 предсердие'
+)
 
 
 class Bulge:
@@ -41,7 +46,8 @@ class Icp(Stage):
     def __call__(self, case: Case, start: Estimate) -> Estimate:
         T = similarity(np.eye(case.dimension), np.full(case.dimension, 0.3))
         trace = tuple({"iteration": float(k), "residual": 2.0 / (k + 1)} for k in range(6))
-        status, said = "converged: the pairs no longer change", ("the rotation about the long axis is weakly determined",)
+        status = "converged: the pairs no longer change"
+        said = ("the rotation about the long axis is weakly determined",)
         return Estimate(case.prior.transformed(T), T, status, iterations=6, trace=trace, warnings=said)
 
 
@@ -55,14 +61,30 @@ class LevelSet(Stage):
         motion = Bulge(T, 3.0)
         weights = np.ones(int(np.isin(case.points.type, ["eam", "inside"]).sum()))
         weights[3] = 0.02
-        trace = tuple({"iteration": float(k), "data": 9.0 / (k + 1), "shape": 1.0, "energy": 9.0 / (k + 1) + 1} for k in range(12))
+        trace = tuple(
+            {"iteration": float(k), "data": 9.0 / (k + 1), "shape": 1.0, "energy": 9.0 / (k + 1) + 1}
+            for k in range(12)
+        )
         surface = case.prior.with_vertices(motion(case.prior.vertices))
         status = "stopped at the largest number of iterations"
-        return Estimate(surface, T, status, False, 12, weights=weights, motion=motion, sigma=0.6, trace=trace, warnings=start.warnings)
+        return Estimate(
+            surface,
+            T,
+            status,
+            False,
+            12,
+            weights=weights,
+            motion=motion,
+            sigma=0.6,
+            trace=trace,
+            warnings=start.warnings,
+        )
 
 
 def bulged_case(name: str = "ball", rings: int = 14, points: int = 80, noise: float = 0.5) -> Case:
-    """A ball whose truth bulges by 3 mm on one side; noisy points, one of them far inside, ablation points, voltages, landmarks."""
+    """A ball whose truth bulges by 3 mm on one side; noisy points, one of them far inside, ablation points,
+    voltages, landmarks.
+    """
     rng = np.random.default_rng(SEED)
     prior = sphere(rings=rings)
     motion = Bulge(np.eye(4), 3.0)
@@ -70,16 +92,24 @@ def bulged_case(name: str = "ball", rings: int = 14, points: int = 80, noise: fl
     on_truth = motion(20.0 * directions / np.linalg.norm(directions, axis=1, keepdims=True))
     measured = on_truth[: points + 20] + noise * rng.normal(size=(points + 20, 3))
     measured[3] *= 0.6
-    marks = {"LSPV": np.array([0.0, 20.0, 0.0]), "RSPV": np.array([0.0, 0.0, 20.0]), "LIPV": np.array([0.0, -20.0, 0.0])}
+    marks = {
+        "LSPV": np.array([0.0, 20.0, 0.0]),
+        "RSPV": np.array([0.0, 0.0, 20.0]),
+        "LIPV": np.array([0.0, -20.0, 0.0]),
+    }
     xyz = np.vstack([measured, list(marks.values())])
     kind = np.array(["eam"] * points + ["ablation"] * 20 + ["landmark"] * 3)
     names = np.array([""] * (points + 20) + list(marks))
     bipolar = np.where(kind == "eam", np.clip(xyz[:, 2] / 10 + 2, 0.05, None), np.nan)
     truth = Truth(prior.with_vertices(motion(prior.vertices)), on_truth[-200:], on_truth[-200:, 0] < -10)
-    return Case(name, prior, Points(xyz, kind, {"name": names, "bipolar": bipolar}), marks, frame="LPS", truth=truth)
+    return Case(
+        name, prior, Points(xyz, kind, {"name": names, "bipolar": bipolar}), marks, frame="LPS", truth=truth
+    )
 
 
-def finished(folder: Path, case: Case | None = None, *, folds: int = 0, writes: tuple[object, ...] = ()) -> Path:
+def finished(
+    folder: Path, case: Case | None = None, *, folds: int = 0, writes: tuple[object, ...] = ()
+) -> Path:
     """The folder of a finished run of `icp` and `level_set`."""
     run = Pipeline([Icp(), LevelSet()], writes=writes, folds=folds).run(case or bulged_case())
     return run.write(folder)

@@ -6,22 +6,49 @@ from pathlib import Path
 
 import numpy as np
 
-from o3dls.geometry import Surface
-from o3dls.io import write_surface
+from o3dls.geometry.surface import Surface
+from o3dls.io.meshes.registry import write_surface
 
 # Absolute, in mm, for coordinates up to 100: the last digit that each format prints, or float32.
 TOLERANCE = {
-    "ply": 0.0, "vtk": 0.0, "vtp": 0.0, "off": 5e-7, "obj": 5e-7, "stl": 1e-5, "carto_vtk": 5.1e-5, "carto_mesh": 5.1e-4, "dif": 5.1e-5,
-    "openep": 0.0, "opencarp": 1e-9,
-}  # fmt: skip
+    "ply": 0.0,
+    "vtk": 0.0,
+    "vtp": 0.0,
+    "off": 5e-7,
+    "obj": 5e-7,
+    "stl": 1e-5,
+    "carto_vtk": 5.1e-5,
+    "carto_mesh": 5.1e-4,
+    "dif": 5.1e-5,
+    "openep": 0.0,
+    "opencarp": 1e-9,
+}
 SUFFIX = {"carto_vtk": "vtk", "carto_mesh": "mesh", "dif": "xml", "openep": "mat", "opencarp": "pts"}
-SPACE = {"ply": "LPS", "vtk": "LPS", "vtp": "LPS", "off": "LPS", "obj": "LPS", "stl": "LPS", "dif": "LPS"}  # others cannot state one
-FIELDS = {"ply": "any", "vtk": "any", "vtp": "any", "carto_mesh": "bipolar", "dif": "bipolar", "openep": "bipolar", "opencarp": "depth"}
+SPACE = {
+    "ply": "LPS",
+    "vtk": "LPS",
+    "vtp": "LPS",
+    "off": "LPS",
+    "obj": "LPS",
+    "stl": "LPS",
+    "dif": "LPS",
+}  # others cannot state one
+FIELDS = {
+    "ply": "any",
+    "vtk": "any",
+    "vtp": "any",
+    "carto_mesh": "bipolar",
+    "dif": "bipolar",
+    "openep": "bipolar",
+    "opencarp": "depth",
+}
 
 
 def marker() -> Surface:
     """A tetrahedron without any symmetry, so that a swapped axis, a flip, a shift or a scale shows."""
-    vertices = np.array([[10.0, -20.0, 30.0], [47.25, -18.5, 33.0], [12.0, 3.75, 35.5], [14.5, -15.0, 91.125]])
+    vertices = np.array(
+        [[10.0, -20.0, 30.0], [47.25, -18.5, 33.0], [12.0, 3.75, 35.5], [14.5, -15.0, 91.125]]
+    )
     faces = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])
     fields = {"bipolar": np.array([0.125, np.nan, 2.5, 1.25]), "depth": np.array([1.0, 2.0, 3.0, 4.5])}
     return Surface(vertices, faces, fields)
@@ -43,6 +70,13 @@ def corners(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     return turned[np.lexsort(np.round(turned, 2).T[::-1])]
 
 
-def same_body(vertices: np.ndarray, faces: np.ndarray, tolerance: float, surface: Surface | None = None) -> None:
+def same_body(
+    vertices: np.ndarray, faces: np.ndarray, tolerance: float, surface: Surface | None = None
+) -> None:
     expected = surface or marker()
-    np.testing.assert_allclose(corners(vertices, faces), corners(expected.vertices, expected.faces), rtol=0, atol=max(tolerance, 1e-12))
+    np.testing.assert_allclose(
+        corners(vertices, faces),
+        corners(expected.vertices, expected.faces),
+        rtol=0,
+        atol=max(tolerance, 1e-12),
+    )

@@ -6,9 +6,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from o3dls.geometry import Array, Surface, outline
-from o3dls.levelset.grid import Band
-from o3dls.levelset.operators import zero_set
+from o3dls.arrays import Array
+from o3dls.geometry.surface import Surface, outline
+from o3dls.levelset.band import Band
+from o3dls.levelset.isosurface import zero_set
 
 Distance = Callable[[Array], Array]
 

@@ -1,4 +1,6 @@
-"""Cases made in code are held to what files are: parts that do not fit together are refused where they are made."""
+"""Cases made in code are held to what files are: parts that do not fit together are refused where they are
+made.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,8 @@ from tiny import sphere
 
 from o3dls.case import Case, Points
 from o3dls.errors import InputError
-from o3dls.geometry import Surface, is_pose, similarity
+from o3dls.geometry.similarity import is_pose, similarity
+from o3dls.geometry.surface import Surface
 
 XYZ = 20.0 * np.eye(3)
 EAM = np.full(3, "eam")
@@ -41,7 +44,10 @@ def test_points_may_be_lists() -> None:
     [
         ({"frame": "XYZ"}, "frame = 'XYZ': must be one of LPS, RAS, unknown"),
         ({"init": np.eye(3)}, "init is no pose"),
-        ({"prior_landmarks": {"LSPV": np.zeros(2)}}, "landmark 'LSPV' of the prior is .*: must be 3 finite numbers"),
+        (
+            {"prior_landmarks": {"LSPV": np.zeros(2)}},
+            "landmark 'LSPV' of the prior is .*: must be 3 finite numbers",
+        ),
         ({"prior_landmarks": {"LSPV": np.full(3, np.nan)}}, "must be 3 finite numbers"),
         ({"points": Points(XYZ, np.array(["eam", "eam", "landmark"]))}, "type landmark need a column 'name'"),
     ],
@@ -65,10 +71,16 @@ def test_a_pose_is_a_rotation_a_shift_and_one_scale() -> None:
 
 def test_surfaces_name_what_does_not_fit() -> None:
     vertices, faces = sphere().vertices, sphere().faces
-    for wrong, sentence in ((-1, "vertex -1: there are"), (len(vertices), f"vertex {len(vertices)}: there are"), (0.7, "vertex 0.7")):
+    for wrong, sentence in (
+        (-1, "vertex -1: there are"),
+        (len(vertices), f"vertex {len(vertices)}: there are"),
+        (0.7, "vertex 0.7"),
+    ):
         other = faces.astype(np.float64)
         other[3, 1] = wrong
         with pytest.raises(InputError, match=sentence):
             Surface(vertices, other)
-    with pytest.raises(InputError, match=rf"field 'lat' has shape \(3,\): there are {len(vertices)} vertices"):
+    with pytest.raises(
+        InputError, match=rf"field 'lat' has shape \(3,\): there are {len(vertices)} vertices"
+    ):
         Surface(vertices, faces, {"lat": np.zeros(3)})

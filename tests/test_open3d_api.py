@@ -11,7 +11,7 @@ from tiny import SHIFT, Nudge, ball_case
 
 import o3dls
 from o3dls.errors import InputError, PipelineError
-from o3dls.geometry import similarity
+from o3dls.geometry.similarity import similarity
 from o3dls.stages.icp import ICP
 
 RIGID = ICP(preset="standard")
@@ -20,7 +20,8 @@ CLOSE = 0.2  # mm; the points lie on a true sphere, the prior is a polyhedron
 
 def objects(kind: str) -> tuple[Any, Any]:
     case = ball_case(points=300)
-    vertices, triangles = o3d.utility.Vector3dVector(case.prior.vertices), o3d.utility.Vector3iVector(case.prior.faces.astype(np.int32))
+    vertices = o3d.utility.Vector3dVector(case.prior.vertices)
+    triangles = o3d.utility.Vector3iVector(case.prior.faces.astype(np.int32))
     mesh = o3d.geometry.TriangleMesh(vertices, triangles)
     cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(case.points.of("eam").xyz))
     if kind == "legacy":
@@ -34,7 +35,9 @@ def test_a_mesh_and_a_cloud_give_a_pose_and_a_mesh_of_the_same_kind(kind: str) -
     found = o3dls.register(mesh, cloud, stages=[RIGID])
     np.testing.assert_allclose(found.transformation[:3, 3], SHIFT, atol=CLOSE)
     assert type(found.surface) is type(mesh)
-    centre = np.asarray(found.surface.get_center() if kind == "legacy" else found.surface.get_center().numpy())
+    centre = np.asarray(
+        found.surface.get_center() if kind == "legacy" else found.surface.get_center().numpy()
+    )
     np.testing.assert_allclose(centre, SHIFT, atol=CLOSE)
     assert 0.9 < found.fitness <= 1.0
     assert 0.0 < found.inlier_rmse < CLOSE
@@ -98,7 +101,11 @@ def test_arguments_of_another_kind_are_refused_in_words() -> None:
         ((mesh, cloud), {"init": np.eye(3)}, "init is no pose"),
         ((mesh, cloud), {"init": shear}, "init is no pose"),
         ((mesh, cloud), {"max_correspondence_distance": np.nan}, "must be above 0"),
-        ((mesh, cloud), {"landmarks": {"LSPV": ([0.0, 0.0], [0.0, 0.0, 0.0])}}, "'LSPV' on the prior is .*: must be 3 finite numbers"),
+        (
+            (mesh, cloud),
+            {"landmarks": {"LSPV": ([0.0, 0.0], [0.0, 0.0, 0.0])}},
+            "'LSPV' on the prior is .*: must be 3 finite numbers",
+        ),
     ):
         with pytest.raises(InputError, match=sentence):
             o3dls.register(*arguments, stages=[Nudge()], **options)

@@ -17,7 +17,9 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
-CONSTRAINTS = [line for line in (ROOT / "constraints.txt").read_text().splitlines() if not line.startswith("#")]
+CONSTRAINTS = [
+    line for line in (ROOT / "constraints.txt").read_text().splitlines() if not line.startswith("#")
+]
 
 
 def installed(name: str, extras: frozenset[str], seen: dict[str, str]) -> dict[str, str]:
@@ -25,7 +27,9 @@ def installed(name: str, extras: frozenset[str], seen: dict[str, str]) -> dict[s
     for text in distribution(name).requires or []:
         need = Requirement(text)
         key = canonicalize_name(need.name)
-        if key in seen or not any(need.marker is None or need.marker.evaluate({"extra": extra}) for extra in extras | {""}):
+        if key in seen or not any(
+            need.marker is None or need.marker.evaluate({"extra": extra}) for extra in extras | {""}
+        ):
             continue
         try:
             seen[key] = distribution(key).version
@@ -36,32 +40,60 @@ def installed(name: str, extras: frozenset[str], seen: dict[str, str]) -> dict[s
 
 
 def test_every_package_is_listed() -> None:
-    folders = {path.parent.relative_to(ROOT).as_posix().replace("/", ".") for path in (ROOT / "o3dls").rglob("__init__.py")}
+    folders = {
+        path.parent.relative_to(ROOT).as_posix().replace("/", ".")
+        for path in (ROOT / "o3dls").rglob("__init__.py")
+    }
     assert set(PROJECT["tool"]["setuptools"]["packages"]) == folders | {"o3dls.pipelines", "data_synth"}
 
 
 def test_the_wheel_holds_every_file_of_the_package_and_nothing_else(tmp_path: Path) -> None:
-    """Built from a copy, because the build leaves folders behind; setuptools is there, since dash needs it."""
+    """Built from a copy, because the build leaves folders behind; setuptools is there, since dash needs
+    it.
+    """
     for name in ("o3dls", "pipelines", "data_synth"):
         shutil.copytree(ROOT / name, tmp_path / name, ignore=shutil.ignore_patterns("__pycache__"))
     for name in ("pyproject.toml", "README.md", "LICENSE"):
         shutil.copy(ROOT / name, tmp_path)
-    command = ["wheel", "--quiet", "--no-deps", "--no-build-isolation", "--wheel-dir", str(tmp_path / "out"), str(tmp_path)]
+    command = [
+        "wheel",
+        "--quiet",
+        "--no-deps",
+        "--no-build-isolation",
+        "--wheel-dir",
+        str(tmp_path / "out"),
+        str(tmp_path),
+    ]
     subprocess.run([sys.executable, "-m", "pip", *command], check=True)
     (wheel,) = (tmp_path / "out").glob("*.whl")
     packed = {name for name in zipfile.ZipFile(wheel).namelist() if ".dist-info/" not in name}
     folders = (tmp_path / "o3dls", tmp_path / "data_synth")
-    tree = {path.relative_to(tmp_path).as_posix() for folder in folders for path in folder.rglob("*") if path.is_file()}
+    tree = {
+        path.relative_to(tmp_path).as_posix()
+        for folder in folders
+        for path in folder.rglob("*")
+        if path.is_file()
+    }
     pipelines = {f"o3dls/pipelines/{path.name}" for path in (ROOT / "pipelines").glob("*.*")}
     assert packed == tree | pipelines
 
 
 def test_every_installed_package_is_the_locked_one() -> None:
-    pins = {canonicalize_name(r.name): r for r in map(Requirement, CONSTRAINTS) if r.marker is None or r.marker.evaluate()}
+    pins = {
+        canonicalize_name(r.name): r
+        for r in map(Requirement, CONSTRAINTS)
+        if r.marker is None or r.marker.evaluate()
+    }
     here = installed("o3dls", frozenset(PROJECT["project"]["optional-dependencies"]), {})
     assert len(here) > 50, "the walk over the requirements found next to nothing"
-    loose = {name: version for name, version in here.items() if name not in pins or version not in pins[name].specifier}
-    assert not loose, f"not as in constraints.txt (./dev test installs it; python tools/lock.py writes it): {loose}"
+    loose = {
+        name: version
+        for name, version in here.items()
+        if name not in pins or version not in pins[name].specifier
+    }
+    assert not loose, (
+        f"not as in constraints.txt (./dev test installs it; python tools/lock.py writes it): {loose}"
+    )
 
 
 @pytest.mark.parametrize("python", ["3.11", "3.12", "3.13", "3.14"])

@@ -1,4 +1,6 @@
-"""What the README shows is executed, in its order and in one folder; `<!-- not run: reason -->` above a block spares it."""
+"""What the README shows is executed, in its order and in one folder; `<!-- not run: reason -->` above a block
+spares it.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,9 @@ from pathlib import Path
 import pytest
 from conftest import ROOT
 
-BLOCK = re.compile(r"(?P<spared><!-- not run: [^\n]+ -->\n)?```(?P<language>\w+)\n(?P<code>.*?)```", re.DOTALL)
+BLOCK = re.compile(
+    r"(?P<spared><!-- not run: [^\n]+ -->\n)?```(?P<language>\w+)\n(?P<code>.*?)```", re.DOTALL
+)
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 BLOCKS = [match.groupdict() for match in BLOCK.finditer(README) if not match["spared"]]
 

@@ -1,4 +1,6 @@
-"""A case and stages small enough for tests of the spine: a sphere, points around it, a stage that shifts, one that spies."""
+"""A case and stages small enough for tests of the spine: a sphere, points around it, a stage that shifts, one
+that spies.
+"""
 
 from __future__ import annotations
 
@@ -10,11 +12,13 @@ import numpy as np
 import pytest
 from pydantic import Field
 
-from o3dls import stage as registry
+from o3dls.arrays import Array
 from o3dls.case import Case, Points, Truth
 from o3dls.estimate import Estimate
-from o3dls.geometry import Array, Surface, apply, outline, similarity
-from o3dls.stage import Stage
+from o3dls.geometry.similarity import apply, similarity
+from o3dls.geometry.surface import Surface, outline
+from o3dls.plugins import plugin as registry
+from o3dls.plugins.stage import Stage
 
 SHIFT = np.array([1.0, -0.5, 0.25])
 SEED = 880_213
@@ -27,20 +31,30 @@ def sphere(radius: float = 20.0, rings: int = 14) -> Surface:
     flat = np.sin(polar)[:, None, None] * np.column_stack([np.cos(around), np.sin(around)])
     grid = np.concatenate([flat, np.tile(np.cos(polar)[:, None, None], (1, 2 * rings, 1))], axis=2)
     vertices = np.vstack([grid.reshape(-1, 3), [[0, 0, 1], [0, 0, -1]]]) * radius
-    n, k = 2 * rings, np.arange(2 * rings)
+    n = 2 * rings
+    k = np.arange(2 * rings)
     bands = [f for r in range(rings - 1) for f in _band(r * n + k, (r + 1) * n + k)]
-    north, south = rings * n, rings * n + 1
+    north = rings * n
+    south = rings * n + 1
     last = (rings - 1) * n + k
-    caps = [np.column_stack([np.full(n, north), k, np.roll(k, -1)]), np.column_stack([np.full(n, south), np.roll(last, -1), last])]
+    caps = [
+        np.column_stack([np.full(n, north), k, np.roll(k, -1)]),
+        np.column_stack([np.full(n, south), np.roll(last, -1), last]),
+    ]
     return Surface(vertices, np.vstack([*bands, *caps]))
 
 
 def _band(upper: Array, lower: Array) -> list[Array]:
-    return [np.column_stack([upper, lower, np.roll(upper, -1)]), np.column_stack([np.roll(upper, -1), lower, np.roll(lower, -1)])]
+    return [
+        np.column_stack([upper, lower, np.roll(upper, -1)]),
+        np.column_stack([np.roll(upper, -1), lower, np.roll(lower, -1)]),
+    ]
 
 
 def ball_case(points: int = 60, **changes: object) -> Case:
-    """A sphere whose points, landmarks and truth are shifted by SHIFT; ablation and held-out points lie on the truth."""
+    """A sphere whose points, landmarks and truth are shifted by SHIFT; ablation and held-out points lie on
+    the truth.
+    """
     rng = np.random.default_rng(SEED)
     prior = sphere()
     pose = similarity(np.eye(3), SHIFT)
@@ -50,7 +64,13 @@ def ball_case(points: int = 60, **changes: object) -> Case:
     xyz = np.vstack([on_truth[: points + 10], apply(pose, np.array(list(marks.values())))])
     kind = np.array(["eam"] * points + ["ablation"] * 10 + ["landmark"] * 3)
     name = np.array([""] * (points + 10) + list(marks))
-    truth = Truth(prior.transformed(pose), on_truth[-20:], np.arange(20) < 5, (prior.vertices, apply(pose, prior.vertices)), np.array([3]))
+    truth = Truth(
+        prior.transformed(pose),
+        on_truth[-20:],
+        np.arange(20) < 5,
+        (prior.vertices, apply(pose, prior.vertices)),
+        np.array([3]),
+    )
     case = Case("ball", prior, Points(xyz, kind, {"name": name}), marks, truth=truth)
     return replace(case, **changes)
 
@@ -61,14 +81,22 @@ def disc_case(points: int = 24) -> Case:
     circle = outline(np.column_stack([50 + 30 * np.cos(angle), 50 + 30 * np.sin(angle)]))
     truth = circle.with_vertices(circle.vertices + np.array([1.0, 0.0]))
     rows = np.linspace(0, 90, points, endpoint=False).astype(int)
-    return Case("disc", circle, Points(truth.vertices[rows], np.full(points, "eam")), units="px", truth=Truth(truth, truth.vertices))
+    return Case(
+        "disc",
+        circle,
+        Points(truth.vertices[rows], np.full(points, "eam")),
+        units="px",
+        truth=Truth(truth, truth.vertices),
+    )
 
 
 class Nudge(Stage):
     """Shift the surface to the points' mean distance along each axis."""
 
     name: ClassVar[str] = "nudge"
-    share: float = Field(1.0, ge=0.0, le=1.0, description="how much of the way", json_schema_extra={"unit": "1"})
+    share: float = Field(
+        1.0, ge=0.0, le=1.0, description="how much of the way", json_schema_extra={"unit": "1"}
+    )
     limit: float = Field(50.0, gt=0.0, description="longest shift", json_schema_extra={"unit": "mm"})
     mode: Literal["mean", "median"] = Field("mean", description="what is matched")
 
@@ -77,7 +105,9 @@ class Nudge(Stage):
         step = np.clip(self.share * (centre - start.surface.vertices.mean(axis=0)), -self.limit, self.limit)
         T = similarity(np.eye(case.dimension), step) @ start.T_map_prior
         length = float(np.linalg.norm(step))
-        return Estimate(case.prior.transformed(T), T, f"shifted by {length:.2f}", iterations=1, trace=({"step": length},))
+        return Estimate(
+            case.prior.transformed(T), T, f"shifted by {length:.2f}", iterations=1, trace=({"step": length},)
+        )
 
 
 class Greedy(Nudge):
@@ -114,6 +144,11 @@ class Broken(Stage):
 @pytest.fixture
 def tiny_stages(monkeypatch: pytest.MonkeyPatch) -> None:
     """Nudge, Greedy, Spy and Broken are found by name, as if a package had brought them."""
-    entries = {kind.name: EntryPoint(kind.name, f"tiny:{kind.__name__}", "o3dls.stages") for kind in (Nudge, Greedy, Spy, Broken)}
+    entries = {
+        kind.name: EntryPoint(kind.name, f"tiny:{kind.__name__}", "o3dls.stages")
+        for kind in (Nudge, Greedy, Spy, Broken)
+    }
     known = registry.registered
-    monkeypatch.setattr(registry, "registered", lambda group: known(group) | (entries if group == "o3dls.stages" else {}))
+    monkeypatch.setattr(
+        registry, "registered", lambda group: known(group) | (entries if group == "o3dls.stages" else {})
+    )

@@ -1,6 +1,8 @@
-"""Write constraints.txt: the versions that pip resolves for every supported Python, extras included, without addresses.
+"""Write constraints.txt: the versions that pip resolves for every supported Python, extras included, without
+addresses.
 
-python tools/lock.py            # needs a python3.11, 3.12 ... on the PATH or from pyenv; a missing one is resolved through the newest
+python tools/lock.py            # needs a python3.11, 3.12 ... on the PATH or from pyenv; a missing one is
+resolved through the newest
 """
 
 from __future__ import annotations
@@ -15,7 +17,8 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 PYTHONS = ("3.11", "3.12", "3.13", "3.14")
 HEAD = """\
-# Exact versions of everything o3dls and its extras install, for pip's -c option. Written by tools/lock.py; no download addresses.
+# Exact versions of everything o3dls and its extras install, for pip's -c option.
+# Written by tools/lock.py; no download addresses.
 # open3d is open3d-cpu where that is not made (pyproject.toml); both have the same version.
 """
 
@@ -33,8 +36,17 @@ def resolve(version: str) -> dict[str, str]:
         here = interpreter(version)
         where = ["--python", here] if here else []
         target = [] if here else ["--python-version", version, "--target", folder]
-        options = ["--quiet", "--dry-run", "--ignore-installed", "--only-binary=:all:", "--report", str(report)]
-        subprocess.run([sys.executable, "-m", "pip", *where, "install", *options, *target, *wanted()], check=True)
+        options = [
+            "--quiet",
+            "--dry-run",
+            "--ignore-installed",
+            "--only-binary=:all:",
+            "--report",
+            str(report),
+        ]
+        subprocess.run(
+            [sys.executable, "-m", "pip", *where, "install", *options, *target, *wanted()], check=True
+        )
         items = json.loads(report.read_text())["install"]
     return {item["metadata"]["name"].lower().replace("_", "-"): item["metadata"]["version"] for item in items}
 
@@ -44,11 +56,15 @@ def wanted() -> list[str]:
     import tomllib
 
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    return project["dependencies"] + [need for extra in project["optional-dependencies"].values() for need in extra]
+    return project["dependencies"] + [
+        need for extra in project["optional-dependencies"].values() for need in extra
+    ]
 
 
 def lines(found: dict[str, dict[str, str]]) -> list[str]:
-    """One line per package where all Pythons agree, else one per Python with its marker; found is {python: {package: version}}."""
+    """One line per package where all Pythons agree, else one per Python with its marker; found is {python:
+    {package: version}}.
+    """
     out = []
     for name in sorted({name for versions in found.values() for name in versions}):
         pins = {python: versions[name] for python, versions in found.items() if name in versions}

@@ -1,4 +1,6 @@
-"""Files and folders that appear whole or not at all: made under a hidden name beside their place, then renamed."""
+"""Files and folders that appear whole or not at all: made under a hidden name beside their place, then
+renamed.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,11 @@ from tempfile import mkdtemp
 
 from ..errors import InputError
 
-MARKS = {"run": "run.json", "case": "case.toml", "paper": "paper_results.json"}  # the file that tells each kind of folder of ours
+MARKS = {
+    "run": "run.json",
+    "case": "case.toml",
+    "paper": "paper_results.json",
+}  # the file that tells each kind of folder of ours
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # disk, quota, limit of size: the system names no file
 log = logging.getLogger("o3dls")
 
@@ -25,7 +31,9 @@ def _real(path: str | Path) -> Path:
 
 
 def _sibling(path: Path) -> Path:
-    """A name nobody else uses beside what `path` stands for; keeps the suffix, since writers choose their format by it."""
+    """A name nobody else uses beside what `path` stands for; keeps the suffix, since writers choose their
+    format by it.
+    """
     folder = _real(path).parent
     folder.mkdir(parents=True, exist_ok=True)
     return folder / f".{path.stem}.partial-{secrets.token_hex(4)}{path.suffix}"
@@ -46,7 +54,8 @@ def _named(path: Path) -> Iterator[None]:
 def staged_file(path: str | Path) -> Iterator[Path]:
     """Yield a temporary name that becomes `path` when the block ends, and is removed when the block fails.
 
-    Where `path` is a link, the file it leads to is written. Raises InputError for what is there and is no file.
+    Where `path` is a link, the file it leads to is written. Raises InputError for what is there and is no
+    file.
     """
     path = Path(path)
     if path.exists() and not path.is_file():
@@ -60,16 +69,22 @@ def staged_file(path: str | Path) -> Iterator[Path]:
         staged.unlink(missing_ok=True)
 
 
-def check_free(out: str | Path, force: bool = False, kind: str | None = None, reads: Sequence[Path] = ()) -> None:
-    """Raise InputError unless the folder `out` may be written: it is not there, is empty, or is our own of that kind and `force` is set.
+def check_free(
+    out: str | Path, force: bool = False, kind: str | None = None, reads: Sequence[Path] = ()
+) -> None:
+    """Raise InputError unless the folder `out` may be written: it is not there, is empty, or is our own of
+    that kind and `force` is set.
 
-    kind: run, case or paper, any where it is None; reads: files and folders that the work reads, which must not be replaced by it.
+    kind: run, case or paper, any where it is None; reads: files and folders that the work reads, which must
+    not be replaced by it.
     """
     out = Path(out)
     if out.exists() and not out.is_dir():
         raise InputError(f"{out}: is a file; name a folder")
     if out.exists() and Path.cwd().is_relative_to(_real(out)):
-        raise InputError(f"{out}: is the working folder, or holds it, and would be replaced; name another folder")
+        raise InputError(
+            f"{out}: is the working folder, or holds it, and would be replaced; name another folder"
+        )
     if out.exists() and any(out.iterdir()):
         if not force:
             raise InputError(f"{out}: exists already; name another folder or use --force")
@@ -79,10 +94,14 @@ def check_free(out: str | Path, force: bool = False, kind: str | None = None, re
 
 def _check_replaceable(out: Path, kind: str | None, reads: Sequence[Path]) -> None:
     if _kind(out) not in ([kind] if kind else MARKS):
-        raise InputError(f"{out}: is no {kind or ' or '.join(MARKS)}, so it is not ours to replace; name another folder")
+        raise InputError(
+            f"{out}: is no {kind or ' or '.join(MARKS)}, so it is not ours to replace; name another folder"
+        )
     for source in reads:
         if _real(source).is_relative_to(_real(out)):
-            raise InputError(f"{out}: is or holds {source}, which is read, and would be replaced; name another folder")
+            raise InputError(
+                f"{out}: is or holds {source}, which is read, and would be replaced; name another folder"
+            )
 
 
 def _kind(folder: Path) -> str | None:
@@ -92,7 +111,9 @@ def _kind(folder: Path) -> str | None:
 
 
 def _check_writable(out: Path) -> None:
-    """Raise InputError where nothing can be made beside `out`: only trying tells, and better before the work than after it."""
+    """Raise InputError where nothing can be made beside `out`: only trying tells, and better before the work
+    than after it.
+    """
     there = next(folder for folder in _real(out).parents if folder.exists())
     try:
         os.rmdir(mkdtemp(prefix=".", dir=there))
@@ -102,10 +123,11 @@ def _check_writable(out: Path) -> None:
 
 @contextmanager
 def staged_folder(out: str | Path, force: bool = False) -> Iterator[Path]:
-    """Yield an empty folder that becomes `out` (or what the link `out` leads to) when the block ends, and is removed when it fails.
+    """Yield an empty folder that becomes `out` (or what the link `out` leads to) when the block ends, and is
+    removed when it fails.
 
-    An interrupted process leaves at most a hidden `.name.partial-*` folder. Raises InputError where `out` exists (see check_free),
-    or is of another kind than what was made.
+    An interrupted process leaves at most a hidden `.name.partial-*` folder. Raises InputError where `out`
+    exists (see check_free), or is of another kind than what was made.
     """
     check_free(out, force)
     out = _real(out)

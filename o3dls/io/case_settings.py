@@ -17,7 +17,12 @@ from .text import decode, read_bytes
 
 MILLIMETRES = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "um": 0.001, "in": 25.4, "px": 1.0}
 FILES = ("prior", "points", "prior_landmarks", "init", "truth", "held_out", "correspondence", "outliers")
-KEYS = dict.fromkeys(("name", "units", "frame", "notes", "part", *FILES), str) | {"dimension": int, "label": int, "cap": bool, "box": list}
+KEYS = dict.fromkeys(("name", "units", "frame", "notes", "part", *FILES), str) | {
+    "dimension": int,
+    "label": int,
+    "cap": bool,
+    "box": list,
+}
 
 
 @dataclass
@@ -38,16 +43,21 @@ class Folder:
         return "px" if self.settings.get("units") == "px" else "mm"
 
     def scale(self, stated: str | None = None) -> float:
-        """Factor to mm: what a file itself states comes before what the case says. Raises InputError where only one of them is in px."""
+        """Factor to mm: what a file itself states comes before what the case says. Raises InputError where
+        only one of them is in px.
+        """
         if stated in MILLIMETRES and "px" in (stated, self.units) and stated != self.units:
             raise InputError(
-                f"{self.path}: a file states units {stated}, and the case is in {self.units}; pixels are of no length: "
+                f"{self.path}: a file states units {stated}, and the case is in {self.units}; pixels are "
+                "of no length: "
                 "mend the file, or the units in case.toml or --units"
             )
         return MILLIMETRES[stated if stated in MILLIMETRES else self.settings.get("units", "mm")]
 
     def find(self, role: str) -> Path | None:
-        """The file of a role: named in case.toml, else the one file of that stem. Raises InputError where it is missing or double."""
+        """The file of a role: named in case.toml, else the one file of that stem. Raises InputError where it
+        is missing or double.
+        """
         if role in self.settings:
             path: Path = self.path / self.settings[role]
             if not path.is_file():
@@ -55,7 +65,10 @@ class Folder:
         else:
             found = sorted(p for p in self.path.glob(f"{role}.*") if p.is_file())
             if len(found) > 1:
-                raise InputError(f"{self.path}: both {found[0].name} and {found[1].name}; say in case.toml which is the {role}")
+                raise InputError(
+                    f"{self.path}: both {found[0].name} and {found[1].name}; say in case.toml which is "
+                    f"the {role}"
+                )
             if not found:
                 return None
             path = found[0]
@@ -64,7 +77,9 @@ class Folder:
 
     def note(self, path: Path) -> None:
         inside = path.is_relative_to(self.path)
-        self.hashes[path.relative_to(self.path).as_posix() if inside else path.name] = hashlib.sha256(read_bytes(path)).hexdigest()
+        self.hashes[path.relative_to(self.path).as_posix() if inside else path.name] = hashlib.sha256(
+            read_bytes(path)
+        ).hexdigest()
 
     def table(self, role: str, required: str | tuple[str, ...]) -> Table | None:
         path = self.find(role)
@@ -88,7 +103,10 @@ def open_folder(path: Path, overrules: Mapping[str, str]) -> Folder:
     for key, given in overrules.items():
         stated = folder.settings.get(key, "unknown")
         if "unknown" not in (stated, given) and stated != given:
-            raise InputError(f"{toml}: states {key} {stated}, and --{key} says {given}; leave --{key} away, or mend the file")
+            raise InputError(
+                f"{toml}: states {key} {stated}, and --{key} says {given}; leave --{key} away, or mend "
+                "the file"
+            )
     folder.settings |= overrules
     return folder
 
@@ -110,6 +128,10 @@ def _check_setting(where: str, key: str, value: Any) -> None:
 
 
 def toml_lines(settings: Mapping[str, str | int | float | bool]) -> str:
-    """Settings as case.toml holds them; JSON's strings, numbers and booleans are TOML's too, but for a bare DEL."""
+    """Settings as case.toml holds them; JSON's strings, numbers and booleans are TOML's too, but for a bare
+    DEL.
+    """
     text = "".join(f"{key} = {json.dumps(value, ensure_ascii=False)}\n" for key, value in settings.items())
-    return text.replace("\x7f", "\\u007f").encode("utf-8", "replace").decode("utf-8")  # names of files may hold bytes that are no text
+    return (
+        text.replace("\x7f", "\\u007f").encode("utf-8", "replace").decode("utf-8")
+    )  # names of files may hold bytes that are no text

@@ -12,8 +12,9 @@ from typing import Any
 
 import numpy as np
 
+from ..arrays import Array
 from ..errors import InputError
-from ..geometry import TURN, Array, apply
+from ..geometry.similarity import TURN, apply
 from .atomic import staged_file
 from .text import check_numbers, decode, read_bytes
 
@@ -57,17 +58,26 @@ def _read_json(path: Path, text: str) -> Markups:
     found = [_json_points(path, item) for item in lists]
     spaces = {part.space for part in found}
     if len(spaces) > 1:
-        raise InputError(f"{path}: its markups are in different frames ({', '.join(sorted(spaces))}); save them in one")
-    return Markups(tuple(n for part in found for n in part.names), np.concatenate([part.xyz for part in found]), spaces.pop())
+        raise InputError(
+            f"{path}: its markups are in different frames ({', '.join(sorted(spaces))}); save them in one"
+        )
+    return Markups(
+        tuple(n for part in found for n in part.names),
+        np.concatenate([part.xyz for part in found]),
+        spaces.pop(),
+    )
 
 
 def _json_points(path: Path, item: Mapping[str, Any]) -> Markups:
     """The points of one markup; its own frame and units are honoured, or refused."""
     space, units = item.get("coordinateSystem", "LPS"), item.get("coordinateUnits", "mm")
     units = units[0] if isinstance(units, list) and units else units
-    if space not in ("LPS", "RAS") or units not in tuple(MILLIMETRES):  # a tuple is searched for what has no hash, too
+    if space not in ("LPS", "RAS") or units not in tuple(
+        MILLIMETRES
+    ):  # a tuple is searched for what has no hash, too
         raise InputError(
-            f"{path}: coordinateSystem '{space}' must be LPS or RAS, coordinateUnits '{units}' one of {', '.join(MILLIMETRES)}"
+            f"{path}: coordinateSystem '{space}' must be LPS or RAS, coordinateUnits '{units}' one of "
+            f"{', '.join(MILLIMETRES)}"
         )
     names, rows = [], []
     points = item.get("controlPoints", [])
@@ -77,9 +87,14 @@ def _json_points(path: Path, item: Mapping[str, Any]) -> Markups:
         if point.get("positionStatus", "defined") != "defined":
             continue
         position = point.get("position")
-        if not (isinstance(position, list) and len(position) == 3 and all(type(v) in (int, float) and abs(v) < 1e9 for v in position)):
+        if not (
+            isinstance(position, list)
+            and len(position) == 3
+            and all(type(v) in (int, float) and abs(v) < 1e9 for v in position)
+        ):
             raise InputError(
-                f"{path}: control point {k} ('{point.get('label', '')}') has position {str(position)[:60]}: must be three numbers"
+                f"{path}: control point {k} ('{point.get('label', '')}') has position "
+                f"{str(position)[:60]}: must be three numbers"
             )
         label = point.get("label")
         names.append("" if label is None else str(label))
@@ -90,7 +105,9 @@ def _json_points(path: Path, item: Mapping[str, Any]) -> Markups:
 def _read_fcsv(path: Path, text: str) -> Markups:
     frame = re.search(r"^#\s*CoordinateSystem\s*=\s*(\w+)", text, re.MULTILINE)
     if frame is None or frame[1] not in OLD_FRAMES:
-        raise InputError(f"{path}: states no '# CoordinateSystem = LPS' or RAS; without it left and right cannot be told")
+        raise InputError(
+            f"{path}: states no '# CoordinateSystem = LPS' or RAS; without it left and right cannot be told"
+        )
     columns = re.search(r"^#\s*columns\s*=\s*(.+)$", text, re.MULTILINE)
     header = [name.strip() for name in columns[1].split(",")] if columns else []
     if not {"x", "y", "z", "label"} <= set(header):
@@ -109,7 +126,9 @@ def _read_fcsv(path: Path, text: str) -> Markups:
         rows.append([float(cell) for cell in position])
     xyz = np.array(rows, dtype=np.float64).reshape(-1, 3)
     if not np.isfinite(xyz).all():
-        raise InputError(f"{path}: point '{names[int(np.flatnonzero(~np.isfinite(xyz).all(axis=1))[0])]}' is not finite")
+        raise InputError(
+            f"{path}: point '{names[int(np.flatnonzero(~np.isfinite(xyz).all(axis=1))[0])]}' is not finite"
+        )
     return Markups(tuple(names), xyz, OLD_FRAMES[frame[1]])
 
 
@@ -117,14 +136,33 @@ def write_markups(path: str | Path, markups: Markups) -> None:
     """Write `.mrk.json` in the frame of the points, which must be known."""
     if markups.space not in ("LPS", "RAS"):
         raise InputError(f"{path}: Slicer must know the frame; it is '{markups.space}': must be LPS or RAS")
-    facing = [-1.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0, 1.0] if markups.space == "LPS" else np.eye(3).ravel().tolist()
+    facing = (
+        [-1.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0, 1.0]
+        if markups.space == "LPS"
+        else np.eye(3).ravel().tolist()
+    )
     flags = {"selected": True, "locked": False, "visibility": True, "positionStatus": "defined"}
     points = [
-        {"id": str(k), "label": name, "description": "", "associatedNodeID": "", "position": xyz, "orientation": facing, **flags}
+        {
+            "id": str(k),
+            "label": name,
+            "description": "",
+            "associatedNodeID": "",
+            "position": xyz,
+            "orientation": facing,
+            **flags,
+        }
         for k, (name, xyz) in enumerate(zip(markups.names, markups.xyz.tolist(), strict=True), 1)
     ]
-    item = {"type": "Fiducial", "coordinateSystem": markups.space, "coordinateUnits": "mm", "locked": False, "labelFormat": "%N-%d"}
+    item = {
+        "type": "Fiducial",
+        "coordinateSystem": markups.space,
+        "coordinateUnits": "mm",
+        "locked": False,
+        "labelFormat": "%N-%d",
+    }
     with staged_file(path) as staged:
         staged.write_text(
-            json.dumps({"@schema": SCHEMA, "markups": [{**item, "controlPoints": points}]}, indent=1) + "\n", encoding="utf-8"
+            json.dumps({"@schema": SCHEMA, "markups": [{**item, "controlPoints": points}]}, indent=1) + "\n",
+            encoding="utf-8",
         )

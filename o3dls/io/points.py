@@ -13,13 +13,21 @@ from ..errors import InputError, did_you_mean
 from .table import Table, read_table, write_table
 
 NUMBERS = ("bipolar", "unipolar", "lat", "impedance", "force", "sigma")
-ALIASES = {"kind": "type", "label": "name", "bip_mv": "bipolar", "uni_mv": "unipolar", "lat_ms": "lat", "force_g": "force"}
+ALIASES = {
+    "kind": "type",
+    "label": "name",
+    "bip_mv": "bipolar",
+    "uni_mv": "unipolar",
+    "lat_ms": "lat",
+    "force_g": "force",
+}
 NO_FORCE = -100.0  # grams: sensors drift by a few, and CARTO writes -10000 for a value that is not there
 NAMES = {name: name for name in ("x", "y", "z", "type", "name", *NUMBERS)} | ALIASES
 
 
 def read_points(path: str | Path, dimension: int = 3) -> Points:
-    """Points of a CSV file with a header: `x,y[,z]`, `type` (default eam), `name`, electrical values; other columns are kept.
+    """Points of a CSV file with a header: `x,y[,z]`, `type` (default eam), `name`, electrical values; other
+    columns are kept.
 
     Raises InputError naming file, line and column where a cell cannot be used.
     """
@@ -50,11 +58,15 @@ def _column(table: Table, name: str) -> NDArray[Any]:
         if name == "sigma" and (values <= 0.0).any():
             row = int(np.argmax(values <= 0.0))
             raise InputError(
-                f"{table.where(row, name)}: a noise level must be above 0, not {values[row]:g}; leave it empty where it is unknown"
+                f"{table.where(row, name)}: a noise level must be above 0, not {values[row]:g}; leave it "
+                "empty where it is unknown"
             )
         if name == "force" and (values <= NO_FORCE).any():
             row = int(np.argmax(values <= NO_FORCE))
-            raise InputError(f"{table.where(row, name)}: {values[row]:g} is no force; leave it empty where none was measured")
+            raise InputError(
+                f"{table.where(row, name)}: {values[row]:g} is no force; leave it empty where none was "
+                "measured"
+            )
         return values
     return table.values(name)
 
@@ -65,18 +77,27 @@ def _types(table: Table) -> NDArray[np.str_]:
         return np.full(len(table), "eam")
     for row, kind in enumerate(table.columns["type"]):
         if kind not in POINT_TYPES:
-            raise InputError(f"{table.where(row, 'type')}: '{kind}' is no type of point" + did_you_mean(kind, list(POINT_TYPES)))
+            raise InputError(
+                f"{table.where(row, 'type')}: '{kind}' is no type of point"
+                + did_you_mean(kind, list(POINT_TYPES))
+            )
     return np.array(table.columns["type"], dtype=str)
 
 
 def scaled(points: Points, factor: float) -> Points:
     """The same points in another unit of length: their places and their noise levels."""
-    columns = {name: values * factor if name == "sigma" else values for name, values in points.columns.items()}
+    columns = {
+        name: values * factor if name == "sigma" else values for name, values in points.columns.items()
+    }
     return Points(points.xyz * factor, points.type, columns)
 
 
-def write_points(path: str | Path, points: Points, *, space: str | None = None, units: str | None = None) -> None:
-    """Write points as CSV that `read_points` reads back equal; `space` and `units`, where given, go into a comment line."""
+def write_points(
+    path: str | Path, points: Points, *, space: str | None = None, units: str | None = None
+) -> None:
+    """Write points as CSV that `read_points` reads back equal; `space` and `units`, where given, go into a
+    comment line.
+    """
     axes = dict(zip("xyz", points.xyz.T, strict=False))
     notes = {key: value for key, value in (("space", space), ("units", units)) if value}
     write_table(path, {**axes, "type": points.type, **points.columns}, notes)

@@ -1,4 +1,6 @@
-"""CSV tables whose columns are known by name: commas, semicolons or tabs, decimal points, `# key=value` comment lines above the header."""
+"""CSV tables whose columns are known by name: commas, semicolons or tabs, decimal points, `# key=value`
+comment lines above the header.
+"""
 
 from __future__ import annotations
 
@@ -12,18 +14,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..case import SPACES
 from ..errors import InputError
-from ..geometry import Array
 from .atomic import staged_file
 from .text import LARGEST_WHOLE, decode, number, read_bytes
 
 
 @dataclass(frozen=True)
 class Table:
-    """Cells by column name, with the line of the file that each row stood on and the `key=value` notes of comment lines.
+    """Cells by column name, with the line of the file that each row stood on and the `key=value` notes of
+    comment lines.
 
-    The notes `space` and `units` are spelt as everywhere in o3dls, however the file spells them; `space` is a known one.
+    The notes `space` and `units` are spelt as everywhere in o3dls, however the file spells them; `space` is a
+    known one.
     """
 
     path: Path
@@ -38,8 +42,13 @@ class Table:
         return f"{self.path}: line {self.lines[row]}, column '{name}'"
 
     def numbers(self, name: str, *, missing: bool = False) -> Array:
-        """A column as numbers (n,); empty and `nan` cells become NaN where `missing` is allowed. Raises InputError."""
-        return np.array([self._number(row, name, cell, missing) for row, cell in enumerate(self.columns[name])], dtype=np.float64)
+        """A column as numbers (n,); empty and `nan` cells become NaN where `missing` is allowed. Raises
+        InputError.
+        """
+        return np.array(
+            [self._number(row, name, cell, missing) for row, cell in enumerate(self.columns[name])],
+            dtype=np.float64,
+        )
 
     def _number(self, row: int, name: str, cell: str, missing: bool) -> float:
         if missing and cell.lower() in ("", "nan"):
@@ -47,7 +56,11 @@ class Table:
         try:
             value = number(cell)
         except ValueError:
-            hint = "has a decimal comma; write a decimal point" if re.fullmatch(r"[-+]?\d*,\d+", cell) else "is not a number"
+            hint = (
+                "has a decimal comma; write a decimal point"
+                if re.fullmatch(r"[-+]?\d*,\d+", cell)
+                else "is not a number"
+            )
             hint += "; comments belong above the header" if "#" in cell else ""
             raise InputError(f"{self.where(row, name)}: '{cell}' {hint}") from None
         if not np.isfinite(value):
@@ -55,7 +68,9 @@ class Table:
         return value
 
     def values(self, name: str) -> NDArray[Any]:
-        """A column as numbers where every cell is a number or empty, else as text; identifiers such as 007 are text."""
+        """A column as numbers where every cell is a number or empty, else as text; identifiers such as 007
+        are text.
+        """
         cells = self.columns[name]
         if any(cells) and all(_is_number(cell) for cell in cells):
             return self.numbers(name, missing=True)
@@ -63,16 +78,22 @@ class Table:
 
 
 def _is_number(cell: str) -> bool:
-    """Whether a cell is empty or a number that a float holds and that has no leading zeros, which it would lose."""
+    """Whether a cell is empty or a number that a float holds and that has no leading zeros, which it would
+    lose.
+    """
     try:
         value = number(cell or "nan")
     except ValueError:
         return False
-    return not re.match(r"[-+]?0\d", cell) and not (re.fullmatch(r"[-+]?\d+", cell) and abs(value) > LARGEST_WHOLE)
+    return not re.match(r"[-+]?0\d", cell) and not (
+        re.fullmatch(r"[-+]?\d+", cell) and abs(value) > LARGEST_WHOLE
+    )
 
 
 def read_table(path: str | Path, required: Iterable[str], aliases: Mapping[str, str] | None = None) -> Table:
-    """The table in a CSV file. Raises InputError naming file, line and column for anything that does not fit."""
+    """The table in a CSV file. Raises InputError naming file, line and column for anything that does not
+    fit.
+    """
     path = Path(path)
     text = decode(read_bytes(path), path)
     lines = [(at, line) for at, line in enumerate(text.splitlines(), 1) if line.strip()]
@@ -81,15 +102,24 @@ def read_table(path: str | Path, required: Iterable[str], aliases: Mapping[str, 
     if not body:
         raise InputError(f"{path}: has no header line: must name the columns {', '.join(required)}")
     delimiter = next((d for d in ";\t" if d in body[0][1]), ",")
-    cells = [[cell.strip() for cell in row] for row in csv.reader((line for _, line in body), delimiter=delimiter)]
+    cells = [
+        [cell.strip() for cell in row] for row in csv.reader((line for _, line in body), delimiter=delimiter)
+    ]
     if len(cells) != len(body):
         raise InputError(f"{path}: a quoted cell runs over several lines; close the quotes on each line")
     header = _header(cells[0], path, body[0][0], required, aliases or {})
     for (at, line), row in zip(body[1:], cells[1:], strict=True):
         if line.lstrip().startswith("#"):
-            raise InputError(f"{path}: line {at} begins with #: comments belong above the header; a name that begins so stands in quotes")
+            raise InputError(
+                f"{path}: line {at} begins with #: comments belong above the header; a name that begins "
+                "so stands in quotes"
+            )
         if len(row) != len(header):
-            hint = "; decimal commas? write decimal points" if delimiter == "," and len(row) > len(header) else ""
+            hint = (
+                "; decimal commas? write decimal points"
+                if delimiter == "," and len(row) > len(header)
+                else ""
+            )
             raise InputError(f"{path}: line {at} has {len(row)} cells, the header has {len(header)}{hint}")
     columns = {name: [row[k] for row in cells[1:]] for k, name in enumerate(header)}
     return Table(path, columns, [at for at, _ in body[1:]], _notes(path, [line for _, line in lines[:top]]))
@@ -106,30 +136,45 @@ def _notes(path: Path, comments: Sequence[str]) -> dict[str, str]:
     return notes | ({"units": notes["units"].lower()} if "units" in notes else {})
 
 
-def _header(cells: Sequence[str], path: Path, line: int, required: Iterable[str], aliases: Mapping[str, str]) -> list[str]:
+def _header(
+    cells: Sequence[str], path: Path, line: int, required: Iterable[str], aliases: Mapping[str, str]
+) -> list[str]:
     header = [aliases.get(cell.lower(), cell) for cell in cells]
     for name in required:
         if name not in header:
             raise InputError(f"{path}: line {line}: no column '{name}'; there are: {', '.join(cells)[:200]}")
     for name in header:
         if not name or header.count(name) > 1:
-            raise InputError(f"{path}: line {line}: column name '{name}' {'is there twice' if name else 'is empty'}")
+            raise InputError(
+                f"{path}: line {line}: column name '{name}' {'is there twice' if name else 'is empty'}"
+            )
     return header
 
 
-def write_table(path: str | Path, columns: Mapping[str, NDArray[Any]], notes: Mapping[str, str] | None = None) -> None:
-    """Write equal-length columns as CSV; numbers keep all their digits, NaN becomes an empty cell. Raises InputError for line breaks."""
+def write_table(
+    path: str | Path, columns: Mapping[str, NDArray[Any]], notes: Mapping[str, str] | None = None
+) -> None:
+    """Write equal-length columns as CSV; numbers keep all their digits, NaN becomes an empty cell. Raises
+    InputError for line breaks.
+    """
     with staged_file(path) as staged, staged.open("w", newline="", encoding="utf-8") as file:
         if notes:
             file.write("# " + " ".join(f"{key}={value}" for key, value in notes.items()) + "\n")
         file.write(_line(columns))
-        cells = ([_cell(v, f"{path}: column '{name}'") for v in values.tolist()] for name, values in columns.items())
+        cells = (
+            [_cell(v, f"{path}: column '{name}'") for v in values.tolist()]
+            for name, values in columns.items()
+        )
         file.writelines(_line(row) for row in zip(*cells, strict=True))
 
 
 def _line(cells: Iterable[str]) -> str:
-    """Cells as one line of CSV; in quotes where a comma, a quote or a # at the beginning, as of a comment, would be misread."""
-    line = ",".join('"' + c.replace('"', '""') + '"' if c[:1] == "#" or "," in c or '"' in c else c for c in cells)
+    """Cells as one line of CSV; in quotes where a comma, a quote or a # at the beginning, as of a comment,
+    would be misread.
+    """
+    line = ",".join(
+        '"' + c.replace('"', '""') + '"' if c[:1] == "#" or "," in c or '"' in c else c for c in cells
+    )
     return (line or '""') + "\n"  # an empty line would be no row
 
 

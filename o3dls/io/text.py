@@ -11,14 +11,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Array, Ints
 from ..errors import InputError
-from ..geometry import Array, Ints
 
 LARGEST_WHOLE = 1 << 53
 
 
 def read_bytes(path: str | Path) -> bytes:
-    """The content of a file. Raises InputError where it is missing, a folder, a pipe, empty or not readable."""
+    """The content of a file. Raises InputError where it is missing, a folder, a pipe, empty or not
+    readable.
+    """
     path = Path(path)
     if not path.exists():
         raise InputError(f"{path}: no such file")
@@ -46,7 +48,9 @@ def decode(data: bytes, path: str | Path) -> str:
 
 
 def number_rows(lines: Sequence[str], columns: int, path: str | Path, at: Sequence[int], what: str) -> Array:
-    """Exactly `columns` numbers from every line, (n, columns); `at` holds their line numbers. Raises InputError that names one."""
+    """Exactly `columns` numbers from every line, (n, columns); `at` holds their line numbers. Raises
+    InputError that names one.
+    """
     if not lines:
         return np.zeros((0, columns))
     rows = rectangle(lines)
@@ -58,7 +62,9 @@ def number_rows(lines: Sequence[str], columns: int, path: str | Path, at: Sequen
 
 
 def rectangle(lines: Sequence[str]) -> Array | None:
-    """The numbers of lines that all hold equally many, (n, columns); None where they do not, or a word is no number."""
+    """The numbers of lines that all hold equally many, (n, columns); None where they do not, or a word is no
+    number.
+    """
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")  # numpy warns where all lines are blank
@@ -69,7 +75,9 @@ def rectangle(lines: Sequence[str]) -> Array | None:
 
 
 def number(word: str) -> float:
-    """The number that a word of a file stands for. Raises ValueError, also for `1_0`, which Python itself takes for 10."""
+    """The number that a word of a file stands for. Raises ValueError, also for `1_0`, which Python itself
+    takes for 10.
+    """
     if "_" in word:
         raise ValueError(word)
     return float(word)
@@ -89,7 +97,9 @@ def check_numbers(cells: Sequence[str], columns: int, where: str, what: str) -> 
 
 
 def flat_numbers(text: str, count: int, where: str) -> Array:
-    """The `count` numbers of a block of text, however it is broken into lines. Raises InputError naming `where`."""
+    """The `count` numbers of a block of text, however it is broken into lines. Raises InputError naming
+    `where`.
+    """
     words = text.split()
     if len(words) != count:
         raise InputError(f"{where}: has {len(words)} numbers: must be {count}")
@@ -103,14 +113,18 @@ def flat_numbers(text: str, count: int, where: str) -> Array:
 
 
 def join_rows(form: str, rows: NDArray[Any]) -> str:
-    """One line per row, each written by the %-format `form`: the whole table in one operation, which is what makes it quick.
+    """One line per row, each written by the %-format `form`: the whole table in one operation, which is what
+    makes it quick.
 
     Columns that hold one value only, such as the empty slots of a map, are written into the format first.
     """
     if rows.ndim == 2 and len(rows) > 1:
         pieces = re.findall(r"[^%]*%[^dfg]*[dfg][^%]*", form)
         constant = (rows == rows[0]).all(axis=0)
-        form = "".join(piece % value if same else piece for piece, value, same in zip(pieces, rows[0].tolist(), constant, strict=True))
+        form = "".join(
+            piece % value if same else piece
+            for piece, value, same in zip(pieces, rows[0].tolist(), constant, strict=True)
+        )
         rows = rows[:, ~constant]
     return (form * len(rows)) % tuple(rows.ravel().tolist())
 

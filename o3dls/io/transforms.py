@@ -7,10 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
+from ..arrays import Array
 from ..errors import InputError
-from ..geometry import TURN, Array, similarity
+from ..geometry.similarity import TURN, similarity
 from .atomic import staged_file
-from .surface_file import NOTICE
+from .meshes.surface_file import NOTICE
 from .text import decode, number_rows, read_bytes
 
 LARGEST = 1e9  # mm; also keeps products finite
@@ -23,14 +24,17 @@ def turned(matrix: Array) -> Array:
 
 
 def write_transform(path: str | Path, T_map_prior: Array, space: str) -> None:
-    """Write a pose: `.txt` holds T_map_prior as 4x4 rows, `.tfm` is ITK's, in LPS and from map to prior as ITK resamples.
+    """Write a pose: `.txt` holds T_map_prior as 4x4 rows, `.tfm` is ITK's, in LPS and from map to prior as
+    ITK resamples.
 
-    Slicer turns a .tfm around on reading, so that there it moves the prior onto the map. Raises InputError for other suffixes,
-    and for .tfm where the frame is not known.
+    Slicer turns a .tfm around on reading, so that there it moves the prior onto the map. Raises InputError
+    for other suffixes, and for .tfm where the frame is not known.
     """
     path = Path(path)
     if path.suffix.lower() == ".txt":
-        text = f"# T_map_prior, mm, SPACE={space}, {NOTICE}\n" + "".join(" ".join(map(repr, row)) + "\n" for row in T_map_prior.tolist())
+        text = f"# T_map_prior, mm, SPACE={space}, {NOTICE}\n" + "".join(
+            " ".join(map(repr, row)) + "\n" for row in T_map_prior.tolist()
+        )
     elif path.suffix.lower() == ".tfm":
         text = _itk_text(path, T_map_prior, space)
     else:
@@ -41,23 +45,41 @@ def write_transform(path: str | Path, T_map_prior: Array, space: str) -> None:
 
 def _itk_text(path: Path, T_map_prior: Array, space: str) -> str:
     if space not in ("LPS", "RAS") or T_map_prior.shape != (4, 4):
-        raise InputError(f"{path}: ITK transforms are in LPS and 3D; the frame here is '{space}': must be LPS or RAS")
+        raise InputError(
+            f"{path}: ITK transforms are in LPS and 3D; the frame here is '{space}': must be LPS or RAS"
+        )
     inverse = np.linalg.inv(T_map_prior if space == "LPS" else turned(T_map_prior))
     numbers = " ".join(map(repr, [*inverse[:3, :3].ravel().tolist(), *inverse[:3, 3].tolist()]))
-    return f"{ITK_HEAD}\n#Transform 0\nTransform: AffineTransform_double_3_3\nParameters: {numbers}\nFixedParameters: 0 0 0\n"
+    return (
+        f"{ITK_HEAD}\n#Transform 0\nTransform: AffineTransform_double_3_3\nParameters: "
+        f"{numbers}\nFixedParameters: 0 0 0\n"
+    )
 
 
 def read_transform(path: str | Path) -> tuple[Array, str]:
-    """T_map_prior (4, 4) and its frame (`unknown` for plain text that does not state it). Raises InputError."""
+    """T_map_prior (4, 4) and its frame (`unknown` for plain text that does not state it). Raises
+    InputError.
+    """
     path = Path(path)
     text = decode(read_bytes(path), path)
     return (_read_itk(path, text), "LPS") if text.startswith(ITK_HEAD) else _read_rows(path, text)
 
 
 def _read_itk(path: Path, text: str) -> Array:
-    kind = re.search(r"^Transform:\s*(AffineTransform|MatrixOffsetTransformBase)_(double|float)_3_3\s*$", text, re.MULTILINE)
-    parts = {key: re.search(rf"^{key}:(.*)$", text, re.MULTILINE) for key in ("Parameters", "FixedParameters")}
-    if kind is None or text.count("#Transform ") > 1 or parts["Parameters"] is None or parts["FixedParameters"] is None:
+    kind = re.search(
+        r"^Transform:\s*(AffineTransform|MatrixOffsetTransformBase)_(double|float)_3_3\s*$",
+        text,
+        re.MULTILINE,
+    )
+    parts = {
+        key: re.search(rf"^{key}:(.*)$", text, re.MULTILINE) for key in ("Parameters", "FixedParameters")
+    }
+    if (
+        kind is None
+        or text.count("#Transform ") > 1
+        or parts["Parameters"] is None
+        or parts["FixedParameters"] is None
+    ):
         raise InputError(f"{path}: must hold one AffineTransform in 3D with Parameters and FixedParameters")
     values = number_rows([parts["Parameters"][1]], 12, path, [0], "Parameters")[0]
     centre = number_rows([parts["FixedParameters"][1]], 3, path, [0], "FixedParameters")[0]
@@ -74,7 +96,11 @@ def _inverse(path: Path, matrix: Array) -> Array:
 
 
 def _read_rows(path: Path, text: str) -> tuple[Array, str]:
-    lines = [(k, line.replace(",", " ")) for k, line in enumerate(text.splitlines(), 1) if line.strip() and not line.startswith("#")]
+    lines = [
+        (k, line.replace(",", " "))
+        for k, line in enumerate(text.splitlines(), 1)
+        if line.strip() and not line.startswith("#")
+    ]
     if len(lines) != 4:
         raise InputError(f"{path}: has {len(lines)} rows of numbers: a 4x4 transform has four")
     matrix = number_rows([line for _, line in lines], 4, path, [k for k, _ in lines], "row")

@@ -8,51 +8,73 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation
 
+from ..arrays import Array, Ints
 from ..errors import InputError
-from ..geometry import Array, Ints
-from .closest import ClosestPoint
-from .grid import PAD, Band
+from ..geometry.closest_point import ClosestPoint
+from .band import PAD, Band
 from .scatter import gather_band, scatter_distance, touched_blocks
 from .winding import winding
 
 
 @dataclass(frozen=True, eq=False)
 class SignedDistance:
-    """Signed distance phi (n,), negative inside, on the nodes of `band`, and the closest face (n,) of each node."""
+    """Signed distance phi (n,), negative inside, on the nodes of `band`, and the closest face (n,) of each
+    node.
+    """
 
     band: Band
     phi: Array
     face: NDArray[np.int32]
 
 
-def signed_distance(vertices: Array, faces: Ints, spacing: float, width: float, *, inverted: bool = True) -> SignedDistance:
+def signed_distance(
+    vertices: Array, faces: Ints, spacing: float, width: float, *, inverted: bool = True
+) -> SignedDistance:
     """Distance of the nodes within `width` (length) of a closed surface: exact but for float32 rounding.
 
-    vertices (v, d), faces (m, d), d = 2 or 3. Inside is where the surface winds round a node: parts that overlap are united. inverted:
-    whether what it winds round the other way, as a part that a fold turned inside out, is inside too. Raises InputError where the surface
-    is open.
+    vertices (v, d), faces (m, d), d = 2 or 3. Inside is where the surface winds round a node: parts that
+    overlap are united. inverted: whether what it winds round the other way, as a part that a fold turned
+    inside out, is inside too. Raises InputError where the surface is open.
     """
     dimension = vertices.shape[1]
     low, box, local = _lattice(vertices, spacing, width)
     nodes, gap, face = _unsigned(local[faces], width / spacing, box, dimension)
-    band = Band(spacing, width, low, tuple(int(n) for n in box[:dimension]), np.ascontiguousarray(nodes[:, :dimension]))
-    return SignedDistance(band, np.where(_inside(nodes, local, faces, box, inverted=inverted), -gap, gap) * spacing, face)
+    band = Band(
+        spacing,
+        width,
+        low,
+        tuple(int(n) for n in box[:dimension]),
+        np.ascontiguousarray(nodes[:, :dimension]),
+    )
+    return SignedDistance(
+        band, np.where(_inside(nodes, local, faces, box, inverted=inverted), -gap, gap) * spacing, face
+    )
 
 
 def filled_distance(vertices: Array, faces: Ints, spacing: float, steps: int) -> SignedDistance:
-    """Signed distance on all nodes inside a closed surface and on those within `steps` nodes of these: for coarse lattices only."""
+    """Signed distance on all nodes inside a closed surface and on those within `steps` nodes of these: for
+    coarse lattices only.
+    """
     dimension = vertices.shape[1]
     low, box, local = _lattice(vertices, spacing, steps * spacing)
     every = np.ascontiguousarray(np.indices(tuple(box)).reshape(3, -1).T, dtype=np.int32)
     inside = _inside(every, local, faces, box)
     near = binary_dilation(inside.reshape(box[:dimension]), iterations=steps).ravel()
-    band = Band(spacing, steps * spacing, low, tuple(int(n) for n in box[:dimension]), np.ascontiguousarray(every[near, :dimension]))
+    band = Band(
+        spacing,
+        steps * spacing,
+        low,
+        tuple(int(n) for n in box[:dimension]),
+        np.ascontiguousarray(every[near, :dimension]),
+    )
     squared, face, _, _ = ClosestPoint(vertices, faces).query(band.positions)
     return SignedDistance(band, np.sqrt(squared) * np.where(inside[near], -1.0, 1.0), face.astype(np.int32))
 
 
 def _lattice(vertices: Array, spacing: float, width: float) -> tuple[Ints, Ints, Array]:
-    """First lattice index (d,) of a box that holds a surface and its band, the box's shape (3,), and the vertices (v, 3) in its units."""
+    """First lattice index (d,) of a box that holds a surface and its band, the box's shape (3,), and the
+    vertices (v, 3) in its units.
+    """
     dimension = vertices.shape[1]
     low = np.floor((vertices.min(axis=0) - width) / spacing).astype(np.int64) - PAD
     box = np.ones(3, dtype=np.int64)
@@ -62,14 +84,21 @@ def _lattice(vertices: Array, spacing: float, width: float) -> tuple[Ints, Ints,
     return low, box, local
 
 
-def _inside(nodes: NDArray[np.int32], local: Array, faces: Ints, box: Ints, *, inverted: bool = True) -> NDArray[np.bool_]:
+def _inside(
+    nodes: NDArray[np.int32], local: Array, faces: Ints, box: Ints, *, inverted: bool = True
+) -> NDArray[np.bool_]:
     number, open_rows = winding(nodes, local, faces, box)
     if open_rows:
-        raise InputError(f"the surface is open ({open_rows} lattice rows enter it and never leave): it must be closed, cap its holes first")
+        raise InputError(
+            f"the surface is open ({open_rows} lattice rows enter it and never leave): it must be "
+            "closed, cap its holes first"
+        )
     return np.asarray((number != 0) if inverted else (number > 0))
 
 
-def _unsigned(corners: Array, reach: float, box: Ints, dimension: int) -> tuple[NDArray[np.int32], Array, NDArray[np.int32]]:
+def _unsigned(
+    corners: Array, reach: float, box: Ints, dimension: int
+) -> tuple[NDArray[np.int32], Array, NDArray[np.int32]]:
     bits = 3 if dimension == 3 else 0  # blocks of 8 x 8 x 8 or 8 x 8 x 1 nodes
     table, count = touched_blocks(corners, reach, box, bits)
     best, owner = scatter_distance(corners, reach, box, bits, table, count)

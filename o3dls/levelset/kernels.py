@@ -8,7 +8,9 @@ from numba import njit
 
 @njit(cache=True)
 def fill_far(rows, keys, phi, width):  # type: ignore[no-untyped-def]
-    """Write band values into the rows of a box and carry their sign along each row; the pad makes every row start outside."""
+    """Write band values into the rows of a box and carry their sign along each row; the pad makes every row
+    start outside.
+    """
     length = rows.shape[1]
     at = 0
     for row in range(rows.shape[0]):
@@ -27,17 +29,21 @@ def fill_far(rows, keys, phi, width):  # type: ignore[no-untyped-def]
 def march_simplices(corners, phi, simplices):  # type: ignore[no-untyped-def]
     """Linear zero set of phi on simplices that split each lattice cell (Kuhn), manifold by construction.
 
-    corners (c, 2**d) rows of the cells' corners (bit a of the corner number = step along axis a), simplices (s, d+1) corner numbers along
-    rising paths. Returns faces (m, d) of edge keys (row * 2**d + direction) and, per face, the cell and simplex it came from, (m, 2).
+    corners (c, 2**d) rows of the cells' corners (bit a of the corner number = step along axis a), simplices
+    (s, d+1) corner numbers along rising paths. Returns faces (m, d) of edge keys (row * 2**d + direction)
+    and, per face, the cell and simplex it came from, (m, 2).
     """
-    size, count = simplices.shape[1], 0
+    size = simplices.shape[1]
+    count = 0
     wide = corners.shape[1]
-    faces, source = np.empty((0, size - 1), dtype=np.int64), np.empty((0, 2), dtype=np.int64)
+    faces = np.empty((0, size - 1), dtype=np.int64)
+    source = np.empty((0, 2), dtype=np.int64)
     inside, outside = np.empty(size, dtype=np.int64), np.empty(size, dtype=np.int64)
     cut = np.empty(4, dtype=np.int64)
     for filling in range(2):  # count, then fill
         if filling == 1:
-            faces, source = np.empty((count, size - 1), dtype=np.int64), np.empty((count, 2), dtype=np.int64)
+            faces = np.empty((count, size - 1), dtype=np.int64)
+            source = np.empty((count, 2), dtype=np.int64)
         count = 0
         for c in range(corners.shape[0]):
             for s in range(simplices.shape[0]):
@@ -57,8 +63,11 @@ def march_simplices(corners, phi, simplices):  # type: ignore[no-untyped-def]
                     k = 0
                     for a in range(n_in):  # the four cuts of a quadrilateral in turn round it
                         for b in range(n_out):
-                            u, v = inside[a], outside[b if a == 0 else n_out - 1 - b]
-                            cut[k] = corners[c, min(u, v)] * wide + (u ^ v)  # along a rising path the smaller number comes first
+                            u = inside[a]
+                            v = outside[b if a == 0 else n_out - 1 - b]
+                            cut[k] = corners[c, min(u, v)] * wide + (
+                                u ^ v
+                            )  # along a rising path the smaller number comes first
                             k += 1
                     for f in range(made):
                         for v in range(size - 1):
@@ -70,10 +79,13 @@ def march_simplices(corners, phi, simplices):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def curvature(phi, neighbours, spacing):  # type: ignore[no-untyped-def]
-    """div(grad phi / |grad phi|) per node by central differences; phi is continued evenly where the band ends."""
+    """div(grad phi / |grad phi|) per node by central differences; phi is continued evenly where the band
+    ends.
+    """
     n, dim = neighbours.shape[0], neighbours.shape[1]
     out = np.zeros(n)
-    first, second = np.empty(dim), np.empty((dim, dim))
+    first = np.empty(dim)
+    second = np.empty((dim, dim))
     for i in range(n):
         norm2 = 0.0
         for a in range(dim):

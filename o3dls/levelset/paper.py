@@ -1,17 +1,24 @@
-"""The paper's formulation, equations 8-16, with the least repairs that make it computable. In our sign (negative inside) it reads
+"""The paper's formulation, equations 8-16, with the least repairs that make it computable. In our sign
+(negative inside) it reads
 
-    E(phi) = sum_i phi(p_i)^2 + a_reg int delta(phi) |grad phi| dx + a_shape int (H(phi) - H(psi.T))^2 dx           (8, 14, 15)
+    E(phi) = sum_i phi(p_i)^2 + a_reg int delta(phi) |grad phi| dx + a_shape int (H(phi) - H(psi.T))^2 dx
+    (8, 14, 15)
     d phi/dt = -2 sum_i phi(p_i) delta(x - p_i) + a_reg div(grad phi / |grad phi|) delta(phi)
-               - 2 a_shape (H(phi) - H(psi.T)) delta(phi)                                                                  (16)
+               - 2 a_shape (H(phi) - H(psi.T)) delta(phi)
+               (16)
 
 Repairs, each because the printed form cannot be computed or means something else:
- R1  |phi delta|^2 in (8) squares a Dirac function: the data term is phi(p_i)^2, to which the first term of (16) belongs.
- R2  |grad phi| = 1 is demanded but not kept by (16): phi is reinitialised every few steps, exactly, from its zero set.
+ R1  |phi delta|^2 in (8) squares a Dirac function: the data term is phi(p_i)^2, to which the first term of
+ (16) belongs.
+ R2  |grad phi| = 1 is demanded but not kept by (16): phi is reinitialised every few steps, exactly, from its
+ zero set.
  R3  the last term of (16) stands under an integral, which would make it a number: it is meant pointwise.
- R4  mm^2, mm^2 and mm^3 share one weight: each term has its own, and the data term is divided by the squared noise.
+ R4  mm^2, mm^2 and mm^3 share one weight: each term has its own, and the data term is divided by the squared
+ noise.
  R5  explicit steps of the point sources must shrink with spacing^3: they are taken implicitly.
  R6  no equation moves T: it is the similarity of the stage before and stays.
-Known limits stay: a point farther from phi = 0 than the band has no pull, and point sources can cut islands out of a surface in 3D.
+Known limits stay: a point farther from phi = 0 than the band has no pull, and point sources can cut islands
+out of a surface in 3D.
 """
 
 from __future__ import annotations
@@ -22,16 +29,23 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import cg
 
+from ..arrays import Array
 from ..errors import SolverError
-from ..geometry import Array, Surface
+from ..geometry.components import topology
+from ..geometry.surface import Surface
+from .band import Band
 from .distance import SignedDistance, signed_distance
-from .grid import Band
-from .operators import delta, gradient, heaviside, mean_curvature, reinitialise, topology, zero_set
-from .reach import Reached
+from .isosurface import reinitialise, zero_set
+from .operators import delta, gradient, heaviside, mean_curvature
+from .refine import Reached
 
-REACH = 2.0  # half width of the regularised delta and Heaviside functions in spacings: whole, so that sampling keeps their sums
+# half width of the regularised delta and Heaviside functions in spacings: whole, so that sampling keeps their
+# sums
+REACH = 2.0
 HALF_BAND = 5.0  # half width of the band, in spacings
-FREE = 3.0  # phi moves this near to the surface, in spacings; beyond it holds still, so that the zero set never meets the band's border
+# phi moves this near to the surface, in spacings; beyond it holds still, so that the zero set never meets the
+# band's border
+FREE = 3.0
 SETTLED = 1e-4  # relative fall of the energy between two reinitialisations at which the descent ends
 
 
@@ -44,19 +58,32 @@ class Weights:
     shape: float = 0.3
 
 
-def descend(prior: Surface, points: Array, sigma: float, weights: Weights, *, spacing: float, cycles: int, steps: int = 10) -> Reached:
-    """Minimise (8)-(15) from phi = psi.T by (16): `cycles` times `steps` steps, a reinitialisation after each cycle.
+def descend(
+    prior: Surface,
+    points: Array,
+    sigma: float,
+    weights: Weights,
+    *,
+    spacing: float,
+    cycles: int,
+    steps: int = 10,
+) -> Reached:
+    """Minimise (8)-(15) from phi = psi.T by (16): `cycles` times `steps` steps, a reinitialisation after each
+    cycle.
 
     prior: the prior moved by T; points (n, d); sigma: their noise. Stops where the energy no longer falls.
     """
     psi = signed_distance(prior.vertices, prior.faces, spacing, HALF_BAND * spacing)
-    field, trace = psi, [{"iteration": 0} | energies(psi, heaviside(psi.phi, REACH * spacing), points, sigma, weights)]
+    field = psi
+    trace = [{"iteration": 0} | energies(psi, heaviside(psi.phi, REACH * spacing), points, sigma, weights)]
     how = "stopped at the limit"
     for _ in range(cycles):
         shape = heaviside(_on_band(psi, field.band), REACH * spacing)
         moved = _steps(field, shape, points, sigma, weights, steps)
         if not np.isfinite(moved).all():
-            raise SolverError("paper formulation: phi is no longer finite; the weights are too large for the spacing")
+            raise SolverError(
+                "paper formulation: phi is no longer finite; the weights are too large for the spacing"
+            )
         candidate = reinitialise(field.band, moved)
         shape = heaviside(_on_band(psi, candidate.band), REACH * spacing)
         record = energies(candidate, shape, points, sigma, weights)
@@ -65,16 +92,23 @@ def descend(prior: Surface, points: Array, sigma: float, weights: Weights, *, sp
             field = candidate
             trace.append({"iteration": len(trace)} | record)
         if fall <= SETTLED * trace[-1]["energy"]:
-            how = "converged" if fall >= 0.0 else "stopped, since the next reinitialisation would raise the energy,"
+            how = (
+                "converged"
+                if fall >= 0.0
+                else "stopped, since the next reinitialisation would raise the energy,"
+            )
             break
     status, facts = _outcome(field, f"{how} after {len(trace) - 1} reinitialisations", points)
     return Reached(field, prior, sigma, status, how == "converged", tuple(trace), facts=facts, islands=True)
 
 
-def energies(field: SignedDistance, shape: Array, points: Array, sigma: float, weights: Weights) -> dict[str, float]:
+def energies(
+    field: SignedDistance, shape: Array, points: Array, sigma: float, weights: Weights
+) -> dict[str, float]:
     """Terms of the energy; shape (n,) is H(psi.T) on the band of the field."""
     band, phi = field.band, field.phi
-    cell, reach = band.spacing**band.dimension, REACH * band.spacing
+    cell = band.spacing**band.dimension
+    reach = REACH * band.spacing
     slope = np.linalg.norm(gradient(band, phi), axis=1)
     terms = {
         "data": weights.data * float(((band.interpolation(points) @ phi) ** 2).sum()) / sigma**2,
@@ -84,22 +118,32 @@ def energies(field: SignedDistance, shape: Array, points: Array, sigma: float, w
     return terms | {"energy": sum(terms.values())}
 
 
-def _steps(field: SignedDistance, shape: Array, points: Array, sigma: float, weights: Weights, steps: int) -> Array:
+def _steps(
+    field: SignedDistance, shape: Array, points: Array, sigma: float, weights: Weights, steps: int
+) -> Array:
     """`steps` steps of (16): area and shape explicit within their stability bounds, points implicit (R5)."""
     band, phi = field.band, field.phi
-    h, reach = band.spacing, REACH * band.spacing
-    dt = min(h * h * reach / (2.0 * band.dimension * max(weights.area, 1e-9)), h * reach / (2.0 * max(weights.shape, 1e-9)))
+    h = band.spacing
+    reach = REACH * band.spacing
+    dt = min(
+        h * h * reach / (2.0 * band.dimension * max(weights.area, 1e-9)),
+        h * reach / (2.0 * max(weights.shape, 1e-9)),
+    )
     at_points = band.interpolation(points)
     pull = 2.0 * weights.data / (sigma**2 * h**band.dimension)
     implicit = sparse.identity(len(band)) + dt * pull * (at_points.T @ at_points)
     for _ in range(steps):
-        flow = weights.area * mean_curvature(band, phi) - 2.0 * weights.shape * (heaviside(phi, reach) - shape)
+        flow = weights.area * mean_curvature(band, phi) - 2.0 * weights.shape * (
+            heaviside(phi, reach) - shape
+        )
         phi, _ = cg(implicit, phi + dt * flow * delta(phi, reach), x0=phi, rtol=1e-6, maxiter=500)
     return np.where(np.abs(field.phi) < FREE * h, phi, field.phi)
 
 
 def _on_band(psi: SignedDistance, band: Band) -> Array:
-    """psi (n,) on the nodes of another band of the same lattice; far from its own band only the sign counts."""
+    """psi (n,) on the nodes of another band of the same lattice; far from its own band only the sign
+    counts.
+    """
     box = psi.band.dense(psi.phi)
     local = band.nodes + (band.low - psi.band.low)
     inside = ((local >= 0) & (local < psi.band.shape)).all(axis=1)
@@ -109,7 +153,9 @@ def _on_band(psi: SignedDistance, band: Band) -> Array:
 
 
 def _outcome(field: SignedDistance, how: str, points: Array) -> tuple[str, dict[str, int]]:
-    """How it went, in words and in numbers: islands and points without pull are what this formulation is known for."""
+    """How it went, in words and in numbers: islands and points without pull are what this formulation is
+    known for.
+    """
     count, _ = topology(*zero_set(field.band, field.phi))
     lost = int((np.asarray(abs(field.band.interpolation(points)).sum(axis=1)).ravel() == 0.0).sum())
     said = f"{how}: {count} piece{'s' * (count > 1)}, {lost} points out of the band without pull"

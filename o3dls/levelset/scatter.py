@@ -1,4 +1,5 @@
-"""Unsigned distance by scatter: every triangle (3D) or segment (2D) writes to the nodes near it, kept in blocks of the lattice.
+"""Unsigned distance by scatter: every triangle (3D) or segment (2D) writes to the nodes near it, kept in
+blocks of the lattice.
 
 A 2D box has a third axis of length 1 and blocks of thickness 1.
 """
@@ -15,7 +16,9 @@ def touched_blocks(corners, reach, shape, bits):  # type: ignore[no-untyped-def]
 
     corners (m, c, 3) in lattice units. Returns the table (blocks per axis) and the count.
     """
-    table = np.full((shape[0] + 7 >> 3, shape[1] + 7 >> 3, (shape[2] + (1 << bits) - 1) >> bits), -1, dtype=np.int32)
+    table = np.full(
+        (shape[0] + 7 >> 3, shape[1] + 7 >> 3, (shape[2] + (1 << bits) - 1) >> bits), -1, dtype=np.int32
+    )
     first, last = np.empty(3, dtype=np.int64), np.empty(3, dtype=np.int64)
     for m in range(corners.shape[0]):
         _face_box(corners[m], reach, shape, first, last)
@@ -46,10 +49,11 @@ def _face_box(face, reach, shape, first, last):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def scatter_distance(corners, reach, shape, bits, table, count):  # type: ignore[no-untyped-def]
-    """Smallest squared distance (lattice units) of the nodes within `reach` to any face, and that face, per block.
+    """Smallest squared distance (lattice units) of the nodes within `reach` to any face, and that face, per
+    block.
 
-    A face looks along the rows of its grown box, only where its plane and its bounding sphere are within reach; most of these nodes are
-    turned away by a bound that their best face so far already beats.
+    A face looks along the rows of its grown box, only where its plane and its bounding sphere are within
+    reach; most of these nodes are turned away by a bound that their best face so far already beats.
     """
     best = np.full((count, 64 << bits), np.float32(np.inf), dtype=np.float32)
     owner = np.full((count, 64 << bits), -1, dtype=np.int32)
@@ -70,11 +74,14 @@ def scatter_distance(corners, reach, shape, bits, table, count):  # type: ignore
                 if room < 0.0:
                     continue
                 half = np.sqrt(room)
-                low, high = max(first[2], int(np.ceil(cz - half))), min(last[2], int(np.floor(cz + half)))
+                low = max(first[2], int(np.ceil(cz - half)))
+                high = min(last[2], int(np.floor(cz + half)))
                 tilt = (i - ax) * nx + (j - ay) * ny
                 if abs(nz) > 1e-3:
-                    up, down = az + (reach - tilt) / nz, az - (reach + tilt) / nz
-                    low, high = max(low, int(np.ceil(min(up, down) - 1e-9))), min(high, int(np.floor(max(up, down) + 1e-9)))
+                    up = az + (reach - tilt) / nz
+                    down = az - (reach + tilt) / nz
+                    low = max(low, int(np.ceil(min(up, down) - 1e-9)))
+                    high = min(high, int(np.floor(max(up, down) + 1e-9)))
                 row = ((i & 7) << 3 | (j & 7)) << bits
                 for k in range(low, high + 1):
                     block = table[i >> 3, j >> 3, k >> bits]
@@ -104,7 +111,9 @@ def _measure(face, out):  # type: ignore[no-untyped-def]
         out[7 + a], out[10 + a] = face[1, a] - face[0, a], face[corners - 1, a] - face[0, a]
     radius2 = 0.0
     for c in range(corners):
-        radius2 = max(radius2, (face[c, 0] - out[0]) ** 2 + (face[c, 1] - out[1]) ** 2 + (face[c, 2] - out[2]) ** 2)
+        radius2 = max(
+            radius2, (face[c, 0] - out[0]) ** 2 + (face[c, 1] - out[1]) ** 2 + (face[c, 2] - out[2]) ** 2
+        )
     out[3] = np.sqrt(radius2) * (1.0 + 1e-9) + 1e-6  # float32 distances may be this much too short
     ux, uy, uz, vx, vy, vz = out[7], out[8], out[9], out[10], out[11], out[12]
     x, y, z = (uy, -ux, 0.0) if corners == 2 else (uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx)
@@ -116,14 +125,17 @@ def _measure(face, out):  # type: ignore[no-untyped-def]
 @njit(cache=True, inline="always")
 def _segment_gap2(x, y, face):  # type: ignore[no-untyped-def]
     """Squared distance from a point, given from corner a, to a segment."""
-    along, length2 = x * face[7] + y * face[8], face[7] ** 2 + face[8] ** 2
+    along = x * face[7] + y * face[8]
+    length2 = face[7] ** 2 + face[8] ** 2
     t = min(1.0, max(0.0, along / length2)) if length2 > 0.0 else 0.0
     return (x - t * face[7]) ** 2 + (y - t * face[8]) ** 2
 
 
 @njit(cache=True, inline="always")
 def _triangle_gap2(x, y, z, away, face):  # type: ignore[no-untyped-def]
-    """Squared distance from a point, given from corner a, to a triangle: `away`^2 above its inside, else the nearest edge's."""
+    """Squared distance from a point, given from corner a, to a triangle: `away`^2 above its inside, else the
+    nearest edge's.
+    """
     ux, uy, uz, vx, vy, vz = face[7], face[8], face[9], face[10], face[11], face[12]
     pu, pv = x * ux + y * uy + z * uz, x * vx + y * vy + z * vz
     uu, uv, vv = ux * ux + uy * uy + uz * uz, ux * vx + uy * vy + uz * vz, vx * vx + vy * vy + vz * vz
@@ -150,7 +162,8 @@ def gather_band(table, bits, shape, best, owner):  # type: ignore[no-untyped-def
     """Nodes that have an owner, in C order: indices (n, 3), distance (n,), face (n,)."""
     n = (owner >= 0).sum()
     nodes = np.empty((n, 3), dtype=np.int32)
-    gap, face = np.empty(n), np.empty(n, dtype=np.int32)
+    gap = np.empty(n)
+    face = np.empty(n, dtype=np.int32)
     at = 0
     for i in range(shape[0]):
         for j in range(shape[1]):
@@ -159,7 +172,10 @@ def gather_band(table, bits, shape, best, owner):  # type: ignore[no-untyped-def
                 block = table[i >> 3, j >> 3, bk]
                 for c in range(1 << bits if block >= 0 else 0):
                     if owner[block, row + c] >= 0:
-                        nodes[at, 0], nodes[at, 1], nodes[at, 2] = i, j, (bk << bits) + c
-                        gap[at], face[at] = np.sqrt(best[block, row + c]), owner[block, row + c]
+                        nodes[at, 0] = i
+                        nodes[at, 1] = j
+                        nodes[at, 2] = (bk << bits) + c
+                        gap[at] = np.sqrt(best[block, row + c])
+                        face[at] = owner[block, row + c]
                         at += 1
     return nodes, gap, face

@@ -1,4 +1,6 @@
-"""Inside or outside by winding numbers along lattice rows: exact for closed surfaces, also where they overlap themselves."""
+"""Inside or outside by winding numbers along lattice rows: exact for closed surfaces, also where they overlap
+themselves.
+"""
 
 from __future__ import annotations
 
@@ -8,21 +10,25 @@ from numba import njit
 
 @njit(cache=True)
 def winding(nodes, vertices, faces, shape):  # type: ignore[no-untyped-def]
-    """Winding number (n,) of a closed surface around lattice nodes in C order, and the rows (count) whose crossings do not cancel.
+    """Winding number (n,) of a closed surface around lattice nodes in C order, and the rows (count) whose
+    crossings do not cancel.
 
-    Along each row of the last real axis the faces crossed so far are summed with their orientation: exact, also where the surface
-    overlaps itself. Edges that meet a row are given to one side by an infinitesimal shift of the row, the same for both neighbours.
-    vertices (v, 3) in lattice units, faces (m, 3) or (m, 2); a 2D box has shape (nx, ny, 1) and rows along y.
+    Along each row of the last real axis the faces crossed so far are summed with their orientation: exact,
+    also where the surface overlaps itself. Edges that meet a row are given to one side by an infinitesimal
+    shift of the row, the same for both neighbours. vertices (v, 3) in lattice units, faces (m, 3) or (m, 2);
+    a 2D box has shape (nx, ny, 1) and rows along y.
     """
     flat = faces.shape[1] == 2
     rows = shape[0] if flat else shape[0] * shape[1]
     start = np.zeros(rows + 1, dtype=np.int64)
-    height, turn = np.empty(0), np.empty(0, dtype=np.int8)
+    height = np.empty(0)
+    turn = np.empty(0, dtype=np.int8)
     for filling in range(2):  # count, then fill
         if filling == 1:
             for row in range(rows):
                 start[row + 1] += start[row]
-            height, turn = np.empty(start[rows]), np.empty(start[rows], dtype=np.int8)
+            height = np.empty(start[rows])
+            turn = np.empty(start[rows], dtype=np.int8)
         cursor = start.copy()
         for m in range(faces.shape[0]):
             ids = faces[m]
@@ -30,7 +36,9 @@ def winding(nodes, vertices, faces, shape):  # type: ignore[no-untyped-def]
             low_j, high_j = (0, 0) if flat else _row_range(vertices, ids, 1, shape[1])
             for i in range(low_i, high_i + 1):
                 for j in range(low_j, high_j + 1):
-                    sign, z = _cross_segment(vertices, ids, i) if flat else _cross_triangle(vertices, ids, i, j)
+                    sign, z = (
+                        _cross_segment(vertices, ids, i) if flat else _cross_triangle(vertices, ids, i, j)
+                    )
                     if sign != 0:
                         row = i if flat else i * shape[1] + j
                         if filling == 0:
@@ -66,8 +74,8 @@ def _row_range(vertices, ids, axis, size):  # type: ignore[no-untyped-def]
 def _side(vertices, u, v, x, y):  # type: ignore[no-untyped-def]
     """Side (+1 left, -1 right) of the directed edge u -> v that the node (x, y) lies on, never 0.
 
-    The edge is always evaluated from its lower to its higher vertex, so that its two faces see the same number; on the edge the node is
-    shifted by (e, e^2).
+    The edge is always evaluated from its lower to its higher vertex, so that its two faces see the same
+    number; on the edge the node is shifted by (e, e^2).
     """
     flip = 1
     if u > v:
@@ -81,13 +89,23 @@ def _side(vertices, u, v, x, y):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _cross_triangle(vertices, ids, x, y):  # type: ignore[no-untyped-def]
-    """Does the vertical line through (x, y) cross the triangle: -1 upward out of it, +1 into it, 0 no; and the height."""
+    """Does the vertical line through (x, y) cross the triangle: -1 upward out of it, +1 into it, 0 no; and
+    the height.
+    """
     a, b, c = ids[0], ids[1], ids[2]
     side = _side(vertices, a, b, x, y)
     if side != _side(vertices, b, c, x, y) or side != _side(vertices, c, a, x, y):
         return 0, 0.0
-    ux, uy, uz = vertices[b, 0] - vertices[a, 0], vertices[b, 1] - vertices[a, 1], vertices[b, 2] - vertices[a, 2]
-    wx, wy, wz = vertices[c, 0] - vertices[a, 0], vertices[c, 1] - vertices[a, 1], vertices[c, 2] - vertices[a, 2]
+    ux, uy, uz = (
+        vertices[b, 0] - vertices[a, 0],
+        vertices[b, 1] - vertices[a, 1],
+        vertices[b, 2] - vertices[a, 2],
+    )
+    wx, wy, wz = (
+        vertices[c, 0] - vertices[a, 0],
+        vertices[c, 1] - vertices[a, 1],
+        vertices[c, 2] - vertices[a, 2],
+    )
     nx, ny, nz = uy * wz - uz * wy, uz * wx - ux * wz, ux * wy - uy * wx
     z = vertices[a, 2]
     if nz != 0.0:
@@ -97,7 +115,9 @@ def _cross_triangle(vertices, ids, x, y):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _cross_segment(vertices, ids, x):  # type: ignore[no-untyped-def]
-    """The same for a segment and the vertical line through x; a vertex on the line belongs to the side of larger x."""
+    """The same for a segment and the vertical line through x; a vertex on the line belongs to the side of
+    larger x.
+    """
     a, b = ids[0], ids[1]
     xa, xb = vertices[a, 0], vertices[b, 0]
     if (xa <= x) == (xb <= x):

@@ -56,7 +56,9 @@ class Table:
 
     def markdown(self) -> str:
         lines = [self.head, ["---", *["---:"] * (len(self.head) - 1)], *self.rows]
-        return f"{self.caption}\n\n" + "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines)
+        return f"{self.caption}\n\n" + "\n".join(
+            "| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines
+        )
 
 
 @dataclass(frozen=True)
@@ -73,7 +75,11 @@ class Figure:
 
     def html(self) -> Html:
         data = base64.b64encode(self.png).decode("ascii")
-        return tag("figure", tag("img", src=f"data:image/png;base64,{data}", alt=self.caption), tag("figcaption", self.caption))
+        return tag(
+            "figure",
+            tag("img", src=f"data:image/png;base64,{data}", alt=self.caption),
+            tag("figcaption", self.caption),
+        )
 
     def markdown(self) -> str:
         return f"![{self.caption}]({self.file})\n\n*{self.caption}*"

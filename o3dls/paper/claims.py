@@ -1,4 +1,6 @@
-"""What the page must show, judged from the rows: each claim with its number, its bound, and whether it holds."""
+"""What the page must show, judged from the rows: each claim with its number, its bound, and whether it
+holds.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..geometry import Array
+from ..arrays import Array
 from .blocks import Block, Heading, Table, Text
 from .experiment import Row
 from .results import Results, column
@@ -35,10 +37,13 @@ def claims(results: Results) -> list[Block]:
     return [
         Heading("What must hold"),
         Text(
-            "A fitted mean is compared with the noise per axis, of which the true surface itself scores at most 0.80, less about its "
+            "A fitted mean is compared with the noise per axis, of which the true surface itself scores "
+            "at most 0.80, less about its "
             "corners; in brackets, with what it does score on the same points."
         ),
-        Table("Claims, each with its number from the tables below", ["claim", "found", "bound", "holds"], rows),
+        Table(
+            "Claims, each with its number from the tables below", ["claim", "found", "bound", "holds"], rows
+        ),
     ]
 
 
@@ -51,8 +56,15 @@ def _noise(results: Results) -> list[Claim]:
             fitted, held = (_ratio(rows, key) for key in ("fitted", "held_out"))
             found += [
                 Claim(f"{name}, fitted, worst seed", f"{fitted.max():.2f}", "< 1", bool(fitted.max() < 1.0)),
-                Claim(f"{name}, held out, mean", f"{_mean_ratio(rows, 'held_out'):.2f}", "< 1", _mean_ratio(rows, "held_out") < 1.0),
-                Claim(f"{name}, held out, worst seed", f"{held.max():.2f}", "<= 1.02", bool(held.max() <= 1.02)),
+                Claim(
+                    f"{name}, held out, mean",
+                    f"{_mean_ratio(rows, 'held_out'):.2f}",
+                    "< 1",
+                    _mean_ratio(rows, "held_out") < 1.0,
+                ),
+                Claim(
+                    f"{name}, held out, worst seed", f"{held.max():.2f}", "<= 1.02", bool(held.max() <= 1.02)
+                ),
                 _fit(f"{shape}, {level:g} %: mean fitted over noise (over truth's own)", rows),
             ]
     return found
@@ -63,17 +75,28 @@ def _atrium(results: Results) -> list[Claim]:
     icp = [row for row in rows if row["method"] == "icp"]
     found = []
     for key, words, wanted in (("fitted", "EAM points", 4.5), ("ablation", "ablation points", 3.2)):
-        found.append(_baseline(f"atrium: the baseline's {words}, mm (seeds within)", column(icp, key), wanted))
-    for key, words, least in (("assd", "true-surface error", 0.46), ("ablation", "ablation points, not fitted,", 0.35)):
+        found.append(
+            _baseline(f"atrium: the baseline's {words}, mm (seeds within)", column(icp, key), wanted)
+        )
+    for key, words, least in (
+        ("assd", "true-surface error", 0.46),
+        ("ablation", "ablation points, not fitted,", 0.35),
+    ):
         fall, against = (1.0 - _mean_ratio(rows, key, base) for base in ("icp", "similarity"))
         words = f"atrium: {words} falls (against the best similarity ICP)"
-        found.append(Claim(words, f"{100 * fall:.0f} % ({100 * against:.0f} %)", f">= {100 * least:.0f} %", fall >= least))
+        found.append(
+            Claim(
+                words, f"{100 * fall:.0f} % ({100 * against:.0f} %)", f">= {100 * least:.0f} %", fall >= least
+            )
+        )
     return [*found, _fit("atrium: mean fitted over noise (over truth's own)", rows)]
 
 
 def _baseline(words: str, values: Array, wanted: float) -> Claim:
     """Mean and standard deviation over seeds both within half a millimetre of the paper's figure."""
-    mean, sd, within = values.mean(), values.std(), np.count_nonzero(np.abs(values - wanted) <= BASELINE)
+    mean = values.mean()
+    sd = values.std()
+    within = np.count_nonzero(np.abs(values - wanted) <= BASELINE)
     found = f"{mean:.2f} ± {sd:.2f} ({within} of {len(values)})"
     return Claim(words, found, f"{wanted:g} ± {BASELINE:g}", bool(abs(mean - wanted) + sd <= BASELINE))
 
@@ -82,7 +105,10 @@ def _temporal(results: Results) -> list[Claim]:
     kinds = sorted({row["map"] for row in results.of("temporal")})
     falls = {kind: gain(results.of("temporal", map=kind)) for kind in kinds}
     words = "temporal template: held-out error on left-out phases falls"
-    return [Claim(f"{words}, {kind} maps", f"{100 * fall:.0f} %", ">= 30 %", fall >= 0.30) for kind, fall in falls.items()]
+    return [
+        Claim(f"{words}, {kind} maps", f"{100 * fall:.0f} %", ">= 30 %", fall >= 0.30)
+        for kind, fall in falls.items()
+    ]
 
 
 def _fit(words: str, rows: list[Row]) -> Claim:
@@ -94,10 +120,14 @@ def _fit(words: str, rows: list[Row]) -> Claim:
 
 def _ratio(rows: list[Row], key: str, base: str = "icp") -> Array:
     """Level set over the baseline, seed by seed."""
-    ours, theirs = (column([row for row in rows if row["method"] == method], key) for method in ("level_set", base))
+    ours, theirs = (
+        column([row for row in rows if row["method"] == method], key) for method in ("level_set", base)
+    )
     return np.asarray(ours / theirs)
 
 
 def _mean_ratio(rows: list[Row], key: str, base: str = "icp") -> float:
-    ours, theirs = (column([row for row in rows if row["method"] == method], key).mean() for method in ("level_set", base))
+    ours, theirs = (
+        column([row for row in rows if row["method"] == method], key).mean() for method in ("level_set", base)
+    )
     return float(ours / theirs)

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from ..io.atomic import check_free, staged_folder
-from ..workers import workers
+from ..pipeline.workers import workers
 from .experiment import Outcome, Scope, Task
 from .page import EXPERIMENTS, write_page
 from .results import read_results, write_results
@@ -18,7 +18,9 @@ DATA = "O3DLS_DATA"  # folder of third-party data; its experiments are left out 
 
 
 def make(out: Path, *, quick: bool = False, force: bool = False) -> Path:
-    """Compute everything into a new folder `out`; the page. Raises InputError before any work where the folder cannot be written."""
+    """Compute everything into a new folder `out`; the page. Raises InputError before any work where the
+    folder cannot be written.
+    """
     check_free(out, force, "paper")
     scope = Scope(quick, Path(os.environ[DATA]) if DATA in os.environ else None)
     tasks = [task for experiment in EXPERIMENTS for task in experiment.tasks(scope)]

@@ -1,4 +1,6 @@
-"""Drawings that several experiments share: curves with spread, outlines, rendered surfaces on one colour scale."""
+"""Drawings that several experiments share: curves with spread, outlines, rendered surfaces on one colour
+scale.
+"""
 
 from __future__ import annotations
 
@@ -7,31 +9,58 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..geometry import Array, Surface
-from ..report.fields import Field, colour_table, colours_of
-from ..report.figures import plain_figure, png
+from ..arrays import Array
+from ..geometry.surface import Surface
+from ..report.drawing.fields import Field, colour_table, colours_of
+from ..report.drawing.figures import plain_figure, png
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 # Okabe and Ito's palette: told apart by colour-blind readers; each method also has a marker of its own
 COLOURS = {
-    "static": "#d55e00", "phases": "#0072b2",
-    "icp": "#d55e00", "similarity": "#e69f00", "deform": "#009e73", "level_set": "#0072b2", "paper": "#cc79a7", "truth": "#8a8f98",
-}  # fmt: skip
-MARKERS = {"static": "s", "phases": "o", "icp": "s", "similarity": "^", "deform": "v", "level_set": "o", "paper": "D"}
+    "static": "#d55e00",
+    "phases": "#0072b2",
+    "icp": "#d55e00",
+    "similarity": "#e69f00",
+    "deform": "#009e73",
+    "level_set": "#0072b2",
+    "paper": "#cc79a7",
+    "truth": "#8a8f98",
+}
+MARKERS = {
+    "static": "s",
+    "phases": "o",
+    "icp": "s",
+    "similarity": "^",
+    "deform": "v",
+    "level_set": "o",
+    "paper": "D",
+}
 NAMES = {
-    "start": "template", "landmarks": "landmarks", "icp": "ICP, rigid", "similarity": "ICP, similarity", "deform": "motion T",
-    "level_set": "level set (ours)", "static": "static template", "phases": "temporal template", "paper": "equation 16", "truth": "truth",
-}  # fmt: skip
+    "start": "template",
+    "landmarks": "landmarks",
+    "icp": "ICP, rigid",
+    "similarity": "ICP, similarity",
+    "deform": "motion T",
+    "level_set": "level set (ours)",
+    "static": "static template",
+    "phases": "temporal template",
+    "paper": "equation 16",
+    "truth": "truth",
+}
 INCH = 2.6
 BONE = (0.87, 0.85, 0.80)
 
 Curve = Mapping[float, Array]  # samples (k,) by position on the axis
 
 
-def curves(panels: Mapping[str, Mapping[str, Curve]], x: str, y: str, lines: Mapping[str, Curve] | None = None) -> bytes:
-    """Panels side by side on one scale: mean over seeds per method, with one standard deviation; `lines` are dashed in the first panel."""
+def curves(
+    panels: Mapping[str, Mapping[str, Curve]], x: str, y: str, lines: Mapping[str, Curve] | None = None
+) -> bytes:
+    """Panels side by side on one scale: mean over seeds per method, with one standard deviation; `lines` are
+    dashed in the first panel.
+    """
     with plain_figure(3.6 * len(panels), 3.3) as figure:
         axes = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
         for ax, (title, methods) in zip(axes, panels.items(), strict=True):
@@ -44,7 +73,14 @@ def curves(panels: Mapping[str, Mapping[str, Curve]], x: str, y: str, lines: Map
         axes[0].set_ylim(bottom=0.0)
         axes[0].set_ylabel(y)
         for name, curve in (lines or {}).items():
-            axes[0].plot(list(curve), [v.mean() for v in curve.values()], "--", color=COLOURS["truth"], label=name, zorder=1)
+            axes[0].plot(
+                list(curve),
+                [v.mean() for v in curve.values()],
+                "--",
+                color=COLOURS["truth"],
+                label=name,
+                zorder=1,
+            )
         handles, labels = axes[0].get_legend_handles_labels()
         figure.legend(handles, labels, fontsize=8, loc="upper center", ncols=len(labels))
         figure.tight_layout(rect=(0.0, 0.0, 1.0, 0.92))
@@ -57,14 +93,24 @@ def _spread(ax: Axes, method: str, curve: Curve, offset: float) -> None:
     step = np.ptp(at) / max(len(at) - 1, 1) if len(at) > 1 else 1.0
     mean, sd = (np.array([f(v) for v in curve.values()]) for f in (np.mean, np.std))
     ax.errorbar(
-        at + 0.04 * step * offset, mean, sd, color=COLOURS[method], marker=MARKERS[method], markersize=5, capsize=3, label=NAMES[method]
+        at + 0.04 * step * offset,
+        mean,
+        sd,
+        color=COLOURS[method],
+        marker=MARKERS[method],
+        markersize=5,
+        capsize=3,
+        label=NAMES[method],
     )
 
 
 def outlines(panels: Sequence[tuple[str, Mapping[str, Surface], Array]], columns: int) -> bytes:
     """2D outlines by method with points, one frame for all panels."""
     rows = -(-len(panels) // columns)
-    low, high = (f([f(s.vertices, axis=0) for _, shapes, _ in panels for s in shapes.values()], axis=0) for f in (np.min, np.max))
+    low, high = (
+        f([f(s.vertices, axis=0) for _, shapes, _ in panels for s in shapes.values()], axis=0)
+        for f in (np.min, np.max)
+    )
     with plain_figure(INCH * columns, INCH * rows) as figure:
         grid = figure.subplots(rows, columns, squeeze=False)
         for ax in grid.ravel():
@@ -73,7 +119,9 @@ def outlines(panels: Sequence[tuple[str, Mapping[str, Surface], Array]], columns
             for method, shape in shapes.items():
                 _outline(ax, shape, COLOURS.get(method, "#000000"), 1.2 if method == "truth" else 1.6)
             ax.plot(*points.T, ".", color="black", markersize=4)
-            ax.set(title=title, xlim=(low[0] - 5, high[0] + 5), ylim=(low[1] - 5, high[1] + 5), aspect="equal")
+            ax.set(
+                title=title, xlim=(low[0] - 5, high[0] + 5), ylim=(low[1] - 5, high[1] + 5), aspect="equal"
+            )
         figure.tight_layout(pad=0.4)
         return png(figure)
 
@@ -85,8 +133,10 @@ def _outline(ax: Axes, shape: Surface, colour: str, width: float) -> None:
 
 
 def rendered(panels: Sequence[Sequence[tuple[str, Surface, Array]]], axes: Array, scale: Field) -> bytes:
-    """Rows of rendered surfaces with points, coloured by `scale.key`, one scale for all; surfaces without that field are bone."""
-    from ..report.raster import Canvas, View
+    """Rows of rendered surfaces with points, coloured by `scale.key`, one scale for all; surfaces without
+    that field are bone.
+    """
+    from ..report.drawing.raster import Canvas, View
 
     everything = np.vstack([surface.vertices for row in panels for _, surface, _ in row])
     flat = everything @ axes.T
@@ -114,7 +164,11 @@ def rendered(panels: Sequence[Sequence[tuple[str, Surface, Array]]], axes: Array
 
 def _colours(surface: Surface, scale: Field) -> Array:
     values = surface.fields.get(scale.key)
-    return np.tile(BONE, (len(surface.vertices), 1)) if values is None else colours_of(np.asarray(values, dtype=np.float64), scale)
+    return (
+        np.tile(BONE, (len(surface.vertices), 1))
+        if values is None
+        else colours_of(np.asarray(values, dtype=np.float64), scale)
+    )
 
 
 def _bar(figure: Any, scale: Field, bottom: float) -> None:

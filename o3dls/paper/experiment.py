@@ -1,4 +1,6 @@
-"""What an experiment is: independent tasks, each giving rows of numbers and the shapes that its figures show."""
+"""What an experiment is: independent tasks, each giving rows of numbers and the shapes that its figures
+show.
+"""
 
 from __future__ import annotations
 
@@ -9,21 +11,41 @@ from typing import Any
 
 import numpy as np
 
+from ..arrays import Array
 from ..case import Case
 from ..errors import InputError
 from ..estimate import Estimate
-from ..evaluate import distances, measure
-from ..geometry import Array, Surface
-from ..pipeline import Pipeline
-from ..validity import components, flipped_faces, self_intersections
+from ..evaluation.distances import distances, measure
+from ..evaluation.validity import components, flipped_faces, self_intersections
+from ..geometry.surface import Surface
+from ..pipeline.pipeline import Pipeline
 
-# The rule: what a generator makes and what a method may set is chosen on development seeds; the page has other seeds, on which nothing was
-# ever chosen. They are the second hundred decimals of pi, five at a time, so that nobody picked them either (the first hundred served
-# until the patients' walls were given their ripple). Where a claim fails on them, improve on development seeds, and take the next hundred.
+# The rule: what a generator makes and what a method may set is chosen on development seeds; the page has
+# other seeds, on which nothing was ever chosen. They are the second hundred decimals of pi, five at a time,
+# so that nobody picked them either (the first hundred served until the patients' walls were given their
+# ripple). Where a claim fails on them, improve on development seeds, and take the next hundred.
 SEEDS = (
-    82148, 8651, 32823, 6647, 9384, 46095, 50582, 23172, 53594, 8128,
-    48111, 74502, 84102, 70193, 85211, 5559, 64462, 29489, 54930, 38196,
-)  # fmt: skip
+    82148,
+    8651,
+    32823,
+    6647,
+    9384,
+    46095,
+    50582,
+    23172,
+    53594,
+    8128,
+    48111,
+    74502,
+    84102,
+    70193,
+    85211,
+    5559,
+    64462,
+    29489,
+    54930,
+    38196,
+)
 DEVELOPMENT = range(5000, 5060)
 
 Row = dict[str, Any]
@@ -50,7 +72,9 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Task:
-    """A piece of an experiment that runs in a process of its own: a module-level function and its arguments."""
+    """A piece of an experiment that runs in a process of its own: a module-level function and its
+    arguments.
+    """
 
     experiment: str
     label: str
@@ -63,14 +87,24 @@ class Task:
 
 
 def score(case: Case, pipeline: Pipeline, estimates: Mapping[str, Estimate], name: str) -> Row:
-    """Mean distances by set, the spread of those that matter, validity, and the seconds of all stages that led to the estimate."""
+    """Mean distances by set, the spread of those that matter, validity, and the seconds of all stages that
+    led to the estimate.
+    """
     estimate = estimates[name]
     sets = measure(case, estimate, pipeline.fitted(name))
     row: Row = {"method": name} | {key: float(values.mean()) for key, values in sets.items()}
-    row |= {f"{key}_p95": float(np.percentile(sets[key], 95.0)) for key in ("held_out", "truth_to_surface") if key in sets}
+    row |= {
+        f"{key}_p95": float(np.percentile(sets[key], 95.0))
+        for key in ("held_out", "truth_to_surface")
+        if key in sets
+    }
     if "surface_to_truth" in sets:
         row["assd"] = (row["truth_to_surface"] + row["surface_to_truth"]) / 2.0
-    return row | judged(estimate.surface) | {"unit": case.units, "seconds": sum(estimates[one].seconds for one in pipeline.chain(name))}
+    return (
+        row
+        | judged(estimate.surface)
+        | {"unit": case.units, "seconds": sum(estimates[one].seconds for one in pipeline.chain(name))}
+    )
 
 
 def truth_of(case: Case) -> Surface:

@@ -1,4 +1,6 @@
-"""The paper's equation 16 and our formulation side by side, repair by repair, and what the weight alpha does."""
+"""The paper's equation 16 and our formulation side by side, repair by repair, and what the weight alpha
+does.
+"""
 
 from __future__ import annotations
 
@@ -6,10 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from data_synth import atrium as synthetic_atrium
+
 from ..estimate import Estimate
-from ..pipeline import Pipeline
-from ..report.figures import plain_figure, png
-from ..stage import Stage
+from ..pipeline.pipeline import Pipeline
+from ..plugins.stage import Stage
+from ..report.drawing.figures import plain_figure, png
 from ..stages.deform import Deform
 from ..stages.icp import ICP
 from ..stages.landmarks import Landmarks
@@ -17,10 +21,17 @@ from ..stages.level_set import LevelSet
 from .blocks import Block, Figure, Heading, Table, Text
 from .drawing import COLOURS
 from .experiment import Outcome, Row, Scope, Task, mean_sd, score
-from .generators import generate
 from .results import Results, column
 
-ALPHAS = (1.0, 0.3, 0.1, 0.03, 0.01, 0.003, 0.001)  # weight of the prior against the data: the data weight is its inverse
+ALPHAS = (
+    1.0,
+    0.3,
+    0.1,
+    0.03,
+    0.01,
+    0.003,
+    0.001,
+)  # weight of the prior against the data: the data weight is its inverse
 SPACING = 2.0
 COARSE, FINE = Deform().vector  # correlation lengths of T
 EQUAL: dict[str, Any] = {"data": 1.0, "area": 1.0, "shape": 1.0}
@@ -65,23 +76,36 @@ def stages() -> list[Stage]:
 
 
 def tasks(scope: Scope) -> list[Task]:
-    found = [Task("formulation", f"formulations, seed {seed}", side_by_side, (seed,)) for seed in scope.seeds(8)]
+    found = [
+        Task("formulation", f"formulations, seed {seed}", side_by_side, (seed,)) for seed in scope.seeds(8)
+    ]
     alphas = ALPHAS if not scope.quick else ALPHAS[2:5:2]
-    return found + [Task("alpha", f"weight alpha, seed {seed}", sweep, (seed, alphas)) for seed in scope.seeds(8)]
+    return found + [
+        Task("alpha", f"weight alpha, seed {seed}", sweep, (seed, alphas)) for seed in scope.seeds(8)
+    ]
 
 
 def side_by_side(seed: int) -> Outcome:
     """All variants on one atrium."""
-    case, plan = generate("atrium", seed), Pipeline(stages(), folds=0)
+    case = synthetic_atrium(seed)
+    plan = Pipeline(stages(), folds=0)
     estimates = plan.fit(case)
-    return Outcome([{"seed": seed} | score(case, plan, estimates, name) | raw_pieces(estimates[name]) for name in VARIANTS])
+    return Outcome(
+        [
+            {"seed": seed} | score(case, plan, estimates, name) | raw_pieces(estimates[name])
+            for name in VARIANTS
+        ]
+    )
 
 
 def raw_pieces(estimate: Estimate) -> Row:
-    """Pieces of the level set before its mesh is cleaned: the clean-up takes small islands away, and they must not be hidden."""
+    """Pieces of the level set before its mesh is cleaned: the clean-up takes small islands away, and they
+    must not be hidden.
+    """
     if estimate.phi is None:
         return {}
-    from ..levelset.operators import pieces, zero_set
+    from ..geometry.components import pieces
+    from ..levelset.isosurface import zero_set
 
     vertices, faces = zero_set(estimate.phi.band, estimate.phi.phi)
     return {"raw_pieces": len(np.unique(pieces(len(vertices), faces)))}
@@ -89,7 +113,7 @@ def raw_pieces(estimate: Estimate) -> Row:
 
 def sweep(seed: int, alphas: tuple[float, ...]) -> Outcome:
     """Equation 16 over alpha from the best similarity, and our own choice."""
-    case = generate("atrium", seed)
+    case = synthetic_atrium(seed)
     begin: list[Stage] = [Landmarks(), ICP(as_="similarity"), Deform(), LevelSet()]
     weighted = [
         LevelSet(as_=f"alpha_{k}", after="similarity", formulation="paper", spacing=SPACING, data=1.0 / alpha)
@@ -98,7 +122,10 @@ def sweep(seed: int, alphas: tuple[float, ...]) -> Outcome:
     plan = Pipeline([*begin, *weighted], folds=0)
     estimates: dict[str, Estimate] = plan.fit(case)
     names = {"level_set": None} | {f"alpha_{k}": alpha for k, alpha in enumerate(alphas)}
-    rows = [{"seed": seed, "alpha": alpha} | score(case, plan, estimates, n) | raw_pieces(estimates[n]) for n, alpha in names.items()]
+    rows = [
+        {"seed": seed, "alpha": alpha} | score(case, plan, estimates, n) | raw_pieces(estimates[n])
+        for n, alpha in names.items()
+    ]
     return Outcome(rows)
 
 
@@ -108,22 +135,44 @@ def left_out(scope: Scope) -> dict[str, str]:
 
 def blocks(results: Results) -> list[Block]:
     rows = results.of("formulation")
-    keys = ("fitted", "held_out", "held_out_p95", "held_out_unseen", "raw_pieces", "self_intersections", "seconds")
-    head = ["formulation", "fitted, mm", "held out, mm", "its 95 %", "unseen areas", "pieces before clean-up", "self-cuts", "s"]
+    keys = (
+        "fitted",
+        "held_out",
+        "held_out_p95",
+        "held_out_unseen",
+        "raw_pieces",
+        "self_intersections",
+        "seconds",
+    )
+    head = [
+        "formulation",
+        "fitted, mm",
+        "held out, mm",
+        "its 95 %",
+        "unseen areas",
+        "pieces before clean-up",
+        "self-cuts",
+        "s",
+    ]
     lines = [
-        [words, *(mean_sd(column([row for row in rows if row["method"] == name], key)) for key in keys)] for name, words in VARIANTS.items()
+        [words, *(mean_sd(column([row for row in rows if row["method"] == name], key)) for key in keys)]
+        for name, words in VARIANTS.items()
     ]
     return [
         Heading("The paper's formulation and ours, repair by repair"),
         Text(
-            f"Synthetic left atria with outliers and unseen areas, {len({row['seed'] for row in rows})} seeds. Equation 16 runs with the "
-            "repairs that make it computable (docs of `levelset/paper.py`), on a lattice of 2 mm. T smooth starts from the similarity."
+            f"Synthetic left atria with outliers and unseen areas, {len({row['seed'] for row in rows})} "
+            "seeds. Equation 16 runs with the "
+            "repairs that make it computable (docs of `levelset/paper.py`), on a lattice of 2 mm. T "
+            "smooth starts from the similarity."
         ),
         Table("Mean ± standard deviation over seeds", head, lines),
         Heading("Why the distance of fitted points must not be the headline"),
         Text(
-            "Equation 16 over its weight alpha (of prior against data): less alpha, nearer fitted points, while the held-out error "
-            "stays or grows and the surface falls to pieces. Dashed: our automatic choice, which the evidence makes without a weight."
+            "Equation 16 over its weight alpha (of prior against data): less alpha, nearer fitted "
+            "points, while the held-out error "
+            "stays or grows and the surface falls to pieces. Dashed: our automatic choice, which the "
+            "evidence makes without a weight."
         ),
         Figure("alpha", "Fitted and held-out error, and pieces of the surface, over alpha.", _curve(results)),
     ]
@@ -134,18 +183,35 @@ def _curve(results: Results) -> bytes:
     alphas = sorted({row["alpha"] for row in rows})
     with plain_figure(7.4, 3.2) as figure:
         left, right = figure.subplots(1, 2)
-        for key, name, colour, marker in (("fitted", "fitted", "icp", "s"), ("held_out", "held out", "level_set", "o")):
+        for key, name, colour, marker in (
+            ("fitted", "fitted", "icp", "s"),
+            ("held_out", "held out", "level_set", "o"),
+        ):
             values = [column([row for row in rows if row["alpha"] == alpha], key) for alpha in alphas]
             left.errorbar(
-                alphas, [v.mean() for v in values], [v.std() for v in values], color=COLOURS[colour], marker=marker, capsize=3, label=name
+                alphas,
+                [v.mean() for v in values],
+                [v.std() for v in values],
+                color=COLOURS[colour],
+                marker=marker,
+                capsize=3,
+                label=name,
             )
             own = column(results.of("alpha", method="level_set"), key).mean()
             left.axhline(own, linestyle="--", color=COLOURS[colour], label=f"{name}, our choice")
-        pieces = [column([row for row in rows if row["alpha"] == alpha], "raw_pieces").mean() for alpha in alphas]
+        pieces = [
+            column([row for row in rows if row["alpha"] == alpha], "raw_pieces").mean() for alpha in alphas
+        ]
         right.plot(alphas, pieces, "D-", color=COLOURS["paper"])
         right.axhline(1.0, linestyle="--", color=COLOURS["truth"])
         left.set(xscale="log", xlabel="alpha", ylabel="mean distance, mm", ylim=(0.0, None))
-        right.set(xscale="log", yscale="log", xlabel="alpha", ylabel="pieces before clean-up", ylim=(0.8, max(2.0, 1.2 * max(pieces))))
+        right.set(
+            xscale="log",
+            yscale="log",
+            xlabel="alpha",
+            ylabel="pieces before clean-up",
+            ylim=(0.8, max(2.0, 1.2 * max(pieces))),
+        )
         left.legend(fontsize=7, loc="upper right")
         for ax in (left, right):
             ax.grid(alpha=0.25)

@@ -7,33 +7,41 @@ from typing import Any
 
 import numpy as np
 
-from ..evaluate import distances
-from ..geometry import Array, Surface
-from ..pipeline import Pipeline
-from ..report.fields import Field
+import data_synth
+
+from ..arrays import Array
+from ..evaluation.distances import distances
+from ..geometry.surface import Surface
+from ..pipeline.pipeline import Pipeline
+from ..report.drawing.fields import Field
 from ..stages.deform import Deform
 from ..stages.icp import ICP
 from ..stages.level_set import LevelSet
 from .blocks import Block, Figure, Heading, Table, Text
 from .drawing import NAMES, curves, outlines, rendered
 from .experiment import Outcome, Row, Scope, Task, mean_sd, score, truth_of, with_truth_distance
-from .generators import generate
 from .results import Results, column
 
+GENERATORS = {"star": data_synth.star, "jar": data_synth.jar}
 LEVELS = {"star": (2.0, 6.0, 10.0), "jar": (3.0, 6.0, 9.0, 12.0)}  # percent of the points' standard deviation
 SHOWN = ("icp", "similarity", "level_set")
 MADE = {
     "star": "200 x 200 px, 33 points; the template is bent by 8 px over 80 px, and shaken by 2 px over 12 px",
-    "jar": "60 x 60 x 80 mm, 282 points; the template is bent by 2 mm over 60 mm, and shaken by 0.3 mm over 8 mm",
+    "jar": (
+        "60 x 60 x 80 mm, 282 points; the template is bent by 2 mm over 60 mm, and shaken by 0.3 mm over 8 mm"
+    ),
 }
-# The star's template is bent, which is known beforehand, over most of its size: 33 points can tell that from noise, and nothing finer. The
-# jar needs no such help.
+# The star's template is bent, which is known beforehand, over most of its size: 33 points can tell that from
+# noise, and nothing finer. The jar needs no such help.
 ASKED: Mapping[str, dict[str, Any]] = {"star": {"vector": (1.6,), "normal": ()}, "jar": {}}
 
 
 def pipeline(shape: str) -> Pipeline:
     """The baseline, the best similarity, and ours; none profits from another."""
-    return Pipeline([ICP(preset="standard"), ICP(as_="similarity", after="start"), Deform(**ASKED[shape]), LevelSet()], folds=0)
+    return Pipeline(
+        [ICP(preset="standard"), ICP(as_="similarity", after="start"), Deform(**ASKED[shape]), LevelSet()],
+        folds=0,
+    )
 
 
 def tasks(scope: Scope) -> list[Task]:
@@ -41,7 +49,12 @@ def tasks(scope: Scope) -> list[Task]:
     for shape, levels in LEVELS.items():
         for percent in levels if not scope.quick or shape == "star" else levels[1:2]:
             found += [
-                Task(shape, f"{shape}, {percent:g} %, seed {seed}", fit, (shape, percent, seed, seed == scope.seeds(1)[0]))
+                Task(
+                    shape,
+                    f"{shape}, {percent:g} %, seed {seed}",
+                    fit,
+                    (shape, percent, seed, seed == scope.seeds(1)[0]),
+                )
                 for seed in scope.seeds(20, 2 if shape == "star" else 1)
             ]
     return found
@@ -49,7 +62,7 @@ def tasks(scope: Scope) -> list[Task]:
 
 def fit(shape: str, percent: float, seed: int, drawn: bool) -> Outcome:
     """One seed at one level; `drawn` keeps the shapes for the figure."""
-    case = generate(shape, seed, percent=percent)
+    case = GENERATORS[shape](seed, percent=percent)
     truth, plan = truth_of(case), pipeline(shape)
     estimates = plan.fit(case)
     floor = float(distances(case.points.xyz, truth).mean())
@@ -58,7 +71,13 @@ def fit(shape: str, percent: float, seed: int, drawn: bool) -> Outcome:
     if not drawn:
         return Outcome(rows)
     shapes = {name: with_truth_distance(estimates[name].surface, truth) for name in ("start", *SHOWN)}
-    return Outcome(rows, {f"{percent:g}/{name}": found for name, found in {**shapes, "truth": truth, "points": case.points.xyz}.items()})
+    return Outcome(
+        rows,
+        {
+            f"{percent:g}/{name}": found
+            for name, found in {**shapes, "truth": truth, "points": case.points.xyz}.items()
+        },
+    )
 
 
 def _noise(points: Array, percent: float) -> float:
@@ -73,9 +92,18 @@ def left_out(scope: Scope) -> dict[str, str]:
 
 def blocks(results: Results) -> list[Block]:
     found: list[Block] = []
-    for shape, title in (("star", "Star in the plane (figures 1 and 2 of the paper)"), ("jar", "Jar (figures 3 and 4)")):
+    for shape, title in (
+        ("star", "Star in the plane (figures 1 and 2 of the paper)"),
+        ("jar", "Jar (figures 3 and 4)"),
+    ):
         rows = results.of(shape)
-        found += [Heading(title), Text(_words(shape, rows)), _pictures(results, shape), _curves(shape, rows), _table(shape, rows)]
+        found += [
+            Heading(title),
+            Text(_words(shape, rows)),
+            _pictures(results, shape),
+            _curves(shape, rows),
+            _table(shape, rows),
+        ]
     return found
 
 
@@ -85,17 +113,24 @@ def _words(shape: str, rows: list[Row]) -> str:
         f"Ours: `icp`, `deform`{_asked(shape)}, `level_set`. "
         "Fitted: distance of the points that the methods saw. "
         "Held out: distance of points of the truth that none saw. "
-        "The dashed line is what the truth itself would score on the fitted points: a method below it fits noise."
+        "The dashed line is what the truth itself would score on the fitted points: a method below it "
+        "fits noise."
     )
 
 
 def _asked(shape: str) -> str:
-    words = ", ".join(f"{name} = {list(value) if isinstance(value, tuple) else value}" for name, value in ASKED[shape].items())
+    words = ", ".join(
+        f"{name} = {list(value) if isinstance(value, tuple) else value}"
+        for name, value in ASKED[shape].items()
+    )
     return f" ({words})" if words else " (defaults)"
 
 
 def _by_level(rows: list[Row], key: str) -> dict[float, Array]:
-    return {level: column([row for row in rows if row["percent"] == level], key) for level in sorted({row["percent"] for row in rows})}
+    return {
+        level: column([row for row in rows if row["percent"] == level], key)
+        for level in sorted({row["percent"] for row in rows})
+    }
 
 
 def _curves(shape: str, rows: list[Row]) -> Figure:
@@ -105,12 +140,22 @@ def _curves(shape: str, rows: list[Row]) -> Figure:
     unit = rows[0]["unit"]
     floor = {"truth on fitted points": _by_level(rows, "floor")}
     drawn = curves(panels, "noise, % of the points' standard deviation", f"mean distance, {unit}", floor)
-    return Figure(f"{shape}_distance", f"Mean distance and its standard deviation over seeds against noise: {shape}.", drawn)
+    return Figure(
+        f"{shape}_distance",
+        f"Mean distance and its standard deviation over seeds against noise: {shape}.",
+        drawn,
+    )
 
 
 def _table(shape: str, rows: list[Row]) -> Table:
     unit = rows[0]["unit"]
-    head = ["noise, method", f"fitted, {unit}", f"held out, {unit}", "worst held out / ICP", "fitted / truth's own, least"]
+    head = [
+        "noise, method",
+        f"fitted, {unit}",
+        f"held out, {unit}",
+        "worst held out / ICP",
+        "fitted / truth's own, least",
+    ]
     head += ["pieces, most", "self-cuts, most", "s"]
     lines = []
     for level in sorted({row["percent"] for row in rows}):
@@ -118,19 +163,34 @@ def _table(shape: str, rows: list[Row]) -> Table:
         for method in SHOWN:
             own = [row for row in rows if row["percent"] == level and row["method"] == method]
             held = column(own, "held_out")
-            lines.append([
-                f"{level:g} %, {NAMES[method]}", mean_sd(column(own, "fitted")), mean_sd(held), f"{(held / base).max():.2f}",
-                f"{(column(own, 'fitted') / column(own, 'floor')).min():.2f}", f"{column(own, 'components').max():.0f}",
-                f"{column(own, 'self_intersections').max():.0f}", f"{column(own, 'seconds').mean():.1f}",
-            ])  # fmt: skip
+            lines.append(
+                [
+                    f"{level:g} %, {NAMES[method]}",
+                    mean_sd(column(own, "fitted")),
+                    mean_sd(held),
+                    f"{(held / base).max():.2f}",
+                    f"{(column(own, 'fitted') / column(own, 'floor')).min():.2f}",
+                    f"{column(own, 'components').max():.0f}",
+                    f"{column(own, 'self_intersections').max():.0f}",
+                    f"{column(own, 'seconds').mean():.1f}",
+                ]
+            )
     return Table(f"{shape.capitalize()}: mean ± standard deviation over seeds", head, lines)
 
 
 def _pictures(results: Results, shape: str) -> Figure:
     levels = sorted({row["percent"] for row in results.of(shape)})
     if shape == "star":
-        return Figure("star", "Star: truth (grey), template and results in colour, points in black.", _stars(results, levels))
-    return Figure("jar", "Jar: distance to the true surface, one colour scale for all; points in black.", _jars(results, levels))
+        return Figure(
+            "star",
+            "Star: truth (grey), template and results in colour, points in black.",
+            _stars(results, levels),
+        )
+    return Figure(
+        "jar",
+        "Jar: distance to the true surface, one colour scale for all; points in black.",
+        _jars(results, levels),
+    )
 
 
 def _stars(results: Results, levels: list[float]) -> bytes:
@@ -138,14 +198,20 @@ def _stars(results: Results, levels: list[float]) -> bytes:
         shapes = {name: results.shape(f"star/{level:g}/{name}") for name in ("truth", method)}
         return f"{level:g} %, {NAMES[method]}", shapes, results.array(f"star/{level:g}/points")
 
-    return outlines([panel(method, level) for method in ("start", "icp", "level_set") for level in levels], len(levels))
+    return outlines(
+        [panel(method, level) for method in ("start", "icp", "level_set") for level in levels], len(levels)
+    )
 
 
 def _jars(results: Results, levels: list[float]) -> bytes:
     scale = Field("distance_to_truth", "distance to the true surface", "mm", "sequential", 0.0, 5.0)
 
     def panel(method: str, level: float) -> tuple[str, Surface, Array]:
-        return f"{level:g} %, {NAMES[method]}", results.shape(f"jar/{level:g}/{method}"), results.array(f"jar/{level:g}/points")
+        return (
+            f"{level:g} %, {NAMES[method]}",
+            results.shape(f"jar/{level:g}/{method}"),
+            results.array(f"jar/{level:g}/points"),
+        )
 
     panels = [[panel(method, level) for level in levels] for method in ("start", "icp", "level_set")]
     return rendered(panels, np.array([[0.8, -0.6, 0.0], [0.2, 0.27, 0.94], [-0.56, -0.75, 0.34]]), scale)

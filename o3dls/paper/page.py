@@ -12,8 +12,10 @@ from .claims import claims
 from .results import Results
 
 EXPERIMENTS = (noise, atrium, real, formulation, related, temporal)
-STYLE = """body{font:16px/1.5 system-ui,sans-serif;max-width:62rem;margin:2rem auto;padding:0 1rem;color:#16191d;background:#fff}
-table{border-collapse:collapse;font-size:.9rem}td,th{padding:.2rem .6rem;border-bottom:1px solid #d5d9df;text-align:right}
+STYLE = """body{font:16px/1.5 system-ui,sans-serif;max-width:62rem;margin:2rem auto;padding:0 1rem;
+color:#16191d;background:#fff}
+table{border-collapse:collapse;font-size:.9rem}td,th{padding:.2rem .6rem;
+border-bottom:1px solid #d5d9df;text-align:right}
 th:first-child{text-align:left}.scroll{overflow-x:auto}figure{margin:1.5rem 0}img{max-width:100%}
 figcaption,.soft{color:#4a5260;font-size:.9rem}
 pre{background:#f2f4f6;padding:.6rem;overflow-x:auto}"""
@@ -27,7 +29,10 @@ def write_page(results: Results, folder: Path) -> Path:
         if isinstance(block, Figure):
             with staged_file(folder / block.file) as staged:
                 staged.write_bytes(block.png)
-    texts = {"index.md": "\n\n".join(block.markdown() for block in blocks) + "\n", "index.html": _html(blocks)}
+    texts = {
+        "index.md": "\n\n".join(block.markdown() for block in blocks) + "\n",
+        "index.html": _html(blocks),
+    }
     for name, text in texts.items():
         with staged_file(folder / name) as staged:
             staged.write_text(text, encoding="utf-8")
@@ -39,7 +44,10 @@ def page(results: Results) -> list[Block]:
     amount = "a quick look: few seeds, few levels" if results.quick else "all seeds"
     blocks: list[Block] = [
         Heading("The paper's experiments, and what it left open", 1),
-        Text(f"Made from paper_results.json beside this page ({amount}). Research software, not for clinical use."),
+        Text(
+            f"Made from paper_results.json beside this page ({amount}). Research software, not for "
+            "clinical use."
+        ),
         Command(f"o3dls paper --out DIR{' --quick' if results.quick else ''}"),
     ]
     blocks += claims(results)
@@ -49,5 +57,14 @@ def page(results: Results) -> list[Block]:
 
 
 def _html(blocks: list[Block]) -> str:
-    head = tag("head", tag("meta", charset="utf-8"), tag("title", "o3dls: the paper's experiments"), tag("style", Html(STYLE)))
-    return "<!doctype html>\n" + tag("html", head, tag("body", join(*(block.html() for block in blocks))), lang="en") + "\n"
+    head = tag(
+        "head",
+        tag("meta", charset="utf-8"),
+        tag("title", "o3dls: the paper's experiments"),
+        tag("style", Html(STYLE)),
+    )
+    return (
+        "<!doctype html>\n"
+        + tag("html", head, tag("body", join(*(block.html() for block in blocks))), lang="en")
+        + "\n"
+    )

@@ -1,11 +1,13 @@
-"""The paper's table on data of others: an MRI atrium against an EAM shell, a ventricle in two phases, an atrium moved by others."""
+"""The paper's table on data of others: an MRI atrium against an EAM shell, a ventricle in two phases, an
+atrium moved by others.
+"""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 from ..io.case_folder import read_case
-from ..pipeline import Pipeline
+from ..pipeline.pipeline import Pipeline
 from ..stages.deform import Deform
 from ..stages.icp import ICP
 from ..stages.landmarks import Landmarks
@@ -32,7 +34,11 @@ def left_out(scope: Scope) -> dict[str, str]:
 
 
 def tasks(scope: Scope) -> list[Task]:
-    return [Task("real", name, fit, (name, str(scope.data / name))) for name in _there(scope)[: 1 if scope.quick else None] if scope.data]
+    return [
+        Task("real", name, fit, (name, str(scope.data / name)))
+        for name in _there(scope)[: 1 if scope.quick else None]
+        if scope.data
+    ]
 
 
 def fit(name: str, folder: str) -> Outcome:
@@ -40,7 +46,9 @@ def fit(name: str, folder: str) -> Outcome:
     case = read_case(Path(folder))
     start = [Landmarks()] if Landmarks().obstacle(case) is None else []
     first = start[0].estimate_name if start else "start"
-    plan = Pipeline([*start, ICP(preset="standard"), ICP(as_="similarity", after=first), Deform(), LevelSet()], folds=0)
+    plan = Pipeline(
+        [*start, ICP(preset="standard"), ICP(as_="similarity", after=first), Deform(), LevelSet()], folds=0
+    )
     estimates = plan.fit(case)
     return Outcome([{"case": name} | score(case, plan, estimates, method) for method in SHOWN])
 
@@ -48,10 +56,15 @@ def fit(name: str, folder: str) -> Outcome:
 def blocks(results: Results) -> list[Block]:
     rows = results.of("real")
     keys = {
-        "fitted": "fitted, mm", "ablation": "ablation, not fitted", "truth_to_surface": "truth to surface",
-    "truth_to_surface_p95": "its 95 %",
-        "surface_to_truth": "surface to truth", "components": "pieces", "self_intersections": "self-cuts", "seconds": "s",
-    }  # fmt: skip
+        "fitted": "fitted, mm",
+        "ablation": "ablation, not fitted",
+        "truth_to_surface": "truth to surface",
+        "truth_to_surface_p95": "its 95 %",
+        "surface_to_truth": "surface to truth",
+        "components": "pieces",
+        "self_intersections": "self-cuts",
+        "seconds": "s",
+    }
     lines = []
     for name, words in CASES.items():
         for method in SHOWN:

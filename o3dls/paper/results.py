@@ -1,4 +1,6 @@
-"""The results folder: `paper_results.json` holds every number of the page, `shapes/` what its pictures show."""
+"""The results folder: `paper_results.json` holds every number of the page, `shapes/` what its pictures
+show.
+"""
 
 from __future__ import annotations
 
@@ -10,8 +12,9 @@ from typing import Any
 
 import numpy as np
 
+from ..arrays import Array
 from ..errors import InputError
-from ..geometry import Array, Surface
+from ..geometry.surface import Surface
 from .experiment import SEEDS, Outcome, Row, Scope
 
 SCHEMA = "o3dls-paper/1"
@@ -30,7 +33,11 @@ class Results:
 
     def of(self, experiment: str, **fixed: Any) -> list[Row]:
         """Rows of an experiment whose columns have the given values."""
-        return [r for r in self.rows if r["experiment"] == experiment and all(r.get(k) == v for k, v in fixed.items())]
+        return [
+            r
+            for r in self.rows
+            if r["experiment"] == experiment and all(r.get(k) == v for k, v in fixed.items())
+        ]
 
     def shape(self, name: str) -> Surface:
         """A surface that an experiment kept."""
@@ -49,10 +56,18 @@ def column(rows: Sequence[Row], key: str) -> Array:
     return np.array([row[key] for row in rows if row.get(key) is not None], dtype=np.float64)
 
 
-def write_results(folder: Path, outcomes: Mapping[str, Sequence[Outcome]], left_out: Mapping[str, str], scope: Scope) -> None:
+def write_results(
+    folder: Path, outcomes: Mapping[str, Sequence[Outcome]], left_out: Mapping[str, str], scope: Scope
+) -> None:
     """Write the numbers, in the order of the tasks, and the shapes."""
     rows = [row for found in outcomes.values() for outcome in found for row in outcome.rows]
-    whole = {"schema": SCHEMA, "quick": scope.quick, "seeds": list(SEEDS), "left_out": dict(left_out), "rows": rows}
+    whole = {
+        "schema": SCHEMA,
+        "quick": scope.quick,
+        "seeds": list(SEEDS),
+        "left_out": dict(left_out),
+        "rows": rows,
+    }
     (folder / RESULTS).write_text(json.dumps(whole, indent=1, allow_nan=False) + "\n", encoding="utf-8")
     for experiment, found in outcomes.items():
         for name, shape in ((n, s) for outcome in found for n, s in outcome.shapes.items()):
@@ -73,7 +88,10 @@ def read_results(folder: Path) -> Results:
 def _write_shape(path: Path, shape: Surface | Array) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     if isinstance(shape, Surface):
-        fields = {f"field_{key}": np.asarray(values, dtype=np.float32) for key, values in shape.fields.items()}
-        np.savez_compressed(path, vertices=shape.vertices.astype(np.float32), faces=shape.faces.astype(np.int32), **fields)  # type: ignore[arg-type]
+        fields = {
+            f"field_{key}": np.asarray(values, dtype=np.float32) for key, values in shape.fields.items()
+        }
+        fields["vertices"] = shape.vertices.astype(np.float32)
+        np.savez_compressed(path, faces=shape.faces.astype(np.int32), **fields)  # type: ignore[arg-type]
     else:
         np.savez_compressed(path, values=np.asarray(shape, dtype=np.float32))

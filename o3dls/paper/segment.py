@@ -5,20 +5,27 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Array
 from ..errors import InputError
-from ..geometry import Array, Surface
-from ..io.labels import mask_surface
+from ..geometry.surface import Surface
+from ..io.images.labels import mask_surface
 
 NECK = 3.0  # mm: what hangs on the chamber by less than twice this is another part
 
 
 def segmented(scan: NDArray[np.float32], affine: Array, inside: Array) -> tuple[Surface, NDArray[np.bool_]]:
-    """Surface and label map of the chamber that holds the place `inside` (mm); scan (nz, ny, nx), affine of indices (x, y, z)."""
+    """Surface and label map of the chamber that holds the place `inside` (mm); scan (nz, ny, nx), affine of
+    indices (x, y, z).
+    """
     from scipy.ndimage import gaussian_filter
 
     smooth = gaussian_filter(scan, 0.6)
     spacing = np.abs(np.diag(affine)[:3])
-    mask = without_neighbours(smooth > threshold(smooth), spacing[::-1], np.round((inside - affine[:3, 3]) / spacing)[::-1].astype(int))
+    mask = without_neighbours(
+        smooth > threshold(smooth),
+        spacing[::-1],
+        np.round((inside - affine[:3, 3]) / spacing)[::-1].astype(int),
+    )
     return mask_surface(mask, affine, spacing), mask
 
 
@@ -34,12 +41,16 @@ def threshold(values: NDArray[np.float32], bins: int = 256) -> float:
 
 
 def without_neighbours(mask: NDArray[np.bool_], spacing: Array, seed: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """The part of a mask about a voxel: shrunk until necks break, the piece of the voxel kept, and grown back."""
+    """The part of a mask about a voxel: shrunk until necks break, the piece of the voxel kept, and grown
+    back.
+    """
     from scipy.ndimage import distance_transform_edt, label
 
     core, _ = label(distance_transform_edt(mask, sampling=spacing) > NECK)
     if core[tuple(seed)] == 0:
-        raise InputError(f"segmentation: voxel {seed.tolist()} (z, y, x) is not inside a chamber of the angiogram")
+        raise InputError(
+            f"segmentation: voxel {seed.tolist()} (z, y, x) is not inside a chamber of the angiogram"
+        )
     near = distance_transform_edt(core != core[tuple(seed)], sampling=spacing) <= NECK + spacing.max()
     pieces, _ = label(mask & near)
     return np.asarray(pieces == pieces[tuple(seed)])

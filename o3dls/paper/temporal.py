@@ -1,16 +1,19 @@
-"""The paper's future work, first step: a template of several phases against one static template, on phases that were left out."""
+"""The paper's future work, first step: a template of several phases against one static template, on phases
+that were left out.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 
+from ..arrays import Array
 from ..case import Case, Points, Truth
-from ..evaluate import sample
-from ..geometry import Array, Surface
-from ..io.mesh import read_surface
+from ..evaluation.distances import sample
+from ..geometry.surface import Surface
+from ..io.meshes.registry import read_surface
 from ..io.table import read_table
-from ..pipeline import Pipeline
-from ..report.fields import Field
+from ..pipeline.pipeline import Pipeline
+from ..report.drawing.fields import Field
 from ..stages.deform import Deform
 from ..stages.level_set import LevelSet
 from ..stages.phases import Phases
@@ -42,9 +45,15 @@ def tasks(scope: Scope) -> list[Task]:
     folder = str(scope.data / FOLDER)
     phases = range(1, COUNT, 2) if not scope.quick else (9,)
     return [
-        Task("temporal", f"temporal template, {kind} map of phase {phase}", fit, (folder, phase, kind, phase == 9))
-        for kind in MAPS for phase in phases
-    ]  # fmt: skip
+        Task(
+            "temporal",
+            (f"temporal template, {kind} map of phase {phase}"),
+            fit,
+            (folder, phase, kind, phase == 9),
+        )
+        for kind in MAPS
+        for phase in phases
+    ]
 
 
 def fit(folder: str, phase: int, kind: str, drawn: bool) -> Outcome:
@@ -53,12 +62,27 @@ def fit(folder: str, phase: int, kind: str, drawn: bool) -> Outcome:
     wanted = read_surface(f"{folder}/phase_{phase:02d}.ply")
     measured, held_out = _measured(wanted, _contour(folder, phase), phase, *MAPS[kind])
     points = Points(measured, np.repeat(["eam"], len(measured)))
-    case = Case(f"lv_{phase:02d}", known[0], points, init=np.eye(4), truth=Truth(held_out=held_out), phases=tuple(known[1:]))
-    stages = [Deform(as_="moved"), LevelSet(as_="static"), Phases(as_="placed", after="start", pose_sd=POSE_SD), LevelSet(as_="phases")]
+    case = Case(
+        f"lv_{phase:02d}",
+        known[0],
+        points,
+        init=np.eye(4),
+        truth=Truth(held_out=held_out),
+        phases=tuple(known[1:]),
+    )
+    stages = [
+        Deform(as_="moved"),
+        LevelSet(as_="static"),
+        Phases(as_="placed", after="start", pose_sd=POSE_SD),
+        LevelSet(as_="phases"),
+    ]
     plan = Pipeline(stages, folds=0)
     estimates = plan.fit(case)
     place = 2.0 * float(estimates["placed"].facts["phase"])
-    rows = [{"map": kind, "phase": phase, "found_phase": place} | score(case, plan, estimates, name) for name in SHOWN]
+    rows = [
+        {"map": kind, "phase": phase, "found_phase": place} | score(case, plan, estimates, name)
+        for name in SHOWN
+    ]
     if not drawn:
         return Outcome(rows)
     shapes = {f"{kind}/{name}": with_truth_distance(estimates[name].surface, wanted) for name in SHOWN}
@@ -71,14 +95,17 @@ def _contour(folder: str, phase: int) -> Array:
 
 
 def _measured(surface: Surface, contour: Array, seed: int, count: int, blind: float) -> tuple[Array, Array]:
-    """Noisy points away from a blind area about one of them, and held-out points everywhere but on the caps."""
+    """Noisy points away from a blind area about one of them, and held-out points everywhere but on the
+    caps.
+    """
     from scipy.spatial import cKDTree
 
     wall = sample(surface)
     wall = wall[cKDTree(contour).query(wall)[0] < NEAR]
     rng = np.random.default_rng((seed, 4409))
     wall = wall[rng.permutation(len(wall))]
-    held_out, rest = wall[:4000], wall[4000:]
+    held_out = wall[:4000]
+    rest = wall[4000:]
     seen = rest[np.linalg.norm(rest - rest[0], axis=1) > blind][:count] if blind else rest[:count]
     return seen + NOISE * rng.normal(size=seen.shape), held_out
 
@@ -95,9 +122,12 @@ def blocks(results: Results) -> list[Block]:
     if not rows:
         return [*found, Text(f"Left out: {results.left_out.get('temporal', 'not computed')}.")]
     words = (
-        "A ventricle in 20 phases of cine MRI. Even phases are known; each odd phase is mapped (noise 1.5 mm) and reconstructed from the "
-        "static template (phase 0) and from the temporal one (stage `phases`), both from the same pose. Dense maps have 250 points; sparse "
-        f"ones 100, with a blind area of 25 mm. Held-out error falls by {100 * gain(results.of('temporal', map='dense')):.0f} % on dense "
+        "A ventricle in 20 phases of cine MRI. Even phases are known; each odd phase is mapped (noise "
+        "1.5 mm) and reconstructed from the "
+        "static template (phase 0) and from the temporal one (stage `phases`), both from the same pose. "
+        "Dense maps have 250 points; sparse "
+        "ones 100, with a blind area of 25 mm. Held-out error falls by "
+        f"{100 * gain(results.of('temporal', map='dense')):.0f} % on dense "
         f"and {100 * gain(results.of('temporal', map='sparse')):.0f} % on sparse maps."
     )
     lines = []
@@ -110,7 +140,13 @@ def blocks(results: Results) -> list[Block]:
             lines.append([f"{kind}, {NAMES[method]}", *values, where, mean_sd(column(own, "seconds"), 1)])
     head = ["map, template", "fitted, mm", "held out, mm", "its 95 %", "phase missed by", "s"]
     panels = {
-        f"{kind} map": {m: {row["phase"]: np.array([row["held_out"]]) for row in results.of("temporal", map=kind, method=m)} for m in SHOWN}
+        f"{kind} map": {
+            m: {
+                row["phase"]: np.array([row["held_out"]])
+                for row in results.of("temporal", map=kind, method=m)
+            }
+            for m in SHOWN
+        }
         for kind in MAPS
     }
     chart = curves(panels, "phase that was left out", "held-out distance, mm")
@@ -119,7 +155,11 @@ def blocks(results: Results) -> list[Block]:
         Text(words),
         Table("Left-out phases: mean ± standard deviation", head, lines),
         Figure("temporal_distance", "Held-out error by phase.", chart),
-        Figure("temporal", "Phase 9 from a sparse map: distance to the phase as imaged, one colour scale.", _pictures(results)),
+        Figure(
+            "temporal",
+            "Phase 9 from a sparse map: distance to the phase as imaged, one colour scale.",
+            _pictures(results),
+        ),
     ]
 
 

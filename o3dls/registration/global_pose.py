@@ -1,4 +1,6 @@
-"""The pose of points on a surface with no start at all, how sure it is, and whether the surface is the wrong hand."""
+"""The pose of points on a surface with no start at all, how sure it is, and whether the surface is the wrong
+hand.
+"""
 
 from __future__ import annotations
 
@@ -7,8 +9,9 @@ from math import erf
 
 import numpy as np
 
+from ..arrays import Array
 from ..errors import SolverError
-from ..geometry import Array, scale_of
+from ..geometry.similarity import scale_of
 from .icp import Alignment, Criteria, align, wall_or_cavity
 from .lattice import signed_lattice
 from .match import SurfaceMatcher
@@ -36,21 +39,30 @@ class Candidate:
 
 
 def candidates(points: Array, surface: SurfaceMatcher, *, starts: int, scale: bool) -> list[Candidate]:
-    """Poses of the surface for points (n, d), best first, refined on the exact surface, no two of like rotation."""
+    """Poses of the surface for points (n, d), best first, refined on the exact surface, no two of like
+    rotation.
+    """
     middle = surface.surface.vertices.mean(axis=0)
     found = search(points, signed_lattice(surface.surface), middle, surface.radius, starts)
     refined = [_refined(points, surface, found, row, scale=scale) for row in range(len(found.costs))]
-    ranked = sorted((c for c in refined if c is not None), key=lambda candidate: float(candidate.costs.mean()))
+    ranked = sorted(
+        (c for c in refined if c is not None), key=lambda candidate: float(candidate.costs.mean())
+    )
     apart: list[Candidate] = []
     for candidate in ranked:
         if all(angle_of(candidate.T_map_prior, other.T_map_prior) > APART for other in apart):
             apart.append(candidate)
     if not apart:
-        raise SolverError("global_pose: none of the poses found could be refined; the points do not fit this surface anywhere")
+        raise SolverError(
+            "global_pose: none of the poses found could be refined; the points do not fit this surface "
+            "anywhere"
+        )
     return apart
 
 
-def _refined(points: Array, surface: SurfaceMatcher, found: Poses, row: int, *, scale: bool) -> Candidate | None:
+def _refined(
+    points: Array, surface: SurfaceMatcher, found: Poses, row: int, *, scale: bool
+) -> Candidate | None:
     """The pose after ICP; None where ICP cannot go on from it."""
     try:
         alignment = align(
@@ -82,8 +94,9 @@ def angle_of(a: Array, b: Array) -> float:
 
 
 def confidence(best: Array, other: Array, points: Array) -> float:
-    """Probability that a pose of costs `best` (n,) is better than one of costs `other` for new points like these: a paired test
-    between blocks of neighbours, 0.5 where nothing tells them apart."""
+    """Probability that a pose of costs `best` (n,) is better than one of costs `other` for new points like
+    these: a paired test between blocks of neighbours, 0.5 where nothing tells them apart.
+    """
     centres = thinned(points, BLOCKS)
     block = ((points[:, None] - centres[None]) ** 2).sum(axis=2).argmin(axis=1)
     gain = other - best

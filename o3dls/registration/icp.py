@@ -7,18 +7,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..arrays import Array
 from ..errors import SolverError
-from ..geometry import Array, apply
+from ..geometry.similarity import apply
+from ..noise.robust import EFFICIENT_95, kernel_weights, spread
 from .match import Pairs, SurfaceMatcher
 from .metrics import Factors, Metric
 from .reject import Rule
-from .robust import EFFICIENT_95, kernel_weights, spread
 from .step import Body, Freedom, best_motion
 
 KEPT = 0.01  # a pair that weighs less is not counted as kept
 
 Solver = Callable[[Factors, Array, Body, Freedom, float], Array]
-"""Motion (d+1, d+1) of the surface from factors, weights (n,), body, freedom and the share of the step to take."""
+"""Motion (d+1, d+1) of the surface from factors, weights (n,), body, freedom and the share of the step to
+take.
+"""
 
 Belief = Callable[[Factors, float], Array]
 """Weights (n,) in [0, 1] of factors, under a loosening (>= 1) of the coarse-to-fine schedule."""
@@ -30,22 +33,27 @@ def equal(factors: Factors, loosening: float) -> Array:
 
 
 def m_estimator(kernel: str, width: float | None = None) -> Belief:
-    """Weights of a robust kernel whose `width` is in robust standard deviations of the residuals (None: 95 % efficient)."""
+    """Weights of a robust kernel whose `width` is in robust standard deviations of the residuals (None: 95 %
+    efficient).
+    """
     factor = EFFICIENT_95[kernel] if width is None else width
-    return lambda factors, loosening: kernel_weights(kernel, factors.residuals, factor * loosening * spread(factors.residuals))
+    return lambda factors, loosening: kernel_weights(
+        kernel, factors.residuals, factor * loosening * spread(factors.residuals)
+    )
 
 
 def wall_or_cavity(radius: float) -> Belief:
     """Probability that a point lies on the wall, not in the cavity of a surface of this rms radius."""
-    from .mixture import fit_mixture
+    from ..noise.mixture import fit_mixture
 
     return lambda factors, loosening: fit_mixture(factors.pairs.signed, radius, loosening).weights
 
 
 @dataclass(frozen=True)
 class Criteria:
-    """When to stop: a step (longest motion of a foot) below `tolerance`, or `iterations`; thresholds fall from `coarse`-fold to
-    one-fold over the first `anneal` iterations."""
+    """When to stop: a step (longest motion of a foot) below `tolerance`, or `iterations`; thresholds fall
+    from `coarse`-fold to one-fold over the first `anneal` iterations.
+    """
 
     tolerance: float = 5e-3
     iterations: int = 100
@@ -79,16 +87,22 @@ def align(
     criteria: Criteria,
     solve: Solver = best_motion,
 ) -> Alignment:
-    """Move `surface` from `T_map_prior` until it fits points (n, d). Raises SolverError where no step can be made."""
+    """Move `surface` from `T_map_prior` until it fits points (n, d). Raises SolverError where no step can be
+    made.
+    """
     trace: list[Mapping[str, float]] = []
     body = Body.of(surface.surface.vertices)
-    pairs, converged, moved, share = surface.match(points, T_map_prior), False, np.zeros_like(points), 1.0
+    pairs = surface.match(points, T_map_prior)
+    converged = False
+    moved = np.zeros_like(points)
+    share = 1.0
     for iteration in range(criteria.iterations):
         loosening = criteria.loosening(iteration)
         factors = metric(pairs)
         weights = _weights(factors, rules, belief, loosening)
         delta = solve(factors, weights, body.at(T_map_prior), freedom, share)
-        last, moved = moved, apply(delta, pairs.feet) - pairs.feet
+        last = moved
+        moved = apply(delta, pairs.feet) - pairs.feet
         if not np.isfinite(moved).all():
             raise SolverError(f"icp: iteration {iteration + 1} gave a step that is not finite")
         trace.append(_record(pairs, weights, moved, loosening))
@@ -97,7 +111,9 @@ def align(
         if trace[-1]["step"] <= criteria.tolerance and loosening == 1.0:
             converged = True
             break
-        if _turns_back(last, moved):  # a point that hops between two walls: the minimum is the kink between them
+        if _turns_back(
+            last, moved
+        ):  # a point that hops between two walls: the minimum is the kink between them
             share *= 0.5
     return Alignment(T_map_prior, pairs, _weights(metric(pairs), rules, belief, 1.0), tuple(trace), converged)
 
@@ -105,10 +121,15 @@ def align(
 def _weights(factors: Factors, rules: tuple[Rule, ...], belief: Belief, loosening: float) -> Array:
     """Product of the rules' masks and the beliefs, (n,)."""
     pairs = factors.pairs
-    keep = np.logical_and.reduce([rule(pairs, loosening) for rule in rules]) if rules else np.ones(len(pairs.points), dtype=bool)
+    keep = (
+        np.logical_and.reduce([rule(pairs, loosening) for rule in rules])
+        if rules
+        else np.ones(len(pairs.points), dtype=bool)
+    )
     if keep.sum() < pairs.points.shape[1]:
         raise SolverError(
-            f"icp: the rejection rules keep {keep.sum()} of {len(keep)} pairs (closest {pairs.distances.min():.3g}): "
+            f"icp: the rejection rules keep {keep.sum()} of {len(keep)} pairs (closest "
+            f"{pairs.distances.min():.3g}): "
             "loosen them or begin nearer"
         )
     return keep * belief(factors, loosening)
@@ -120,6 +141,13 @@ def _turns_back(last: Array, moved: Array) -> bool:
 
 
 def _record(pairs: Pairs, weights: Array, moved: Array, loosening: float) -> Mapping[str, float]:
-    kept, step = weights > KEPT, float(np.linalg.norm(moved, axis=1).max())
+    kept = weights > KEPT
+    step = float(np.linalg.norm(moved, axis=1).max())
     rms = float(np.sqrt((weights @ pairs.distances**2) / weights.sum()))
-    return {"pairs": int(kept.sum()), "rms": rms, "median": float(np.median(pairs.distances)), "step": step, "loosening": loosening}
+    return {
+        "pairs": int(kept.sum()),
+        "rms": rms,
+        "median": float(np.median(pairs.distances)),
+        "step": step,
+        "loosening": loosening,
+    }

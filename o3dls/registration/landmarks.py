@@ -1,4 +1,6 @@
-"""Poses from named landmarks, and what landmarks and points say about the names: exchanged ones, a mirrored side."""
+"""Poses from named landmarks, and what landmarks and points say about the names: exchanged ones, a mirrored
+side.
+"""
 
 from __future__ import annotations
 
@@ -8,20 +10,28 @@ from itertools import combinations, permutations
 
 import numpy as np
 
-from ..geometry import Array, apply, fit_similarity
+from ..arrays import Array
+from ..geometry.similarity import apply, fit_similarity
 
-NARROWEST = 0.05  # spread across the main line of the landmarks, relative to along it, below which a rotation is free
-NOTICEABLE = 0.1  # rms error relative to the landmarks' rms radius from which on the landmarks alone may accuse the names
+NARROWEST = (
+    0.05  # spread across the main line of the landmarks, relative to along it, below which a rotation is free
+)
+# rms error relative to the landmarks' rms radius from which on the landmarks alone may accuse the names
+NOTICEABLE = 0.1
 MUCH_BETTER = 0.5  # ... if another reading halves the error
 AS_GOOD = 2.0  # a reading whose error is at most this many times that of the names is for the points to judge
 CERTAIN = 0.99  # ... if they are this sure
-BETTER_FIT = 0.6  # ... and their cost falls by this factor: right names under a large motion were seen at .69, exchanged ones at .34 to .63
+# ... and their cost falls by this factor: right names under a large motion were seen at .69, exchanged ones
+# at .34 to .63
+BETTER_FIT = 0.6
 ALL_ORDERS = 6  # up to 720 orders are tried; of more landmarks only exchanges of two
 
 
 @dataclass(frozen=True, eq=False)
 class Reading:
-    """One way to read the landmarks: which old name each gets (`order`), whether the side is mirrored; the pose and its rms error."""
+    """One way to read the landmarks: which old name each gets (`order`), whether the side is mirrored; the
+    pose and its rms error.
+    """
 
     order: tuple[int, ...]
     mirrored: bool
@@ -61,37 +71,49 @@ def determined(points: Array) -> bool:
 
 def readings(prior: Array, measured: Array, weights: Array, *, scale: bool) -> list[Reading]:
     """Every reading of landmarks (n, d), as named first."""
-    d, found = prior.shape[1], []
+    d = prior.shape[1]
+    found = []
     for mirrored in (False, True):
         flip = np.diag([-1.0 if mirrored else 1.0, *np.ones(d)])
         for order in _orders(len(prior)):
             turned = apply(flip, prior[list(order)])
             matrix = fit_similarity(turned, measured, weights, scale=scale)
             misses = errors(turned, measured, matrix)
-            found.append(Reading(order, mirrored, matrix @ flip, float(np.sqrt(weights @ misses**2 / weights.sum()))))
+            found.append(
+                Reading(order, mirrored, matrix @ flip, float(np.sqrt(weights @ misses**2 / weights.sum())))
+            )
     return found
 
 
-def better_reading(found: list[Reading], radius: float, costs: Callable[[Reading], Array] | None, points: Array) -> Reading | None:
+def better_reading(
+    found: list[Reading], radius: float, costs: Callable[[Reading], Array] | None, points: Array
+) -> Reading | None:
     """The reading that should replace the names, None where they stand.
 
-    Names fall where another reading halves the error of the landmarks, whose rms radius is `radius`, unless the points say no; or
-    where the points are sure of a reading that fits the landmarks about as well: an atrium's ostia are nearly a rectangle, so that
-    they alone cannot tell left from right. Two mistakes at once, a mirrored prior and exchanged names, are for points that are sure: three
-    landmarks, which lie in a plane, hardly tell them from one. `costs` gives the points' costs (n,) of a reading's pose, None where points
-    are too few.
+    Names fall where another reading halves the error of the landmarks, whose rms radius is `radius`, unless
+    the points say no; or where the points are sure of a reading that fits the landmarks about as well: an
+    atrium's ostia are nearly a rectangle, so that they alone cannot tell left from right. Two mistakes at
+    once, a mirrored prior and exchanged names, are for points that are sure: three landmarks, which lie in a
+    plane, hardly tell them from one. `costs` gives the points' costs (n,) of a reading's pose, None where
+    points are too few.
     """
     from .global_pose import confidence  # here, because it brings numba
 
-    named, closest = found[0], min(found, key=lambda reading: reading.rms)
+    named = found[0]
+    closest = min(found, key=lambda reading: reading.rms)
     accused = named.rms > NOTICEABLE * radius and closest.rms < MUCH_BETTER * named.rms
     limit = max(AS_GOOD * closest.rms, MUCH_BETTER * named.rms) if accused else AS_GOOD * named.rms
     rivals = [reading for reading in found[1:] if reading.rms <= limit]
     if not rivals:
         return None
     if costs is None:
-        return min(rivals, key=lambda reading: (reading.mirrored, len(reading.exchanged), reading.rms)) if accused else None
-    of_rivals, of_named = [costs(reading) for reading in rivals], costs(named)
+        return (
+            min(rivals, key=lambda reading: (reading.mirrored, len(reading.exchanged), reading.rms))
+            if accused
+            else None
+        )
+    of_rivals = [costs(reading) for reading in rivals]
+    of_named = costs(named)
     best = int(np.argmin([cost.mean() for cost in of_rivals]))
     gain = float(of_rivals[best].mean() / of_named.mean())
     sure = gain < BETTER_FIT and confidence(of_rivals[best], of_named, points) > CERTAIN

@@ -1,4 +1,6 @@
-"""A coarse lattice of signed distances: a thousand poses are tried on it in the time that ten take on the triangles."""
+"""A coarse lattice of signed distances: a thousand poses are tried on it in the time that ten take on the
+triangles.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from ..geometry import Array, Surface, rms_radius
+from ..arrays import Array
+from ..geometry.similarity import rms_radius
+from ..geometry.surface import Surface
 
 NODES = 34  # along the longest side; finer finds no other basins
 MARGIN = 0.5  # beyond the surface's box, in rms radii
@@ -15,7 +19,9 @@ MARGIN = 0.5  # beyond the surface's box, in rms radii
 
 @dataclass(frozen=True, eq=False)
 class Lattice:
-    """Signed distances phi (a, b, c), negative inside, at low + spacing * index; in 2D all is the same along the third axis."""
+    """Signed distances phi (a, b, c), negative inside, at low + spacing * index; in 2D all is the same along
+    the third axis.
+    """
 
     phi: Array
     low: Array
@@ -23,14 +29,21 @@ class Lattice:
 
 
 def signed_lattice(surface: Surface) -> Lattice:
-    """Distances of the nodes around a surface of vertices (n, d); inside is where the nearest face looks away."""
-    from ..levelset.closest import ClosestPoint
+    """Distances of the nodes around a surface of vertices (n, d); inside is where the nearest face looks
+    away.
+    """
+    from ..geometry.closest_point import ClosestPoint
 
-    d, margin = surface.dimension, MARGIN * rms_radius(surface.vertices)
-    low, high = surface.vertices.min(axis=0) - margin, surface.vertices.max(axis=0) + margin
+    d = surface.dimension
+    margin = MARGIN * rms_radius(surface.vertices)
+    low = surface.vertices.min(axis=0) - margin
+    high = surface.vertices.max(axis=0) + margin
     spacing = float((high - low).max()) / (NODES - 1)
     sides = [low[k] + spacing * np.arange(int(np.ceil((high[k] - low[k]) / spacing)) + 1) for k in range(d)]
-    tree, normals, hint, layers = ClosestPoint(surface.vertices, surface.faces), surface.face_normals, None, []
+    tree = ClosestPoint(surface.vertices, surface.faces)
+    normals = surface.face_normals
+    hint = None
+    layers = []
     layer = np.stack(np.meshgrid(*sides[1:], indexing="ij"), axis=-1).reshape(-1, d - 1)
     for x in sides[0]:
         nodes = np.column_stack([np.full(len(layer), x), layer])
@@ -52,12 +65,17 @@ def sample(phi, low, spacing, x, y, z):  # type: ignore[no-untyped-def]
     wc = min(max(w, 0.0), phi.shape[2] - 1.000001)
     i, j, k = int(uc), int(vc), int(wc)
     a, b, c = uc - i, vc - j, wc - k
-    l00, l01 = phi[i, j, k + 1] - phi[i, j, k], phi[i, j + 1, k + 1] - phi[i, j + 1, k]
-    l10, l11 = phi[i + 1, j, k + 1] - phi[i + 1, j, k], phi[i + 1, j + 1, k + 1] - phi[i + 1, j + 1, k]
-    p00, p01 = phi[i, j, k] + c * l00, phi[i, j + 1, k] + c * l01
-    p10, p11 = phi[i + 1, j, k] + c * l10, phi[i + 1, j + 1, k] + c * l11
+    l00 = phi[i, j, k + 1] - phi[i, j, k]
+    l01 = phi[i, j + 1, k + 1] - phi[i, j + 1, k]
+    l10 = phi[i + 1, j, k + 1] - phi[i + 1, j, k]
+    l11 = phi[i + 1, j + 1, k + 1] - phi[i + 1, j + 1, k]
+    p00 = phi[i, j, k] + c * l00
+    p01 = phi[i, j + 1, k] + c * l01
+    p10 = phi[i + 1, j, k] + c * l10
+    p11 = phi[i + 1, j + 1, k] + c * l11
     q0, q1 = p00 + b * (p01 - p00), p10 + b * (p11 - p10)
-    value, gx = q0 + a * (q1 - q0), (q1 - q0) / spacing
+    value = q0 + a * (q1 - q0)
+    gx = (q1 - q0) / spacing
     gy = ((1.0 - a) * (p01 - p00) + a * (p11 - p10)) / spacing
     gz = ((1.0 - a) * ((1.0 - b) * l00 + b * l01) + a * ((1.0 - b) * l10 + b * l11)) / spacing
     du, dv, dw = (u - uc) * spacing, (v - vc) * spacing, (w - wc) * spacing

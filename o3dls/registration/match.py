@@ -6,14 +6,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..geometry import Array, Ints, Surface, apply, rms_radius, scale_of
+from ..arrays import Array, Ints
+from ..geometry.similarity import apply, rms_radius, scale_of
+from ..geometry.surface import Surface
 
 APART = 1e-7  # distance over the surface's radius from which on the direction of a gap is not rounding
 
 
 @dataclass(frozen=True, eq=False)
 class Pairs:
-    """Points (n, d), their feet on the surface (n, d), the outward unit normals there (n, d), all in the map frame; faces (n,)."""
+    """Points (n, d), their feet on the surface (n, d), the outward unit normals there (n, d), all in the map
+    frame; faces (n,).
+    """
 
     points: Array
     feet: Array
@@ -40,27 +44,34 @@ class Pairs:
 
 
 class SurfaceMatcher:
-    """Closest points on a surface that moves by similarities: the tree is built once, in the prior frame, and the points move instead."""
+    """Closest points on a surface that moves by similarities: the tree is built once, in the prior frame, and
+    the points move instead.
+    """
 
     def __init__(self, surface: Surface) -> None:
-        from ..levelset.closest import ClosestPoint
+        from ..geometry.closest_point import ClosestPoint
 
         self.surface = surface
         self.tree = ClosestPoint(surface.vertices, surface.faces)
         self.radius = rms_radius(surface.vertices)
 
     def match(self, points: Array, T_map_prior: Array, last: Pairs | None = None) -> Pairs:
-        """Pairs of points (n, d) in the map frame with the surface moved by `T_map_prior`; the pairs of a pose nearby save time."""
+        """Pairs of points (n, d) in the map frame with the surface moved by `T_map_prior`; the pairs of a
+        pose nearby save time.
+        """
         local = apply(np.asarray(np.linalg.inv(T_map_prior)), points)
         _, faces, feet, _ = self.tree.query(local, hint=None if last is None else last.faces)
         normals = self._normals(local - feet, faces) @ T_map_prior[:-1, :-1].T / scale_of(T_map_prior)
         return Pairs(points, apply(T_map_prior, feet), normals, faces)
 
     def _normals(self, gaps: Array, faces: Ints) -> Array:
-        """Outward unit normals: the gap's own direction, which varies smoothly where face normals jump (a step that sees the jumps
-        never comes to rest), or the face's normal where the point lies on it."""
+        """Outward unit normals: the gap's own direction, which varies smoothly where face normals jump (a
+        step that sees the jumps never comes to rest), or the face's normal where the point lies on it.
+        """
         corners = self.surface.faces[faces]  # of 250 faces, not of all
-        flat = Surface(self.surface.vertices[corners.ravel()], np.arange(corners.size).reshape(corners.shape)).face_normals
+        flat = Surface(
+            self.surface.vertices[corners.ravel()], np.arange(corners.size).reshape(corners.shape)
+        ).face_normals
         outward = np.where((gaps * flat).sum(axis=1) < 0.0, -1.0, 1.0)
         distances = np.linalg.norm(gaps, axis=1)
         apart = distances > APART * self.radius

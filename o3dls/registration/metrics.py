@@ -1,4 +1,6 @@
-"""What an ICP step minimises over a small motion of the surface, pairs held: sum_i w_i g_i' Omega_i g_i with g_i = point - foot."""
+"""What an ICP step minimises over a small motion of the surface, pairs held: sum_i w_i g_i' Omega_i g_i with
+g_i = point - foot.
+"""
 
 from __future__ import annotations
 
@@ -8,15 +10,16 @@ from functools import cached_property
 
 import numpy as np
 
-from ..geometry import Array
+from ..arrays import Array
 from .match import Pairs
 
 
 @dataclass(frozen=True, eq=False)
 class Factors:
-    """Pairs with the information matrices Omega (n, d, d) of their gaps; `lever` says where a rotation acts: 1 at the point, because
-    Omega turns with the surface, 0.5 half way from the foot where both sides share the rotation. `closed_form`: the minimum over all
-    motions is known, so that one step reaches it."""
+    """Pairs with the information matrices Omega (n, d, d) of their gaps; `lever` says where a rotation acts:
+    1 at the point, because Omega turns with the surface, 0.5 half way from the foot where both sides share
+    the rotation. `closed_form`: the minimum over all motions is known, so that one step reaches it.
+    """
 
     pairs: Pairs
     information: Array
@@ -27,7 +30,9 @@ class Factors:
     def residuals(self) -> Array:
         """Sizes (n,) of the gaps as the metric sees them."""
         gaps = self.pairs.gaps
-        return np.asarray(np.sqrt((np.matmul(self.information, gaps[:, :, None])[:, :, 0] * gaps).sum(axis=1).clip(0.0)))
+        return np.asarray(
+            np.sqrt((np.matmul(self.information, gaps[:, :, None])[:, :, 0] * gaps).sum(axis=1).clip(0.0))
+        )
 
 
 Metric = Callable[[Pairs], Factors]
@@ -45,17 +50,23 @@ def point_to_plane(pairs: Pairs) -> Factors:
 
 
 def symmetric(point_normals: Array) -> Metric:
-    """Distance along the mean of surface normal and point normal (n, d), the rotation shared by both sides (Rusinkiewicz 2019)."""
+    """Distance along the mean of surface normal and point normal (n, d), the rotation shared by both sides
+    (Rusinkiewicz 2019).
+    """
 
     def factors(pairs: Pairs) -> Factors:
         along = (pairs.normals * point_normals).sum(axis=1, keepdims=True) >= 0.0
-        return Factors(pairs, _outer(0.5 * (pairs.normals + np.where(along, point_normals, -point_normals))), lever=0.5)
+        return Factors(
+            pairs, _outer(0.5 * (pairs.normals + np.where(along, point_normals, -point_normals))), lever=0.5
+        )
 
     return factors
 
 
 def generalized(point_normals: Array, thickness: float = 0.05) -> Metric:
-    """Mahalanobis distance between two patches that are flat but for a relative variance `thickness` (Segal 2009)."""
+    """Mahalanobis distance between two patches that are flat but for a relative variance `thickness` (Segal
+    2009).
+    """
 
     def flat(normals: Array) -> Array:
         return np.asarray(np.eye(normals.shape[1]) - (1.0 - thickness) * _outer(normals))

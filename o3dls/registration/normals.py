@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..geometry import Array
+from ..arrays import Array
 
 
 def point_normals(points: Array, neighbours: int = 12) -> Array:

@@ -1,4 +1,6 @@
-"""Which motions of the surface the points determine, and how well: the spectrum of the point-to-plane Hessian."""
+"""Which motions of the surface the points determine, and how well: the spectrum of the point-to-plane
+Hessian.
+"""
 
 from __future__ import annotations
 
@@ -7,13 +9,16 @@ from typing import Any
 
 import numpy as np
 
-from ..geometry import Array, rms_radius, scale_of
+from ..arrays import Array
+from ..geometry.similarity import rms_radius, scale_of
+from ..geometry.twist import Twist
 from .match import Pairs
 from .metrics import point_to_plane
-from .pose import Twist
 from .step import normal_equations, velocity
 
-WEAK = 0.03  # standard deviation of a motion (rms over the surface, relative to its rms radius) from which on it is called weak
+# standard deviation of a motion (rms over the surface, relative to its rms radius) from which on it is called
+# weak
+WEAK = 0.03
 LOST = 0.05  # ... and from which on it is not determined
 ROUND = 1.1  # axes of the surface that differ by less than this factor have no names
 AXES = {2: ("long", "short"), 3: ("long", "middle", "short")}
@@ -21,8 +26,10 @@ AXES = {2: ("long", "short"), 3: ("long", "middle", "short")}
 
 @dataclass(frozen=True, eq=False)
 class Direction:
-    """One principal direction of uncertainty: its standard deviation as rms motion of the surface, and the parts of that motion:
-    shift (d,), rotation vector (r,) in radians, log scale; `meaning` names the largest part."""
+    """One principal direction of uncertainty: its standard deviation as rms motion of the surface, and the
+    parts of that motion: shift (d,), rotation vector (r,) in radians, log scale; `meaning` names the largest
+    part.
+    """
 
     sd: float
     relative: float
@@ -38,7 +45,10 @@ class Direction:
     def sentence(self, units: str) -> str:
         """What a reader should know of a weak direction."""
         how = "not" if self.relative > LOST else "weakly"
-        return f"{self.meaning} is {how} determined by these points: sd {self.sd:.2g} {units} over the surface{self._amount()}"
+        return (
+            f"{self.meaning} is {how} determined by these points: sd {self.sd:.2g} {units} over the "
+            f"surface{self._amount()}"
+        )
 
     def _amount(self) -> str:
         """The same uncertainty in the motion's own unit."""
@@ -58,8 +68,12 @@ class Direction:
         }
 
 
-def spectrum(pairs: Pairs, weights: Array, vertices: Array, T_map_prior: Array, *, scale: bool) -> list[Direction]:
-    """The directions, least certain first, for independent residuals of the size found; `vertices` (n, d) in the prior frame."""
+def spectrum(
+    pairs: Pairs, weights: Array, vertices: Array, T_map_prior: Array, *, scale: bool
+) -> list[Direction]:
+    """The directions, least certain first, for independent residuals of the size found; `vertices` (n, d) in
+    the prior frame.
+    """
     d = vertices.shape[1]
     linear = T_map_prior[:-1, :-1]
     centre = linear @ vertices.mean(axis=0) + T_map_prior[:-1, -1]
@@ -74,10 +88,21 @@ def spectrum(pairs: Pairs, weights: Array, vertices: Array, T_map_prior: Array, 
     lengths, axes = _principal_axes(vertices @ linear.T)
     found = []
     for value, vector in zip(values, vectors.T, strict=True):
-        sd = float(min(noise / np.sqrt(max(value, 1e-300)), radius))  # beyond its own size a motion has no meaning
+        sd = float(
+            min(noise / np.sqrt(max(value, 1e-300)), radius)
+        )  # beyond its own size a motion has no meaning
         twist = sd * units * vector
         log_scale = float(twist[-1]) if scale else 0.0
-        found.append(Direction(sd, sd / radius, twist[:d], twist[parts.turn], log_scale, _meaning(vector, parts, axes, lengths)))
+        found.append(
+            Direction(
+                sd,
+                sd / radius,
+                twist[:d],
+                twist[parts.turn],
+                log_scale,
+                _meaning(vector, parts, axes, lengths),
+            )
+        )
     return found
 
 
@@ -88,20 +113,31 @@ def _principal_axes(vertices: Array) -> tuple[Array, Array]:
 
 
 def _meaning(vector: Array, parts: Twist, axes: Array, lengths: Array) -> str:
-    """Name of the largest part of a direction (in units of surface motion): shift along, rotation about an axis, or scale."""
-    shift, turn = vector[: parts.d], vector[parts.turn]
-    sizes = {"shift": float(shift @ shift), "rotation": float(turn @ turn), "scale": float(vector[-1] ** 2) if parts.scale else 0.0}
+    """Name of the largest part of a direction (in units of surface motion): shift along, rotation about an
+    axis, or scale.
+    """
+    shift = vector[: parts.d]
+    turn = vector[parts.turn]
+    sizes = {
+        "shift": float(shift @ shift),
+        "rotation": float(turn @ turn),
+        "scale": float(vector[-1] ** 2) if parts.scale else 0.0,
+    }
     kind = max(sizes, key=lambda part: sizes[part])
     if kind == "scale":
         return "scale"
     if kind == "rotation" and parts.d == 2:
         return "rotation"
-    return f"{kind} {'along' if kind == 'shift' else 'about'} {_axis_name(shift if kind == 'shift' else turn, axes, lengths)}"
+    return (
+        f"{kind} {'along' if kind == 'shift' else 'about'} "
+        f"{_axis_name(shift if kind == 'shift' else turn, axes, lengths)}"
+    )
 
 
 def _axis_name(vector: Array, axes: Array, lengths: Array) -> str:
-    """`the long axis` where the vector lies within 30 degrees of an axis that is longer or shorter than the others, else its
-    coordinates."""
+    """`the long axis` where the vector lies within 30 degrees of an axis that is longer or shorter than the
+    others, else its coordinates.
+    """
     unit = vector / np.linalg.norm(vector)
     along = np.abs(axes @ unit)
     best = int(np.argmax(along))

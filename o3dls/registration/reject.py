@@ -1,4 +1,6 @@
-"""Which pairs are kept: the rejection rules of the ICP literature, each a function of the pairs that returns a mask (n,)."""
+"""Which pairs are kept: the rejection rules of the ICP literature, each a function of the pairs that returns
+a mask (n,).
+"""
 
 from __future__ import annotations
 
@@ -7,9 +9,9 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from ..geometry import Array
+from ..arrays import Array
+from ..noise.robust import MAD_TO_SD
 from .match import Pairs
-from .robust import MAD_TO_SD
 
 Mask = NDArray[np.bool_]
 Rule = Callable[[Pairs, float], Mask]
@@ -34,7 +36,9 @@ def trimmed(keep: float) -> Rule:
 
 
 def deviations(multiple: float) -> Rule:
-    """Pairs whose distance is at most the mean plus a multiple of the standard deviation of all distances (Zhang 1994)."""
+    """Pairs whose distance is at most the mean plus a multiple of the standard deviation of all distances
+    (Zhang 1994).
+    """
 
     def rule(pairs: Pairs, loosening: float) -> Mask:
         distances = pairs.distances
@@ -49,13 +53,17 @@ def median_deviations(multiple: float) -> Rule:
     def rule(pairs: Pairs, loosening: float) -> Mask:
         distances = pairs.distances
         middle = np.median(distances)
-        return np.asarray(distances <= middle + multiple * loosening * MAD_TO_SD * np.median(np.abs(distances - middle)))
+        return np.asarray(
+            distances <= middle + multiple * loosening * MAD_TO_SD * np.median(np.abs(distances - middle))
+        )
 
     return rule
 
 
 def reciprocal(slack: float) -> Rule:
-    """Pairs whose foot has its own point as the nearest measured point, or one at most `slack` times as far (Pajdla 1995)."""
+    """Pairs whose foot has its own point as the nearest measured point, or one at most `slack` times as far
+    (Pajdla 1995).
+    """
 
     def rule(pairs: Pairs, loosening: float) -> Mask:
         from scipy.spatial import cKDTree

@@ -1,6 +1,8 @@
-"""The pose of points on a surface when nothing is known: many starts slide down a coarse lattice, the best are refined.
+"""The pose of points on a surface when nothing is known: many starts slide down a coarse lattice, the best
+are refined.
 
-Points are moved into the prior frame (x = scale * rotation @ point + shift), because there the lattice stands still.
+Points are moved into the prior frame (x = scale * rotation @ point + shift), because there the lattice stands
+still.
 """
 
 from __future__ import annotations
@@ -10,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from ..geometry import Array, similarity
+from ..arrays import Array
+from ..geometry.similarity import similarity
 from .lattice import Lattice, sample
 
 THINNED = 80  # points of the first round, spread evenly
@@ -24,8 +27,9 @@ APART = np.radians(20.0)  # poses that differ less are one
 
 @dataclass(frozen=True, eq=False)
 class Poses:
-    """Rotations (k, 3, 3), shifts (k, 3) and scales (k,) of points about `middle` (d,) into the prior frame, with mean robust costs
-    (k,) in [0, 1]; in 2D the third axis stays where it is."""
+    """Rotations (k, 3, 3), shifts (k, 3) and scales (k,) of points about `middle` (d,) into the prior frame,
+    with mean robust costs (k,) in [0, 1]; in 2D the third axis stays where it is.
+    """
 
     rotations: Array
     shifts: Array
@@ -40,37 +44,52 @@ class Poses:
         return similarity(linear, self.middle - linear @ self.shifts[row, :d])
 
     def distinct(self, apart: float, count: int) -> Poses:
-        """The cheapest, cheapest first, whose rotations differ by more than `apart` radians, at most `count`."""
+        """The cheapest, cheapest first, whose rotations differ by more than `apart` radians, at most
+        `count`.
+        """
         rows: list[int] = []
         for i in np.argsort(self.costs, kind="stable"):
             cosines = (np.einsum("kij,ij->k", self.rotations[rows], self.rotations[i]) - 1.0) / 2.0
             if len(rows) < count and (cosines < np.cos(apart)).all():
                 rows.append(int(i))
-        return Poses(self.rotations[rows], self.shifts[rows], self.scales[rows], self.costs[rows], self.middle)
+        return Poses(
+            self.rotations[rows], self.shifts[rows], self.scales[rows], self.costs[rows], self.middle
+        )
 
 
 def search(points: Array, lattice: Lattice, centre: Array, radius: float, starts: int) -> Poses:
-    """Poses of points (n, d) near the surface of this centre (d,) and rms radius, cheapest first, no two alike."""
+    """Poses of points (n, d) near the surface of this centre (d,) and rms radius, cheapest first, no two
+    alike.
+    """
     d = points.shape[1]
     few = thinned(points, THINNED)
     middle = few.mean(axis=0)
-    spatial, target = np.zeros((len(points), 3)), np.zeros(3)
-    spatial[:, :d], target[:d] = points - middle, centre
-    rotations, widths = even_rotations(starts, d), np.array(WIDTHS) * radius
+    spatial = np.zeros((len(points), 3))
+    target = np.zeros(3)
+    spatial[:, :d] = points - middle
+    target[:d] = centre
+    rotations = even_rotations(starts, d)
+    widths = np.array(WIDTHS) * radius
     begin = Poses(rotations, np.tile(target, (starts, 1)), np.ones(starts), np.zeros(starts), middle)
-    top = _slide(thinned(spatial, THINNED), begin, lattice, widths, ROUNDS[0]).distinct(0.5 * APART, SURVIVORS)
+    top = _slide(thinned(spatial, THINNED), begin, lattice, widths, ROUNDS[0]).distinct(
+        0.5 * APART, SURVIVORS
+    )
     return _slide(spatial, top, lattice, widths[[1, 1]], ROUNDS[1]).distinct(APART, CANDIDATES)
 
 
 def even_rotations(count: int, d: int) -> Array:
-    """Rotation matrices (count, 3, 3) spread evenly: all of them in 3D (super-Fibonacci spirals, Alexa 2022), about z in 2D."""
+    """Rotation matrices (count, 3, 3) spread evenly: all of them in 3D (super-Fibonacci spirals, Alexa 2022),
+    about z in 2D.
+    """
     steps = np.arange(count) + 0.5
     if d == 2:
         w, z = np.cos(np.pi * steps / count), np.sin(np.pi * steps / count)
         x = y = np.zeros(count)
     else:
-        r, s = np.sqrt(steps / count), np.sqrt(1.0 - steps / count)
-        a, b = 2.0 * np.pi * steps / np.sqrt(2.0), 2.0 * np.pi * steps / 1.533751168755204288118041
+        r = np.sqrt(steps / count)
+        s = np.sqrt(1.0 - steps / count)
+        a = 2.0 * np.pi * steps / np.sqrt(2.0)
+        b = 2.0 * np.pi * steps / 1.533751168755204288118041
         x, y, z, w = r * np.sin(a), r * np.cos(a), s * np.sin(b), s * np.cos(b)
     rows = [
         [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
@@ -93,20 +112,36 @@ def thinned(points: Array, count: int) -> Array:
 def _slide(points: Array, begin: Poses, lattice: Lattice, widths: Array, steps: int) -> Poses:
     """The poses after `steps` steps under a kernel that narrows from widths[0] to widths[1]."""
     moved = begin.rotations.copy(), begin.shifts.copy(), begin.scales.copy()
-    costs = _descend(np.ascontiguousarray(points), *moved, lattice.phi, lattice.low, lattice.spacing, widths[0], widths[1], steps, SCALE_SD)
+    costs = _descend(
+        np.ascontiguousarray(points),
+        *moved,
+        lattice.phi,
+        lattice.low,
+        lattice.spacing,
+        widths[0],
+        widths[1],
+        steps,
+        SCALE_SD,
+    )
     return Poses(*moved, costs, begin.middle)
 
 
 @njit(cache=True)
 def _descend(points, rotations, shifts, scales, phi, low, spacing, wide, narrow, steps, scale_sd):  # type: ignore[no-untyped-def]
-    """Gauss-Newton with Geman-McClure weights from every start; changes the poses in place, returns their costs at width `narrow`."""
+    """Gauss-Newton with Geman-McClure weights from every start; changes the poses in place, returns their
+    costs at width `narrow`.
+    """
     costs = np.empty(len(scales))
-    hessian, gradient, row = np.empty((7, 7)), np.empty(7), np.empty(7)
+    hessian = np.empty((7, 7))
+    gradient = np.empty(7)
+    row = np.empty(7)
     for k in range(len(scales)):
         rotation, shift, scale = rotations[k], shifts[k], scales[k]
         for step in range(steps + 1):
             width = narrow if step >= steps - 3 else wide * (narrow / wide) ** (step / max(1, steps - 3))
-            cost = _normal_equations(points, scale * rotation, shift, phi, low, spacing, width, hessian, gradient, row)
+            cost = _normal_equations(
+                points, scale * rotation, shift, phi, low, spacing, width, hessian, gradient, row
+            )
             if step == steps:
                 break
             precision = (0.5 * narrow / scale_sd) ** 2
@@ -117,7 +152,8 @@ def _descend(points, rotations, shifts, scales, phi, low, spacing, wide, narrow,
             twist = np.linalg.solve(hessian, gradient)
             angle = np.sqrt((twist[3:6] ** 2).sum())
             if angle > 0.35:  # beyond 20 degrees the tangent planes mean nothing
-                twist, angle = twist * (0.35 / angle), 0.35
+                twist = twist * (0.35 / angle)
+                angle = 0.35
             rotation[:] = _turned(twist[3:6], angle, rotation)
             scale = min(max(scale * np.exp(twist[6]), 0.7), 1.4)
             shift += twist[:3]
@@ -127,7 +163,9 @@ def _descend(points, rotations, shifts, scales, phi, low, spacing, wide, narrow,
 
 @njit(cache=True)
 def _normal_equations(points, linear, shift, phi, low, spacing, width, hessian, gradient, row):  # type: ignore[no-untyped-def]
-    """Fill Hessian and descent gradient over (shift, rotation about the points' origin, log scale); return the mean cost."""
+    """Fill Hessian and descent gradient over (shift, rotation about the points' origin, log scale); return
+    the mean cost.
+    """
     hessian[:] = 0.0
     gradient[:] = 0.0
     cost = 0.0
@@ -142,7 +180,9 @@ def _normal_equations(points, linear, shift, phi, low, spacing, width, hessian, 
         cost += ratio / (1.0 + ratio)
         row[0], row[1], row[2] = gx, gy, gz
         row[3], row[4], row[5] = y * gz - z * gy, z * gx - x * gz, x * gy - y * gx
-        row[6] = x * gx + y * gy + z * gz - value  # distances shrink with the points: judged in the map, not in the prior frame
+        row[6] = (
+            x * gx + y * gy + z * gz - value
+        )  # distances shrink with the points: judged in the map, not in the prior frame
         for a in range(7):
             gradient[a] -= weight * row[a] * value
             for b in range(a + 1):

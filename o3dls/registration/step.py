@@ -6,16 +6,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..geometry import Array, apply, fit_similarity, rms_radius, scale_of, similarity
+from ..arrays import Array
+from ..geometry.similarity import apply, fit_similarity, rms_radius, scale_of, similarity
+from ..geometry.twist import Twist, strains
 from .metrics import Factors
-from .pose import Twist, strains
 
 
 @dataclass(frozen=True)
 class Freedom:
-    """What the motion may do. Log scale is pulled to zero with standard deviation `scale_sd` (None: not pulled). With `strain_sd`
-    the body may strain by so much while a step is found, so that uneven stretch does not pull the pose; the strain is not kept.
-    A direction whose uncertainty, as rms motion of the surface over its radius, exceeds `freeze` is left where it is."""
+    """What the motion may do. Log scale is pulled to zero with standard deviation `scale_sd` (None: not
+    pulled). With `strain_sd` the body may strain by so much while a step is found, so that uneven stretch
+    does not pull the pose; the strain is not kept. A direction whose uncertainty, as rms motion of the
+    surface over its radius, exceeds `freeze` is left where it is.
+    """
 
     scale: bool = False
     scale_sd: float | None = None
@@ -26,7 +29,9 @@ class Freedom:
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """What moves: vertices' middle (d,), rms radius and strain generators (k, d, d) in the prior frame, and the pose."""
+    """What moves: vertices' middle (d,), rms radius and strain generators (k, d, d) in the prior frame, and
+    the pose.
+    """
 
     middle: Array
     radius: float
@@ -36,7 +41,9 @@ class Body:
     @classmethod
     def of(cls, vertices: Array) -> Body:
         """The body of vertices (n, d), where it rests."""
-        return cls(vertices.mean(axis=0), rms_radius(vertices), strains(vertices), np.eye(vertices.shape[1] + 1))
+        return cls(
+            vertices.mean(axis=0), rms_radius(vertices), strains(vertices), np.eye(vertices.shape[1] + 1)
+        )
 
     def at(self, T_map_prior: Array) -> Body:
         return replace(self, T_map_prior=T_map_prior)
@@ -57,15 +64,18 @@ class Body:
 
 
 def best_motion(factors: Factors, weights: Array, body: Body, freedom: Freedom, share: float = 1.0) -> Array:
-    """Matrix (d+1, d+1) of the motion that lessens the factors: the minimum where it is known in closed form, else a `share` of a
-    Newton step."""
+    """Matrix (d+1, d+1) of the motion that lessens the factors: the minimum where it is known in closed form,
+    else a `share` of a Newton step.
+    """
     if factors.closed_form and freedom.freeze is None and freedom.strain_sd is None:
         return _closed_form(factors, weights, body, freedom)
     return _newton(factors, weights, body, freedom, share)
 
 
 def _closed_form(factors: Factors, weights: Array, body: Body, freedom: Freedom) -> Array:
-    """Weighted Procrustes (Umeyama 1991); the best rotation does not depend on the scale, so the scale's law is applied after it."""
+    """Weighted Procrustes (Umeyama 1991); the best rotation does not depend on the scale, so the scale's law
+    is applied after it.
+    """
     feet, points = factors.pairs.feet, factors.pairs.points
     best = fit_similarity(feet, points, weights, scale=freedom.scale)
     if not freedom.scale:
@@ -82,55 +92,76 @@ def _closed_form(factors: Factors, weights: Array, body: Body, freedom: Freedom)
 
 
 def _newton(factors: Factors, weights: Array, body: Body, freedom: Freedom, share: float) -> Array:
-    """Gauss-Newton step about the middle of the feet, in units of rms surface motion so that lengths and angles compare."""
+    """Gauss-Newton step about the middle of the feet, in units of rms surface motion so that lengths and
+    angles compare.
+    """
     feet = factors.pairs.feet
-    twist, centre, noise = Twist(feet.shape[1], freedom.scale), feet.mean(axis=0), _noise(factors, weights)
+    twist = Twist(feet.shape[1], freedom.scale)
+    centre = feet.mean(axis=0)
+    noise = _noise(factors, weights)
     velocities = velocity(factors, twist, centre)
     if freedom.strain_sd is None:
         hessian, gradient = normal_equations(factors, weights, velocities)
     else:
         both = np.concatenate([velocities, body.strained(feet)], axis=2)
-        hessian, gradient = _without_strain(*normal_equations(factors, weights, both), twist.size, noise / freedom.strain_sd)
+        hessian, gradient = _without_strain(
+            *normal_equations(factors, weights, both), twist.size, noise / freedom.strain_sd
+        )
     if freedom.scale and freedom.scale_sd is not None:
         precision = (noise / freedom.scale_sd) ** 2
         hessian[-1, -1] += precision
         gradient[-1] -= precision * body.log_scale
     units = np.ones(twist.size)
     units[twist.d :] /= body.radius * body.scale
-    hessian, gradient = hessian * np.outer(units, units), gradient * units
+    hessian = hessian * np.outer(units, units)
+    gradient = gradient * units
     least = 0.0 if freedom.freeze is None else (noise / (freedom.freeze * body.radius * body.scale)) ** 2
     step = _solve(hessian, gradient, least)
     if freedom.scale:
         allowed = (_bounded(body.log_scale + step[-1] * units[-1], freedom) - body.log_scale) / units[-1]
         if abs(allowed - step[-1]) > 1e-9 * body.radius:  # held at a bound: the rest is solved again
-            step = np.append(_solve(hessian[:-1, :-1], gradient[:-1] - hessian[:-1, -1] * allowed, least), allowed)
+            step = np.append(
+                _solve(hessian[:-1, :-1], gradient[:-1] - hessian[:-1, -1] * allowed, least), allowed
+            )
     return twist.motion(share * units * step, centre)
 
 
 def _without_strain(hessian: Array, gradient: Array, k: int, stiffness: float) -> tuple[Array, Array]:
-    """The first k unknowns' equations after the others, held to zero with this stiffness, took up what they can (Schur complement)."""
+    """The first k unknowns' equations after the others, held to zero with this stiffness, took up what they
+    can (Schur complement).
+    """
     own = hessian[k:, k:] + stiffness**2 * np.eye(len(hessian) - k)
     taken = np.linalg.solve(own, np.column_stack([hessian[k:, :k], gradient[k:]]))
     return hessian[:k, :k] - hessian[:k, k:] @ taken[:, :-1], gradient[:k] - hessian[:k, k:] @ taken[:, -1]
 
 
 def velocity(factors: Factors, twist: Twist, centre: Array) -> Array:
-    """Velocity (n, d, size) of the feet under a twist about `centre`, turned where the metric's lever says."""
+    """Velocity (n, d, size) of the feet under a twist about `centre`, turned where the metric's lever
+    says.
+    """
     pairs = factors.pairs
     return twist.tangent(pairs.feet, centre, turned=pairs.feet + factors.lever * pairs.gaps)
 
 
 def normal_equations(factors: Factors, weights: Array, velocities: Array) -> tuple[Array, Array]:
-    """Hessian (k, k) and descent gradient (k,) of half the metric over motions with these velocities (n, d, k) of the feet."""
+    """Hessian (k, k) and descent gradient (k,) of half the metric over motions with these velocities (n, d,
+    k) of the feet.
+    """
     pulled = np.matmul(weights[:, None, None] * factors.information, velocities)
-    return np.tensordot(pulled, velocities, axes=((0, 1), (0, 1))), np.tensordot(pulled, factors.pairs.gaps, axes=((0, 1), (0, 1)))
+    return np.tensordot(pulled, velocities, axes=((0, 1), (0, 1))), np.tensordot(
+        pulled, factors.pairs.gaps, axes=((0, 1), (0, 1))
+    )
 
 
 def _solve(hessian: Array, gradient: Array, least: float) -> Array:
-    """Solve over the directions that are determined: those with more curvature than `least` and than rounding."""
+    """Solve over the directions that are determined: those with more curvature than `least` and than
+    rounding.
+    """
     values, vectors = np.linalg.eigh(hessian)
     floor = max(least, values[-1] * 1e-12, 1e-300)
-    return np.asarray(vectors @ np.where(values > floor, (vectors.T @ gradient) / np.maximum(values, floor), 0.0))
+    return np.asarray(
+        vectors @ np.where(values > floor, (vectors.T @ gradient) / np.maximum(values, floor), 0.0)
+    )
 
 
 def _noise(factors: Factors, weights: Array) -> float:

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
+from ..arrays import Array
 from ..errors import InputError
-from ..geometry import Array
 from .markup import Child, Html, join, signed, table, tag
 from .page import page
 from .statistics import ROUNDS, SEED, Difference
@@ -59,12 +59,20 @@ def entry(subject: Subject) -> Entry | None:
 
 
 def cohort_page(subjects: Sequence[Subject], out: Path) -> str:
-    """The page of a cohort; links go to the report.html of each run, as seen from `out`. Raises InputError where it is empty."""
+    """The page of a cohort; links go to the report.html of each run, as seen from `out`. Raises InputError
+    where it is empty.
+    """
     if not subjects:
         raise InputError("no run folder is given to compare: name at least one")
-    entries = sorted((found for one in subjects if (found := entry(one))), key=lambda e: (list(SETS).index(e.group), e.unit, -e.mean))
+    entries = sorted(
+        (found for one in subjects if (found := entry(one))),
+        key=lambda e: (list(SETS).index(e.group), e.unit, -e.mean),
+    )
     mute = [one.case.name for one in subjects if one.headline is None]
-    parts = [tag("h1", f"{len(subjects)} runs compared"), tag("p", "Research use only. Not for clinical use.", class_="notice")]
+    parts = [
+        tag("h1", f"{len(subjects)} runs compared"),
+        tag("p", "Research use only. Not for clinical use.", class_="notice"),
+    ]
     for (group, unit), alike in groupby(entries, key=lambda e: (e.group, e.unit)):
         parts.append(_block(group, unit, list(alike), out))
     if mute:
@@ -75,7 +83,16 @@ def cohort_page(subjects: Sequence[Subject], out: Path) -> str:
 def _block(group: str, unit: str, entries: list[Entry], out: Path) -> Html:
     """Runs that are judged by the same set of points: only like is averaged with like."""
     numbers = [f"{name}, {unit}" for name in ("mean before", "mean after", "difference", "95 % interval")]
-    head = ["run, worst first", "difference of", *numbers, "relative", "valid", "warnings", "seconds", "folder"]
+    head = [
+        "run, worst first",
+        "difference of",
+        *numbers,
+        "relative",
+        "valid",
+        "warnings",
+        "seconds",
+        "folder",
+    ]
     return tag(
         "section",
         tag("h2", f"Judged by: {SETS[group]}"),
@@ -88,7 +105,8 @@ def _block(group: str, unit: str, entries: list[Entry], out: Path) -> Html:
 def summary(entries: Sequence[Entry]) -> str:
     """How many runs gained, and the mean gain over runs with an interval from resampling the runs."""
     gains = np.array([one.gain.mean for one in entries if one.gain])
-    unit, invalid = entries[0].unit, sum(not one.valid for one in entries)
+    unit = entries[0].unit
+    invalid = sum(not one.valid for one in entries)
     bad = f" {invalid} of {len(entries)} results are not valid." if invalid else ""
     if len(gains) == 0:
         return f"{len(entries)} runs, mean distance {np.mean([one.mean for one in entries]):.2f} {unit}.{bad}"
@@ -97,7 +115,10 @@ def summary(entries: Sequence[Entry]) -> str:
         low, high = _interval(gains)
         spread = f" (95 % interval over runs {signed(low)} to {signed(high)})"
     better = int((gains < 0).sum())
-    return f"Closer than the baseline in {better} of {len(gains)} runs; mean difference {signed(gains.mean())} {unit}{spread}.{bad}"
+    return (
+        f"Closer than the baseline in {better} of {len(gains)} runs; mean difference "
+        f"{signed(gains.mean())} {unit}{spread}.{bad}"
+    )
 
 
 def _interval(values: Array) -> tuple[float, float]:
@@ -110,7 +131,9 @@ def _row(one: Entry, out: Path) -> list[Child]:
     report = one.folder / "report.html"
     name: Child = one.name
     if report.is_file():
-        name = tag("a", one.name, href=Path(os.path.relpath(report.resolve(), out.resolve().parent)).as_posix())
+        name = tag(
+            "a", one.name, href=Path(os.path.relpath(report.resolve(), out.resolve().parent)).as_posix()
+        )
     verdict = tag("strong", "no") if not one.valid else "yes"
     tail: list[Child] = [verdict, one.warnings or "–", f"{one.seconds:.1f}", one.folder.name]
     if one.gain is None:
@@ -119,7 +142,16 @@ def _row(one: Entry, out: Path) -> list[Child]:
     interval = "too few" if np.isnan(gain.low) else f"{signed(gain.low)} to {signed(gain.high)}"
     shown = tag("span", signed(gain.mean), class_="best" if gain.clear else None)
     between = f"{one.estimates[1]} − {one.estimates[0]}"
-    return [name, between, f"{gain.first:.2f}", f"{gain.second:.2f}", shown, interval, f"{signed(gain.percent, 0)} %", *tail]
+    return [
+        name,
+        between,
+        f"{gain.first:.2f}",
+        f"{gain.second:.2f}",
+        shown,
+        interval,
+        f"{signed(gain.percent, 0)} %",
+        *tail,
+    ]
 
 
 def _chart(entries: Sequence[Entry]) -> Html | None:
@@ -135,19 +167,41 @@ def _chart(entries: Sequence[Entry]) -> Html | None:
 
     rows = []
     for k, one in enumerate(paired):
-        y, gain = 30 + k * ROW, one.gain
+        y = 30 + k * ROW
+        gain = one.gain
         if gain is None:
             continue
         worse = gain.mean > 0
         rows += [
-            tag("text", one.name if len(one.name) <= LONGEST else one.name[: LONGEST - 1] + "…", x=LEFT + 6, y=y - 10),
-            tag("path", d=f"M{at(gain.first):.1f} {y}H{at(gain.second):.1f}", class_="series s1 d1" if worse else "series s0"),
+            tag(
+                "text",
+                one.name if len(one.name) <= LONGEST else one.name[: LONGEST - 1] + "…",
+                x=LEFT + 6,
+                y=y - 10,
+            ),
+            tag(
+                "path",
+                d=f"M{at(gain.first):.1f} {y}H{at(gain.second):.1f}",
+                class_="series s1 d1" if worse else "series s0",
+            ),
             tag("circle", cx=f"{at(gain.first):.1f}", cy=y, r="4.5", class_="ring"),
             tag("circle", cx=f"{at(gain.second):.1f}", cy=y, r="4.5", class_="f1" if worse else "f0"),
         ]
     height = 12 + len(paired) * ROW + 26
     axis = tag("path", d=f"M{LEFT} 4V{height - 26}H{right}", class_="axis")
-    ends = [tag("text", "0", x=LEFT, y=height - 8), tag("text", f"{reach:.2f} {paired[0].unit}", x=right, y=height - 8, text_anchor="end")]
+    ends = [
+        tag("text", "0", x=LEFT, y=height - 8),
+        tag("text", f"{reach:.2f} {paired[0].unit}", x=right, y=height - 8, text_anchor="end"),
+    ]
     said = "Ring: baseline; disc: result; dashed where the result is farther away."
-    drawing = tag("svg", axis, *rows, *ends, viewBox=f"0 0 {WIDTH} {height}", class_="chart wide", role="img", aria_label=said)
+    drawing = tag(
+        "svg",
+        axis,
+        *rows,
+        *ends,
+        viewBox=f"0 0 {WIDTH} {height}",
+        class_="chart wide",
+        role="img",
+        aria_label=said,
+    )
     return tag("figure", drawing, tag("p", said, class_="soft"), class_="plot")

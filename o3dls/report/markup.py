@@ -18,9 +18,12 @@ Child = str | float | int | None
 def tag(name: str, /, *children: Child, **attributes: Child) -> Html:
     """An element: plain text children and attribute values are escaped, None is left out.
 
-    A trailing underscore is dropped from attribute names (`class_`), other underscores become hyphens; True gives a bare attribute.
+    A trailing underscore is dropped from attribute names (`class_`), other underscores become hyphens; True
+    gives a bare attribute.
     """
-    written = "".join(_attribute(key.rstrip("_").replace("_", "-"), value) for key, value in attributes.items())
+    written = "".join(
+        _attribute(key.rstrip("_").replace("_", "-"), value) for key, value in attributes.items()
+    )
     if name in ("meta", "img", "input", "br"):
         return Html(f"<{name}{written}>")
     return Html(f"<{name}{written}>{join(*children)}</{name}>")
@@ -28,7 +31,13 @@ def tag(name: str, /, *children: Child, **attributes: Child) -> Html:
 
 def join(*children: Child) -> Html:
     """Children one after the other, text escaped."""
-    return Html("".join(child if isinstance(child, Html) else escape(str(child)) for child in children if child is not None))
+    return Html(
+        "".join(
+            child if isinstance(child, Html) else escape(str(child))
+            for child in children
+            if child is not None
+        )
+    )
 
 
 def _attribute(key: str, value: Child) -> str:
@@ -39,17 +48,25 @@ def _attribute(key: str, value: Child) -> str:
 
 def data_block(identifier: str, value: Any) -> Html:
     """A value as JSON for scripts to read; no text in it can end the element."""
-    text = json.dumps(value, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c").replace("\u2028", "\\u2028")
+    text = (
+        json.dumps(value, allow_nan=False, separators=(",", ":"))
+        .replace("<", "\\u003c")
+        .replace("\u2028", "\\u2028")
+    )
     return Html(f'<script type="application/json" id="{escape(identifier)}">{text}</script>')
 
 
 def table(head: Sequence[Child], rows: Sequence[Sequence[Child]], caption: str = "") -> Html:
-    """A table whose first column is text and whose others are numbers; it scrolls by itself where the page is narrow."""
+    """A table whose first column is text and whose others are numbers; it scrolls by itself where the page is
+    narrow.
+    """
     top = tag("tr", *(tag("th", cell, scope="col") for cell in head))
     body = [tag("tr", tag("th", row[0], scope="row"), *(tag("td", cell) for cell in row[1:])) for row in rows]
     whole = tag("table", tag("thead", top), tag("tbody", *body))
     said = tag("p", caption, class_="soft") if caption else None
-    return join(said, tag("div", whole, class_="scroll", tabindex="0", role="region", aria_label=caption or "table"))
+    return join(
+        said, tag("div", whole, class_="scroll", tabindex="0", role="region", aria_label=caption or "table")
+    )
 
 
 def signed(value: float, digits: int = 2) -> str:

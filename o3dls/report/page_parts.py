@@ -19,9 +19,15 @@ def viewer_scripts(scene: object) -> Html:
     """The 3D viewer's markup, its data, three.js, and our scripts in one scope."""
     ours = "\n".join(asset(name) for name in SCRIPTS)
     library = f"/* three.js\n{asset('three.LICENSE.txt', 'vendor')}*/\n{asset('three.min.js', 'vendor')}"
-    guard = "if (document.createElement('canvas').getContext('webgl2')) "  # without WebGL the static pictures stay
+    # without WebGL the static pictures stay
+    guard = "if (document.createElement('canvas').getContext('webgl2')) "
     code = f'"use strict";\n{guard}(() => {{\n{ours}\n}})();'
-    return join(Html(asset("viewer.html")), data_block("scene", scene), tag("script", Html(library)), tag("script", Html(code)))
+    return join(
+        Html(asset("viewer.html")),
+        data_block("scene", scene),
+        tag("script", Html(library)),
+        tag("script", Html(code)),
+    )
 
 
 def image(png: bytes, description: str, *, class_: str | None = "static") -> Html:

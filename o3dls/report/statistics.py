@@ -1,4 +1,6 @@
-"""How sure a difference is: paired, and resampled in spatial blocks, since neighbouring points err together."""
+"""How sure a difference is: paired, and resampled in spatial blocks, since neighbouring points err
+together.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..geometry import Array, Ints
+from ..arrays import Array, Ints
 
 ROUNDS = 4000
 FEWEST_BLOCKS, MOST_BLOCKS, PER_BLOCK = 8, 60, 5
@@ -15,7 +17,8 @@ SEED = 74215
 
 @dataclass(frozen=True)
 class Difference:
-    """Mean of `second - first` over the same points (negative: the second is closer), its 95 % interval, and what it rests on.
+    """Mean of `second - first` over the same points (negative: the second is closer), its 95 % interval, and
+    what it rests on.
 
     The interval is NaN where there are too few points to resample in blocks.
     """
@@ -39,18 +42,33 @@ class Difference:
 
 
 def paired_difference(first: Array, second: Array, positions: Array) -> Difference:
-    """Difference of two distances (n,) measured at the same positions (n, d), with a block bootstrap interval."""
+    """Difference of two distances (n,) measured at the same positions (n, d), with a block bootstrap
+    interval.
+    """
     change = second - first
     labels = spatial_blocks(positions)
-    sums, counts = np.bincount(labels, change), np.bincount(labels)
-    drawn = np.random.default_rng(SEED).multinomial(len(counts), np.full(len(counts), 1 / len(counts)), size=ROUNDS)
+    sums = np.bincount(labels, change)
+    counts = np.bincount(labels)
+    drawn = np.random.default_rng(SEED).multinomial(
+        len(counts), np.full(len(counts), 1 / len(counts)), size=ROUNDS
+    )
     enough = len(counts) >= FEWEST_BLOCKS
     low, high = np.percentile((drawn @ sums) / (drawn @ counts), [2.5, 97.5]) if enough else (np.nan, np.nan)
-    return Difference(float(first.mean()), float(second.mean()), float(change.mean()), float(low), float(high), len(change), len(counts))
+    return Difference(
+        float(first.mean()),
+        float(second.mean()),
+        float(change.mean()),
+        float(low),
+        float(high),
+        len(change),
+        len(counts),
+    )
 
 
 def spatial_blocks(positions: Array) -> Ints:
-    """Block number (n,) of each point: up to 60 blocks of some 5 points (2 where points are few), around points far from one another."""
+    """Block number (n,) of each point: up to 60 blocks of some 5 points (2 where points are few), around
+    points far from one another.
+    """
     count = max(1, min(len(positions) // 2, max(FEWEST_BLOCKS, len(positions) // PER_BLOCK), MOST_BLOCKS))
     nearest = np.full(len(positions), np.inf)
     labels = np.zeros(len(positions), dtype=np.int64)

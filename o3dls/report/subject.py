@@ -1,4 +1,6 @@
-"""What a report is about: one case, the estimates to show, and their distances, from one finished run or several."""
+"""What a report is about: one case, the estimates to show, and their distances, from one finished run or
+several.
+"""
 
 from __future__ import annotations
 
@@ -11,13 +13,14 @@ from typing import Any
 
 import numpy as np
 
+from ..arrays import Array
 from ..case import Case, Points
 from ..errors import InputError, did_you_mean
 from ..estimate import Estimate
-from ..geometry import Array, Surface
-from ..run import Run
-from ..transfer import REACH
-from .display import displayed
+from ..evaluation.transfer import REACH
+from ..geometry.surface import Surface
+from ..runs.run import Run
+from .drawing.display import displayed
 
 MOST_SHOWN = 4
 BASELINE = "icp"  # estimates whose name begins so are what a result is compared with
@@ -38,7 +41,9 @@ SETS = {
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """One estimate as the report shows it: its run, its name there, its own unique name, and what run.json says of it."""
+    """One estimate as the report shows it: its run, its name there, its own unique name, and what run.json
+    says of it.
+    """
 
     name: str
     key: str
@@ -69,7 +74,9 @@ class Result:
 
     @property
     def fitted(self) -> tuple[str, ...]:
-        """Types of the points that it was fitted to: ablation points are a set of their own where it was not shown them."""
+        """Types of the points that it was fitted to: ablation points are a set of their own where it was not
+        shown them.
+        """
         return ("eam",) if "ablation" in self.scores else ("eam", "ablation")
 
     def measured(self, group: str, like: Result | None = None) -> tuple[Array, Array]:
@@ -91,7 +98,11 @@ class Result:
         if not group.startswith("held_out") or held_out is None:
             return self.run.points.of(*{"fitted": fitted, "cross_validated": ("eam",)}.get(group, (group,)))
         unseen = held_out.columns.get("unseen", np.zeros(len(held_out))) > 0
-        return held_out.select({"held_out_seen": ~unseen, "held_out_unseen": unseen}.get(group, np.ones(len(held_out), dtype=bool)))
+        return held_out.select(
+            {"held_out_seen": ~unseen, "held_out_unseen": unseen}.get(
+                group, np.ones(len(held_out), dtype=bool)
+            )
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +132,10 @@ class Subject:
     def first(self) -> Result | None:
         """What it is compared with: of the others shown the ICP, or else the first."""
         others = [self.results[name] for name in self.shown[:-1]]
-        return next((result for result in reversed(others) if result.key.startswith(BASELINE)), next(iter(others), None))
+        return next(
+            (result for result in reversed(others) if result.key.startswith(BASELINE)),
+            next(iter(others), None),
+        )
 
     @cached_property
     def surfaces(self) -> dict[str, Surface]:
@@ -131,7 +145,10 @@ class Subject:
     @property
     def finals(self) -> list[Result]:
         """The last estimate of each run."""
-        return [next(one for one in self.results.values() if one.run is run and one.key == run.final) for run in self.runs]
+        return [
+            next(one for one in self.results.values() if one.run is run and one.key == run.final)
+            for run in self.runs
+        ]
 
     @property
     def date(self) -> str:
@@ -139,7 +156,9 @@ class Subject:
         return datetime.fromtimestamp((self.folders[-1] / "run.json").stat().st_mtime, UTC).date().isoformat()
 
     def style(self, name: str) -> int:
-        """Number of the colour and dash that an estimate has everywhere in the report; those shown come first, so that theirs differ."""
+        """Number of the colour and dash that an estimate has everywhere in the report; those shown come
+        first, so that theirs differ.
+        """
         return list(dict.fromkeys([*self.shown, *self.results])).index(name)
 
     @cached_property
@@ -159,8 +178,10 @@ class Subject:
 
 
 def read_subject(folders: Sequence[Path], compare: Sequence[str] = ()) -> Subject:
-    """The subject of a report on finished run folders of one case. Raises InputError where they are of several cases, or none is given."""
-    from ..run_folder import read_record, read_run
+    """The subject of a report on finished run folders of one case. Raises InputError where they are of
+    several cases, or none is given.
+    """
+    from ..runs.folder import read_record, read_run
 
     if not folders:
         raise InputError("no run folder is given: name at least one")
@@ -168,28 +189,45 @@ def read_subject(folders: Sequence[Path], compare: Sequence[str] = ()) -> Subjec
     records = [read_record(folder) for folder in folders]
     _check_same_case(folders, runs)
     prefixes = [""] if len(runs) == 1 else [f"{name} · " for name in _distinct_names(folders)]
-    results = [Result(prefix + key, key, run) for run, prefix in zip(runs, prefixes, strict=True) for key in run.estimates]
+    results = [
+        Result(prefix + key, key, run)
+        for run, prefix in zip(runs, prefixes, strict=True)
+        for key in run.estimates
+    ]
     named = {result.name: result for result in results}
     return Subject(named, _shown(named, runs, prefixes, compare), runs, records, folders)
 
 
-def _shown(named: Mapping[str, Result], runs: Sequence[Run], prefixes: Sequence[str], compare: Sequence[str]) -> list[str]:
+def _shown(
+    named: Mapping[str, Result], runs: Sequence[Run], prefixes: Sequence[str], compare: Sequence[str]
+) -> list[str]:
     """The named estimates, in every run; without names the ICP, or what the run starts from, and the last."""
     for name in compare:
         if name not in named and all(name != result.key for result in named.values()):
             raise InputError(f"report: no estimate '{name}'{did_you_mean(name, list(named))}")
     if compare:
-        return _few([result.name for word in compare for result in named.values() if word in (result.name, result.key)])
+        return _few(
+            [
+                result.name
+                for word in compare
+                for result in named.values()
+                if word in (result.name, result.key)
+            ]
+        )
     if len(runs) > 1:
         return [prefix + run.final for run, prefix in zip(runs, prefixes, strict=True)][-MOST_SHOWN:]
     keys = list(runs[0].estimates)
-    baseline = next((key for key in reversed(keys[:-1]) if key.startswith(BASELINE)), keys[max(0, len(keys) - 2)])
+    baseline = next(
+        (key for key in reversed(keys[:-1]) if key.startswith(BASELINE)), keys[max(0, len(keys) - 2)]
+    )
     return list(dict.fromkeys([baseline, keys[-1]]))
 
 
 def _few(names: list[str]) -> list[str]:
     if len(names) > MOST_SHOWN:
-        raise InputError(f"report: {len(names)} estimates to show side by side ({', '.join(names)}): at most {MOST_SHOWN}")
+        raise InputError(
+            f"report: {len(names)} estimates to show side by side ({', '.join(names)}): at most {MOST_SHOWN}"
+        )
     return list(dict.fromkeys(names))
 
 
@@ -197,7 +235,8 @@ def _check_same_case(folders: Sequence[Path], runs: Sequence[Run]) -> None:
     for folder, run in zip(folders, runs, strict=True):
         if not _same(run.case, runs[0].case):
             raise InputError(
-                f"{folder}: is of case '{run.case.name}', {folders[0]} of '{runs[0].case.name}', with another prior or other points; "
+                f"{folder}: is of case '{run.case.name}', {folders[0]} of '{runs[0].case.name}', with "
+                "another prior or other points; "
                 "a report shows runs of one case; for several cases there is o3dls compare"
             )
 

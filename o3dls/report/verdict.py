@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from ..transfer import REACH
+from ..evaluation.transfer import REACH
 from .markup import signed
 from .statistics import Difference, paired_difference
 from .subject import Result, Subject
@@ -20,7 +20,9 @@ SMALLEST_SHARE = 0.005
 
 
 def verdict(subject: Subject) -> str:
-    """One sentence: which is closer to unseen data, by how much, how sure, and how much of the surface has no data."""
+    """One sentence: which is closer to unseen data, by how much, how sure, and how much of the surface has no
+    data.
+    """
     parts = [_comparison(subject) or _alone(subject)]
     if subject.unmapped is not None:
         parts.append(_unmapped(subject.unmapped, f"{REACH:g} {subject.unit}"))
@@ -30,16 +32,25 @@ def verdict(subject: Subject) -> str:
 def _unmapped(share: float, far: str) -> str:
     if share < SMALLEST_SHARE:
         return f"No part of the surface worth mention is farther than {far} from a fitted point."
-    return f"{100 * share:.0f} % of the surface is farther than {far} from every fitted point: there only the prior speaks."
+    return (
+        f"{100 * share:.0f} % of the surface is farther than {far} from every fitted point: there "
+        "only the prior speaks."
+    )
 
 
 def headline_difference(subject: Subject) -> Difference | None:
     """The paired difference between the first and the last estimate shown, on the headline set."""
-    return None if subject.first is None or subject.headline is None else difference(subject.first, subject.last, subject.headline)
+    return (
+        None
+        if subject.first is None or subject.headline is None
+        else difference(subject.first, subject.last, subject.headline)
+    )
 
 
 def difference(first: Result, second: Result, group: str) -> Difference | None:
-    """Paired difference of two results on a set of points, that of the second; None where they do not share it."""
+    """Paired difference of two results on a set of points, that of the second; None where they do not share
+    it.
+    """
     positions, a = first.measured(group, second)
     other, b = second.measured(group)
     if len(a) < 2 or positions.shape != other.shape or (positions != other).any():
@@ -51,16 +62,24 @@ def _comparison(subject: Subject) -> str | None:
     found = headline_difference(subject)
     if found is None or subject.first is None or subject.headline is None:
         return None
-    last, first, unit = subject.last.name, subject.first.name, subject.unit
+    last = subject.last.name
+    first = subject.first.name
+    unit = subject.unit
     means = f"mean distance {found.second:.2f} against {found.first:.2f} {unit}"
     if math.isnan(found.low):
-        return f"{last} and {first} on {WORDS[subject.headline]}: {means} ({found.n} points, too few for an interval)."
+        return (
+            f"{last} and {first} on {WORDS[subject.headline]}: {means} ({found.n} points, too few for "
+            "an interval)."
+        )
     if not found.clear:
         interval = f"95 % interval of the difference {signed(found.low)} to {signed(found.high)} {unit}"
         return f"{last} and {first} cannot be told apart on {WORDS[subject.headline]}: {means} ({interval})."
     way = "closer to" if found.mean < 0 else "farther from"
     small, large = sorted((abs(found.low), abs(found.high)))
-    gain = f"{abs(found.mean):.2f} {unit} ({abs(found.percent):.0f} %), 95 % interval {small:.2f} to {large:.2f} {unit}"
+    gain = (
+        f"{abs(found.mean):.2f} {unit} ({abs(found.percent):.0f} %), 95 % interval {small:.2f} to "
+        f"{large:.2f} {unit}"
+    )
     return f"{last} is {way} {WORDS[subject.headline]} than {first} by {gain}: {means}."
 
 
@@ -73,7 +92,9 @@ def _alone(subject: Subject) -> str:
 
 
 def warnings(subject: Subject) -> list[str]:
-    """Sentences on what a reader must know before trusting the pictures: invalid, not converged, weak, few data."""
+    """Sentences on what a reader must know before trusting the pictures: invalid, not converged, weak, few
+    data.
+    """
     chain = [subject.last] + ([subject.first] if subject.first else [])
     said = [f"{result.name}: {fault}." for result in chain for fault in result.run.faults_of(result.key)]
     said += [_unfinished(result) for result in chain if not result.estimate.converged]
@@ -82,7 +103,10 @@ def warnings(subject: Subject) -> list[str]:
     if fitted < FEW_POINTS:
         said.append(f"Only {fitted} points were fitted.")
     if subject.headline == "fitted":
-        said.append("Every point was fitted, so nothing here proves how good the surface is away from them; cross-validate (folds = 5).")
+        said.append(
+            "Every point was fitted, so nothing here proves how good the surface is away from them; "
+            "cross-validate (folds = 5)."
+        )
     return list(dict.fromkeys(said))
 
 
@@ -98,9 +122,16 @@ def _estimates_own(subject: Subject) -> list[str]:
 
 def _unfinished(result: Result) -> str:
     status = result.estimate.status
-    return f"{result.name}: {status}" if "not converged" in status else f"{result.name} did not converge: {status}"
+    return (
+        f"{result.name}: {status}"
+        if "not converged" in status
+        else f"{result.name} did not converge: {status}"
+    )
 
 
 def _ancestors(subject: Subject) -> list[Result]:
     """The last estimate first, then the others of its run in their order."""
-    return [subject.last, *(one for one in subject.results.values() if one.run is subject.last.run and one is not subject.last)]
+    return [
+        subject.last,
+        *(one for one in subject.results.values() if one.run is subject.last.run and one is not subject.last),
+    ]

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, ClassVar
 from pydantic import Field
 
 from ..errors import InputError
-from ..stage import Writer
+from ..runs.writers import Writer
 
 if TYPE_CHECKING:
-    from ..run import Run
+    from ..runs.run import Run
 
 REPORT, FIGURES = "report.html", "figures"
 PAGES = (".html", ".htm")
@@ -22,7 +22,9 @@ class Report(Writer):
     """Write report.html: the estimates side by side, with every number and how it was made."""
 
     name: ClassVar = "report"
-    compare: tuple[str, ...] = Field((), max_length=4, description="estimates to show side by side; default: the ICP and the last")
+    compare: tuple[str, ...] = Field(
+        (), max_length=4, description="estimates to show side by side; default: the ICP and the last"
+    )
 
     slides: bool = Field(True, description="also write figures/*.png and report.pdf, one page")
 
@@ -38,13 +40,19 @@ class Report(Writer):
 
 
 def write_report(
-    folders: Sequence[str | Path], out: str | Path | None = None, *, compare: Sequence[str] = (), slides: bool = False
+    folders: Sequence[str | Path],
+    out: str | Path | None = None,
+    *,
+    compare: Sequence[str] = (),
+    slides: bool = False,
 ) -> Path:
-    """Write one HTML page on finished run folders of one case; `out` defaults to report.html in the first folder.
+    """Write one HTML page on finished run folders of one case; `out` defaults to report.html in the first
+    folder.
 
-    `compare` names the estimates to show side by side; `slides` adds a one-page PDF and pictures beside the page, those of report.html
-    in figures/ and of NAME.html in NAME_figures/, since several reports may stand in one folder.
-    Raises InputError where a folder is no run, the cases differ, or `out` is no name for a page.
+    `compare` names the estimates to show side by side; `slides` adds a one-page PDF and pictures beside the
+    page, those of report.html in figures/ and of NAME.html in NAME_figures/, since several reports may stand
+    in one folder. Raises InputError where a folder is no run, the cases differ, or `out` is no name for a
+    page.
     """
     from ..io.atomic import staged_file
     from .page import report_page
@@ -55,7 +63,7 @@ def write_report(
     with staged_file(path) as staged:
         staged.write_text(report_page(subject), encoding="utf-8", errors="replace")
     if slides:
-        from .slides import write_slides
+        from .drawing.slides import write_slides
 
         figures = FIGURES if path.name == REPORT else f"{path.stem}_{FIGURES}"
         write_slides(subject, path.parent / figures, path.with_suffix(".pdf"))
@@ -63,7 +71,8 @@ def write_report(
 
 
 def compare(folders: Sequence[str | Path], out: str | Path = "compare.html") -> Path:
-    """Write one HTML page that compares finished runs, of one case or of many: the worst first, with links to their reports.
+    """Write one HTML page that compares finished runs, of one case or of many: the worst first, with links to
+    their reports.
 
     Raises InputError where a folder is no run, or `out` is no name for a page.
     """
@@ -73,13 +82,19 @@ def compare(folders: Sequence[str | Path], out: str | Path = "compare.html") -> 
 
     path = _page(out)
     with staged_file(path) as staged:
-        staged.write_text(cohort_page([read_subject([Path(folder)]) for folder in folders], path), encoding="utf-8", errors="replace")
+        staged.write_text(
+            cohort_page([read_subject([Path(folder)]) for folder in folders], path),
+            encoding="utf-8",
+            errors="replace",
+        )
     return path
 
 
 def _page(out: str | Path) -> Path:
-    """The path of a page to write. Raises InputError for a name that says it is something else, or is a part of a run."""
-    from ..run_folder import check_not_of_a_run
+    """The path of a page to write. Raises InputError for a name that says it is something else, or is a part
+    of a run.
+    """
+    from ..runs.folder import check_not_of_a_run
 
     path = Path(out)
     if path.suffix.lower() not in PAGES:

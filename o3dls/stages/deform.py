@@ -1,4 +1,6 @@
-"""Stage `deform`: the smooth non-rigid motion T of the prior, with its posterior; amplitudes and noise set by the evidence."""
+"""Stage `deform`: the smooth non-rigid motion T of the prior, with its posterior; amplitudes and noise set by
+the evidence.
+"""
 
 from __future__ import annotations
 
@@ -10,75 +12,117 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 import numpy as np
 from pydantic import Field, field_validator
 
+from ..arrays import Array
 from ..case import FITTED_TYPES, Case, Points
 from ..errors import InputError, SolverError
 from ..estimate import Estimate
-from ..geometry import Array, Surface, apply, fit_similarity, rms_radius
+from ..geometry.similarity import apply, fit_similarity, rms_radius
+from ..geometry.surface import Surface
+from ..plugins.stage import Stage
 from ..registration.landmarks import determined
-from ..stage import Stage
 
 if TYPE_CHECKING:
-    from ..levelset.problem import Problem, Settings
-    from ..levelset.rows import Data
+    from ..motion.observations import Data
+    from ..motion.problem import Problem
+    from ..motion.settings import Settings
 
 VEIN = re.compile(r"(?<![A-Z])[LR][SI]PV(?![A-Z])")
 NEVER = 1e-250  # odds of being off the wall that no residual outweighs, and whose logarithm is still a number
 NO_WALL = 0.95  # share of the points off the wall that leaves no wall
 GROWS = 3.0  # factor on the volume that no heartbeat has: a ventricle keeps a third at least
 WRONG = "start, scale, frame or landmarks may be wrong"
-WON_OVER = 0.05  # share of points off the wall at the start that a motion makes touch: .04 is the most of good fits
-MISNAMED = (
-    2.0  # distance of a landmark from its own place over that from another's: 0.9 is the most among good ones, 2.6 the least of wrong
+WON_OVER = (
+    0.05  # share of points off the wall at the start that a motion makes touch: .04 is the most of good fits
 )
-SMOOTH = 0.7  # share of a prior's area that its smooth wall has: patients' have .94 and more, stairs of label volumes .79
-OUTGROWN = 1.1  # points over those that a fit from nothing had: what it found of them all may be another by now
+# distance of a landmark from its own place over that from another's: 0.9 is the most among good ones, 2.6 the
+# least of wrong
+MISNAMED = 2.0
+# share of a prior's area that its smooth wall has: patients' have .94 and more, stairs of label volumes .79
+SMOOTH = 0.7
+OUTGROWN = (
+    1.1  # points over those that a fit from nothing had: what it found of them all may be another by now
+)
 UNITS_APART = 100.0  # no map has points a hundred times as good as others; a column in two units has
 CLOSE = 3.0  # nats: a surface whose evidence is within a factor of 20 of the best is no worse a guess
 
 
 class Deform(Stage):
-    """Fit a similarity, strains and a smooth motion field, robustly. Lengths are in rms radii of the prior: 26 mm for an atrium."""
+    """Fit a similarity, strains and a smooth motion field, robustly. Lengths are in rms radii of the prior:
+    26 mm for an atrium.
+    """
 
     name: ClassVar[str] = "deform"
     vector: tuple[float, ...] = Field(
-        (1.15, 0.46), min_length=1, description="correlation lengths of the vector field", json_schema_extra={"unit": "rms radii"}
+        (1.15, 0.46),
+        min_length=1,
+        description="correlation lengths of the vector field",
+        json_schema_extra={"unit": "rms radii"},
     )
     normal: tuple[float, ...] = Field(
-        (0.46,), description="correlation lengths of the field along the normal", json_schema_extra={"unit": "rms radii"}
+        (0.46,),
+        description="correlation lengths of the field along the normal",
+        json_schema_extra={"unit": "rms radii"},
     )
     landmarks: bool = Field(
-        True, description="fit the named landmarks too, with a noise level of their own, and let what lies around each move on its own"
+        True,
+        description=(
+            "fit the named landmarks too, with a noise level of their own, and let what lies "
+            "around each move on its own"
+        ),
     )
     ablation: Literal["hold_out", "fit"] = Field(
         "hold_out", description="fit ablation points, with a noise level of their own, or hold them out"
     )
     bends: Literal["upright", "any"] = Field(
-        "upright", description="expect an atrium to bend between bottom and top, where the names of veins tell these, or any way alike"
+        "upright",
+        description=(
+            "expect an atrium to bend between bottom and top, where the names of veins tell "
+            "these, or any way alike"
+        ),
     )
     outliers: Literal["doubt", "believe"] = Field(
-        "doubt", description="doubt points that seem to lie off the wall, or believe every point as if none could"
+        "doubt",
+        description="doubt points that seem to lie off the wall, or believe every point as if none could",
     )
     contact_force: float = Field(
-        5.0, gt=0.0, description="force at which a point is as likely to touch the wall as the mean point", json_schema_extra={"unit": "g"}
+        5.0,
+        gt=0.0,
+        description="force at which a point is as likely to touch the wall as the mean point",
+        json_schema_extra={"unit": "g"},
     )
     spread: float = Field(
         1.0,
         gt=0.0,
-        description="how far the evidence may move the amplitude of a field: sd of its logarithm; half as far that of bends and noise",
+        description=(
+            "how far the evidence may move the amplitude of a field: sd of its logarithm; half "
+            "as far that of bends and noise"
+        ),
         json_schema_extra={"unit": "1"},
     )
     odds: float = Field(
         0.0,
-        description="log odds against a motion beyond the pose, before the points are seen; raise it for templates that hardly deform",
+        description=(
+            "log odds against a motion beyond the pose, before the points are seen; raise it for "
+            "templates that hardly deform"
+        ),
         json_schema_extra={"unit": "nats"},
     )
     roughness: Literal["mend", "keep"] = Field(
-        "mend", description="smooth the prior where the points show that the wall lacks its roughness, or keep all of its detail"
+        "mend",
+        description=(
+            "smooth the prior where the points show that the wall lacks its roughness, or keep "
+            "all of its detail"
+        ),
     )
     starts: Literal["given", "several"] = Field(
-        "given", description="fit from the given pose, or from those of the landmarks too, and keep what the evidence prefers"
+        "given",
+        description=(
+            "fit from the given pose, or from those of the landmarks too, and keep what the evidence prefers"
+        ),
     )
-    iterations: int = Field(25, ge=15, description="most iterations; the evidence is asked three times in the first 14")
+    iterations: int = Field(
+        25, ge=15, description="most iterations; the evidence is asked three times in the first 14"
+    )
 
     @field_validator("vector", "normal")
     @classmethod
@@ -118,13 +162,24 @@ class Deform(Stage):
         _, prior, measured = case.landmark_pairs()
         if self.starts == "given" or (determined(prior) and determined(measured)):
             return []
-        return ['starts = "several": no three landmark pairs fix a pose, so that the given start was the only one']
+        return [
+            'starts = "several": no three landmark pairs fix a pose, so that the given start was the only one'
+        ]
 
     def _fitted(self, case: Case, pose: Array, data: Data, earlier: Estimate | None = None) -> Estimate:
-        from ..levelset.fit import fit_motion
+        from ..motion.fit import fit_motion
 
-        fit = fit_motion(case.prior.vertices, case.prior.faces, pose, data, self.settings(), earlier.fit if earlier else None)
-        surface = replace(case.prior, vertices=fit.vertices, fields={**case.prior.fields, f"sd_{case.units}": fit.sd})
+        fit = fit_motion(
+            case.prior.vertices,
+            case.prior.faces,
+            pose,
+            data,
+            self.settings(),
+            earlier.fit if earlier else None,
+        )
+        surface = replace(
+            case.prior, vertices=fit.vertices, fields={**case.prior.fields, f"sd_{case.units}": fit.sd}
+        )
         return Estimate(
             surface=surface,
             T_map_prior=fit.similarity,
@@ -140,60 +195,87 @@ class Deform(Stage):
         )
 
     def update(self, case: Case, estimate: Estimate) -> Estimate:
-        """An estimate of this stage after a few more points, in milliseconds: `case` has the points of before, and the new ones behind.
+        """An estimate of this stage after a few more points, in milliseconds: `case` has the points of
+        before, and the new ones behind.
 
-        Pose, amplitudes and noise levels stay; motion, posterior and beliefs take in the new points. Within 0.05 mm in the mean of a fit
-        from nothing after one point, where that would leave the amplitudes as they are; a tenth more points than these were found with
-        are warned of. The column `sigma` compares new points with those of the estimate. Raises InputError where the estimate is not one
-        of this stage, or prior, landmarks, parameters or the points of before have changed.
+        Pose, amplitudes and noise levels stay; motion, posterior and beliefs take in the new points. Within
+        0.05 mm in the mean of a fit from nothing after one point, where that would leave the amplitudes as
+        they are; a tenth more points than these were found with are warned of. The column `sigma` compares
+        new points with those of the estimate. Raises InputError where the estimate is not one of this stage,
+        or prior, landmarks, parameters or the points of before have changed.
         """
         fit = estimate.fit
         if fit is None or estimate.motion is not fit.motion or not _same(fit.problem, case.prior):
-            raise InputError("update: the estimate must come from the stage 'deform' of this session, fitted to this prior")
+            raise InputError(
+                "update: the estimate must come from the stage 'deform' of this session, fitted to this prior"
+            )
         before = fit.problem.data
         data = observed(case.visible(self.fits), self, before)
         if len(data.points) < len(before.points):
-            raise InputError(f"update: {len(data.points)} points, fewer than the {len(before.points)} of the estimate")
+            raise InputError(
+                f"update: {len(data.points)} points, fewer than the {len(before.points)} of the estimate"
+            )
         if self.settings() != fit.problem.settings:
             raise InputError("update: the stage has other parameters than the one that made the estimate")
         changed = data.at(slice(len(before.points))).differs(before)
         if changed.any():
             raise InputError(
-                f"update: point {np.argmax(changed)} is not what it was in the estimate (place, type, sigma, force), or the stage's "
+                f"update: point {np.argmax(changed)} is not what it was in the estimate (place, type, "
+                "sigma, force), or the stage's "
                 "contact_force or outliers are not; new points come behind the others"
             )
-        if not (np.array_equal(data.marks_prior, before.marks_prior) and np.array_equal(data.marks_map, before.marks_map)):
+        if not (
+            np.array_equal(data.marks_prior, before.marks_prior)
+            and np.array_equal(data.marks_map, before.marks_map)
+        ):
             raise InputError("update: the landmarks are not those of the estimate; fit it again")
-        updated, outdated = self._fitted(case, estimate.T_map_prior, data, estimate), _said(estimate, case.units)
+        updated = self._fitted(case, estimate.T_map_prior, data, estimate)
+        outdated = _said(estimate, case.units)
         kept = (warning for warning in estimate.warnings if warning not in outdated)
         return replace(updated, warnings=(*kept, *_said(updated, case.units)))
 
     def settings(self) -> Settings:
-        from ..levelset.problem import Settings
+        from ..motion.settings import Settings
 
-        plain = Settings(vector=self.vector, normal=self.normal, spread=self.spread, odds=self.odds, iterations=self.iterations)
+        plain = Settings(
+            vector=self.vector,
+            normal=self.normal,
+            spread=self.spread,
+            odds=self.odds,
+            iterations=self.iterations,
+        )
         return plain if self.roughness == "mend" else replace(plain, fairing=())
 
 
 def _rivals(best: Estimate, fits: list[Estimate], unit: str) -> list[str]:
-    """Sentences where another start, or one without some points, led to another surface that the points make almost as likely."""
-    facts, rivals = best.facts, list[tuple[str, float, float]]()
+    """Sentences where another start, or one without some points, led to another surface that the points make
+    almost as likely.
+    """
+    facts = best.facts
+    rivals = list[tuple[str, float, float]]()
     for other in fits:
         apart = float(np.linalg.norm(other.surface.vertices - best.surface.vertices, axis=1).mean())
         rivals.append(("another start", other.fit.energy - best.fit.energy, apart))
     if "rival_behind" in facts:
-        without = f"a fit that begins without {facts['rival_without']:.0f} points that may have drawn the wall"
+        without = (
+            f"a fit that begins without {facts['rival_without']:.0f} points that may have drawn the wall"
+        )
         rivals.append((without, facts["rival_behind"], facts["rival_apart"]))
     told = dict[str, str]()
     for name, behind, apart in rivals:
         if behind < CLOSE and apart > best.fit.state.scales.noises[0]:
-            elsewhere = f"({max(behind, 0.0):.1f} nats less), puts the vertices {apart:.1f} {unit} elsewhere on average"
+            elsewhere = (
+                f"({max(behind, 0.0):.1f} nats less), puts the vertices {apart:.1f} {unit} "
+                "elsewhere on average"
+            )
             told.setdefault(name, f"{name}, almost as likely {elsewhere}")
     return list(told.values())
 
 
 def _said(found: Estimate, unit: str) -> list[str]:
-    """Sentences on the points, in a fit or an update. Raises SolverError where hardly one of them is on the wall."""
+    """Sentences on the points, in a fit or an update. Raises SolverError where hardly one of them is on the
+    wall.
+    """
     return [*_repeated(found.fit.problem.data, unit), *_off_wall(found), *_outgrown(found)]
 
 
@@ -205,9 +287,16 @@ def _off_wall(found: Estimate) -> list[str]:
 
 
 def _outgrown(found: Estimate) -> list[str]:
-    """A sentence where many points came after a fit, which might find other amplitudes, noise and pose with them."""
-    before, now = found.facts["tuned_on"], len(found.fit.problem.data.points)
-    return [f"amplitudes, noise and pose are those of the first {before} of {now} points: fit again"] if now > OUTGROWN * before else []
+    """A sentence where many points came after a fit, which might find other amplitudes, noise and pose with
+    them.
+    """
+    before = found.facts["tuned_on"]
+    now = len(found.fit.problem.data.points)
+    return (
+        [f"amplitudes, noise and pose are those of the first {before} of {now} points: fit again"]
+        if now > OUTGROWN * before
+        else []
+    )
 
 
 def _doubts(start: Estimate, found: Estimate) -> list[str]:
@@ -222,12 +311,15 @@ def _doubts(start: Estimate, found: Estimate) -> list[str]:
 
 def _followed(found: Estimate) -> list[str]:
     """Sentences on a wall that seems to follow points which are not of it."""
-    from ..levelset.drawn import LONGER, TORN, WON, torn, won
+    from ..motion.stretch_hypothesis import LONGER, TORN, WON, torn, won
 
-    fit, said = found.fit, list[str]()
+    fit = found.fit
+    said = list[str]()
     touch = won(fit.problem, fit.state)
     if touch.sum() > WON and touch.mean() > WON_OVER:
-        touching = f"{touch.mean():.0%} of the points lie far off the wall at the start, and on it after the motion"
+        touching = (
+            f"{touch.mean():.0%} of the points lie far off the wall at the start, and on it after the motion"
+        )
         said.append(f"{touching}: does it follow points that float, or something that the prior lacks?")
     rest = found.surface.with_vertices(fit.motion.rest.at)
     long, share = torn(rest, found.surface.vertices)
@@ -239,11 +331,14 @@ def _followed(found: Estimate) -> list[str]:
 
 
 def _misnamed(case: Case, start: Estimate) -> list[str]:
-    """A sentence for each landmark that lies far nearer to another's place on the posed prior than to its own."""
+    """A sentence for each landmark that lies far nearer to another's place on the posed prior than to its
+    own.
+    """
     names, prior, measured = case.landmark_pairs()
     apart = np.linalg.norm(measured[:, None] - apply(start.T_map_prior, prior)[None], axis=2)
     return [
-        f"landmark {names[k]} lies {apart[k, k]:.0f} {case.units} from its place on the prior and {apart[k, other]:.0f} from that of "
+        f"landmark {names[k]} lies {apart[k, k]:.0f} {case.units} from its place on the prior and "
+        f"{apart[k, other]:.0f} from that of "
         f"{names[other]}: was it marked there?"
         for k, other in enumerate(apart.argmin(axis=1) if names else [])
         if MISNAMED * apart[k, other] < apart[k, k]
@@ -251,14 +346,19 @@ def _misnamed(case: Case, start: Estimate) -> list[str]:
 
 
 def _crumpled(problem: Problem) -> list[str]:
-    """A sentence where a fold of the prior is near wherever a point lies: distances to such a wall say little of noise and motion."""
-    from ..levelset.shape import facing
+    """A sentence where a fold of the prior is near wherever a point lies: distances to such a wall say little
+    of noise and motion.
+    """
+    from ..geometry.differential import facing
 
     share = facing(problem.rest.at, problem.faces, problem.rest.normals)
     if share > SMOOTH:
         return []
     area = f"{1.0 / share:.2g} times the area of a smooth wall"
-    return [f"the prior is crumpled ({area}): some fold of it is near every point, and noise and motion follow the folds; smooth it first"]
+    return [
+        f"the prior is crumpled ({area}): some fold of it is near every point, and noise and motion "
+        "follow the folds; smooth it first"
+    ]
 
 
 def _told(points: Points, unit: str) -> list[str]:
@@ -267,18 +367,22 @@ def _told(points: Points, unit: str) -> list[str]:
     told = sigma[np.isfinite(sigma)]
     if len(told) == 0:
         return []
-    said, blank = list[str](), len(sigma) - len(told)
+    said = list[str]()
+    blank = len(sigma) - len(told)
     if told.max() > UNITS_APART * told.min():
         said.append(f"sigma goes from {told.min():.2g} to {told.max():.2g}: is all of it in {unit}?")
     if blank:
         count = f"{blank} of {len(sigma)} points"
-        said.append(f"{count} have no sigma: they count like the median of the others, {points.typical_sigma:.2g} {unit}")
+        said.append(
+            f"{count} have no sigma: they count like the median of the others, "
+            f"{points.typical_sigma:.2g} {unit}"
+        )
     return said
 
 
 def _debris(prior: Surface) -> list[str]:
     """A sentence where small pieces lie about the prior: whatever is nearest to a point may be its wall."""
-    from ..levelset.operators import CRUMB, piece_areas
+    from ..geometry.components import CRUMB, piece_areas
 
     _, areas = piece_areas(prior)
     small = int((areas[areas > 0.0] < CRUMB * areas.max()).sum())
@@ -290,8 +394,16 @@ def _repeated(data: Data, unit: str) -> list[str]:
     """A sentence where mapping points share a place: they are no new evidence."""
     place = np.asarray(data.mapping)
     more = len(place) - len(np.unique(place))
-    near = f" or lie within {data.apart:.2g} {unit} of it, too close for noise of their own" if data.apart else ""
-    return [f"{more} of {len(place)} points repeat the place of another{near}; each place counts once"] if more else []
+    near = (
+        f" or lie within {data.apart:.2g} {unit} of it, too close for noise of their own"
+        if data.apart
+        else ""
+    )
+    return (
+        [f"{more} of {len(place)} points repeat the place of another{near}; each place counts once"]
+        if more
+        else []
+    )
 
 
 def _same(problem: Problem, prior: Surface) -> bool:
@@ -299,12 +411,14 @@ def _same(problem: Problem, prior: Surface) -> bool:
 
 
 def observed(case: Case, stage: Deform, before: Data | None = None) -> Data:
-    """The fitted points as arrays: eam and inside points in noise group 0, ablation points in group 1, landmarks apart.
+    """The fitted points as arrays: eam and inside points in noise group 0, ablation points in group 1,
+    landmarks apart.
 
-    `before`, the points of an earlier fit, tell what the points' own noise is relative to, and within what distance they are of one place.
+    `before`, the points of an earlier fit, tell what the points' own noise is relative to, and within what
+    distance they are of one place.
     """
-    from ..levelset.rows import Data
-    from ..places import apart, places
+    from ..motion.observations import Data
+    from ..noise.duplicates import apart, places
 
     every = case.points.of(*stage.fits)
     near = apart(every, rms_radius(case.prior.vertices)) if before is None else before.apart
@@ -330,18 +444,25 @@ def observed(case: Case, stage: Deform, before: Data | None = None) -> Data:
 
 
 def upwards(landmarks: Mapping[str, Array]) -> Array | None:
-    """Unit vector from the inferior to the superior pulmonary veins by their names (LSPV, LIPV, RSPV, RIPV); None where these are missing.
+    """Unit vector from the inferior to the superior pulmonary veins by their names (LSPV, LIPV, RSPV, RIPV);
+    None where these are missing.
 
     Named by side, so that one side is enough and two sides count alike.
     """
     veins = {found[0]: at for name, at in landmarks.items() if (found := VEIN.search(name.upper()))}
-    rises = [veins[f"{side}SPV"] - veins[f"{side}IPV"] for side in "LR" if {f"{side}SPV", f"{side}IPV"} <= set(veins)]
+    rises = [
+        veins[f"{side}SPV"] - veins[f"{side}IPV"]
+        for side in "LR"
+        if {f"{side}SPV", f"{side}IPV"} <= set(veins)
+    ]
     rise = np.sum(rises, axis=0)
     length = float(np.linalg.norm(rise))
     return np.asarray(rise / length) if length > 0.0 else None
 
 
 def _odds_of_floating(points: Points, force: float) -> Array:
-    """Factor on the odds of being off the wall: doubled for each `force` too little, halved for each too much, at most fourfold."""
+    """Factor on the odds of being off the wall: doubled for each `force` too little, halved for each too
+    much, at most fourfold.
+    """
     pressed = points.numbers("force")
     return np.where(np.isfinite(pressed), 2.0 ** np.clip((force - pressed) / force, -2.0, 2.0), 1.0)

@@ -11,11 +11,11 @@ from pydantic import Field
 from ..case import Case
 from ..errors import InputError
 from ..estimate import Estimate
-from ..stage import Stage
+from ..plugins.stage import Stage
 from .icp import as_estimate, fitted_points
 
 if TYPE_CHECKING:
-    from ..geometry import Array
+    from ..arrays import Array
     from ..registration.global_pose import Candidate
     from ..registration.icp import Alignment
     from ..registration.match import SurfaceMatcher
@@ -25,22 +25,31 @@ CERTAIN = 0.99  # confidence from which on a prior is refused as mirrored: a ref
 
 
 class GlobalPose(Stage):
-    """Search all rotations for the pose in which the points fit the prior, and say how sure it is against the runner-up."""
+    """Search all rotations for the pose in which the points fit the prior, and say how sure it is against the
+    runner-up.
+    """
 
     name: ClassVar[str] = "global_pose"
     finds_pose: ClassVar[bool] = True
     starts: int = Field(STARTS, ge=24, le=100_000, description="rotations tried, spread evenly")
     scale: bool = Field(True, description="let the scale change: a similarity instead of a rigid motion")
-    hands: bool = Field(True, description="try the mirror image too, and refuse the prior where that fits clearly better")
+    hands: bool = Field(
+        True, description="try the mirror image too, and refuse the prior where that fits clearly better"
+    )
     sure: float = Field(
-        0.95, ge=0.5, le=1.0, description="confidence below which the estimate counts as not converged", json_schema_extra={"unit": "1"}
+        0.95,
+        ge=0.5,
+        le=1.0,
+        description="confidence below which the estimate counts as not converged",
+        json_schema_extra={"unit": "1"},
     )
 
     def __call__(self, case: Case, start: Estimate) -> Estimate:
         from ..registration.global_pose import candidates, confidence, mirrored
         from ..registration.match import SurfaceMatcher
 
-        points, surface = fitted_points(case), SurfaceMatcher(case.prior)
+        points = fitted_points(case)
+        surface = SurfaceMatcher(case.prior)
         best, *others = candidates(points, surface, starts=self.starts, scale=self.scale)
         if self.hands:
             other_hand = candidates(points, mirrored(surface), starts=self.starts, scale=self.scale)[0]
@@ -59,7 +68,11 @@ class GlobalPose(Stage):
             status=status,
             converged=estimate.converged and sure >= self.sure,
             warnings=estimate.warnings + ((doubt,) if sure < self.sure else ()),
-            facts={**estimate.facts, "confidence": sure, "candidates": [_record(best.T_map_prior, c) for c in (best, *others)]},
+            facts={
+                **estimate.facts,
+                "confidence": sure,
+                "candidates": [_record(best.T_map_prior, c) for c in (best, *others)],
+            },
         )
 
 
@@ -77,13 +90,17 @@ def _fits_mirrored(unit: str, points: Array, best: Candidate, other: Candidate) 
 
 
 def beaten(unit: str, points: Array, surface: SurfaceMatcher, found: Alignment, *, scale: bool) -> str:
-    """What is wrong with the pose that icp found, where a search of all rotations finds one, or a mirror image, that fits points (n, d)
-    clearly better; else nothing."""
+    """What is wrong with the pose that icp found, where a search of all rotations finds one, or a mirror
+    image, that fits points (n, d) clearly better; else nothing.
+    """
     from ..registration.global_pose import Candidate, angle_of, candidates, confidence, mirrored
     from ..registration.search import APART
 
-    own, best = Candidate.of(found, surface.radius), candidates(points, surface, starts=STARTS, scale=scale)[0]
-    if said := _fits_mirrored(unit, points, best, candidates(points, mirrored(surface), starts=STARTS, scale=scale)[0]):
+    own = Candidate.of(found, surface.radius)
+    best = candidates(points, surface, starts=STARTS, scale=scale)[0]
+    if said := _fits_mirrored(
+        unit, points, best, candidates(points, mirrored(surface), starts=STARTS, scale=scale)[0]
+    ):
         return said
     away = angle_of(own.T_map_prior, best.T_map_prior)
     if away <= APART or confidence(best.costs, own.costs, points) <= CERTAIN:

@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from pydantic import Field
 
+from ..arrays import Array
 from ..case import Case
 from ..errors import InputError, did_you_mean
 from ..estimate import Estimate
-from ..geometry import Array, rms_radius
+from ..geometry.similarity import rms_radius
+from ..plugins.stage import Stage
 from ..registration.landmarks import determined
-from ..stage import Stage
 
 if TYPE_CHECKING:
     from ..registration.landmarks import Reading
@@ -24,9 +25,14 @@ class Landmarks(Stage):
     """Align the prior by its named landmarks (least squares, Umeyama 1991), rigidly or with scale."""
 
     name: ClassVar[str] = "landmarks"
-    scale: bool = Field(False, description="let the landmarks set the scale too; four ostia with 2 mm error know it to some 5 %")
+    scale: bool = Field(
+        False,
+        description="let the landmarks set the scale too; four ostia with 2 mm error know it to some 5 %",
+    )
     weights: dict[str, float] = Field(
-        default_factory=dict, description="weight of a landmark by name; default 1", json_schema_extra={"unit": "1"}
+        default_factory=dict,
+        description="weight of a landmark by name; default 1",
+        json_schema_extra={"unit": "1"},
     )
 
     def obstacle(self, case: Case) -> str | None:
@@ -65,7 +71,10 @@ class Landmarks(Stage):
         return Estimate(
             surface=case.prior.transformed(named.T_map_prior),
             T_map_prior=named.T_map_prior,
-            status=f"{kind} from {len(names)} landmarks, rms {named.rms:.2f} {case.units}{_worst(names, alone, case.units)}",
+            status=(
+                f"{kind} from {len(names)} landmarks, rms {named.rms:.2f} "
+                f"{case.units}{_worst(names, alone, case.units)}"
+            ),
             iterations=1,
             sigma=named.rms,
             trace=({"pairs": len(names), "rms": named.rms},),
@@ -79,12 +88,15 @@ def _refuse_mixed_up(case: Case, names: list[str], measured: Array, found: list[
     from ..registration.landmarks import better_reading
     from ..registration.match import SurfaceMatcher
 
-    points, surface = case.points.of("eam").xyz, SurfaceMatcher(case.prior)
+    points = case.points.of("eam").xyz
+    surface = SurfaceMatcher(case.prior)
 
     def costs(reading: Reading) -> Array:
         return robust_costs(surface.match(points, reading.T_map_prior).distances, surface.radius)
 
-    wrong = better_reading(found, rms_radius(measured), costs if len(points) >= FEWEST_POINTS else None, points)
+    wrong = better_reading(
+        found, rms_radius(measured), costs if len(points) >= FEWEST_POINTS else None, points
+    )
     if wrong is None:
         return
     what, mend = [], []
@@ -94,7 +106,10 @@ def _refuse_mixed_up(case: Case, names: list[str], measured: Array, found: list[
     if wrong.mirrored:
         what.append("the prior looks mirrored")
         mend.append("flip one axis of the prior and of its landmarks")
-    gain = f"rms error {found[0].rms:.3g} {case.units} as named, {wrong.rms:.3g} {case.units} otherwise, where the points fit better"
+    gain = (
+        f"rms error {found[0].rms:.3g} {case.units} as named, {wrong.rms:.3g} {case.units} otherwise, "
+        "where the points fit better"
+    )
     raise InputError(f"case {case.name}: {' and '.join(what)} ({gain}): {' and '.join(mend)}")
 
 

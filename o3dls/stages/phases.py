@@ -1,4 +1,6 @@
-"""Stage `phases`: a temporal template, several surfaces of one patient; where between them the data lie, and the motion from there."""
+"""Stage `phases`: a temporal template, several surfaces of one patient; where between them the data lie, and
+the motion from there.
+"""
 
 from __future__ import annotations
 
@@ -10,13 +12,15 @@ from pydantic import Field
 from ..case import Case
 from ..errors import InputError
 from ..estimate import Estimate
-from ..geometry import apply, fit_similarity
-from ..stage import Stage
+from ..geometry.similarity import apply, fit_similarity
+from ..plugins.stage import Stage
 from .deform import Deform
 
 
 class Phases(Stage):
-    """Find the phase of the heart that the points show between the prior and the case's further phases, then `deform` from there."""
+    """Find the phase of the heart that the points show between the prior and the case's further phases, then
+    `deform` from there.
+    """
 
     name: ClassVar[str] = "phases"
     variance: float = Field(
@@ -35,16 +39,25 @@ class Phases(Stage):
     iterations: int = Field(50, ge=1, description="most iterations in finding the phase")
 
     def obstacle(self, case: Case) -> str | None:
-        return None if case.phases else "no further phases: put surfaces of the same patient, in the prior's frame, into phases/"
+        return (
+            None
+            if case.phases
+            else "no further phases: put surfaces of the same patient, in the prior's frame, into phases/"
+        )
 
     def __call__(self, case: Case, start: Estimate) -> Estimate:
-        from ..levelset.closest import ClosestPoint
-        from ..levelset.phases import Chain, Shift, locate, template
+        from ..geometry.closest_point import ClosestPoint
+        from ..motion.template import Chain, Shift, locate, template
 
         if why := self.obstacle(case):
             raise InputError(f"case {case.name}: {why}")
         prior = case.prior
-        model = template(prior.vertices, prior.faces, [(phase.vertices, phase.faces) for phase in case.phases], self.variance)
+        model = template(
+            prior.vertices,
+            prior.faces,
+            [(phase.vertices, phase.faces) for phase in case.phases],
+            self.variance,
+        )
         found = locate(model, start.T_map_prior, case.points.of("eam").xyz, self.pose_sd, self.iterations)
         shape = model.shape(found.c)
         here = replace(start, surface=prior.with_vertices(apply(found.pose, shape)), T_map_prior=found.pose)
@@ -56,7 +69,9 @@ class Phases(Stage):
         return replace(
             fitted,
             T_map_prior=fit_similarity(prior.vertices, fitted.surface.vertices),
-            status=f"at {place:.2f} on the way through {len(case.phases) + 1} phases{word}; then {fitted.status}",
+            status=(
+                f"at {place:.2f} on the way through {len(case.phases) + 1} phases{word}; then {fitted.status}"
+            ),
             converged=found.converged and fitted.converged,
             iterations=len(found.trace) + fitted.iterations,
             motion=fitted.motion and Chain(shift, fitted.motion),

@@ -1,4 +1,6 @@
-"""Stage `recorded`: the pose that the case came with, such as a mapping system's own registration, as one more estimate."""
+"""Stage `recorded`: the pose that the case came with, such as a mapping system's own registration, as one
+more estimate.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +9,7 @@ from typing import ClassVar
 from ..case import Case
 from ..errors import InputError
 from ..estimate import Estimate
-from ..stage import Stage
+from ..plugins.stage import Stage
 
 
 class Recorded(Stage):

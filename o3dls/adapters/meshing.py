@@ -1,0 +1,126 @@
+"""Level set to mesh: Open3D's isosurface, then pymeshlab's repair, light smoothing and decimation; what that
+moves is measured.
+
+In 2D the zero set itself is the contour, and nothing needs to be cleaned.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arrays import Array, Ints
+from ..errors import SolverError
+from ..evaluation.validity import self_intersections
+from ..geometry.closest_point import ClosestPoint
+from ..geometry.components import largest_piece, pieces
+from ..geometry.surface import Surface, interpolated
+from ..levelset.distance import SignedDistance
+from ..levelset.isosurface import zero_set
+
+# pieces with less than this share of the faces of one that is meant are dust, or what a fold has pinched off
+LOOSE = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class Extraction:
+    """The zero set of a level set as a mesh, and how far the clean-up moved its vertices (length)."""
+
+    surface: Surface
+    shift_mean: float
+    shift_max: float
+    isosurface_faces: int
+
+
+def extract(
+    field: SignedDistance,
+    *,
+    smoothing: int = 3,
+    keep: float = 0.5,
+    islands: bool = True,
+    smallest: float = 1.0,
+) -> Extraction:
+    """The surface phi = 0, wound outward. smoothing: Taubin passes; keep: share of the isosurface's faces
+    that decimation leaves; islands: whether pieces beside the largest stay; smallest: the smallest of these
+    that is meant, in areas of the largest, of which one with less than a tenth is dust. Smoothing that would
+    make the surface cut itself is left out.
+
+    Raises SolverError where phi has no zero set.
+    """
+    if not ((field.phi < 0.0).any() and (field.phi >= 0.0).any()):
+        raise SolverError("the level set has no surface: phi does not change its sign")
+    raw = _chosen(*isosurface(field), islands)
+    if field.band.dimension == 2:
+        return Extraction(raw, 0.0, 0.0, len(raw.faces))
+    clean = _clean(raw, smoothing, keep, LOOSE * smallest)
+    if smoothing and self_intersections(clean):  # where two walls are closer than the lattice tells apart
+        clean = _clean(raw, 0, keep, LOOSE * smallest)
+    shift = ClosestPoint(raw.vertices, raw.faces).distance(clean.vertices)
+    return Extraction(clean, float(shift.mean()), float(shift.max()), len(raw.faces))
+
+
+def _chosen(vertices: Array, faces: Ints, islands: bool) -> Surface:
+    return Surface(vertices, faces) if islands else Surface(*largest_piece(vertices, faces))
+
+
+def isosurface(field: SignedDistance) -> tuple[Array, Ints]:
+    """Vertices and faces of phi = 0, wound outward: flying edges (Open3D) as they come, in 2D the zero set
+    itself.
+    """
+    if field.band.dimension == 2:
+        return zero_set(field.band, field.phi)
+    import open3d as o3d
+
+    box: NDArray[np.float32] = np.ascontiguousarray(
+        field.band.dense(field.phi).T
+    )  # Open3D's tensors are indexed z, y, x
+    mesh = o3d.t.geometry.TriangleMesh.create_isosurfaces(o3d.core.Tensor.from_numpy(box), [0.0])
+    vertices = mesh.vertex.positions.numpy().astype(np.float64) * field.band.spacing + field.band.origin
+    return vertices, mesh.triangle.indices.numpy()[:, ::-1]  # Open3D winds towards the smaller values
+
+
+def _clean(raw: Surface, smoothing: int, keep: float, loose: float = LOOSE) -> Surface:
+    """Repair non-manifold edges, drop dust, smooth lightly (Taubin 1995), decimate by quadrics; topology is
+    kept.
+    """
+    import pymeshlab
+
+    largest = np.bincount(pieces(len(raw.vertices), raw.faces)[raw.faces[:, 0]]).max()
+    meshes = pymeshlab.MeshSet()
+    meshes.add_mesh(pymeshlab.Mesh(raw.vertices, raw.faces.astype(np.int32)))
+    meshes.meshing_repair_non_manifold_edges()
+    meshes.meshing_remove_connected_component_by_face_number(mincomponentsize=int(loose * largest) + 1)
+    if smoothing:
+        meshes.apply_coord_taubin_smoothing(stepsmoothnum=smoothing)
+    if keep < 1.0:
+        faces = int(keep * meshes.current_mesh().face_number())
+        meshes.meshing_decimation_quadric_edge_collapse(
+            targetfacenum=faces, preservetopology=True, preservenormal=True
+        )
+    meshes.meshing_remove_unreferenced_vertices()
+    mesh = meshes.current_mesh()
+    return Surface(mesh.vertex_matrix(), mesh.face_matrix())
+
+
+def carry_fields(source: Surface, target: Surface) -> Surface:
+    """The target with the source's fields per vertex, read at the closest points: values never outlive a
+    change of mesh unmoved.
+
+    Fields of whole numbers are labels: they are those of the nearest corner, and no mean of two regions.
+    """
+    from dataclasses import replace
+
+    if not source.fields:
+        return target
+    _, face, _, weights = ClosestPoint(source.vertices, source.faces).query(target.vertices)
+    corners = source.faces[face]
+    nearest = np.take_along_axis(corners, weights.argmax(axis=1)[:, None], axis=1)[:, 0]
+
+    def read(values: Array) -> Array:
+        if (values == np.round(values)).all():
+            return values[nearest]
+        return interpolated(values, corners, weights)
+
+    return replace(target, fields={name: read(values) for name, values in source.fields.items()})

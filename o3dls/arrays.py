@@ -1,0 +1,11 @@
+"""Types of arrays: double precision and 64-bit indices, everywhere."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+Ints = NDArray[np.int64]

@@ -1,0 +1,206 @@
+"""Is this machine able to run o3dls: each check says what was found, and where it fails, the command that
+mends it.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from importlib import import_module
+from importlib.metadata import PackageNotFoundError, version
+
+from ..errors import O3dlsError
+
+MODULES = ("numpy", "scipy", "numba", "open3d", "pymeshlab", "trimesh", "pydantic", "click", "matplotlib")
+
+FILTERS = (  # of pymeshlab, all that o3dls calls; a test looks for others in the source
+    "apply_coord_taubin_smoothing",
+    "compute_selection_by_self_intersections_per_face",
+    "meshing_decimation_quadric_edge_collapse",
+    "meshing_remove_connected_component_by_face_number",
+    "meshing_remove_unreferenced_vertices",
+    "meshing_repair_non_manifold_edges",
+)
+
+PACKAGE_OF = {  # Debian's and Ubuntu's package of each shared library that the wheels expect of the system
+    "libGL.so.1": "libgl1",
+    "libEGL.so.1": "libegl1",
+    "libOpenGL.so.0": "libopengl0",
+    "libusb-1.0.so.0": "libusb-1.0-0",
+    "libX11.so.6": "libx11-6",
+}
+
+RENDER = """
+import open3d as o3d
+renderer = o3d.visualization.rendering.OffscreenRenderer(32, 32)
+material = o3d.visualization.rendering.MaterialRecord()
+renderer.scene.add_geometry("box", o3d.geometry.TriangleMesh.create_box(), material)
+renderer.render_to_image()
+"""
+RENDER_SECONDS = 30.0
+
+
+@dataclass(frozen=True)
+class Check:
+    """One finding; `mend` is what to do about it, empty where all is well. Without what is not `needed` o3dls
+    still does its work.
+    """
+
+    name: str
+    found: str
+    mend: str = ""
+    needed: bool = True
+
+    @property
+    def ok(self) -> bool:
+        return not self.mend
+
+    def __str__(self) -> str:
+        mark = "ok     " if self.ok else "FAULT  " if self.needed else "without"
+        return f"{mark} {self.name}: {self.found}" + (
+            f"\n        mend it with: {self.mend}" if self.mend else ""
+        )
+
+
+def diagnose() -> list[Check]:
+    """Every check, in the order in which faults should be mended."""
+    return [
+        _python(),
+        *map(_module, MODULES),
+        _one_open3d(),
+        _plugins(),
+        _filters(),
+        _kernel_cache(),
+        _renderer(),
+    ]
+
+
+def _python() -> Check:
+    found = f"{sys.version.split()[0]} in {sys.prefix}"
+    return Check(
+        "python",
+        found,
+        "" if sys.version_info >= (3, 11) else "a virtual environment of Python 3.11 or newer",
+    )
+
+
+def _module(name: str) -> Check:
+    try:
+        import_module(name)
+    except (ImportError, OSError) as error:
+        return Check(
+            name,
+            f"cannot be imported: {_said(error)}",
+            _apt(str(error)) or "python -m pip install -c constraints.txt .",
+        )
+    return Check(name, _version(name) or _version(f"{name}-cpu") or "installed")
+
+
+def _version(package: str) -> str | None:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return None
+
+
+def _said(error: Exception) -> str:
+    """The error on one line."""
+    return " ".join(str(error).split()) or type(error).__name__
+
+
+def _apt(message: str) -> str:
+    """The command that installs the shared libraries named in a loader's message, or nothing."""
+    packages = [package for library, package in PACKAGE_OF.items() if library in message]
+    return f"sudo apt-get install {' '.join(packages)}" if packages else ""
+
+
+def _one_open3d() -> Check:
+    both = [name for name in ("open3d", "open3d-cpu") if _version(name)]
+    mend = (
+        "python -m pip uninstall -y open3d open3d-cpu; python -m pip install -c constraints.txt ."
+        if len(both) > 1
+        else ""
+    )
+    return Check("open3d's distribution", " and ".join(both) + (" share one folder" if mend else ""), mend)
+
+
+def _plugins() -> Check:
+    from ..plugins.plugin import GROUPS, load, registered
+
+    try:
+        names = [(kind, name) for kind, group in GROUPS.items() for name in registered(group)]
+        for kind, name in names:
+            load(kind, name)
+    except (ImportError, AttributeError, O3dlsError) as error:
+        return Check("stages and writers", _said(error), "python -m pip install -c constraints.txt .")
+    return Check(
+        "stages and writers",
+        ", ".join(name for _, name in names),
+        "" if names else "python -m pip install -c constraints.txt .",
+    )
+
+
+def _filters() -> Check:
+    def missing() -> Iterator[str]:
+        import pymeshlab
+
+        there = set(pymeshlab.filter_list())
+        yield from (name for name in FILTERS if name not in there)
+
+    # Without libOpenGL pymeshlab can be imported, but leaves out the plugins that need it.
+    mend = "sudo apt-get install libgl1 libopengl0"
+    return _tried(
+        "pymeshlab's filters", lambda: ", ".join(missing()), f"all {len(FILTERS)} there", "missing: ", mend
+    )
+
+
+def _kernel_cache() -> Check:
+    def unwritable() -> str:
+        from numba.core.caching import FunctionCache
+
+        from ..geometry.closest_point import ClosestPoint
+
+        FunctionCache(
+            ClosestPoint.query
+        )  # looks for a folder that it may write, and raises where there is none
+        return ""
+
+    return _tried(
+        "kernel cache",
+        unwritable,
+        "writable",
+        "",
+        "export NUMBA_CACHE_DIR=FOLDER, with a folder that you may write",
+    )
+
+
+def _tried(name: str, fault: Callable[[], str], well: str, prefix: str, mend: str) -> Check:
+    """A check of something that answers with a fault, an empty text, or an error."""
+    try:
+        found = fault()
+    except (ImportError, OSError, RuntimeError) as error:
+        return Check(name, _said(error), _apt(str(error)) or mend)
+    return Check(name, prefix + found, mend) if found else Check(name, well)
+
+
+def _renderer() -> Check:
+    """Open3D's renderer, in a process of its own: it is known to hang. o3dls draws without it."""
+    name, mend = "open3d's renderer", "sudo apt-get install libegl1 libvulkan1 mesa-vulkan-drivers"
+    try:
+        done = subprocess.run(
+            [sys.executable, "-c", RENDER],
+            capture_output=True,
+            text=True,
+            timeout=RENDER_SECONDS,
+            check=False,
+        )
+    except subprocess.TimeoutExpired:
+        return Check(name, f"no picture within {RENDER_SECONDS:g} s", mend, needed=False)
+    if done.returncode:
+        said = done.stderr.strip().splitlines() or ["no message"]
+        return Check(
+            name, f"ended with code {done.returncode}: {said[-1]}", _apt(done.stderr) or mend, needed=False
+        )
+    return Check(name, "draws", needed=False)

@@ -1,0 +1,158 @@
+"""Commands on finished runs, files and the machine: report, compare, export, convert, import, doctor,
+view.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from .words import DONE, FILE, FOLDER, NOT_VALID
+
+
+@click.command()
+@click.argument("runs", metavar="RUN...", type=FOLDER, nargs=-1, required=True)
+@click.option("--out", type=FILE, help="HTML file to write; default: report.html in the first run folder")
+@click.option(
+    "--compare",
+    multiple=True,
+    metavar="ESTIMATE",
+    help="estimate to show; may be repeated; default: the ICP and the last",
+)
+@click.option(
+    "--slides/--no-slides",
+    default=True,
+    show_default=True,
+    help="pictures in figures/ and a one-page PDF beside the page",
+)
+def report(runs: tuple[Path, ...], out: Path | None, compare: tuple[str, ...], slides: bool) -> None:
+    """Write the report on a finished run, or on several runs of one case."""
+    from ..report.writer import write_report
+
+    click.echo(write_report(runs, out, compare=compare, slides=slides))
+
+
+@click.command()
+@click.argument("runs", metavar="RUN...", type=FOLDER, nargs=-1, required=True)
+@click.option("--out", type=FILE, default=Path("compare.html"), show_default=True, help="HTML page to write")
+def compare(runs: tuple[Path, ...], out: Path) -> None:
+    """Compare finished runs of one case or many: scores in one table, and a page with the worst first and
+    links to the reports.
+    """
+    from ..report.writer import compare as write_comparison
+    from ..runs.folder import read_run
+    from ..runs.tables import comparison
+
+    click.echo(comparison({str(folder): read_run(folder) for folder in runs}))
+    click.echo(write_comparison(runs, out))
+
+
+@click.command()
+@click.argument("run_folder", metavar="RUN", type=FOLDER)
+@click.option(
+    "--format",
+    default="ply",
+    show_default=True,
+    help="file format, such as ply, vtp, carto_vtk, mask_nrrd, tfm",
+)
+@click.option("--estimate", help="estimate to write; default: the last")
+@click.option("--out", type=FILE, help="file to write; default: in the run's folder export/")
+@click.option("--frame", help="frame to write in, LPS or RAS; default: the frame of the case")
+@click.option("--field", help="carto_vtk: the field that becomes its one scalar")
+@click.option("--vmin", type=float, help="carto_vtk: value at the lower end of the colours")
+@click.option("--vmax", type=float, help="carto_vtk: value at the upper end of the colours")
+def export(run_folder: Path, out: Path | None, **options: Any) -> None:
+    """Write a surface of a finished run for other programs, with a sidecar that says frame, units and what
+    the values mean.
+    """
+    from ..runs.export import export_run
+
+    click.echo(export_run(run_folder, out, **options))
+
+
+@click.command()
+@click.argument("source", metavar="IN", type=FILE)
+@click.argument("target", metavar="OUT", type=FILE)
+@click.option("--format", help="format of OUT where its suffix stands for several, such as carto_vtk")
+@click.option("--units", help="units of IN where it does not state them: mm, cm, m, um, in")
+@click.option("--frame", help="frame of IN where it does not state it: LPS or RAS")
+@click.option("--to", help="frame to write, LPS or RAS")
+@click.option("--cap", is_flag=True, help="close the openings of a surface")
+@click.option("--faces", type=int, help="decimate to so many triangles")
+@click.option("--label", type=int, help="label volumes: the label to take")
+@click.option("--part", help="the named segment or volume to take")
+@click.option("--box", type=float, nargs=6, help="label volumes: cut to least x y z, most x y z (mm, LPS)")
+def convert(source: Path, target: Path, **options: Any) -> None:
+    """Write a surface, points, named places or a pose in another format; frame and units are said on both
+    sides.
+    """
+    from ..io.conversion import convert as convert_file
+
+    for sentence in convert_file(source, target, **options):
+        click.echo(sentence)
+
+
+@click.command()
+@click.argument("run_folder", metavar="RUN", type=FOLDER)
+@click.option("--estimate", help="estimate to send; default: the last")
+@click.option("--host", default="localhost", show_default=True, help="where the receiver listens")
+@click.option("--port", default=18944, show_default=True, help="its port; this is Slicer's")
+def send(run_folder: Path, **options: Any) -> None:
+    """Send a finished run live by OpenIGTLink: surface, landmarks, ablation points and pose, in RAS."""
+    from ..runs.live import send as send_run
+
+    click.echo(f"{send_run(run_folder, **options)} bytes sent")
+
+
+@click.command("import")
+@click.argument("study", type=FILE)
+@click.argument("out", metavar="DIR", type=FOLDER)
+@click.option("--map", "map_name", help="name of the map; default: the only one with points")
+@click.option("--prior", type=FILE, help="surface or label volume that becomes the prior")
+@click.option(
+    "--landmarks", type=FILE, help="places named on the prior: .mrk.json, .fcsv, or .csv with name,x,y,z"
+)
+@click.option("--cap", is_flag=True, help="close the openings of the prior")
+@click.option("--label", type=int, help="label volume: the label to take")
+@click.option("--part", help="the named segment or volume of the prior")
+@click.option("--box", type=float, nargs=6, help="label volume: cut to least x y z, most x y z (mm, LPS)")
+@click.option("--force", is_flag=True, help="replace the folder if it is a case")
+def import_(study: Path, out: Path, map_name: str | None, **options: Any) -> None:
+    """Make a case folder of a CARTO 3, EnSite or OpenEP study (folder, zip or file), and say what was taken
+    and what was left.
+    """
+    from ..io.mapping.study import import_study
+
+    found = import_study(study, map_name, out, **options)
+    click.echo(
+        "\n".join(
+            [*(f"took {line}" for line in found.took), *(f"left {line}" for line in found.left), str(out)]
+        )
+    )
+
+
+@click.command()
+def doctor() -> int:
+    """Check this machine, and say how to mend each fault."""
+    from .doctor import diagnose
+
+    checks = diagnose()
+    for check in checks:
+        click.echo(check)
+    return DONE if all(check.ok for check in checks if check.needed) else NOT_VALID
+
+
+@click.command()
+@click.argument("run_folder", metavar="RUN", type=FOLDER)
+def view(run_folder: Path) -> None:
+    """Open a window on a finished run; keys switch estimates, colours, points, prior and truth."""
+    import signal
+
+    from ..report.window import view as open_window
+
+    signal.signal(
+        signal.SIGTERM, signal.SIG_DFL
+    )  # Open3D's loop does not return to Python, where the command line would hear of it
+    open_window(run_folder)

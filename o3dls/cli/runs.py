@@ -1,0 +1,176 @@
+"""Commands that make runs: demo, run, check, stages, batch, paper."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from .words import DONE, FILE, FOLDER, NOT_VALID, WRONG_INPUT
+
+
+@click.command()
+@click.option(
+    "--out",
+    type=FOLDER,
+    default=Path("o3dls_demo"),
+    show_default=True,
+    help="run folder; an earlier demo is replaced",
+)
+@click.option("--force", is_flag=True, help="replace any other run in the same folder too")
+def demo(out: Path, force: bool) -> int:
+    """Run the main job on the built-in atrium: align, deform, refine, score, report, export."""
+    from ..io.case_folder import read_case
+    from ..pipeline.batch import run_into
+    from ..pipeline.file import default_pipeline
+    from ..resources import demo_case
+    from ..runs.folder import repeats
+
+    plan = default_pipeline()
+    case = read_case(demo_case())
+    force = force or ((out / "run.json").is_file() and repeats(out, plan, case))
+    return _told(run_into(plan, case, out, force=force), out)
+
+
+@click.command()
+@click.argument("pipeline", type=FILE, required=False)
+@click.option("--case", type=FOLDER, help="case folder; overrules the pipeline's")
+@click.option("--points", type=FILE, help="points file in place of the case's")
+@click.option("--units", help="units of the case where its files do not say: mm, cm, m, um, in, px")
+@click.option("--frame", help="frame of the points: LPS, RAS or unknown")
+@click.option("--out", type=FOLDER, help="run folder to make; overrules the pipeline's")
+@click.option(
+    "--set",
+    "settings",
+    multiple=True,
+    metavar="STAGE.PARAM=VALUE",
+    help="overrule a parameter of the pipeline; may be repeated",
+)
+@click.option("--force", is_flag=True, help="replace an earlier run in the same folder")
+def run(
+    pipeline: Path | None,
+    case: Path | None,
+    out: Path | None,
+    settings: tuple[str, ...],
+    force: bool,
+    **reading: Any,
+) -> int:
+    """Run a PIPELINE file, or without one the default pipeline with what the case allows."""
+    from ..errors import InputError
+    from ..io.atomic import check_free
+    from ..io.case_folder import read_case
+    from ..pipeline.batch import run_into
+    from ..pipeline.file import default_pipeline, read_pipeline
+
+    if pipeline and pipeline.is_dir():
+        raise InputError(
+            f"{pipeline}: is a folder and no pipeline file; if it is a case, say --case {pipeline}"
+        )
+    plan = read_pipeline(pipeline, settings) if pipeline else default_pipeline(settings)
+    folder = _needed(case or plan.case, "--case")
+    out = _needed(out or plan.out, "--out")
+    check_free(out, force, "run", [source for source in (folder, reading["points"], pipeline) if source])
+    subject = read_case(folder, **reading)
+    return _told(run_into(plan if pipeline else plan.allowed_by(subject), subject, out, force=force), out)
+
+
+@click.command()
+@click.argument("pipeline", type=FILE)
+@click.option("--case", type=FOLDER, help="case folder; overrules the pipeline's")
+def check(pipeline: Path, case: Path | None) -> int:
+    """Name every mistake of a PIPELINE file and its case before any work."""
+    from ..pipeline.file import all_mistakes
+
+    mistakes = all_mistakes(pipeline, case)
+    for mistake in mistakes:
+        click.echo(f"o3dls: {' '.join(mistake.split())}", err=True)
+    if not mistakes:
+        click.echo(f"{pipeline}: no mistakes")
+    return WRONG_INPUT if mistakes else DONE
+
+
+@click.command()
+@click.argument("name", required=False)
+def stages(name: str | None) -> None:
+    """List stages and writers, or the parameters of NAME with unit, default and bounds."""
+    from ..plugins.catalogue import listing, sheet
+
+    click.echo(sheet(name) if name else listing())
+
+
+@click.command()
+@click.argument("cases", type=FOLDER, nargs=-1, required=True)
+@click.option(
+    "--pipeline", type=FILE, help="pipeline file; without one the default pipeline with what each case allows"
+)
+@click.option(
+    "--out",
+    type=FOLDER,
+    default=Path("runs"),
+    show_default=True,
+    help="folder for the run folders and cohort.csv",
+)
+@click.option(
+    "--set",
+    "settings",
+    multiple=True,
+    metavar="STAGE.PARAM=VALUE",
+    help="overrule a parameter of the pipeline; may be repeated",
+)
+@click.option(
+    "--jobs", type=click.IntRange(min=1), default=1, show_default=True, help="cases that run at one time"
+)
+@click.option("--force", is_flag=True, help="replace earlier runs in the same folders")
+def batch(
+    cases: tuple[Path, ...],
+    pipeline: Path | None,
+    out: Path,
+    settings: tuple[str, ...],
+    jobs: int,
+    force: bool,
+) -> int:
+    """Run one pipeline over many CASES, side by side, and write one table of the cohort."""
+    from ..pipeline.batch import run_cohort
+    from ..pipeline.file import default_pipeline, read_pipeline
+
+    plan = read_pipeline(pipeline, settings) if pipeline else default_pipeline(settings)
+    outcomes = run_cohort(cases, plan, out, jobs=jobs, trim=not pipeline, force=force)
+    for outcome in outcomes:
+        click.echo(f"{outcome.case}: {outcome.error or '; '.join(outcome.faults) or 'done'}")
+    click.echo(f"{out / 'cohort.csv'}")
+    if any(outcome.error for outcome in outcomes):
+        return WRONG_INPUT
+    return NOT_VALID if any(outcome.faults for outcome in outcomes) else DONE
+
+
+@click.command()
+@click.option(
+    "--out",
+    type=FOLDER,
+    required=True,
+    help="folder to make: index.html, index.md, figures, and the numbers behind them",
+)
+@click.option("--quick", is_flag=True, help="few seeds and levels: a minute instead of a quarter of an hour")
+@click.option("--force", is_flag=True, help="replace an earlier page in the same folder")
+def paper(out: Path, quick: bool, force: bool) -> None:
+    """Compute the paper's experiments and the questions it left open, with fixed seeds, and write one page
+    about them.
+    """
+    from ..paper.compute import make
+
+    click.echo(make(out, quick=quick, force=force))
+
+
+def _needed(value: Path | None, option: str) -> Path:
+    if value is None:
+        raise click.UsageError(f"no {option} given, and the pipeline names none")
+    return value
+
+
+def _told(result: Any, out: Path) -> int:
+    """Print the scores of a finished run and where it is; say what is not valid."""
+    click.echo(f"{result}\n{out}")
+    for fault in result.faults:
+        click.echo(f"o3dls: the result is not valid: {result.final}: {fault}", err=True)
+    return NOT_VALID if result.faults else DONE

@@ -1,0 +1,273 @@
+"""Exact closest points on triangles (3D) or segments (2D): a bounding-box tree, split at medians, that
+follows a moving surface.
+"""
+
+from __future__ import annotations
+
+from copy import copy
+
+import numpy as np
+from numba import njit
+
+from ..arrays import Array, Ints
+from ..parallel import axes_of, by_rows
+
+WORTH = 500  # points that are worth a thread
+LEAF = 4  # faces per leaf: fewer deepen the tree, more test triangles in vain
+
+
+class ClosestPoint:
+    """Closest points on a surface of vertices (n, d) and faces (m, d); `at` follows moved vertices without
+    rebuilding the tree.
+
+    Inside, a segment of the plane is a triangle in space whose last two corners coincide, so that one kernel
+    serves both.
+    """
+
+    def __init__(self, vertices: Array, faces: Ints) -> None:
+        self.faces = np.ascontiguousarray(faces, dtype=np.int64)
+        self.leaves = 1 << max(0, int(np.ceil(np.log2(len(faces) / LEAF))))
+        self.order = _median_order(np.ascontiguousarray(vertices[self.faces].mean(axis=1).T), self.leaves)
+        self.rank = np.argsort(self.order)
+        self.in_order = self.faces[self.order]
+        self._place(vertices)
+
+    def at(self, vertices: Array) -> ClosestPoint:
+        """The same surface at new vertex positions (n, d); exact for any motion, fastest while neighbours
+        stay neighbours.
+        """
+        moved = copy(self)
+        moved._place(vertices)
+        return moved
+
+    def _place(self, vertices: Array) -> None:
+        self.vertices = np.ascontiguousarray(vertices, dtype=np.float64)
+        self.corners, self.boxes = _arrange(axes_of(vertices), self.vertices, self.in_order, self.leaves)
+
+    def query(
+        self, points: Array, bound: float = np.inf, hint: Ints | None = None
+    ) -> tuple[Array, Ints, Array, Array]:
+        """Squared distance (k,), face (k,), closest point (k, d) and barycentric weights (k, d) of points (k,
+        d).
+
+        Beyond `bound` (a length) the face is -1 and the distance infinite. `hint` (k,) names faces that are
+        probably near, such as those of the last query of an iteration: it halves the time and changes nothing
+        but the choice between faces equally near.
+        """
+        n, d = points.shape
+        spatial = np.zeros((n, 3))
+        spatial[:, :d] = points
+        guess = np.full(n, -1) if hint is None else self.rank[hint]
+        squared = np.full(n, np.inf)
+        found = np.full(n, -1)
+        feet = np.full((n, 3), np.nan)
+        weights = np.zeros((n, 3))
+        by_rows(
+            _query,
+            WORTH,
+            (spatial, guess, squared, found, feet, weights),
+            self.corners,
+            self.leaves,
+            self.boxes,
+            bound * bound,
+        )
+        return squared, np.where(found < 0, -1, self.order[found]), feet[:, :d], weights[:, :d]
+
+    def distance(self, points: Array) -> Array:
+        """Unsigned distance (k,) of points (k, d)."""
+        return np.asarray(np.sqrt(self.query(points)[0]))
+
+
+@njit(cache=True)
+def _median_order(centres, leaves):  # type: ignore[no-untyped-def]
+    """Faces by leaf: each node's centres (d, m) are halved at the median of their longest extent, so that
+    boxes hardly overlap.
+    """
+    dim, m = centres.shape
+    order = np.arange(m)
+    stack = np.empty((128, 2), dtype=np.int64)
+    stack[0, 0] = 0
+    stack[0, 1] = leaves
+    top = 1
+    while top > 0:
+        top -= 1
+        first, last = stack[top, 0], stack[top, 1]
+        if last - first < 2:
+            continue
+        half = (first + last) // 2
+        low, high, middle = first * m // leaves, last * m // leaves, half * m // leaves
+        longest, axis = -1.0, 0
+        for k in range(dim):
+            least, most = np.inf, -np.inf
+            for i in range(low, high):
+                least, most = min(least, centres[k, order[i]]), max(most, centres[k, order[i]])
+            if most - least > longest:
+                longest = most - least
+                axis = k
+        _partition(centres[axis], order, low, high - 1, middle)
+        stack[top, 0], stack[top, 1] = first, half
+        stack[top + 1, 0], stack[top + 1, 1] = half, last
+        top += 2
+    return order
+
+
+@njit(cache=True)
+def _partition(values, order, left, right, middle):  # type: ignore[no-untyped-def]
+    """Rearrange order[left : right + 1] so that no value before `middle` exceeds one behind it (Hoare's
+    selection).
+    """
+    while left < right:
+        pivot = values[order[(left + right) // 2]]
+        i, j = left, right
+        while i <= j:
+            while values[order[i]] < pivot:
+                i += 1
+            while values[order[j]] > pivot:
+                j -= 1
+            if i <= j:
+                order[i], order[j] = order[j], order[i]
+                i += 1
+                j -= 1
+        if middle <= j:
+            right = j
+        elif middle >= i:
+            left = i
+        else:
+            return
+
+
+@njit(cache=True)
+def _arrange(axes, vertices, faces, leaves):  # type: ignore[no-untyped-def]
+    """Corners (m, 3, 3) of faces in tree order, and bounding boxes (low, high) of an implicit binary tree:
+    children of node i are 2i+1 and 2i+2, the leaves come last.
+    """
+    m, dim = len(faces), len(axes)
+    corners = np.zeros((m, 3, 3))
+    boxes = np.empty((2 * leaves - 1, 2, 3))
+    for leaf in range(leaves):
+        x0 = y0 = z0 = np.inf  # scalars stay in registers
+        x1 = y1 = z1 = -np.inf
+        for k in range(leaf * m // leaves, (leaf + 1) * m // leaves):
+            for corner in range(3):
+                for axis in range(dim):
+                    corners[k, corner, axis] = vertices[faces[k, min(corner, dim - 1)], axis]
+                x, y, z = corners[k, corner, 0], corners[k, corner, 1], corners[k, corner, 2]
+                x0, y0, z0 = min(x0, x), min(y0, y), min(z0, z)
+                x1, y1, z1 = max(x1, x), max(y1, y), max(z1, z)
+        box = boxes[leaves - 1 + leaf]
+        box[0, 0], box[0, 1], box[0, 2] = x0, y0, z0
+        box[1, 0], box[1, 1], box[1, 2] = x1, y1, z1
+    for node in range(leaves - 2, -1, -1):
+        for axis in range(3):
+            boxes[node, 0, axis] = min(boxes[2 * node + 1, 0, axis], boxes[2 * node + 2, 0, axis])
+            boxes[node, 1, axis] = max(boxes[2 * node + 1, 1, axis], boxes[2 * node + 2, 1, axis])
+    return corners, boxes
+
+
+@njit(cache=True)
+def box_gap(x, y, z, boxes, node):  # type: ignore[no-untyped-def]
+    """Squared distance of a point from a box."""
+    dx = max(boxes[node, 0, 0] - x, x - boxes[node, 1, 0], 0.0)
+    dy = max(boxes[node, 0, 1] - y, y - boxes[node, 1, 1], 0.0)
+    dz = max(boxes[node, 0, 2] - z, z - boxes[node, 1, 2], 0.0)
+    return dx * dx + dy * dy + dz * dz
+
+
+@njit(cache=True)
+def _second_and_third(bx, by, bz, cx, cy, cz, x, y, z):  # type: ignore[no-untyped-def]
+    """Barycentric weights of the second and third corner at the closest point, by Voronoi regions (Ericson,
+    Real-Time Collision Detection, 5.1.5); corners and point relative to the first corner. Scalars, because
+    array views cost more than the sums.
+    """
+    d1 = bx * x + by * y + bz * z
+    d2 = cx * x + cy * y + cz * z
+    if d1 <= 0.0 and d2 <= 0.0:
+        return 0.0, 0.0
+    bb, bc, cc = bx * bx + by * by + bz * bz, bx * cx + by * cy + bz * cz, cx * cx + cy * cy + cz * cz
+    d3, d4 = d1 - bb, d2 - bc
+    if d3 >= 0.0 and d4 <= d3:
+        return 1.0, 0.0
+    vc = d1 * d4 - d3 * d2
+    if vc <= 0.0 and d1 >= 0.0 and d3 <= 0.0 and bb > 0.0:
+        return d1 / bb, 0.0
+    d5, d6 = d1 - bc, d2 - cc
+    if d6 >= 0.0 and d5 <= d6:
+        return 0.0, 1.0
+    vb = d5 * d2 - d1 * d6
+    if vb <= 0.0 and d2 >= 0.0 and d6 <= 0.0:
+        return 0.0, d2 / max(cc, 1e-300)  # zero where all corners coincide
+    va = d3 * d6 - d5 * d4
+    if va <= 0.0 and d4 - d3 >= 0.0 and d5 - d6 >= 0.0:
+        w = (d4 - d3) / max((d4 - d3) + (d5 - d6), 1e-300)
+        return 1.0 - w, w
+    total = va + vb + vc
+    return vb / total, vc / total
+
+
+@njit(cache=True)
+def closest_on_face(x, y, z, corners, k):  # type: ignore[no-untyped-def]
+    """Squared distance of a point from face k, and the weights of its second and third corner."""
+    ax, ay, az = corners[k, 0, 0], corners[k, 0, 1], corners[k, 0, 2]
+    bx, by, bz = corners[k, 1, 0] - ax, corners[k, 1, 1] - ay, corners[k, 1, 2] - az
+    cx, cy, cz = corners[k, 2, 0] - ax, corners[k, 2, 1] - ay, corners[k, 2, 2] - az
+    v, w = _second_and_third(bx, by, bz, cx, cy, cz, x - ax, y - ay, z - az)
+    gx, gy, gz = x - ax - v * bx - w * cx, y - ay - v * by - w * cy, z - az - v * bz - w * cz
+    return gx * gx + gy * gy + gz * gz, v, w
+
+
+@njit(cache=True, nogil=True)
+def _query(points, guess, best2, found, feet, weights, corners, leaves, boxes, bound2):  # type: ignore[no-untyped-def]
+    """Fill in what is nearest to each point, where something is near enough."""
+    n, m = points.shape[0], corners.shape[0]
+    stack = np.empty(128, dtype=np.int64)
+    stack_gap = np.empty(128)
+    for i in range(n):
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        limit = bound2
+        best = -1
+        best_v = 0.0
+        best_w = 0.0
+        if guess[i] >= 0:
+            gap, v, w = closest_on_face(x, y, z, corners, guess[i])
+            if gap <= limit:
+                limit = gap
+                best = guess[i]
+                best_v = v
+                best_w = w
+        stack[0] = 0
+        stack_gap[0] = box_gap(x, y, z, boxes, 0)
+        top = 1
+        while top > 0:
+            top -= 1
+            node = stack[top]
+            if stack_gap[top] > limit:
+                continue
+            while node < leaves - 1:  # down the nearer side; the farther waits
+                near, far = 2 * node + 1, 2 * node + 2
+                gap_near, gap_far = box_gap(x, y, z, boxes, near), box_gap(x, y, z, boxes, far)
+                if gap_far < gap_near:
+                    near, far, gap_near, gap_far = far, near, gap_far, gap_near
+                if gap_far <= limit:
+                    stack[top], stack_gap[top] = far, gap_far
+                    top += 1
+                if gap_near > limit:
+                    break
+                node = near
+            if node < leaves - 1:
+                continue
+            leaf = node - (leaves - 1)
+            for k in range(leaf * m // leaves, (leaf + 1) * m // leaves):
+                gap, v, w = closest_on_face(x, y, z, corners, k)
+                if gap < limit or (gap == limit and best < 0):
+                    limit, best, best_v, best_w = gap, k, v, w
+        if best >= 0:
+            best2[i], found[i] = limit, best
+            weights[i, 0] = 1.0 - best_v - best_w
+            weights[i, 1] = best_v
+            weights[i, 2] = best_w
+            for axis in range(3):
+                feet[i, axis] = (
+                    weights[i, 0] * corners[best, 0, axis]
+                    + best_v * corners[best, 1, axis]
+                    + best_w * corners[best, 2, axis]
+                )

@@ -1,0 +1,190 @@
+"""Mending folds: where a steep field turned faces over, far from any point, the surface takes the bend of its
+surroundings.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_matrix, diags
+from scipy.sparse.csgraph import connected_components
+from scipy.sparse.linalg import splu
+from scipy.spatial import cKDTree
+
+from ..arrays import Array, Ints
+from .differential import face_normals, neighbours, vertex_normals
+from .surface import Surface, crossed_by
+
+Mask = NDArray[np.bool_]
+# between a face's normal and where its surroundings' rotation took it: beyond 75 degrees it is folding
+LEAST_COSINE = 0.25
+SURROUNDINGS = 0.3  # rms radii
+BLOCK = 2000  # faces whose surroundings are in memory at a time
+ENOUGH = 16_000  # vertices: of more, an even part tells how the surroundings turned
+SLIVER = 0.01  # longest edges: the height of a face that is no more than a line
+FEW = 8  # faces: so many more than twice those at first come and go while a patch grows
+
+
+def uncrossed(outline: Surface) -> Surface:
+    """The closed line through the same vertices that does not cross itself: between two segments that cross,
+    the way is taken backwards (2-opt, Croes 1958), which shortens it, so that this ends. A line of several
+    loops stays as it is.
+    """
+    after = dict(outline.faces.tolist())
+    order = [int(outline.faces[0, 0])]
+    while after[order[-1]] != order[0] and len(order) < len(after):
+        order.append(after[order[-1]])
+    if len(order) < len(outline.faces):
+        return outline
+    outline = _through(outline, order)
+    k = 0
+    while k < len(order):
+        crossing = np.flatnonzero(crossed_by(outline, k))
+        k += 1
+        if len(crossing):
+            first, last = sorted((k - 1, int(crossing[0])))
+            order[first + 1 : last + 1] = order[first + 1 : last + 1][::-1]
+            # what lies before crosses the new segments at most, and these come again
+            outline = _through(outline, order)
+            k = first
+    return outline if outline.volume > 0.0 else _through(outline, order[::-1])
+
+
+def _through(outline: Surface, order: list[int]) -> Surface:
+    """The closed line through an outline's vertices in an order."""
+    return replace(outline, faces=np.column_stack([order, np.roll(order, -1)]))
+
+
+def unfold(rest: Array, moved: Array, faces: Ints, rounds: int = 12) -> tuple[Array, int, int]:
+    """Vertices (n, d) moved from `rest` with folds mended, how many faces had folded, and how many are folded
+    still.
+
+    Slivers are straightened. Around other turned faces the displacement is replaced by the one of least
+    bending (biharmonic) that continues the surroundings; the patch grows round the faces that are still
+    turned until none is, or `rounds` are over: then the round that left fewest counts. It begins with two
+    rings, however fine the mesh, and ends as wide as folds of the wall are.
+    """
+    turned = _turned(rest, moved, faces)
+    count = int(turned.sum())
+    if count == 0:
+        return moved, 0, 0
+    displacement, turned = _straightened(rest, moved - rest, faces, turned)
+    best = rest + displacement if turned.sum() < count else moved
+    left = int(turned.sum())
+    if left == 0:
+        return best, count, 0
+    adjacency = neighbours(faces, len(rest))
+    laplacian = diags(np.asarray(adjacency.sum(axis=1)).ravel()) - adjacency
+    bending = csr_matrix(laplacian.T @ laplacian)
+    piece = connected_components(adjacency, directed=False)[1]
+    finer = np.ceil(np.sqrt(len(rest) / ENOUGH))  # a ring of a fine mesh is narrow
+    zone = np.zeros(len(rest), dtype=bool)
+    for attempt in range(rounds):
+        patch = np.zeros(len(rest), dtype=bool)
+        patch[faces[turned]] = True
+        for _ in range(round((2 + attempt // 2) * finer ** (attempt / (rounds - 1)))):
+            patch |= (adjacency @ patch.astype(np.float64)) > 0.0
+        patch |= zone
+        patch &= (np.bincount(piece, ~patch) > 0.0)[
+            piece
+        ]  # a piece that has folded as a whole has nothing to continue
+        if not (patch & ~zone).any():  # the same faces are turned still: wider around them
+            continue
+        zone = patch
+        inside = np.flatnonzero(zone)
+        outside = np.flatnonzero(~zone)
+        rows = bending[inside]
+        bends = splu(
+            rows[:, inside].tocsc(),
+            permc_spec="MMD_AT_PLUS_A",
+            diag_pivot_thresh=0.0,
+            options={"SymmetricMode": True},
+        )
+        displacement[inside] = bends.solve(-(rows[:, outside] @ displacement[outside]))
+        displacement, turned = _straightened(
+            rest, displacement, faces, _turned(rest, rest + displacement, faces)
+        )
+        if turned.sum() < left:
+            best = rest + displacement
+            left = int(turned.sum())
+        if (
+            left == 0 or turned.sum() > 2 * count + FEW
+        ):  # patches that fold ever more would spread over the whole surface
+            break
+    return best, count, left
+
+
+def _straightened(rest: Array, displacement: Array, faces: Ints, turned: Mask) -> tuple[Array, Mask]:
+    """Displacement (n, d) whose turned slivers move as their longest edge does, and the faces (m,) that are
+    turned then.
+
+    Any bend turns a triangle over whose corners stand nearly in line, though it takes its middle corner by no
+    more than the height.
+    """
+    while faces.shape[1] == 3:
+        which = faces[turned]
+        corners = rest[which]
+        middle = np.linalg.norm(np.roll(corners, -1, axis=1) - np.roll(corners, -2, axis=1), axis=2).argmax(
+            axis=1
+        )
+        own, second, first = (
+            np.take_along_axis(which, (middle[:, None] + k) % 3, axis=1)[:, 0] for k in range(3)
+        )
+        edge, along = rest[second] - rest[first], rest[own] - rest[first]
+        share = ((along * edge).sum(axis=1) / np.maximum((edge**2).sum(axis=1), 1e-300))[:, None]
+        thin = np.linalg.norm(along - share * edge, axis=1) < SLIVER * np.linalg.norm(edge, axis=1)
+        if not thin.any():
+            break
+        straight = displacement.copy()
+        straight[own[thin]] = ((1.0 - share) * displacement[first] + share * displacement[second])[thin]
+        still = _turned(rest, rest + straight, faces)
+        if still.sum() >= turned.sum():
+            break
+        displacement, turned = straight, still
+    return displacement, turned
+
+
+def _turned(rest: Array, moved: Array, faces: Ints) -> Mask:
+    """Faces (m,) that turned over against their surroundings: what turned together has moved, and what turned
+    alone is folded.
+    """
+    before, after = face_normals(rest, faces), face_normals(moved, faces)
+    turned = np.asarray(np.einsum("md,md->m", before, after) < LEAST_COSINE)  # all that can have folded
+    which = np.flatnonzero(turned)
+    if len(which):
+        carried = np.einsum("nij,nj->ni", _rotations(rest, moved, faces, which, before[which]), before[which])
+        turned[which] = (carried * after[which]).sum(axis=1) < LEAST_COSINE
+    return turned
+
+
+def _rotations(rest: Array, moved: Array, faces: Ints, which: Ints, facing: Array) -> Array:
+    """Rotations (k, d, d) by which the surroundings of some faces, of normals `facing`, went from rest to
+    moved (least squares).
+
+    The surroundings are of the same wall, not of the one behind it.
+    """
+    dim = rest.shape[1]
+    step = -(-len(rest) // ENOUGH)
+    a, b = rest - rest.mean(axis=0), moved - moved.mean(axis=0)
+    moments = np.column_stack([np.ones(len(a)), a, b, (b[:, :, None] * a[:, None, :]).reshape(len(a), -1)])
+    sums = moments[faces[which]].sum(axis=1)
+    normals = vertex_normals(rest, faces)[::step]
+    some = moments[::step]
+    tree = cKDTree(a[::step])
+    middle = a[faces[which]].mean(axis=1)
+    radius = SURROUNDINGS * float(np.sqrt((a**2).sum(axis=1).mean()))
+    for first in range(0, len(which), BLOCK):
+        block = slice(first, first + BLOCK)
+        pairs = cKDTree(middle[block]).sparse_distance_matrix(tree, radius, output_type="ndarray")
+        i, j = pairs["i"], pairs["j"]
+        same = (normals[j] * facing[block][i]).sum(axis=1) > 0.0
+        near = csr_matrix((same.astype(np.float64), (i, j)), shape=(len(middle[block]), len(some)))
+        sums[block] += near @ some
+    count, mean_a, mean_b, products = np.split(sums, [1, 1 + dim, 1 + 2 * dim], axis=1)
+    u, _, vt = np.linalg.svd(
+        products.reshape(-1, dim, dim) - (mean_b[:, :, None] * mean_a[:, None, :]) / count[:, :, None]
+    )
+    u[:, :, -1] *= np.sign(np.linalg.det(u @ vt))[:, None]
+    return np.asarray(u @ vt)

@@ -1,0 +1,253 @@
+"""One file into another format: surfaces, measured points, named places and poses; frame and units said on
+both sides.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..arrays import Array
+from ..case import SPACES
+from ..errors import InputError
+from ..geometry.similarity import TURN, apply
+from ..geometry.surface import Surface
+from .case_folder import check_scale
+from .case_settings import MILLIMETRES
+from .markups import Markups, read_markups, write_markups
+from .meshes.registry import is_surface, read_surface_file, write_surface
+from .meshes.repair import closed_outward, welded
+from .meshes.surface_file import SurfaceFile
+from .points import points_of, read_points_table, scaled
+from .table import write_table
+from .transforms import read_transform, turned, write_transform
+
+MARKUPS = (".json", ".fcsv")
+TRANSFORMS = (".tfm", ".txt")
+TABLES = (".csv", ".tsv")
+
+
+def convert(
+    source: str | Path,
+    target: str | Path,
+    *,
+    format: str | None = None,
+    units: str | None = None,
+    frame: str | None = None,
+    to: str | None = None,
+    cap: bool = False,
+    faces: int | None = None,
+    **choice: Any,
+) -> list[str]:
+    """Write `source` as `target`; the format of the one is told by its content, of the other by its suffix
+    (or `format`).
+
+    units, frame: what the source is in where it does not say so itself. to: the frame to write, LPS or RAS.
+    cap: close openings. faces: decimate to so many. choice: label, part, box, hidden of the reader. Gives
+    sentences on what was done. Raises InputError where something contradicts the file, is missing, or means
+    nothing for the kind of file.
+    """
+    source, target = Path(source), Path(target)
+    for name, value, allowed in (
+        ("units", units, tuple(MILLIMETRES)),
+        ("frame", frame, SPACES),
+        ("to", to, SPACES[:2]),
+    ):
+        if value is not None and value not in allowed:
+            raise InputError(f"{name} = '{value}': must be one of {', '.join(allowed)}")
+    if is_surface(source):
+        return _surface(source, target, format, units, frame, to, cap=cap, faces=faces, choice=choice)
+    suffix = source.suffix.lower()
+    if suffix not in (*TABLES, *MARKUPS, *TRANSFORMS):
+        raise InputError(
+            f"{source}: is no surface, points (.csv), named places (.mrk.json, .fcsv) or pose (.tfm, "
+            ".txt) that o3dls knows; is it damaged?"
+        )
+    if cap or faces is not None or format or any(value is not None for value in choice.values()):
+        raise InputError(
+            f"{source}: is no surface, so cap, faces, format, label, part, box and hidden mean nothing for it"
+        )
+    write = _transform if suffix in TRANSFORMS else _markups if suffix in MARKUPS else _points
+    return write(source, target, units, frame, to)
+
+
+def _surface(
+    source: Path,
+    target: Path,
+    format: str | None,
+    units: str | None,
+    frame: str | None,
+    to: str | None,
+    *,
+    cap: bool,
+    faces: int | None,
+    choice: dict[str, Any],
+) -> list[str]:
+    file = in_millimetres(source, read_surface_file(source, **choice), units)
+    surface = file.surface
+    space = _settled(source, "frame", file.space, frame)
+    done = [
+        f"{source}: {len(surface.vertices)} vertices, {len(surface.faces)} faces, frame {space}, units "
+        f"{file.units}"
+    ]
+    if dropped := file.metadata.get("voxels_of_smaller_pieces"):
+        done.append(f"{source}: {dropped} voxels of smaller pieces are left out")
+    if to and surface.dimension == 2:
+        raise InputError(f"{source}: is an outline in 2D, and LPS and RAS are frames in 3D; leave --to away")
+    if to and _turns(source, space, to):
+        surface = surface.transformed(TURN)
+    if cap:
+        surface = closed_outward(surface, str(source), cap=True)
+    if faces is not None and faces < len(surface.faces):
+        surface = decimated(surface, faces)
+    space = to or space
+    write_surface(target, surface, space=space, units=file.units, format=format)
+    space = (
+        "LPS" if space == "RAS" and target.suffix.lower() == ".xml" else space
+    )  # DIF's by definition: it has been turned
+    return [
+        *done,
+        f"{target}: {len(surface.vertices)} vertices, {len(surface.faces)} faces, frame {space}, units "
+        f"{file.units}",
+    ]
+
+
+def in_millimetres(source: Path, file: SurfaceFile, units: str | None) -> SurfaceFile:
+    """The surface in mm where its units are stated by the file or by `units`; else as it is, if its extent
+    can be meant in mm.
+    """
+    stated = _units(source, file.units, units)
+    if stated == "unknown":
+        if file.surface.dimension == 3:
+            check_scale(source, file.surface.vertices)
+        return file
+    surface = file.surface.with_vertices(file.surface.vertices * MILLIMETRES[stated])
+    return replace(file, surface=surface, units=_scaled_units(stated))
+
+
+def _scaled_units(stated: str) -> str:
+    """Units of lengths once they are scaled: mm, or what cannot be scaled to it."""
+    return stated if stated in ("px", "unknown") else "mm"
+
+
+def _units(source: Path, stated: str, given: str | None) -> str:
+    """As `_settled`, of units. Raises InputError too where the file states none that is known, and nothing is
+    given.
+    """
+    if stated in (*MILLIMETRES, "unknown"):
+        return _settled(source, "units", stated, given)
+    if given is None:
+        raise InputError(
+            f"{source}: states units '{stated}': must be one of {', '.join(MILLIMETRES)}; say which with "
+            "--units"
+        )
+    return given
+
+
+def _settled(source: Path, what: str, stated: str, given: str | None) -> str:
+    """What the file states, or what is given where it states nothing. Raises InputError where the two
+    differ.
+    """
+    if given and stated not in ("unknown", given):
+        raise InputError(
+            f"{source}: states {what} {stated}, and {given} was given; leave --{what} away if the file "
+            "is right"
+        )
+    return given or stated
+
+
+def _turns(source: Path, space: str, to: str) -> bool:
+    """Whether coordinates must be turned. Raises InputError where the frame is not known."""
+    if space not in ("LPS", "RAS"):
+        raise InputError(
+            f"{source}: its frame is not known, so it cannot be brought to {to}; state it with --frame"
+        )
+    return space != to
+
+
+def decimated(surface: Surface, faces: int) -> Surface:
+    """About `faces` triangles by quadric edge collapse that keeps the topology; fields are read at the
+    closest points of the original.
+    """
+    import pymeshlab
+
+    from ..adapters.meshing import carry_fields
+
+    if faces < 4 or surface.dimension != 3:
+        raise InputError(f"faces = {faces}: only surfaces in 3D are decimated, to at least 4 triangles")
+    meshes = pymeshlab.MeshSet()
+    meshes.add_mesh(pymeshlab.Mesh(surface.vertices, surface.faces.astype(np.int32)))
+    meshes.meshing_decimation_quadric_edge_collapse(
+        targetfacenum=faces, preservetopology=True, preservenormal=True, preserveboundary=True
+    )
+    meshes.meshing_remove_unreferenced_vertices()
+    mesh = meshes.current_mesh()
+    if mesh.face_number() > faces:
+        raise InputError(
+            f"the surface cannot be decimated to {faces} triangles without changing its topology; "
+            f"{mesh.face_number()} are left"
+        )
+    return carry_fields(surface, welded(Surface(mesh.vertex_matrix(), mesh.face_matrix())))
+
+
+def _markups(source: Path, target: Path, units: str | None, frame: str | None, to: str | None) -> list[str]:
+    """Slicer's named places to Slicer's file or to a table `name,x,y,z`."""
+    if units:
+        raise InputError(f"{source}: Slicer's markups state their units; leave --units away")
+    marks = read_markups(source)
+    _settled(source, "frame", marks.space, frame)
+    return _write_places(source, target, marks.in_space(to) if to else marks)
+
+
+def _write_places(source: Path, target: Path, marks: Markups) -> list[str]:
+    if target.suffix.lower() == ".json":
+        write_markups(target, marks)
+    elif target.suffix.lower() == ".csv":
+        columns = {"name": np.array(marks.names), **dict(zip("xyz", marks.xyz.T, strict=True))}
+        write_table(target, columns, {"space": marks.space, "units": "mm"})
+    else:
+        raise InputError(f"{target}: named places are written as .mrk.json or .csv")
+    return [f"{source}: {len(marks.names)} named places", f"{target}: frame {marks.space}, units mm"]
+
+
+def _points(source: Path, target: Path, units: str | None, frame: str | None, to: str | None) -> list[str]:
+    """Tables of points or of named places; all columns are kept where the target is a table too."""
+    table = read_points_table(source)
+    points = points_of(table, 3)
+    space = _settled(source, "frame", table.notes.get("space", "unknown"), frame)
+    stated = _units(source, table.notes.get("units", "unknown"), units)
+    if stated == "unknown":
+        check_scale(source, points.xyz)
+    points = scaled(points, MILLIMETRES.get(stated, 1.0))
+    xyz = apply(TURN, points.xyz) if to and _turns(source, space, to) else points.xyz
+    space = to or space
+    units = _scaled_units(stated)
+    columns = {**dict(zip("xyz", xyz.T, strict=True)), "type": points.type, **points.columns}
+    if target.suffix.lower() == ".csv":
+        write_table(target, {name: columns[name] for name in table.columns}, {"space": space, "units": units})
+        return [f"{source}: {len(points)} points", f"{target}: frame {space}, units {units}"]
+    if target.suffix.lower() != ".json":
+        raise InputError(f"{target}: points are written as .csv or .mrk.json")
+    if units == "px":
+        raise InputError(f"{target}: Slicer's markups are in mm, and {source} is in px")
+    names = points.columns.get("name", np.full(len(points), ""))
+    return _write_places(source, target, Markups(tuple(map(str, names)), xyz, space))
+
+
+def _transform(source: Path, target: Path, units: str | None, frame: str | None, to: str | None) -> list[str]:
+    if units:
+        raise InputError(f"{source}: a pose moves by mm; leave --units away")
+    matrix, stated = read_transform(source)
+    space = _settled(source, "frame", stated, frame)
+    if to and _turns(source, space, to):
+        matrix = turned(matrix)
+    write_transform(target, matrix, to or space)
+    return [f"{source}: pose {_sentence(matrix)}", f"{target}: frame {to or space}"]
+
+
+def _sentence(matrix: Array) -> str:
+    return re.sub(r"\s+", " ", np.array2string(matrix, precision=3, suppress_small=True))

@@ -1,0 +1,158 @@
+"""Label volumes (NIfTI, NRRD, MetaImage) to surfaces: one chamber, sub-voxel, closed, in mm and LPS."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...arrays import Array
+from ...errors import InputError, did_you_mean
+from ...geometry.similarity import apply
+from ...geometry.surface import Surface
+from ..meshes.surface_file import SurfaceFile
+from ..text import is_count
+from .registry import knows, read_image
+from .voxels import Image
+
+__all__ = ["knows", "mask_surface", "read"]
+# of the coarsest spacing: takes the steps off the surface; what that shrinks is measured in the tests
+BLUR = 0.6
+Box = tuple[float, float, float, float, float, float]
+
+
+def read(
+    path: Path, data: bytes, *, label: int | None = None, part: str | None = None, box: Box | None = None
+) -> SurfaceFile:
+    """The closed surface of one label, or of the segment named `part`; everything outside `box` (x, y, z
+    least, then most) is cut off.
+
+    Only the largest connected piece is taken. Raises InputError where the label is not there, or must be
+    said.
+    """
+    image = read_image(path, data)
+    values, label = _chosen(path, image, label, part)
+    mask = np.asarray(values == label)
+    if box is not None:
+        mask &= _inside(mask.shape, image.affine, box)
+    if not mask.any():
+        raise InputError(
+            f"{path}: no voxel of label {label} {'is there' if box is None else 'lies in the box'}"
+        )
+    mask, dropped = _largest(mask)
+    surface = mask_surface(mask, image.affine, image.spacing, f"{path}: label {label}")
+    facts = {"label": label, "voxels": int(mask.sum()), "voxels_of_smaller_pieces": dropped}
+    return SurfaceFile(surface, image.space, "mm", facts)
+
+
+def _segments(notes: Mapping[str, str]) -> dict[str, tuple[int, int]]:
+    """Names of a Slicer segmentation with their layer and label."""
+    found = {}
+    k = 0
+    while f"Segment{k}_Name" in notes:
+        numbers = [notes.get(f"Segment{k}_{key}", "").strip() for key in ("Layer", "LabelValue")]
+        layer, label = (
+            int(text) if is_count(text) else default for text, default in zip(numbers, (0, 1), strict=True)
+        )
+        found[notes[f"Segment{k}_Name"].strip()] = (layer, label)
+        k += 1
+    return found
+
+
+def _chosen(path: Path, image: Image, label: int | None, part: str | None) -> tuple[NDArray[Any], int]:
+    """The layer and the label in it that are meant; where nothing is said there must be one only."""
+    layers = image.values if image.values.ndim == 4 else image.values[..., None]
+    segments = _segments(image.notes)
+    if label is not None and part is not None:
+        raise InputError(f"{path}: label {label} and part '{part}' are both given; say the one that is meant")
+    if part is not None:
+        if part not in segments:
+            raise InputError(
+                f"{path}: has no segment '{part}'" + (did_you_mean(part, list(segments)) if segments else "")
+            )
+        layer, label = segments[part]
+        if layer >= layers.shape[-1]:
+            raise InputError(
+                f"{path}: segment '{part}' is in layer {layer}: there are {layers.shape[-1]}, counted from 0"
+            )
+        return layers[..., layer], label
+    found = {k: _labels(path, layers[..., k]) for k in range(layers.shape[-1])}
+    known = {value: k for k, values in found.items() for value in values}
+    hint = f"; say --label (there are {', '.join(map(str, sorted(known)))})" + (
+        f" or --part ({', '.join(segments)})" if segments else ""
+    )
+    if label is None:
+        if sum(map(len, found.values())) != 1:
+            raise InputError(f"{path}: holds {sum(map(len, found.values()))} labels" + hint)
+        label = next(iter(known))
+    if label not in known:
+        raise InputError(f"{path}: has no label {label}" + hint)
+    if sum(label in values for values in found.values()) > 1:
+        raise InputError(f"{path}: label {label} is in several layers" + hint)
+    return layers[..., known[label]], label
+
+
+def _labels(path: Path, values: NDArray[Any]) -> list[int]:
+    """Labels other than 0. Raises InputError for an image of grey values."""
+    whole = (
+        values if values.dtype.kind in "iu" else np.where(np.abs(values) < 1e9, values, 0.5).astype(np.int64)
+    )
+    if (whole != values).any():
+        raise InputError(
+            f"{path}: holds values that are no whole numbers; it is an image, not a label volume"
+        )
+    found = np.unique(whole)
+    if len(found) > 1000:
+        raise InputError(f"{path}: holds {len(found)} different values; it is an image, not a label volume")
+    return [int(value) for value in found if value != 0]
+
+
+def _inside(shape: tuple[int, ...], affine: Array, box: Box) -> NDArray[np.bool_]:
+    """Voxels whose centre lies in the box, (nz, ny, nx)."""
+    k, j, i = np.indices(shape, sparse=True)
+    inside = np.ones(shape, dtype=bool)
+    for axis in range(3):
+        position = affine[axis, 0] * i + affine[axis, 1] * j + affine[axis, 2] * k + affine[axis, 3]
+        inside &= (position >= box[axis]) & (position <= box[axis + 3])
+    return inside
+
+
+def _largest(mask: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], int]:
+    """The largest piece, connected over faces, and how many voxels the others had."""
+    from scipy.ndimage import label as connected
+
+    pieces, _ = connected(mask)
+    sizes = np.bincount(pieces.ravel())
+    sizes[0] = 0
+    return pieces == sizes.argmax(), int(sizes.sum() - sizes.max())
+
+
+def mask_surface(mask: NDArray[np.bool_], affine: Array, spacing: Array, name: str = "mask") -> Surface:
+    """Closed surface between the voxels of a mask (nz, ny, nx): the half-way level of the mask blurred just
+    enough to hide its steps.
+
+    Voxel centres are at whole indices. The mask is padded, so what leaves the volume is closed by a flat cap.
+    Raises InputError where the mask is so thin that the blur leaves nothing.
+    """
+    import open3d as o3d
+    from scipy.ndimage import gaussian_filter
+
+    sigma = BLUR * spacing.max() / spacing[::-1]
+    pad = int(np.ceil(3 * sigma.max())) + 1
+    low = np.maximum([axis.min() for axis in np.nonzero(mask)], 0)
+    high = np.array([axis.max() for axis in np.nonzero(mask)]) + 1
+    part = np.pad(mask[tuple(map(slice, low, high))], pad).astype(np.float32)
+    smooth = np.ascontiguousarray(gaussian_filter(part, sigma))
+    if smooth.max() <= 0.5:
+        raise InputError(
+            f"{name}: its {int(mask.sum())} voxels are too few or lie too thin to enclose anything"
+        )
+    mesh = o3d.t.geometry.TriangleMesh.create_isosurfaces(o3d.core.Tensor.from_numpy(smooth), [0.5])
+    indices = mesh.vertex.positions.numpy().astype(np.float64) + low[::-1] - pad
+    surface = Surface(apply(affine, indices), mesh.triangle.indices.numpy())
+    return (
+        surface if surface.volume > 0 else Surface(surface.vertices, surface.faces[:, ::-1])
+    )  # a mirroring affine turns it

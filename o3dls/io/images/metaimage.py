@@ -1,0 +1,103 @@
+"""MetaImage volumes (.mha, .mhd) as they are read; in LPS."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from ...arrays import Array
+from ...errors import InputError
+from ..text import integers, number_rows
+from .voxels import LARGEST, Image, beside, count, inflate, shaped
+
+TYPES = {
+    "CHAR": "i1",
+    "UCHAR": "u1",
+    "SHORT": "i2",
+    "USHORT": "u2",
+    "INT": "i4",
+    "UINT": "u4",
+    "LONG": "i4",
+    "ULONG": "u4",
+    "LONG_LONG": "i8",
+    "ULONG_LONG": "u8",
+    "FLOAT": "f4",
+    "DOUBLE": "f8",
+}
+
+
+def knows(data: bytes) -> bool:
+    return b"NDims" in data[:400]
+
+
+def read_meta(path: Path, data: bytes) -> Image:
+    """MetaImage: its matrix is in LPS, and its AnatomicalOrientation is not believed, since ITK writes one
+    that means something else.
+    """
+    end = re.search(rb"^ElementDataFile\s*=\s*([^\r\n]+)\r?\n?", data[:100_000], re.MULTILINE)
+    if end is None:
+        raise InputError(f"{path}: MetaImage header has no line ElementDataFile; the file is truncated")
+    pairs = (
+        line.partition("=") for line in data[: end.start()].decode("utf-8", errors="replace").splitlines()
+    )
+    header = {key.strip(): value.strip() for key, _, value in pairs}
+    kind = header.get("ElementType", "").removeprefix("MET_")
+    if header.get("NDims") != "3" or kind not in TYPES or header.get("ElementNumberOfChannels", "1") != "1":
+        raise InputError(
+            f"{path}: must have NDims = 3, one channel and an ElementType of {', '.join(TYPES)}; it is "
+            f"'{kind}'"
+        )
+    sizes = [
+        int(n) if n == int(n) and abs(n) < 1e9 else -1 for n in _numbers(path, header, ("DimSize",), 3, None)
+    ]
+    order = (
+        ">"
+        if "true" in (header.get(k, "").lower() for k in ("BinaryDataByteOrderMSB", "ElementByteOrderMSB"))
+        else "<"
+    )
+    file = end[1].decode("utf-8", errors="replace").strip()
+    need = count(path, sizes) * np.dtype(TYPES[kind]).itemsize
+    body = _body(path, header, file, data[end.end() :], need)
+    if header.get("CompressedData", "").lower() == "true":
+        body = inflate(path, body, need)
+    affine = np.eye(4)
+    rows = _numbers(
+        path, header, ("TransformMatrix", "Rotation", "Orientation"), 9, np.eye(3).ravel()
+    ).reshape(3, 3)
+    affine[:3, :3] = rows.T * _numbers(path, header, ("ElementSpacing", "ElementSize"), 3, np.ones(3))
+    affine[:3, 3] = _numbers(path, header, ("Offset", "Position", "Origin"), 3, np.zeros(3))
+    return Image(shaped(path, body, order + TYPES[kind], sizes), affine)
+
+
+def _body(path: Path, header: Mapping[str, str], file: str, local: bytes, need: int) -> bytes:
+    """The bytes of the voxels: a data file may begin with a header of its own, and -1 says that the voxels
+    are its last bytes.
+    """
+    if header.get("BinaryData", "True").lower() != "true":
+        raise InputError(
+            f"{path}: BinaryData = {header['BinaryData'][:20]}: must be True; save the voxels as binary"
+        )
+    size = int(integers(_numbers(path, header, ("HeaderSize",), 1, np.zeros(1)), f"{path}: HeaderSize")[0])
+    if size < -1 or (size > 0 and file == "LOCAL"):
+        raise InputError(
+            f"{path}: HeaderSize = {size}: must be -1 or 0, or above 0 where the voxels are in a file of "
+            "their own"
+        )
+    body = local if file == "LOCAL" else beside(path, file)
+    return body[-need:] if size == -1 else body[size:]
+
+
+def _numbers(
+    path: Path, header: Mapping[str, str], keys: tuple[str, ...], n: int, default: Array | None
+) -> Array:
+    key = next((key for key in keys if key in header), None)
+    if key is None and default is not None:
+        return default
+    text = header.get(key or "", "-")
+    values: Array = number_rows([text], n, path, [1], keys[0])[0]
+    if not (np.abs(values) < LARGEST).all():
+        raise InputError(f"{path}: {keys[0]} = {text[:60]}: must be finite and below {LARGEST:g}")
+    return values

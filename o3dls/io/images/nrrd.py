@@ -1,0 +1,137 @@
+"""NRRD volumes, also Slicer's segmentations (.seg.nrrd), as they are read."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...arrays import Array
+from ...errors import InputError
+from ..text import flat_numbers, is_count
+from .voxels import LARGEST, Image, beside, count, inflate, shaped
+
+TYPES = {
+    **dict.fromkeys(("signed char", "int8", "int8_t"), "i1"),
+    **dict.fromkeys(("uchar", "unsigned char", "uint8", "uint8_t"), "u1"),
+    **dict.fromkeys(("short", "short int", "signed short", "int16", "int16_t"), "i2"),
+    **dict.fromkeys(("ushort", "unsigned short", "unsigned short int", "uint16", "uint16_t"), "u2"),
+    **dict.fromkeys(("int", "signed int", "int32", "int32_t"), "i4"),
+    **dict.fromkeys(("uint", "unsigned int", "uint32", "uint32_t"), "u4"),
+    **dict.fromkeys(("longlong", "long long", "int64", "int64_t"), "i8"),
+    **dict.fromkeys(("ulonglong", "unsigned long long", "uint64", "uint64_t"), "u8"),
+    "float": "f4",
+    "double": "f8",
+}
+SPACES = {
+    "left-posterior-superior": (1, 1),
+    "lps": (1, 1),
+    "right-anterior-superior": (-1, -1),
+    "ras": (-1, -1),
+    "left-anterior-superior": (1, -1),
+    "las": (1, -1),
+}
+UNITS = {"mm": 1.0, "millimeter": 1.0, "millimetre": 1.0, "um": 0.001, "µm": 0.001, "cm": 10.0, "m": 1000.0}
+UNITS[""] = 1.0  # says nothing, as no line does
+VECTOR = r"\(([^)]*)\)|\bnone\b"
+
+
+def knows(data: bytes) -> bool:
+    return data[:4] == b"NRRD"
+
+
+def read_nrrd(path: Path, data: bytes) -> Image:
+    """The volume, one layer or several. Raises InputError naming the header's line that cannot be used."""
+    end = re.search(rb"\r?\n\r?\n", data[:1_000_000])
+    head = data[: end.start()] if end else data[:1_000_000]
+    lines = [
+        line
+        for line in head.decode("utf-8", errors="replace").splitlines()[1:]
+        if line and not line.startswith("#")
+    ]
+    notes = dict(line.split(":=", 1) for line in lines if ":=" in line)
+    header = {
+        key.strip().lower(): value.strip()
+        for key, _, value in (line.partition(":") for line in lines if ":=" not in line)
+    }
+    file = header.get("data file") or header.get("datafile")
+    if end is None and file is None:
+        raise InputError(f"{path}: NRRD header does not end in a blank line; the file is truncated")
+    sizes = [int(word) if is_count(word) else -1 for word in header.get("sizes", "").split()]
+    if len(sizes) not in (3, 4) or header.get("dimension") != str(len(sizes)):
+        raise InputError(
+            f"{path}: NRRD has dimension {header.get('dimension')} and sizes {header.get('sizes')}: must "
+            "be 3, or 4 with layers first"
+        )
+    affine, space = _place(path, header, len(sizes))
+    values = _values(path, header, beside(path, file) if file else data[end.end() if end else 0 :], sizes)
+    return Image(values, affine, space, notes)  # the first axis runs fastest, so layers come out last
+
+
+def _place(path: Path, header: Mapping[str, str], axes: int) -> tuple[Array, str]:
+    """Index to mm in LPS; a file that names no space stays in its own, which is unknown."""
+    vectors = [match[1] for match in re.finditer(VECTOR, header.get("space directions", ""))]
+    if (
+        len(vectors) != axes
+        or sum(vector is not None for vector in vectors) != 3
+        or (axes == 4 and vectors[0] is not None)
+    ):
+        raise InputError(
+            f"{path}: NRRD 'space directions' must hold three vectors, after 'none' where layers come first"
+        )
+    affine = np.eye(4)
+    for k, vector in enumerate(v for v in vectors if v is not None):
+        affine[:3, k] = flat_numbers(vector.replace(",", " "), 3, f"{path}: space directions")
+    origin = re.match(VECTOR, header.get("space origin", "(0,0,0)"))
+    if origin is None or origin[1] is None:
+        raise InputError(f"{path}: NRRD 'space origin' must be a vector")
+    affine[:3, 3] = flat_numbers(origin[1].replace(",", " "), 3, f"{path}: space origin")
+    affine[:3] *= _millimetres(path, header)[:, None]
+    if not (np.abs(affine) < LARGEST).all():
+        raise InputError(
+            f"{path}: NRRD 'space directions' and 'space origin' must be finite and below {LARGEST:g}"
+        )
+    name = header.get("space", "").lower()
+    if not name:
+        return affine, "unknown"
+    if name not in SPACES:
+        raise InputError(f"{path}: NRRD space '{name[:40]}': must be one of {', '.join(SPACES)}")
+    return np.diag([*SPACES[name], 1.0, 1.0]) @ affine, "LPS"
+
+
+def _millimetres(path: Path, header: Mapping[str, str]) -> Array:
+    """Factors to mm along the axes of space. Raises InputError for units that are not known."""
+    stated = header.get("space units", '"mm" "mm" "mm"')
+    words = [quoted or bare for quoted, bare in re.findall(r'"([^"]*)"|([^\s"]+)', stated)]
+    if len(words) < 3 or any(words[3:]) or not set(words[:3]) <= UNITS.keys():
+        raise InputError(
+            f"{path}: NRRD space units {stated[:60]}: must be three of {', '.join(filter(None, UNITS))}, "
+            "each in quotes"
+        )
+    return np.array([UNITS[word] for word in words[:3]])
+
+
+def _values(path: Path, header: Mapping[str, str], body: bytes, sizes: list[int]) -> NDArray[Any]:
+    kind = TYPES.get(header.get("type", "").lower())
+    if kind is None:
+        raise InputError(
+            f"{path}: NRRD type '{header.get('type', '')[:40]}' must be one of {', '.join(sorted(TYPES))}"
+        )
+    skip = {key: header.get(key, "0") for key in ("line skip", "byte skip")}
+    if set(skip.values()) != {"0"}:
+        raise InputError(f"{path}: NRRD with {skip} is not read; save it with the data in one piece")
+    n = count(path, sizes)
+    encoding = header.get("encoding", "").lower()
+    dtype = np.dtype((">" if header.get("endian", "little") == "big" else "<") + kind)
+    if encoding in ("gzip", "gz"):
+        body = inflate(path, body, n * dtype.itemsize)
+    elif encoding in ("ascii", "txt", "text"):
+        numbers = flat_numbers(body.decode("ascii", errors="replace"), n, f"{path}: data")
+        return numbers.reshape(sizes[::-1])
+    elif encoding != "raw":
+        raise InputError(f"{path}: NRRD encoding '{encoding[:20]}': must be raw, gzip or ascii")
+    return shaped(path, body, dtype.str, sizes)

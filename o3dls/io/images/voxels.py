@@ -1,0 +1,91 @@
+"""Voxels with their place in space, and what the readers of image formats share."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...arrays import Array
+from ...errors import InputError
+from ..text import read_bytes
+
+MOST_VOXELS = 1 << 30
+LARGEST = 1e6  # mm
+
+
+@dataclass(frozen=True, eq=False)
+class Image:
+    """Values (nz, ny, nx), or (nz, ny, nx, layers); `affine` takes an index (i, j, k), a voxel's centre, to
+    mm.
+
+    space is LPS, or unknown where the file does not say; notes are free `key = value` pairs, such as Slicer's
+    segment names.
+    """
+
+    values: NDArray[Any]
+    affine: Array
+    space: str = "LPS"
+    notes: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def spacing(self) -> Array:
+        """Distances of the voxels along i, j, k."""
+        return np.asarray(np.linalg.norm(self.affine[:3, :3], axis=0))
+
+
+def inflate(path: Path, data: bytes, limit: int) -> bytes:
+    """At most `limit` bytes of gzip or zlib data, which may come in several parts."""
+    out = []
+    left = limit
+    while data and left > 0:
+        packer = zlib.decompressobj(wbits=47)  # 47: gzip or zlib, as the head says
+        try:
+            out.append(packer.decompress(data, left))
+        except zlib.error as error:
+            raise InputError(f"{path}: its packed data are damaged: {error}") from None
+        left -= len(out[-1])
+        data = packer.unused_data
+    return b"".join(out)
+
+
+def shaped(path: Path, data: bytes, dtype: str, sizes: list[int]) -> NDArray[Any]:
+    """An array whose first axis runs fastest in the file, with the axes turned around. Raises InputError
+    where bytes are missing.
+    """
+    need = count(path, sizes) * np.dtype(dtype).itemsize
+    if len(data) < need:
+        raise InputError(
+            f"{path}: {sizes} values of {np.dtype(dtype).name} need {need} bytes, {len(data)} are there: "
+            "the file is truncated"
+        )
+    return np.frombuffer(data, dtype, count(path, sizes)).reshape(sizes[::-1])
+
+
+def count(path: Path, sizes: list[int]) -> int:
+    """Number of values. Raises InputError for sizes that cannot be."""
+    if not sizes or min(sizes) < 1 or float(np.prod([float(n) for n in sizes])) > MOST_VOXELS:
+        raise InputError(f"{path}: has size {sizes}: must be positive, at most {MOST_VOXELS} values together")
+    return int(np.prod(sizes))
+
+
+def beside(path: Path, name: str) -> bytes:
+    """The bytes of a data file in the same folder. Raises InputError for a path that leads elsewhere."""
+    name = name.removeprefix("./")
+    if (
+        Path(name).name != name
+        or not name
+        or "\0" in name
+        or "%" in name
+        or name == "LIST"
+        or len(name) > 200
+    ):
+        raise InputError(f"{path}: names its data '{name[:60]}': must be one file in the same folder")
+    if not (path.parent / name).is_file():
+        raise InputError(f"{path}: its data file '{name}' is not beside it")
+    return read_bytes(path.parent / name)

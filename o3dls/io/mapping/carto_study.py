@@ -1,0 +1,200 @@
+"""A CARTO 3 study export: maps, tagged points, imported shells and ablation sites, found through the study's
+XML.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import PurePosixPath
+from xml.etree import ElementTree
+
+import numpy as np
+
+from ...arrays import Array
+from ...case import Points
+from ...errors import InputError
+from ...geometry.similarity import apply, is_pose
+from ..meshes import carto_mesh
+from ..meshes.dif import parse_xml
+from ..meshes.surface_file import SurfaceFile
+from ..text import is_count
+from .archive import Archive
+from .carto_points import read_car, read_sites
+
+ABLATION_TAG = "Ablation"
+CLEARLY_CLOSER = 0.5  # median gap to the points against that of the other direction
+BEGINNING = re.compile(rb"(\xef\xbb\xbf)?\s*(<\?xml[^>]*>\s*)?(?><!--.*?-->\s*)*<Study\b", re.DOTALL)
+OF_POINTS = ("_point_export.xml", "_points_export.xml")  # there are thousands, which need not be read
+LANDMARK = re.compile(r"^(LIPV|LSPV|RIPV|RSPV|LCPV|RMPV|MA|TA|IVC|SVC|CS)( OS)?$")
+
+
+@dataclass(frozen=True)
+class Map:
+    """One map of the study as its XML describes it; tags: id of a point -> full names of its tags."""
+
+    name: str
+    files: tuple[str, ...]
+    volume_ml: float | None
+    points: int
+    tags: dict[int, list[str]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Study:
+    """The study's XML: where it stands, its maps, and other shells with the vendor's registration (16 numbers
+    as printed).
+    """
+
+    archive: Archive
+    folder: str
+    maps: tuple[Map, ...]
+    shells: tuple[tuple[str, tuple[float, ...] | None], ...]
+
+    def map(self, name: str | None) -> Map:
+        """The map of that name, or the only one with points. Raises InputError listing what there is."""
+        listed = ", ".join(f"{m.name} ({m.points} points)" for m in self.maps)
+        found = [m for m in self.maps if (m.name == name if name else m.points > 0)]
+        if len(found) != 1:
+            what = f"no map '{name}'" if name else f"{len(found)} maps with points; say which with --map"
+            raise InputError(f"{self.archive.path}: {what}: there are {listed}")
+        return found[0]
+
+
+def find_study(archive: Archive) -> Study | None:
+    """The study in an archive; None where no XML of CARTO's is there. Raises InputError where there are
+    several.
+    """
+    found = [
+        name
+        for name in archive.named(".xml")
+        if not name.lower().endswith(OF_POINTS) and BEGINNING.match(archive.read(name)[:4000])
+    ]
+    if len(found) > 1:
+        raise InputError(
+            f"{archive.path}: holds {len(found)} studies ({', '.join(found)}); name the folder of one"
+        )
+    return _study(archive.with_neighbours(), found[0]) if found else None
+
+
+def _study(archive: Archive, name: str) -> Study:
+    where = archive.where(name)
+    root = parse_xml(where, _as_utf8(archive.read(name)))
+    units = root.find("Units")
+    if units is not None and units.get("Distance", "mm") != "mm":
+        raise InputError(f"{where}: its distances are in {units.get('Distance')}: must be mm")
+    full_names = {tag.get("ID", ""): tag.get("Short_Name", "") for tag in root.iterfind("Maps/TagsTable/Tag")}
+    maps = tuple(_map(element, full_names) for element in root.iterfind("Maps/Map"))
+    if not maps:
+        raise InputError(f"{where}: describes no map")
+    return Study(archive, str(PurePosixPath(name).parent), maps, tuple(_shells(root)))
+
+
+def _as_utf8(data: bytes) -> bytes:
+    """CARTO declares no encoding and writes UTF-8 in one version, cp1252 in another."""
+    try:
+        data.decode("utf-8")
+    except UnicodeDecodeError:
+        return data.decode("cp1252", errors="replace").encode()
+    return data
+
+
+def _map(element: ElementTree.Element, tag_names: dict[str, str]) -> Map:
+    tags: dict[int, list[str]] = {}
+    points = element.findall("CartoPoints/Point")
+    for point in points:
+        ids = " ".join(tag.text or "" for tag in point.iterfind("Tags")).split()
+        if ids and is_count(point.get("Id", "")):
+            tags[int(point.get("Id", ""))] = [tag_names.get(i, i) for i in ids]
+    return Map(
+        element.get("Name", ""),
+        tuple(re.findall(r"[^;|]+?\.mesh", element.get("FileNames", ""))),
+        _number(element.get("Volume")),
+        len(points),
+        tags,
+    )
+
+
+def _number(text: str | None) -> float | None:
+    try:
+        return float(text or "")
+    except ValueError:
+        return None
+
+
+def _shells(root: ElementTree.Element) -> Iterator[tuple[str, tuple[float, ...] | None]]:
+    """Imported shells (CT, MRI) and the vendor's registration of each, whose direction no public source
+    proves.
+    """
+    for mesh in root.iterfind(".//Meshes/Mesh"):
+        if mesh.get("FileName"):
+            numbers = [
+                _number(word)
+                for word in (
+                    mesh.findtext("RegistrationMatrix") or root.findtext(".//RegistrationMatrix") or ""
+                ).split()
+            ]
+            matrix = tuple(n for n in numbers if n is not None)
+            yield mesh.get("FileName", ""), matrix if len(matrix) == 16 else None
+
+
+def read_shell(study: Study, name: str) -> SurfaceFile:
+    """A .mesh file of the study by its name in the XML."""
+    found = study.archive.find(study.folder, name)
+    if found is None:
+        raise InputError(f"{study.archive.where(study.folder)}: its XML names {name}, which is not there")
+    return carto_mesh.read(study.archive.where(found), study.archive.read(found))
+
+
+def read_map_points(study: Study, wanted: Map) -> tuple[Points, dict[str, Array]]:
+    """Measured points of a map with their tags, and the landmarks: places tagged as a vein or a valve, the
+    mean where there are several.
+    """
+    name = study.archive.find(study.folder, f"{wanted.name}_car.txt")
+    if name is None:
+        raise InputError(
+            f"{study.archive.where(study.folder)}: holds no {wanted.name}_car.txt; export the map's "
+            "points too"
+        )
+    points, ids = read_car(study.archive.where(name), study.archive.read(name))
+    tags = [wanted.tags.get(int(k), []) for k in ids]
+    marks = {tag for row in tags for tag in row if LANDMARK.match(tag)}
+    landmarks = {mark: points.xyz[[mark in row for row in tags]].mean(axis=0) for mark in sorted(marks)}
+    kinds = (
+        np.where([ABLATION_TAG in row or "ABL" in row for row in tags], "ablation", "eam")
+        if tags
+        else points.type
+    )
+    columns = (
+        {**points.columns, "tags": np.array([" + ".join(row) for row in tags], dtype=str)}
+        if any(tags)
+        else points.columns
+    )
+    return Points(points.xyz, kinds, columns), landmarks
+
+
+def read_ablation(study: Study) -> Points | None:
+    """VisiTag's sites of the whole study; None where there are none."""
+    name = study.archive.find(f"{study.folder}/VisiTagExport", "Sites.txt")
+    return None if name is None else read_sites(study.archive.where(name), study.archive.read(name))
+
+
+def vendor_pose(shell: Array, printed: tuple[float, ...], points: Array) -> Array | None:
+    """The vendor's registration as a pose (4, 4) of a shell's vertices (n, 3) in the map: rows or columns are
+    told by the zeros.
+
+    Its direction is not documented: the one that brings the shell to the points is taken, None where neither
+    is clearly closer.
+    """
+    from scipy.spatial import cKDTree
+
+    matrix = np.reshape(np.asarray(printed, dtype=np.float64), (4, 4))
+    if matrix[3, :3].any() and not matrix[:3, 3].any():
+        matrix = matrix.T
+    if not is_pose(matrix, 3):
+        return None
+    readings = [matrix, np.asarray(np.linalg.inv(matrix), dtype=np.float64)]
+    gaps = [float(np.median(cKDTree(apply(reading, shell)).query(points)[0])) for reading in readings]
+    best = int(np.argmin(gaps))
+    return readings[best] if gaps[best] < CLEARLY_CLOSER * gaps[1 - best] else None

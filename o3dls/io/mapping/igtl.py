@@ -1,0 +1,119 @@
+"""OpenIGTLink (version 1): surfaces, points and poses packed and sent live to Slicer or a research system."""
+
+from __future__ import annotations
+
+import socket
+import struct
+from collections.abc import Sequence
+from functools import cache
+
+import numpy as np
+
+from ...arrays import Array
+from ...errors import InputError
+from ...geometry.surface import Surface
+
+HEADER = struct.Struct(">H12s20sQQQ")
+POLYNOMIAL = 0x42F0E1EBA9EA3693  # ECMA-182
+PORT = 18944  # Slicer's default
+
+
+@cache
+def _crc_table() -> tuple[int, ...]:
+    table = []
+    for byte in range(256):
+        value = byte << 56
+        for _ in range(8):
+            value = ((value << 1) ^ POLYNOMIAL if value >> 63 else value << 1) & 0xFFFFFFFFFFFFFFFF
+        table.append(value)
+    return tuple(table)
+
+
+def crc64(data: bytes) -> int:
+    """CRC-64 of ECMA-182: start 0, most significant bit first, no final xor."""
+    table = _crc_table()
+    value = 0
+    for byte in data:
+        value = table[(value >> 56) ^ byte] ^ (value << 8 & 0xFFFFFFFFFFFFFFFF)
+    return value
+
+
+def message(kind: str, name: str, body: bytes) -> bytes:
+    """A whole message; its time stamp is 0, which means none, so that equal content gives equal bytes."""
+    return (
+        HEADER.pack(1, kind.encode(), name.encode("ascii", "replace")[:20], 0, len(body), crc64(body)) + body
+    )
+
+
+def polydata(surface: Surface, name: str = "o3dls") -> bytes:
+    """A surface with its fields as point data, float32."""
+    if surface.dimension != 3:
+        raise InputError("OpenIGTLink surfaces are 3D")
+    cells = np.column_stack([np.full(len(surface.faces), 3), surface.faces]).astype(">u4").tobytes()
+    values = [
+        np.asarray(v, dtype=np.float64).reshape(len(surface.vertices), -1) for v in surface.fields.values()
+    ]
+    counts = struct.pack(
+        ">10I", len(surface.vertices), 0, 0, 0, 0, len(surface.faces), len(cells), 0, 0, len(values)
+    )
+    heads = b"".join(struct.pack(">BBI", _attribute_type(v.shape[1]), v.shape[1], len(v)) for v in values)
+    names = b"".join(key.encode("ascii", "replace") + b"\0" for key in surface.fields)
+    names += b"\0" * (len(names) % 2)
+    data = b"".join(v.astype(">f4").tobytes() for v in values)
+    return message(
+        "POLYDATA", name, counts + surface.vertices.astype(">f4").tobytes() + cells + heads + names + data
+    )
+
+
+def _attribute_type(width: int) -> int:
+    """0 scalar, 1 vector, 3 tensor; other widths go as scalars of several components."""
+    return {3: 1, 9: 3}.get(width, 0)
+
+
+def points(
+    names: Sequence[str], xyz: Array, name: str = "o3dls", *, group: str = "o3dls", diameter: float = 3.0
+) -> bytes:
+    """Named points, such as landmarks or ablation sites."""
+    rows = [
+        struct.pack(
+            ">64s32s4B4f20s",
+            label.encode("utf-8")[:64],
+            group.encode()[:32],
+            255,
+            255,
+            0,
+            255,
+            *position,
+            diameter,
+            b"",
+        )
+        for label, position in zip(names, np.asarray(xyz).tolist(), strict=True)
+    ]
+    return message("POINT", name, b"".join(rows))
+
+
+def transform(matrix: Array, name: str = "o3dls") -> bytes:
+    """A 4x4 pose: the columns of its linear part, then the translation."""
+    return message(
+        "TRANSFORM", name, np.concatenate([matrix[:3, :3].T.ravel(), matrix[:3, 3]]).astype(">f4").tobytes()
+    )
+
+
+def send(
+    messages: Sequence[bytes], host: str = "localhost", port: int = PORT, *, timeout: float = 5.0
+) -> int:
+    """Send whole messages to a listening system; the number of bytes sent. Raises InputError where nobody
+    listens.
+
+    The receiver takes the frame as RAS (Slicer does): turn LPS data first.
+    """
+    try:
+        with socket.create_connection((host, port), timeout=timeout) as connection:
+            for data in messages:
+                connection.sendall(data)
+    except OSError as error:
+        raise InputError(
+            f"{host}:{port}: cannot send: {error}; start an OpenIGTLink server there (Slicer: "
+            f"OpenIGTLinkIF, port {PORT})"
+        ) from None
+    return sum(map(len, messages))

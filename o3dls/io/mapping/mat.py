@@ -1,0 +1,96 @@
+"""MATLAB files as nested dictionaries of arrays: version 7.3 needs h5py."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...errors import InputError
+from .mat5 import read_mat5
+
+HDF5 = b"\x89HDF\r\n\x1a\n"
+LARGEST = 1 << 30  # values in one variable; more cannot be meant
+
+
+def knows(data: bytes) -> bool:
+    return data[:10] == b"MATLAB 5.0" or data[:10] == b"MATLAB 7.3" or data[:8] == HDF5
+
+
+def load(path: Path, data: bytes) -> dict[str, Any]:
+    """Variables by name; structs are dictionaries, cells of other things lists. Raises InputError where the
+    file is damaged.
+    """
+    return _load_hdf5(path, data) if HDF5 in data[:1024] else read_mat5(path, data)
+
+
+def _load_hdf5(path: Path, data: bytes) -> dict[str, Any]:
+    try:
+        import h5py
+    except ImportError as error:
+        raise InputError(
+            f"{path}: is a MATLAB 7.3 file, which needs h5py: pip install 'o3dls[matlab]', or save it "
+            "with -v7"
+        ) from error
+    try:
+        with h5py.File(io.BytesIO(data), "r") as file:
+            return {name: _plain(file[name], file) for name in file if not name.startswith("#")}
+    except Exception as error:  # a foreign parser, which raises whatever it meets
+        raise InputError(
+            f"{path}: is no readable MATLAB 7.3 file: {error}; it is truncated or damaged"
+        ) from error
+
+
+def _plain(node: Any, file: Any) -> Any:
+    """A group as a dictionary, a data set as an array the way MATLAB shows it: axes turned, characters as
+    text, no axis of one.
+    """
+    import h5py
+
+    if isinstance(node, h5py.Group):
+        return {name: _plain(node[name], file) for name in node}
+    if node.size > LARGEST:
+        raise ValueError(f"{node.name} declares {node.size} values")
+    if node.attrs.get("MATLAB_empty", 0):
+        return np.zeros(0)
+    values = np.asarray(node[()]).T
+    if values.dtype == h5py.ref_dtype:
+        return [_plain(file[reference], file) for reference in values.ravel()]
+    if node.attrs.get("MATLAB_class", b"") == b"char":
+        return "".join(chr(code) for code in values.ravel())
+    return values.squeeze()
+
+
+def at(tree: Mapping[str, Any], where: str) -> Any:
+    """The value at `a.b.c`, or None where a step is missing."""
+    value: Any = tree
+    for name in where.split("."):
+        if not isinstance(value, Mapping) or name not in value:
+            return None
+        value = value[name]
+    return value
+
+
+def numbers(
+    path: Path, tree: Mapping[str, Any], where: str, width: int | None = None
+) -> np.ndarray[Any, np.dtype[np.float64]] | None:
+    """Numbers at `a.b.c`, (n,) or (n, width); None where there are none. Raises InputError where they have
+    another shape.
+    """
+    value = at(tree, where)
+    if value is None or np.size(value) == 0:
+        return None
+    try:
+        array = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(
+            f"{path}: {where} holds no plain numbers; OpenEP must save it as a struct of arrays, not as "
+            "an object"
+        ) from None
+    array = array.reshape(-1) if width is None else np.atleast_2d(array)
+    if width is not None and array.shape[1] != width:
+        raise InputError(f"{path}: {where} has shape {np.shape(value)}: must be n x {width}")
+    return array

@@ -1,0 +1,142 @@
+"""OpenEP data sets (`userdata` in a .mat file): shell with maps, measured points, ablation sites."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...arrays import Array
+from ...case import Points
+from ...errors import InputError
+from ...geometry.surface import Surface
+from ..meshes.surface_file import SurfaceFile
+from . import mat
+
+knows = mat.knows
+SURFACE_MAPS = {"act_bip": ("lat", "bipolar"), "uni_imp_frc": ("unipolar", "impedance", "force")}
+NOTE = "written by o3dls, research software, not for clinical use"
+
+
+def userdata(path: Path, data: bytes) -> Mapping[str, Any]:
+    """The one variable of an OpenEP file. Raises InputError where it is not there."""
+    found = mat.load(path, data).get("userdata")
+    if not isinstance(found, Mapping):
+        raise InputError(f"{path}: holds no struct 'userdata'; it is not an OpenEP data set")
+    return found
+
+
+def read(path: Path, data: bytes) -> SurfaceFile:
+    """The shell in mm with the maps that hold any value."""
+    tree = userdata(path, data)
+    vertices = mat.numbers(path, tree, "surface.triRep.X", 3)
+    triangles = mat.numbers(path, tree, "surface.triRep.Triangulation", 3)
+    if vertices is None or triangles is None:
+        raise InputError(
+            f"{path}: has no surface.triRep.X and .Triangulation; a TriRep object must be saved as a struct"
+        )
+    fields: dict[str, Array] = {}
+    for name, columns in SURFACE_MAPS.items():
+        values = _rows(path, tree, f"surface.{name}", len(vertices), len(columns))
+        if values is not None:
+            fields |= {
+                column: values[:, k] for k, column in enumerate(columns) if np.isfinite(values[:, k]).any()
+            }
+    return SurfaceFile.of(path, vertices, triangles - 1, fields, units="mm")
+
+
+def read_points(path: Path, data: bytes) -> Points:
+    """Included electrode positions with bipolar, unipolar (mV) and lat (ms), and the ablation sites. Raises
+    InputError without any.
+    """
+    tree = userdata(path, data)
+    xyz = mat.numbers(path, tree, "electric.egmX", 3)
+    xyz = np.zeros((0, 3)) if xyz is None else xyz
+    sites = mat.numbers(path, tree, "rfindex.tag.X", 3)
+    sites = np.zeros((0, 3)) if sites is None else sites
+    include = _rows(path, tree, "electric.include", len(xyz))
+    keep = np.isfinite(xyz).all(axis=1) & (True if include is None else include > 0)
+    if keep.sum() + len(sites) == 0:
+        raise InputError(f"{path}: has no measured points (electric.egmX)")
+    columns: dict[str, NDArray[Any]] = {
+        name: np.append(values[keep], np.full(len(sites), np.nan))
+        for name, values in _values(path, tree, len(xyz))
+    }
+    kinds = np.array(["eam"] * int(keep.sum()) + ["ablation"] * len(sites))
+    return Points(np.vstack([xyz[keep], sites]), kinds, columns)
+
+
+def _values(path: Path, tree: Mapping[str, Any], n: int) -> list[tuple[str, Array]]:
+    """Columns of the measured points; the activation time is counted from the reference annotation."""
+    found = [(name, _rows(path, tree, f"electric.voltages.{name}", n)) for name in ("bipolar", "unipolar")]
+    marks, reference = (
+        _rows(path, tree, f"electric.annotations.{name}", n) for name in ("mapAnnot", "referenceAnnot")
+    )
+    rate = mat.numbers(path, tree, "electric.sampleFrequency")
+    if marks is not None and reference is not None:
+        found.append(
+            ("lat", (marks - reference) * 1000.0 / (rate[0] if rate is not None and rate[0] > 0 else 1000.0))
+        )
+    return [(name, values) for name, values in found if values is not None]
+
+
+def _rows(path: Path, tree: Mapping[str, Any], where: str, n: int, width: int | None = None) -> Array | None:
+    """Numbers at `a.b.c`, NaN where one is not finite: a row for each of n positions (or one for all); None
+    without. Raises InputError.
+    """
+    values = mat.numbers(path, tree, where, width)
+    if values is None:
+        return None
+    if len(values) == 1:  # one for all
+        values = np.repeat(values, n, axis=0)
+    if len(values) != n:
+        raise InputError(f"{path}: {where} has {len(values)} rows: must be {n}, one for each position")
+    return np.where(np.isfinite(values), values, np.nan)
+
+
+def write(file: SurfaceFile) -> bytes:
+    """Encode a shell with its maps; the electric structs that OpenEP's readers ask for are there, and
+    empty.
+    """
+    surface = file.surface
+    n = len(file.surface.vertices)
+    maps = {
+        name: np.column_stack([_scalar(surface, column, n) for column in columns])
+        for name, columns in SURFACE_MAPS.items()
+    }
+    shell = {"X": surface.vertices, "Triangulation": surface.faces + 1.0}
+    empty = np.zeros((0, 0))
+    electric = {
+        "tags": np.zeros((0, 1), dtype=object),
+        "names": np.zeros((0, 1), dtype=object),
+        "egm": empty,
+        "egmUni": empty,
+        "egmX": empty,
+    }
+    tree = {
+        "notes": NOTE,
+        "surface": {"triRep": shell, "isVertexAtRim": np.zeros((n, 1)), **maps},
+        "electric": electric | {"impedances": {"time": empty, "value": empty}},
+        "rf": {"originaldata": {"ablparams": {"time": empty}}},
+    }
+    return save(tree)
+
+
+def _scalar(surface: Surface, name: str, n: int) -> Array:
+    values = surface.fields.get(name)
+    return np.full(n, np.nan) if values is None or values.ndim > 1 else values
+
+
+def save(tree: Mapping[str, Any]) -> bytes:
+    """The bytes of a .mat file (version 5) with this userdata; the header carries no time, so equal data give
+    equal bytes.
+    """
+    from scipy.io import savemat
+
+    buffer = io.BytesIO()
+    savemat(buffer, {"userdata": dict(tree)}, oned_as="column", do_compression=True)  # type: ignore[arg-type]  # the stubs leave files out
+    return b"MATLAB 5.0 MAT-file, o3dls".ljust(116) + buffer.getvalue()[116:]

@@ -1,0 +1,161 @@
+"""Surfaces from and to files: one registry, readers chosen by content, writers by suffix."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ...errors import InputError
+from ...geometry.surface import Surface
+from ..atomic import staged_file
+from ..images import labels
+from ..mapping import openep
+from ..text import read_bytes
+from . import carto_mesh, carto_vtk, dif, obj, opencarp, ply, polyline, stl, vtk_legacy, vtp
+from .surface_file import SurfaceFile
+
+Reader = Callable[..., SurfaceFile]
+Writer = Callable[[SurfaceFile], bytes]
+
+
+@dataclass(frozen=True)
+class Format:
+    """One family of surface files: how to know it by its bytes, how to read and write it, and which options
+    its reader takes.
+    """
+
+    name: str
+    suffixes: tuple[str, ...]
+    knows: Callable[[bytes], bool]
+    read: Reader
+    write: Writer | None = None
+    options: tuple[str, ...] = ()
+
+
+# The one place where formats are known; the first that knows the bytes reads them, so the surest signs come
+# first.
+FORMATS = (
+    Format("ply", (".ply",), ply.knows, ply.read, ply.write),
+    Format("vtk", (".vtk",), vtk_legacy.knows, vtk_legacy.read, vtk_legacy.write),
+    Format("carto_mesh", (".mesh",), carto_mesh.knows, carto_mesh.read, carto_mesh.write, ("hidden",)),
+    Format("vtp", (".vtp",), vtp.knows, vtp.read, vtp.write),
+    Format("dif", (".xml", ".dif"), dif.knows, dif.read, dif.write, ("part",)),
+    Format("openep", (".mat",), openep.knows, openep.read, openep.write),
+    Format(
+        "labels",
+        (".nii", ".nii.gz", ".nrrd", ".mha"),
+        labels.knows,
+        labels.read,
+        None,
+        ("label", "part", "box"),
+    ),
+    Format("off", (".off",), obj.knows_off, obj.read_off, obj.write_off),
+    Format("opencarp", (".pts", ".elem"), opencarp.knows, opencarp.read),
+    Format("stl", (".stl",), stl.knows, stl.read, stl.write),
+    Format("obj", (".obj",), obj.knows_obj, obj.read_obj, obj.write_obj),
+    Format("carto_vtk", (".vtk",), lambda data: False, vtk_legacy.read, carto_vtk.write),  # read as any VTK
+)
+
+IN_MILLIMETRES = (
+    "carto_mesh",
+    "carto_vtk",
+    "dif",
+    "openep",
+    "opencarp",
+)  # by definition: they have no word for another unit
+WITH_OUTLINES = ("vtk", "vtp")
+
+
+def read_surface_file(path: str | Path, **options: Any) -> SurfaceFile:
+    """A surface with the frame and units that its file states, format told by content.
+
+    Options that are not None: `label`, `part`, `box` say which surface of a file with several is meant;
+    `hidden` keeps CARTO's hidden triangles. Raises InputError, also for an option that the format has no use
+    for.
+    """
+    path = Path(path)
+    data = read_bytes(path)
+    given = {name: value for name, value in options.items() if value is not None}
+    known = _known(data)
+    if known is None and path.suffix.lower() != ".csv":
+        names = ", ".join(f.name for f in FORMATS)
+        raise InputError(
+            f"{path}: is no surface file that o3dls knows ({names}, csv in 2D); it begins with {data[:16]!r}"
+        )
+    for name in given:
+        if known is None or name not in known.options:
+            raise InputError(f"{path}: '{name}' means nothing for a {known.name if known else 'csv'} file")
+    return known.read(path, data, **given) if known else polyline.read_polyline(path)
+
+
+def _known(data: bytes) -> Format | None:
+    return next((f for f in FORMATS if f.knows(data)), None)
+
+
+def is_surface(path: str | Path) -> bool:
+    """Whether a file is a surface in a known format, or a table of a 2D outline. Raises InputError where it
+    cannot be read at all.
+    """
+    data = read_bytes(path)
+    return _known(data) is not None or (Path(path).suffix.lower() == ".csv" and polyline.knows(data))
+
+
+def read_surface(path: str | Path) -> Surface:
+    """A surface from a file, format told by content; 2D outlines from CSV. Raises InputError."""
+    return read_surface_file(path).surface
+
+
+def write_surface(
+    path: str | Path,
+    surface: Surface,
+    *,
+    space: str = "unknown",
+    units: str = "mm",
+    format: str | None = None,
+) -> None:
+    """Write a surface in the format of the suffix, or the named one; `space` and `units` are stated where the
+    format can.
+
+    Raises InputError where the suffix is another format's, or the format has no room for the dimension or the
+    units.
+    """
+    path = Path(path)
+    if path.suffix.lower() == ".csv" and format is None:
+        polyline.write_polyline(path, surface)
+        return
+    known = _format_for(path, format)
+    if surface.dimension != 3 and known.name not in WITH_OUTLINES:
+        raise InputError(
+            f"{path}: {known.name} is for surfaces in 3D; outlines in 2D are written as csv, vtk or vtp"
+        )
+    if known.name in IN_MILLIMETRES and units not in ("mm", "unknown"):
+        raise InputError(
+            f"{path}: {known.name} is in mm by definition, and the surface is in {units}; scale it, or "
+            "write ply, vtk or vtp"
+        )
+    if known.write is None:  # several files
+        opencarp.write_mesh(path, surface)
+        return
+    with staged_file(path) as staged:
+        staged.write_bytes(known.write(SurfaceFile(surface, space, units)))
+
+
+def _format_for(path: Path, format: str | None) -> Format:
+    """The format to write, by name or suffix. Raises InputError listing what there is."""
+    writable = [f for f in FORMATS if f.write or f.name == "opencarp"]
+    for known in writable:
+        if known.name == format if format else path.suffix.lower() in known.suffixes:
+            check_suffix(path, known.name, known.suffixes)
+            return known
+    names = ", ".join(f"{f.name} ({' '.join(f.suffixes)})" for f in writable)
+    raise InputError(f"{path}: cannot write surfaces as '{format or path.suffix}'; there are: {names}")
+
+
+def check_suffix(path: Path, format: str, suffixes: tuple[str, ...]) -> None:
+    """Raise InputError where the name of a file to write does not end as the format's do: it would be taken
+    for another.
+    """
+    if not path.name.lower().endswith(suffixes):
+        raise InputError(f"{path}: files of the format {format} end in {' or '.join(suffixes)}")

@@ -1,0 +1,140 @@
+"""Make a prior surface closed and wound outward, or say why it cannot be."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ...arrays import Array, Ints
+from ...errors import InputError
+from ...geometry.surface import Surface
+from .polyline import trace_loops
+
+
+def closed_outward(surface: Surface, where: str, *, cap: bool = False) -> Surface:
+    """The surface welded, wound outward and, where `cap` allows it, with its openings closed by fans.
+
+    Raises InputError where it stays open or an edge has more than two faces.
+    """
+    if surface.watertight and surface.volume > 0:
+        return surface
+    surface = coherent(welded(surface), where)
+    openings = boundary_edges(surface.faces, len(surface.vertices))
+    if len(openings) and not cap:
+        hint = "close it with `o3dls convert --cap`, or say cap = true in case.toml"
+        raise InputError(f"{where}: is open ({len(openings)} edges have one triangle only); {hint}")
+    surface = capped(surface, where) if len(openings) else surface
+    return surface if surface.volume > 0 else replace(surface, faces=surface.faces[:, ::-1])
+
+
+def welded(surface: Surface) -> Surface:
+    """Vertices at one place made one, as formats without sharing (STL) need it; triangles that vanish are
+    dropped.
+    """
+    _, first, inverse = np.unique(_place_keys(surface.vertices), return_index=True, return_inverse=True)
+    if len(first) == len(surface.vertices):
+        return surface
+    order = np.argsort(first)  # keep the order of first appearance
+    rank = np.empty_like(order)
+    rank[order] = np.arange(len(order))
+    faces = rank[inverse.ravel()][surface.faces]
+    faces = faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
+    keep = first[order]
+    return Surface(
+        surface.vertices[keep], faces, {name: values[keep] for name, values in surface.fields.items()}
+    )
+
+
+def _place_keys(vertices: Array) -> Ints:
+    """One whole number per place: the ranks of its coordinates, put together. Three times as fast as sorting
+    rows.
+    """
+    keys = np.zeros(len(vertices), dtype=np.int64)
+    size = 1
+    for axis in vertices.T:
+        values, rank = np.unique(axis, return_inverse=True)
+        if size * len(values) >= 1 << 63:  # more vertices than ranks can tell apart: close the ranks up first
+            _, keys = np.unique(keys, return_inverse=True)
+            size = int(keys.max()) + 1
+        keys = keys * len(values) + rank
+        size = size * len(values)
+    return keys
+
+
+def boundary_edges(faces: Ints, n: int) -> Ints:
+    """Directed edges (k, 2) that no other triangle runs along the other way."""
+    a = faces.ravel()
+    b = np.roll(faces, -1, axis=1).ravel()
+    free = ~np.isin(a * n + b, b * n + a)
+    return np.column_stack([a[free], b[free]])
+
+
+def coherent(surface: Surface, where: str) -> Surface:
+    """The same triangles, all wound one way within each component. Raises InputError for edges with more than
+    two triangles.
+    """
+    faces = surface.faces
+    n = len(surface.vertices)
+    a = faces.ravel()
+    b = np.roll(faces, -1, axis=1).ravel()
+    key = np.minimum(a, b) * n + np.maximum(a, b)
+    owner = np.repeat(np.arange(len(faces)), faces.shape[1])
+    order = np.argsort(key, kind="stable")
+    _, start, count = np.unique(key[order], return_index=True, return_counts=True)
+    if (count > 2).any():
+        edge = divmod(int(key[order][start[np.argmax(count)]]), n)
+        raise InputError(
+            f"{where}: {(count > 2).sum()} edges have more than two triangles, such as {edge}; a surface "
+            "must be a manifold"
+        )
+    first = order[start[count == 2]]
+    second = order[start[count == 2] + 1]
+    turned = _turned(owner[first], owner[second], (a < b)[first] == (a < b)[second], len(faces), where)
+    return (
+        replace(surface, faces=np.where(turned[:, None], faces[:, ::-1], faces)) if turned.any() else surface
+    )
+
+
+def _turned(left: Ints, right: Ints, opposed: Array, n: int, where: str) -> Array:
+    """Which faces to flip so that no two neighbours (left, right) disagree; each component keeps the sense of
+    most of its faces.
+    """
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    # The double cover: face i stands for "as is", i + n for "turned"; one component must not hold both.
+    far = np.where(opposed, n, 0)
+    rows = np.concatenate([left, left + n])
+    cols = np.concatenate([right + far, (right + n - far)])
+    _, label = connected_components(
+        coo_array((np.ones(len(rows)), (rows, cols)), shape=(2 * n, 2 * n)), directed=False
+    )
+    if (label[:n] == label[n:]).any():
+        raise InputError(f"{where}: is one-sided (a Moebius band): it has no inside")
+    pair = np.minimum(label[:n], label[n:])
+    turned = label[:n] != pair
+    share = np.bincount(pair, weights=turned) / np.maximum(np.bincount(pair), 1)
+    return np.asarray(turned ^ (share > 0.5)[pair])
+
+
+def capped(surface: Surface, where: str = "surface") -> Surface:
+    """Every opening closed by a fan around its centre; the new vertices take the mean of the rim's fields."""
+    edges = boundary_edges(surface.faces, len(surface.vertices))
+    if len(np.unique(edges[:, 0])) < len(edges) or not np.array_equal(
+        np.sort(edges[:, 0]), np.sort(edges[:, 1])
+    ):
+        raise InputError(
+            f"{where}: two openings touch in one vertex, so they cannot be closed; repair the mesh first"
+        )
+    vertices = [surface.vertices]
+    faces = [surface.faces]
+    fields = {k: [v] for k, v in surface.fields.items()}
+    for centre, rim in enumerate(trace_loops(edges), len(surface.vertices)):
+        vertices.append(surface.vertices[rim].mean(axis=0, keepdims=True))
+        faces.append(np.column_stack([np.roll(rim, -1), rim, np.full(len(rim), centre)]))
+        for name, values in surface.fields.items():
+            fields[name].append(values[rim].mean(axis=0, keepdims=True))
+    return Surface(
+        np.concatenate(vertices), np.concatenate(faces), {k: np.concatenate(v) for k, v in fields.items()}
+    )

@@ -1,0 +1,181 @@
+"""What a surface file says: the surface, its frame, its units, and what else the format carries."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...arrays import Array, Ints
+from ...case import SPACES
+from ...errors import InputError
+from ...geometry.surface import Surface
+from ..text import is_count
+
+NOTICE = "o3dls, research software, not for clinical use"
+STARTS = 16  # corners that are tried as the first of a fan
+END_LINES = re.compile(
+    f"{NOTICE}|Open3D|VTK generated|VCGLIB generated"
+)  # programs that end their last line, as not all do
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceFile:
+    """A surface in mm where the format or its author names the units; `space` and `units` are 'unknown' where
+    nothing is said.
+    """
+
+    surface: Surface
+    space: str = "unknown"
+    units: str = "unknown"
+    metadata: Mapping[str, Any] = field(default_factory=dict)
+
+    @classmethod
+    def of(
+        cls,
+        path: Path,
+        vertices: Array,
+        faces: Array | Ints,
+        fields: Mapping[str, Array] | None = None,
+        *,
+        header: str = "",
+        space: str | None = None,
+        units: str | None = None,
+        metadata: Mapping[str, Any] | None = None,
+    ) -> SurfaceFile:
+        """A checked surface; frame and units as given, else from `SPACE=` and `UNITS=` in the header text.
+
+        Raises InputError naming the file and the row where a vertex, an index or a triangle cannot be.
+        """
+        notes = dict(re.findall(r"\b(SPACE|UNITS)=(\w+)", header))
+        space = space or notes.get("SPACE", "unknown")
+        units = units or notes.get("UNITS", "unknown").lower()
+        spaces = {known.lower(): known for known in SPACES}
+        if len(vertices) == 0 or len(faces) == 0:
+            raise InputError(
+                f"{path}: holds {len(vertices)} vertices and {len(faces)} triangles; a surface needs both"
+            )
+        bad = np.flatnonzero(~np.isfinite(vertices).all(axis=1))
+        if len(bad):
+            raise InputError(
+                f"{path}: vertex {bad[0]} is not finite: {vertices[bad[0]]}; {len(bad)} such vertices"
+            )
+        check_faces(path, faces, len(vertices))
+        surface = Surface(vertices, faces[~collapsed(faces)].astype(np.int64), fields or {})
+        return cls(surface, spaces.get(space.lower(), "unknown"), units, metadata or {})
+
+
+def check_faces(path: Path, faces: Array | Ints, n: int) -> None:
+    """Raise InputError where a face names a vertex that is not there, or all faces are collapsed."""
+    broken = np.flatnonzero((faces != np.floor(faces)).any(axis=1) | np.isnan(faces).any(axis=1))
+    if len(broken):
+        raise InputError(
+            f"{path}: triangle {broken[0]} has an index that is no whole number: {_row(faces[broken[0]])}"
+        )
+    bad = np.flatnonzero(((faces < 0) | (faces >= n)).any(axis=1))
+    if len(bad):
+        raise InputError(
+            f"{path}: triangle {bad[0]} names vertices {_row(faces[bad[0]])}: there are {n}, counted from 0"
+        )
+    if collapsed(faces).all():
+        raise InputError(f"{path}: triangle 0 names one vertex twice: {_row(faces[0])}, and so do all others")
+
+
+def _row(indices: Array | Ints) -> str:
+    return f"[{', '.join(f'{value:g}' for value in indices)}]"
+
+
+def collapsed(faces: Array | Ints) -> NDArray[np.bool_]:
+    """Mask (m,) of faces that name one vertex twice. They have no area and their edges cancel, so a surface
+    is the same without.
+    """
+    return np.asarray((faces == np.roll(faces, 1, axis=1)).any(axis=1))
+
+
+def check_end(path: Path, data: bytes, header: str) -> None:
+    """Raise InputError where the last line has no end though the program that the header names writes one: a
+    number may be cut.
+    """
+    if END_LINES.search(header) and not data.endswith(b"\n"):
+        raise InputError(
+            f"{path}: the last line has no end, and the program that wrote it ends every line: the file "
+            "is truncated"
+        )
+
+
+def strips(blocks: Iterable[Array]) -> list[Array]:
+    """Triangles of blocks of triangle strips; every second one is turned."""
+    parts = []
+    for block in blocks:
+        for k in range(block.shape[1] - 2):
+            parts.append(block[:, [k, k + 1, k + 2] if k % 2 == 0 else [k + 1, k, k + 2]])
+    return parts
+
+
+def triangulate(vertices: Array, *polygons: Array | Ints) -> Ints:
+    """Triangles (m, 3) of blocks of polygons, each block (k, n) with n corners; polygons are cut as fans."""
+    polygons = tuple(
+        _well_begun(vertices, block) if block.shape[1] > 3 and len(vertices) else block for block in polygons
+    )
+    fans = [
+        np.stack([block[:, [0, k, k + 1]] for k in range(1, block.shape[1] - 1)], axis=1)
+        for block in polygons
+        if block.shape[1] > 2
+    ]
+    return np.concatenate([fan.reshape(-1, 3) for fan in fans]) if fans else np.zeros((0, 3), dtype=np.int64)
+
+
+def _well_begun(vertices: Array, polygons: Array | Ints) -> Array | Ints:
+    """The polygons (k, n), begun at a corner from where a fan folds nowhere, if one is found: at a reflex
+    corner, not beside it.
+    """
+    polygons, left = polygons.copy(), np.arange(len(polygons))
+    for _ in range(min(polygons.shape[1], STARTS)):
+        with np.errstate(all="ignore"):  # what is no index or not finite is refused where the surface is made
+            corners = vertices.take(polygons[left].astype(np.int64), axis=0, mode="clip")
+            spokes = corners[:, 1:] - corners[:, :1]
+            areas = np.cross(spokes[:, :-1], spokes[:, 1:])
+            left = left[((areas * areas.sum(axis=1, keepdims=True)).sum(axis=2) < 0.0).any(axis=1)]
+        polygons[left] = np.roll(polygons[left], -1, axis=1)
+    return polygons
+
+
+def flatten_fields(fields: Mapping[str, Array], reserved: Collection[str] = ()) -> dict[str, Array]:
+    """Scalar columns for formats without vectors: (n, k) fields become `name_0` ... `name_k-1`; names get no
+    white space.
+    """
+    flat: dict[str, Array] = {}
+    for name, values in fields.items():
+        ends = [""] if values.ndim == 1 else [f"_{k}" for k in range(values.shape[1])]
+        stem = unused(re.sub(r"\s+", "_", name), {*reserved, *flat}, ends)
+        flat |= {stem + end: column for end, column in zip(ends, np.atleast_2d(values.T), strict=True)}
+    return flat
+
+
+def unused(name: str, names: Collection[str], ends: Iterable[str] = ("",)) -> str:
+    """The name, with as many `_` behind it as it takes to be none of the others with any of the ends, nor
+    empty.
+    """
+    while not name or any(name + end in names for end in ends):
+        name += "_"
+    return name
+
+
+def gather_fields(flat: Mapping[str, Array]) -> dict[str, Array]:
+    """The inverse of `flatten_fields`: runs `name_0, name_1, ...` become one (n, k) field where they are
+    complete and `name` is free.
+    """
+    runs: dict[str, set[str]] = {}
+    for name in flat:
+        stem, _, index = name.rpartition("_")
+        if stem and stem not in flat and is_count(index):
+            runs.setdefault(stem, set()).add(name)
+    whole = {stem: [f"{stem}_{k}" for k in range(len(run))] for stem, run in runs.items() if len(run) > 1}
+    whole = {stem: run for stem, run in whole.items() if set(run) == runs[stem]}
+    single = {name: values for name, values in flat.items() if not any(name in run for run in whole.values())}
+    return single | {stem: np.column_stack([flat[name] for name in run]) for stem, run in whole.items()}

@@ -1,0 +1,200 @@
+"""Legacy VTK files, versions 1.0 to 5.1, ascii and binary: triangles of POLYDATA and UNSTRUCTURED_GRID with
+their point data.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from urllib.parse import quote, unquote
+
+import numpy as np
+
+from ...arrays import Array, Ints
+from .surface_file import NOTICE, SurfaceFile, strips, triangulate
+from .vtk_cursor import Cursor
+
+WIDTHS = {"NORMALS": 3, "VECTORS": 3, "TENSORS": 9, "GLOBAL_IDS": 1, "PEDIGREE_IDS": 1}
+
+
+def knows(data: bytes) -> bool:
+    return data.lstrip()[:18].lower() == b"# vtk datafile ver"
+
+
+def read(path: Path, data: bytes) -> SurfaceFile:
+    """Decode a legacy VTK file; polygons and strips become triangles, cell data is dropped. Raises InputError
+    naming the place.
+    """
+    cursor = Cursor(path, data)
+    cursor.line()
+    title = cursor.line()
+    cursor.binary = cursor.choice("ASCII", "BINARY") == "BINARY"
+    cursor.choice("DATASET POLYDATA", "DATASET UNSTRUCTURED_GRID")
+    vertices = np.zeros((0, 3))
+    polygons = list[Array]()
+    fields: dict[str, Array] = {}
+    on_points, rows = False, 0
+    while words := cursor.words():
+        match [words[0].upper(), *words[1:]]:
+            case ["POINTS", n, kind]:
+                vertices = cursor.numbers(cursor.count(n) * 3, kind).reshape(-1, 3)
+            case ["POLYGONS" | "CELLS" | "TRIANGLE_STRIPS" | "LINES" | "VERTICES" as what, n, size]:
+                cells = _cells(cursor, cursor.count(n), cursor.count(size))
+                polygons += (
+                    strips(cells)
+                    if what == "TRIANGLE_STRIPS"
+                    else cells
+                    if what in ("POLYGONS", "CELLS")
+                    else []
+                )
+            case ["CELL_TYPES", n]:
+                _check_types(cursor, cursor.integers(cursor.count(n), "int"))
+            case ["POINT_DATA" | "CELL_DATA" as where, n]:
+                on_points = where == "POINT_DATA"
+                rows = cursor.count(n)
+            case ["METADATA"]:
+                cursor.skip_block()
+            case _:
+                found = _attribute(cursor, words, rows)
+                fields |= _complete(cursor, found, len(vertices)) if on_points else {}
+    return SurfaceFile.of(
+        path, vertices, triangulate(vertices, *polygons), fields, header=title, metadata={"title": title}
+    )
+
+
+def _cells(cursor: Cursor, n: int, size: int) -> list[Array]:
+    """Cells as blocks of equal size: rows `k i j ...` up to version 4.2, offsets and connectivity from 5.0
+    on.
+    """
+    place = cursor.at
+    words = cursor.words()
+    if words[:1] == ["OFFSETS"]:
+        offsets = cursor.integers(n, words[-1])
+        corners = cursor.integers(size, cursor.expect("CONNECTIVITY")[-1])
+        lengths = np.diff(offsets)
+    else:
+        cursor.at = place
+        flat = cursor.integers(size, "int")
+        if size == 4 * n and (flat[::4] == 3).all():  # nearly every file
+            return [flat.reshape(n, 4)[:, 1:].astype(np.float64)]
+        offsets, corners, lengths = _unroll(cursor, flat, n)
+    if len(offsets) and ((lengths < 0).any() or offsets[0] != 0 or offsets[-1] > len(corners)):
+        raise cursor.error("cell offsets do not fit their connectivity")
+    return [
+        corners[offsets[:-1][lengths == k, None] + np.arange(k)].astype(np.float64)
+        for k in np.unique(lengths)
+    ]
+
+
+def _unroll(cursor: Cursor, flat: Ints, n: int) -> tuple[Ints, Ints, Ints]:
+    """Offsets, connectivity and lengths of rows `k i j ...`."""
+    starts = np.zeros(n + 1, dtype=np.int64)
+    for row in range(n):
+        if starts[row] >= len(flat) or flat[starts[row]] < 0:
+            raise cursor.error(f"cell {row} of {n} is missing: the counts do not fit the cells")
+        starts[row + 1] = starts[row] + flat[starts[row]] + 1
+    if starts[-1] != len(flat):
+        raise cursor.error(f"{n} cells take {starts[-1]} numbers: {len(flat)} are declared")
+    return starts - np.arange(n + 1), np.delete(flat, starts[:-1]), np.diff(starts) - 1
+
+
+def _check_types(cursor: Cursor, types: Ints) -> None:
+    wrong = sorted(set(types.tolist()) - {5, 7, 9})
+    if wrong:
+        raise cursor.error(
+            f"cells of type {wrong[0]}: only triangles (5), polygons (7) and quads (9) are read; extract "
+            "the surface first"
+        )
+
+
+def _complete(cursor: Cursor, found: dict[str, Array], n: int) -> dict[str, Array]:
+    """Point data as they are. Raises InputError where an array is longer or shorter than the points."""
+    for name, values in found.items():
+        if len(values) != n:
+            raise cursor.error(f"point data '{name}' have {len(values)} rows: there are {n} points")
+    return found
+
+
+def _attribute(cursor: Cursor, words: list[str], n: int) -> dict[str, Array]:
+    """The arrays that one attribute keyword brings; tables and texture coordinates are read over."""
+    match [words[0].upper(), *words[1:]]:
+        case ["SCALARS", name, kind, *rest]:
+            width = cursor.count(rest[0]) if rest else 1
+            place = cursor.at
+            if cursor.words()[:1] != ["LOOKUP_TABLE"]:
+                cursor.at = place
+            return _named(name, cursor.numbers(n * width, kind), width)
+        case ["NORMALS" | "VECTORS" | "TENSORS" | "GLOBAL_IDS" | "PEDIGREE_IDS" as what, name, kind]:
+            return (
+                _named(name, cursor.numbers(n * WIDTHS[what], kind), WIDTHS[what])
+                if what != "NORMALS"
+                else _drop(cursor, n * 3, kind)
+            )
+        case ["TEXTURE_COORDINATES", _, width, kind]:
+            return _drop(cursor, n * cursor.count(width), kind)
+        case ["COLOR_SCALARS", name, width]:
+            values = cursor.numbers(n * cursor.count(width), "unsigned_char" if cursor.binary else "float")
+            return _named(
+                name, values if cursor.binary else np.rint(255.0 * values), cursor.count(width)
+            )  # ascii counts to 1
+        case ["LOOKUP_TABLE", _, size]:
+            return _drop(cursor, 4 * cursor.count(size), "unsigned_char" if cursor.binary else "float")
+        case ["FIELD", _, arrays]:
+            return _field(cursor, cursor.count(arrays))
+    raise cursor.error(f"'{' '.join(words)[:60]}' is no VTK keyword that is known here")
+
+
+def _drop(cursor: Cursor, count: int, kind: str) -> dict[str, Array]:
+    cursor.numbers(count, kind)
+    return {}
+
+
+def _named(name: str, values: Array, width: int) -> dict[str, Array]:
+    return {unquote(name): values if width == 1 else values.reshape(-1, max(width, 1))}
+
+
+def _field(cursor: Cursor, arrays: int) -> dict[str, Array]:
+    found: dict[str, Array] = {}
+    while arrays > 0:
+        words = cursor.words()
+        if words[:1] == ["METADATA"]:
+            cursor.skip_block()
+            continue
+        if len(words) != 4:
+            raise cursor.error(f"'{' '.join(words)[:60]}' must be a field's name, components, rows and type")
+        name = words[0]
+        width = cursor.count(words[1])
+        rows = cursor.count(words[2])
+        kind = words[3]
+        if kind == "string":
+            cursor.skip_strings(width * rows)
+        else:
+            found |= _named(name, cursor.numbers(width * rows, kind), width)
+        arrays -= 1
+    return found
+
+
+def write(file: SurfaceFile) -> bytes:
+    """Encode as version 4.2, binary: what VTK 5 to 9, Slicer and ParaView all read. 2D outlines become lines
+    at z = 0.
+    """
+    surface = file.surface
+    n, d = surface.vertices.shape
+    xyz = np.column_stack([surface.vertices, np.zeros((n, 3 - d))])
+    cells = np.column_stack([np.full(len(surface.faces), d), surface.faces])
+    title = f"{NOTICE} SPACE={file.space} UNITS={file.units}"
+    head = f"# vtk DataFile Version 4.2\n{title}\nBINARY\nDATASET POLYDATA\nPOINTS {n} double\n"
+    parts = [head.encode(), xyz.astype(">f8").tobytes()]
+    parts += [
+        f"\n{'POLYGONS' if d == 3 else 'LINES'} {len(cells)} {cells.size}\n".encode(),
+        cells.astype(">i4").tobytes(),
+    ]
+    if surface.fields:
+        parts.append(f"\nPOINT_DATA {n}\nFIELD FieldData {len(surface.fields)}\n".encode())
+    for name, values in surface.fields.items():
+        width = 1 if values.ndim == 1 else values.shape[1]
+        parts += [
+            f"{quote(name)} {width} {n} double\n".encode(),
+            np.asarray(values).astype(">f8").tobytes(),
+            b"\n",
+        ]
+    return b"".join(parts) + b"\n"

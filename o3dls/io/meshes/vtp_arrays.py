@@ -1,0 +1,168 @@
+"""Data arrays of VTK's XML files: where their bytes stand and how they are packed."""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import lzma
+import re
+import zlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...arrays import Array
+from ...errors import InputError
+from ..text import flat_numbers, is_count
+
+TYPES = {
+    f"{sign}Int{bits}": f"{'u' if sign else 'i'}{bits // 8}" for sign in ("", "U") for bits in (8, 16, 32, 64)
+}
+TYPES |= {"Float32": "f4", "Float64": "f8"}
+LONGEST_TEXT = 10_000
+UNPACK: dict[str, Callable[[bytes, int], bytes]] = {
+    "vtkZLibDataCompressor": lambda packed, size: zlib.decompressobj().decompress(packed, size),
+    "vtkLZMADataCompressor": lambda packed, size: lzma.LZMADecompressor().decompress(packed, size),
+}
+
+
+def open_xml(path: Path, data: bytes) -> tuple[ElementTree.Element, bytes]:
+    """The XML tree, and the raw bytes of <AppendedData>, which are cut out first since they are no XML."""
+    start = re.search(rb"<AppendedData[^>]*>\s*_", data)
+    appended = b""
+    if start:
+        end = data.rfind(b"</AppendedData>")
+        end = len(data) if end < start.end() else end
+        appended = data[start.end() : end]
+        data = data[: start.end() - 1] + data[end:]
+    try:
+        return ElementTree.fromstring(data), appended
+    except ElementTree.ParseError as error:
+        raise InputError(
+            f"{path}: is no well-formed XML: {error}; the file is truncated or damaged"
+        ) from None
+
+
+@dataclass(frozen=True)
+class Arrays:
+    """Reads data arrays by the conventions that the file's root states."""
+
+    path: Path
+    size: int
+    order: str
+    head: np.dtype[Any]
+    compressor: str | None
+    appended: bytes
+    in_base64: bool
+
+    @classmethod
+    def of(cls, path: Path, root: ElementTree.Element, appended: bytes) -> Arrays:
+        compressor = root.get("compressor")
+        if compressor and compressor not in UNPACK:
+            raise InputError(
+                f"{path}: is packed by {compressor}: must be zlib, lzma or unpacked; save it with "
+                "another compressor"
+            )
+        order = ">" if root.get("byte_order") == "BigEndian" else "<"
+        head = np.dtype(order + TYPES.get(root.get("header_type", "UInt32"), "u4"))
+        data = root.find("AppendedData")
+        in_base64 = data is not None and data.get("encoding") == "base64"
+        return cls(path, 1 << 32, order, head, compressor, appended, in_base64)
+
+    def count(self, piece: ElementTree.Element, name: str) -> int:
+        text = piece.get(name, "0").strip()
+        if not is_count(text) or int(text) > self.size:
+            raise InputError(f"{self.path}: {name}='{text[:20]}' is no count")
+        return int(text)
+
+    def text(self, root: ElementTree.Element, name: str) -> str | None:
+        """A string of the field data, stored as character codes that end with 0; None where there is none."""
+        array = root.find(f"PolyData/FieldData/*[@Name='{name}']")
+        if array is None:
+            return None
+        if array.get("format") == "ascii":
+            codes = bytes(
+                int(word) for word in (array.text or "").split() if is_count(word) and int(word) < 128
+            )
+        else:
+            codes = self._bytes(array, LONGEST_TEXT)
+        return codes.split(b"\0")[0].decode("utf-8", errors="replace")
+
+    def tuples(self, array: ElementTree.Element, n: int) -> Array:
+        """Values per point, (n,) or (n, k)."""
+        width = self.count(array, "NumberOfComponents") or 1
+        values = self.numbers(array, n * width)
+        return values if width == 1 else values.reshape(n, width)
+
+    def numbers(self, array: ElementTree.Element, count: int) -> Array:
+        """The `count` numbers of an array. Raises InputError where it holds another number of them."""
+        where = f"{self.path}: array '{array.get('Name', '')}'"
+        kind = array.get("type", "")
+        if kind not in TYPES:
+            raise InputError(f"{where} is of type '{kind}': must be one of {', '.join(TYPES)}")
+        if array.get("format") == "ascii":
+            return flat_numbers(array.text or "", count, where)
+        dtype = np.dtype(self.order + TYPES[kind])
+        data = self._bytes(array, count * dtype.itemsize)
+        if len(data) != count * dtype.itemsize:
+            raise InputError(
+                f"{where} has {len(data)} bytes: {count} values of {kind} need {count * dtype.itemsize}"
+            )
+        return np.frombuffer(data, dtype).astype(np.float64)
+
+    def _bytes(self, array: ElementTree.Element, limit: int) -> bytes:
+        """Unpacked bytes of an array that is not ascii, little more than `limit` of them at most."""
+        where = f"{self.path}: array '{array.get('Name', '')}'"
+        match array.get("format"):
+            case "binary":
+                return self._block((array.text or "").strip().encode("ascii", "replace"), True, where, limit)
+            case "appended":
+                return self._block(self.appended[self.count(array, "offset") :], self.in_base64, where, limit)
+            case other:
+                raise InputError(f"{where} has format '{other}': must be ascii, binary or appended")
+
+    def _block(self, data: bytes, in_base64: bool, where: str, limit: int) -> bytes:
+        """Unpacked bytes of one array: a header of sizes, then the data."""
+        try:
+            if self.compressor:
+                return self._unpack(data, in_base64, where, limit)
+            size = int(self._head(data, 1, in_base64)[0])
+            first = self.head.itemsize
+            last = self.head.itemsize + size
+            return (_decode(data, last)[first:] if in_base64 else data[first:last])[:size]
+        except (binascii.Error, zlib.error, lzma.LZMAError, ValueError) as error:
+            raise InputError(f"{where} is damaged: {error}") from None
+
+    def _head(self, data: bytes, n: int, in_base64: bool) -> NDArray[Any]:
+        size = n * self.head.itemsize
+        raw = _decode(data, size) if in_base64 else data[:size]
+        return np.frombuffer(raw[:size], self.head, n)
+
+    def _unpack(self, data: bytes, in_base64: bool, where: str, limit: int) -> bytes:
+        blocks = int(self._head(data, 1, in_base64)[0])
+        if blocks > len(data):
+            raise InputError(f"{where} declares {blocks} packed blocks in {len(data)} bytes")
+        head = self._head(data, 3 + blocks, in_base64).astype(np.int64)
+        start = (3 + blocks) * self.head.itemsize
+        start = -(-start // 3) * 4 if in_base64 else start  # the header is encoded on its own
+        packed = _decode(data[start:], int(head[3:].sum())) if in_base64 else data[start:]
+        unpacked = []
+        at = 0
+        for k, size in enumerate(head[3:].tolist()):
+            full = int(head[2]) if k == blocks - 1 and head[2] else int(head[1])
+            unpacked.append(UNPACK[self.compressor or ""](packed[at : at + size], min(full, limit) + 1))
+            at += size
+            limit -= len(unpacked[-1])
+            if limit < 0:  # more than the array can hold: a wrong count, or a bomb
+                break
+        return b"".join(unpacked)
+
+
+def _decode(text: bytes, size: int) -> bytes:
+    """At least the first `size` bytes of base64 text, which may go on with something else."""
+    return base64.b64decode(text[: -(-size // 3) * 4], validate=True)

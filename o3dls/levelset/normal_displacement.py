@@ -1,0 +1,50 @@
+"""A surface that moves along its own normals, and how points see it."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+
+from ..arrays import Array, Ints
+from ..geometry.closest_point import ClosestPoint
+from ..geometry.differential import normals_and_curvature
+from ..geometry.similarity import principal_frame, rms_radius
+from ..geometry.surface import Surface
+
+BENT = 5.0  # curvatures beyond this over the rms radius are noise of the mesh
+
+
+class Wall:
+    """A surface that moves along its own normals: u (v,) outward, exact feet and signed distances of points
+    at every position.
+    """
+
+    def __init__(self, surface: Surface) -> None:
+        self.surface = surface
+        self.rest, self.faces = surface.vertices, surface.faces
+        self.radius = rms_radius(self.rest)
+        self.normals, self.curvature = normals_and_curvature(self.rest, self.faces, BENT / self.radius)
+        self.tree = ClosestPoint(surface.vertices, surface.faces)
+
+    @cached_property
+    def frame(self) -> Array:
+        """The wall's own axes (d+1, d+1), for what must not depend on those of the map."""
+        return principal_frame(self.rest)
+
+    def move(self, u: Array) -> None:
+        """Put the wall at rest + u * normal."""
+        self.tree = self.tree.at(self.rest + u[:, None] * self.normals)
+
+    def look(self, points: Array) -> tuple[Array, Ints, Array]:
+        """Signed distance (n,), corner vertices (n, d) of the foot's face and its barycentric weights (n,
+        d).
+        """
+        squared, face, foot, weights = self.tree.query(points)
+        corners = self.faces[face]
+        outward = np.einsum("nc,ncd->nd", weights, self.normals[corners])
+        return (
+            np.sqrt(squared) * np.where(((points - foot) * outward).sum(axis=1) < 0.0, -1.0, 1.0),
+            corners,
+            weights,
+        )

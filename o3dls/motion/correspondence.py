@@ -1,0 +1,232 @@
+"""Where on the surface each point may have come from: a mean over all walls within reach of its noise,
+instead of the closest point.
+
+A point p of noise s comes from the surface element x with probability ~ exp(-|p - x|^2 / 2 s^2) dA. The mean
+over these elements needs no correction for curvature (on a sphere it gives the s^2 H / 2 by which noise
+carries points outwards), follows bends of the wall within the noise, and where two walls compete it halts
+between them instead of locking to one.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from ..arrays import Array
+from ..geometry.closest_point import ClosestPoint, box_gap, closest_on_face
+from ..geometry.differential import vertex_normals
+from ..parallel import axes_of, by_rows
+from .covariance import Places
+from .observations import Feet
+
+# elements less likely than exp(-3) times the closest are left out: more change no result, and cost time
+REACH = 3.0
+# what is smaller than the noise times the root of this is seen as its centre: exact enough for a Gaussian
+FINE = 3.0
+
+WORTH, WORTH_FACES = 100, 10_000  # points, and faces, that are worth a thread
+
+
+def likely_feet(tree: ClosestPoint, points: Array, sd: Array, rest: Places) -> Feet:
+    """Feet of points (k, d) of noise sd (k,) on the tree's surface, whose vertices in the reference pose are
+    `rest`.
+
+    The normals are means of unit normals: shorter where walls of several directions compete, and so is what
+    the point tells.
+    """
+    dim = points.shape[1]
+    axes = axes_of(points)
+    closest2, nearest, _, _ = tree.query(points)
+    normals = vertex_normals(tree.vertices, tree.faces)
+    spatial = np.zeros((len(points), 3))
+    spatial[:, :dim] = points
+    centres = np.empty((len(tree.faces), 3 * dim + 4))
+    means = np.zeros((len(points), 3 * dim + 2))
+    by_rows(
+        _elements, WORTH_FACES, (tree.corners, tree.in_order, centres), axes, normals, rest.at, rest.normals
+    )
+    nodes = _nodes(axes, centres, tree.leaves, tree.boxes)
+    rows = spatial, sd**2, closest2, tree.rank[nearest], means
+    elements = (
+        tree.leaves,
+        tree.boxes,
+        tree.corners,
+        tree.in_order,
+        centres,
+        nodes,
+        normals,
+        rest.at,
+        rest.normals,
+    )
+    by_rows(_expected, WORTH, rows, axes, *elements)
+    at, mean, along, height, moved = np.split(means, [dim, 2 * dim, 2 * dim + 1, 2 * dim + 2], axis=1)
+    residual = height[:, 0] + (mean * (moved - at)).sum(axis=1)  # from the foot's place in the reference pose
+    return Feet(at, mean, along[:, 0], residual)
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _element(axes, corners, faces, k, share, normals, rest, rest_normals, out):  # type: ignore[no-untyped-def]
+    """Write what face k holds at barycentric weights `share`: rest place, normal, its share along the rest
+    normal, normal . place, place.
+    """
+    dim = len(axes)
+    length = rest_length = agreement = height = 0.0
+    for axis in range(dim):
+        normal = rest_normal = place = origin = 0.0
+        for c in range(dim):
+            normal += share[c] * normals[faces[k, c], axis]
+            rest_normal += share[c] * rest_normals[faces[k, c], axis]
+            place += share[c] * corners[k, c, axis]
+            origin += share[c] * rest[faces[k, c], axis]
+        out[axis], out[dim + axis], out[2 * dim + 2 + axis] = origin, normal, place
+        length += normal * normal
+        rest_length += rest_normal * rest_normal
+        agreement += normal * rest_normal
+        height += normal * place
+    length, rest_length = np.sqrt(length) + 1e-300, np.sqrt(rest_length) + 1e-300
+    for axis in range(dim):
+        out[dim + axis] /= length
+    out[2 * dim] = agreement / (length * rest_length)
+    out[2 * dim + 1] = height / length
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _elements(corners, faces, out, axes, normals, rest, rest_normals):  # type: ignore[no-untyped-def]
+    """Fill in what every face holds at its centre, then its measure and its greatest squared edge: (m, 3 d +
+    4), in tree order.
+    """
+    m, dim = len(faces), len(axes)
+    share = np.full(dim, 1.0 / dim)
+    for k in range(m):
+        _element(axes, corners, faces, k, share, normals, rest, rest_normals, out[k])
+        ux, uy, uz = (
+            corners[k, 1, 0] - corners[k, 0, 0],
+            corners[k, 1, 1] - corners[k, 0, 1],
+            corners[k, 1, 2] - corners[k, 0, 2],
+        )
+        vx, vy, vz = (
+            corners[k, 2, 0] - corners[k, 0, 0],
+            corners[k, 2, 1] - corners[k, 0, 1],
+            corners[k, 2, 2] - corners[k, 0, 2],
+        )
+        x, y, z = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+        edge2 = max(
+            ux * ux + uy * uy + uz * uz,
+            vx * vx + vy * vy + vz * vz,
+            (ux - vx) ** 2 + (uy - vy) ** 2 + (uz - vz) ** 2,
+        )
+        out[k, 3 * dim + 2] = np.sqrt(edge2) if dim == 2 else 0.5 * np.sqrt(x * x + y * y + z * z)
+        out[k, 3 * dim + 3] = edge2
+
+
+@njit(cache=True, error_model="numpy")
+def _nodes(axes, centres, leaves, boxes):  # type: ignore[no-untyped-def]
+    """What every node of the tree holds: the means of its faces, their measure, and the squared diagonal of
+    its box.
+    """
+    m = len(centres)
+    width = 3 * len(axes) + 4
+    out = np.zeros((2 * leaves - 1, width))
+    for leaf in range(leaves):
+        node = leaves - 1 + leaf
+        for k in range(leaf * m // leaves, (leaf + 1) * m // leaves):
+            for q in range(width - 2):
+                out[node, q] += centres[k, width - 2] * centres[k, q]
+            out[node, width - 2] += centres[k, width - 2]
+    for node in range(leaves - 2, -1, -1):
+        for q in range(width - 1):
+            out[node, q] = out[2 * node + 1, q] + out[2 * node + 2, q]
+    for node in range(2 * leaves - 1):
+        share = 1.0 / max(out[node, width - 2], 1e-300)
+        for q in range(width - 2):
+            out[node, q] *= share
+        for axis in range(3):
+            out[node, width - 1] += (boxes[node, 1, axis] - boxes[node, 0, axis]) ** 2
+    return out
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _add(axes, means, points, i, elements, k, closest2, sd2):  # type: ignore[no-untyped-def]
+    """Add to row i of the sums what element k holds, by its weight, which is returned. Indices, because array
+    views cost more.
+    """
+    dim = len(axes)
+    gap = 0.0
+    for axis in range(dim):
+        gap += (points[i, axis] - elements[k, 2 * dim + 2 + axis]) ** 2
+    weight = elements[k, 3 * dim + 2] * np.exp(0.5 * (closest2 - gap) / sd2)
+    for q in range(3 * dim + 2):
+        means[i, q] += weight * elements[k, q]
+    for axis in range(dim):
+        means[i, 2 * dim + 1] -= weight * elements[k, dim + axis] * points[i, axis]
+    return weight
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _expected(  # type: ignore[no-untyped-def]
+    points,
+    sd2,
+    closest2,
+    nearest,
+    means,
+    axes,
+    leaves,
+    boxes,
+    corners,
+    faces,
+    centres,
+    nodes,
+    normals,
+    rest,
+    rest_normals,
+):
+    """Add to the means (n, 3 d + 2) what the faces hold, with weights measure * exp(-squared distance / 2
+    sd2); the height is that of the point over the face.
+    """
+    n, m, dim = len(points), len(faces), len(axes)
+    size = 3 * dim + 2
+    stack = np.empty(128, dtype=np.int64)
+    share = np.empty(3)
+    own = np.empty((1, 3 * dim + 4))
+    for i in range(n):
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        limit = closest2[i] * (1.0 + 1e-12) + 2.0 * REACH * sd2[i]
+        total = 0.0
+        stack[0], top = 0, 1
+        while top > 0:
+            top -= 1
+            node = stack[top]
+            if box_gap(x, y, z, boxes, node) > limit:
+                continue
+            if nodes[node, 3 * dim + 3] < FINE * sd2[i]:
+                total += _add(axes, means, points, i, nodes, node, closest2[i], sd2[i])
+                continue
+            if node < leaves - 1:
+                stack[top], stack[top + 1] = 2 * node + 1, 2 * node + 2
+                top += 2
+                continue
+            leaf = node - (leaves - 1)
+            for k in range(leaf * m // leaves, (leaf + 1) * m // leaves):
+                if centres[k, 3 * dim + 3] < FINE * sd2[i]:
+                    total += _add(axes, means, points, i, centres, k, closest2[i], sd2[i])
+                    continue
+                gap, share[1], share[2] = closest_on_face(
+                    x, y, z, corners, k
+                )  # a face large against the noise is seen at its closest point
+                if gap > limit:
+                    continue
+                share[0] = 1.0 - share[1] - share[2]
+                if dim == 2:  # a segment is a triangle whose last two corners coincide
+                    share[1] += share[2]
+                _element(axes, corners, faces, k, share, normals, rest, rest_normals, own[0])
+                own[0, 3 * dim + 2] = centres[k, 3 * dim + 2]
+                total += _add(axes, means, points, i, own, 0, closest2[i], sd2[i])
+        if total == 0.0:  # far off a sharp edge: total = 0 by underflow
+            total = 1.0
+            for q in range(size):
+                means[i, q] = centres[nearest[i], q]
+            for axis in range(dim):
+                means[i, 2 * dim + 1] -= centres[nearest[i], dim + axis] * points[i, axis]
+        for q in range(size):
+            means[i, q] /= total
+        means[i, 2 * dim + 1] *= -1.0

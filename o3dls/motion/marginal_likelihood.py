@@ -1,0 +1,223 @@
+"""Bayesian linear algebra of the motion: posterior, evidence of amplitudes and noise levels, and which points
+to believe.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import solve_triangular
+from scipy.linalg.blas import dtrsm
+from scipy.linalg.lapack import dpotrf, dpotri
+from scipy.optimize import minimize
+
+from ..arrays import Array
+from ..errors import SolverError
+from .observations import Rows
+
+FLAT = 0.1  # nats per factor e of an amplitude or a noise level: less decides nothing
+FARTHEST = 100.0  # logarithms: a longer step leads to what is no number
+Terms = tuple[
+    float, list[float], Array
+]  # -log evidence, its slopes along the logarithms of amplitudes, and of each row's noise (n,)
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """Cholesky factor (n, n), lower, of C = K + noise; alpha (n,) = C^-1 z; precision (n,): the diagonal of
+    C^-1; -log evidence.
+    """
+
+    factor: Array
+    alpha: Array
+    precision: Array
+    energy: float
+
+
+def solve(matrix: Array, z: Array) -> tuple[Posterior, Array]:
+    """Posterior for residuals z (n,) with covariance `matrix` (n, n), and the matrix's inverse. Raises
+    SolverError if not positive.
+    """
+    factor, fault = dpotrf(matrix, lower=1, clean=1)
+    if fault:
+        raise SolverError(
+            f"the covariance of the residuals is not positive definite (minor {fault} of {len(z)})"
+        )
+    inverse, _ = dpotri(factor, lower=1)  # the lower half; the upper stays zero, as dpotrf left it
+    inverse = inverse + inverse.T
+    inverse[np.diag_indices_from(inverse)] *= 0.5
+    alpha = inverse @ z
+    energy = 0.5 * float(z @ alpha) + float(np.log(np.diag(factor)).sum())
+    if not np.isfinite(energy):
+        raise SolverError("the energy of the motion is not finite: a residual or an amplitude overflowed")
+    return Posterior(factor, alpha, np.diag(inverse).copy(), energy), inverse
+
+
+@dataclass(frozen=True)
+class Scales:
+    """Logarithms of what the evidence tunes: field amplitudes first, then one noise level per group of
+    points; with their priors and the least values allowed.
+    """
+
+    log: Array
+    centre: Array
+    spread: Array
+    least: Array
+    fields: int
+
+    @property
+    def sds(self) -> Array:
+        return np.asarray(np.exp(self.log[: self.fields]))
+
+    @property
+    def noises(self) -> Array:
+        return np.asarray(np.exp(self.log[self.fields :]))
+
+    def noise_alone(self) -> Scales:
+        """The same noise levels without any field."""
+        k = self.fields
+        return Scales(self.log[k:], self.centre[k:], self.spread[k:], self.least[k:], 0)
+
+
+def tune(scales: Scales, fixed: Array, parts: list[Array], rows: Rows, steps: int = 12) -> Array:
+    """Logarithms that maximise evidence times log-normal priors (MacKay 1992), by L-BFGS on the exact
+    gradient.
+    """
+
+    def terms(log: Array) -> Terms:
+        matrix, noise = assemble(log, fixed, parts, rows)
+        posterior, inverse = solve(matrix, rows.residual)
+        slope = inverse - np.outer(posterior.alpha, posterior.alpha)
+        slopes = [float(np.vdot(slope, part)) * np.exp(2.0 * log[k]) for k, part in enumerate(parts)]
+        return posterior.energy, slopes, noise * np.diag(slope)
+
+    return _likeliest(scales, rows, terms, steps)
+
+
+def tune_noise(scales: Scales, features: Array, rows: Rows, steps: int = 12) -> Array:
+    """The same for noise levels alone, where the covariance is that of few `features` (n, k): `fixed` is
+    features features^T, and its inverse with the noise is had from a (k, k) matrix (Woodbury's identity).
+    """
+
+    def terms(log: Array) -> Terms:
+        noise = _noise(log, rows)
+        z = rows.residual
+        weighted = features / noise[:, None]
+        factor = np.linalg.cholesky(np.eye(features.shape[1]) + features.T @ weighted)
+        half = solve_triangular(factor, weighted.T, lower=True, check_finite=False)
+        alpha = z / noise - (half @ z) @ half
+        precision = 1.0 / noise - (half**2).sum(axis=0)
+        energy = 0.5 * float(z @ alpha + np.log(noise).sum()) + float(np.log(np.diag(factor)).sum())
+        return energy, [], noise * (precision - alpha**2)
+
+    return _likeliest(scales, rows, terms, steps)
+
+
+def _likeliest(scales: Scales, rows: Rows, terms: Callable[[Array], Terms], steps: int) -> Array:
+    """Logarithms (k,) at the minimum of -log evidence, whose `terms` are those of the rows alone, and of the
+    priors.
+    """
+    squares, degrees = rows.scatter
+
+    def objective(log: Array) -> tuple[float, Array]:
+        pull = (log - scales.centre) / scales.spread
+        too_far = 1e12, np.asarray(pull / scales.spread)  # the line search comes back
+        if (log - scales.log).max() > FARTHEST:
+            return too_far
+        try:
+            energy, of_fields, of_rows = terms(log)
+        except SolverError:
+            return too_far
+        within = squares * np.exp(-2.0 * log[scales.fields :])
+        of_noises = np.bincount(rows.group, of_rows, minlength=len(squares)) - within + degrees
+        energy += float(0.5 * within.sum() + degrees @ log[scales.fields :]) + 0.5 * float(pull @ pull)
+        return energy, np.r_[of_fields, of_noises] + pull / scales.spread
+
+    limits = [(low, None) for low in scales.least]
+    # slopes are free of the unit of length, the energy is not: a drop relative to it would stop elsewhere in
+    # metres than in millimetres
+    found = minimize(
+        objective,
+        scales.log,
+        jac=True,
+        method="L-BFGS-B",
+        bounds=limits,
+        options={"maxiter": steps, "maxcor": 8, "ftol": 0, "gtol": FLAT},
+    )
+    return np.asarray(found.x)
+
+
+def assemble(log: Array, fixed: Array, parts: list[Array], rows: Rows) -> tuple[Array, Array]:
+    """Covariance (n, n) of the residuals and its noise part (n,): (exp(log noise of the row's group) times
+    its relative noise)^2.
+    """
+    matrix = fixed.copy()
+    for k, part in enumerate(parts):
+        matrix += np.exp(2.0 * log[k]) * part
+    noise = _noise(log[len(parts) :], rows)
+    matrix[np.diag_indices_from(matrix)] += noise
+    return matrix, noise
+
+
+def _noise(log: Array, rows: Rows) -> Array:
+    return np.asarray((np.exp(log)[rows.group] * rows.relative) ** 2)
+
+
+def free_energy(posterior: Posterior, log_noise: Array, rows: Rows) -> float:
+    """-log evidence in nats of believed points: a row of weight w stands for N(z; f, s^2)^w, not for N(z; f,
+    s^2 / w).
+    """
+    squares, degrees = rows.scatter
+    within = 0.5 * float((squares * np.exp(-2.0 * log_noise)).sum()) + float(degrees @ log_noise)
+    believed = len(rows.residual) + float(degrees.sum())
+    return (
+        posterior.energy
+        - float(np.log(rows.relative).sum())
+        + rows.own_noise
+        + within
+        + 0.5 * believed * float(np.log(2.0 * np.pi))
+    )
+
+
+def misfit(posterior: Posterior, log_noise: Array, rows: Rows) -> float:
+    """The part of `free_energy` that residuals cost, in nats; what is left is the price of all that the
+    fields could have explained.
+    """
+    return 0.5 * float(rows.residual @ posterior.alpha + (rows.scatter[0] * np.exp(-2.0 * log_noise)).sum())
+
+
+def flattery(scales: Scales, fixed: Array, parts: list[Array], rows: Rows) -> float:
+    """Nats by which the evidence at its maximum exceeds the evidence of all amplitudes and noise levels:
+    Laplace's approximation with their log-normal priors and Fisher's information (Kass and Raftery 1995).
+    What the points say nothing of costs nothing.
+    """
+    matrix, noise = assemble(scales.log, fixed, parts, rows)
+    _, inverse = solve(matrix, rows.residual)
+    of_groups = [inverse * (noise * (rows.group == g)) for g in range(len(scales.noises))]
+    slopes = [
+        np.exp(2.0 * log) * inverse @ part for log, part in zip(scales.log, parts, strict=False)
+    ] + of_groups
+    information = 2.0 * np.array([[np.vdot(a, b.T) for b in slopes] for a in slopes])
+    noises = np.arange(scales.fields, len(scales.log))
+    information[noises, noises] += 2.0 * np.maximum(rows.scatter[1], 0.0)
+    pull = (scales.log - scales.centre) / scales.spread
+    stiffer = np.eye(len(pull)) + scales.spread[:, None] * information * scales.spread
+    return 0.5 * float(pull @ pull + np.linalg.slogdet(stiffer)[1])
+
+
+def left_out(posterior: Posterior, noise: Array) -> tuple[Array, Array]:
+    """Residual (n,) of each point to the fit without it, and that fit's variance there (n,), in closed form
+    (Sundararajan 2001).
+    """
+    predictive = 1.0 / posterior.precision
+    return posterior.alpha * predictive, np.maximum(predictive - noise, 1e-12)
+
+
+def posterior_variance(factor: Array, prior_variance: Array, crossed: Array) -> Array:
+    """Variance (m,) of linear functionals with prior variance (m,) and covariance `crossed` (n, m) to the
+    observations.
+    """
+    explained = dtrsm(1.0, factor, crossed.T, side=1, lower=1, trans_a=1)  # in the order of its memory
+    return np.asarray(np.maximum(prior_variance - np.einsum("mn,mn->m", explained, explained), 0.0))

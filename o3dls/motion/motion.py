@@ -1,0 +1,94 @@
+"""The motion T of the prior as a function of points, with its posterior."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..arrays import Array, Ints
+from ..geometry.closest_point import ClosestPoint
+from ..geometry.differential import unit_mean
+from ..geometry.similarity import apply
+from .covariance import Covariance, Observed, Places, cross, displacement, variance
+from .marginal_likelihood import Posterior, posterior_variance
+
+if TYPE_CHECKING:
+    pass
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """The fitted motion, prior frame to map frame, as a function of points with its posterior deviation
+    (estimate.Motion).
+
+    share is the posterior probability that the points show a motion at all: so far the field is followed, and
+    for the rest the similarity `alone` (d+1, d+1), from the reference pose to where it would be without a
+    motion, so that points which cannot tell a motion from noise leave the prior its shape. inflation
+    calibrates the deviation (docs/method.md).
+    """
+
+    vertices: Array  # of the prior, in its own frame
+    faces: Ints
+    T_map_prior: Array  # the reference pose,
+    # and the vertices in it, from which the field displaces: faired where the points show the prior to be
+    # rough
+    rest: Places
+    covariance: Covariance
+    sds: Array
+    observed: Observed
+    posterior: Posterior
+    share: float
+    alone: Array
+    inflation: float
+
+    def __call__(self, points: Array) -> Array:
+        places = self._reference(points)
+        return self.mean(places.at, self._field(places))
+
+    def mean(self, at: Array, field: Array) -> Array:
+        """Where places (n, d) of the reference pose went that the field would displace by (n, d)."""
+        return at + self.share * field + (1.0 - self.share) * self._pose_alone(at)
+
+    def sd(self, points: Array, normals: Array) -> Array:
+        """Posterior standard deviation (n,) along unit `normals` (map frame) of where points (n, d) of the
+        prior frame went.
+        """
+        return self.sd_in_reference(self._reference(points), normals)
+
+    def sd_in_reference(self, places: Places, normals: Array) -> Array:
+        """The same for places that are known in the reference pose."""
+        asked = places.observed(normals)
+        crossed = cross(self.covariance, self.sds, self.observed, asked)
+        var = posterior_variance(self.posterior.factor, variance(self.covariance, self.sds, asked), crossed)
+        # what is not shown may still be so: the deviation is that of the motion from where the surface is
+        # left
+        beyond = (
+            0.0
+            if self.share == 1.0
+            else ((self._field(places) - self._pose_alone(places.at)) * normals).sum(axis=1)
+        )
+        held_back = (1.0 - self.share) * beyond
+        return self.inflation * np.sqrt(var + held_back**2)
+
+    def _field(self, places: Places) -> Array:
+        return displacement(self.covariance, self.sds, self.observed, self.posterior.alpha, places)
+
+    def _pose_alone(self, at: Array) -> Array:
+        return apply(self.alone, at) - at
+
+    @cached_property
+    def _tree(self) -> ClosestPoint:
+        return ClosestPoint(self.vertices, self.faces)
+
+    def _reference(self, points: Array) -> Places:
+        """Positions in the reference pose, shifted as the surface nearest to them was, and that surface's
+        normals.
+        """
+        _, face, _, bary = self._tree.query(points)
+        corner = self.faces[face]
+        shift = (self.rest.at - apply(self.T_map_prior, self.vertices))[corner]
+        at = apply(self.T_map_prior, points) + np.einsum("nc,ncd->nd", bary, shift)
+        return Places(at, unit_mean(self.rest.normals, corner, bary))

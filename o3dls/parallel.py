@@ -1,0 +1,81 @@
+"""Compiled loops: over rows on several cores, each thread filling rows of its own, so that results do not
+depend on how many there are; and a word where they have to be compiled first.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from functools import lru_cache
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numba import config
+from numba.core.event import Event, Listener, install_listener
+
+from .arrays import Array, Ints
+
+THREADS: int = (
+    config.NUMBA_NUM_THREADS
+)  # the cores this process may use, unless the variable of that name says otherwise
+
+log = logging.getLogger("o3dls")
+
+
+def axes_of(vectors: Array) -> tuple[int, ...]:
+    """A tuple as long as vectors (n, d) have axes: the compiler knows how long a tuple is, and unrolls a
+    kernel's loops over it.
+    """
+    return (0,) * int(vectors.shape[1])
+
+
+def by_rows(kernel: Callable[..., Any], least: int, rows: tuple[Array | Ints, ...], *shared: Any) -> None:
+    """Call kernel(*rows, *shared), which reads and fills `rows` (arrays of equal length) one by one and lets
+    go of the interpreter's lock, on as many threads as have `least` rows to do: fewer take less time than to
+    wake a thread.
+    """
+    count = len(rows[0])
+    bounds = np.linspace(0, count, max(1, min(THREADS, count // least)) + 1).astype(int)
+    mine, *others = (tuple(row[a:b] for row in rows) for a, b in pairwise(bounds))
+    pool = _pool(os.getpid()) if others else None
+    begun = [pool.submit(kernel, *part, *shared) for part in others] if pool else []
+    kernel(*mine, *shared)
+    for part in begun:
+        part.result()
+
+
+def share(processes: int) -> None:
+    """Leave this process its part of the cores, of so many processes that work at one time."""
+    global THREADS
+    THREADS = max(1, config.NUMBA_NUM_THREADS // processes)
+
+
+@lru_cache
+def _pool(process: int) -> ThreadPoolExecutor:
+    """Threads of a process: a fork has none of its parent's."""
+    return ThreadPoolExecutor(THREADS - 1)
+
+
+@contextmanager
+def compiling_said() -> Iterator[None]:
+    """Within this, the first loop that has to be compiled is announced: a version's first run seems to stand
+    still.
+    """
+    with install_listener("numba:compile", _Compiling()):
+        yield
+
+
+class _Compiling(Listener):  # type: ignore[misc]
+    said = False
+
+    def on_start(self, event: Event) -> None:
+        if not self.said:
+            log.info("compiling the loops of this version, which is done once and takes up to a minute")
+        self.said = True
+
+    def on_end(self, event: Event) -> None:
+        pass

@@ -1,0 +1,160 @@
+"""One pipeline over many cases, each in a process of its own, and one table of the cohort."""
+
+from __future__ import annotations
+
+import logging
+import os
+import traceback
+from collections.abc import Sequence
+from concurrent.futures import Future
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from ..case import Case
+from ..errors import InputError, O3dlsError
+from ..io.atomic import check_free
+from ..io.case_folder import read_case
+from ..runs.folder import heard, log_of_failure, write_rows
+from ..runs.run import Run
+from ..runs.tables import score_rows
+from .pipeline import Pipeline
+from .workers import workers
+
+log = logging.getLogger("o3dls")
+COHORT = "cohort.csv"
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of one case: rows of its scores, or the sentence that says why there are none; and what it
+    was warned of.
+    """
+
+    case: str
+    rows: list[dict[str, Any]]
+    faults: list[str]
+    error: str | None = None
+    warnings: list[str] = field(default_factory=list)
+
+
+def run_into(pipeline: Pipeline, case: Case, out: Path, *, force: bool = False) -> Run:
+    """Run a pipeline and write its folder; a failure leaves only a log beside it that says why."""
+    check_free(out, force, "run")
+    with log_of_failure(out):
+        run = pipeline.run(case)
+        run.write(out, force=force)
+    return run
+
+
+def run_cohort(
+    folders: Sequence[Path],
+    pipeline: Pipeline,
+    out: Path,
+    *,
+    jobs: int = 1,
+    trim: bool = False,
+    force: bool = False,
+) -> list[Outcome]:
+    """Run the pipeline on every case folder into `out/<name of the folder>` and write `out/cohort.csv`.
+
+    trim: leave out what a case does not allow, as for the default pipeline. A case that fails does not stop
+    the others. Raises InputError before any work where two cases have one name, or a run folder or the table
+    exists.
+    """
+    names = [folder.resolve().name for folder in folders]
+    for name in names:
+        if names.count(name) > 1:
+            raise InputError(f"two case folders are named '{name}': their runs would have one folder")
+        check_free(out / name, force, "run", folders)
+    if (out / COHORT).exists() and not force:
+        raise InputError(f"{out / COHORT}: exists already; name another folder or use --force")
+    outcomes = _outcomes(
+        [
+            _Job(folder, pipeline, out / name, trim, force)
+            for folder, name in zip(folders, names, strict=True)
+        ],
+        jobs,
+    )
+    out.mkdir(parents=True, exist_ok=True)
+    write_rows(out / COHORT, [row for outcome in outcomes for row in cohort_rows(outcome)])
+    return outcomes
+
+
+def cohort_rows(outcome: Outcome) -> list[dict[str, Any]]:
+    """Rows of the cohort's table: case, error, faults of its final surface, warnings, then the columns of
+    scores.csv.
+    """
+    said = {"faults": "; ".join(outcome.faults), "warnings": "; ".join(outcome.warnings)}
+    head = {"case": outcome.case, "error": outcome.error or "", **said}
+    return [head | row for row in outcome.rows] or [head]
+
+
+@dataclass(frozen=True)
+class _Job:
+    """One case, what to do with it, and where its run goes."""
+
+    folder: Path
+    pipeline: Pipeline
+    out: Path
+    trim: bool
+    force: bool
+
+    def __call__(self) -> Outcome:
+        with heard(logging.WARNING) as warnings:
+            try:
+                run = self._run()
+            except (O3dlsError, OSError) as error:
+                return Outcome(self.out.name, [], [], str(error), warnings)
+            except Exception as error:  # our own mistake in one case must not cost the others
+                traceback.print_exc()
+                return Outcome(
+                    self.out.name,
+                    [],
+                    [],
+                    f"internal error, please report it: {type(error).__name__}: {error}",
+                    warnings,
+                )
+            except SystemExit:
+                os._exit(
+                    1
+                )  # told to end: the pool would take it for the case's error, and go on with the next
+        return Outcome(self.out.name, score_rows(run), run.faults, None, warnings)
+
+    def _run(self) -> Run:
+        case = read_case(self.folder)
+        return run_into(
+            self.pipeline.allowed_by(case) if self.trim else self.pipeline, case, self.out, force=self.force
+        )
+
+
+def _outcomes(work: Sequence[_Job], jobs: int) -> list[Outcome]:
+    """Do the jobs, so many at one time; once a process was ended from outside, those that are left one by
+    one: memory may be short.
+    """
+    with workers(jobs) as pool:
+        futures = [pool.submit(job) for job in work]
+        found = [_outcome(future) for future in futures]
+    return [outcome or _alone(job) for job, outcome in zip(work, found, strict=True)]
+
+
+def _alone(job: _Job) -> Outcome:
+    with workers(1) as pool:
+        ended = (
+            "its process was ended from outside, also when it was the only one; is there too little memory?"
+        )
+        return _outcome(pool.submit(job)) or Outcome(job.out.name, [], [], ended)
+
+
+def _outcome(future: Future[Outcome]) -> Outcome | None:
+    """The outcome of a job, once it is there, None where its process was ended; its warnings go to the
+    log.
+    """
+    try:
+        outcome = future.result()
+    except BrokenProcessPool:
+        return None
+    for warning in outcome.warnings:
+        log.warning("%s: %s", outcome.case, warning)
+    return outcome

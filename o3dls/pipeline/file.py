@@ -1,0 +1,183 @@
+"""Pipelines from TOML: the same objects as from Python, and every mistake named with its file and key."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+from ..errors import O3dlsError, PipelineError, did_you_mean
+from ..io.atomic import check_free
+from ..io.case_folder import read_case
+from ..io.text import decode, read_bytes
+from ..plugins.plugin import Plugin, load
+from ..resources import pipeline_file
+from .pipeline import Pipeline, order_mistakes
+
+TOP = {"case": str, "out": str, "folds": int, "stage": list, "write": list}
+FOLDERS = ("case", "out")
+KINDS = {str: "a text", int: "a whole number", list: "a list of tables: [[stage]], [[write]]"}
+
+Tables = dict[str, Any]
+
+
+def read_pipeline(path: str | Path, settings: Iterable[str] = ()) -> Pipeline:
+    """The pipeline of a TOML file, its folders taken from where the file stands; `settings` such as
+    `icp.keep=0.9` overrule it.
+
+    Raises PipelineError with every mistake, InputError where the file cannot be read.
+    """
+    path = Path(path)
+    try:
+        tables = tomllib.loads(decode(read_bytes(path), path))
+        return pipeline_from(overruled(tables, settings), path.parent)
+    except tomllib.TOMLDecodeError as error:
+        raise PipelineError(f"{path}: {error}") from None
+    except PipelineError as error:
+        raise PipelineError(*(f"{path}: {mistake}" for mistake in error.args)) from None
+
+
+def all_mistakes(path: str | Path, case: str | Path | None = None) -> list[str]:
+    """Every mistake of a pipeline file and of its case, or of the case named here, one sentence each; nothing
+    is run or written.
+
+    An earlier run in the folder `out` is none.
+    """
+    said: list[str] = []
+    pipeline: Pipeline | None = None
+    with _noted(said):
+        pipeline = read_pipeline(path)
+    folder = case or (pipeline and pipeline.case)
+    if pipeline and pipeline.out:
+        with _noted(said):
+            check_free(pipeline.out, True, "run", [Path(source) for source in (path, folder) if source])
+    if folder:
+        from ..parallel import compiling_said  # numba is not for those who only check a file
+
+        with _noted(said), compiling_said():
+            subject = read_case(folder)
+            said += pipeline.refusals(subject) if pipeline else []
+    return said
+
+
+@contextmanager
+def _noted(said: list[str]) -> Iterator[None]:
+    """Take the mistakes of the block as sentences, and go on."""
+    try:
+        yield
+    except O3dlsError as error:
+        said += map(str, error.args)
+
+
+def default_pipeline(settings: Iterable[str] = ()) -> Pipeline:
+    """The packaged default: landmarks, icp, deform, level_set, report, export."""
+    return read_pipeline(pipeline_file("default"), settings)
+
+
+def pipeline_from(tables: Tables, folder: Path = Path()) -> Pipeline:
+    """A pipeline from the tables of a file, or from the `pipeline` of run.json. Raises PipelineError with
+    every mistake.
+    """
+    said = [f"{key}: no such key{did_you_mean(key, list(TOP))}" for key in tables if key not in TOP]
+    said += [
+        f"{k} = {v!r}: must be {KINDS[TOP[k]]}"
+        for k, v in tables.items()
+        if k in TOP and type(v) is not TOP[k]
+    ]
+    if said:
+        raise PipelineError(*said)
+    stages, writes = (_plugins(kind, tables.get(kind, []), said) for kind in ("stage", "write"))
+    if said:
+        raise PipelineError(
+            *said,
+            *order_mistakes(
+                [_step(table) for table in tables.get("stage", []) if isinstance(table, Mapping)]
+            ),
+        )
+    places = {key: folder / tables[key] for key in FOLDERS if key in tables}
+    return Pipeline(stages, writes, folds=tables.get("folds", Pipeline.folds), **places)
+
+
+def overruled(tables: Tables, settings: Iterable[str]) -> Tables:
+    """The tables with settings `STAGE.PARAM=VALUE` put in, STAGE being the name of an estimate or a writer.
+    Raises PipelineError.
+    """
+    for setting in settings:
+        key, equals, value = setting.partition("=")
+        owner, dot, name = key.strip().rpartition(".")
+        if not equals or not name:
+            raise PipelineError(f"--set {setting}: must be STAGE.PARAM=VALUE, such as icp.keep=0.9")
+        if key.strip() in FOLDERS:
+            raise PipelineError(
+                f"--set {setting}: is a folder and no parameter; say --{name} {value.strip()}"
+            )
+        target = _table(tables, owner, setting) if dot else tables
+        target[name] = _value(value.strip())
+    return tables
+
+
+def _plugins(kind: str, tables: list[Any], said: list[str]) -> list[Any]:
+    """Stages or writers of a file; mistakes are added to `said`, each with the place of its table."""
+    made = []
+    for k, table in enumerate(tables, 1):
+        try:
+            made.append(_plugin(kind, table))
+        except PipelineError as error:
+            said += [f"[[{kind}]] {k}: {mistake}" for mistake in error.args]
+    return made
+
+
+def _plugin(kind: str, table: Any) -> Plugin:
+    if not isinstance(table, Mapping):
+        raise PipelineError(f"must be a table, not {table!r}")
+    if "use" not in table:
+        raise PipelineError(
+            f'use: is missing; name the {kind}, such as use = "{"icp" if kind == "stage" else "report"}"'
+        )
+    if not isinstance(table["use"], str):
+        raise PipelineError(f"use = {table['use']!r}: must be the name of one {kind}")
+    plugin = load(kind, table["use"])
+    said = [
+        f"{plugin.name}.{k}: no such parameter: did you mean '{f.alias}'?"
+        for k, f in plugin.model_fields.items()
+        if f.alias and k in table
+    ]
+    if said:  # names that only Python needs
+        raise PipelineError(*said)
+    return plugin.model_validate({key: value for key, value in table.items() if key != "use"})
+
+
+def _step(table: Mapping[str, Any]) -> tuple[str, str, str | None]:
+    use = str(table.get("use"))
+    after = table.get("after")
+    return use, str(table.get("as") or use), after if isinstance(after, str) else None
+
+
+def _table(tables: Tables, owner: str, setting: str) -> Tables:
+    every = [
+        table for kind in ("stage", "write") for table in tables.get(kind, []) if isinstance(table, dict)
+    ]
+    names = [str(table.get("as") or table.get("use")) for table in every]
+    if owner not in names:
+        raise PipelineError(f"--set {setting}: the pipeline has no '{owner}'{did_you_mean(owner, names)}")
+    if names.count(owner) > 1:
+        raise PipelineError(
+            f"--set {setting}: the pipeline has {names.count(owner)} named '{owner}'; set it in the "
+            "pipeline file"
+        )
+    return every[names.index(owner)]
+
+
+def _value(text: str) -> Any:
+    """A value as TOML writes it, or a number or True and False as Python does; a bare word is a text."""
+    readers = (
+        lambda: tomllib.loads(f"value = {text}")["value"],
+        lambda: {"True": True, "False": False}[text],
+        lambda: float(text),
+    )
+    for read in readers:
+        with suppress(ValueError, KeyError):
+            return read()
+    return text

@@ -1,0 +1,203 @@
+"""A pipeline folds stages over a case: each makes an estimate from an earlier one, and every estimate is kept
+and scored.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from time import perf_counter
+from typing import Any, Self
+
+import numpy as np
+
+from ..case import Case
+from ..errors import InputError, PipelineError, SolverError, did_you_mean
+from ..estimate import Estimate
+from ..plugins.stage import Stage
+from ..runs.run import Run
+from ..runs.writers import Writer
+from .cross_validation import cross_validate, too_many
+from .start import doubts, misfit, start_estimate, unseen_pieces
+
+START = "start"
+MOST_FOLDS = 50
+log = logging.getLogger("o3dls")
+
+
+@dataclass(frozen=True)
+class Pipeline:
+    """Stages in order, writers of what the run shall leave behind, and the number of folds of the
+    cross-validation (0: none).
+
+    `case` and `out` are folders, and only needed where `run` and `write` are not told. Raises PipelineError
+    with every mistake.
+    """
+
+    stages: Sequence[Stage]
+    writes: Sequence[Writer] = ()
+    case: Path | None = field(default=None, kw_only=True)
+    out: Path | None = field(default=None, kw_only=True)
+    folds: int = field(default=5, kw_only=True)
+
+    def __post_init__(self) -> None:
+        for name, kind in (("stages", Stage), ("writes", Writer)):
+            object.__setattr__(self, name, tuple(getattr(self, name)))
+            if wrong := [thing for thing in getattr(self, name) if not isinstance(thing, kind)]:
+                raise PipelineError(f"{name}: {wrong[0]!r} is none: give a list of them, such as [ICP()]")
+        for name in ("case", "out"):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, Path(getattr(self, name)))
+        if found := _mistakes(self):
+            raise PipelineError(*found)
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the estimates in order, `start` first."""
+        return [START, *(stage.estimate_name for stage in self.stages)]
+
+    @property
+    def sources(self) -> dict[str, str]:
+        """The estimate that each stage starts from, by the name of its own."""
+        return {
+            stage.estimate_name: stage.after or before
+            for stage, before in zip(self.stages, self.names, strict=False)
+        }
+
+    def fitted(self, name: str) -> tuple[str, ...]:
+        """Types of the points that an estimate, or one that it started from, was shown."""
+        chain = self.chain(name)
+        return tuple(
+            sorted({kind for stage in self.stages if stage.estimate_name in chain for kind in stage.fits})
+        )
+
+    def chain(self, name: str) -> list[str]:
+        """An estimate and those that it started from, back to `start`."""
+        return [name, *self.chain(self.sources[name])] if name in self.sources else [name]
+
+    def run(self, case: Case | None = None) -> Run:
+        """Fit, cross-validate and score. Raises InputError where the case cannot be fitted so, SolverError
+        where a stage fails.
+        """
+        from ..parallel import compiling_said  # numba is not for those who only check a file
+
+        with compiling_said():
+            return self._run(case or self._own_case())
+
+    def _run(self, case: Case) -> Run:
+        begin = perf_counter()
+        if why := self.refusals(case):
+            raise InputError("; ".join(why))
+        estimates = self.fit(case)
+        said = doubts(case.visible(), estimates[START]) if self._knows_pose else []
+        said += unseen_pieces(case.visible(), estimates[self.names[-1]].T_map_prior)
+        estimates = {
+            name: replace(estimate, warnings=(*said, *estimate.warnings))
+            for name, estimate in estimates.items()
+        }
+        for warning in dict.fromkeys(text for estimate in estimates.values() for text in estimate.warnings):
+            log.warning("%s", warning)
+        left_out = (
+            cross_validate(lambda part: self.fit(part, logging.DEBUG), case, self.folds) if self.folds else {}
+        )
+        run = Run.scored(case, self, estimates, left_out)
+        return replace(run, provenance=run.provenance | {"seconds": perf_counter() - begin})
+
+    def fit(self, case: Case, level: int = logging.INFO) -> dict[str, Estimate]:
+        """Estimates by name, `start` first; each stage is shown the points that it fits, and neither truth
+        nor held-out data.
+        """
+        estimates = {START: start_estimate(case.visible())}
+        for stage in self.stages:
+            begin = perf_counter()
+            estimate = stage(case.visible(stage.fits), estimates[self.sources[stage.estimate_name]])
+            if not np.isfinite(estimate.T_map_prior).all():
+                raise SolverError(f"{stage.estimate_name}: the pose found is not finite")
+            estimates[stage.estimate_name] = replace(estimate, seconds=perf_counter() - begin)
+            log.log(level, "%s: %s (%.2f s)", stage.estimate_name, estimate.status, perf_counter() - begin)
+        return estimates
+
+    def record(self) -> dict[str, Any]:
+        """The pipeline with every default written out, shaped as its file; without folders, which say nothing
+        of the result.
+        """
+        return {
+            "folds": self.folds,
+            "stage": [stage.record() for stage in self.stages],
+            "write": [writer.record() for writer in self.writes],
+        }
+
+    def refusals(self, case: Case) -> list[str]:
+        """Why a run on the case would end before any work, one sentence each."""
+        plugins = (*self.stages, *self.writes)
+        said = [
+            f"{plugin.name}: {why}"
+            for plugin in plugins
+            if (why := plugin.obstacle(case) or plugin.mistake(case))
+        ]
+        said += too_many(case, self.folds)
+        said += misfit(case, start_estimate(case), pose_is_known=self._knows_pose)
+        return [f"case {case.name}: {why}" for why in said]
+
+    @property
+    def _knows_pose(self) -> bool:
+        return not any(stage.finds_pose for stage in self.stages)
+
+    def allowed_by(self, case: Case) -> Self:
+        """The pipeline without the stages and writers that cannot work on the case; each one dropped is said
+        in the log.
+        """
+        for plugin in (*self.stages, *self.writes):
+            if why := plugin.obstacle(case):
+                log.info("left out: case %s: %s: %s", case.name, plugin.name, why)
+        stages = [stage for stage in self.stages if not stage.obstacle(case)]
+        return replace(
+            self, stages=stages, writes=[writer for writer in self.writes if not writer.obstacle(case)]
+        )
+
+    def _own_case(self) -> Case:
+        from ..io.case_folder import read_case
+
+        if self.case is None:
+            raise InputError('the pipeline names no case: give one to run(), or say case = "folder"')
+        return read_case(self.case)
+
+
+def _mistakes(pipeline: Pipeline) -> list[str]:
+    """What is wrong with the whole, one sentence each; its parts have checked themselves."""
+    said = [] if pipeline.stages else ['the pipeline has no stage: add a [[stage]] with use = "icp"']
+    if pipeline.folds not in range(MOST_FOLDS + 1) or pipeline.folds == 1:
+        said.append(
+            f"folds = {pipeline.folds!r}: must be 0 (no cross-validation) or a whole number within [2, "
+            f"{MOST_FOLDS}]"
+        )
+    said += order_mistakes([(stage.name, stage.estimate_name, stage.after) for stage in pipeline.stages])
+    for writer in pipeline.writes:
+        said += [
+            f"{writer.name}: no estimate '{n}'{did_you_mean(n, pipeline.names)}"
+            for n in writer.refers_to
+            if n not in pipeline.names
+        ]
+    targets = [" ".join(writer.target(pipeline.names[-1])) for writer in pipeline.writes]
+    twice = [target for target in dict.fromkeys(targets) if targets.count(target) > 1]
+    return said + [
+        f"{target}: two writers would overwrite each other's files: leave one out" for target in twice
+    ]
+
+
+def order_mistakes(steps: Sequence[tuple[str, str, str | None]]) -> list[str]:
+    """What is wrong with the order of stages given as (stage, name of its estimate, name of the estimate it
+    starts after).
+    """
+    said = []
+    names = [START, *(name for _, name, _ in steps)]
+    for k, (stage, name, after) in enumerate(steps, 1):
+        if name in names[:k]:
+            said.append(f"{stage}: a second estimate named '{name}': give it another name with as = \"...\"")
+        elif after in names[k:]:
+            said.append(f"{name}.after = '{after}': is not made before {name}; name an earlier estimate")
+        elif after is not None and after not in names:
+            said.append(f"{name}.after = '{after}': no such estimate{did_you_mean(after, names)}")
+    return said

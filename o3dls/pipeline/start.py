@@ -1,0 +1,189 @@
+"""Where a run begins: the rough pose that the case brings along, and whether points and prior can belong
+together at all.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arrays import Array
+from ..case import FITTED_TYPES, Case
+from ..estimate import Estimate
+from ..evaluation.distances import landmark_errors
+from ..geometry.similarity import fit_similarity
+from ..registration.landmarks import determined
+
+FEWEST_POINTS = 10
+SPANS = (0.1, 4.0)  # extent of the points relative to the prior's: a single vein is 0.15, a chamber 1
+MOST = (0.05, 0.95)  # quantiles between which points must not be too wide, whatever strays there are
+NEARLY_ALL = (0.01, 0.99)  # ... nor too narrow, however densely one place was mapped
+UNITS = {"m": 1e3, "in": 25.4, "cm": 10.0, "um": 1e-3}  # in mm: what may have been taken for it
+ATRIUM = 100.0  # mm across: in the right units points and prior are like it
+POINTS_IN = "if the points are in {0}, put the line '# units={0}' above the header of their file"
+PRIOR_IN = "if the prior is in {0}, write it in mm: o3dls convert PRIOR OUT --units {0}"
+FLATTEST = 1e-3  # mean thickness relative to the diagonal: .15 is an atrium
+FARTHEST = 0.5  # median distance of the points from the prior after the start pose, relative to its diagonal
+
+
+def start_estimate(case: Case) -> Estimate:
+    """The prior in its rough pose: rigid fit of the named landmarks, else `init`, else as it stands; the
+    status says which.
+    """
+    names, prior, measured = case.landmark_pairs()
+    if _fixed_by(prior, measured):
+        start = _placed(case, fit_similarity(prior, measured, scale=False), "")
+        error = np.sqrt((landmark_errors(case, start) ** 2).mean())
+        return _placed(
+            case,
+            start.T_map_prior,
+            f"rigid fit of {len(names)} landmarks ({', '.join(names)}), rms {error:.2f} {case.units}",
+        )
+    why = f"; {len(names)} landmark pairs on one line fix no pose" if len(names) >= 3 else ""
+    if case.init is not None:
+        return _placed(case, case.init, f"pose from the case's init matrix{why}")
+    return _placed(
+        case,
+        np.eye(case.dimension + 1),
+        f"identity: the case has neither 3 landmark pairs nor an init matrix{why}",
+    )
+
+
+def misfit(case: Case, start: Estimate, *, pose_is_known: bool) -> list[str]:
+    """A sentence where the prior encloses nothing, or the points are too few, of another size than the prior
+    or, where the pose counts as known, far from it.
+    """
+    points = case.points.of("eam").xyz
+    said = _flat(case) or _few(points) or _unlike(case, points) or _stray(case, points)
+    if not said and pose_is_known:
+        said = _far(case, start, points)
+    return [said] if said else []
+
+
+def doubts(case: Case, start: Estimate) -> list[str]:
+    """A sentence where no landmarks fix the start pose and the points fit the prior clearly better in one
+    that lies elsewhere: an `init` of another frame leads to a surface that looks right, since a motion can
+    mend what a turned chamber lacks.
+    """
+    _, prior, measured = case.landmark_pairs()
+    if _fixed_by(prior, measured):
+        return []
+    from ..registration.match import SurfaceMatcher
+    from ..stages.global_pose import beaten
+    from ..stages.icp import ICP, fitted_points
+
+    icp = ICP()
+    points = fitted_points(case)
+    surface = SurfaceMatcher(case.prior)
+    said = beaten(
+        case.units, points, surface, icp.aligned(points, surface, start.T_map_prior), scale=icp.scale
+    )
+    return [f"the start may be wrong: {said}"] if said else []
+
+
+def unseen_pieces(case: Case, T_map_prior: Array) -> list[str]:
+    """A sentence for each piece of the prior, but for crumbs, that is nearest to no point: nothing tells
+    where it lies.
+    """
+    from ..geometry.closest_point import ClosestPoint
+    from ..geometry.components import CRUMB, piece_areas
+
+    prior = case.prior
+    points = case.points.of(*FITTED_TYPES).xyz
+    piece, areas = piece_areas(prior)
+    nearest = ClosestPoint(prior.transformed(T_map_prior).vertices, prior.faces).query(points)[1]
+    unseen = np.setdiff1d(np.flatnonzero(areas >= CRUMB * areas.max()), piece[nearest])
+    return [
+        f"no point is near the piece of the prior {_around(case, piece == k)} "
+        f"({areas[k] / prior.area:.0%} of its area): is it meant?"
+        for k in unseen
+    ]
+
+
+def _around(case: Case, faces: NDArray[np.bool_]) -> str:
+    """Where some faces of the prior lie."""
+    middle = case.prior.vertices[np.unique(case.prior.faces[faces])].mean(axis=0)
+    return f"around ({', '.join(f'{x:.0f}' for x in middle)}) {case.units}"
+
+
+def _fixed_by(prior: Array, measured: Array) -> bool:
+    """Whether landmark pairs (k, d) fix a pose."""
+    return len(prior) >= 3 and determined(prior) and determined(measured)
+
+
+def _placed(case: Case, T_map_prior: Array, status: str) -> Estimate:
+    return Estimate(case.prior.transformed(T_map_prior), T_map_prior, status)
+
+
+def _flat(case: Case) -> str:
+    prior, unit = case.prior, case.units
+    if not prior.watertight or prior.dimension * prior.volume > FLATTEST * prior.diagonal * prior.area:
+        return ""
+    return (
+        f"the prior is flat: {prior.diagonal:.3g} {unit} across, it encloses nothing; give the closed "
+        "surface of a chamber"
+    )
+
+
+def _few(points: Array) -> str:
+    places = len(np.unique(points, axis=0))
+    return (
+        ""
+        if places >= FEWEST_POINTS
+        else f"points of type eam in {places} different places: at least {FEWEST_POINTS} are needed"
+    )
+
+
+def _unlike(case: Case, points: Array) -> str:
+    """Points in another unit than the prior's are many times too small or too large, not a little."""
+    most, span = (
+        max(float(np.linalg.norm(np.ptp(np.quantile(points, part, axis=0), axis=0))), 1e-300)
+        for part in (MOST, NEARLY_ALL)
+    )
+    size = case.prior.diagonal
+    unit = case.units
+    if SPANS[0] <= span / size and most / size <= SPANS[1]:
+        return ""
+    span = most if most / size > SPANS[1] else span
+    said = f"the points span {span:.3g} {unit}, the prior {size:.3g} {unit}"
+    readings = [(span * mm, size, POINTS_IN, name) for name, mm in UNITS.items()]
+    readings += [(span, size * mm, PRIOR_IN, name) for name, mm in UNITS.items()]
+    likely = [reading for reading in readings if SPANS[0] <= reading[0] / reading[1] <= SPANS[1]]
+    if unit == "px" or not likely:
+        return (
+            f"{said}, and no unit explains that: do nearly all points lie in one place, or are they "
+            "of another case?"
+        )
+    *_, mend, name = min(likely, key=lambda reading: float(np.ptp(np.log((*reading[:2], ATRIUM)))))
+    return f"{said}: {mend.format(name)}; if not, look for the wrong unit on the other side"
+
+
+def _stray(case: Case, points: Array) -> str:
+    """The farthest point, where it is too far off to be of this map."""
+    away = np.linalg.norm(points - np.median(points, axis=0), axis=1)
+    far = int(away.argmax())
+    if away[far] <= SPANS[1] * case.prior.diagonal:
+        return ""
+    row = np.flatnonzero(case.points.type == "eam")[far]
+    return (
+        f"the point of row {row}, counted from 0, lies {away[far]:.3g} {case.units} from the middle "
+        "of all: correct it or leave it out"
+    )
+
+
+def _far(case: Case, start: Estimate, points: Array) -> str:
+    from scipy.spatial import cKDTree
+
+    gap = float(
+        np.median(cKDTree(start.surface.vertices).query(points)[0])
+    )  # near enough to the wall, without compiled loops
+    size = case.prior.diagonal
+    unit = case.units
+    if gap <= FARTHEST * size:
+        return ""
+    said = f"half of the points are more than {gap:.3g} {unit} away from the prior ({size:.3g} {unit} across)"
+    mend = (
+        "give 3 or more named landmarks or an init matrix, check the frame, or begin the pipeline "
+        "with the stage global_pose"
+    )
+    return f"{said} after the start ({start.status}): {mend}"

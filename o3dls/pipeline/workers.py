@@ -1,0 +1,58 @@
+"""Processes for tasks side by side: they share the cores, and end with the one that asked for them."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import time
+from collections.abc import Iterator
+from concurrent.futures import Executor, ProcessPoolExecutor
+from contextlib import contextmanager
+from multiprocessing import get_context
+from multiprocessing.connection import Connection
+from threading import Thread
+
+from ..parallel import share
+
+GRACE = 2.0  # seconds in which a process that was told to end may remove what it has half made
+
+
+@contextmanager
+def workers(processes: int) -> Iterator[Executor]:
+    """A pool of so many processes; what interrupts the block drops the tasks that wait and ends those that
+    run.
+    """
+    spawn = get_context("spawn")  # fork hangs once numba has used its threads
+    theirs, ours = spawn.Pipe(duplex=False)
+    with (
+        ours,
+        theirs,
+        ProcessPoolExecutor(processes, spawn, initializer=_begin, initargs=(processes, theirs)) as pool,
+    ):
+        try:
+            yield pool
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            ours.close()
+            raise
+
+
+def _begin(processes: int, parent: Connection) -> None:
+    """Prepare a process of the pool: it has its share of the cores, and ends when told, or when its parent is
+    no more.
+    """
+    share(processes)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # reaches all processes of a terminal; the parent decides
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
+    Thread(target=_end_with, args=(parent,), daemon=True).start()
+
+
+def _end_with(parent: Connection) -> None:
+    """Wait until the parent closes its end, or the system does it for one that died; then end, first as if
+    told to.
+    """
+    parent.poll(None)
+    os.kill(os.getpid(), signal.SIGTERM)
+    time.sleep(GRACE)
+    os._exit(1)  # compiled code may have swallowed what was to interrupt it

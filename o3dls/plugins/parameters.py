@@ -1,0 +1,188 @@
+"""What a plugin's parameters are (for help) and what is wrong with given ones (for errors), both read off its
+pydantic model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import UnionType
+from typing import Annotated, Any, Literal, Union, get_args, get_origin
+
+from pydantic import BaseModel, ValidationError
+from pydantic.fields import FieldInfo
+from pydantic_core import ErrorDetails
+
+from ..errors import did_you_mean
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter as people read it: `limits` is an interval such as `[0, inf)` or the accepted words."""
+
+    name: str
+    kind: str
+    default: Any
+    unit: str
+    limits: str
+    meaning: str
+
+
+def describe(plugin: type[BaseModel]) -> list[Parameter]:
+    """The parameters of a plugin in the order of its class."""
+    return [
+        Parameter(
+            f.alias or name,
+            _kind(f),
+            f.get_default(call_default_factory=True),
+            _unit(f),
+            _limits(f),
+            f.description or "",
+        )
+        for name, f in plugin.model_fields.items()
+    ]
+
+
+def mistakes(plugin: type[BaseModel], error: ValidationError) -> list[str]:
+    """One sentence per mistake, such as `icp.tolerance = -1.0 mm: must be a number within [0, inf) mm`."""
+    owner = str(getattr(plugin, "name", plugin.__name__))
+    details = error.errors(include_url=False)
+    inside = {
+        detail["loc"][0] for detail in details if len(detail["loc"]) > 1
+    }  # a list with a wrong entry is also said to be too short
+    told = [detail for detail in details if len(detail["loc"]) != 1 or detail["loc"][0] not in inside]
+    return list(dict.fromkeys(_sentence(plugin, owner, detail) for detail in told))
+
+
+def as_written(value: Any, field: FieldInfo) -> bool:
+    """Whether a value, or each entry of a list or table, is of the kind that it would be taken for: number,
+    yes or no, something else.
+    """
+    kinds = set(_parts(field.annotation)) - {type(None), Ellipsis}
+    if not kinds or not kinds <= {bool, int, float}:
+        return True
+    entries = (
+        value.values()
+        if isinstance(value, Mapping)
+        else value
+        if isinstance(value, list | tuple)
+        else [value]
+    )
+    return all(_is(entry, kinds) for entry in entries)
+
+
+def _is(entry: Any, kinds: set[Any]) -> bool:
+    if isinstance(entry, bool):
+        return bool in kinds
+    return kinds != {bool} if isinstance(entry, int | float) else not isinstance(entry, str | bytes)
+
+
+def _sentence(plugin: type[BaseModel], owner: str, detail: ErrorDetails) -> str:
+    fields = {f.alias or name: f for name, f in plugin.model_fields.items()}
+    key = str(detail["loc"][0]) if detail["loc"] else ""
+    if detail["type"] == "extra_forbidden":
+        return f"{owner}.{key}: no such parameter{did_you_mean(key, list(fields))}"
+    key = next((f.alias for name, f in plugin.model_fields.items() if name == key and f.alias), key)
+    if detail["type"] == "missing":
+        return f"{owner}.{key}: is missing; it has no default"
+    said = detail["msg"].removeprefix("Value error, ").replace("Input should be", "must be")
+    if key not in fields:
+        return f"{owner}: {said}"
+    field = fields[key]
+    words = _words(fields[key])
+    entry = len(detail["loc"]) > 1 and get_origin(field.annotation) in (tuple, list, dict)
+    place = f"{key}[{detail['loc'][1]!r}]" if entry else key
+    given = f"{owner}.{place} = {_shown(detail['input'], _unit(field))}"
+    if words and isinstance(detail["input"], str):
+        return f"{given}{did_you_mean(detail['input'], words)}"
+    return f"{given}: {said if entry or detail['type'] == 'value_error' else f'must be {_wanted(field)}'}"
+
+
+def _shown(value: Any, unit: str) -> str:
+    plain = list(value) if isinstance(value, tuple) else value
+    return repr(value).lower() if isinstance(value, bool) else f"{plain!r} {unit}".rstrip()
+
+
+def _wanted(field: FieldInfo) -> str:
+    """What would be right, in words."""
+    limits, unit, kind = _limits(field), _unit(field), _kind(field)
+    if _words(field):
+        return f"one of {limits}"
+    kind = kind if kind.startswith("true") else f"a {kind}"
+    return f"{kind} within {limits} {unit}".rstrip() if limits.startswith(("[", "(")) else limits or kind
+
+
+def _unit(field: FieldInfo) -> str:
+    """The unit to show; a pure number (`1`) shows none."""
+    extra = field.json_schema_extra
+    unit = str(extra.get("unit", "")) if isinstance(extra, dict) else ""
+    return "" if unit == "1" else unit
+
+
+def _words(field: FieldInfo) -> list[str]:
+    """The accepted words of a Literal, also inside a union or a tuple."""
+    return [
+        word
+        for part in _parts(field.annotation)
+        if get_origin(part) is Literal
+        for word in get_args(part)
+        if isinstance(word, str)
+    ]
+
+
+def _parts(annotation: Any) -> list[Any]:
+    if get_origin(annotation) in (Union, UnionType, tuple, list):
+        return [deep for part in get_args(annotation) for deep in _parts(part)]
+    if get_origin(annotation) is dict:
+        return _parts(get_args(annotation)[1])
+    if get_origin(annotation) is Annotated:
+        return _parts(get_args(annotation)[0])
+    return [annotation]
+
+
+def _kind(field: FieldInfo) -> str:
+    names = {
+        bool: "true or false",
+        int: "whole number",
+        float: "number",
+        str: "text",
+        Path: "path",
+        type(None): "",
+        Ellipsis: "",
+    }
+    parts = [
+        "word" if get_origin(p) is Literal else names.get(p, getattr(p, "__name__", str(p)))
+        for p in _parts(field.annotation)
+    ]
+    kind = " or ".join(dict.fromkeys(filter(None, parts)))
+    if get_origin(field.annotation) is dict:
+        return f"{kind} per name"
+    if get_origin(field.annotation) not in (tuple, list):
+        return kind
+    bounds = [
+        f", {word} {getattr(m, name)}"
+        for name, word in (("min_length", "at least"), ("max_length", "at most"))
+        for m in field.metadata
+        if getattr(m, name, None)
+    ]
+    return f"list of {kind}s{''.join(bounds)}"
+
+
+def _limits(field: FieldInfo) -> str:
+    """`[low, high]` with round brackets where a bound is excluded, as infinity is; the accepted words, a
+    pattern, or nothing.
+    """
+    if words := _words(field):
+        return ", ".join(words)
+    known = ("ge", "gt", "le", "lt", "pattern")
+    bounds = {
+        name: getattr(m, name) for m in field.metadata for name in known if getattr(m, name, None) is not None
+    }
+    if "pattern" in bounds:
+        return f"text that matches {bounds['pattern']}"
+    if not bounds:
+        return ""
+    low = f"({bounds['gt']:g}" if "gt" in bounds else (f"[{bounds['ge']:g}" if "ge" in bounds else "(-inf")
+    high = f"{bounds['lt']:g})" if "lt" in bounds else (f"{bounds['le']:g}]" if "le" in bounds else "inf)")
+    return f"{low}, {high}"

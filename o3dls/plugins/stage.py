@@ -1,0 +1,48 @@
+"""The interface of a stage: `(case, estimate) -> estimate`."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from typing import TYPE_CHECKING, ClassVar
+
+from pydantic import Field
+
+from ..case import FITTED_TYPES, Case
+from ..estimate import Estimate
+
+if TYPE_CHECKING:
+    pass
+from .plugin import Plugin
+
+
+class Stage(Plugin):
+    """One step of a pipeline. `as_` names its estimate (default: the stage's name); `after` names the
+    estimate to start from.
+    """
+
+    finds_pose: ClassVar[bool] = (
+        False  # True: needs no rough pose, so points far from the prior are no mistake
+    )
+
+    as_: str | None = Field(
+        None,
+        alias="as",
+        pattern=r"^[A-Za-z][A-Za-z0-9_-]*$",
+        description="name of the estimate; default: the stage's name",
+    )
+    after: str | None = Field(None, description="estimate to start from; default: the stage before")
+
+    @property
+    def estimate_name(self) -> str:
+        return self.as_ or self.name
+
+    @property
+    def fits(self) -> tuple[str, ...]:
+        """Types of the points that the stage is shown; every other point, and the truth, is out of its
+        reach.
+        """
+        return FITTED_TYPES
+
+    @abstractmethod
+    def __call__(self, case: Case, start: Estimate) -> Estimate:
+        """A new estimate; neither argument is changed."""

@@ -1,0 +1,160 @@
+"""Line charts as inline SVG: they follow the page's colours, print well and need no script."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...arrays import Array
+from ..markup import Html, join, tag
+
+WIDTH, HEIGHT = 640, 300
+LEFT, RIGHT, TOP, BOTTOM = 60, 14, 12, 46
+HEADROOM = 1.04
+STYLES = 6  # colours and dashes of report.css: s0..s5, d0..d5
+
+
+@dataclass(frozen=True)
+class Series:
+    """One line: its name in the legend, its style 0..5, and its corners; points that are not finite break
+    it.
+    """
+
+    name: str
+    style: int
+    x: Array
+    y: Array
+
+
+@dataclass(frozen=True)
+class Axis:
+    """Ends of an axis and its label; `log` for powers of ten."""
+
+    label: str
+    low: float
+    high: float
+    log: bool = False
+
+    def share(self, values: Array) -> Array:
+        """Where values lie between the ends, 0 to 1."""
+        if not self.log:
+            return np.asarray((values - self.low) / (self.high - self.low))
+        return np.asarray(np.log(values / self.low) / math.log(self.high / self.low))
+
+    def ticks(self) -> list[float]:
+        """Round numbers between the ends, about five."""
+        if self.log:
+            powers = [
+                10.0**k for k in range(math.floor(math.log10(self.low)), math.ceil(math.log10(self.high)) + 1)
+            ]
+            steps = (1, 2, 5) if self.high < 100 * self.low else (1,)
+            return [p * k for p in powers for k in steps if self.low <= p * k <= self.high]
+        step = 10.0 ** math.floor(math.log10((self.high - self.low) / 4))
+        step = next(step * k for k in (1, 2, 5, 10) if (self.high - self.low) / (step * k) <= 6)
+        return [
+            step * k
+            for k in range(math.ceil(self.low / step - 1e-9), math.floor(self.high / step + 1e-9) + 1)
+        ]
+
+
+def line_chart(title: str, series: Sequence[Series], x: Axis, y: Axis) -> Html:
+    """A titled chart with its legend. Lines differ in colour and in dashes."""
+    parts = [*_grid(x, y), *(_line(one, x, y) for one in series)]
+    view = f"0 0 {WIDTH} {HEIGHT}"
+    drawing = tag(
+        "svg",
+        *parts,
+        viewBox=view,
+        class_="chart",
+        role="img",
+        aria_label=f"{title}: {', '.join(one.name for one in series)}",
+    )
+    return tag(
+        "figure",
+        tag("h3", title),
+        drawing,
+        legend([(one.name, line_class(one.style)) for one in series]),
+        class_="plot",
+    )
+
+
+def legend(entries: Sequence[tuple[str, str]]) -> Html:
+    """Names with a sample of their line, given by its CSS classes."""
+    return tag(
+        "p",
+        *(tag("span", _sample(classes), name) for name, classes in dict.fromkeys(entries)),
+        class_="legend",
+    )
+
+
+def axis_over(label: str, values: Sequence[Array], *, zero: bool = True, log: bool = False) -> Axis:
+    """An axis that holds all finite values, from zero where asked; never empty."""
+    known = np.concatenate([np.asarray(v)[np.isfinite(v)] for v in values]) if values else np.zeros(0)
+    known = known[known > 0] if log else known
+    low, high = (float(known.min()), float(known.max())) if len(known) else (0.0, 1.0)
+    low, high = (min(low, 0.0), high * HEADROOM) if zero and not log else (low, high)
+    if high <= low:
+        low, high = (low / 2, low * 2) if log else (low, low + 1.0)
+    return Axis(label, low, high, log)
+
+
+def _grid(x: Axis, y: Axis) -> list[Html]:
+    right, bottom = WIDTH - RIGHT, HEIGHT - BOTTOM
+    across, up = (
+        [(at, f"{t:g}") for at, t in zip(place(axis, np.array(axis.ticks())), axis.ticks(), strict=True)]
+        for place, axis in ((_columns, x), (_rows, y))
+    )
+    return [
+        *(tag("path", d=f"M{at:.1f} {TOP}V{bottom}", class_="grid") for at, _ in across),
+        *(tag("path", d=f"M{LEFT} {at:.1f}H{right}", class_="grid") for at, _ in up),
+        tag("path", d=f"M{LEFT} {TOP}V{bottom}H{right}", class_="axis"),
+        *(tag("text", text, x=f"{at:.1f}", y=bottom + 16, text_anchor="middle") for at, text in across),
+        *(tag("text", text, x=LEFT - 6, y=f"{at + 4:.1f}", text_anchor="end") for at, text in up),
+        tag("text", x.label, x=(LEFT + right) / 2, y=HEIGHT - 8, text_anchor="middle"),
+        tag(
+            "text",
+            y.label,
+            x=-(TOP + bottom) / 2,
+            y=14,
+            text_anchor="middle",
+            transform="rotate(-90)",
+            class_="upright",
+        ),
+    ]
+
+
+def _line(one: Series, x: Axis, y: Axis) -> Html:
+    across, up = _columns(x, one.x), _rows(y, one.y)
+    known = np.isfinite(across) & np.isfinite(up)
+    starts = known & ~np.r_[False, known[:-1]]
+    steps = [
+        f"{'M' if start else 'L'}{a:.1f} {b:.1f}"
+        for a, b, start in zip(across[known], up[known], starts[known], strict=True)
+    ]
+    return tag("path", d="".join(steps), class_=f"series {line_class(one.style)}")
+
+
+def line_class(style: int) -> str:
+    """CSS classes of a style: colour and dash."""
+    return f"s{style % STYLES} d{style % STYLES}"
+
+
+def _sample(classes: str) -> Html:
+    line = tag("path", d="M0 5H32", class_=f"series {classes}")
+    return tag("svg", line, viewBox="0 0 32 10", width="32", height="10", aria_hidden="true")
+
+
+def _columns(axis: Axis, values: Array) -> Array:
+    return LEFT + axis.share(values) * (WIDTH - LEFT - RIGHT)
+
+
+def _rows(axis: Axis, values: Array) -> Array:
+    return HEIGHT - BOTTOM - axis.share(values) * (HEIGHT - TOP - BOTTOM)
+
+
+def grouped(*parts: Html | None) -> Html:
+    """Charts beside each other where there is room."""
+    return tag("div", join(*parts), class_="charts")

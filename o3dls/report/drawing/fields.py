@@ -1,0 +1,107 @@
+"""What a surface can be coloured by: name, unit, colours and one range for all estimates, so that pictures
+compare.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...arrays import Array
+from ...evaluation.transfer import ELECTRICAL
+from ...geometry.surface import Surface
+from ..subject import Subject
+from .display import TRUTH
+
+# Colours of matplotlib that colour-blind readers can order; small values are light, so that the shape stays
+# visible where all is well.
+MAPS = {
+    "sequential": "YlGnBu",
+    "deviation": "BuPu",
+    "signed": "RdBu_r",
+    "electrical": "plasma",
+    "points": "YlOrRd",
+}
+FIRST = 0.08  # share of a map's light end that is left out: it would be lost on white
+
+
+@dataclass(frozen=True)
+class Field:
+    """A column of the surfaces with the words and colours it is shown with; low and high are the ends of its
+    colours.
+    """
+
+    key: str
+    label: str
+    unit: str
+    colours: str
+    low: float = 0.0
+    high: float = 1.0
+
+
+def known_fields(surfaces: Sequence[Surface], unit: str) -> list[Field]:
+    """The fields that at least one of the surfaces has, the most telling first, each with a range that fits
+    all surfaces.
+    """
+    words = [
+        Field(f"{TRUTH}_{unit}", "distance to truth", unit, "sequential"),
+        Field(f"displacement_{unit}", "displacement, outward positive", unit, "signed"),
+        Field(f"correction_{unit}", "correction, outward positive", unit, "signed"),
+        Field(f"sd_{unit}", "posterior standard deviation", unit, "deviation"),
+        Field(f"distance_to_nearest_point_{unit}", "distance to the nearest point", unit, "sequential"),
+    ]
+    there = dict.fromkeys(
+        key for surface in surfaces for key, values in surface.fields.items() if values.ndim == 1
+    )
+    named = {field.key for field in words} | {"prior_only"}  # which is hatched, whatever the colours
+    others = [Field(key, key, ELECTRICAL.get(key, ""), "electrical") for key in there if key not in named]
+    return [_ranged(field, surfaces) for field in [*words, *others] if field.key in there]
+
+
+def _ranged(field: Field, surfaces: Sequence[Surface]) -> Field:
+    values = np.concatenate(
+        [surface.fields[field.key] for surface in surfaces if field.key in surface.fields]
+    )
+    low, high = robust_range(
+        values, signed=field.colours == "signed", from_zero=field.colours in ("sequential", "deviation")
+    )
+    return replace(field, low=low, high=high)
+
+
+def robust_range(values: Array, *, signed: bool = False, from_zero: bool = True) -> tuple[float, float]:
+    """Ends of a colour scale that single extreme values do not stretch; symmetric about zero for signed
+    values.
+    """
+    values = values[np.isfinite(values)]
+    if len(values) == 0:
+        return 0.0, 1.0
+    low, high = (float(v) for v in np.percentile(values, [3, 97]))
+    if signed:
+        low, high = -max(abs(low), abs(high)), max(abs(low), abs(high))
+    low = 0.0 if from_zero else low
+    return (low, high) if high > low else (low, low + 1.0)
+
+
+def point_field(subject: Subject) -> Field:
+    """Distance of the points to the shown estimates, one range for all."""
+    gaps = [subject.results[name].point_distances for name in subject.shown]
+    low, high = robust_range(np.concatenate(gaps))
+    return Field("points", "distance of the points", subject.unit, "points", low, high)
+
+
+def colour_table(colours: str) -> Array:
+    """256 colours (256, 3) in [0, 1]."""
+    from matplotlib import colormaps
+
+    first = FIRST if colours in ("sequential", "deviation", "points") else 0.0
+    return np.asarray(colormaps[MAPS[colours]](np.linspace(first, 1, 256))[:, :3])
+
+
+def colours_of(values: Array, field: Field) -> Array:
+    """Colour (n, 3) of each value; grey where it is missing."""
+    share = np.clip((np.nan_to_num(values) - field.low) / (field.high - field.low), 0, 1)
+    return np.where(
+        np.isfinite(values)[:, None], colour_table(field.colours)[np.round(255 * share).astype(int)], 0.72
+    )

@@ -1,0 +1,140 @@
+"""Static pictures: the same surfaces for paper, slides and browsers without WebGL."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ...arrays import Array
+from ...geometry.surface import Surface
+from ..subject import Subject
+from .fields import Field, colour_table, colours_of, known_fields, point_field
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from matplotlib.text import Text
+
+    from .raster import View
+
+PIXELS = (640, 500)  # width and height of one picture
+MARGIN = 1.12
+INK = "#16191d"
+
+
+@contextmanager
+def plain_figure(width: float, height: float) -> Iterator[Figure]:
+    """A white figure in inches, without pyplot's global state."""
+    from matplotlib import rc_context
+    from matplotlib.figure import Figure
+
+    with rc_context(
+        {"font.family": "DejaVu Sans", "font.size": 9, "text.color": INK, "axes.labelcolor": INK}
+    ):
+        yield Figure(figsize=(width, height), facecolor="white")
+
+
+def png(figure: Figure, dpi: int = 130) -> bytes:
+    """The figure as PNG, equal for equal figures."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=dpi, metadata={"Software": "o3dls"})
+    return buffer.getvalue()
+
+
+def pictures_png(subject: Subject) -> bytes:
+    """Estimates side by side, coloured by the most telling field, from the front."""
+    columns = len(subject.shown)
+    with plain_figure(3.6 * columns + 0.6, 4.5) as figure:
+        draw_pictures(figure, subject, (0.02, 0.03, 0.96, 0.95))
+        return png(figure)
+
+
+def draw_pictures(
+    figure: Figure, subject: Subject, box: tuple[float, float, float, float], *, behind: bool = False
+) -> None:
+    """Draw the side-by-side pictures with their colour bar into a part (left, bottom, width, height) of a
+    figure.
+    """
+    surfaces = list(subject.surfaces.values())
+    field = known_fields(surfaces, subject.unit)[0]
+    left, bottom, width, height = box
+    each = width / len(surfaces)
+    view = _fitting_view(surfaces, front_axes(subject.case.frame, behind=behind))
+    for k, (name, surface) in enumerate(zip(subject.shown, surfaces, strict=True)):
+        axes = figure.add_axes((left + k * each, bottom + 0.16 * height, each, 0.76 * height))
+        axes.imshow(painted(subject, name, surface, field, view), interpolation="antialiased")
+        shrunk(axes.set_title(drawable(name), fontsize=11, parse_math=False), axes.bbox.width)
+        axes.set_axis_off()
+    _bar(figure, field, (left + 0.04 * width, bottom + 0.11 * height, 0.42 * width, 0.03 * height))
+    gaps = point_field(subject)
+    _bar(figure, gaps, (left + 0.54 * width, bottom + 0.11 * height, 0.42 * width, 0.03 * height))
+
+
+def _fitting_view(surfaces: Sequence[Surface], axes: Array) -> View:
+    """The view along axes in which all surfaces just fit."""
+    from .raster import View
+
+    flat = np.vstack([surface.vertices for surface in surfaces]) @ axes.T
+    low, high = flat.min(axis=0), flat.max(axis=0)
+    width, height = (high - low)[:2]
+    return View(axes, (low + high) / 2 @ axes, MARGIN * max(height, width * PIXELS[1] / PIXELS[0]))
+
+
+def painted(subject: Subject, name: str, surface: Surface, field: Field, view: View) -> Any:
+    """One picture: the surface in the colours of a field, the points in those of their distance."""
+    from .raster import Canvas
+
+    canvas = Canvas(view, *PIXELS, (1, 1, 1))
+    values = surface.fields.get(field.key, np.full(len(surface.vertices), np.nan))
+    canvas.surface(surface, colours_of(values, field))
+    result = subject.results[name]
+    points = result.drawn_points
+    canvas.balls(
+        points.xyz,
+        colours_of(result.point_distances, point_field(subject)),
+        1.0 if len(points) < 2000 else 0.5,
+    )
+    return canvas.pixels()
+
+
+def front_axes(frame: str, *, behind: bool = False) -> Array:
+    """Right, up and towards the viewer, seen from the front (AP) or from behind (PA), in a frame; an unknown
+    one counts as LPS.
+    """
+    side = -1.0 if (frame == "RAS") != behind else 1.0
+    return np.array([[side, 0, 0], [0, 0, 1], [0, -side, 0]])
+
+
+def _bar(figure: Figure, field: Field, box: tuple[float, float, float, float]) -> None:
+    axes = figure.add_axes(box)
+    axes.imshow(colour_table(field.colours)[None], aspect="auto", extent=(field.low, field.high, 0, 1))
+    axes.set_yticks([])
+    axes.set_xlabel(
+        f"{field.label}, {field.unit}" if field.unit else field.label, fontsize=9, parse_math=False
+    )
+    axes.tick_params(labelsize=8)
+
+
+def shrunk(text: Text, width: float) -> None:
+    """Make a text smaller where it is wider than so many pixels."""
+    text.set_fontsize(float(text.get_fontsize()) * min(1.0, width / text.get_window_extent().width))
+
+
+def drawable(text: str, longest: int = 32) -> str:
+    """Text that the figures' font can draw: other letters become a box, and what is too long is cut in the
+    middle.
+    """
+    known = _letters()
+    cut = text if len(text) <= longest else f"{text[: (longest - 1) // 2]}…{text[-(longest // 2) :]}"
+    return "".join(letter if ord(letter) in known else "□" for letter in cut)
+
+
+@cache
+def _letters() -> frozenset[int]:
+    from matplotlib.font_manager import findfont, get_font
+
+    return frozenset(get_font(findfont("DejaVu Sans")).get_charmap())

@@ -1,0 +1,124 @@
+"""Pictures of surfaces without a graphics card or a screen: a small z-buffer renderer, equal on every
+machine.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from ...arrays import Array
+from ...geometry.surface import Surface
+
+SUPERSAMPLING = 2
+
+
+@dataclass(frozen=True)
+class View:
+    """Orthographic camera: rows of `axes` are right, up and towards the viewer; `centre` is in the middle,
+    `height` mm fit the picture.
+    """
+
+    axes: Array
+    centre: Array
+    height: float
+
+    def project(self, points: Array) -> Array:
+        """Right, up and depth (larger is nearer) in mm about the centre, (n, 3)."""
+        return np.asarray((points - self.centre) @ self.axes.T)
+
+
+class Canvas:
+    """A picture with depth: draw surfaces and balls into it in any order, then take the pixels."""
+
+    def __init__(self, view: View, width: int, height: int, background: tuple[float, float, float]) -> None:
+        self.view = view
+        shape = (height * SUPERSAMPLING, width * SUPERSAMPLING)
+        self._colour = np.tile(np.asarray(background, dtype=np.float64), (*shape, 1))
+        self._depth = np.full(shape, -np.inf)
+        self._scale = shape[0] / view.height
+
+    def _pixels(self, points: Array) -> Array:
+        """Column, row (pixels of the fine grid) and depth (mm), (n, 3)."""
+        flat = self.view.project(points)
+        rows, columns = self._depth.shape
+        return np.column_stack(
+            [columns / 2 + flat[:, 0] * self._scale, rows / 2 - flat[:, 1] * self._scale, flat[:, 2]]
+        )
+
+    def surface(self, surface: Surface, colours: Array) -> None:
+        """Draw a surface with a colour per vertex (n, 3) in [0, 1]."""
+        facing = surface.vertex_normals @ self.view.axes[2]
+        corners = self._pixels(surface.vertices)
+        shades = np.asarray(colours, dtype=np.float64)
+        _draw_triangles(corners, surface.faces, shades, facing, self._colour, self._depth)
+
+    def balls(self, centres: Array, colours: Array, radius: float) -> None:
+        """Draw shaded balls of a radius in mm, colours (n, 3)."""
+        _draw_balls(
+            self._pixels(centres),
+            np.asarray(colours, dtype=np.float64),
+            radius,
+            self._scale,
+            self._colour,
+            self._depth,
+        )
+
+    def pixels(self) -> Any:
+        """The picture, (height, width, 3) bytes."""
+        rows, columns = (n // SUPERSAMPLING for n in self._depth.shape)
+        mean = self._colour.reshape(rows, SUPERSAMPLING, columns, SUPERSAMPLING, 3).mean(axis=(1, 3))
+        return np.round(255 * np.clip(mean, 0, 1)).astype(np.uint8)
+
+
+@njit(cache=True)
+def _draw_triangles(corners, faces, colours, facing, picture, depth):  # type: ignore[no-untyped-def]
+    rows, columns = depth.shape
+    for f in range(len(faces)):
+        a, b, c = corners[faces[f, 0]], corners[faces[f, 1]], corners[faces[f, 2]]
+        area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+        if area == 0.0:
+            continue
+        for y in range(
+            max(0, int(np.ceil(min(a[1], b[1], c[1])))),
+            min(rows - 1, int(np.floor(max(a[1], b[1], c[1])))) + 1,
+        ):
+            for x in range(
+                max(0, int(np.ceil(min(a[0], b[0], c[0])))),
+                min(columns - 1, int(np.floor(max(a[0], b[0], c[0])))) + 1,
+            ):
+                u = ((b[0] - x) * (c[1] - y) - (b[1] - y) * (c[0] - x)) / area
+                v = ((c[0] - x) * (a[1] - y) - (c[1] - y) * (a[0] - x)) / area
+                w = 1.0 - u - v
+                z = u * a[2] + v * b[2] + w * c[2]
+                if u < 0.0 or v < 0.0 or w < 0.0 or z <= depth[y, x]:
+                    continue
+                depth[y, x] = z
+                towards = u * facing[faces[f, 0]] + v * facing[faces[f, 1]] + w * facing[faces[f, 2]]
+                # rows count down, so a positive area is a face seen from inside
+                light = (0.5 + 0.5 * min(1.0, abs(towards))) * (1.0 if area < 0.0 else 0.7)
+                for k in range(3):
+                    picture[y, x, k] = light * (
+                        u * colours[faces[f, 0], k]
+                        + v * colours[faces[f, 1], k]
+                        + w * colours[faces[f, 2], k]
+                    )
+
+
+@njit(cache=True)
+def _draw_balls(centres, colours, radius, scale, picture, depth):  # type: ignore[no-untyped-def]
+    rows, columns = depth.shape
+    reach = radius * scale
+    for i in range(len(centres)):
+        cx, cy, cz = centres[i]
+        for y in range(max(0, int(np.ceil(cy - reach))), min(rows - 1, int(np.floor(cy + reach))) + 1):
+            for x in range(max(0, int(np.ceil(cx - reach))), min(columns - 1, int(np.floor(cx + reach))) + 1):
+                rest = 1.0 - ((x - cx) ** 2 + (y - cy) ** 2) / reach**2
+                if rest < 0.0 or cz + radius * np.sqrt(rest) <= depth[y, x]:
+                    continue
+                depth[y, x] = cz + radius * np.sqrt(rest)
+                for k in range(3):
+                    picture[y, x, k] = (0.45 + 0.55 * np.sqrt(rest)) * colours[i, k]

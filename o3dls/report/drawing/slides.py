@@ -1,0 +1,186 @@
+"""Pictures for slides: a set of PNG files and one page of PDF with the verdict, the surfaces and the
+numbers.
+"""
+
+from __future__ import annotations
+
+import io
+import textwrap
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ...io.atomic import staged_file
+from ..sections.outlines import named_outlines
+from ..sections.scores import mean_table
+from ..subject import SETS, Subject
+from ..verdict import verdict, warnings
+from .figures import INK, draw_pictures, drawable, plain_figure, png, shrunk
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+NOTICE = "o3dls. Research use only. Not for clinical use."
+COLOURS = ("#0072b2", "#c04f00", "#00785a", "#a3487e", "#6b6b00", "#5b5f66")  # s0..s5 of report.css
+DASHES: tuple[Any, ...] = ("-", (0, (7, 3)), (0, (2, 3)), (0, (9, 3, 2, 3)), (0, (4, 2)), (0, (1, 4)))
+MOST_COLUMNS, MOST_ROWS, HEAD_LINES, LETTERS = 7, 7, 3, 12
+VERDICT_LINES, TEXT_LINES = 4, 6  # at most, of the verdict, and with the warnings below it
+
+
+def write_slides(subject: Subject, folder: Path, pdf: Path) -> None:
+    """Write figures/*.png into a folder and the one-page PDF."""
+    summary, page = _summary(subject)
+    pictures = {"summary.png": summary, "distances.png": _distances_png(subject), **_surface_pngs(subject)}
+    for name, data in pictures.items():
+        with staged_file(folder / name) as staged:
+            staged.write_bytes(data)
+    with staged_file(pdf) as staged:
+        staged.write_bytes(page)
+
+
+def _surface_pngs(subject: Subject) -> dict[str, bytes]:
+    """The estimates side by side from the front and from behind; in 2D as outlines."""
+    columns = len(subject.shown)
+    found = {}
+    for name in ("outlines.png",) if subject.case.dimension == 2 else ("surfaces_ap.png", "surfaces_pa.png"):
+        with plain_figure(3.6 * columns + 0.6, 4.5) as figure:
+            _surfaces(figure, subject, (0.02, 0.03, 0.96, 0.95), behind=name == "surfaces_pa.png")
+            found[name] = png(figure)
+    return found
+
+
+def _surfaces(
+    figure: Figure, subject: Subject, box: tuple[float, float, float, float], *, behind: bool = False
+) -> None:
+    if subject.case.dimension == 3:
+        draw_pictures(figure, subject, box, behind=behind)
+        return
+    left, bottom, width, height = box
+    each = width / len(subject.shown)
+    for k, name in enumerate(subject.shown):
+        axes = figure.add_axes((left + k * each, bottom, each * 0.96, height * 0.9))
+        for label, _, surface in named_outlines(subject, name):
+            colour = {"truth": INK, "prior": "#9aa0a8"}.get(
+                label, COLOURS[subject.style(name) % len(COLOURS)]
+            )
+            x, y = surface.vertices[surface.faces].T
+            axes.plot(x, y, color=colour, lw=1.4)
+        x, y = subject.case.points.of("eam").xyz.T
+        axes.scatter(x, y, s=9, c=INK, zorder=3)
+        axes.set(aspect="equal")
+        axes.set_axis_off()
+        shrunk(axes.set_title(drawable(name), fontsize=11, parse_math=False), axes.bbox.width)
+
+
+def _summary(subject: Subject) -> tuple[bytes, bytes]:
+    """One page, A4 across, as PNG and as PDF: verdict, warnings, surfaces, table and curve."""
+    buffer = io.BytesIO()
+    with plain_figure(11.69, 8.27) as figure:
+        title = figure.text(
+            0.04,
+            0.955,
+            drawable(subject.case.name, 80),
+            fontsize=17,
+            weight="bold",
+            va="top",
+            parse_math=False,
+        )
+        shrunk(title, 0.92 * figure.bbox.width)
+        said = _wrapped(verdict(subject), 125, VERDICT_LINES)
+        figure.text(0.04, 0.905, "\n".join(said), fontsize=11, va="top", linespacing=1.35, parse_math=False)
+        under = 0.895 - 0.025 * len(said)
+        doubts = _warnings(subject, TEXT_LINES - len(said))
+        figure.text(
+            0.04, under, doubts, fontsize=8.5, va="top", color="#7a5200", linespacing=1.3, parse_math=False
+        )
+        _surfaces(figure, subject, (0.03, 0.3, 0.94, 0.46))
+        _table(figure, subject, (0.04, 0.05, 0.58, 0.22))
+        _curve(figure.add_axes((0.68, 0.1, 0.28, 0.17)), subject)
+        figure.text(0.04, 0.02, NOTICE, fontsize=8, parse_math=False)
+        figure.savefig(
+            buffer,
+            format="pdf",
+            dpi=200,
+            metadata={"CreationDate": None, "Creator": "o3dls", "Producer": "o3dls"},
+        )
+        return png(figure, 140), buffer.getvalue()
+
+
+def _warnings(subject: Subject, most: int) -> str:
+    """The first lines of the warnings, and whether there are more."""
+    lines = [line for text in warnings(subject) for line in _wrapped(text, 150)]
+    return "\n".join(lines if len(lines) <= most else [*lines[: most - 1], "and more in the report"])
+
+
+def _distances_png(subject: Subject) -> bytes:
+    with plain_figure(6.4, 4.2) as figure:
+        _curve(figure.add_axes((0.12, 0.14, 0.84, 0.76)), subject)
+        return png(figure, 150)
+
+
+def _curve(axes: Axes, subject: Subject) -> None:
+    """Share of points within a distance, on the set that speaks first."""
+    group = subject.headline
+    names = dict.fromkeys([next(iter(subject.results)), *subject.shown])  # where it began, and what is shown
+    gaps = {name: subject.results[name].measured(group, subject.last)[1] for name in names} if group else {}
+    gaps = {name: np.sort(values) for name, values in gaps.items() if len(values)}
+    for name, values in gaps.items():
+        k = subject.style(name) % len(COLOURS)
+        axes.plot(
+            values,
+            np.linspace(0, 1, len(values)),
+            color=COLOURS[k],
+            linestyle=DASHES[k],
+            lw=1.8,
+            label=drawable(name),
+        )
+    if gaps:
+        axes.set(xlim=(0, float(np.percentile(np.concatenate(list(gaps.values())), 99))), ylim=(0, 1))
+        axes.legend(frameon=False, fontsize=8, loc="lower right")
+        axes.set_title(f"{SETS[group or 'fitted']}: share of points within a distance", fontsize=9)
+    axes.set_xlabel(f"distance, {subject.unit}")
+    axes.grid(color="#dde1e6", lw=0.7)
+    axes.spines[["top", "right"]].set_visible(False)
+
+
+def _table(figure: Figure, subject: Subject, box: tuple[float, float, float, float]) -> None:
+    """Mean distances, what was fitted last."""
+    sets, rows = mean_table(subject)
+    if len(sets) > MOST_COLUMNS:
+        sets = [*sets[: MOST_COLUMNS - 1], sets[-1]]
+        rows = [(name, [*cells[: MOST_COLUMNS - 1], cells[-1]]) for name, cells in rows]
+    axes = figure.add_axes(box)
+    axes.set_axis_off()
+    heads = [
+        textwrap.fill(
+            SETS[group] + " (seen by the fit)" * (group == "fitted"), LETTERS, break_long_words=False
+        )
+        for group in sets
+    ]
+    cells = [[drawable(name), *values] for name, values in rows[-MOST_ROWS:]]
+    letters = np.array([max(len(row[0]) for row in cells), *[LETTERS] * len(heads)])
+    drawn = axes.table(
+        cells,
+        colLabels=[f"mean, {subject.unit}", *heads],
+        colWidths=(letters / letters.sum()).tolist(),
+        loc="upper left",
+        cellLoc="right",
+        edges="horizontal",
+    )
+    drawn.auto_set_font_size(False)
+    drawn.scale(1, 1.25)
+    for (row, column), cell in drawn.get_celld().items():
+        cell.set_edgecolor("#c9ced6")
+        cell.set_height(cell.get_height() * (HEAD_LINES * 0.75 if row == 0 else 1.0))
+        cell.get_text().set_parse_math(False)
+        cell.get_text().set_fontsize(7 if row == 0 else 8)  # the longest word of a head fills its column
+        if column == 0:
+            cell.get_text().set_horizontalalignment("left")
+            cell.PAD = 0.03
+            shrunk(cell.get_text(), (1 - 2 * cell.PAD) * cell.get_width() * axes.bbox.width)
+
+
+def _wrapped(text: str, width: int, most: int | None = None) -> list[str]:
+    return textwrap.wrap(drawable(text, 2000), width, max_lines=most, placeholder=" …")

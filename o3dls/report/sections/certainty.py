@@ -1,0 +1,92 @@
+"""What is certain and what is not: directions of the pose that the points hardly fix, and whether the
+posterior tells its own errors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ...arrays import Array
+from ..drawing.charts import STYLES, Series, axis_over, grouped, line_chart
+from ..drawing.display import TRUTH
+from ..markup import Child, Html, join, table, tag
+from ..subject import Subject
+from .section import Section
+
+BINS = 8
+MEAN_OVER_SD = np.sqrt(2 / np.pi)  # of the absolute value of a normal variable
+MOST_DIRECTIONS = 4
+
+
+def pose_section(subject: Subject) -> Section | None:
+    """The least certain directions of each pose whose stage has looked at its Hessian."""
+    found = {result.name: result.estimate.facts.get("observability") for result in subject.results.values()}
+    rows = [_direction(name, one) for name, all_ in found.items() for one in (all_ or [])[:MOST_DIRECTIONS]]
+    if not rows:
+        return None
+    unit = subject.unit
+    head = [
+        "pose",
+        "least certain motions",
+        f"moves the surface by, {unit}",
+        f"shift, {unit}",
+        "turn, degrees",
+        "scale, %",
+    ]
+    note = "One standard deviation of the pose in each direction, given these points; rms over the surface."
+    return Section(
+        "pose", "How well the points fix the pose", tag("div", table(head, rows, note), class_="left")
+    )
+
+
+def _direction(name: str, one: Mapping[str, Any]) -> list[Child]:
+    shift, turn = (float(np.linalg.norm(one[key])) for key in ("shift", "turn_degrees"))
+    return [
+        name,
+        str(one["meaning"]),
+        f"{one['sd']:.2f}",
+        f"{shift:.2f}",
+        f"{turn:.2f}",
+        f"{100 * abs(one['log_scale']):.2f}",
+    ]
+
+
+def calibration_section(subject: Subject) -> Section | None:
+    """Where the truth is known: predicted deviation against the error that was really made, at the
+    vertices.
+    """
+    surface = subject.surfaces[subject.last.name]
+    unit = subject.unit
+    sd = surface.fields.get(f"sd_{unit}")
+    error = surface.fields.get(f"{TRUTH}_{unit}")
+    if sd is None or error is None or len(sd) < BINS:
+        return None
+    order = np.array_split(np.argsort(sd), BINS)
+    predicted = np.array([sd[rows].mean() for rows in order])
+    made = np.array([error[rows].mean() for rows in order])
+    x = axis_over(f"predicted standard deviation, {unit}", [predicted])
+    chart = line_chart(
+        "Mean error where a deviation was predicted",
+        [Series(subject.last.name, subject.style(subject.last.name), predicted, made), _ideal(x.high)],
+        x,
+        axis_over(f"mean distance to truth, {unit}", [made, predicted]),
+    )
+    return Section("calibration", "Does it know where it errs?", join(_shares(sd, error), grouped(chart)))
+
+
+def _ideal(high: float) -> Series:
+    """What a calibrated posterior of normal errors shows, in the last style, which no shown estimate has."""
+    ends = np.array([0.0, high])
+    return Series("calibrated", STYLES - 1, ends, MEAN_OVER_SD * ends)
+
+
+def _shares(sd: Array, error: Array) -> Html:
+    within = [float((error <= k * sd).mean()) for k in (1, 2)]
+    text = (
+        f"{within[0]:.0%} of the vertices lie within one predicted standard deviation of the truth "
+        "(68 % if calibrated), "
+    )
+    return tag("p", f"{text}{within[1]:.0%} within two (95 %).")

@@ -1,0 +1,80 @@
+"""How the solvers went: what fell at each iteration, and where the time went."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from ...arrays import Array
+from ..drawing.charts import STYLES, Axis, Series, axis_over, grouped, line_chart
+from ..markup import Child, Html, join, table, tag
+from ..subject import Result, Subject
+from .section import Section
+
+INDICES = ("iteration", "level")  # columns of a trace that count and measure nothing
+TERMS = ("energy", "misfit", "complexity", "labels", "data", "prior", "area", "shape")
+LOG_FROM = 30.0  # ratio of largest to smallest value above which a logarithmic axis shows more
+
+
+def course_section(subject: Subject) -> Section | None:
+    """The trace of every estimate that has one, and the seconds of each stage."""
+    charts = [
+        chart
+        for result in subject.results.values()
+        if len(result.estimate.trace) > 1
+        for chart in _traces(result)
+    ]
+    body = join(_seconds(subject), grouped(*charts) if charts else None)
+    return Section("course", "Convergence and time", body)
+
+
+def _traces(result: Result) -> list[Html]:
+    """A chart of the energy and its terms, where there are any, and one of everything else."""
+    columns = _columns(result.estimate.trace)
+    terms = {key: values for key, values in columns.items() if key in TERMS}
+    rest = {key: values for key, values in columns.items() if key not in TERMS}
+    return [
+        _trace(result, f"{result.name}{what}: {_sentence(result)}", group)
+        for what, group in ((", energy", terms), ("", rest))
+        if group
+    ]
+
+
+def _trace(result: Result, title: str, columns: Mapping[str, Array]) -> Html:
+    steps = np.arange(1.0, len(result.estimate.trace) + 1)
+    series = [Series(name, k % STYLES, steps, values) for k, (name, values) in enumerate(columns.items())]
+    values = np.concatenate(list(columns.values()))
+    known = values[np.isfinite(values)]
+    log = bool((known > 0).all() and known.max() > LOG_FROM * known.min())
+    y = axis_over("value", list(columns.values()), log=log)
+    return line_chart(title, series, Axis("iteration", 1.0, float(max(len(steps), 2))), y)
+
+
+def _sentence(result: Result) -> str:
+    return "converged" if result.estimate.converged else "not converged"
+
+
+def _columns(trace: Sequence[Mapping[str, float]]) -> dict[str, Array]:
+    """Columns of a trace that change, gaps as NaN."""
+    names = dict.fromkeys(key for row in trace for key in row if key not in INDICES)
+    columns = {name: np.array([row.get(name, np.nan) for row in trace], dtype=np.float64) for name in names}
+    changing = {name: values for name, values in columns.items() if np.nanmax(values) > np.nanmin(values)}
+    return changing or columns
+
+
+def _seconds(subject: Subject) -> Html:
+    """Seconds per stage, and of the whole run, cross-validation and scoring included."""
+    results = [result for result in subject.results.values() if result.estimate.seconds > 0]
+    rows: list[list[Child]] = [
+        [r.name, f"{r.estimate.seconds:.2f}", r.estimate.iterations, _bar(r, results)] for r in results
+    ]
+    for folder, record in zip(subject.folders, subject.records, strict=True):
+        label = f"{folder.name}, whole run" if len(subject.records) > 1 else "whole run, with scoring"
+        rows.append([label, f"{record['seconds']:.2f}", None, None])
+    return table(["", "seconds", "iterations", "share"], rows)
+
+
+def _bar(result: Result, results: Sequence[Result]) -> Html:
+    share = result.estimate.seconds / sum(r.estimate.seconds for r in results)
+    return tag("meter", value=f"{share:.3f}", min="0", max="1", aria_label=f"{share:.0%}")

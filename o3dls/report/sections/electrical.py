@@ -1,0 +1,81 @@
+"""The electrical map: what was measured at the points, carried to the wall of the last estimate, and over
+what distance.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...arrays import Array
+from ...evaluation.transfer import ELECTRICAL, REACH, WIDTH, measured_values
+from ...geometry.surface import Surface
+from ..drawing.electrical import with_electrical
+from ..markup import Child, join, table, tag
+from ..subject import Subject
+from .section import Section
+
+LOW_VOLTAGE = 0.5  # mV, bipolar: the usual border of scar
+
+
+def electrical_section(subject: Subject) -> Section | None:
+    """What the electrical columns hold, how far they were carried, and how much of the wall they reach."""
+    values = measured_values(subject.case.points)
+    if not values or subject.case.dimension == 2:
+        return None
+    surface = with_electrical(subject.last.estimate.surface, subject.case.points)
+    rows = [_row(surface, name, *found) for name, found in values.items()]
+    head: list[Child] = [
+        "measured",
+        "unit",
+        "points",
+        "median",
+        "5 % to 95 %",
+        "median carry, mm",
+        "longest carry, mm",
+        "wall reached",
+    ]
+    said = (
+        f"A vertex takes the mean of the values measured near it, by a Gaussian of {WIDTH:g} mm; farther "
+        f"than {REACH:g} mm from all of "
+        "them the wall stays without a value."
+    )
+    return Section(
+        "electrical",
+        "Electrical map",
+        join(table(head, rows), _low_voltage(surface, subject.last.name), tag("p", said, class_="soft")),
+    )
+
+
+def _row(surface: Surface, name: str, xyz: Array, values: Array) -> list[Child]:
+    from scipy.spatial import cKDTree
+
+    known = np.isfinite(surface.fields[name])
+    gap = np.asarray(cKDTree(xyz).query(surface.vertices[known])[0])
+    low, high = np.percentile(values, [5, 95])
+    carry: list[Child] = [f"{np.median(gap):.1f}", f"{gap.max():.1f}"] if len(gap) else ["–", "–"]
+    share = _area_share(surface, known)
+    return [
+        name,
+        ELECTRICAL[name],
+        len(values),
+        f"{np.median(values):.2f}",
+        f"{low:.2f} to {high:.2f}",
+        *carry,
+        f"{share:.0%}",
+    ]
+
+
+def _low_voltage(surface: Surface, name: str) -> Child:
+    """Share of the reached wall below the usual border of scar."""
+    voltage = surface.fields.get("bipolar")
+    if voltage is None or not np.isfinite(voltage).any():
+        return None
+    reached = _area_share(surface, np.isfinite(voltage))
+    low = _area_share(surface, voltage < LOW_VOLTAGE)
+    return tag("p", f"{low / reached:.0%} of the reached wall of {name} is below {LOW_VOLTAGE:g} mV bipolar.")
+
+
+def _area_share(surface: Surface, marked: NDArray[np.bool_]) -> float:
+    """Share of the area whose vertices are marked."""
+    return float((marked[surface.faces].mean(axis=1) * surface.face_areas).sum() / surface.area)

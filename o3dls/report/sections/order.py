@@ -1,0 +1,64 @@
+"""The sections of the report in their order; each leaves itself out where it has nothing to say."""
+
+from __future__ import annotations
+
+from ..drawing.distance_charts import spread_section
+from ..drawing.figures import pictures_png
+from ..drawing.scene import scene
+from ..markup import join, tag
+from ..page_parts import image, viewer_scripts
+from ..subject import Subject
+from .certainty import calibration_section, pose_section
+from .course import course_section
+from .electrical import electrical_section
+from .outlines import outline_section, slice_section
+from .paired import landmark_section, paired_section
+from .provenance import made_section
+from .scores import score_section, validity_section
+from .section import Maker, Section
+from .sweep import sweep_section
+
+
+def picture_section(subject: Subject) -> Section | None:
+    """Estimates side by side in 3D, with static pictures for browsers that cannot."""
+    if subject.case.dimension == 2:
+        return None
+    shapes = (
+        "Balls: eam points; cubes: ablation points; diamonds: fitted points that were judged "
+        "outliers. Grey: no value there."
+    )
+    frame = (
+        ""
+        if subject.case.frame != "unknown"
+        else " The case does not say its frame; the views take it for LPS."
+    )
+    left = len(subject.runs) - len(subject.shown)
+    more = (
+        f" The last {len(subject.shown)} runs are shown; the tables have all {len(subject.runs)}."
+        if left > 0
+        else ""
+    )
+    note = tag("p", shapes + frame + more, class_="soft")
+    static = image(
+        pictures_png(subject),
+        f"{' and '.join(subject.shown)} side by side, from the front, in one colour scale",
+    )
+    return Section("pictures", "Side by side", join(static, viewer_scripts(scene(subject)), note))
+
+
+SECTIONS: tuple[Maker, ...] = (
+    picture_section,
+    outline_section,
+    score_section,
+    paired_section,
+    spread_section,
+    slice_section,
+    landmark_section,
+    pose_section,
+    calibration_section,
+    electrical_section,
+    validity_section,
+    course_section,
+    sweep_section,
+    made_section,
+)

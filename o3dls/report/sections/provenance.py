@@ -1,0 +1,102 @@
+"""How it was made: everything a reader needs to check the run or to make it again."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from ..markup import Child, Html, join, table, tag
+from ..subject import Subject
+from .section import Section
+
+COMMAND = "o3dls run pipeline.toml --case case --out again"
+
+
+def made_section(subject: Subject) -> Section:
+    """Per run: status of each estimate, the pipeline with every default, versions, seeds, file hashes, the
+    command to repeat it.
+    """
+    names = [folder.name if len(subject.folders) > 1 else None for folder in subject.folders]
+    parts = [
+        _run(record, name, k) for k, (record, name) in enumerate(zip(subject.records, names, strict=True))
+    ]
+    return Section("made", "How it was made", join(*parts))
+
+
+def _run(record: Mapping[str, Any], name: str | None, number: int) -> Html:
+    rows: list[list[Child]] = [
+        [
+            key,
+            e["status"],
+            "yes" if e["converged"] else "no",
+            e["iterations"],
+            f"{e['seconds']:.2f}",
+            f"{e['scale']:.4f}",
+        ]
+        for key, e in record["estimates"].items()
+    ]
+    facts = {key: record[key] for key in ("versions", "seeds", "threads")} | {
+        "files (sha256)": record["case"]["files"]
+    }
+    return join(
+        tag("h3", name) if name else None,
+        tag(
+            "div",
+            table(["estimate", "status", "converged", "iterations", "seconds", "scale"], rows),
+            class_="left",
+        ),
+        tag(
+            "p", "To make it again, save the pipeline below in the run folder as pipeline.toml and say there:"
+        ),
+        _copied(COMMAND, f"command-{number}"),
+        tag(
+            "details",
+            tag("summary", "The pipeline, every default written out"),
+            _copied(as_toml(record["pipeline"]), f"toml-{number}"),
+        ),
+        tag(
+            "details",
+            tag("summary", "Versions, seeds, threads, input files"),
+            tag("pre", tag("code", _pretty(facts))),
+        ),
+    )
+
+
+def _copied(text: str, identifier: str) -> Html:
+    """Text in fixed width with a button that copies it."""
+    button = tag("button", "Copy", type="button", data_copy=identifier)
+    return tag("div", tag("pre", tag("code", text), id=identifier, tabindex="0"), button, class_="copied")
+
+
+def as_toml(record: Mapping[str, Any]) -> str:
+    """The pipeline of run.json as a pipeline file; keys that are null are left to their defaults."""
+    top = [
+        f"{key} = {_toml(value)}"
+        for key, value in record.items()
+        if key not in ("stage", "write") and value is not None
+    ]
+    return (
+        "\n".join(
+            [*top, *(line for kind in ("stage", "write") for line in _tables(kind, record.get(kind, [])))]
+        )
+        + "\n"
+    )
+
+
+def _tables(kind: str, tables: list[Mapping[str, Any]]) -> Iterator[str]:
+    for table_ in tables:
+        yield f"\n[[{kind}]]"
+        yield from (f"{key} = {_toml(value)}" for key, value in table_.items() if value is not None)
+
+
+def _toml(value: Any) -> str:
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{json.dumps(key)} = {_toml(one)}" for key, one in value.items()) + "}"
+    if isinstance(value, list):
+        return "[" + ", ".join(map(_toml, value)) + "]"
+    return json.dumps(value, ensure_ascii=False)
+
+
+def _pretty(value: Any) -> str:
+    return json.dumps(value, indent=2, ensure_ascii=False)

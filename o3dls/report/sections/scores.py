@@ -1,0 +1,142 @@
+"""The numbers: mean distances in the form of the paper's table 1, every set in full, closeness to truth,
+validity.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from ..markup import Child, Html, join, millimetres, signed, table, tag
+from ..subject import SETS, Result, Subject
+from .section import Section
+
+CAPTION = "Mean distance of each set of points from each estimate; the smallest of a column is bold."
+NOTE = (
+    "Fitted points are no proof: a surface that follows the noise comes closest to them. Judge by the "
+    "columns on the left."
+)
+
+
+def score_section(subject: Subject) -> Section:
+    """Mean distances, one row per estimate: what was not fitted first, what was fitted last and marked."""
+    results = list(subject.results.values())
+    sets = _sets(results)
+    heads: list[Child] = [_head(group) for group in sets]
+    rows: list[list[Child]] = [
+        [result.name, *_means(result, sets, results, subject.unit)] for result in results
+    ]
+    main = table([f"mean distance, {subject.unit}", *heads], rows, CAPTION)
+    full = tag("details", tag("summary", "Every set in full"), _full(results, sets, subject.unit))
+    return Section(
+        "scores", "Distances", join(main, tag("p", NOTE, class_="soft"), *_truth(results, subject.unit), full)
+    )
+
+
+def mean_table(subject: Subject) -> tuple[list[str], list[tuple[str, list[str]]]]:
+    """Sets, and for each estimate its name and mean distances, as plain text."""
+    results = list(subject.results.values())
+    sets = _sets(results)
+    return sets, [
+        (result.name, [millimetres(_mean(result, group, subject.unit)) for group in sets])
+        for result in results
+    ]
+
+
+def _sets(results: Sequence[Result]) -> list[str]:
+    return [group for group in SETS if any(group in result.scores for result in results)]
+
+
+def _head(group: str) -> Html:
+    return (
+        join(SETS[group], tag("br"), tag("small", "the fit saw these"))
+        if group == "fitted"
+        else join(SETS[group])
+    )
+
+
+def _means(result: Result, sets: Sequence[str], results: Sequence[Result], unit: str) -> list[Child]:
+    cells: list[Child] = []
+    for group in sets:
+        value = _mean(result, group, unit)
+        known = [v for v in (_mean(other, group, unit) for other in results) if v is not None]
+        best = group != "fitted" and value == min(known, default=None)
+        cells.append("–" if value is None else tag("span", f"{value:.2f}", class_="best" if best else None))
+    return cells
+
+
+def _mean(result: Result, group: str, unit: str) -> float | None:
+    value = result.scores.get(group, {}).get(f"mean_{unit}")
+    return None if value is None else float(value)
+
+
+def _truth(results: Sequence[Result], unit: str) -> list[Html]:
+    """Closeness of whole surfaces, where the truth is known."""
+    words = {
+        f"assd_{unit}": (f"mean of both directions, {unit}", "{:.2f}"),
+        f"hd95_{unit}": (f"95 % Hausdorff, {unit}", "{:.2f}"),
+        "dice": ("Dice", "{:.3f}"),
+        **{f"within_{k}{unit}": (f"truth within {k} {unit}", "{:.1%}") for k in (1, 2, 3)},
+    }
+    known = [(result, result.scores["truth"]) for result in results if "truth" in result.scores]
+    if not known:
+        return []
+    rows: list[list[Child]] = [
+        [result.name, *(_number(found.get(key), form) for key, (_, form) in words.items())]
+        for result, found in known
+    ]
+    return [table(["against the true surface", *(label for label, _ in words.values())], rows)]
+
+
+def _full(results: Sequence[Result], sets: Sequence[str], unit: str) -> Html:
+    keys = ["n", *(f"{name}_{unit}" for name in ("mean", "median", "rms", "p95", "max"))]
+    rows: list[list[Child]] = [
+        [
+            result.name,
+            SETS[group],
+            *(_number(result.scores[group].get(key), "{:.3f}" if key != "n" else "{:d}") for key in keys),
+        ]
+        for group in sets
+        for result in results
+        if group in result.scores
+    ]
+    return table(["estimate", "set", *(key.replace("_", ", ").replace("p95", "95 %") for key in keys)], rows)
+
+
+def validity_section(subject: Subject) -> Section:
+    """Whether each surface can be used: closed, one piece, without folds, and its volume."""
+    results = list(subject.results.values())
+    keys = dict.fromkeys(key for result in results for key in result.validity)
+    rows: list[list[Child]] = [
+        [result.name, *(_valid(key, result.validity) for key in keys), _faults(result)] for result in results
+    ]
+    return Section(
+        "validity", "Validity of the surfaces", table(["", *(_words(key) for key in keys), "verdict"], rows)
+    )
+
+
+def _faults(result: Result) -> str:
+    return "; ".join(result.run.faults_of(result.key)) or "valid"
+
+
+def _words(key: str) -> str:
+    units = {
+        "volume_ml": "volume, ml",
+        "area_mm2": "area, mm²",
+        "area_px2": "area, px²",
+        "volume_change": "change of volume",
+    }
+    return units.get(key, key.replace("_", " "))
+
+
+def _valid(key: str, found: Mapping[str, Any]) -> str:
+    value = found.get(key)
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if key == "volume_change" and value is not None:
+        return f"{signed(100 * value, 1)}%"
+    return _number(value, "{:.1f}" if isinstance(value, float) else "{}")
+
+
+def _number(value: Any, form: str) -> str:
+    return "–" if value is None else form.format(value)

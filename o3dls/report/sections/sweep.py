@@ -1,0 +1,70 @@
+"""How the result depends on one parameter, where the runs of a report differ in just that: fitted against
+unseen error.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from ..drawing.charts import Series, axis_over, grouped, line_chart
+from ..markup import join, tag
+from ..subject import HEADLINE, SETS, Subject
+from .section import Section
+
+FEWEST = 3
+
+
+def sweep_section(subject: Subject) -> Section | None:
+    """A curve for each set of points over the one parameter that differs between at least three runs."""
+    found = swept([record["pipeline"] for record in subject.records])
+    if found is None:
+        return None
+    name, values = found
+    finals = subject.finals
+    order = np.argsort(values)
+    sets = [group for group in HEADLINE if all(group in result.scores for result in finals)]
+    x = np.array(values)[order]
+    curves = [
+        Series(SETS[s], k, x, np.array([r.scores[s][f"mean_{subject.unit}"] for r in finals])[order])
+        for k, s in enumerate(sets)
+    ]
+    log = bool(x[0] > 0 and x[-1] > 10 * x[0])
+    chart = line_chart(
+        f"Mean distance over {name}",
+        curves,
+        axis_over(name, [x], zero=False, log=log),
+        axis_over(f"mean distance, {subject.unit}", [c.y for c in curves]),
+    )
+    note = tag(
+        "p", "Where the fitted error falls and the others rise, the surface follows the noise.", class_="soft"
+    )
+    return Section("sweep", f"Sensitivity to {name}", join(grouped(chart), note))
+
+
+def swept(pipelines: Sequence[Mapping[str, Any]]) -> tuple[str, list[float]] | None:
+    """Name and values of the one parameter of a stage in which pipelines differ; None where it is not one, or
+    no number.
+    """
+    flat = [_flat(pipeline) for pipeline in pipelines]
+    keys = dict.fromkeys(key for one in flat for key in one)
+    differing = [key for key in keys if len({repr(one.get(key)) for one in flat}) > 1]
+    values = [one.get(differing[0]) for one in flat] if len(differing) == 1 and "." in differing[0] else []
+    numbers = [
+        float(value) for value in values if isinstance(value, int | float) and not isinstance(value, bool)
+    ]
+    return (differing[0], numbers) if len(numbers) >= FEWEST and len(set(numbers)) == len(pipelines) else None
+
+
+def _flat(pipeline: Mapping[str, Any]) -> dict[str, Any]:
+    """What makes the result: every parameter of every stage as `estimate.parameter`, and those of the
+    pipeline itself.
+    """
+    own = {key: value for key, value in pipeline.items() if key not in ("stage", "write")}
+    return own | {
+        f"{stage.get('as') or stage['use']}.{key}": value
+        for stage in pipeline["stage"]
+        for key, value in stage.items()
+    }

@@ -1,0 +1,330 @@
+"""A finished run for other programs: surfaces, files for navigation systems, volumes, poses, each with a
+sidecar of facts.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, get_args
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from ..arrays import Array
+from ..errors import InputError, PipelineError, did_you_mean
+from ..geometry.similarity import TURN
+from ..geometry.surface import Surface
+from .writers import Writer
+
+if TYPE_CHECKING:
+    from ..case import Case
+    from .run import Run
+
+FormatName = Literal[
+    "ply",
+    "stl",
+    "obj",
+    "off",
+    "vtk",
+    "vtp",
+    "carto_mesh",
+    "openep",
+    "opencarp",
+    "carto_vtk",
+    "dif",
+    "phi_nrrd",
+    "phi_nifti",
+    "mask_nrrd",
+    "mask_nifti",
+    "tfm",
+    "txt",
+]
+FrameName = Literal["LPS", "RAS"]
+SUFFIXES = {
+    "carto_vtk": "carto.vtk",
+    "carto_mesh": "mesh",
+    "openep": "mat",
+    "opencarp": "pts",
+    "dif": "dif.xml",
+    "phi_nrrd": "phi.nrrd",
+    "phi_nifti": "phi.nii.gz",
+    "mask_nrrd": "mask.nrrd",
+    "mask_nifti": "mask.nii.gz",
+}
+VOLUMES_AND_POSES = {
+    "phi_nrrd": (".nrrd",),
+    "mask_nrrd": (".nrrd",),
+    "phi_nifti": (".nii", ".nii.gz"),
+    "mask_nifti": (".nii", ".nii.gz"),
+    "tfm": (".tfm",),
+    "txt": (".txt",),
+}
+NEED_FRAME = ("phi_nifti", "mask_nifti", "tfm")  # formats that say LPS or RAS by definition
+FEWEST_ACROSS, MOST_VOXELS = 10.0, 1e8  # of a volume, over the diagonal and in all
+
+
+class Export(Writer):
+    """Write an estimate into export/ as a surface, a file for a navigation system, a volume or a pose, with a
+    sidecar of facts.
+    """
+
+    name: ClassVar = "export"
+    estimate: str | None = Field(None, description="estimate to write; default: the last")
+    format: FormatName = Field("ply", description="file format")
+    frame: FrameName | None = Field(None, description="frame to write in; default: the frame of the case")
+    field: str | None = Field(
+        None, description="carto_vtk, dif: the field that becomes its one scalar; default: none"
+    )
+    vmin: float | None = Field(
+        None, description="carto_vtk: value of the field at the lower end of the colours; default: its least"
+    )
+    vmax: float | None = Field(
+        None,
+        description="carto_vtk: value of the field at the upper end of the colours; default: its largest",
+    )
+
+    faces: int | None = Field(
+        None, ge=4, description="most triangles, by decimation; default: the limit of the system, else all"
+    )
+    spacing: float = Field(
+        1.0, gt=0.0, description="phi and mask: size of a voxel", json_schema_extra={"unit": "mm"}
+    )
+
+    @model_validator(mode="after")
+    def _fitting(self) -> Export:
+        if self.format != "carto_vtk" and (self.vmin, self.vmax) != (None, None):
+            raise PipelineError(
+                f"export: vmin and vmax belong to the format carto_vtk; {self.format} writes values as "
+                "they are"
+            )
+        if self.format not in ("carto_vtk", "dif") and self.field is not None:
+            raise PipelineError(
+                f"export: field belongs to the formats carto_vtk and dif; {self.format} keeps every "
+                "field it can"
+            )
+        if (self.vmin is None) != (self.vmax is None):
+            raise PipelineError("export: vmin and vmax must be given together")
+        if self.vmin is not None and self.vmax is not None and not self.vmin < self.vmax:
+            raise PipelineError(f"export: vmin = {self.vmin:g} must be below vmax = {self.vmax:g}")
+        if self.format == "dif" and self.frame == "RAS":
+            raise PipelineError("export: DIF files are in LPS by definition; leave frame away")
+        if self.field is None and self.vmin is not None:
+            raise PipelineError("export: vmin and vmax are limits of a field, and none is named; say field")
+        return self
+
+    @property
+    def refers_to(self) -> tuple[str, ...]:
+        return (self.estimate,) if self.estimate else ()
+
+    def target(self, final: str) -> tuple[str, ...]:
+        return (self.name, self.estimate or final, self.format)
+
+    def mistake(self, case: Case) -> str | None:
+        """The result is about as large as the prior."""
+        return self._unfit(case.prior) if self.format.startswith(("phi", "mask")) else None
+
+    def obstacle(self, case: Case) -> str | None:
+        from ..io.meshes.registry import IN_MILLIMETRES
+
+        if case.dimension == 2:
+            return "the case is 2D, and its outlines are in estimates/ as csv already"
+        if self.frame and case.frame == "unknown":
+            return (
+                f'frame = {self.frame!r}: the frame of the case is unknown; say frame = "LPS" or '
+                '"RAS" in its case.toml'
+            )
+        if self.format in (*IN_MILLIMETRES, *NEED_FRAME) and case.units != "mm":
+            return f"format = {self.format!r} is in mm by definition, and the case is in {case.units}"
+        if self.format in NEED_FRAME and case.frame == "unknown":
+            return (
+                f"format = {self.format!r} lies in LPS or RAS by definition, and the frame of the "
+                "case is unknown; say it in its case.toml"
+            )
+        return None
+
+    def __call__(self, run: Run, folder: Path) -> None:
+        from ..io.meshes.registry import read_surface
+
+        name = self.estimate or run.final
+        surface = read_surface(
+            folder / "estimates" / name / "surface.ply"
+        )  # with the fields that the run has just computed
+        self.write(surface, run, name, folder / "export" / file_name(name, self.format))
+
+    def write(self, surface: Surface, run: Run, name: str, path: Path) -> None:
+        """Write an estimate's surface with its fields to a file, and beside it `<file>.json` with frame,
+        units and meaning of values.
+        """
+        space = self.frame or run.case.frame
+        space = "LPS" if self.format == "dif" and space == "RAS" else space  # which DIF is by definition
+        if space != run.case.frame:
+            surface = surface.transformed(TURN)
+        facts = _facts(run, name, self.format, space)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        facts |= self._write(
+            surface,
+            path,
+            space,
+            run.case.units,
+            run.estimates[name].T_map_prior,
+            turned=space != run.case.frame,
+        )
+        path.with_name(path.name + ".json").write_text(
+            json.dumps(facts, indent=1, allow_nan=False) + "\n", encoding="utf-8"
+        )
+
+    def _write(
+        self, surface: Surface, path: Path, space: str, units: str, pose: Array, *, turned: bool
+    ) -> dict[str, Any]:
+        """Write one file of the format; what only this format has to say goes into the sidecar."""
+        from ..io.meshes.registry import read_surface, write_surface
+        from ..io.transforms import turned as in_other_frame
+        from ..io.transforms import write_transform
+
+        if self.format in ("tfm", "txt"):
+            write_transform(path, in_other_frame(pose) if turned else pose, space)
+            return {}
+        surface = self._small_enough(surface)
+        counts = {"vertices": len(surface.vertices), "triangles": len(surface.faces)}
+        if self.format == "carto_vtk":
+            return counts | {"scalar": self._write_carto(surface, path)}
+        if self.format == "dif":
+            return counts | {"scalar": self._write_dif(surface, path)}
+        if self.format.startswith(("phi", "mask")):
+            return self._write_volume(surface, path, space)
+        write_surface(path, surface, space=space, units=units, format=self.format)
+        return counts | {
+            "fields": sorted(read_surface(path).fields)
+        }  # a format may hold fewer than the surface has
+
+    def _small_enough(self, surface: Surface) -> Surface:
+        """Decimated to `faces`, and to what an importing system takes."""
+        from ..io.conversion import decimated
+        from ..io.meshes.dif import LIMITS
+
+        most = min(
+            self.faces or len(surface.faces),
+            LIMITS["triangles"] if self.format == "dif" else len(surface.faces),
+        )
+        if self.format == "dif" and len(surface.vertices) > LIMITS["vertices"]:
+            most = min(
+                most, 2 * LIMITS["vertices"] - 4
+            )  # Euler: a closed surface has two triangles per vertex, and two vertices more
+        return decimated(surface, most) if most < len(surface.faces) else surface
+
+    def _write_carto(self, surface: Surface, path: Path) -> dict[str, Any]:
+        from ..io.atomic import staged_file
+        from ..io.meshes.carto_vtk import encode, map_field
+
+        limits = None if self.vmin is None or self.vmax is None else (self.vmin, self.vmax)
+        scalar = map_field(surface, self.field, limits)
+        with staged_file(path) as staged:
+            staged.write_bytes(encode(surface, scalar.values))
+        return dict(scalar.meaning)
+
+    def _write_dif(self, surface: Surface, path: Path) -> dict[str, Any]:
+        from ..io.atomic import staged_file
+        from ..io.meshes.dif import encode
+
+        with staged_file(path) as staged:
+            staged.write_bytes(encode(surface, field=self.field))
+        missing = 0 if self.field is None else int((~np.isfinite(surface.fields[self.field])).sum())
+        return {"field": self.field, "values": "as they are", "missing_vertices_unsampled": missing}
+
+    def _write_volume(self, surface: Surface, path: Path, space: str) -> dict[str, Any]:
+        """Signed distance of the surface (mm, negative inside, cut at four voxels outside) or its inside as 0
+        and 1.
+        """
+        from ..io.images.volumes import write_volume
+        from ..levelset.distance import filled_distance
+
+        if why := self._unfit(surface):
+            raise InputError(f"export: {why}")
+        steps = 4
+        outside = steps * self.spacing
+        found = filled_distance(surface.vertices, surface.faces, self.spacing, steps)
+        phi = np.full(found.band.shape, outside)
+        phi[tuple(found.band.nodes.T)] = np.minimum(found.phi, outside)
+        write_volume(
+            path,
+            phi if self.format.startswith("phi") else phi < 0.0,
+            self.spacing,
+            found.band.origin,
+            space=space,
+        )
+        meaning = (
+            "signed distance, negative inside" if self.format.startswith("phi") else "1 inside, 0 outside"
+        )
+        return {"spacing": self.spacing, "values": meaning}
+
+    def _unfit(self, surface: Surface) -> str | None:
+        """Why the spacing of a volume is too coarse or too fine for a surface."""
+        voxels = float(np.prod(np.ptp(surface.vertices, axis=0) / self.spacing))
+        if self.spacing <= surface.diagonal / FEWEST_ACROSS and voxels <= MOST_VOXELS:
+            return None
+        finest = self.spacing * (voxels / MOST_VOXELS) ** (1 / 3)
+        coarsest = surface.diagonal / FEWEST_ACROSS
+        between = f"a spacing between {finest:.2g} and {coarsest:.2g} would be right"
+        return f"spacing = {self.spacing:g}: a volume of {voxels:.2g} voxels; {between}"
+
+
+def export_run(
+    folder: str | Path,
+    out: str | Path | None = None,
+    *,
+    estimate: str | None = None,
+    format: str = "ply",
+    **options: Any,
+) -> Path:
+    """Write the surface of an estimate (default: the last) of a finished run; `out` is a file, by default in
+    the run's export folder.
+
+    Further options as for `Export`. Raises InputError where the run, the estimate or the format is not there.
+    """
+    from ..io.meshes.registry import FORMATS, check_suffix
+    from .folder import check_not_of_a_run, read_run
+
+    if format not in get_args(FormatName):
+        raise InputError(f"export: no format '{format}'{did_you_mean(format, list(get_args(FormatName)))}")
+    path = Path(out) if out else None
+    if path:
+        check_suffix(
+            path, format, ({known.name: known.suffixes for known in FORMATS} | VOLUMES_AND_POSES)[format]
+        )
+    writer = Export(**options | {"estimate": estimate, "format": format})
+    run = read_run(folder)
+    name = estimate or run.final
+    if name not in run.estimates:
+        raise InputError(f"{folder}: no estimate '{name}'{did_you_mean(name, list(run.estimates))}")
+    if why := writer.obstacle(run.case):
+        raise InputError(f"{folder}: {why}")
+    path = path or Path(folder) / "export" / file_name(name, format)
+    check_not_of_a_run(path)
+    writer.write(run.estimates[name].surface, run, name, path)
+    return path
+
+
+def file_name(estimate: str, format: str) -> str:
+    """Name of an exported file; the CARTO dialect is told from plain VTK."""
+    return f"{estimate}.{SUFFIXES.get(format, format)}"
+
+
+def _facts(run: Run, name: str, format: str, space: str) -> dict[str, Any]:
+    """What a reader of the file must know and the file cannot say. No name of a case: it may be a
+    patient's.
+    """
+    from ..io.meshes.surface_file import NOTICE
+
+    estimate = run.estimates[name]
+    return {
+        "notice": NOTICE,
+        "estimate": name,
+        "format": format,
+        "frame": space,
+        "units": run.case.units,
+        "T_map_prior": estimate.T_map_prior.tolist(),
+        "T_map_prior_frame": run.case.frame,
+        "status": estimate.status,
+        "versions": dict(run.provenance["versions"]),
+    }

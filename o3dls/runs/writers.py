@@ -1,0 +1,29 @@
+"""The interface of a writer: `(run, folder) -> None`."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from .run import Run
+from ..plugins.plugin import Plugin
+
+
+class Writer(Plugin):
+    """Makes files of a finished run inside its folder."""
+
+    @property
+    def refers_to(self) -> tuple[str, ...]:
+        """Names of the estimates that the writer shows, so that a misspelt one is found before the run."""
+        return ()
+
+    def target(self, final: str) -> tuple[str, ...]:
+        """What its files are of and named after; two writers of one target would overwrite each other's.
+        `final`: the last estimate.
+        """
+        return (self.name, *map(str, self.record().values()))
+
+    @abstractmethod
+    def __call__(self, run: Run, folder: Path) -> None: ...

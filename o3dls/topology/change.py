@@ -1,0 +1,61 @@
+"""A proposed change of topology, and the surface after it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ..arrays import Array, Ints
+from ..geometry.components import largest_piece
+from ..geometry.differential import evened
+from ..geometry.surface import Surface
+from ..levelset.distance import signed_distance
+from ..levelset.isosurface import zero_set
+from ..levelset.operators import combine
+
+WITNESSES = 3  # points that must tell for a change
+
+
+DEEP = 2.0  # noise levels inside from which a point may tell against a part
+
+
+TELLING = 0.5  # nats by which the new wall explains such a point better
+
+
+@dataclass(frozen=True, eq=False)
+class Change:
+    """A proposed change: closed surface of the region that it removes or adds, log evidence `gain`, less the
+    `price` (nats) of what is rare beforehand, how many points are `witnesses`, and the `centre` (d,) to look
+    at, in the map frame.
+    """
+
+    removes: bool
+    region: tuple[Array, Ints]
+    gain: float
+    price: float
+    witnesses: int
+    odd: Array  # the points (k, d) that ask for it: deep inside about a part, or far outside
+    centre: Array
+
+    @property
+    def sentence(self) -> str:
+        done = "removed a part" if self.removes else "grew a tube"
+        where = ", ".join(f"{x:.0f}" for x in self.centre)
+        return f"{done} at ({where}), shown by {self.witnesses} points (evidence {self.gain:+.1f} nats)"
+
+
+def changed(surface: Surface, change: Change | None, spacing: float) -> Surface:
+    """The surface after a change (None: as it is), meshed from its level set: one piece, without the fields
+    of the old one.
+    """
+    width = 3.0 * spacing
+    before = signed_distance(surface.vertices, surface.faces, spacing, width)
+    band, phi = before.band, before.phi
+    if change is not None:
+        band, phi = combine(before, signed_distance(*change.region, spacing, width), remove=change.removes)
+    vertices, faces = largest_piece(*zero_set(band, phi))
+    return Surface(evened(vertices, faces), faces)
+
+
+def body_radius(surface: Surface) -> float:
+    """d * volume / area: the radius of a ball, the half width of a thick body."""
+    return surface.dimension * surface.volume / surface.area

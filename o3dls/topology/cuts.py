@@ -1,0 +1,167 @@
+"""Thin parts of the prior that points speak against, and where they are cut off."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from ..arrays import Array
+from ..geometry.closest_point import ClosestPoint
+from ..geometry.surface import Surface
+from ..levelset.distance import SignedDistance, filled_distance
+from ..levelset.isosurface import zero_set
+from ..levelset.normal_displacement import Wall
+from ..levelset.observation import Measured
+from ..levelset.operators import linked
+from .change import DEEP, TELLING, WITNESSES, Change, body_radius
+
+FINE = 6.0  # lattice nodes per mean radius of the body when parts are looked for
+
+
+BALLS = (0.35, 0.5, 0.65)  # radii of the balls that thin parts do not admit, in mean radii of the body
+
+
+STICKS_OUT = 0.3  # a part reaches at least this far off the opened body, in mean radii
+
+
+UNTOUCHED = (
+    1.5  # nats that a part without a single point on it is worth: one wall in five is never touched anyway
+)
+
+
+def removals(wall: Wall, measured: Measured) -> Iterator[Change]:
+    """Cuts of thin parts of the prior that points speak against, each at the height over the body that gains
+    most.
+    """
+    if _deep(measured).sum() >= WITNESSES:
+        for part in parts(wall.surface):
+            if part.near(measured.points[_deep(measured)]) >= WITNESSES:
+                yield from _cuts(part, measured)
+
+
+def _deep(measured: Measured) -> NDArray[np.bool_]:
+    """Points (n,) so far inside that they may tell against a part."""
+    return np.asarray(
+        (measured.distance < -DEEP * measured.likelihood.sigma) & ~measured.likelihood.one_sided
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """A thin part `core` (n,), one of all that are `thin` (n,): `outside` (n,) is the distance of the lattice
+    nodes from the body opened by a ball.
+    """
+
+    field: SignedDistance
+    opened: ClosestPoint
+    ball: float
+    outside: Array
+    thin: NDArray[np.bool_]
+    core: NDArray[np.bool_]
+
+    def near(self, points: Array) -> int:
+        """How many points (k, d) inside the prior the part may have a say about."""
+        reach = self.ball + self.field.band.spacing
+        return int(
+            np.isfinite(
+                cKDTree(self.field.band.positions[self.core]).query(points, distance_upper_bound=reach)[0]
+            ).sum()
+        )
+
+    def share(self) -> Array:
+        """1 at the nodes (n,) in the part, falling to 0 over the radius of the ball around it, negative where
+        the part has no say: in other parts and far away. A node outside the prior follows the closest node
+        inside.
+        """
+        inner = np.flatnonzero(self.field.phi < 0.0)
+        positions = self.field.band.positions
+        gap = np.asarray(cKDTree(positions[self.core]).query(positions, distance_upper_bound=self.ball)[0])
+        near = np.flatnonzero(gap < np.inf)
+        nearest = inner[cKDTree(positions[inner]).query(positions[near])[1]]
+        share = np.full(len(positions), -1.0)
+        share[near] = np.where(
+            self.core[nearest], 1.0, np.where(self.thin[nearest], -1.0, 1.0 - gap[near] / self.ball)
+        )
+        return share
+
+
+def parts(surface: Surface, balls: tuple[float, ...] = BALLS) -> Iterator[Part]:
+    """Parts that balls of several sizes cannot enter: what opening the body by a ball takes away (veins,
+    appendage, handles).
+    """
+    radius = body_radius(surface)
+    step = radius / FINE
+    field = filled_distance(surface.vertices, surface.faces, step, 2)
+    for ball in (share * radius for share in balls):
+        vertices, faces = zero_set(field.band, field.phi + ball)  # centres of the balls that fit
+        if len(faces) == 0:
+            continue
+        opened = ClosestPoint(vertices, faces)
+        outside = _outside(opened, field.band.positions, field.phi, ball)
+        thin = (field.phi < 0.0) & (outside > 0.5 * step)
+        label = linked(field.band, thin)
+        for piece in range(label.max() + 1):
+            core = label == piece
+            if outside[core].max() >= STICKS_OUT * radius:
+                yield Part(field, opened, ball, outside, thin, core)
+
+
+def _outside(opened: ClosestPoint, positions: Array, phi: Array, ball: float) -> Array:
+    """Signed distance from the opened body: the centres of fitting balls, grown by the ball; deep inside, the
+    old one.
+    """
+    outside = phi.copy()
+    shallow = phi >= -ball
+    outside[shallow] = opened.distance(positions[shallow]) - ball
+    return outside
+
+
+def _cuts(part: Part, measured: Measured) -> Iterator[Change]:
+    """The part cut off at its best height above the opened body, if points show a wall there."""
+    likelihood = measured.likelihood
+    distance = measured.distance
+    band = part.field.band
+    sigma = float(np.median(likelihood.sigma))
+    node = cKDTree(band.positions).query(measured.points)[1]
+    shares = part.share()
+    share = shares[node]
+    outside = _outside(part.opened, measured.points, part.field.phi[node], part.ball)
+    before = likelihood.loss(distance - measured.bias)
+    best = np.zeros(len(distance))
+    height = 0.0
+    for trial in np.arange(-part.ball, part.outside[part.core].max() - sigma, 0.5 * sigma):
+        above = outside - _level(trial, share)
+        gain = np.where(share > 0.0, before - likelihood.loss(np.maximum(distance, above)), 0.0)
+        if gain.sum() > best.sum():
+            best = gain
+            height = float(trial)
+    witnesses = int((best > TELLING).sum())
+    deep = _deep(measured) & (share > 0.0)
+    near = np.abs(np.maximum(distance, outside - _level(height, share))[deep]) < DEEP * likelihood.sigma[deep]
+    if witnesses < WITNESSES or near.sum() < WITNESSES:
+        return
+    above = np.where(shares > 0.0, part.outside - _level(height, shares), -band.spacing)
+    lost = part.core & (above > 0.0)
+    nearby = np.isin(node, np.flatnonzero(lost)).any()
+    region = zero_set(*band.whole(-above, band.spacing))
+    price = 0.0 if nearby else -UNTOUCHED
+    yield Change(
+        True,
+        region,
+        float(best.sum()) - price,
+        price,
+        witnesses,
+        measured.points[deep],
+        band.positions[lost].mean(axis=0),
+    )
+
+
+def _level(height: float, share: Array) -> Array:
+    """Where the cut runs: at its height over the part; a cut into the body rises to the body's wall around
+    it.
+    """
+    return height * share if height < 0.0 else np.full(len(share), height)

@@ -1,0 +1,126 @@
+"""Level set to mesh: closed, outward, near the zero set by a measured amount; fields carried, pieces
+chosen.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from shapes import ball_with_tube, circle, meshed, round_distance, torus
+
+from o3dls.adapters.meshing import _clean, carry_fields, extract, isosurface
+from o3dls.errors import SolverError
+from o3dls.evaluation.distances import distances
+from o3dls.evaluation.validity import self_intersections, validity
+from o3dls.geometry.surface import Surface
+from o3dls.levelset.distance import SignedDistance, signed_distance
+from o3dls.levelset.refine import topology
+
+
+def field(surface: Surface, spacing: float = 1.0) -> SignedDistance:
+    return signed_distance(surface.vertices, surface.faces, spacing, 3.0 * spacing)
+
+
+@pytest.mark.parametrize("surface", [meshed(ball_with_tube, 34.0, 0.5), torus()], ids=["tube", "torus"])
+def test_mesh_is_valid_and_lies_on_the_surface(surface: Surface) -> None:
+    found = extract(field(surface))
+    state = validity(found.surface, surface)
+    assert state["watertight"]
+    assert state["self_intersections"] == 0
+    assert topology(found.surface.vertices, found.surface.faces) == topology(surface.vertices, surface.faces)
+    assert found.surface.volume == pytest.approx(surface.volume, rel=0.01)
+    assert distances(found.surface.vertices, surface).mean() < 0.02
+    assert len(found.surface.faces) <= 0.51 * found.isosurface_faces
+
+
+def test_clean_up_is_measured_and_can_be_left_out() -> None:
+    phi = field(torus())
+    bare = extract(phi, smoothing=0, keep=1.0)
+    clean = extract(phi)
+    assert bare.shift_max < 1e-6
+    assert 0.0 < clean.shift_mean < 0.05
+    assert clean.shift_mean < clean.shift_max
+    assert len(bare.surface.faces) == bare.isosurface_faces
+
+
+def test_smoothing_that_would_make_the_walls_of_a_slot_cross_is_left_out() -> None:
+    def slotted(points: np.ndarray) -> np.ndarray:
+        slot = np.maximum(np.abs(points[:, 2] - 0.05 * points[:, 0]) - 0.25, -4.0 - points[:, 0])
+        return np.maximum(round_distance(12.0)(points), -slot)
+
+    phi = field(meshed(slotted, 15.0, 0.25))
+    assert self_intersections(_clean(Surface(*isosurface(phi)), 3, 0.5)) > 0  # as it would be
+    assert self_intersections(extract(phi).surface) == 0
+
+
+def test_isosurface_is_of_second_order() -> None:
+    errors = []
+    ball = meshed(round_distance(15.0), 18.0, 0.3)
+    for spacing in (3.0, 1.5, 0.75):
+        errors.append(np.abs(round_distance(15.0)(isosurface(field(ball, spacing))[0])).max())
+    assert (np.log2(np.array(errors[:-1]) / errors[1:]) > 1.5).all(), errors
+
+
+def test_a_thin_vein_is_not_lost() -> None:
+    def vein(points: np.ndarray) -> np.ndarray:
+        along = np.clip(points[:, 0], 8.0, 28.0)
+        tube = np.linalg.norm(points - [1.0, 0.0, 0.0] * along[:, None], axis=1) - 2.0
+        return np.minimum(round_distance(16.0)(points), tube)
+
+    surface = meshed(vein, 34.0, 0.5)
+    found = extract(field(surface)).surface
+    assert topology(found.vertices, found.faces) == (1, 2)
+    assert found.vertices[:, 0].max() == pytest.approx(surface.vertices[:, 0].max(), abs=0.15)
+    tip = surface.vertices[surface.vertices[:, 0] > 17.0]
+    assert distances(tip, found).mean() < 0.08  # h^2 / 8r of a chord, twice
+
+
+def test_contour_in_2d_is_the_zero_set() -> None:
+    found = extract(field(circle(20.0, 400)))
+    assert found.surface.watertight
+    assert found.surface.volume == pytest.approx(np.pi * 400.0, rel=1e-3)
+    assert (found.shift_mean, found.shift_max) == (0.0, 0.0)
+
+
+def test_islands_stay_or_go() -> None:
+    def two(points: np.ndarray) -> np.ndarray:
+        return np.minimum(
+            round_distance(8.0)(points), np.linalg.norm(points - [14.0, 0.0, 0.0], axis=1) - 3.0
+        )
+
+    phi = field(meshed(two, 20.0, 0.5))
+    assert topology(*_arrays(extract(phi, islands=True).surface))[0] == 2
+    assert topology(*_arrays(extract(phi, islands=False).surface))[0] == 1
+
+
+def _arrays(surface: Surface) -> tuple[np.ndarray, np.ndarray]:
+    return surface.vertices, surface.faces
+
+
+def test_a_level_set_without_a_surface_is_an_error() -> None:
+    phi = field(torus())
+    with pytest.raises(SolverError, match="does not change its sign"):
+        extract(SignedDistance(phi.band, np.abs(phi.phi) + 1.0, phi.face))
+
+
+def test_fields_are_read_where_the_new_vertices_lie() -> None:
+    source = torus()
+    source = Surface(source.vertices, source.faces, {"x": source.vertices[:, 0], "place": source.vertices})
+    target = extract(field(source)).surface
+    carried = carry_fields(source, target)
+    np.testing.assert_allclose(carried.fields["x"], target.vertices[:, 0], atol=0.1)
+    np.testing.assert_allclose(carried.fields["place"], target.vertices, atol=0.1)
+    assert carry_fields(torus(), target) is target
+
+
+def test_labels_are_carried_as_they_are() -> None:
+    source = torus()
+    region = np.where(source.vertices[:, 0] > 0.3, 7.0, 1.0)
+    source = Surface(source.vertices, source.faces, {"region": region, "sd_mm": 0.5 * region})
+    target = extract(field(source)).surface
+    carried = carry_fields(source, target).fields
+    assert set(carried["region"]) == {1.0, 7.0}
+    assert ((carried["region"] == 7.0) == (target.vertices[:, 0] > 0.3))[
+        np.abs(target.vertices[:, 0] - 0.3) > 1.5
+    ].all()
+    assert len(set(carried["sd_mm"])) > 2  # .5 and 3.5: measured values have means

@@ -1,0 +1,123 @@
+"""The doctor finds what is missing and names the mend; every fault here is a real one, brought about on
+purpose.
+"""
+
+from __future__ import annotations
+
+import ast
+import sys
+from importlib.metadata import EntryPoint
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+from conftest import ROOT
+
+from o3dls.cli import doctor
+from o3dls.cli.doctor import Check
+
+
+def attributes(path: Path) -> set[str]:
+    """Every name that a source file reads behind a dot."""
+    return {node.attr for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Attribute)}
+
+
+def test_it_knows_every_filter_that_is_called() -> None:
+    import pymeshlab
+
+    users = [
+        path
+        for path in (ROOT / "o3dls").rglob("*.py")
+        if "pymeshlab.MeshSet" in path.read_text(encoding="utf-8")
+    ]
+    assert set.union(*map(attributes, users)) & set(pymeshlab.filter_list()) == set(doctor.FILTERS)
+
+
+def test_this_machine_is_well() -> None:
+    assert [str(check) for check in doctor.diagnose() if check.needed and not check.ok] == []
+
+
+def test_a_fault_is_told_with_its_mend() -> None:
+    first, second = str(Check("filters", "missing: x", "sudo apt-get install y")).splitlines()
+    assert first == "FAULT   filters: missing: x"
+    assert second.strip() == "mend it with: sudo apt-get install y"
+
+
+def test_a_missing_library_names_its_package(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(name: str) -> None:
+        raise OSError("libusb-1.0.so.0: cannot open shared object file:\n No such file or directory")
+
+    monkeypatch.setattr(doctor, "import_module", refuse)
+    check = doctor._module("open3d")
+    assert check.mend == "sudo apt-get install libusb-1.0-0"
+    assert (
+        check.found
+        == "cannot be imported: libusb-1.0.so.0: cannot open shared object file: No such file or directory"
+    )
+
+
+def test_a_missing_module_is_installed_by_pip() -> None:
+    check = doctor._module("no_such_module_of_ours")
+    assert "No module named" in check.found
+    assert check.mend.startswith("python -m pip install")
+
+
+def test_two_distributions_in_one_folder(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(doctor, "_version", lambda name: "0.20.0")
+    assert "uninstall -y open3d open3d-cpu" in doctor._one_open3d().mend
+
+
+def test_missing_filters_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "pymeshlab", SimpleNamespace(filter_list=lambda: doctor.FILTERS[1:]))
+    check = doctor._filters()
+    assert check.found == f"missing: {doctor.FILTERS[0]}"
+    assert "libopengl0" in check.mend
+
+
+def test_a_plugin_that_cannot_be_loaded(monkeypatch: pytest.MonkeyPatch) -> None:
+    from o3dls.plugins import plugin as stage
+
+    broken = EntryPoint("broken", "o3dls.no_such_file:Stage", "o3dls.stages")
+    monkeypatch.setattr(stage, "registered", lambda group: {"broken": broken})
+    assert "no_such_file" in doctor._plugins().found
+
+
+def test_nothing_installed_has_no_plugins(monkeypatch: pytest.MonkeyPatch) -> None:
+    from o3dls.plugins import plugin as stage
+
+    monkeypatch.setattr(stage, "registered", lambda group: {})
+    assert not doctor._plugins().ok
+
+
+def test_a_kernel_cache_that_cannot_be_written(monkeypatch: pytest.MonkeyPatch) -> None:
+    from numba.core import caching
+
+    monkeypatch.setattr(
+        caching.CacheImpl, "_locator_classes", []
+    )  # as where neither the package's folder nor the home may be written
+    check = doctor._kernel_cache()
+    assert "no locator available" in check.found
+    assert check.mend.startswith("export NUMBA_CACHE_DIR=")
+
+
+@pytest.mark.parametrize(
+    ("script", "found"),
+    [
+        ("import time; time.sleep(60)", "no picture within 0.5 s"),
+        ("import sys; sys.exit('libEGL.so.1: cannot open')", "ended with code 1: libEGL.so.1: cannot open"),
+        ("import os; os.abort()", "ended with code -6: no message"),
+    ],
+)
+def test_a_renderer_that_hangs_fails_or_crashes_is_not_needed(
+    script: str, found: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(doctor, "RENDER", script)
+    monkeypatch.setattr(doctor, "RENDER_SECONDS", 0.5)
+    check = doctor._renderer()
+    assert (check.found, check.ok, check.needed) == (found, False, False)
+    assert check.mend.startswith("sudo apt-get install libegl1")
+
+
+def test_the_real_renderer_answers_in_time() -> None:
+    """Either outcome is good, as long as the doctor comes back."""
+    assert doctor._renderer().found

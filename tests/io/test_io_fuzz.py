@@ -1,0 +1,329 @@
+"""Damaged files: every reader answers with an error that names the file, or with a sound surface; never a
+crash, a hang or a flood.
+
+O3DLS_FUZZ says how many damaged files each reader is given (default 60; 2000 were run before release).
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import time
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from formats import TOLERANCE, write_as
+
+from o3dls.case import Points
+from o3dls.errors import InputError
+from o3dls.geometry.surface import Surface
+from o3dls.io import points
+from o3dls.io.case_folder import read_case, write_case
+from o3dls.io.images.volumes import write_volume
+from o3dls.io.mapping import carto_points, ensite, openep
+from o3dls.io.mapping.archive import Archive
+from o3dls.io.mapping.carto_study import find_study
+from o3dls.io.mapping.study import read_study
+from o3dls.io.markups import Markups, read_markups, write_markups
+from o3dls.io.meshes.registry import FORMATS, read_surface_file
+from o3dls.io.points import read_points, write_points
+from o3dls.io.transforms import read_transform, write_transform
+
+FILES = int(os.environ.get("O3DLS_FUZZ", "60"))
+SLOWEST = 5.0  # seconds for one file
+Mutation = Callable[[bytes, np.random.Generator], bytes]
+
+
+def truncate(data: bytes, rng: np.random.Generator) -> bytes:
+    return data[: rng.integers(len(data))]
+
+
+def flip_bytes(data: bytes, rng: np.random.Generator) -> bytes:
+    out = np.frombuffer(data, np.uint8).copy()
+    out[rng.integers(len(out), size=rng.integers(1, 9))] = rng.integers(256)
+    return out.tobytes()
+
+
+def drop_block(data: bytes, rng: np.random.Generator) -> bytes:
+    a, b = sorted(rng.integers(len(data), size=2))
+    return data[:a] + data[b:]
+
+
+def double_block(data: bytes, rng: np.random.Generator) -> bytes:
+    a, b = sorted(rng.integers(len(data), size=2))
+    return data[:b] + data[a:b] + data[b:]
+
+
+def garbage(data: bytes, rng: np.random.Generator) -> bytes:
+    a = rng.integers(len(data))
+    return data[:a] + rng.bytes(int(rng.integers(1, 400))) + data[a:]
+
+
+def line_ends(data: bytes, rng: np.random.Generator) -> bytes:
+    return data.replace(b"\r\n", b"\n") if rng.random() < 0.5 else data.replace(b"\n", b"\r\n")
+
+
+def drop_line(data: bytes, rng: np.random.Generator) -> bytes:
+    lines = data.split(b"\n")
+    del lines[rng.integers(len(lines))]
+    return b"\n".join(lines)
+
+
+def double_line(data: bytes, rng: np.random.Generator) -> bytes:
+    lines = data.split(b"\n")
+    k = rng.integers(len(lines))
+    return b"\n".join(lines[: k + 1] + lines[k:])
+
+
+def swap_word(data: bytes, rng: np.random.Generator) -> bytes:
+    """One number becomes another thing: not finite, huge, negative, with a comma, a word, or two words."""
+    found = list(re.finditer(rb"[-+]?\d[-+.\deE]*", data))
+    if not found:
+        return data
+    spot = found[rng.integers(len(found))]
+    words = [
+        b"nan",
+        b"inf",
+        b"-1",
+        b"99999999999",
+        b"1e308",
+        b"1,5",
+        b"x",
+        b"",
+        b"0",
+        b"7 7",
+        b"2147483648",
+        b"1.5",
+        b"-10000",
+    ]
+    return data[: spot.start()] + words[rng.integers(len(words))] + data[spot.end() :]
+
+
+MUTATIONS: tuple[Mutation, ...] = (
+    truncate,
+    flip_bytes,
+    drop_block,
+    double_block,
+    garbage,
+    line_ends,
+    drop_line,
+    double_line,
+    swap_word,
+    swap_word,
+    swap_word,
+)
+
+
+def body() -> Surface:
+    import trimesh
+
+    ball = trimesh.creation.icosphere(1, 25.0)
+    fields = {"bipolar": ball.vertices[:, 0] / 10, "depth": ball.vertices[:, 2].copy()}
+    return Surface(ball.vertices + np.array([10.0, -20, 30]), np.array(ball.faces), fields)
+
+
+def check(name: str, path: Path, data: bytes, read: Callable[[Path], object]) -> None:
+    """Damage the file FILES times and read it each time."""
+    rng = np.random.default_rng(zlib.crc32(name.encode()))
+    for k in range(FILES):
+        damaged = data
+        for _ in range(rng.integers(1, 4)):
+            damaged = MUTATIONS[rng.integers(len(MUTATIONS))](damaged, rng) or b"\0"
+        path.write_bytes(damaged)
+        start = time.perf_counter()
+        try:
+            sentence = answer(read, path)
+        except Exception as error:
+            path.with_suffix(".kept").write_bytes(damaged)
+            raise AssertionError(f"{name}, file {k} ({path.with_suffix('.kept')}): {error!r}") from error
+        assert sentence is None or path.stem in sentence, (
+            f"{name}, file {k}: the error names no file: {sentence}"
+        )
+        assert time.perf_counter() - start < SLOWEST, (
+            f"{name}, file {k} took {time.perf_counter() - start:.1f} s"
+        )
+
+
+def answer(read: Callable[[Path], object], path: Path) -> str | None:
+    """The sentence of the error, or None where the file was read and what came out is sound."""
+    try:
+        sound(read(path))
+    except InputError as error:
+        return str(error)
+    return None
+
+
+def sound(result: object) -> None:
+    """What is read must hold together: a surface says so itself when it is made; points must be finite."""
+    for xyz in (getattr(result, "xyz", None), getattr(getattr(result, "surface", None), "vertices", None)):
+        assert xyz is None or np.isfinite(xyz).all()
+
+
+@pytest.mark.parametrize("name", [*TOLERANCE, "ascii ply", "ascii stl", "ascii vtk", "raw vtp"])
+def test_surfaces(name: str, tmp_path: Path) -> None:
+    path = write_as(name.split()[-1], tmp_path, body())
+    data = other_encoding(name, path) if " " in name else path.read_bytes()
+    known = {f.name: f for f in FORMATS}[name.split()[-1]]
+    check(name, path, data, read_surface_file)
+    check(
+        name + " by name", path, data, lambda p: known.read(p, p.read_bytes())
+    )  # as if the first bytes were always in order
+
+
+def other_encoding(name: str, path: Path) -> bytes:
+    """The same body as other programs write it."""
+    import trimesh
+
+    if name.endswith(("ply", "stl")):
+        mesh = trimesh.Trimesh(body().vertices, body().faces)
+        made = (
+            mesh.export(file_type="ply", encoding="ascii")
+            if name.endswith("ply")
+            else mesh.export(file_type="stl_ascii")
+        )
+        return made if isinstance(made, bytes) else made.encode()
+    vtk = pytest.importorskip("vtk")
+    from o3dls.adapters.objects import to_pyvista
+
+    writer = vtk.vtkXMLPolyDataWriter() if name.endswith("vtp") else vtk.vtkPolyDataWriter()
+    writer.SetInputData(to_pyvista(body()))
+    writer.SetFileName(str(path))
+    if name.endswith("vtp"):
+        writer.SetDataModeToAppended()
+        writer.SetEncodeAppendedData(False)
+    writer.Write()
+    return path.read_bytes()
+
+
+@pytest.mark.parametrize("suffix", ["nii", "nii.gz", "nrrd", "mha"])
+def test_label_volumes(suffix: str, tmp_path: Path) -> None:
+    sitk = pytest.importorskip("SimpleITK")
+    mask = np.zeros((9, 10, 11), bool)
+    mask[2:7, 3:8, 2:8] = True
+    path = tmp_path / f"labels.{suffix}"
+    if suffix == "mha":
+        sitk.WriteImage(sitk.GetImageFromArray(mask.astype(np.uint8)), str(path))
+    else:
+        write_volume(path, mask, 1.5, np.zeros(3), space="LPS")
+    check(suffix, path, path.read_bytes(), read_surface_file)
+
+
+def test_points(tmp_path: Path) -> None:
+    path = tmp_path / "points.csv"
+    rng = np.random.default_rng(7_351)
+    kinds = np.array(["eam", "ablation", "inside", "landmark"] * 5)
+    write_points(
+        path,
+        Points(
+            rng.normal(size=(20, 3)),
+            kinds,
+            {"bipolar": rng.normal(size=20), "name": np.array(["a", "b c"] * 10)},
+        ),
+    )
+    check("points", path, path.read_bytes(), read_points)
+    assert points.NUMBERS
+
+
+@pytest.mark.parametrize("name", ["car", "sites", "dxl", "lesions", "openep"])
+def test_points_of_the_systems(name: str, tmp_path: Path) -> None:
+    from test_io_study import DXL, SITES
+
+    rng = np.random.default_rng(9_178)
+    measured = Points(rng.normal(size=(20, 3)), np.full(20, "eam"), {"bipolar": rng.normal(size=20)})
+    electric = {"egmX": measured.xyz, "voltages": {"bipolar": rng.normal(size=20)}, "sampleFrequency": 1000.0}
+    data, read = {
+        "car": (
+            carto_points.write_car("1-Map", measured),
+            lambda p: carto_points.read_car(p, p.read_bytes())[0],
+        ),
+        "sites": (SITES.encode(), lambda p: carto_points.read_sites(p, p.read_bytes())),
+        "dxl": (DXL.encode(), lambda p: ensite.read_map(p, p.read_bytes())[0]),
+        "lesions": (
+            b"Text,x,y,z,Diameter\nL1,1.5,2.5,3.5,4\nL2,1,2,3,4\nEOF\n",
+            lambda p: ensite.read_lesions(p, p.read_bytes()),
+        ),
+        "openep": (openep.save({"electric": electric}), lambda p: openep.read_points(p, p.read_bytes())),
+    }[name]
+    check(name, tmp_path / f"{name}.bin", data, read)
+
+
+def test_study_xml(tmp_path: Path) -> None:
+    from test_io_study import CARTO_XML
+
+    def read(path: Path) -> object:
+        study = find_study(Archive.open(path))
+        return study and study.map("1-Map")
+
+    (
+        tmp_path / "study"
+    ).mkdir()  # a file stands for its folder here, and errors may name the one or the other
+    check("xml", tmp_path / "study/study.xml", CARTO_XML.format(volume=20.0).encode(), read)
+
+
+def test_study_zips(tmp_path: Path) -> None:
+    from test_io_study import carto_folder, zipped
+
+    (tmp_path / "study").mkdir()
+    data = zipped(carto_folder(tmp_path / "s"), tmp_path / "whole.zip").read_bytes()
+    check("zip", tmp_path / "study/study.zip", data, lambda p: read_study(p, "1-Map").points)
+
+
+def test_markups_and_poses(tmp_path: Path) -> None:
+    path = tmp_path / "marks.json"
+    write_markups(path, Markups(("A", "B"), np.arange(6.0).reshape(2, 3), "LPS"))
+    check("markups", path, path.read_bytes(), read_markups)
+    text = (
+        b"# Markups fiducial file version = 5.0\n# CoordinateSystem = LPS\n# columns = "
+        b"id,x,y,z,label\n1,1.5,2,3,A\n2,4,5,6.5,B\n"
+    )
+    check("fcsv", path, text, read_markups)
+    for suffix in ("txt", "tfm"):
+        path = tmp_path / f"pose.{suffix}"
+        write_transform(path, np.eye(4) + 0.25, "LPS") if suffix == "txt" else write_transform(
+            path, np.diag([2.0, 2, 2, 1]), "LPS"
+        )
+        check(suffix, path, path.read_bytes(), read_transform)
+
+
+def test_case_toml(tmp_path: Path) -> None:
+    from test_io_case import case
+
+    write_case(tmp_path / "c", case())
+    for name in ("case.toml", "init.csv", "prior_landmarks.csv", "held_out.csv"):
+        path = tmp_path / "c" / name
+        whole = path.read_bytes()
+
+        def read(_: Path, path: Path = path) -> object:
+            try:
+                return read_case(tmp_path / "c").points
+            except InputError as error:
+                raise InputError(
+                    f"{path}: {error}"
+                ) from None  # a setting may be answered by another file of the case
+
+        check(name, path, whole, read)
+        path.with_suffix(".kept").unlink(missing_ok=True)
+        path.write_bytes(whole)
+
+
+def test_a_shortened_data_set_is_refused(tmp_path: Path) -> None:
+    path = write_as("openep", tmp_path, body())
+    path.write_bytes(path.read_bytes()[:-40])
+    with pytest.raises(InputError, match="truncated or damaged"):
+        read_surface_file(path)
+
+
+def test_matlab_73(tmp_path: Path) -> None:
+    h5py = pytest.importorskip("h5py")
+    path = tmp_path / "whole.mat"
+    with h5py.File(path, "w", userblock_size=512) as file:
+        file["userdata/surface/triRep/X"] = body().vertices.T
+        file["userdata/surface/triRep/Triangulation"] = body().faces.T + 1.0
+        file["userdata/surface/act_bip"] = np.vstack(
+            [np.zeros(len(body().vertices)), body().fields["bipolar"]]
+        )
+    data = b"MATLAB 7.3 MAT-file".ljust(512, b"\0") + path.read_bytes()[512:]
+    check("mat 7.3", tmp_path / "damaged.mat", data, read_surface_file)

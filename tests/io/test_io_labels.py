@@ -1,0 +1,266 @@
+"""Label volumes become surfaces that lie where the chamber lies: sub-voxel, closed, in any orientation."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from o3dls.errors import InputError
+from o3dls.io.case_folder import read_case
+from o3dls.io.conversion import convert
+from o3dls.io.meshes.registry import read_surface_file
+
+sitk = pytest.importorskip("SimpleITK", reason="label volumes need SimpleITK: pip install 'o3dls[images]'")
+
+SPACING = np.array([0.78, 0.78, 1.5])
+SHAPE = np.array([100, 100, 60])
+SEED = 40_417
+WITHIN = 0.25  # mm, mean distance from the truth
+
+
+def turned() -> np.ndarray:
+    return np.asarray(np.linalg.qr(np.random.default_rng(SEED).normal(size=(3, 3)))[0])
+
+
+class Chamber:
+    """A ball of 22 mm with three tubes of 5.5 mm, in a volume that lies obliquely; signed distance, negative
+    inside.
+    """
+
+    def __init__(self, direction: np.ndarray) -> None:
+        self.direction = direction
+        self.origin = np.array([-40.0, 20, 10])
+        self.centre = direction @ (SHAPE / 2 * SPACING) + self.origin
+
+    def __call__(self, points: np.ndarray) -> np.ndarray:
+        local = (points - self.centre) @ self.direction
+        distance = np.linalg.norm(local, axis=-1) - 22
+        for axis in np.array([[1.0, 0, 0], [0, 1, 0], [0.70710678, 0, 0.70710678]]):
+            along = np.clip(local @ axis, 0, 34)
+            distance = np.minimum(distance, np.linalg.norm(local - along[..., None] * axis, axis=-1) - 5.5)
+        return distance
+
+    def mask(self) -> np.ndarray:
+        """Voxels inside, (nx, ny, nz)."""
+        index = np.stack(np.meshgrid(*map(np.arange, SHAPE), indexing="ij"), axis=-1)
+        return self((index * SPACING) @ self.direction.T + self.origin) < 0
+
+    def image(self, labels: np.ndarray) -> object:
+        image = sitk.GetImageFromArray(labels.transpose(2, 1, 0).astype(np.uint8))
+        image.SetSpacing(SPACING)
+        image.SetOrigin(self.origin)
+        image.SetDirection(self.direction.ravel())
+        return image
+
+
+@pytest.mark.parametrize("suffix", ["nii.gz", "nrrd", "mha"])
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_surface_lies_where_the_chamber_lies(suffix: str, mirrored: bool, tmp_path: Path) -> None:
+    direction = turned() * [1, 1, -1 if (np.linalg.det(turned()) < 0) ^ mirrored else 1]
+    if mirrored and suffix == "nii.gz":
+        pytest.skip("ITK writes no mirrored NIfTI")
+    chamber = Chamber(direction)
+    mask = chamber.mask()
+    sitk.WriteImage(chamber.image(3 * mask), str(tmp_path / f"a.{suffix}"))
+    file = read_surface_file(tmp_path / f"a.{suffix}")
+    off = chamber(file.surface.vertices)
+    assert np.abs(off).mean() < WITHIN
+    assert abs(off.mean()) < 0.1  # no half voxel, no shrinking to speak of
+    assert file.surface.watertight
+    assert file.surface.volume == pytest.approx(mask.sum() * SPACING.prod(), rel=0.02)
+    assert (file.space, file.units, file.metadata["label"]) == ("LPS", "mm", 3)
+
+
+def test_nibabel_sees_the_same_place(tmp_path: Path) -> None:
+    nibabel = pytest.importorskip("nibabel")
+    chamber = Chamber(turned())
+    sitk.WriteImage(chamber.image(chamber.mask()), str(tmp_path / "a.nii.gz"))
+    image = nibabel.load(tmp_path / "a.nii.gz")
+    index = np.argwhere(np.asarray(image.dataobj) > 0)
+    centre = nibabel.affines.apply_affine(image.affine, index).mean(axis=0) * [-1, -1, 1]  # RAS to LPS
+    surface = read_surface_file(tmp_path / "a.nii.gz").surface
+    weights = surface.face_areas @ surface.vertices[surface.faces].mean(axis=1) / surface.area
+    assert np.linalg.norm(centre - weights) < 5.0
+
+
+def test_labels_boxes_and_pieces(tmp_path: Path) -> None:
+    chamber = Chamber(np.eye(3))
+    labels = chamber.mask().astype(int)
+    labels[60:][labels[60:] == 1] = 2
+    labels[:3, :3, :3] = 1  # dust
+    sitk.WriteImage(chamber.image(labels), str(tmp_path / "prior.nrrd"))
+    with pytest.raises(InputError, match=r"holds 2 labels; say --label \(there are 1, 2\)"):
+        read_surface_file(tmp_path / "prior.nrrd")
+    with pytest.raises(InputError, match="has no label 7"):
+        read_surface_file(tmp_path / "prior.nrrd", label=7)
+    file = read_surface_file(tmp_path / "prior.nrrd", label=1)
+    assert file.metadata["voxels_of_smaller_pieces"] == 27
+    cut = chamber.origin[0] + SPACING[0] * 59.5
+    assert file.surface.vertices[:, 0].max() == pytest.approx(cut, abs=0.5)
+    half = np.array([50.0, 50, 10])
+    low = chamber.centre - half
+    high = chamber.centre + half
+    boxed = read_surface_file(tmp_path / "prior.nrrd", label=1, box=(*low, *high)).surface
+    assert boxed.watertight
+    assert np.ptp(boxed.vertices[:, 2]) == pytest.approx(20, abs=SPACING[2] + 0.5)
+    (tmp_path / "points.csv").write_text("x,y,z\n" + "".join(f"{k},{k * 9},3\n" for k in range(12)))
+    (tmp_path / "case.toml").write_text(f"label = 1\nbox = {[*map(float, low), *map(float, high)]}\n")
+    np.testing.assert_array_equal(read_case(tmp_path).prior.vertices, boxed.vertices)
+
+
+def test_slicer_segments_are_found_by_name(tmp_path: Path) -> None:
+    chamber = Chamber(np.eye(3))
+    layers = np.stack([chamber.mask(), np.roll(chamber.mask(), 4, axis=2)], axis=-1).astype(np.uint8)
+    image = sitk.GetImageFromArray(layers.transpose(2, 1, 0, 3), isVector=True)
+    image.SetSpacing(SPACING)
+    for k, name in enumerate(("LA", "LV")):
+        for key, value in (("Name", name), ("LabelValue", "1"), ("Layer", str(k))):
+            image.SetMetaData(f"Segment{k}_{key}", value)
+    sitk.WriteImage(image, str(tmp_path / "a.seg.nrrd"))
+    first, second = (
+        read_surface_file(tmp_path / "a.seg.nrrd", part=name).surface.vertices.mean(axis=0)
+        for name in ("LA", "LV")
+    )
+    np.testing.assert_allclose(second - first, [0, 0, 4 * SPACING[2]], atol=1e-3)
+    with pytest.raises(InputError, match=r"say --label .* or --part \(LA, LV\)"):
+        read_surface_file(tmp_path / "a.seg.nrrd")
+
+
+def test_nrrd_in_ras_is_turned_and_no_space_is_unknown(tmp_path: Path) -> None:
+    nrrd = pytest.importorskip("nrrd")
+    mask = np.zeros((12, 12, 12), np.uint8)
+    mask[3:6, 4:9, 5:9] = 1
+    geometry = {"space directions": np.eye(3), "space origin": [100.0, 0, 0]}
+    for space, centre in (
+        ("left-posterior-superior", [104.0, 6, 6.5]),
+        ("right-anterior-superior", [-104.0, -6, 6.5]),
+    ):
+        nrrd.write(str(tmp_path / "a.nrrd"), mask, {"space": space, **geometry})
+        file = read_surface_file(tmp_path / "a.nrrd")
+        assert file.space == "LPS"
+        np.testing.assert_allclose(
+            (file.surface.vertices.min(axis=0) + file.surface.vertices.max(axis=0)) / 2, centre, atol=0.05
+        )
+    nrrd.write(str(tmp_path / "b.nrrd"), mask, {"space dimension": 3, **geometry})
+    assert read_surface_file(tmp_path / "b.nrrd").space == "unknown"
+
+
+def saved(values: np.ndarray, path: Path) -> Path:
+    sitk.WriteImage(sitk.GetImageFromArray(values.astype(np.uint8)), str(path))
+    return path
+
+
+def body() -> np.ndarray:
+    values = np.zeros((12, 13, 14))
+    values[3:8, 4:9, 5:9] = 1
+    return values
+
+
+def test_voxels_behind_another_header_are_found(tmp_path: Path) -> None:
+    known = read_surface_file(saved(body(), tmp_path / "a.mhd")).surface.vertices
+    raw, text = (tmp_path / "a.raw").read_bytes(), (tmp_path / "a.mhd").read_text()
+    (tmp_path / "a.raw").write_bytes(b"head of 17 bytes." + raw)
+    for size in (17, -1):
+        (tmp_path / "b.mhd").write_text(
+            text.replace("ElementDataFile", f"HeaderSize = {size}\nElementDataFile")
+        )
+        np.testing.assert_array_equal(read_surface_file(tmp_path / "b.mhd").surface.vertices, known)
+    for old, new, sentence in (
+        ("ElementDataFile", "HeaderSize = -2\nElementDataFile", "HeaderSize = -2: must be"),
+        ("BinaryData = True", "BinaryData = False", "BinaryData = False: must be True"),
+    ):
+        (tmp_path / "b.mhd").write_text(text.replace(old, new))
+        with pytest.raises(InputError, match=sentence):
+            read_surface_file(tmp_path / "b.mhd")
+
+
+def test_nrrd_units_become_millimetres_and_unknown_ones_are_refused(tmp_path: Path) -> None:
+    head, _, data = saved(body(), tmp_path / "a.nrrd").read_bytes().partition(b"\n\n")
+    known = read_surface_file(tmp_path / "a.nrrd").surface.vertices
+    for words, step, factor in (
+        ('"cm" "cm" "cm"', b"1", 10),
+        ('"mm" "mm" "um"', b"1000", 1),
+        ('"" "" "" ""', b"1", 1),
+        ("mm mm mm", b"1", 1),
+    ):
+        stated = head.replace(b"(0,0,1)", b"(0,0,%b)" % step) + f"\nspace units: {words}\n\n".encode()
+        (tmp_path / "b.nrrd").write_bytes(stated + data)
+        np.testing.assert_allclose(
+            read_surface_file(tmp_path / "b.nrrd").surface.vertices, known * factor, rtol=1e-6
+        )
+    (tmp_path / "b.nrrd").write_bytes(head + b'\nspace units: "mi" "mi" "mi"\n\n' + data)
+    with pytest.raises(InputError, match=r'space units "mi" "mi" "mi": must be three of mm, millimeter'):
+        read_surface_file(tmp_path / "b.nrrd")
+    (tmp_path / "b.nrrd").write_bytes(head.replace(b"(0,0,1)", b"(0,0,1_0)") + b"\n\n" + data)
+    with pytest.raises(InputError, match="space directions: value '1_0' is not a number"):
+        read_surface_file(tmp_path / "b.nrrd")
+
+
+def test_data_may_be_named_with_a_dot_and_a_slash(tmp_path: Path) -> None:
+    path = saved(body(), tmp_path / "a.nhdr")
+    known = read_surface_file(path).surface.vertices
+    path.write_text(path.read_text().replace("data file: ", "data file: ./"))
+    np.testing.assert_array_equal(read_surface_file(path).surface.vertices, known)
+    path.write_text(path.read_text().replace("data file: ./", "data file: ../"))
+    with pytest.raises(InputError, match="must be one file in the same folder"):
+        read_surface_file(path)
+
+
+def test_labels_that_enclose_nothing_are_refused(tmp_path: Path) -> None:
+    values = body()
+    values[0, 0, 0], values[0, 5, :] = 2, 3
+    path = saved(values, tmp_path / "a.mha")
+    for label in (2, 3):
+        with pytest.raises(
+            InputError, match=rf"a\.mha: label {label}: its \d+ voxels are too few or lie too thin"
+        ):
+            read_surface_file(path, label=label)
+    with pytest.raises(InputError, match="no voxel of label 1 lies in the box"):
+        read_surface_file(path, label=1, box=(50, 50, 50, 60, 60, 60))
+    with pytest.raises(InputError, match="label 1 and part 'LA' are both given"):
+        read_surface_file(path, label=1, part="LA")
+
+
+def test_segments_without_voxels_or_layer_are_refused(tmp_path: Path) -> None:
+    head, _, data = saved(body(), tmp_path / "a.nrrd").read_bytes().partition(b"\n\n")
+    notes = "Segment0_Name:=LA\nSegment0_LabelValue:=7\nSegment1_Name:=LV\nSegment1_Layer:=3\n"
+    (tmp_path / "a.nrrd").write_bytes(head + f"\n{notes}\n".encode() + data)
+    with pytest.raises(InputError, match="no voxel of label 7 is there"):
+        read_surface_file(tmp_path / "a.nrrd", part="LA")
+    with pytest.raises(InputError, match="segment 'LV' is in layer 3: there are 1"):
+        read_surface_file(tmp_path / "a.nrrd", part="LV")
+
+
+def test_pieces_that_are_left_out_are_told(tmp_path: Path) -> None:
+    values = body()
+    values[0, 0, :4] = 1
+    told = convert(saved(values, tmp_path / "a.mha"), tmp_path / "a.ply")
+    assert any("4 voxels of smaller pieces are left out" in sentence for sentence in told)
+
+
+def test_what_is_no_label_volume_is_refused(tmp_path: Path) -> None:
+    grey = sitk.GetImageFromArray(np.random.default_rng(SEED).normal(size=(5, 6, 7)))
+    sitk.WriteImage(grey, str(tmp_path / "a.nrrd"))
+    with pytest.raises(InputError, match="no whole numbers; it is an image"):
+        read_surface_file(tmp_path / "a.nrrd")
+    sitk.WriteImage(sitk.GetImageFromArray(np.ones((5, 6, 7), np.uint8)), str(tmp_path / "b.nii"))
+    header = bytearray((tmp_path / "b.nii").read_bytes())
+    header[252:256] = bytes(4)
+    (tmp_path / "b.nii").write_bytes(bytes(header))
+    with pytest.raises(InputError, match="neither qform nor sform"):
+        read_surface_file(tmp_path / "b.nii")
+    (tmp_path / "c.nii").write_bytes(bytes(header[:360]))
+    with pytest.raises(InputError, match=r"c\.nii"):
+        read_surface_file(tmp_path / "c.nii")
+
+
+def test_the_oblique_sample_is_one_body_in_three_formats(shared_data: Path) -> None:
+    found = [
+        read_surface_file(p, label=1).surface
+        for p in sorted((shared_data / "formats/samples/labelmap").glob("oblique*"))
+    ]
+    assert len(found) == 3
+    for other in found[1:]:
+        np.testing.assert_allclose(other.vertices, found[0].vertices, atol=1e-3)

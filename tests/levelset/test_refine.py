@@ -1,0 +1,165 @@
+"""From a moved prior to a level set: nothing to add gives it back, and a wall is neither torn nor merged
+without evidence.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from shapes import circle, meshed, round_distance, sampled
+
+from o3dls.adapters.meshing import isosurface
+from o3dls.arrays import Array, Ints
+from o3dls.evaluation.distances import distances
+from o3dls.evaluation.validity import crossing
+from o3dls.geometry.surface import Surface
+from o3dls.levelset.correction import Correction, Limits
+from o3dls.levelset.distance import SignedDistance, signed_distance
+from o3dls.levelset.isosurface import zero_set
+from o3dls.levelset.normal_displacement import Wall
+from o3dls.levelset.observation import Measured, Noise, observe
+from o3dls.levelset.refine import Mesher, Reached, _closed, _joined, _settled, reach, topology
+from o3dls.levelset.residual_field import Field
+
+SEED = 223_606
+
+
+def run(surface: Surface, points: Array, mesh: Mesher = isosurface) -> Reached:
+    def seen(wall: Wall) -> Measured:
+        return observe(
+            wall, points, np.zeros(len(points), dtype=bool), np.ones(len(points)), Noise(1.0, 0.25, 0.05)
+        )
+
+    return reach(surface, seen, np.ones(len(surface.vertices)), Limits(1.0), mesh=mesh, crossing=crossing)
+
+
+@pytest.mark.parametrize(
+    "surface", [circle(count=300), meshed(round_distance(20.0), 24.0, 2.0)], ids=["2D", "3D"]
+)
+def test_nothing_to_add_gives_the_signed_distance_of_the_prior(surface: Surface) -> None:
+    surface = Surface(surface.vertices, surface.faces, {"label": surface.vertices[:, 0]})
+    found = run(surface, sampled(surface, 300, 1.0, SEED))
+    psi = signed_distance(surface.vertices, surface.faces, 1.0, 3.0)
+    assert (found.phi.phi == psi.phi).all()
+    assert (found.wall.vertices == surface.vertices).all()
+    assert (found.wall.fields["label"] == surface.fields["label"]).all()
+    assert (found.wall.fields["correction"] == 0.0).all()
+    assert found.converged
+    assert found.warnings == ()
+    assert found.unchanged
+    assert found.sigma == pytest.approx(1.0)
+
+
+def test_two_walls_closer_than_the_lattice_are_not_merged_into_a_handle() -> None:
+    """A bent tube whose end comes within a fifth of a spacing of the body: the lattice cannot see the gap."""
+
+    def hook(points: Array) -> Array:
+        q = points - [18.0, 0.0, 0.0]
+        arc = np.hypot(np.hypot(q[:, 0], q[:, 1]) - 9.0, q[:, 2]) - 3.0
+        open_end = (q[:, 0] < 1.0) & (q[:, 1] < 0.0)
+        return np.minimum(round_distance(16.0)(points), np.where(open_end, 3.0, arc))
+
+    prior = meshed(hook, 34.0, 0.5)
+    assert topology(prior.vertices, prior.faces) == (1, 2)
+    found = run(prior, sampled(prior, 300, 1.0, SEED))
+    assert topology(*zero_set(found.phi.band, found.phi.phi)) == (1, 2)
+
+
+def test_a_prior_that_overlaps_itself_is_united_in_one_piece() -> None:
+    ball = meshed(round_distance(10.0), 12.0)
+    x = ball.vertices[:, 0]
+    waist = 1.0 - 1.3 * np.exp(-((x / 2.0) ** 2))
+    squeezed = ball.with_vertices(ball.vertices * np.column_stack([np.ones_like(x), waist, np.ones_like(x)]))
+    found = run(squeezed, sampled(squeezed, 100, 1.0, SEED))
+    vertices, faces = zero_set(found.phi.band, found.phi.phi)
+    assert topology(vertices, faces)[0] == 1
+    np.testing.assert_allclose(
+        [vertices[:, 0].min(), vertices[:, 0].max()], [-10.0, 10.0], atol=0.1
+    )  # both sides of the waist are there
+
+
+def test_walls_of_a_thin_part_that_passed_through_each_other_stay_one_part() -> None:
+    """A ball whose front has gone through its back on one side: what lies beyond where they cross hangs on a
+    line of no thickness.
+    """
+    ball = meshed(round_distance(10.0), 12.0)
+    x, y, z = ball.vertices.T
+    through = ball.with_vertices(
+        np.column_stack([x, y * (1.0 - 0.14 * np.maximum(x + 2.0, 0.0)) + 0.5, z])
+    )  # between nodes
+    assert ((through.vertices[x > 8.0, 1] - 0.5) * y[x > 8.0] <= 0.0).all()  # inside out
+    plain = signed_distance(through.vertices, through.faces, 1.0, 3.0)
+    joined = _joined(through, 1.0, crossing(through))
+    found = signed_distance(joined.vertices, joined.faces, 1.0, 3.0)
+    assert topology(*isosurface(plain)) != (1, 2)
+    assert topology(*isosurface(found)) == (1, 2)
+    far = joined.vertices[joined.vertices[:, 0] < 2.0]  # they cross where x is 5.1
+    np.testing.assert_allclose(distances(far, Surface(*zero_set(plain.band, plain.phi))), 0.0, atol=1e-6)
+    assert joined.vertices[:, 0].max() == pytest.approx(10.0, abs=0.5)
+
+
+@pytest.mark.parametrize(
+    ("handled", "said"),
+    [
+        (2, "gaps narrower than 2 mm were closed"),
+        (3, "shreds were left out"),
+        (4, "gaps narrower than 1 mm were closed, shreds were left out"),
+        (8, "shreds and what is inside out were left out"),
+    ],
+)
+def test_it_is_the_mesh_that_has_to_be_whole(handled: int, said: str) -> None:
+    """Where the first meshes have a handle that the level set has not, gaps are closed and pieces left out
+    until there is none.
+    """
+    ball = meshed(round_distance(10.0), 12.0)
+    seen: list[SignedDistance] = []
+
+    def handled_first(phi: SignedDistance) -> tuple[Array, Ints]:
+        from shapes import torus
+
+        seen.append(phi)
+        return (torus().vertices, torus().faces) if len(seen) <= handled else isosurface(phi)
+
+    found = run(ball, sampled(ball, 100, 1.0, SEED), mesh=handled_first)
+    assert found.phi is seen[-1]
+    assert found.warnings == (
+        f"walls are closer than the lattice tells apart: {said}; try a smaller spacing",
+    )
+
+
+def test_topology_counts_pieces_and_handles() -> None:
+    from shapes import torus
+
+    ring = torus()
+    assert topology(ring.vertices, ring.faces) == (1, 0)
+    pair = Surface(
+        np.vstack([ring.vertices, ring.vertices + 100.0]),
+        np.vstack([ring.faces, ring.faces + len(ring.vertices)]),
+    )
+    assert topology(pair.vertices, pair.faces) == (2, 0)
+    round_line = circle(count=50)
+    assert topology(round_line.vertices, round_line.faces) == (1, 0)
+
+
+def test_a_correction_that_would_tear_is_halved() -> None:
+    ball = meshed(round_distance(16.0), 20.0)
+    u = np.where(ball.vertices[:, 2] > 14.0, 4.0, 0.0)
+
+    def handled(phi: SignedDistance) -> tuple[Array, Ints]:
+        from shapes import torus
+
+        vertices, faces = isosurface(phi)
+        return (vertices, faces) if vertices[:, 2].max() < 18.5 else (torus().vertices, torus().faces)
+
+    field = Field(20.0, 1.0, 1.0, 5.0)
+    final, _, said = _settled(
+        Wall(ball), Correction(u, (field,), 1.0, (), True, ""), Limits(1.0), handled, crossing
+    )
+    np.testing.assert_allclose(final.fields["correction"], 0.5 * u)
+    assert said == ("the correction was taken by 50%: more would tear or merge the surface",)
+
+
+def test_closing_gaps_leaves_the_rest_where_it_is() -> None:
+    ball = meshed(round_distance(16.0), 20.0)
+    closed = _closed(signed_distance(ball.vertices, ball.faces, 1.0, 5.0), 2.0)
+    np.testing.assert_allclose(np.linalg.norm(zero_set(closed.band, closed.phi)[0], axis=1), 16.0, atol=0.1)

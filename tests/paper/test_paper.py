@@ -1,0 +1,165 @@
+"""The page of the paper: every number from the file, the same again from the same file, and nothing
+half-made.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from o3dls.errors import InputError
+from o3dls.paper import noise
+from o3dls.paper.compute import shown
+from o3dls.paper.experiment import DEVELOPMENT, SEEDS, Scope
+from o3dls.paper.related import alpha_shape, minimal_surface, poisson, tangent_planes
+from o3dls.paper.results import RESULTS
+from o3dls.paper.segment import segmented, threshold
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """One quick page for all tests."""
+    return quick_page(tmp_path_factory.mktemp("paper") / "page")
+
+
+def quick_page(out: Path) -> Path:
+    """A quick page by the command itself, without third-party data."""
+    environment = {"PATH": "/usr/bin:/bin", "OMP_NUM_THREADS": "1", "HOME": str(out.parent)}
+    command = [sys.executable, "-m", "o3dls", "paper", "--out", str(out), "--quick"]
+    done = subprocess.run(command, capture_output=True, text=True, env=environment, check=False)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.strip() == str(out / "index.html")
+    assert "1 of " in done.stderr, "progress goes to stderr"
+    return out
+
+
+def test_a_quick_page_has_every_section_and_says_what_is_left_out(page: Path) -> None:
+    text = (page / "index.md").read_text(encoding="utf-8")
+    for words in (
+        "Star in the plane",
+        "Jar",
+        "Patient-like left atrium",
+        "repair by repair",
+        "headline",
+        "Related systems",
+        "What must hold",
+    ):
+        assert words in text
+    assert "no folder real/lv_phases in O3DLS_DATA" in text
+    assert "not for clinical use" in text
+    figures = {line.split("(")[-1].rstrip(")") for line in text.splitlines() if line.startswith("![")}
+    assert figures
+    assert all((page / name).stat().st_size > 5000 for name in figures)
+
+
+def test_the_page_is_made_from_the_file_alone(page: Path, tmp_path: Path) -> None:
+    again = tmp_path / "again"
+    shutil.copytree(page, again)
+    shown(again)
+    assert (again / "index.md").read_bytes() == (page / "index.md").read_bytes()
+    assert (again / "index.html").read_bytes() == (page / "index.html").read_bytes()
+    whole = json.loads((again / RESULTS).read_text())
+    for row in whole["rows"]:
+        if row["experiment"] == "star":
+            row["held_out"] += 1000.0
+    (again / RESULTS).write_text(json.dumps(whole))
+    shown(again)
+    assert "100" in (again / "index.md").read_text().split("Star in the plane")[1].split("## Jar")[0]
+
+
+def test_running_it_twice_gives_the_same_page_but_for_times(page: Path, tmp_path: Path) -> None:
+    """Every number of the results file, every word of the page and every figure."""
+    once = tmp_path / "once"
+    twice = quick_page(tmp_path / "twice")
+    shutil.copytree(page, once)
+    for folder in (once, twice):
+        without_times(folder / RESULTS)
+        shown(folder)
+    assert json.loads((once / RESULTS).read_text()) == json.loads((twice / RESULTS).read_text())
+    assert (once / "index.md").read_text(encoding="utf-8") == (twice / "index.md").read_text(encoding="utf-8")
+    assert (once / "index.html").read_bytes() == (twice / "index.html").read_bytes()
+
+
+def without_times(results: Path) -> None:
+    """Put 0 for every time that was measured."""
+    whole = json.loads(results.read_text(encoding="utf-8"))
+    for row in whole["rows"]:
+        assert row["seconds"] > 0.0
+        row["seconds"] = 0.0
+    results.write_text(json.dumps(whole), encoding="utf-8")
+
+
+@pytest.mark.parametrize("percent", noise.LEVELS["star"])
+def test_on_the_star_of_the_readme_the_default_pipeline_beats_its_icp(percent: float) -> None:
+    from data_synth import star
+    from o3dls.evaluation.distances import distances
+    from o3dls.pipeline.file import default_pipeline
+
+    case = star(7, percent=percent)
+    estimates = replace(default_pipeline().allowed_by(case), folds=0).fit(case)
+    for points in (case.points.xyz, case.truth.held_out):
+        icp, ours = (distances(points, estimates[name].surface).mean() for name in ("icp", "level_set"))
+        assert ours < 0.9 * icp
+
+
+def test_the_full_scope_has_twenty_seeds_at_every_level() -> None:
+    tasks = noise.tasks(Scope())
+    assert len(tasks) == 20 * (3 + 4)
+    assert len(set(SEEDS)) == 20
+
+
+def test_nothing_was_chosen_on_the_seeds_of_the_page() -> None:
+    assert not set(SEEDS) & set(DEVELOPMENT)
+    decimals = (
+        "8214808651328230664709384460955058223172535940812848111745028410270193852110555964462294895493038196"
+    )
+    assert "".join(f"{seed:05d}" for seed in SEEDS) == decimals
+
+
+def test_a_folder_that_is_not_ours_is_not_replaced(tmp_path: Path) -> None:
+    from o3dls.paper.compute import make
+
+    (tmp_path / "letter.txt").write_text("keep me")
+    with pytest.raises(InputError, match="not ours to replace"):
+        make(tmp_path, quick=True, force=True)
+
+
+def test_a_folder_without_results_is_named(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=RESULTS):
+        shown(tmp_path)
+
+
+def test_the_angiogram_gives_the_atrium_without_its_neighbours() -> None:
+    from data_synth import patient as make_patient
+    from o3dls.evaluation.distances import distances, sample
+
+    patient = make_patient(31547)
+    assert patient.scan.shape[0] == 45
+    assert np.allclose(np.diag(patient.affine)[:3], (0.78125, 0.78125, 1.5))
+    prior, mask = segmented(patient.scan, patient.affine, patient.inside)
+    everything = patient.scan > threshold(patient.scan)
+    assert mask.sum() < 0.8 * everything.sum(), "ventricle and aorta are gone"
+    assert distances(sample(prior, 3000), patient.case.prior).mean() < 0.5, (
+        "half of the smallest side of a voxel and some more"
+    )
+    assert prior.watertight
+
+
+@pytest.mark.parametrize("system", [tangent_planes, minimal_surface, poisson, alpha_shape])
+def test_systems_without_a_prior_find_a_sphere_from_many_points(system) -> None:  # type: ignore[no-untyped-def]
+    from o3dls.evaluation.distances import sample
+
+    rng = np.random.default_rng(60214)
+    points = rng.normal(size=(2000, 3))
+    points *= rng.normal(20.0, 0.1, (2000, 1)) / np.linalg.norm(
+        points, axis=1, keepdims=True
+    )  # exactly on a sphere is degenerate
+    radius = np.linalg.norm(sample(system(points), 2000), axis=1)
+    assert abs(radius.mean() - 20.0) < 1.0

@@ -1,0 +1,199 @@
+"""Many cases at one time: what goes wrong with one does not touch the others, and an interruption ends them
+all.
+"""
+
+from __future__ import annotations
+
+import csv
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, ClassVar
+
+import pytest
+from tiny import Nudge, ball_case
+
+from o3dls.case import Case
+from o3dls.errors import InputError
+from o3dls.estimate import Estimate
+from o3dls.io.case_folder import write_case
+from o3dls.pipeline.batch import run_cohort
+from o3dls.pipeline.pipeline import Pipeline
+from o3dls.plugins.stage import Stage
+from o3dls.runs.writers import Writer
+
+ENDED = 30.0  # seconds: far more than ending takes, far less than `Slow` works
+
+
+class Careless(Nudge):
+    """Forgets that a case may have few points, and is never sure."""
+
+    name: ClassVar[str] = "careless"
+
+    def __call__(self, case: Case, start: Estimate) -> Estimate:
+        if len(case.points.of("eam")) < 40:
+            raise IndexError("too short")
+        return replace(super().__call__(case, start), warnings=("the map is not sure",))
+
+
+class Killed(Nudge):
+    """Is ended from outside where a case has few points, as by a system that is out of memory."""
+
+    name: ClassVar[str] = "killed"
+
+    def __call__(self, case: Case, start: Estimate) -> Estimate:
+        if len(case.points.of("eam")) < 40:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return super().__call__(case, start)
+
+
+class Slow(Stage):
+    """Says that it has begun, and works for long."""
+
+    name: ClassVar[str] = "slow"
+
+    def __call__(self, case: Case, start: Estimate) -> Estimate:
+        print("begun", flush=True)
+        time.sleep(300.0)
+        return start
+
+
+class SlowNote(Writer):
+    """Says that it has begun, and writes for long."""
+
+    name: ClassVar[str] = "slow_note"
+
+    def __call__(self, run: Any, folder: Path) -> None:
+        print("begun", flush=True)
+        time.sleep(300.0)
+
+
+def cases(folder: Path, **points: int) -> list[Path]:
+    for name, count in points.items():
+        write_case(folder / name, replace(ball_case(count), name=name))
+    return [folder / name for name in points]
+
+
+def test_a_mistake_of_ours_in_one_case_costs_no_other(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    outcomes = run_cohort(
+        cases(tmp_path, few=30, many=60), Pipeline([Careless()], folds=0), tmp_path / "runs"
+    )
+    assert [outcome.error for outcome in outcomes] == [
+        "internal error, please report it: IndexError: too short",
+        None,
+    ]
+    assert (tmp_path / "runs/many/run.json").is_file()
+    assert "IndexError" in (tmp_path / "runs/few.failed.log").read_text()
+    assert caplog.messages == ["many: the map is not sure"]
+    rows = list(csv.DictReader((tmp_path / "runs/cohort.csv").read_text().splitlines()))
+    assert {row["case"]: row["warnings"] for row in rows} == {"few": "", "many": "the map is not sure"}
+
+
+def test_a_process_that_is_ended_from_outside_costs_no_other_case(tmp_path: Path) -> None:
+    outcomes = run_cohort(
+        cases(tmp_path, one=60, few=30, two=60), Pipeline([Killed()], folds=0), tmp_path / "runs"
+    )
+    assert [outcome.case for outcome in outcomes] == ["one", "few", "two"]
+    assert [bool(outcome.rows) for outcome in outcomes] == [True, False, True]
+    assert "ended from outside" in str(outcomes[1].error)
+
+
+def test_a_table_of_another_batch_is_only_replaced_when_told(tmp_path: Path) -> None:
+    first, second = cases(tmp_path, first=60, second=60)
+    pipeline = Pipeline([Nudge()], folds=0)
+    out = tmp_path / "runs"
+    run_cohort([first], pipeline, out)
+    with pytest.raises(InputError, match=r"cohort\.csv: exists already"):
+        run_cohort([second], pipeline, out)
+    assert not (out / "second").exists()
+    run_cohort([second], pipeline, out, force=True)
+    assert "second" in (out / "cohort.csv").read_text()
+
+
+def test_a_batch_never_replaces_its_cases(tmp_path: Path) -> None:
+    folders = cases(tmp_path, one=60, two=60)
+    (folders[1] / "run.json").write_text("{}")
+    before = sorted(tmp_path.rglob("*"))
+    with pytest.raises(InputError, match="one: is no run, so it is not ours to replace"):
+        run_cohort(folders, Pipeline([Nudge()], folds=0), tmp_path, force=True)
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+BATCH = """
+import signal, sys
+from pathlib import Path
+from test_batch import Slow
+from o3dls.batch import run_cohort
+from o3dls.pipeline import Pipeline
+signal.signal(signal.SIGINT, signal.default_int_handler)
+run_cohort([Path(name) for name in sys.argv[2:]], Pipeline([Slow()], folds=0), Path(sys.argv[1]))
+"""
+
+
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL])
+def test_an_interrupted_batch_ends_with_its_processes(how: signal.Signals, tmp_path: Path) -> None:
+    command = [sys.executable, "-c", BATCH, tmp_path / "runs", *cases(tmp_path, one=60, two=60)]
+    with subprocess.Popen(
+        command, cwd=Path(__file__).parents[1], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "begun\n"
+        process.send_signal(how)
+        assert (
+            process.communicate(timeout=ENDED)[0] == ""
+        )  # nothing else began, and nobody holds the pipe any more
+
+
+TERMINATED = """
+import sys
+from importlib.metadata import EntryPoint
+from o3dls import stage
+known = stage.registered
+slow = EntryPoint("slow_note", "test_batch:SlowNote", "o3dls.writers")
+stage.registered = lambda group: known(group) | ({"slow_note": slow} if group == "o3dls.writers" else {})
+from o3dls.cli import main
+main()
+"""
+
+
+def test_a_run_that_is_told_to_end_removes_what_it_has_half_written(tmp_path: Path) -> None:
+    (tmp_path / "pipe.toml").write_text('folds = 0\n[[stage]]\nuse = "icp"\n[[write]]\nuse = "slow_note"\n')
+    (out := tmp_path / "out").mkdir()
+    command = [
+        sys.executable,
+        "-c",
+        TERMINATED,
+        "run",
+        tmp_path / "pipe.toml",
+        "--case",
+        *cases(tmp_path, one=60),
+        "--out",
+        out / "run",
+    ]
+    with subprocess.Popen(
+        command, cwd=Path(__file__).parents[1], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "begun\n"
+        process.terminate()
+        assert "interrupted" in process.communicate(timeout=ENDED)[1]
+    assert process.returncode == 130
+    assert [path.name for path in out.iterdir()] == ["run.failed.log"]
+
+
+def test_a_folder_whose_name_is_no_text_is_a_case_too(tmp_path: Path) -> None:
+    (tmp_path / "pipe.toml").write_text('folds = 0\n[[stage]]\nuse = "icp"\n')
+    folder = os.fsdecode(b"F\xfcr")
+    write_case(tmp_path / folder, ball_case())
+    command = [sys.executable, "-m", "o3dls", "batch", folder, "--pipeline", "pipe.toml"]
+    done = subprocess.run(
+        command, cwd=tmp_path, capture_output=True, env=os.environ | {"PYTHONIOENCODING": "utf-8:strict"}
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith(b"F\xfcr: done")

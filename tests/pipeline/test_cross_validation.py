@@ -1,0 +1,101 @@
+"""Cross-validation: each point is left out once, with its neighbours, and refitted without."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from tiny import Nudge, Spy, ball_case
+
+from o3dls.case import Case
+from o3dls.errors import InputError, SolverError
+from o3dls.estimate import Estimate
+from o3dls.evaluation.distances import distances
+from o3dls.pipeline.cross_validation import blocks, cross_validate, fold_of, without
+from o3dls.pipeline.pipeline import Pipeline
+
+FOLDS = 4
+
+
+@pytest.mark.parametrize("count", [1, 2, 5, 12, 15])
+def test_blocks_are_compact_equal_and_cover_everything(count: int) -> None:
+    points = ball_case().points.of("eam").xyz
+    found = blocks(points, np.arange(60), count)
+    assert sorted(np.concatenate(found).tolist()) == list(range(60))
+    assert len(found) == count
+    assert max(map(len, found)) - min(map(len, found)) <= 1
+    spread = np.mean(
+        [np.linalg.norm(points[rows] - points[rows].mean(axis=0), axis=1).mean() for rows in found]
+    )
+    assert spread < 1.05 * 20.0 / np.sqrt(
+        max(1, count / 3)
+    )  # the sphere's radius, shrinking as the share of its area does
+
+
+def test_folds_are_of_equal_size_and_repeat() -> None:
+    points = ball_case(points=103).points.of("eam").xyz
+    fold = fold_of(points, 5)
+    assert np.ptp(np.bincount(fold)) <= 3  # one per block
+    np.testing.assert_array_equal(fold, fold_of(points, 5))
+    assert set(fold_of(points[:12], 5).tolist()) == set(range(5))
+
+
+def test_neighbours_mostly_leave_together() -> None:
+    points = ball_case(points=300).points.of("eam").xyz
+    fold = fold_of(points, 5)
+    nearest = np.argsort(np.linalg.norm(points[:, None] - points, axis=2), axis=1)[:, 1]
+    assert (fold[nearest] == fold).mean() > 0.6  # of single points left out at random, a fifth
+
+
+def test_every_fold_is_fitted_without_its_points_and_scored_on_them() -> None:
+    case = ball_case()
+    Spy.seen.clear()
+    left_out = cross_validate(Pipeline([Spy(), Nudge()]).fit, case, FOLDS)
+    eam = case.points.of("eam").xyz
+    label = fold_of(eam, FOLDS)
+    assert set(left_out) == {"start", "spy", "nudge"}
+    for fold, seen in enumerate(Spy.seen):
+        shown = {tuple(p) for p in seen.points.of("eam").xyz}
+        assert shown == {tuple(p) for p in eam[label != fold]}
+        refit = Pipeline([Nudge()]).fit(without(case, np.flatnonzero(label == fold)))["nudge"]
+        np.testing.assert_allclose(
+            left_out["nudge"][label == fold], distances(eam[label == fold], refit.surface)
+        )
+
+
+def test_the_whole_run_reports_it_and_zero_folds_turn_it_off() -> None:
+    case = replace(ball_case(), truth=None)
+    assert Pipeline([Nudge()], folds=FOLDS).run(case).scores["nudge"]["cross_validated"]["n"] == 60
+    run = Pipeline([Nudge()], folds=0).run(case)
+    assert "cross_validated" not in run.scores["nudge"]
+    assert "left_out_nudge_mm" not in run.points.columns
+
+
+@pytest.mark.parametrize("kind", ["ablation", "landmark"])
+def test_only_eam_points_are_left_out(kind: str) -> None:
+    case = ball_case()
+    rows = np.flatnonzero(case.points.type == "eam")[:5]
+    assert len(without(case, rows).points.of(kind)) == len(case.points.of(kind))
+    assert without(case, rows).truth is None
+
+
+def test_a_fold_that_cannot_be_fitted_is_named() -> None:
+    def picky(case: Case) -> dict[str, Estimate]:
+        raise SolverError("too few points")
+
+    with pytest.raises(
+        SolverError,
+        match=r"in fold 1 of 4 of .*, with 15 points left out: too few points; folds = 0 leaves it away",
+    ):
+        cross_validate(picky, ball_case(), FOLDS)
+
+
+def test_there_are_no_more_folds_than_points() -> None:
+    assert (
+        Pipeline([Nudge()], folds=12).run(ball_case(points=12)).scores["nudge"]["cross_validated"]["n"] == 12
+    )
+    with pytest.raises(
+        InputError, match="folds = 13: 12 points of type eam are there: must be at most 12, or 0"
+    ):
+        Pipeline([Nudge()], folds=13).run(ball_case(points=12))

@@ -1,0 +1,181 @@
+"""Pictures without a screen: the renderer against geometry, slides that are whole, letters that the font
+lacks.
+"""
+
+from __future__ import annotations
+
+import re
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from o3dls.geometry.surface import Surface
+from o3dls.report.drawing import slides
+from o3dls.report.drawing.fields import Field, colour_table, colours_of, robust_range
+from o3dls.report.drawing.figures import drawable, front_axes, plain_figure, shrunk
+from o3dls.report.drawing.raster import Canvas, View
+from o3dls.report.drawing.slices import slice_surface
+from o3dls.report.subject import read_subject
+from o3dls.report.verdict import warnings as warned
+from o3dls.report.writer import write_report
+from tests.finished import NASTY, bulged_case, finished, finished_2d
+from tests.tiny import sphere
+
+WHITE = (1.0, 1.0, 1.0)
+VIEW = View(front_axes("LPS"), np.zeros(3), 100.0)
+
+
+def test_sphere_covers_its_disc_and_is_lit_from_the_viewer() -> None:
+    canvas = Canvas(VIEW, 200, 200, WHITE)
+    surface = sphere(40.0, 60)
+    canvas.surface(surface, np.tile((0.0, 0.5, 1.0), (len(surface.vertices), 1)))
+    picture = canvas.pixels().astype(float) / 255
+    covered = (picture != 1).any(axis=2)
+    assert covered.mean() == pytest.approx(np.pi * 40**2 / 100**2, rel=0.02)
+    np.testing.assert_allclose(picture[100, 100], (0.0, 0.5, 1.0), atol=0.02)
+    assert picture[100, 100, 2] > picture[100, 28, 2] > 0.45
+
+
+def test_nearer_things_hide_farther_ones() -> None:
+    """In LPS the viewer of AP stands at -y."""
+    canvas = Canvas(VIEW, 100, 100, WHITE)
+    canvas.balls(np.array([[0.0, -30, 0]]), np.array([[1.0, 0, 0]]), 10.0)
+    canvas.balls(np.array([[0.0, 30, 0]]), np.array([[0.0, 1, 0]]), 10.0)
+    assert canvas.pixels()[50, 50].tolist() == [255, 0, 0]
+    behind = Canvas(View(front_axes("LPS", behind=True), np.zeros(3), 100.0), 100, 100, WHITE)
+    behind.balls(np.array([[0.0, -30, 0], [0, 30, 0]]), np.array([[1.0, 0, 0], [0, 1, 0]]), 10.0)
+    assert behind.pixels()[50, 50].tolist() == [0, 255, 0]
+
+
+@pytest.mark.parametrize("frame", ["LPS", "RAS"])
+def test_left_is_on_the_right_and_up_is_up(frame: str) -> None:
+    left = np.array([1.0 if frame == "LPS" else -1.0, 0, 0])
+    axes = front_axes(frame)
+    np.testing.assert_allclose(axes @ left, [1, 0, 0], atol=1e-12)
+    np.testing.assert_allclose(axes @ [0, 0, 1], [0, 1, 0], atol=1e-12)
+    assert np.linalg.det(axes) == pytest.approx(1.0)
+
+
+def test_slice_of_a_sphere_is_its_circle() -> None:
+    segments = slice_surface(sphere(20.0, 80), 1, 12.0)
+    radius = np.linalg.norm(segments, axis=2)
+    np.testing.assert_allclose(radius, 16.0, atol=0.05)
+    assert np.linalg.norm(segments[:, 1] - segments[:, 0], axis=1).sum() == pytest.approx(
+        2 * np.pi * 16, rel=0.01
+    )
+
+
+def test_slice_beside_a_surface_is_empty() -> None:
+    assert slice_surface(sphere(20.0), 0, 30.0).shape == (0, 2, 2)
+
+
+def test_missing_values_are_grey_and_ends_are_clipped() -> None:
+    field = Field("x", "x", "mm", "sequential", 0.0, 1.0)
+    colours = colours_of(np.array([np.nan, -5.0, 0.0, 1.0, 9.0]), field)
+    assert colours[0].tolist() == [0.72] * 3
+    assert (colours[1] == colours[2]).all()
+    assert (colours[3] == colours[4]).all()
+
+
+def test_ranges_are_robust_and_symmetric_where_signed() -> None:
+    values = np.concatenate([np.linspace(-1, 2, 1000), [500.0, np.nan]])
+    low, high = robust_range(values, signed=True, from_zero=False)
+    assert low == -high
+    assert high < 3
+    assert robust_range(values)[0] == 0.0
+    assert robust_range(np.full(5, np.nan)) == (0.0, 1.0)
+    assert robust_range(np.zeros(5)) == (0.0, 1.0)
+
+
+def test_maps_change_in_lightness_only_one_way() -> None:
+    """What a colour-blind reader sees, or a grey print, still orders the values."""
+    for name in ("sequential", "deviation", "electrical", "points"):
+        light = colour_table(name) @ [0.2126, 0.7152, 0.0722]
+        steps = np.diff(light[::8])
+        assert (steps > -1e-3).all() or (steps < 1e-3).all()
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_report([finished(tmp_path_factory.mktemp("slides") / "run")], slides=True)
+
+
+def test_slides_are_written_whole(report: Path) -> None:
+    figures = {path.name: path.read_bytes() for path in (report.parent / "figures").iterdir()}
+    assert set(figures) == {"summary.png", "distances.png", "surfaces_ap.png", "surfaces_pa.png"}
+    assert all(data[:8] == b"\x89PNG\r\n\x1a\n" for data in figures.values())
+    assert figures["surfaces_ap.png"] != figures["surfaces_pa.png"]
+    pdf = report.with_suffix(".pdf").read_bytes()
+    assert pdf.startswith(b"%PDF-")
+    assert len(re.findall(rb"/Type /Page\b", pdf)) == 1
+    assert b"CreationDate" not in pdf
+
+
+def test_equal_runs_give_equal_slides(report: Path, tmp_path: Path) -> None:
+    again = write_report([report.parent], tmp_path / "report.html", slides=True)
+    assert again.with_suffix(".pdf").read_bytes() == report.with_suffix(".pdf").read_bytes()
+    for path in (report.parent / "figures").iterdir():
+        assert path.read_bytes() == (tmp_path / "figures" / path.name).read_bytes()
+
+
+def test_reports_in_one_folder_keep_their_own_pictures(report: Path, tmp_path: Path) -> None:
+    for name in ("report.html", "other.html"):
+        write_report([report.parent], tmp_path / name, slides=True)
+    assert {path.name for path in tmp_path.iterdir()} == {
+        "report.html",
+        "report.pdf",
+        "figures",
+        "other.html",
+        "other.pdf",
+        "other_figures",
+    }
+
+
+def test_slides_of_two_dimensions(tmp_path: Path) -> None:
+    report = write_report([finished_2d(tmp_path / "run")], slides=True)
+    assert {path.name for path in (report.parent / "figures").iterdir()} == {
+        "summary.png",
+        "distances.png",
+        "outlines.png",
+    }
+
+
+def test_long_names_stay_in_their_place_and_keep_their_ends(tmp_path: Path) -> None:
+    folders = [finished(tmp_path / f"{'W' * 40}_{k}") for k in range(2)]
+    subject = read_subject(folders)
+    with plain_figure(11.69, 8.27) as figure:
+        slides._table(figure, subject, (0.04, 0.05, 0.58, 0.22))
+        figure.draw_without_rendering()
+        cells = {at: cell.get_text() for at, cell in figure.axes[0].tables[0].get_celld().items()}
+        last = max(row for row, _ in cells)
+        for row in range(1, last + 1):
+            assert cells[row, 0].get_window_extent().x1 < cells[row, 1].get_window_extent().x0
+        assert cells[last, 0].get_text().endswith("1 · level_set")
+        title = figure.text(0.04, 0.9, "W" * 80, fontsize=17)
+        shrunk(title, 600.0)
+        assert title.get_window_extent().width < 630  # letters have whole pixels
+
+
+def test_warnings_keep_to_their_lines(tmp_path: Path) -> None:
+    subject = read_subject([finished(tmp_path / "run")])
+    wide = {most: slides._warnings(subject, most).split("\n") for most in (1, 2, 9)}
+    assert wide[1] == ["and more in the report"]
+    assert len(wide[2]) == 2
+    assert len(wide[9]) == len(warned(subject))
+
+
+def test_letters_that_the_font_lacks_become_boxes(tmp_path: Path) -> None:
+    assert drawable("ab 左 $x$ предсердие") == "ab □ $x$ предсердие"
+    assert len(drawable("x" * 100)) == 32
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        write_report([finished(tmp_path / "run", bulged_case(NASTY + " $\\frac{"))], slides=True)
+
+
+def test_a_triangle_seen_edge_on_draws_nothing() -> None:
+    canvas = Canvas(VIEW, 50, 50, WHITE)
+    flat = Surface(np.array([[0.0, 0, 0], [0, 10, 0], [0, 0, 10]]), np.array([[0, 1, 2]]))
+    canvas.surface(flat, np.zeros((3, 3)))
+    assert (canvas.pixels() == 255).all()

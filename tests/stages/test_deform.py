@@ -1,0 +1,759 @@
+"""The stage around the fit: which points it shows, with what noise and odds, and what it says of the
+result.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from chamber import chamber, sampled, tips
+from fields import bend, body, spots
+from scipy.spatial.transform import Rotation
+from tiny import sphere
+
+from o3dls.arrays import Array
+from o3dls.case import Case, Points
+from o3dls.errors import InputError, PipelineError, SolverError
+from o3dls.estimate import Estimate
+from o3dls.evaluation.distances import distances
+from o3dls.geometry.similarity import apply, similarity
+from o3dls.geometry.surface import Surface
+from o3dls.stages.deform import Deform, _doubts, _followed, _misnamed, _rivals, observed, upwards
+from o3dls.stages.level_set import LevelSet, _observer
+
+NOISE = 0.8
+
+
+def bent_case(dimension: int = 3, count: int = 150) -> tuple[Case, Array]:
+    """A body whose wall points, ablation points and landmarks went along with a motion; and where its
+    vertices truly went.
+    """
+    surface = body(dimension)
+    truth = surface.vertices + bend(surface, 71_191)
+    _, face, bary = spots(surface, count + 30, 52_127)
+    xyz = np.einsum("nc,ncd->nd", bary, truth[surface.faces[face]])
+    xyz = xyz + NOISE * np.random.default_rng(4_637).normal(size=xyz.shape)
+    rows = [0, len(truth) // 3, len(truth) // 2]
+    kind = np.array(["eam"] * count + ["ablation"] * 30 + ["landmark"] * 3)
+    name = np.array([""] * (count + 30) + ["a", "b", "c"])
+    marks = {n: surface.vertices[r] for n, r in zip("abc", rows, strict=True)}
+    return Case("bent", surface, Points(np.vstack([xyz, truth[rows]]), kind, {"name": name}), marks), truth
+
+
+def started(case: Case) -> Estimate:
+    return Estimate(case.prior, np.eye(case.dimension + 1), "as it stands")
+
+
+def with_column(case: Case, **columns: Array) -> Case:
+    return replace(case, points=replace(case.points, columns={**case.points.columns, **columns}))
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_deform_comes_nearer_to_the_truth_and_says_how_sure_it_is(dimension: int) -> None:
+    case, truth = bent_case(dimension)
+    found = Deform()(case, started(case))
+    target = case.prior.with_vertices(truth)
+    assert (
+        distances(found.surface.vertices, target).mean() < 0.5 * distances(case.prior.vertices, target).mean()
+    )
+    assert found.converged
+    assert found.status.startswith("converged")
+    assert found.surface.fields["sd_mm"].shape == (len(case.prior.vertices),)
+    assert (found.surface.fields["sd_mm"] > 0.0).all()
+    assert found.weights is not None
+    assert found.weights.shape == (150,)
+    assert found.sigma == pytest.approx(NOISE, rel=0.3)
+    assert found.motion is not None
+    assert np.abs(found.motion(case.prior.vertices) - found.surface.vertices).max() < 0.1 * NOISE
+    pose = apply(found.T_map_prior, case.prior.vertices)
+    assert (
+        np.linalg.norm(pose - found.surface.vertices, axis=1).mean() < 3.0
+    )  # the similarity part of the motion
+    np.testing.assert_array_equal(case.prior.vertices, body(dimension).vertices)  # the case is never changed
+
+
+def test_ablation_points_are_held_out_or_fitted_with_their_own_noise() -> None:
+    case, _ = bent_case()
+    assert "ablation" not in Deform().fits
+    assert len(observed(case.visible(Deform().fits), Deform()).points) == 150
+    stage = Deform(ablation="fit")
+    data = observed(case.visible(stage.fits), stage)
+    np.testing.assert_array_equal(data.group, [0] * 150 + [1] * 30)
+    found = stage(case.visible(stage.fits), started(case))
+    assert found.weights is not None
+    assert len(found.weights) == 150  # those of the mapping points
+    assert found.facts["ablation_noise"] == pytest.approx(NOISE, rel=0.5)
+    assert "ablation_noise" not in Deform()(case, started(case)).facts
+
+
+def test_landmarks_are_used_unless_told_otherwise() -> None:
+    case, _ = bent_case()
+    assert len(observed(case, Deform()).marks_prior) == 3
+    assert len(observed(case, Deform(landmarks=False)).marks_prior) == 0
+
+
+def test_sigma_of_single_points_is_relative_to_their_median() -> None:
+    case, _ = bent_case()
+    sigma = np.full(len(case.points), np.nan)
+    sigma[:3] = [1.0, 2.0, 4.0]
+    relative = observed(with_column(case, sigma=sigma), Deform()).relative
+    np.testing.assert_allclose(relative[:4], [0.5, 1.0, 2.0, 1.0])
+    sigma[7] = 0.0
+    with pytest.raises(InputError, match="above 0, but point 7 has 0"):
+        observed(with_column(case, sigma=sigma), Deform())
+
+
+@pytest.mark.parametrize(
+    ("first", "others", "said"),
+    [
+        (1.0, 1.3, []),
+        (3.0, np.nan, ["165 of 180 points have no sigma: they count like the median of the others, 3 mm"]),
+        (0.0013, 1.3, ["sigma goes from 0.0013 to 1.3: is all of it in mm?"]),
+    ],
+)
+def test_a_sigma_that_may_not_mean_what_it_says_is_warned_of(
+    first: float, others: float, said: list[str]
+) -> None:
+    case, _ = bent_case()
+    sigma = np.full(len(case.points), others)
+    sigma[:15] = first
+    stage = Deform(ablation="fit")
+    assert list(stage(with_column(case, sigma=sigma).visible(stage.fits), started(case)).warnings) == said
+
+
+def test_points_that_hardly_press_are_doubted() -> None:
+    case, _ = bent_case()
+    force = np.where(np.arange(len(case.points)) < 75, 0.5, 20.0)
+    odds = observed(with_column(case, force=force), Deform()).odds
+    assert (odds[:75] > 1.5).all()
+    assert (odds[75:150] < 0.5).all()
+    plain = Deform()(case, started(case)).weights
+    pressed = Deform()(with_column(case, force=force), started(case)).weights
+    assert plain is not None
+    assert pressed is not None
+    assert (pressed[:75] - plain[:75]).mean() < (pressed[75:] - plain[75:]).mean()
+
+
+def test_outliers_pull_where_every_point_is_believed() -> None:
+    case, truth = bent_case()
+    middle = case.prior.vertices.mean(axis=0)
+    xyz = case.points.xyz.copy()
+    xyz[:150:10] = middle + 0.6 * (xyz[:150:10] - middle)  # the catheter floats in the chamber
+    case = replace(case, points=replace(case.points, xyz=xyz))
+    doubted, believed = (Deform(outliers=how)(case, started(case)) for how in ("doubt", "believe"))
+    assert believed.weights is not None
+    assert believed.weights.min() > 0.999
+    off = [
+        distances(found.surface.vertices, case.prior.with_vertices(truth)).mean()
+        for found in (doubted, believed)
+    ]
+    assert off[0] < 0.7 * off[1]
+
+
+def test_a_noisy_point_with_its_sigma_known_pulls_less() -> None:
+    case, truth = bent_case()
+    noisy = np.arange(0, 150, 3)
+    xyz = case.points.xyz.copy()
+    xyz[noisy] += 3.0 * np.random.default_rng(88_001).normal(size=(len(noisy), 3))
+    sigma = np.full(len(xyz), 1.0)
+    sigma[noisy] = 4.0
+    worse = replace(case, points=replace(case.points, xyz=xyz))
+    target = case.prior.with_vertices(truth)
+    blind, told = (
+        distances(Deform()(c, started(c)).surface.vertices, target).mean()
+        for c in (worse, with_column(worse, sigma=sigma))
+    )
+    assert told < blind
+
+
+VEINS = {
+    "LA-LSPV": [20.0, 8.0, 9.0],
+    "LA-LIPV": [20.0, 8.0, -9.0],
+    "rspv os": [-20.0, 8.0, 11.0],
+    "RIPV": [-20.0, 8.0, -7.0],
+    "LAA": [9.0, 0.0, 9.0],
+}
+
+
+@pytest.mark.parametrize(
+    ("names", "found"),
+    [
+        (VEINS, True),
+        (["LA-LSPV", "LA-LIPV"], True),
+        (["LA-LSPV", "RIPV"], False),
+        (["LAA"], False),
+        ([], False),
+    ],
+)
+def test_names_of_veins_tell_what_is_up(names: list[str], found: bool) -> None:
+    up = upwards({name: np.array(VEINS[name]) for name in names})
+    if found:
+        np.testing.assert_allclose(up, [0.0, 0.0, 1.0], atol=1e-12)
+    else:
+        assert up is None
+
+
+@pytest.mark.parametrize(
+    ("along", "least", "most"),
+    [(2, 0.0, 0.85), (1, 1.0, 1.3)],
+    ids=["between bottom and top", "between front and back"],
+)
+def test_a_bend_is_carried_to_where_no_points_are(along: int, least: float, most: float) -> None:
+    """One half of a chamber turned against the other: where veins are named, better between bottom and top,
+    little worse otherwise.
+    """
+    posed = chamber(20)
+    missed = []
+    pose = similarity(
+        Rotation.from_rotvec([0.4, -0.9, 0.3]).as_matrix(), np.array([3.0, 5.0, -2.0])
+    )  # up is read in the prior's own frame
+    prior = posed.transformed(np.linalg.inv(pose))
+    x = posed.vertices
+    marks = {name: apply(np.linalg.inv(pose), at[None])[0] for name, at in tips(posed).items()}
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        axis = rng.normal(size=3)
+        truth = posed.with_vertices(
+            x + 0.3 * np.tanh(x[:, [along]] / 25.0) * np.cross(axis / np.linalg.norm(axis), x)
+        )
+        points = sampled(truth, 300, seed, NOISE)
+        points = points[points[:, along] < 8.0]
+        case = Case("bent", prior, Points(points, np.full(len(points), "eam")), marks)
+        unseen = x[:, along] > 12.0
+        start = Estimate(posed, pose, "as it stands")
+        found = [Deform(bends=way)(case, start).surface.vertices[unseen] for way in ("upright", "any")]
+        missed.append([distances(at, truth).mean() for at in found])
+    upright, alike = np.mean(missed, axis=0)
+    assert least * alike < upright < most * alike
+
+
+def test_odds_against_motion_hold_the_shape_of_the_prior() -> None:
+    case, _ = bent_case()
+    held = Deform(odds=1e6)(case, started(case))
+    np.testing.assert_allclose(held.surface.vertices, apply(held.T_map_prior, case.prior.vertices), atol=1e-9)
+    assert "probability 0.00" in held.status
+
+
+def turned_ball(marked: int, shift: float = 1.0) -> tuple[Case, Array]:
+    """A ball that was turned and shifted, with so many landmarks, and where its vertices went. Its points
+    know nothing of the turn.
+    """
+    ball = sphere(20.0, 3)
+    turn = Rotation.from_rotvec([0.0, 0.06, 0.08])
+    by = np.array([shift, 0.0, 0.0])
+    marks = dict(
+        zip("abcd"[:marked], 20.0 * np.array([[1.0, 0, 0], [0, 1, 0], [0, 0, 1], [-1, 0, 0]]), strict=False)
+    )
+    wall = turn.apply(sampled(ball, 60, 5_413)) + by + 0.2 * np.random.default_rng(71).normal(size=(60, 3))
+    there = turn.apply(np.reshape(list(marks.values()), (-1, 3))) + by if marks else np.zeros((0, 3))
+    kind = np.array(["eam"] * 60 + ["landmark"] * marked)
+    name = np.array([""] * 60 + list(marks))
+    return Case("ball", ball, Points(np.vstack([wall, there]), kind, {"name": name}), marks), turn.apply(
+        ball.vertices
+    ) + by
+
+
+@pytest.mark.parametrize("odds", [0.0, 1e6])
+def test_without_a_motion_the_pose_is_that_of_points_and_landmarks(odds: float) -> None:
+    case, truth = turned_ball(marked=4)
+    found = Deform(odds=odds)(case, started(case))
+    assert found.facts["share"] < 0.1
+    # 60 points with a noise of .2 know a pose to about .2 sqrt(7 / 60); a turn that is linear would swell the
+    # ball
+    assert np.linalg.norm(found.surface.vertices - truth, axis=1).mean() < 0.15
+    assert found.sigma == pytest.approx(0.2, rel=0.25)
+    assert found.motion is not None
+    np.testing.assert_allclose(
+        found.motion(case.prior.vertices), found.surface.vertices, atol=0.02
+    )  # between its nodes
+
+
+def test_the_deviation_is_that_of_the_motion_from_where_the_surface_is_left() -> None:
+    case, _ = bent_case()
+    motion: Any = Deform()(case, started(case)).motion
+    at, normals = case.prior.vertices[::9], case.prior.vertex_normals[::9]
+    left = replace(motion, share=0.4, alone=similarity(np.eye(3), np.array([0.5, -1.0, 2.0])))
+    whole = replace(motion, share=1.0)
+    apart = ((whole(at) - left(at)) * normals).sum(axis=1)
+    expected = np.hypot(whole.sd(at, normals), motion.inflation * apart)
+    np.testing.assert_allclose(left.sd(at, normals), expected, rtol=1e-9)
+
+
+@pytest.mark.parametrize("marked", [0, 1])
+def test_without_a_motion_and_landmarks_that_fix_a_pose_the_given_one_stays(marked: int) -> None:
+    case, _ = turned_ball(marked, shift=0.05)
+    found = Deform(odds=1e6)(case, started(case))
+    np.testing.assert_allclose(found.surface.vertices, case.prior.vertices, atol=1e-9)
+
+
+def test_an_update_keeps_the_pose_that_stands_for_what_is_not_shown() -> None:
+    case, _ = turned_ball(marked=4)
+    fitted = Deform(odds=1e6)(case, started(case))
+    updated = Deform(odds=1e6).update(with_points(case, case.points.xyz[3] + 0.1), fitted)
+    np.testing.assert_allclose(updated.surface.vertices, fitted.surface.vertices, atol=1e-9)
+
+
+def test_several_starts_end_in_the_likelier_basin() -> None:
+    case, truth = bent_case()
+    turned = np.diag([-1.0, -1.0, 1.0, 1.0])  # half a turn: no basin of the truth
+    lost = Estimate(case.prior.transformed(turned), turned, "half a turn off")
+    alone = Deform()(case.visible(), lost)
+    several = Deform(starts="several")(case.visible(), lost)
+    assert several.fit.energy <= alone.fit.energy
+    missed = [np.linalg.norm(e.surface.vertices - truth, axis=1).mean() for e in (several, alone)]
+    assert (
+        missed[0] < 0.2 * missed[1]
+    )  # the body's ends look alike: only its vertices tell that it was turned
+
+
+def test_one_more_point_updates_an_estimate_as_a_fit_from_nothing_would() -> None:
+    case, _ = bent_case()
+    stage = Deform()
+    eam = np.flatnonzero(case.points.type == "eam")
+    before = replace(case, points=case.points.select(np.delete(np.arange(len(case.points)), eam[-1])))
+    fitted = stage(before.visible(), started(case))
+    updated = stage.update(case, fitted)
+    afresh = stage(case.visible(), started(case))
+    moved = np.linalg.norm(updated.surface.vertices - afresh.surface.vertices, axis=1).mean()
+    assert (
+        moved < 0.05
+    )  # mm: far below the noise; amplitudes are kept where the fit from nothing tunes them again
+    assert updated.weights is not None
+    assert len(updated.weights) == 150
+    with pytest.raises(InputError, match="fewer than"):
+        stage.update(before, updated)
+    with pytest.raises(InputError, match="must come from the stage 'deform'"):
+        stage.update(case, started(case))
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"vector": (1.0, 0.0)}, {"normal": (-0.5,)}, {"iterations": 14}, {"spread": 0.0}]
+)
+def test_settings_that_mean_nothing_are_refused(wrong: dict[str, object]) -> None:
+    with pytest.raises(PipelineError):
+        Deform(**wrong)  # type: ignore[arg-type]
+
+
+def test_a_point_that_must_be_believed_is_believed_however_far_off() -> None:
+    case, _ = bent_case()
+    xyz = case.points.xyz.copy()
+    xyz[0] = 0.0  # the middle of the body: 30 noise levels inside
+    found = Deform(outliers="believe")(
+        replace(case, points=replace(case.points, xyz=xyz)).visible(), started(case)
+    )
+    assert found.weights is not None
+    assert found.weights.min() > 0.99
+
+
+def test_landmarks_in_one_place_are_no_start() -> None:
+    case, _ = bent_case()
+    one = dict.fromkeys("abc", case.prior.vertices[0])
+    found = Deform(starts="several")(replace(case.visible(), prior_landmarks=one), started(case))
+    assert np.isfinite(found.surface.vertices).all()
+
+
+def test_several_starts_without_landmarks_say_that_there_is_but_one() -> None:
+    case, _ = bent_case()
+    found = Deform(starts="several")(replace(case.visible(), prior_landmarks={}), started(case))
+    assert found.warnings == (
+        'starts = "several": no three landmark pairs fix a pose, so that the given start was the only one',
+    )
+    assert Deform()(replace(case.visible(), prior_landmarks={}), started(case)).warnings == ()
+
+
+def test_a_start_that_is_almost_as_likely_is_told_of() -> None:
+    """A ball hides every turn from its points."""
+    ball = sphere()
+    turned = np.diag([-1.0, -1.0, 1.0, 1.0])
+    points = spots(ball, 80, 7_919)[0] + 0.3 * np.random.default_rng(7_920).normal(size=(80, 3))
+    marks = {name: 20.0 * axis for name, axis in zip("abc", np.eye(3), strict=True)}
+    xyz = np.vstack([points, np.array(list(marks.values()))])
+    kind = np.array(["eam"] * 80 + ["landmark"] * 3)
+    case = Case("ball", ball, Points(xyz, kind, {"name": np.array([""] * 80 + list(marks))}), marks)
+    start = Estimate(ball.transformed(turned), turned, "half a turn off")
+    found = Deform(starts="several", landmarks=False)(case, start)
+    assert len(found.warnings) == 1
+    assert re.search(
+        r"almost as likely \(\d\.\d nats less\), puts the vertices \d+\.\d mm elsewhere", found.warnings[0]
+    )
+
+
+def with_points(case: Case, *extra: Array) -> Case:
+    """The case with further mapping points behind the others."""
+    points = case.points
+    more = np.array(extra)
+    kind = np.r_[points.type, np.full(len(more), "eam")]
+    columns = {"name": np.r_[points.columns["name"], np.full(len(more), "")]}
+    return replace(case, points=Points(np.vstack([points.xyz, more]), kind, columns))
+
+
+def test_copies_of_a_point_are_no_new_evidence() -> None:
+    case, _ = bent_case()
+    plain = Deform()(case.visible(), started(case))
+    copied = Deform()(
+        with_points(case, *case.points.xyz[:60], *case.points.xyz[:60]).visible(), started(case)
+    )
+    np.testing.assert_array_equal(copied.surface.vertices, plain.surface.vertices)
+    assert copied.weights is not None
+    assert plain.weights is not None
+    np.testing.assert_array_equal(
+        copied.weights, np.r_[plain.weights, plain.weights[:60], plain.weights[:60]]
+    )
+    assert copied.warnings == ("120 of 270 points repeat the place of another; each place counts once",)
+
+
+def test_a_map_that_was_merged_with_its_rounded_copy_tells_no_more_than_once() -> None:
+    """Copies .05 mm apart made the noise look like a third of what it was, and the motion follow what it no
+    longer explained.
+    """
+    case, truth = bent_case()
+    plain = Deform()(case.visible(), started(case))
+    merged = with_points(case, *(case.points.xyz[:150] + 0.03))
+    twice = Deform()(merged.visible(), started(case))
+    target = case.prior.with_vertices(truth)
+    assert twice.sigma == pytest.approx(plain.sigma, rel=0.1)
+    assert (
+        distances(twice.surface.vertices, target).mean()
+        < 1.1 * distances(plain.surface.vertices, target).mean()
+    )
+    assert re.search(
+        r"1[45]\d of 300 points repeat the place of another or lie within \d.\d+ mm of it", twice.warnings[0]
+    )
+    more = with_points(merged, case.points.xyz[5] - 0.05)
+    weights = Deform().update(more, twice).weights
+    assert weights is not None
+    assert weights[-1] == weights[5]
+
+
+def test_a_new_point_off_the_wall_is_doubted_at_once() -> None:
+    case, _ = bent_case()
+    fitted = Deform()(case.visible(), started(case))
+    xyz = case.points.xyz
+    for k in range(0, 60, 12):
+        more = with_points(
+            case, xyz[:150].mean(axis=0) + 0.7 * (xyz[k] - xyz[:150].mean(axis=0))
+        )  # some 8 mm inside
+        updated = Deform().update(more, fitted)
+        afresh = Deform()(more.visible(), started(case))
+        assert (
+            np.linalg.norm(updated.surface.vertices - afresh.surface.vertices, axis=1).mean() < 0.05
+        )  # mm: as for a good point
+
+
+def test_an_update_says_what_has_changed() -> None:
+    case, _ = bent_case()
+    fitted = Deform()(case.visible(), started(case))
+    more = with_points(case, case.points.xyz[0] + 0.5)
+    moved = more.points.xyz.copy()
+    moved[7] += 0.1
+    with pytest.raises(InputError, match="point 7 is not what it was"):
+        Deform().update(replace(more, points=replace(more.points, xyz=moved)), fitted)
+    kind = more.points.type.copy()
+    kind[9] = "inside"
+    with pytest.raises(InputError, match="point 9 is not what it was"):
+        Deform().update(replace(more, points=replace(more.points, type=kind)), fitted)
+    with pytest.raises(InputError, match="the landmarks are not those"):
+        Deform().update(replace(more, prior_landmarks={**more.prior_landmarks, "a": np.zeros(3)}), fitted)
+    with pytest.raises(InputError, match="fitted to this prior"):
+        Deform().update(replace(more, prior=more.prior.with_vertices(1.01 * more.prior.vertices)), fitted)
+
+
+def test_a_sigma_of_almost_nothing_pins_the_surface_and_breaks_nothing() -> None:
+    case, _ = bent_case()
+    sigma = np.ones(len(case.points))
+    sigma[3] = 1e-12
+    found = Deform()(with_column(case, sigma=sigma).visible(), started(case))
+    assert distances(case.points.xyz[3:4], found.surface)[0] < 0.25 * NOISE
+
+
+def test_points_of_another_size_are_no_plausible_result() -> None:
+    """Two and a half times too large, with a start that cannot mend it: all points float, or the prior is
+    blown up.
+    """
+    case, _ = bent_case()
+    large = replace(case, points=replace(case.points, xyz=2.5 * case.points.xyz)).visible()
+    with pytest.raises(
+        SolverError, match=r"deform: .* 100 % of the points off the wall: the points are not of this surface"
+    ):
+        Deform(landmarks=False)(large, started(case))
+    found = Deform(landmarks=False, outliers="believe")(large, started(case))
+    assert re.match(
+        r"the motion makes what the surface encloses 1\d times as large: start, scale", found.warnings[0]
+    )
+
+
+def with_floating(case: Case, share: float) -> Case:
+    """The case with a share of its first 200 points anywhere in a ball of 18 mm, well inside."""
+    rng = np.random.default_rng(0)
+    xyz = case.points.xyz.copy()
+    count = int(200 * share)
+    way = rng.normal(size=(count, 3))
+    xyz[:count] = (
+        18.0 * way / np.linalg.norm(way, axis=1, keepdims=True) * rng.uniform(size=(count, 1)) ** (1.0 / 3.0)
+    )
+    return replace(case, points=replace(case.points, xyz=xyz)).visible()
+
+
+def test_most_points_off_the_wall_are_warned_of() -> None:
+    case, truth = bent_case(count=200)
+    found = Deform()(with_floating(case, 0.55), started(case))
+    assert found.warnings == (
+        "55% of the points are judged to be off the wall: start, scale, frame or landmarks may be wrong",
+    )
+    assert distances(found.surface.vertices, case.prior.with_vertices(truth)).mean() < NOISE
+
+
+@pytest.mark.parametrize(("grain", "said"), [(0.3, False), (1.0, True)])
+def test_a_crumpled_prior_is_warned_of(grain: float, said: bool) -> None:
+    """Where every vertex is an edge's length off, nothing else says why noise and motion are wrong; grain of
+    .3 edges is smoothed.
+    """
+    case, _ = bent_case()
+    prior = case.prior
+    edge = float(np.linalg.norm(np.diff(prior.vertices[prior.faces[:, :2]], axis=1), axis=2).mean())
+    shift = grain * edge * np.random.default_rng(9_281).normal(size=(len(prior.vertices), 1))
+    rough = replace(case, prior=prior.with_vertices(prior.vertices + shift * prior.vertex_normals))
+    warnings = Deform()(rough, started(rough)).warnings
+    assert any("the prior is crumpled" in warning for warning in warnings) == said
+
+
+def test_small_pieces_of_a_prior_are_warned_of() -> None:
+    case, _ = bent_case()
+    crumbs = [sphere(0.5).vertices + place for place in case.prior.vertices[[3, 400]]]
+    vertices = np.vstack([case.prior.vertices, *crumbs])
+    faces = [case.prior.faces]
+    faces += [sphere().faces + len(case.prior.vertices) + k * len(crumbs[0]) for k in (0, 1)]
+    littered = replace(case, prior=Surface(vertices, np.vstack(faces)))
+    assert Deform()(littered, started(littered)).warnings == (
+        "the prior has 2 small pieces that points may take for their wall: remove what is none",
+    )
+
+
+def test_vertices_that_no_face_uses_are_no_part_of_the_prior() -> None:
+    """As decimation and clipping in other programs leave them: the deviation was none where they lay, and
+    lengths were theirs too.
+    """
+    case, _ = bent_case()
+    prior = case.prior
+    stray = 3.0 * case.prior.vertices[:400]
+    fields = {"region": np.r_[np.zeros(400), np.arange(len(prior.vertices))]}
+    kept = replace(case, prior=Surface(np.vstack([stray, prior.vertices]), prior.faces + 400, fields))
+    np.testing.assert_array_equal(kept.prior.vertices, prior.vertices)
+    np.testing.assert_array_equal(kept.prior.fields["region"], np.arange(len(prior.vertices)))
+    plain, found = Deform()(case, started(case)).surface, Deform()(kept, started(kept)).surface
+    np.testing.assert_array_equal(found.fields["sd_mm"], plain.fields["sd_mm"])
+
+
+def test_points_that_mean_no_surface_come_to_an_end() -> None:
+    """They had the start pose mended for ever."""
+    case, _ = bent_case(count=200)
+    with pytest.raises(SolverError, match="100 % of the points off the wall"):
+        Deform()(with_floating(case, 0.65), started(case))
+
+
+def test_points_there_must_be() -> None:
+    case, _ = bent_case()
+    bare = replace(case, points=case.points.of("landmark"))
+    with pytest.raises(InputError, match="deform: case bent has no points of type eam"):
+        Deform()(bare, started(case))
+
+
+@pytest.mark.parametrize("column", ["force", "sigma"])
+def test_an_update_says_where_what_is_known_of_a_point_has_changed(column: str) -> None:
+    case, _ = bent_case()
+    fitted = Deform()(with_column(case, **{column: np.full(len(case.points), 2.0)}), started(case))
+    more = with_points(case, case.points.xyz[0] + 0.5)
+    values = np.full(len(more.points), 2.0)
+    values[11] = 9.0
+    with pytest.raises(InputError, match="point 11 is not what it was"):
+        Deform().update(with_column(more, **{column: values}), fitted)
+
+
+def test_an_update_by_a_stage_of_other_parameters_is_refused() -> None:
+    case, _ = bent_case()
+    fitted = Deform()(case, started(case))
+    more = with_points(case, case.points.xyz[0] + 0.5)
+    with pytest.raises(InputError, match="other parameters"):
+        Deform(spread=0.5).update(more, fitted)
+    with pytest.raises(InputError, match="or the stage's contact_force or outliers are not"):
+        Deform(outliers="believe").update(more, fitted)
+
+
+def test_the_noise_of_a_point_that_says_none_is_the_usual_one() -> None:
+    case, _ = bent_case()
+    sigma = np.full(len(case.points), 2.0)
+    sigma[:100] = np.inf
+    sigma[100:110] = np.nan
+    relative = with_column(case, sigma=sigma).points.relative_noise()
+    np.testing.assert_array_equal(relative, np.ones(len(sigma)))
+
+
+def test_new_points_of_another_noise_leave_that_of_the_others_as_it_was(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    case, _ = bent_case(count=40)
+    fitted = Deform()(with_column(case, sigma=np.full(len(case.points), 2.0)), started(case))
+    more = with_points(case, *(case.points.xyz[:60] + 0.1))  # so many that their median is the typical one
+    sigma = np.where(np.isin(more.points.xyz, case.points.xyz).all(axis=1), 2.0, 8.0)
+    updated = Deform().update(with_column(more, sigma=sigma), fitted)
+    known = updated.fit.problem.data.at(slice(40))
+    np.testing.assert_array_equal(known.relative, np.ones(40))
+    assert (updated.fit.problem.data.relative[40:] == 4.0).all()
+    assert updated.sigma == fitted.sigma
+    seen: list[Array] = []
+    monkeypatch.setattr("o3dls.levelset.observation.observe", lambda *given: seen.append(given[3]))
+    _observer(with_column(more, sigma=sigma), updated)(None)  # type: ignore[arg-type]
+    np.testing.assert_array_equal(seen[0], updated.fit.problem.data.relative)
+
+
+def test_an_estimate_of_another_prior_is_not_updated() -> None:
+    """A level set that grew a tube has a motion of another mesh: its vertices on the prior's faces would be
+    no surface.
+    """
+    case, _ = bent_case()
+    fitted = Deform()(case.visible(), started(case))
+    other = Deform()(
+        replace(case.visible(), prior=replace(case.prior, faces=case.prior.faces[::-1])), started(case)
+    )
+    with pytest.raises(InputError, match="fitted to this prior"):
+        Deform().update(case, other)
+    with pytest.raises(InputError, match="fitted to this prior"):
+        Deform().update(case, replace(fitted, motion=lambda points: points))
+
+
+def test_the_first_ablation_point_may_come_later() -> None:
+    case, _ = bent_case()
+    stage = Deform(ablation="fit")
+    kind = case.points.type
+    rows = np.flatnonzero(kind != "ablation")
+    before = replace(case, points=case.points.select(rows))
+    after = replace(case, points=case.points.select(np.r_[rows, np.flatnonzero(kind == "ablation")[0]]))
+    updated = stage.update(after, stage(before.visible(stage.fits), started(before)))
+    assert np.isfinite(updated.surface.vertices).all()
+    assert len(updated.fit.state.weights) == 151
+
+
+def test_points_known_to_be_inside_are_not_counted_as_off_the_wall() -> None:
+    case, _ = bent_case()
+    kind = np.r_[case.points.type, np.full(50, "inside")]
+    name = np.r_[case.points.columns["name"], np.full(50, "")]
+    points = Points(np.vstack([case.points.xyz, 0.4 * case.points.xyz[:50]]), kind, {"name": name})
+    found = Deform()(replace(case, points=points).visible(), started(case))
+    assert found.weights is not None
+    assert found.facts["off_wall"] == pytest.approx(1.0 - found.weights.mean())
+    assert found.facts["off_wall"] < 0.1
+
+
+def test_spread_holds_the_amplitudes_where_they_are_expected() -> None:
+    case, _ = bent_case()
+    found = Deform(spread=1e-3)(case.visible(), started(case))
+    assert found.fit is not None
+    np.testing.assert_allclose(found.fit.state.scales.log, found.fit.state.scales.centre, atol=0.01)
+
+
+def test_an_update_says_what_its_points_have_made_of_the_estimate() -> None:
+    """Warnings are those of the points of now: what the estimate said of fewer is not said again, nor
+    twice.
+    """
+    case, _ = bent_case()
+    fitted = Deform()(case.visible(), started(case))
+    stage = Deform()
+    assert stage.update(with_points(case, case.points.xyz[:5].mean(axis=0)), fitted).warnings == ()
+    middle = case.prior.vertices.mean(axis=0)
+    floating = [middle + depth * (at - middle) for depth in (0.2, 0.3) for at in case.points.xyz[:150]]
+    some = stage.update(with_points(case, *floating[:200]), fitted)
+    more = stage.update(with_points(case, *floating), some)
+    for found, count, now in ((some, 200, 350), (more, 300, 450)):
+        off, old = found.warnings
+        assert old == f"amplitudes, noise and pose are those of the first 150 of {now} points: fit again"
+        assert off.startswith(f"{found.facts['off_wall']:.0%} of the points are judged to be off the wall")
+        assert found.facts["off_wall"] > 0.9 * count / now
+
+
+def test_warnings_of_earlier_stages_stay() -> None:
+    case, _ = bent_case()
+    found = Deform()(case.visible(), replace(started(case), warnings=("from before",)))
+    assert found.warnings[0] == "from before"
+    assert LevelSet()(case.visible(), found).warnings[0] == "from before"
+    assert Deform().update(case.visible(), found).warnings[0] == "from before"
+
+
+@pytest.mark.parametrize(
+    ("factor", "said"), [(0.6, ["0.22 times as large"]), (1.0, []), (1.6, ["4.1 times as large"])]
+)
+def test_a_volume_that_no_heartbeat_has_is_warned_of(factor: float, said: list[str]) -> None:
+    case, _ = bent_case()
+    found = replace(
+        started(case), surface=case.prior.with_vertices(factor * case.prior.vertices), facts={"off_wall": 0.0}
+    )
+    warnings = _doubts(started(case), found)
+    assert len(warnings) == len(said)
+    assert all(word in warning for word, warning in zip(said, warnings, strict=True))
+
+
+def test_a_wall_that_follows_what_is_not_of_it_is_warned_of(monkeypatch: pytest.MonkeyPatch) -> None:
+    case, _ = bent_case()
+    found = Deform()(case, started(case))
+    assert not _followed(found)
+    monkeypatch.setattr(
+        type(found.fit.problem),
+        "first_beliefs",
+        property(lambda self: np.where(np.arange(len(self.data.points)) < 30, 0.1, 0.9)),
+    )
+    assert "of the points lie far off the wall at the start, and on it after" in " ".join(_followed(found))
+    drawn = found.surface.vertices.copy()
+    drawn[drawn[:, 0] > 0.7 * drawn[:, 0].max(), 0] *= 4.0
+    stretched = _followed(replace(found, surface=found.surface.with_vertices(drawn)))
+    assert "of the wall gets more than 2 times as long" in stretched[-1]
+
+
+def test_a_landmark_that_was_marked_at_the_place_of_another_is_warned_of() -> None:
+    case, _ = bent_case()
+    xyz = case.points.xyz.copy()
+    (wrong, other) = np.flatnonzero(case.points.type == "landmark")[:2]
+    assert not _misnamed(case, started(case))
+    xyz[wrong] = xyz[other] + 1.0
+    said = _misnamed(replace(case, points=replace(case.points, xyz=xyz)), started(case))
+    assert len(said) == 1
+    assert "landmark a lies" in said[0]
+    assert "from that of b: was it marked there?" in said[0]
+    assert not _misnamed(replace(case, prior_landmarks={}), started(case))
+
+
+def test_a_motion_that_turns_the_prior_inside_out_is_an_error() -> None:
+    case, _ = bent_case()
+    turned = replace(
+        started(case),
+        surface=Surface(case.prior.vertices, case.prior.faces[:, ::-1]),
+        facts={"off_wall": 0.0},
+    )
+    with pytest.raises(SolverError, match="inside out"):
+        _doubts(started(case), turned)
+
+
+@pytest.mark.parametrize(("behind", "told"), [(1.0, True), (50.0, False)])
+def test_a_rival_is_told_of_only_where_the_points_hardly_prefer(behind: float, told: bool) -> None:
+    surface = body(3)
+    state = SimpleNamespace(scales=SimpleNamespace(noises=np.array([0.5])))
+    best, other = (
+        SimpleNamespace(
+            surface=surface.with_vertices(surface.vertices + shift),
+            fit=SimpleNamespace(energy=100.0 + energy, state=state),
+            facts={},
+        )
+        for shift, energy in ((0.0, 0.0), (3.0, behind))
+    )
+    assert bool(_rivals(best, [best, other], "mm")) is told  # type: ignore[arg-type, list-item]
+    best.facts = {"rival_without": 7.0, "rival_behind": behind, "rival_apart": 3.0}
+    assert any("without 7 points" in said for said in _rivals(best, [best], "mm")) is told  # type: ignore[arg-type, list-item]
+
+
+def test_the_veins_of_one_side_tell_which_way_is_up() -> None:
+    for side in "LR":
+        up = upwards({f"{side}SPV": np.array([-20.0, 8.0, 11.0]), f"{side}IPV": np.array([-20.0, 8.0, -7.0])})
+        np.testing.assert_allclose(up, [0.0, 0.0, 1.0])

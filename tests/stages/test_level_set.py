@@ -1,0 +1,436 @@
+"""The stage: nothing to add leaves the surface, a folded or wrong prior is mended, both formulations run in
+2D and 3D.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from fields import wall
+from shapes import ball_with_tube, circle, meshed, round_distance, sampled
+
+from data_synth import atrium
+from o3dls import ICP, Deform, Landmarks, Pipeline
+from o3dls.arrays import Array
+from o3dls.case import Case, Points
+from o3dls.errors import InputError, PipelineError, SolverError
+from o3dls.estimate import Estimate
+from o3dls.evaluation.distances import distances
+from o3dls.evaluation.validity import self_intersections
+from o3dls.geometry.similarity import apply, similarity
+from o3dls.geometry.surface import Surface
+from o3dls.levelset.isosurface import zero_set
+from o3dls.levelset.normal_displacement import Wall
+from o3dls.levelset.refine import topology
+from o3dls.motion.fit import fit_motion
+from o3dls.stages.level_set import LevelSet, _doubt, _noise, _observer
+
+SEED = 264_575
+
+
+def started(
+    prior: Surface, points: Array, sigma: float, *, fitted: bool = True, units: str = "mm"
+) -> tuple[Case, Estimate]:
+    case = Case("case", prior, Points(points, np.full(len(points), "eam")), units=units)
+    pose = np.eye(prior.dimension + 1)
+    surface = replace(prior, fields={f"sd_{units}": np.ones(len(prior.vertices)), **prior.fields})
+    start = Estimate(surface, pose, "moved")
+    if fitted:
+        fit = fit_motion(prior.vertices, prior.faces, pose, wall(points))
+        start = replace(start, motion=fit.motion, sigma=sigma, weights=np.ones(len(points)), fit=fit)
+    return case, start
+
+
+@pytest.mark.parametrize("prior", [circle(20.0, 300), meshed(ball_with_tube, 34.0)], ids=["2D", "3D"])
+def test_nothing_to_add_leaves_the_surface_where_it_is(prior: Surface) -> None:
+    case, start = started(prior, sampled(prior, 300, 1.0, SEED), 1.0)
+    found = LevelSet()(case, start)
+    assert "nothing to add" in found.status
+    assert distances(prior.vertices, found.surface).mean() < 0.02  # half a chord's height at 1 mm
+    assert distances(found.surface.vertices, prior).max() < 0.3
+    assert found.surface.watertight
+    assert found.sigma == pytest.approx(1.0)
+    assert found.motion is start.motion
+    assert (found.surface.fields["correction_mm"] == 0.0).all()
+    assert found.surface.fields["sd_mm"] == pytest.approx(1.0)
+    assert found.facts["changes"] == []
+    assert found.phi.band.spacing == 1.0
+
+
+def test_nothing_to_add_still_says_what_the_points_cost() -> None:
+    prior = meshed(round_distance(16.0), 20.0)
+    found = LevelSet()(*started(prior, sampled(prior, 100, 0.8, SEED), 0.8))
+    assert found.iterations == 0
+    assert [set(row) for row in found.trace] == [{"iteration", "data", "prior", "energy"}]
+    assert found.trace[0]["energy"] > 0.0
+
+
+def test_a_motion_that_has_not_converged_leaves_a_level_set_that_has_not() -> None:
+    prior = meshed(round_distance(16.0), 20.0)
+    case, start = started(prior, sampled(prior, 100, 0.8, SEED), 0.8)
+    stood, moved = (
+        LevelSet()(case, replace(start, fit=replace(start.fit, converged=still))) for still in (True, False)
+    )
+    assert stood.converged
+    assert not moved.converged
+    assert moved.status.startswith("the motion had not converged; nothing to add")
+
+
+def test_a_prior_of_two_pieces_keeps_both() -> None:
+    large, small = meshed(round_distance(16.0), 20.0), meshed(round_distance(8.0), 12.0)
+    beside = small.vertices + np.array([40.0, 0.0, 0.0])
+    prior = Surface(
+        np.vstack([large.vertices, beside]), np.vstack([large.faces, small.faces + len(large.vertices)])
+    )
+    case, start = started(prior, sampled(prior, 300, 0.5, SEED), 0.5)
+    found = LevelSet()(case, start)
+    assert topology(found.surface.vertices, found.surface.faces) == (2, 4)
+    assert distances(beside, found.surface).mean() < 0.1
+    assert found.warnings == ()
+
+
+def test_a_small_second_piece_is_no_dust() -> None:
+    large, small = meshed(round_distance(20.0), 24.0), meshed(round_distance(4.0), 6.0)
+    beside = small.vertices + np.array([40.0, 0.0, 0.0])
+    prior = Surface(
+        np.vstack([large.vertices, beside]), np.vstack([large.faces, small.faces + len(large.vertices)])
+    )
+    found = LevelSet()(*started(prior, sampled(prior, 300, 0.5, SEED), 0.5))
+    assert topology(found.surface.vertices, found.surface.faces) == (2, 4)
+    assert distances(beside, found.surface).mean() < 0.1
+
+
+def flanged(points: Array) -> Array:
+    """A ball of 10 mm with a flange 5 mm wide and .6 mm thick, between two planes of the lattice."""
+    flange = np.maximum(np.abs(points[:, 2] - 0.5) - 0.3, np.linalg.norm(points[:, :2], axis=1) - 15.0)
+    return np.minimum(round_distance(10.0)(points), flange)
+
+
+def test_a_part_too_thin_for_the_lattice_does_not_go_without_a_word() -> None:
+    prior = meshed(flanged, 17.0, 0.25)
+    case, start = started(prior, sampled(prior, 100, 0.5, SEED), 0.5)
+    coarse = LevelSet()(case, start)
+    fine = LevelSet(spacing=0.4)(case, start)
+    (said,) = coarse.warnings
+    assert re.match(
+        r"parts of the moved prior, up to [45](\.\d)? mm from the mesh, are lost: thinner than the "
+        r"lattice can hold",
+        said,
+    )
+    assert fine.warnings == ()
+    assert distances(prior.vertices, fine.surface).max() < 0.5
+
+
+def test_a_tunnel_that_the_lattice_cannot_see_costs_no_correction() -> None:
+    """Pieces and handles are lost with the correction and without it: then that is no reason to leave it
+    out.
+    """
+
+    def drilled(points: Array) -> Array:
+        return np.maximum(
+            round_distance(20.0)(points), 0.7 - np.hypot(points[:, 0] - 13.0, points[:, 1] - 1.0)
+        )
+
+    prior = meshed(drilled, 22.0, 0.4)
+    truth = meshed(bumped, 26.0)
+    case, start = started(prior, sampled(truth, 600, 0.5, SEED), 0.5, fitted=False)
+    found = LevelSet(spacing=2.0)(case, start)
+    assert np.abs(found.surface.fields["correction_mm"]).max() > 1.5  # of the bump's 3 mm
+    assert any("walls are united" in warning for warning in found.warnings)
+
+
+def bumped(points: Array) -> Array:
+    """A ball of 20 mm with a bump of 3 mm at the top."""
+    radius = np.linalg.norm(points, axis=1)
+    up = points[:, 2] / np.maximum(radius, 1e-9)
+    return radius - 20.0 - 3.0 * np.exp(-(2.0 - 2.0 * up) / 0.25)
+
+
+def test_a_correction_is_the_same_however_the_lattice_lies() -> None:
+    prior = meshed(lambda at: round_distance(18.0)(at * [1.0, 1.3, 0.8]), 28.0)
+    points = sampled(meshed(bumped, 25.0), 300, 0.5, SEED)
+    turned = similarity(
+        np.array([[2.0, -1.0, 2.0], [2.0, 2.0, -1.0], [-1.0, 2.0, 2.0]]) / 3.0, np.array([3.3, 1.1, 7.7])
+    )
+    found = []
+    for frame in (np.eye(4), turned):
+        there = prior.transformed(frame)
+        case = Case("case", there, Points(apply(frame, points), np.full(300, "eam")))
+        found.append(
+            LevelSet()(case, Estimate(there, np.eye(4), "start")).surface.transformed(np.linalg.inv(frame))
+        )
+    assert distances(found[0].vertices, prior).mean() > 1.0
+    assert (
+        distances(found[0].vertices, found[1]).mean() < 0.04
+    )  # .06 with half as many nodes in a correlation length
+
+
+def test_an_outline_that_crosses_itself_is_not_handed_out() -> None:
+    prior = circle(20.0, 300)
+    vertices = prior.vertices.copy()
+    swapped = np.argsort(np.abs(np.arctan2(vertices[:, 1], vertices[:, 0])))[:2]
+    vertices[swapped] = (
+        0.98 * vertices[swapped[::-1]]
+    )  # two neighbours in each other's place: the line crosses itself
+    crossed = prior.with_vertices(vertices)
+    assert self_intersections(crossed) > 0
+    case, start = started(crossed, sampled(prior, 300, 1.0, SEED), 1.0, fitted=False)
+    estimate = LevelSet()(case, start)
+    found, phi = estimate.surface, estimate.phi
+    assert self_intersections(found) == 0
+    assert estimate.warnings == ()
+    outline_of_phi = Surface(*zero_set(phi.band, phi.phi))
+    assert distances(found.vertices, outline_of_phi).max() < 0.5
+    np.testing.assert_array_equal(
+        found.vertices, crossed.vertices
+    )  # what was drawn stays, only its order changes
+    assert found.volume == pytest.approx(prior.volume, rel=0.01)
+
+
+@pytest.mark.parametrize("column", [0.1, 10.0])
+def test_a_sigma_that_all_points_share_says_nothing_new(column: float) -> None:
+    """The noise level is the motion's; the column tells how points compare."""
+    prior = circle(20.0, 300)
+    case, start = started(prior, sampled(prior, 300, 1.0, SEED), 1.0)
+    told = replace(case, points=replace(case.points, columns={"sigma": np.full(300, column)}))
+    found = LevelSet()(told, start)
+    assert "nothing to add" in found.status
+    assert found.sigma == pytest.approx(1.0)
+
+
+def test_a_vein_that_the_truth_has_not_is_removed_and_said() -> None:
+    truth = meshed(round_distance(16.0), 20.0)
+    prior = meshed(ball_with_tube, 34.0)
+    prior = replace(prior, fields={"height": prior.vertices[:, 2]})
+    case, start = started(prior, sampled(truth, 800, 0.5, SEED), 0.5)
+    found = LevelSet()(case, start)
+    assert "removed a part at (" in found.status
+    assert len(found.facts["changes"]) == 1
+    assert any("removed a part" in warning for warning in found.warnings)
+    assert distances(found.surface.vertices, truth).mean() < 0.1
+    assert found.motion is found.fit.motion
+    assert found.motion is not start.motion
+    away = found.surface.vertices[:, 0] < 5.0
+    np.testing.assert_allclose(
+        found.surface.fields["height"][away], found.surface.vertices[away, 2], atol=0.3
+    )
+    kept = LevelSet(change=1e6)(case, start)
+    assert distances(kept.surface.vertices, truth).max() > 10.0
+
+
+def test_a_vein_that_the_prior_lacks_is_grown() -> None:
+    truth = meshed(ball_with_tube, 34.0)
+    prior = meshed(round_distance(16.0), 20.0)
+    case, start = started(prior, sampled(truth, 400, 1.0, SEED), 1.0)
+    found = LevelSet()(case, start)
+    assert "grew a tube" in found.status
+    assert distances(truth.vertices, found.surface).mean() < 0.3 * distances(truth.vertices, prior).mean()
+
+
+def test_a_vein_is_grown_though_a_motion_stretched_the_wall_into_it() -> None:
+    case = atrium(104, lacks="prior")
+    found = Pipeline([Landmarks(), ICP(), Deform(), LevelSet()], folds=0).fit(case)
+    assert "grew a tube" in found["level_set"].status
+    before, after = (
+        distances(case.truth.held_out, found[name].surface).mean() for name in ("deform", "level_set")
+    )
+    assert after < 0.85 * before
+
+
+def test_topology_is_not_judged_before_a_motion_was_fitted() -> None:
+    truth = meshed(round_distance(16.0), 20.0)
+    prior = meshed(ball_with_tube, 34.0)
+    case, start = started(prior, sampled(truth, 800, 0.5, SEED), 0.5, fitted=False)
+    assert LevelSet()(case, start).facts["changes"] == []
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_what_a_pose_leaves_is_corrected(dimension: int) -> None:
+    """Without a motion before it, the level set alone brings the wall to the points."""
+    prior = circle(20.0, 300) if dimension == 2 else meshed(round_distance(20.0), 24.0)
+    stretch = np.array([1.12, 0.95, 1.0])[:dimension]
+    truth = prior.with_vertices(prior.vertices * stretch)
+    case, start = started(prior, sampled(truth, 500, 0.4, SEED), 0.4, fitted=False)
+    found = LevelSet()(case, start)
+    assert found.converged
+    assert distances(truth.vertices, found.surface).mean() < 0.3 * distances(truth.vertices, prior).mean()
+    assert np.abs(found.surface.fields["correction_mm"]).max() > 1.0
+    assert found.trace[-1]["energy"] < found.trace[0]["energy"]
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_paper_formulation_starts_from_the_similarity_alone(dimension: int) -> None:
+    prior = circle(20.0, 300) if dimension == 2 else meshed(round_distance(14.0), 18.0)
+    case, start = started(prior, sampled(prior, 200, 0.5, SEED), 0.5)
+    away = start.surface.with_vertices(
+        start.surface.vertices + 5.0
+    )  # a motion that the paper's T cannot have
+    found = LevelSet(formulation="paper")(case, replace(start, surface=away))
+    assert distances(prior.vertices, found.surface).mean() < 0.6
+    assert "piece" in found.status
+    assert found.facts["pieces"] >= 1
+
+
+def test_halved_spacing_is_no_worse() -> None:
+    prior = meshed(ball_with_tube, 34.0, 0.5)
+    case, start = started(prior, sampled(prior, 100, 1.0, SEED), 1.0)
+    errors = [distances(prior.vertices, LevelSet(spacing=h)(case, start).surface).mean() for h in (2.0, 1.0)]
+    assert errors[1] < 0.5 * errors[0]
+
+
+def test_phi_is_a_distance_where_walls_were_made_whole_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    prior = meshed(round_distance(14.0), 18.0)
+    case, start = started(prior, sampled(prior, 100, 0.5, SEED), 0.5, fitted=False)
+    reached = LevelSet()._by_default(case, start)
+    cut = replace(
+        reached, phi=replace(reached.phi, phi=3.0 * reached.phi.phi), warnings=("shreds were left out",)
+    )
+    monkeypatch.setattr(LevelSet, "_by_default", lambda *_: cut)
+    found = LevelSet()(case, start)
+    assert found.warnings == cut.warnings
+    np.testing.assert_allclose(found.phi.phi, round_distance(14.0)(found.phi.band.positions), atol=0.1)
+
+
+def test_folded_prior_comes_out_without_folds() -> None:
+    from o3dls.evaluation.validity import validity
+
+    ball = meshed(round_distance(14.0), 18.0)
+    pole = ball.vertices[:, 2] > 13.0
+    folded = ball.with_vertices(ball.vertices + np.where(pole[:, None], [2.5, 0.0, -0.8], 0.0))
+    assert validity(folded, ball)["self_intersections"] > 0
+    case, start = started(folded, sampled(ball, 200, 1.0, SEED), 1.0)
+    found = validity(LevelSet()(case, start).surface, ball)
+    assert (found["components"], found["euler"], found["self_intersections"]) == (1, 2, 0)
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"spacing": 0.0}, r"level_set.spacing = 0.0 mm: must be a number within \(0, inf\) mm"),
+        ({"keep": 1.5}, r"level_set.keep = 1.5: must be a number within \(0, 1\]"),
+        ({"formulation": "papre"}, "did you mean 'paper'"),
+    ],
+)
+def test_parameters_are_checked(given: dict[str, float], said: str) -> None:
+    with pytest.raises(PipelineError, match=said):
+        LevelSet(**given)
+
+
+def test_no_surface_at_all_is_an_error() -> None:
+    """A prior thinner than the lattice has no node inside."""
+    prior = meshed(round_distance(16.0), 20.0)
+    thin = prior.with_vertices(prior.vertices * [1.0, 1.0, 1e-4] + [0.0, 0.0, 0.5])
+    case, start = started(thin, sampled(thin, 100, 0.1, SEED), 0.1)
+    with pytest.raises(SolverError, match="no surface"):
+        LevelSet()(case, start)
+
+
+@pytest.mark.parametrize(
+    ("factor", "said"),
+    [(0.04, "take at most 0.21 mm, or check that its lengths are in mm"), (200.0, "take at least 9.3 mm")],
+)
+def test_lengths_that_are_not_in_mm_are_refused(factor: float, said: str) -> None:
+    """Inches, and what fills the memory."""
+    prior = meshed(round_distance(16.0), 20.0)
+    scaled = prior.with_vertices(factor * prior.vertices)
+    case, start = started(scaled, sampled(scaled, 100, 0.1, SEED), 0.1)
+    with pytest.raises(InputError, match=said):
+        LevelSet()(case, start)
+
+
+def test_a_mesh_that_is_no_likeness_of_its_level_set_is_an_error() -> None:
+    prior = meshed(round_distance(16.0), 20.0)
+    case, start = started(prior, sampled(prior, 100, 0.1, SEED), 0.1)
+    with pytest.raises(SolverError, match=r"encloses \d+% less .* a share to keep above 1e-09 may"):
+        LevelSet(keep=1e-9)(case, start)
+
+
+def test_points_of_the_wall_are_needed() -> None:
+    prior = circle(20.0, 300)
+    case, start = started(prior, sampled(prior, 100, 1.0, SEED), 1.0)
+    case = replace(case, points=replace(case.points, type=np.full(100, "inside")))
+    with pytest.raises(InputError, match="level_set: case case has no points of type eam"):
+        LevelSet()(case, start)
+
+
+def test_the_paper_s_formulation_takes_points_that_lie_on_the_prior() -> None:
+    prior = meshed(round_distance(14.0), 18.0)
+    case = Case("case", prior, Points(prior.vertices[::9], np.full(len(prior.vertices[::9]), "eam")))
+    found = LevelSet(formulation="paper", iterations=2)(case, Estimate(prior, np.eye(4), "start"))
+    assert distances(prior.vertices, found.surface).max() < 0.3
+
+
+def test_iterations_are_those_of_the_sentence() -> None:
+    prior = circle(20.0, 300)
+    points = sampled(circle(20.0, 300), 100, 0.3, SEED) * [1.2, 1.0]
+    case = Case("case", prior, Points(points, np.full(100, "eam")))
+    start = Estimate(prior, np.eye(3), "start")
+    ours = LevelSet()(case, start)
+    paper = LevelSet(formulation="paper", iterations=3)(case, start)
+    assert f" after {ours.iterations} iterations; fields" in ours.status
+    assert f" after {paper.iterations} reinitialisations" in paper.status
+    assert len(ours.trace) > ours.iterations > 0
+    assert len(paper.trace) > paper.iterations > 0
+
+
+def test_equal_inputs_give_equal_surfaces() -> None:
+    prior = meshed(round_distance(16.0), 20.0)
+    case, start = started(prior, sampled(prior, 200, 1.0, SEED), 1.0)
+    first, second = (LevelSet()(case, start) for _ in range(2))
+    assert (first.surface.vertices == second.surface.vertices).all()
+    assert first.facts == second.facts
+
+
+def test_the_paper_s_formulation_begins_at_the_prior_under_t() -> None:
+    prior = meshed(round_distance(14.0), 18.0)
+    frame = similarity(np.eye(3), np.array([30.0, 0.0, 0.0]))
+    truth = prior.transformed(frame)
+    case = Case("case", prior, Points(sampled(truth, 200, 0.5, SEED), np.full(200, "eam")))
+    found = LevelSet(formulation="paper", iterations=2)(case, Estimate(truth, frame, "moved"))
+    np.testing.assert_allclose(found.surface.vertices.mean(axis=0), [30.0, 0.0, 0.0], atol=0.5)
+
+
+def test_of_the_motion_s_beliefs_the_share_off_the_wall_is_taken() -> None:
+    case, start = started(circle(20.0, 300), sampled(circle(20.0, 300), 100, 1.0, SEED), 1.0)
+    assert _noise(replace(start, weights=np.array([1.0, 1.0, 1.0, 0.2]))).share == pytest.approx(0.2)
+    believed = replace(start, weights=np.ones(100))
+    assert _observer(case, believed)(Wall(start.surface)).likelihood.share == 0.0  # outliers = "believe"
+
+
+def test_points_known_to_be_inside_are_seen_as_such() -> None:
+    prior = circle(20.0, 300)
+    case, start = started(
+        prior, np.vstack([sampled(prior, 100, 1.0, SEED), sampled(circle(6.0, 300), 10, 1.0, SEED)]), 1.0
+    )
+    case = replace(case, points=replace(case.points, type=np.array(["eam"] * 100 + ["inside"] * 10)))
+    assert _observer(case, start)(Wall(prior)).likelihood.one_sided.tolist() == [False] * 100 + [True] * 10
+
+
+def test_the_prior_holds_less_where_the_motion_is_in_doubt() -> None:
+    case, start = started(circle(20.0, 300), sampled(circle(20.0, 300), 100, 1.0, SEED), 1.0)
+    sd = np.where(np.arange(300) % 2, 1.0, 1.5)
+    sd[0] = 9.0
+    found = _doubt(case, replace(start, surface=replace(start.surface, fields={"sd_mm": sd})))
+    assert found[2] == pytest.approx(1.5 * found[1])
+    assert found[0] == 2.0
+    assert (
+        _doubt(case, replace(start, surface=replace(start.surface, fields={"sd_mm": 0.0 * sd}))) == 1.0
+    ).all()
+
+
+def test_a_surface_that_shrinks_to_nothing_is_an_error() -> None:
+    prior = meshed(round_distance(24.0), 28.0)
+    case, start = started(prior, sampled(meshed(round_distance(4.0), 8.0), 100, 0.5, SEED), 0.5, fitted=False)
+    with pytest.raises(SolverError, match="level_set: the surface shrank to nothing"):
+        LevelSet()(case, Estimate(prior, start.T_map_prior, "start"))
+
+
+@pytest.mark.parametrize(("factor", "said"), [(1.1, "33% more"), (0.9, "27% less")])
+def test_a_mesh_that_encloses_far_more_or_less_than_its_wall_is_an_error(factor: float, said: str) -> None:
+    wall = meshed(round_distance(14.0), 18.0)
+    LevelSet()._check_mesh(wall.with_vertices(1.05 * wall.vertices), wall, "mm")
+    with pytest.raises(SolverError, match=said):
+        LevelSet()._check_mesh(wall.with_vertices(factor * wall.vertices), wall, "mm")

@@ -1,0 +1,343 @@
+"""Changes of topology: a tube that points deny goes, a tube that they trace grows, and without evidence
+nothing happens.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from fields import bend, body, spots, wall
+from shapes import ball_with_tube, meshed, round_distance, sampled
+
+from o3dls.arrays import Array
+from o3dls.geometry.closest_point import ClosestPoint
+from o3dls.geometry.components import topology
+from o3dls.geometry.similarity import apply, scale_of, similarity
+from o3dls.geometry.surface import Surface
+from o3dls.levelset.normal_displacement import Wall
+from o3dls.levelset.observation import Measured, Noise, observe
+from o3dls.motion.fit import fit_motion
+from o3dls.motion.result import MotionFit
+from o3dls.topology import search as reshape_module
+from o3dls.topology.change import Change, body_radius, changed
+from o3dls.topology.cuts import removals
+from o3dls.topology.search import _back, _explained, _fitted, _judged, _seen, reshape
+from o3dls.topology.tubes import _stands_alone, cone, growth
+
+SIGMA, SEED, THRESHOLD = 1.0, 173_205, 10.0
+FINE = 0.5  # noise under which twenty points in a mouth of radius 5 tell a wall from a lumen
+
+
+def ball() -> Surface:
+    return meshed(round_distance(16.0), 20.0)
+
+
+def tubed() -> Surface:
+    return meshed(ball_with_tube, 34.0)
+
+
+def ring(points: Array) -> Array:
+    """A ball with a handle: half a torus whose ends run into the ball."""
+    q = points - [16.0, 0.0, 0.0]
+    handle = np.hypot(np.hypot(q[:, 0], q[:, 1]) - 10.0, q[:, 2]) - 3.5
+    return np.minimum(round_distance(16.0)(points), handle)
+
+
+def seen(wall: Wall, points: Array, sigma: float = SIGMA) -> Measured:
+    return observe(
+        wall, points, np.zeros(len(points), dtype=bool), np.ones(len(points)), Noise(sigma, 0.1, 0.05)
+    )
+
+
+def grown(wall: Wall, measured: Measured) -> Change | None:
+    """The tube that gains most."""
+    return max(growth(wall, measured), key=lambda change: change.gain, default=None)
+
+
+def reshaped(prior: Surface, points: Array) -> tuple[MotionFit, MotionFit, tuple[Change, ...]]:
+    """The fit of a prior, of what its topology became, and the changes."""
+    fit = fit_motion(prior.vertices, prior.faces, np.eye(4), wall(points))
+    return fit, *reshape(fit, spacing=1.0, threshold=THRESHOLD)
+
+
+def surface(fit: MotionFit) -> Surface:
+    return Surface(fit.vertices, fit.motion.faces)
+
+
+def apart(a: Surface, b: Surface) -> float:
+    """Mean distance both ways."""
+    return float(
+        (
+            ClosestPoint(a.vertices, a.faces).distance(b.vertices).mean()
+            + ClosestPoint(b.vertices, b.faces).distance(a.vertices).mean()
+        )
+        / 2
+    )
+
+
+@pytest.mark.parametrize("truth", [ball(), tubed()], ids=["ball", "tube"])
+@pytest.mark.parametrize("count", [250, 1500])
+def test_a_right_prior_is_left_alone(truth: Surface, count: int) -> None:
+    points = sampled(truth, count, SIGMA, SEED)
+    points[: count // 12] *= np.random.default_rng(SEED).uniform(
+        0.3, 0.9, (count // 12, 1)
+    )  # the catheter floats inside
+    before, after, made = reshaped(truth, points)
+    assert made == ()
+    assert after is before
+
+
+def test_a_change_is_placed_where_it_is_seen_after_the_motion() -> None:
+    """A prior bent by some 7 mm at the tube: what straightens the ball takes some of that away, with these
+    points more than half.
+    """
+    straight = tubed()
+    bent = straight.with_vertices(straight.vertices - 0.012 * straight.vertices[:, :1] ** 2 * [0.0, 1.0, 0.0])
+    before, _, made = reshaped(bent, sampled(ball(), 800, FINE, 1))
+    tube = straight.vertices[:, 0] > 19.0
+    prior, moved = (vertices[tube].mean(axis=0)[1] for vertices in (bent.vertices, before.vertices))
+    assert len(made) == 1
+    assert abs(made[0].centre[1] - moved) < 1.5
+    assert abs(moved - prior) > 3.0
+
+
+def test_a_tube_across_whose_mouth_points_show_the_wall_is_removed_and_said() -> None:
+    truth = ball()
+    points = sampled(truth, 800, FINE, SEED)
+    before, after, made = reshaped(tubed(), points)
+    assert len(made) == 1
+    assert made[0].removes
+    assert "removed a part at (2" in made[0].sentence
+    assert made[0].gain == pytest.approx(
+        before.energy - after.energy - made[0].price, rel=0.2
+    )  # but for the mesh of the prior
+    assert topology(after.vertices, after.motion.faces) == (1, 2)
+    assert apart(surface(after), truth) < 0.2 * apart(tubed(), truth)
+
+
+def test_a_tube_with_points_on_it_stays_however_many_lie_in_its_mouth() -> None:
+    truth = tubed()
+    stray = np.random.default_rng(SEED).uniform(-4.0, 4.0, (12, 3)) * [0.2, 1.0, 1.0] + [14.0, 0.0, 0.0]
+    points = np.vstack([sampled(truth, 800, SIGMA, SEED), stray])
+    assert all(change.gain < THRESHOLD for change in removals(Wall(truth), seen(Wall(truth), points)))
+    assert reshaped(truth, points)[2] == ()
+
+
+def test_a_handle_that_points_deny_is_removed() -> None:
+    truth = ball()
+    prior = meshed(ring, 34.0)
+    assert topology(prior.vertices, prior.faces) == (1, 0)
+    points = sampled(truth, 1500, FINE, SEED)
+    _, after, made = reshaped(prior, points)
+    assert made
+    assert all(change.removes for change in made)
+    assert topology(after.vertices, after.motion.faces) == (1, 2)
+    assert apart(surface(after), truth) < 0.3 * apart(prior, truth)
+
+
+def test_a_tube_that_points_trace_is_grown_and_said() -> None:
+    truth = tubed()
+    points = sampled(truth, 400, SIGMA, SEED)
+    _, after, made = reshaped(ball(), points)
+    assert len(made) == 1
+    assert not made[0].removes
+    assert "grew a tube at (" in made[0].sentence
+    assert topology(after.vertices, after.motion.faces) == (1, 2)
+    assert apart(surface(after), truth) < 0.35 * apart(ball(), truth)
+
+
+@pytest.mark.parametrize("count", [60, 25], ids=["larger than any vein", "goes on around it"])
+def test_another_chamber_is_no_tube(count: int) -> None:
+    """A ball beside the ball: of many points on it a third would be a tube, of few a long one among others
+    that it leaves out.
+    """
+    beside = sampled(ball(), count, SIGMA, SEED + 1) + np.array([28.0, 0.0, 0.0])
+    wall = Wall(ball())
+    assert grown(wall, seen(wall, np.vstack([sampled(ball(), 200, SIGMA, SEED), beside]))) is None
+
+
+def test_a_smaller_prior_makes_floating_points_no_likelier() -> None:
+    """Their depth was relative to the prior judged: cutting a vein off made it smaller, and so paid for
+    itself.
+    """
+    fit = bent_fit()
+    smaller = surface(fit).with_vertices(0.9 * fit.motion.rest.at)
+    again = _fitted(fit, smaller, fit.problem.data, fit.problem.settings)
+    assert again.state.contact.depth == pytest.approx(fit.state.contact.depth)
+
+
+def test_three_stray_points_outside_grow_nothing() -> None:
+    stray = np.array([[24.0, 0.0, 0.0], [27.0, 2.0, 1.0], [25.0, -3.0, 2.0]])
+    points = np.vstack([sampled(ball(), 400, SIGMA, SEED), stray])
+    change = grown(Wall(ball()), seen(Wall(ball()), points))
+    assert change is None or change.gain < THRESHOLD
+
+
+def test_a_small_shift_of_everything_is_no_change_of_topology() -> None:
+    truth = tubed()
+    points = sampled(truth, 800, SIGMA, SEED) + np.array([0.0, 0.8, -0.6])
+    assert reshaped(truth, points)[2] == ()
+
+
+def test_radius_of_a_ball_is_its_radius() -> None:
+    assert body_radius(ball()) == pytest.approx(16.0, rel=0.01)
+
+
+def test_cone_is_a_distance_where_it_is_a_cylinder() -> None:
+    tube = np.array([0.0, 0.0, 0.0, 10.0, 0.0, 0.0, np.log(2.0), np.log(2.0)])
+    at = np.array([[5.0, 3.0, 4.0], [13.0, 0.0, 0.0], [-4.0, 0.0, 3.0], [5.0, 0.0, 0.0]])
+    np.testing.assert_allclose(cone(at, tube), [3.0, 1.0, 3.0, -2.0])
+
+
+def test_a_change_is_closed_in_one_piece_and_near_where_it_must_be() -> None:
+    prior = tubed()
+    cuts = removals(Wall(prior), seen(Wall(prior), sampled(ball(), 800, FINE, SEED), FINE))
+    change = max(cuts, key=lambda cut: cut.gain)
+    for spacing in (1.0, 0.5):
+        after = changed(prior, change, spacing)
+        assert after.watertight
+        assert topology(after.vertices, after.faces) == (1, 2)
+        far = after.vertices[:, 0] < 5.0  # the other side of the body is the prior's
+        assert ClosestPoint(prior.vertices, prior.faces).distance(after.vertices[far]).max() < 0.2 * spacing
+
+
+def test_equal_points_make_equal_changes() -> None:
+    points = sampled(tubed(), 400, SIGMA, SEED)
+    first, second = (grown(Wall(ball()), seen(Wall(ball()), points)) for _ in range(2))
+    assert first is not None
+    assert second is not None
+    assert first.gain == second.gain
+    assert (first.region[0] == second.region[0]).all()
+
+
+FRAME = similarity(
+    np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]), np.array([40.0, -10.0, 70.0])
+)
+
+
+def test_a_tube_is_grown_where_it_belongs_though_the_prior_has_a_frame_of_its_own() -> None:
+    prior = ball()
+    truth = tubed().transformed(FRAME)
+    fit = fit_motion(prior.vertices, prior.faces, FRAME, wall(sampled(truth, 400, SIGMA, SEED)))
+    after, made = reshape(fit, spacing=1.0, threshold=THRESHOLD)
+    assert len(made) == 1
+    assert apart(surface(after), truth) < 0.5
+    np.testing.assert_allclose(after.motion(after.motion.vertices), after.vertices, atol=0.1)
+
+
+@pytest.mark.parametrize(
+    "frame",
+    [
+        similarity(np.eye(3), np.array([-100.0, 150.0, 80.0])),
+        similarity(np.array([[2.0, -1.0, 2.0], [2.0, 2.0, -1.0], [-1.0, 2.0, 2.0]]) / 3.0, np.zeros(3)),
+        similarity(np.eye(3), np.zeros(3), 1e-3),
+    ],
+    ids=["shifted", "turned", "in metres"],
+)
+def test_a_tube_is_the_same_in_every_frame_and_unit(frame: Array) -> None:
+    points = sampled(tubed(), 400, SIGMA, SEED)
+    unit = scale_of(frame)
+    here = Wall(ball())
+    there = Wall(ball().transformed(frame))
+    first = grown(here, seen(here, points))
+    second = grown(there, seen(there, apply(frame, points), unit * SIGMA))
+    assert first is not None
+    assert second is not None
+    assert second.gain == pytest.approx(
+        first.gain, abs=1.0
+    )  # of some hundred nats; a search that ends early misses four and more
+    after = changed(ball(), first, 1.0).transformed(frame)
+    same = changed(ball().transformed(frame), second, unit)
+    assert apart(same, after) < 0.1 * unit
+
+
+def test_a_wall_that_the_lattice_would_tear_is_not_judged_on_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Half a shell of radius 16, 1.2 thick. Unchanged it would be torn as well, and a change of the shreds
+    look good.
+    """
+    shell = meshed(
+        lambda at: np.maximum(np.abs(np.linalg.norm(at, axis=1) - 16.0) - 0.6, at[:, 0] - 3.3), 18.0, 0.5
+    )
+    motion = SimpleNamespace(rest=SimpleNamespace(at=shell.vertices), faces=shell.faces)
+    fit = replace(bent_fit(), motion=motion)
+    assert topology(shell.vertices, shell.faces) == (1, 2)
+    monkeypatch.setattr(reshape_module, "_fitted", lambda *_: SimpleNamespace(energy=0.0))
+    monkeypatch.setattr(reshape_module, "_explained", lambda *_: True)
+    change = replace(proposed(np.zeros((3, 3))), region=(ball().vertices, ball().faces))
+    assert len(list(_judged(fit, [change], 0.5))) == 1
+    assert list(_judged(fit, [change], 1.7)) == []
+
+
+def test_points_known_to_be_inside_grow_no_tube() -> None:
+    wall = Wall(ball())
+    measured = seen(wall, sampled(tubed(), 400, SIGMA, SEED))
+    assert grown(wall, measured) is not None
+    inside = replace(
+        measured, likelihood=replace(measured.likelihood, one_sided=measured.points[:, 0] > 14.0)
+    )
+    assert grown(wall, inside) is None
+
+
+def bent_fit() -> MotionFit:
+    """A motion that was fitted, of the order of the noise."""
+    prior = body(3)
+    _, face, bary = spots(prior, 80, 3)
+    moved = prior.vertices + bend(prior, 4_409)
+    return fit_motion(
+        prior.vertices, prior.faces, np.eye(4), wall(np.einsum("nc,ncd->nd", bary, moved[prior.faces[face]]))
+    )
+
+
+def proposed(odd: Array, price: float = 0.0) -> Change:
+    return Change(
+        False, (np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64)), 0.0, price, 5, odd, np.zeros(3)
+    )
+
+
+@pytest.mark.parametrize(("explained", "gains"), [(True, [33.0]), (False, [])])
+def test_a_change_gains_what_the_fit_gains_less_its_price(
+    explained: bool, gains: list[float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    energies = iter([100.0, 60.0])  # without the change, with it
+    monkeypatch.setattr(reshape_module, "_remade", lambda fit, *rest: surface(fit))
+    monkeypatch.setattr(reshape_module, "_fitted", lambda *rest: SimpleNamespace(energy=next(energies)))
+    monkeypatch.setattr(reshape_module, "_explained", lambda change, after: explained)
+    judged = _judged(bent_fit(), [proposed(np.zeros((0, 3)), price=7.0)], 1.0)
+    assert [change.gain for change in judged] == gains
+
+
+def test_a_change_must_run_through_the_points_that_ask_for_it() -> None:
+    fit = bent_fit()
+    at, outward = surface(fit).vertices[::40], surface(fit).vertex_normals[::40]
+    assert _explained(proposed(at), fit)
+    assert not _explained(proposed(at - 6.0 * fit.sigma * outward), fit)
+    assert not _explained(proposed(at[:2]), fit)  # too few to tell
+
+
+def test_what_is_carried_back_lies_where_the_wall_was_before_the_motion() -> None:
+    fit = bent_fit()
+    assert np.linalg.norm(fit.vertices - fit.motion.rest.at, axis=1).mean() > 1.0
+    np.testing.assert_allclose(_back(fit, Wall(surface(fit)), fit.vertices), fit.motion.rest.at, atol=1e-6)
+
+
+def test_points_of_more_noise_are_seen_with_it() -> None:
+    prior = body(3)
+    points = spots(prior, 80, 3)[0] + 0.5 * np.random.default_rng(1).normal(size=(80, 3))
+    data = wall(points, relative=np.where(np.arange(80) < 10, 3.0, 1.0))
+    fit = fit_motion(prior.vertices, prior.faces, np.eye(4), data)
+    np.testing.assert_allclose(
+        _seen(fit, Wall(prior), moved=True).likelihood.sigma, fit.sigma * data.relative
+    )
+
+
+@pytest.mark.parametrize(
+    ("at", "radius", "alone"),
+    [([0.0, 22.0, 0.0], 4.0, True), ([0.0, 14.0, 0.0], 4.0, False), ([28.0, 5.0, 0.0], 5.0, False)],
+    ids=["beside the body", "a bump of it", "a vein out of place"],
+)
+def test_a_tube_is_new_only_where_nothing_is_near(at: list[float], radius: float, alone: bool) -> None:
+    vertices = meshed(round_distance(radius), radius + 2.0, 0.5).vertices + at
+    assert _stands_alone(Wall(tubed()), vertices) == alone
