@@ -122,9 +122,8 @@ def main() -> None:
         help="processes side by side (times are then those of a shared machine)",
     )
     arguments = parser.parse_args()
-    os.environ.update(
-        dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-    )  # for the processes below
+    # for the processes below
+    os.environ.update(dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1"))
     records = _read(arguments.records)
     done = {record["case"] for record in records}
     todo = [listed for listed in find(arguments.folders) if listed.name not in done]

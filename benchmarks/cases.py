@@ -13,9 +13,8 @@ from o3dls.case import Case
 from o3dls.errors import InputError
 from o3dls.io.case_folder import read_case
 
-SEEDED = re.compile(
-    r"(lah|la|(?:jar|star|extra|missing|sparse|beside)_\d+)_(\d+)$"
-)  # groups as benchmarks.accuracy names them
+# groups as benchmarks.accuracy names them
+SEEDED = re.compile(r"(lah|la|(?:jar|star|extra|missing|sparse|beside)_\d+)_(\d+)$")
 
 
 @dataclass(frozen=True, order=True)
@@ -74,8 +73,7 @@ def _in(folder: Path) -> Iterator[Listed]:
             yield Listed(seeded[1], path.name, path, None, int(seeded[2]))
             continue
         yield Listed(path.name, path.name, path)
-        for other in sorted(
-            path.glob("points_*.csv")
-        ):  # the same case with other points, such as noisier ones
+        # the same case with other points, such as noisier ones
+        for other in sorted(path.glob("points_*.csv")):
             name = f"{path.name}+{other.stem.removeprefix('points_')}"
             yield Listed(name, name, path, other)

@@ -37,9 +37,8 @@ def thin_plate(case: Case, pose: Array, *, kernel: str, smoothing: float, reject
     still = STILL * float(np.sqrt(tree.query(points)[0].mean()))
     for _ in range(ROUNDS):
         keep, feet = _believed(tree, points, posed, reject)
-        at, first = np.unique(
-            np.round(feet[keep], 6), axis=0, return_index=True
-        )  # two points with one foot make the system singular
+        # two points with one foot make the system singular
+        at, first = np.unique(np.round(feet[keep], 6), axis=0, return_index=True)
         warp = RBFInterpolator(at, points[keep][first] - at, kernel=kernel, smoothing=smoothing)
         before = moved
         moved = posed.vertices + warp(posed.vertices)
@@ -67,9 +66,8 @@ def nricp_sumner(
     for _ in range(rounds):
         keep, _ = _believed(tree, points, coarse, reject)
         _, face, _, bary = tree.query(points[keep])
-        steps = [
-            [0.0, 1e-3, smooth, landmarks, 0.0]
-        ]  # no correspondences but the points: there is no target surface
+        # no correspondences but the points: there is no target surface
+        steps = [[0.0, 1e-3, smooth, landmarks, 0.0]]
         # trimesh asks for a target all the same; its own vertices, weighted zero, are one
         moved = trimesh.registration.nricp_sumner(
             mesh, moved, (face, bary), points[keep], steps=steps, use_faces=False

@@ -150,9 +150,8 @@ def halving(seed: int, repeat: int) -> list[Row]:
         }
     ]
     v, f = moved.surface.vertices, moved.surface.faces
-    spacing = (
-        float((v.max(axis=0) - v.min(axis=0)).max()) / 120.0
-    )  # with the pad about 128 nodes along the longest side
+    # with the pad about 128 nodes along the longest side
+    spacing = float((v.max(axis=0) - v.min(axis=0)).max()) / 120.0
     seconds, field = timed(lambda: signed_distance(v, f, spacing, 3.0 * spacing), repeat)
     shape = "x".join(map(str, field.band.shape))
     status = f"{len(field.band)} band nodes of {shape}"
@@ -302,9 +301,8 @@ def _apart(part: str, seed: int, repeat: int) -> list[Row]:
                 "status": f"failed: {done.stderr.strip().splitlines()[-1]}",
             }
         ]
-    return [
-        json.loads(line) for line in done.stdout.splitlines() if line.startswith("{")
-    ]  # libraries say things there too
+    # libraries say things there too
+    return [json.loads(line) for line in done.stdout.splitlines() if line.startswith("{")]
 
 
 def _say(rows: list[Row]) -> None:

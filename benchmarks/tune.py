@@ -70,13 +70,14 @@ def tune(cases: list[tuple[Case, Array]], peer: str) -> dict[str, Any]:
 
 
 def _tried(case: Case, pose: Array, peer: str, setting: Mapping[str, Any]) -> float:
+    # a setting that fails has lost, and says so
     try:
         return cost(case, PEERS[peer](case, pose, **setting))
     except (
         np.linalg.LinAlgError,
         ValueError,
         RuntimeError,
-    ) as error:  # a setting that fails has lost, and says so
+    ) as error:
         print(f"{case.name}: {peer} {setting}: {error}", file=sys.stderr)
         return float("inf")
 

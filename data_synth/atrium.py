@@ -27,10 +27,11 @@ VEINS = {
 }
 APPENDAGE = np.array([0.62, -0.65, 0.44])
 MITRAL = np.array([0.34, -0.75, -0.57])
+# of the right atrium, beyond the septum
 OTHER_MIDDLE, OTHER_AXES = (
     np.array([-43.0, -6.0, -8.0]),
     np.array([18.0, 20.0, 24.0]),
-)  # of the right atrium, beyond the septum
+)
 SPACING = 1.5
 SAME = 0.05  # mm: a wall that both surfaces have, vertices are put onto it within a hundredth
 RING_POINTS = 40
@@ -247,11 +248,10 @@ def mapped(
     wall[inside] -= rng.uniform(3.0, 12.0, (len(inside), 1)) * truth.face_normals[touched.face[inside]]
     sd = np.repeat([noise, OSTIUM_SD], [n + burns, len(ostia)])
     xyz = np.vstack([wall, burnt.xyz, *ostia.values()])
+    # it comes over Bachmann's bundle
     electric = {
         "bipolar": sampling.voltage(truth, sampling.sites(rng, truth, 1).xyz[0]),
-        "lat": sampling.activation(
-            truth, truth.vertices[np.argmax(truth.vertices @ [-1.0, -0.5, 1.5])]
-        ),  # it comes over Bachmann's bundle
+        "lat": sampling.activation(truth, truth.vertices[np.argmax(truth.vertices @ [-1.0, -0.5, 1.5])]),
     }
     missing = np.full(len(ostia), np.nan)
     columns = {

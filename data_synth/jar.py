@@ -16,9 +16,10 @@ from .meshing import mesh
 from .motion import bend, then, wobble
 from .shapes import Shape
 
+# radius, z
 WALL = np.array(
     [[12.0, 8], [16, 14], [20, 24], [21, 33], [19, 43], [13, 52], [9, 58], [9, 62], [11, 67], [14, 71]]
-)  # radius, z
+)
 ROUNDING = 1.5
 SPACING = 1.5
 BENT_OVER, SHAKEN_OVER = 60.0, 8.0  # mm

@@ -157,9 +157,8 @@ def _missed(imaged: Shape, beat: moves.Motion, at: tuple[Sites, Sites]) -> list[
     moved = [near(beat(sites.xyz)) for sites in at]
 
     def posed(p: Array, pose: Array) -> Array:
-        return np.asarray(
-            Rotation.from_rotvec(pose[:3] / 20.0).apply(p) + pose[3:]
-        )  # 20 mm: turns and shifts of one size
+        # 20 mm: turns and shifts of one size
+        return np.asarray(Rotation.from_rotvec(pose[:3] / 20.0).apply(p) + pose[3:])
 
     def heights(pose: Array) -> Array:
         return np.asarray(imaged(posed(moved[0], pose)))
@@ -193,9 +192,8 @@ def angiogram(rng: np.random.Generator, scene: Shape, prior: Surface) -> tuple[N
     share = 1.0 / (1.0 + np.exp(np.clip(4.0 * scene(at) / BLUR, -50.0, 50.0)))
     coil = 1.0 - 0.002 * (at[:, 1] - middle[1])
     clean = coil * (TISSUE + (BLOOD - TISSUE) * share)
-    noisy = np.hypot(
-        clean + NOISE * rng.normal(size=len(at)), NOISE * rng.normal(size=len(at))
-    )  # magnitudes: Rice's distribution
+    # magnitudes: Rice's distribution
+    noisy = np.hypot(clean + NOISE * rng.normal(size=len(at)), NOISE * rng.normal(size=len(at)))
     return noisy.reshape(shape[::-1]).astype(np.float32), affine
 
 

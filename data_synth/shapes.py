@@ -33,9 +33,8 @@ def ellipsoid(axes: ArrayLike) -> Shape:
     a = np.asarray(axes, dtype=np.float64)
 
     def distance(p: Array) -> Array:
-        y = np.maximum(
-            np.abs(p), 1e-9 * a.max()
-        )  # by symmetry; never on a plane of symmetry, where the root is double
+        # by symmetry; never on a plane of symmetry, where the root is double
+        y = np.maximum(np.abs(p), 1e-9 * a.max())
         t = (a * y - a**2).max(axis=1)  # one term is 1 here, so the sum is at least that
         for _ in range(8):
             terms = (a * y / (t[:, None] + a**2)) ** 2
@@ -58,9 +57,8 @@ def round_cone(start: ArrayLike, end: ArrayLike, start_radius: float, end_radius
     def distance(p: Array) -> Array:
         along = (p - a) @ (b - a) / length
         beside = np.sqrt(np.maximum(((p - a) ** 2).sum(axis=1) - along**2, 0.0))
-        down = (
-            along * cosine - beside * sine
-        )  # position along the flank, counted from where it leaves the first ball
+        # position along the flank, counted from where it leaves the first ball
+        down = along * cosine - beside * sine
         flank = along * sine + beside * cosine - start_radius
         at_end = np.hypot(along - length, beside) - end_radius
         return np.asarray(

@@ -25,7 +25,7 @@ PUBLIC = {
     "read_points": "io.points",
     "write_points": "io.points",
     "import_study": "io.mapping.study",
-    "convert": "io.conversion",
+    "convert": "runs.conversion",
     "Pipeline": "pipeline.pipeline",
     "read_pipeline": "pipeline.file",
     "default_pipeline": "pipeline.file",

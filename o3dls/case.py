@@ -21,12 +21,13 @@ UNITS = ("mm", "px")
 SPACES = ("LPS", "RAS", "unknown")
 POINT_TYPES = ("eam", "ablation", "landmark", "inside")
 FITTED_TYPES = ("eam", "inside")
+# fields of a result, with the unit behind their names
 OF_A_RUN = (
     "sd",
     "displacement",
     "correction",
     "distance_to_nearest_point",
-)  # fields of a result, with the unit behind their names
+)
 # least relative noise of a point: it holds the surface as firmly as one can, and smaller ones are lost in
 # rounding
 BEST = 0.02
@@ -139,9 +140,8 @@ class Case:
     notes: str = ""
     files: Mapping[str, str] = field(default_factory=dict)  # file name -> sha256
     truth: Truth | None = None
-    phases: tuple[
-        Surface, ...
-    ] = ()  # further surfaces of the same patient in the prior's frame, in order of time
+    # further surfaces of the same patient in the prior's frame, in order of time
+    phases: tuple[Surface, ...] = ()
 
     def __post_init__(self) -> None:
         if self.points.xyz.shape[1:] != (self.dimension,):

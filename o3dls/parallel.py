@@ -19,9 +19,8 @@ from numba.core.event import Event, Listener, install_listener
 
 from .arrays import Array, Ints
 
-THREADS: int = (
-    config.NUMBA_NUM_THREADS
-)  # the cores this process may use, unless the variable of that name says otherwise
+# the cores this process may use, unless the variable of that name says otherwise
+THREADS: int = config.NUMBA_NUM_THREADS
 
 log = logging.getLogger("o3dls")
 

@@ -24,6 +24,7 @@ TOLERANCE = {
     "opencarp": 1e-9,
 }
 SUFFIX = {"carto_vtk": "vtk", "carto_mesh": "mesh", "dif": "xml", "openep": "mat", "opencarp": "pts"}
+# others cannot state one
 SPACE = {
     "ply": "LPS",
     "vtk": "LPS",
@@ -32,7 +33,7 @@ SPACE = {
     "obj": "LPS",
     "stl": "LPS",
     "dif": "LPS",
-}  # others cannot state one
+}
 FIELDS = {
     "ply": "any",
     "vtk": "any",

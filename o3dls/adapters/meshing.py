@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..adapters.self_intersections import self_intersections
 from ..arrays import Array, Ints
 from ..errors import SolverError
-from ..evaluation.validity import self_intersections
 from ..geometry.closest_point import ClosestPoint
 from ..geometry.components import largest_piece, pieces
 from ..geometry.surface import Surface, interpolated
@@ -73,9 +73,8 @@ def isosurface(field: SignedDistance) -> tuple[Array, Ints]:
         return zero_set(field.band, field.phi)
     import open3d as o3d
 
-    box: NDArray[np.float32] = np.ascontiguousarray(
-        field.band.dense(field.phi).T
-    )  # Open3D's tensors are indexed z, y, x
+    # Open3D's tensors are indexed z, y, x
+    box: NDArray[np.float32] = np.ascontiguousarray(field.band.dense(field.phi).T)
     mesh = o3d.t.geometry.TriangleMesh.create_isosurfaces(o3d.core.Tensor.from_numpy(box), [0.0])
     vertices = mesh.vertex.positions.numpy().astype(np.float64) * field.band.spacing + field.band.origin
     return vertices, mesh.triangle.indices.numpy()[:, ::-1]  # Open3D winds towards the smaller values

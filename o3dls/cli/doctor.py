@@ -162,9 +162,8 @@ def _kernel_cache() -> Check:
 
         from ..geometry.closest_point import ClosestPoint
 
-        FunctionCache(
-            ClosestPoint.query
-        )  # looks for a folder that it may write, and raises where there is none
+        # looks for a folder that it may write, and raises where there is none
+        FunctionCache(ClosestPoint.query)
         return ""
 
     return _tried(

@@ -88,7 +88,7 @@ def convert(source: Path, target: Path, **options: Any) -> None:
     """Write a surface, points, named places or a pose in another format; frame and units are said on both
     sides.
     """
-    from ..io.conversion import convert as convert_file
+    from ..runs.conversion import convert as convert_file
 
     for sentence in convert_file(source, target, **options):
         click.echo(sentence)
@@ -152,7 +152,6 @@ def view(run_folder: Path) -> None:
 
     from ..report.window import view as open_window
 
-    signal.signal(
-        signal.SIGTERM, signal.SIG_DFL
-    )  # Open3D's loop does not return to Python, where the command line would hear of it
+    # Open3D's loop does not return to Python, where the command line would hear of it
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
     open_window(run_folder)

@@ -19,9 +19,8 @@ from . import files as cli_files
 from . import runs as cli_runs
 from .words import DONE, INTERNAL, INTERRUPTED, UNREAD, WRONG_INPUT
 
-os.environ.setdefault(
-    "OPENBLAS_NUM_THREADS", "1"
-)  # before numpy: our systems are small, and threads made them ten times slower
+# before numpy: our systems are small, and threads made them ten times slower
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
 class Lines(logging.Formatter):
@@ -43,9 +42,8 @@ def main() -> None:
     logging.getLogger("o3dls").setLevel(logging.INFO)
     signal.signal(signal.SIGTERM, _interrupted)
     if isinstance(sys.stdout, io.TextIOWrapper):
-        sys.stdout.reconfigure(
-            errors="surrogateescape"
-        )  # names of folders may hold bytes that are no text; they go out as they came in
+        # names of folders may hold bytes that are no text; they go out as they came in
+        sys.stdout.reconfigure(errors="surrogateescape")
     sys.exit(answer(sys.argv[1:]))
 
 

@@ -28,13 +28,14 @@ MOST_PROCESS_POINTS = 5000
 LENGTHS = (4.0, 8.0, 16.0, 32.0, 64.0)
 NOISES = (0.01, 0.03, 0.1, 0.3, 1.0)  # of the signal's deviation
 WIDTH = 4.0  # mm: deviation of the Gaussian that averages the data
+# columns and their units
 ELECTRICAL = {
     "bipolar": "mV",
     "unipolar": "mV",
     "lat": "ms",
     "force": "g",
     "impedance": "ohm",
-}  # columns and their units
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,18 +135,16 @@ def _on_circle(
         interpolate(wall, part, surface, width) for part in (np.cos(angle), np.sin(angle))
     )
     first, last = values.min(), values.max()
-    middle = 0.5 * (
-        first + last
-    )  # a full circle around it holds the window, whose ends rounding must not exchange
+    # a full circle around it holds the window, whose ends rounding must not exchange
+    middle = 0.5 * (first + last)
     times = middle + np.mod(np.arctan2(y, x) * cycle / (2 * np.pi) - middle + cycle / 2, cycle) - cycle / 2
     times = np.clip(times, first, last)
     if sd_x is None or sd_y is None:
         return times, None
     length = np.maximum(np.hypot(x, y), 1e-9)
     across = np.hypot(sd_x * y, sd_y * x) / length  # deviation along the tangent of the circle
-    return times, np.minimum(across / length, np.pi / np.sqrt(3)) * cycle / (
-        2 * np.pi
-    )  # never more than of a uniform angle
+    # never more than of a uniform angle
+    return times, np.minimum(across / length, np.pi / np.sqrt(3)) * cycle / (2 * np.pi)
 
 
 def _nearest(wall: Projection, values: Array, surface: Surface, width: float) -> tuple[Array, Array | None]:
@@ -160,9 +159,8 @@ def _gaussian(wall: Projection, values: Array, surface: Surface, width: float) -
 
     found = cKDTree(wall.foot).query(surface.vertices, k=np.arange(1, min(NEIGHBOURS, len(values)) + 1))
     distance, row = np.asarray(found[0]), np.asarray(found[1])
-    weights = np.exp(
-        (distance[:, :1] ** 2 - distance**2) / (2 * width**2)
-    )  # the nearest has weight 1: no underflow
+    # the nearest has weight 1: no underflow
+    weights = np.exp((distance[:, :1] ** 2 - distance**2) / (2 * width**2))
     return (weights * values[row]).sum(axis=1) / weights.sum(axis=1), None
 
 
@@ -177,9 +175,8 @@ def _harmonic(wall: Projection, values: Array, surface: Surface, width: float) -
     k = len(values)
     rows = np.repeat(np.arange(k), surface.dimension)
     sample = coo_array((wall.weights.ravel(), (rows, surface.faces[wall.face].ravel())), shape=(k, n)).tocsr()
-    softness = (
-        width / 10.0
-    ) ** 2  # measured: width 4 mm keeps a smooth field and takes half of independent noise
+    # measured: width 4 mm keeps a smooth field and takes half of independent noise
+    softness = (width / 10.0) ** 2
     mean = values.mean()
     anchor = 1e-9 * diags_array(np.ones(n))  # a piece without any datum rests at the mean
     system = softness * stiffness(surface) + sample.T @ sample + anchor

@@ -24,9 +24,8 @@ def topology(vertices: Array, faces: Ints) -> tuple[int, int]:
     used, renumbered = used_by(len(vertices), faces)
     count = int(pieces(int(used.sum()), renumbered).max(initial=-1)) + 1
     n = int(used.sum())
-    return count, n - (
-        len(faces) // 2 if faces.shape[1] == 3 else len(faces)
-    )  # a triangle has half of three edges
+    # a triangle has half of three edges
+    return count, n - (len(faces) // 2 if faces.shape[1] == 3 else len(faces))
 
 
 def piece_areas(surface: Surface) -> tuple[Ints, Array]:

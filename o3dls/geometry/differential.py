@@ -55,9 +55,8 @@ def stretches(rest: Array, moved: Array, faces: Ints) -> Array:
     )
     if faces.shape[1] == 2:
         return np.asarray(np.sqrt(h[:, 0, 0] / np.maximum(g[:, 0, 0], 1e-300)))
-    area, now = (
-        np.maximum(x[:, 0, 0] * x[:, 1, 1] - x[:, 0, 1] ** 2, 1e-300) for x in (g, h)
-    )  # squared, and four times
+    # squared, and four times
+    area, now = (np.maximum(x[:, 0, 0] * x[:, 1, 1] - x[:, 0, 1] ** 2, 1e-300) for x in (g, h))
     half = 0.5 * (h[:, 0, 0] * g[:, 1, 1] - 2.0 * h[:, 0, 1] * g[:, 0, 1] + h[:, 1, 1] * g[:, 0, 0]) / area
     return np.asarray(np.sqrt(half + np.sqrt(np.maximum(half**2 - now / area, 0.0))))
 

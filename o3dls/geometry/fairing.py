@@ -20,9 +20,8 @@ def fair(vertices: Array, rough: Array, normals: Array) -> Array:
     """
     if vertices.shape[1] == 2:
         return vertices - rough  # a curve that shortens as a whole does not come to cross itself
-    return np.asarray(
-        vertices - (rough * normals).sum(axis=1, keepdims=True) * normals
-    )  # else an uneven mesh drifts along the wall
+    # else an uneven mesh drifts along the wall
+    return np.asarray(vertices - (rough * normals).sum(axis=1, keepdims=True) * normals)
 
 
 def roughness(vertices: Array, faces: Ints, length: float) -> Array:

@@ -87,9 +87,8 @@ def unfold(rest: Array, moved: Array, faces: Ints, rounds: int = 12) -> tuple[Ar
         for _ in range(round((2 + attempt // 2) * finer ** (attempt / (rounds - 1)))):
             patch |= (adjacency @ patch.astype(np.float64)) > 0.0
         patch |= zone
-        patch &= (np.bincount(piece, ~patch) > 0.0)[
-            piece
-        ]  # a piece that has folded as a whole has nothing to continue
+        # a piece that has folded as a whole has nothing to continue
+        patch &= (np.bincount(piece, ~patch) > 0.0)[piece]
         if not (patch & ~zone).any():  # the same faces are turned still: wider around them
             continue
         zone = patch
@@ -109,9 +108,8 @@ def unfold(rest: Array, moved: Array, faces: Ints, rounds: int = 12) -> tuple[Ar
         if turned.sum() < left:
             best = rest + displacement
             left = int(turned.sum())
-        if (
-            left == 0 or turned.sum() > 2 * count + FEW
-        ):  # patches that fold ever more would spread over the whole surface
+        # patches that fold ever more would spread over the whole surface
+        if left == 0 or turned.sum() > 2 * count + FEW:
             break
     return best, count, left
 

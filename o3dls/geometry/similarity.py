@@ -42,9 +42,8 @@ def principal_frame(points: Array) -> Array:
     x = points - points.mean(axis=0)
     axes = np.linalg.eigh(x.T @ x)[1]
     along = x @ axes
-    axes = axes * np.where(
-        (along * along * along).sum(axis=0) < 0.0, -1.0, 1.0
-    )  # a power takes ten times as long
+    # a power takes ten times as long
+    axes = axes * np.where((along * along * along).sum(axis=0) < 0.0, -1.0, 1.0)
     return similarity(axes.T, -points.mean(axis=0) @ axes)
 
 

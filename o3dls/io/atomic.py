@@ -16,11 +16,12 @@ from tempfile import mkdtemp
 
 from ..errors import InputError
 
+# the file that tells each kind of folder of ours
 MARKS = {
     "run": "run.json",
     "case": "case.toml",
     "paper": "paper_results.json",
-}  # the file that tells each kind of folder of ours
+}
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # disk, quota, limit of size: the system names no file
 log = logging.getLogger("o3dls")
 

@@ -132,6 +132,5 @@ def toml_lines(settings: Mapping[str, str | int | float | bool]) -> str:
     DEL.
     """
     text = "".join(f"{key} = {json.dumps(value, ensure_ascii=False)}\n" for key, value in settings.items())
-    return (
-        text.replace("\x7f", "\\u007f").encode("utf-8", "replace").decode("utf-8")
-    )  # names of files may hold bytes that are no text
+    # names of files may hold bytes that are no text
+    return text.replace("\x7f", "\\u007f").encode("utf-8", "replace").decode("utf-8")

@@ -72,9 +72,8 @@ def _json_points(path: Path, item: Mapping[str, Any]) -> Markups:
     """The points of one markup; its own frame and units are honoured, or refused."""
     space, units = item.get("coordinateSystem", "LPS"), item.get("coordinateUnits", "mm")
     units = units[0] if isinstance(units, list) and units else units
-    if space not in ("LPS", "RAS") or units not in tuple(
-        MILLIMETRES
-    ):  # a tuple is searched for what has no hash, too
+    # a tuple is searched for what has no hash, too
+    if space not in ("LPS", "RAS") or units not in tuple(MILLIMETRES):
         raise InputError(
             f"{path}: coordinateSystem '{space}' must be LPS or RAS, coordinateUnits '{units}' one of "
             f"{', '.join(MILLIMETRES)}"

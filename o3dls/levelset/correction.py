@@ -216,9 +216,8 @@ def _newton(wall: Wall, level: Level, measured: Measured, f: Array) -> Array:
     noise, prior = measured.likelihood, level.prior
     distance, corners, weights = wall.look(measured.points)
     rest = distance - measured.bias
-    at_feet = (
-        _rows(corners, weights, level.spread.shape[0]) @ level.spread
-    )  # moving the wall out by 1 shortens a distance by 1
+    # moving the wall out by 1 shortens a distance by 1
+    at_feet = _rows(corners, weights, level.spread.shape[0]) @ level.spread
     slope = prior.slope(f) - at_feet.T @ noise.slope(rest)
     believed = noise.weight(rest) * noise.pull(rest) / noise.sigma**2
 

@@ -66,9 +66,8 @@ def _outward(vertices: Array, faces: Ints, band: Band, phi: Array, cells: Ints, 
     share = np.where(
         outside, 1.0 / outside.sum(axis=1, keepdims=True), -1.0 / (~outside).sum(axis=1, keepdims=True)
     )
-    away = np.einsum(
-        "mv,mvd->md", share, band.positions[rows]
-    )  # from the mean inner to the mean outer corner
+    # from the mean inner to the mean outer corner
+    away = np.einsum("mv,mvd->md", share, band.positions[rows])
     edge = vertices[faces[:, 1]] - vertices[faces[:, 0]]
     if band.dimension == 2:
         normal = np.column_stack([edge[:, 1], -edge[:, 0]])

@@ -65,9 +65,8 @@ def march_simplices(corners, phi, simplices):  # type: ignore[no-untyped-def]
                         for b in range(n_out):
                             u = inside[a]
                             v = outside[b if a == 0 else n_out - 1 - b]
-                            cut[k] = corners[c, min(u, v)] * wide + (
-                                u ^ v
-                            )  # along a rising path the smaller number comes first
+                            # along a rising path the smaller number comes first
+                            cut[k] = corners[c, min(u, v)] * wide + (u ^ v)
                             k += 1
                     for f in range(made):
                         for v in range(size - 1):

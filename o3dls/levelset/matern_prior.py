@@ -33,9 +33,8 @@ class MaternPrior:
     def on(cls, band: Band, length: float, amplitude: float) -> MaternPrior:
         """The prior on a band, scaled so that a field on the surface has standard deviation `amplitude`."""
         surface_dimension = band.dimension - 1
-        order = (
-            2.0 - 0.5 * surface_dimension
-        )  # smoothness nu of the Matern family: 1 on a surface, 3/2 on a curve
+        # smoothness nu of the Matern family: 1 on a surface, 3/2 on a curve
+        order = 2.0 - 0.5 * surface_dimension
         kappa = np.sqrt(8.0 * order) / length
         variance = gamma(order) / (
             gamma(2.0) * (4.0 * np.pi) ** (0.5 * surface_dimension) * kappa ** (2.0 * order)

@@ -28,12 +28,10 @@ JOINT = (
 COARSE = "walls are closer than the lattice tells apart"
 Mesher = Callable[[SignedDistance], tuple[Array, Ints]]
 Crossing = Callable[[Surface], NDArray[np.bool_]]
-CLOSINGS = np.array(
-    [0.5, 1.0, 2.0, 3.0]
-)  # spacings: the least that makes a wall whole which runs into itself
-JOININGS = CLOSINGS[
-    :2
-]  # for what a fold has pinched off, before that goes, and for a correction, before it is halved
+# spacings: the least that makes a wall whole which runs into itself
+CLOSINGS = np.array([0.5, 1.0, 2.0, 3.0])
+# for what a fold has pinched off, before that goes, and for a correction, before it is halved
+JOININGS = CLOSINGS[:2]
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,9 +152,8 @@ def _settled(
     phi = _whole(_band(final, spacing, 0.0, inverted=False), kind)
     if not found.fields:
         return final, phi, ()
-    corrected = _corrected(
-        wall, found.u
-    )  # the wall comes out otherwise without the correction too: then that must do no harm
+    # the wall comes out otherwise without the correction too: then that must do no harm
+    corrected = _corrected(wall, found.u)
     after = _whole(_band(corrected, spacing, 0.0, inverted=False), kind)
     if topology(*mesh(after)) == topology(*mesh(phi)):
         return corrected, after, ()

@@ -49,9 +49,8 @@ def evidence(feet: Array, residual: Array, weight: Array, sigma: Array, doubt: f
     mean = np.bincount(patch, precision * residual[rows]) / total
     scatter = float((precision * (residual[rows] - mean[patch]) ** 2).sum())
     at = np.column_stack([np.bincount(patch, precision * x) / total for x in feet[rows].T])
-    free = float(
-        weight[rows].sum() * (1.0 - len(total) / rows.sum())
-    )  # residuals' degrees of freedom within patches
+    # residuals' degrees of freedom within patches
+    free = float(weight[rows].sum() * (1.0 - len(total) / rows.sum()))
     chosen = (
         np.unique(np.linspace(0, len(total) - 1, MOST).round().astype(int))
         if len(total) > MOST

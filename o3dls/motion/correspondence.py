@@ -210,9 +210,8 @@ def _expected(  # type: ignore[no-untyped-def]
                 if centres[k, 3 * dim + 3] < FINE * sd2[i]:
                     total += _add(axes, means, points, i, centres, k, closest2[i], sd2[i])
                     continue
-                gap, share[1], share[2] = closest_on_face(
-                    x, y, z, corners, k
-                )  # a face large against the noise is seen at its closest point
+                # a face large against the noise is seen at its closest point
+                gap, share[1], share[2] = closest_on_face(x, y, z, corners, k)
                 if gap > limit:
                     continue
                 share[0] = 1.0 - share[1] - share[2]

@@ -26,9 +26,8 @@ MENDINGS = 3  # of the start pose: points that mean no surface have it mended fo
 # them
 ALOOF = 1e6
 MANY_ROUNDS = 8  # with all points, after a fit to some of them
-LIBRARIES = (
-    ThreadpoolController()
-)  # on matrices of a few hundred rows, two threads take three times as long as one
+# on matrices of a few hundred rows, two threads take three times as long as one
+LIBRARIES = ThreadpoolController()
 # one more point moves the surface by a fraction of the noise: a second round would move it by hundredths of
 # that
 WARM_ROUNDS = 1
@@ -71,17 +70,15 @@ def _from_nothing(vertices: Array, faces: Ints, pose: Array, data: Data, setting
             break
         pose = found.pose
     scales = found.scales
-    faired = (
-        smoother(run) if found.share == 1.0 else None
-    )  # points that show no motion show no roughness either
+    # points that show no motion show no roughness either
+    faired = smoother(run) if found.share == 1.0 else None
     if faired is not None:
         other = _without_drawn(_run(Problem.make(vertices, faces, pose, data, settings, faired)))
         if other.energy < run.energy:
             run = other
             scales = other.state.scales
-    run = replace(
-        run, state=replace(run.state, scales=scales), moving=found.share * run.moving
-    )  # what is not shown need not stand still
+    # what is not shown need not stand still
+    run = replace(run, state=replace(run.state, scales=scales), moving=found.share * run.moving)
     return run.result(found.share, found.alone, settings.tolerance * run.problem.size)
 
 
@@ -160,7 +157,6 @@ def _run(problem: Problem, state: State | None = None, first: int = 0) -> Run:
         trace.append(record)
         if iteration > max(settings.tune_at) and record["step"] < settings.tolerance * problem.size:
             break
-    along = ((state.moved - at) * vertex_normals(at, problem.faces)).sum(
-        axis=1
-    )  # vertices may slide along a surface that stands still
+    # vertices may slide along a surface that stands still
+    along = ((state.moved - at) * vertex_normals(at, problem.faces)).sum(axis=1)
     return Run(problem, state, solved, trace, float(np.abs(along).mean()))

@@ -19,9 +19,8 @@ from .observations import Rows
 
 FLAT = 0.1  # nats per factor e of an amplitude or a noise level: less decides nothing
 FARTHEST = 100.0  # logarithms: a longer step leads to what is no number
-Terms = tuple[
-    float, list[float], Array
-]  # -log evidence, its slopes along the logarithms of amplitudes, and of each row's noise (n,)
+# -log evidence, its slopes along the logarithms of amplitudes, and of each row's noise (n,)
+Terms = tuple[float, list[float], Array]
 
 
 @dataclass(frozen=True)

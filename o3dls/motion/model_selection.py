@@ -17,10 +17,11 @@ from .observations import points_left_out
 from .problem import LATE, Faired, Problem, Run
 from .result import State
 
+# a motion this probable is a motion; a pose better by so many nats is the pose
 CERTAIN, DECISIVE = (
     0.999,
     10.0,
-)  # a motion this probable is a motion; a pose better by so many nats is the pose
+)
 GLIMPSE_ROUNDS = 2  # the first one still has the feet of the rougher surface
 ALONE_ROUNDS = 12
 STEADY = 0.5  # points: total change of belief in a round
@@ -115,9 +116,8 @@ def _pose_alone(problem: Problem, free: float, clear: float) -> _Alone:
             state.weights, residual, contact, scales.noises
         )
         steady = np.abs(weights - state.weights).sum() < STEADY
-        similarity = fit_similarity(
-            rest, rest + features @ (posterior.alpha @ seen)
-        )  # a rotation by small angles would swell the prior
+        # a rotation by small angles would swell the prior
+        similarity = fit_similarity(rest, rest + features @ (posterior.alpha @ seen))
         state = replace(
             state, feet_on=apply(similarity, rest), scales=scales, weights=weights, contact=contact
         )
@@ -138,14 +138,12 @@ def smoother(run: Run) -> Faired | None:
     at = run.problem.rest.at
     found = list[tuple[float, float, Array]]()
     most = run.energy + settings.fairing_nats
-    normals = vertex_normals(
-        at - problem.rough, problem.faces
-    )  # a smooth wall's: along its own, one of stairs folds at every step
+    # a smooth wall's: along its own, one of stairs folds at every step
+    normals = vertex_normals(at - problem.rough, problem.faces)
     for length in sorted(problem.size * x for x in settings.fairing):
         smooth = fair(at, roughness(at, problem.faces, length), normals)
-        if (
-            not found and _glimpse(problem, run.state, smooth) > most
-        ):  # most walls end here, before folds take their time
+        # most walls end here, before folds take their time
+        if not found and _glimpse(problem, run.state, smooth) > most:
             return None
         smooth = unfold(at, smooth, problem.faces)[0]  # parts thinner than the length have folded
         found.append((_glimpse(problem, run.state, smooth), length, smooth))

@@ -46,10 +46,11 @@ LATE = 1000  # number of a round that continues an earlier fit
 SETTLED = 5  # rounds in which amplitudes grow and noise shrinks: steps are large on purpose
 
 
+# share of noise in the residuals of the start: at first, and the most, since some motion there is
 NOISE, MOST_NOISE = (
     0.7,
     0.95,
-)  # share of noise in the residuals of the start: at first, and the most, since some motion there is
+)
 
 
 # the posterior takes feet, normals and amplitudes as known: measured on development seeds, docs/method.md
@@ -242,9 +243,8 @@ class Problem:
         )
         outside = (residual[~wall] > 0.0) & (belief > 0.5)
         weights[~wall] = belief * say(self.data.points[~wall], outside, self.size)
-        weights[~wall] = (
-            state.weights[~wall] + state.damping * (weights - state.weights)[~wall]
-        )  # points at the wall come and go
+        # points at the wall come and go
+        weights[~wall] = state.weights[~wall] + state.damping * (weights - state.weights)[~wall]
         return weights, contact
 
     def label_energy(self, weights: Array, residual: Array, contact: Contact, noises: Array) -> float:

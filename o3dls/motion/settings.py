@@ -25,11 +25,12 @@ class Settings:
         0.6  # of one that changes from bottom to top, where that is known: others are then half as large
     )
     broad: float = 0.2  # rms radii: the field's normals do not follow bumps shorter than this
+    # rms radii: bumps shorter than one of these may be roughness of the prior; they
     fairing: tuple[float, ...] = (
         0.35,
         0.5,
         0.6,
-    )  # rms radii: bumps shorter than one of these may be roughness of the prior; they
+    )
     fairing_nats: float = 3.0  # go where the evidence prefers it by so much
     unfold: bool = True  # mend faces that a steep field turned over
     strain: float = (

@@ -17,10 +17,11 @@ from .problem import Problem, Run
 from .result import State
 
 WON = 5  # points off the wall at the start that may touch it after the motion, and nothing is asked
+# a wall so much longer, on that share of its area, is drawn; 0.015 is the most among good fits
 LONGER, TORN = (
     2.0,
     0.03,
-)  # a wall so much longer, on that share of its area, is drawn; 0.015 is the most among good fits
+)
 STRAIN = (
     0.15  # sd of the logarithm of how much longer a wall gets, in patches of the shortest correlation length
 )

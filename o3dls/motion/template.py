@@ -57,9 +57,8 @@ class Template:
         if len(self.coefficients) < 4:
             return np.full(self.coefficients.shape[1], FEW)
         bend = self.coefficients[1:-1] - (self.coefficients[:-2] + self.coefficients[2:]) / 2.0
-        return np.asarray(
-            np.sqrt((bend**2).mean(axis=0) / 1.5) + 1e-3
-        )  # a phase's own deviation has 1 / 1.5 of that variance
+        # a phase's own deviation has 1 / 1.5 of that variance
+        return np.asarray(np.sqrt((bend**2).mean(axis=0) / 1.5) + 1e-3)
 
     def between(self, c: Array) -> float:
         """Place on the way through the phases nearest to coefficients (k,): 2.25 is a quarter of the way from

@@ -30,9 +30,8 @@ def apart(points: Points, size: float) -> float:
     radii = size * np.outer([1.0, WIDER], NEAR)
     pairs = np.empty(2 * len(NEAR))
     order = np.argsort(radii.ravel())
-    pairs[order] = (
-        tree.count_neighbors(tree, radii.ravel()[order]) - tree.n
-    ) / 2.0  # of all radii in one pass
+    # of all radii in one pass
+    pairs[order] = (tree.count_neighbors(tree, radii.ravel()[order]) - tree.n) / 2.0
     near, wide = pairs.reshape(radii.shape)
     by_chance = (wide - near) / (WIDER ** (points.xyz.shape[1] - 1) - 1.0)
     return float(radii[0, near > CHANCE * by_chance + SIGMAS * by_chance**0.5 + PAIRS].max(initial=0.0))
@@ -54,9 +53,8 @@ def places(points: Points, within: float) -> tuple[Ints, Ints]:
     pairs = cKDTree(_by_type(kept, within)).query_pairs(within, output_type="ndarray")
     pairs = pairs[kept.type[pairs[:, 0]] != "inside"]
     leader = np.arange(len(rows))
-    for one, other in pairs[
-        np.lexsort(pairs.T)
-    ].tolist():  # by the later point, so that the earlier one's place is known
+    # by the later point, so that the earlier one's place is known
+    for one, other in pairs[np.lexsort(pairs.T)].tolist():
         if leader[one] == one and leader[other] == other:
             leader[other] = one
     leaders, place = np.unique(leader, return_inverse=True)

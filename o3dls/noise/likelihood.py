@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 
 from ..arrays import Array
 
+# how far outliers scatter, in rms radii of the prior: 15 and 30 mm for an atrium
 INNER_DEPTH, OUTER_REACH = (
     0.6,
     1.2,
-)  # how far outliers scatter, in rms radii of the prior: 15 and 30 mm for an atrium
+)
 
 
 @dataclass(frozen=True, eq=False)

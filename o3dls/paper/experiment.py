@@ -11,12 +11,13 @@ from typing import Any
 
 import numpy as np
 
+from ..adapters.self_intersections import self_intersections
 from ..arrays import Array
 from ..case import Case
 from ..errors import InputError
 from ..estimate import Estimate
 from ..evaluation.distances import distances, measure
-from ..evaluation.validity import components, flipped_faces, self_intersections
+from ..evaluation.validity import components, flipped_faces
 from ..geometry.surface import Surface
 from ..pipeline.pipeline import Pipeline
 

@@ -23,6 +23,7 @@ from .drawing import COLOURS
 from .experiment import Outcome, Row, Scope, Task, mean_sd, score
 from .results import Results, column
 
+# weight of the prior against the data: the data weight is its inverse
 ALPHAS = (
     1.0,
     0.3,
@@ -31,7 +32,7 @@ ALPHAS = (
     0.01,
     0.003,
     0.001,
-)  # weight of the prior against the data: the data weight is its inverse
+)
 SPACING = 2.0
 COARSE, FINE = Deform().vector  # correlation lengths of T
 EQUAL: dict[str, Any] = {"data": 1.0, "area": 1.0, "shape": 1.0}

@@ -117,9 +117,8 @@ class _Job:
                     warnings,
                 )
             except SystemExit:
-                os._exit(
-                    1
-                )  # told to end: the pool would take it for the case's error, and go on with the next
+                # told to end: the pool would take it for the case's error, and go on with the next
+                os._exit(1)
         return Outcome(self.out.name, score_rows(run), run.faults, None, warnings)
 
     def _run(self) -> Run:

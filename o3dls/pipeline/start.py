@@ -174,9 +174,8 @@ def _stray(case: Case, points: Array) -> str:
 def _far(case: Case, start: Estimate, points: Array) -> str:
     from scipy.spatial import cKDTree
 
-    gap = float(
-        np.median(cKDTree(start.surface.vertices).query(points)[0])
-    )  # near enough to the wall, without compiled loops
+    # near enough to the wall, without compiled loops
+    gap = float(np.median(cKDTree(start.surface.vertices).query(points)[0]))
     size = case.prior.diagonal
     unit = case.units
     if gap <= FARTHEST * size:

@@ -48,9 +48,8 @@ def mistakes(plugin: type[BaseModel], error: ValidationError) -> list[str]:
     """One sentence per mistake, such as `icp.tolerance = -1.0 mm: must be a number within [0, inf) mm`."""
     owner = str(getattr(plugin, "name", plugin.__name__))
     details = error.errors(include_url=False)
-    inside = {
-        detail["loc"][0] for detail in details if len(detail["loc"]) > 1
-    }  # a list with a wrong entry is also said to be too short
+    # a list with a wrong entry is also said to be too short
+    inside = {detail["loc"][0] for detail in details if len(detail["loc"]) > 1}
     told = [detail for detail in details if len(detail["loc"]) != 1 or detail["loc"][0] not in inside]
     return list(dict.fromkeys(_sentence(plugin, owner, detail) for detail in told))
 

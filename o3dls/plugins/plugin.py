@@ -18,10 +18,11 @@ if TYPE_CHECKING:
     pass
 
 
+# entry points of each kind of table in a pipeline file
 GROUPS = {
     "stage": "o3dls.stages",
     "write": "o3dls.writers",
-}  # entry points of each kind of table in a pipeline file
+}
 
 
 class Plugin(BaseModel, ABC):

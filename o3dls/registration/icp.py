@@ -111,9 +111,8 @@ def align(
         if trace[-1]["step"] <= criteria.tolerance and loosening == 1.0:
             converged = True
             break
-        if _turns_back(
-            last, moved
-        ):  # a point that hops between two walls: the minimum is the kink between them
+        # a point that hops between two walls: the minimum is the kink between them
+        if _turns_back(last, moved):
             share *= 0.5
     return Alignment(T_map_prior, pairs, _weights(metric(pairs), rules, belief, 1.0), tuple(trace), converged)
 

@@ -88,9 +88,8 @@ def spectrum(
     lengths, axes = _principal_axes(vertices @ linear.T)
     found = []
     for value, vector in zip(values, vectors.T, strict=True):
-        sd = float(
-            min(noise / np.sqrt(max(value, 1e-300)), radius)
-        )  # beyond its own size a motion has no meaning
+        # beyond its own size a motion has no meaning
+        sd = float(min(noise / np.sqrt(max(value, 1e-300)), radius))
         twist = sd * units * vector
         log_scale = float(twist[-1]) if scale else 0.0
         found.append(

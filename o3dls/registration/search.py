@@ -180,9 +180,8 @@ def _normal_equations(points, linear, shift, phi, low, spacing, width, hessian, 
         cost += ratio / (1.0 + ratio)
         row[0], row[1], row[2] = gx, gy, gz
         row[3], row[4], row[5] = y * gz - z * gy, z * gx - x * gz, x * gy - y * gx
-        row[6] = (
-            x * gx + y * gy + z * gz - value
-        )  # distances shrink with the points: judged in the map, not in the prior frame
+        # distances shrink with the points: judged in the map, not in the prior frame
+        row[6] = x * gx + y * gy + z * gz - value
         for a in range(7):
             gradient[a] -= weight * row[a] * value
             for b in range(a + 1):

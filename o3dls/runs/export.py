@@ -147,9 +147,8 @@ class Export(Writer):
         from ..io.meshes.registry import read_surface
 
         name = self.estimate or run.final
-        surface = read_surface(
-            folder / "estimates" / name / "surface.ply"
-        )  # with the fields that the run has just computed
+        # with the fields that the run has just computed
+        surface = read_surface(folder / "estimates" / name / "surface.ply")
         self.write(surface, run, name, folder / "export" / file_name(name, self.format))
 
     def write(self, surface: Surface, run: Run, name: str, path: Path) -> None:
@@ -194,23 +193,21 @@ class Export(Writer):
         if self.format.startswith(("phi", "mask")):
             return self._write_volume(surface, path, space)
         write_surface(path, surface, space=space, units=units, format=self.format)
-        return counts | {
-            "fields": sorted(read_surface(path).fields)
-        }  # a format may hold fewer than the surface has
+        # a format may hold fewer than the surface has
+        return counts | {"fields": sorted(read_surface(path).fields)}
 
     def _small_enough(self, surface: Surface) -> Surface:
         """Decimated to `faces`, and to what an importing system takes."""
-        from ..io.conversion import decimated
         from ..io.meshes.dif import LIMITS
+        from ..runs.conversion import decimated
 
         most = min(
             self.faces or len(surface.faces),
             LIMITS["triangles"] if self.format == "dif" else len(surface.faces),
         )
         if self.format == "dif" and len(surface.vertices) > LIMITS["vertices"]:
-            most = min(
-                most, 2 * LIMITS["vertices"] - 4
-            )  # Euler: a closed surface has two triangles per vertex, and two vertices more
+            # Euler: a closed surface has two triangles per vertex, and two vertices more
+            most = min(most, 2 * LIMITS["vertices"] - 4)
         return decimated(surface, most) if most < len(surface.faces) else surface
 
     def _write_carto(self, surface: Surface, path: Path) -> dict[str, Any]:

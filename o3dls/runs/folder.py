@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from ..pipeline.pipeline import Pipeline
 
 SCHEMA = "o3dls/run/1"
+# what a run is; the rest can be made again
 OWN = (
     "run.json",
     "scores.csv",
@@ -38,7 +39,7 @@ OWN = (
     "held_out.csv",
     "case",
     "estimates",
-)  # what a run is; the rest can be made again
+)
 log = logging.getLogger("o3dls")
 
 
@@ -255,9 +256,8 @@ def write_rows(path: Path, rows: Any) -> None:
 
 def _cell(value: Any) -> Any:
     if isinstance(value, str):
-        return value.encode("utf-8", "replace").decode(
-            "utf-8"
-        )  # names of folders may hold bytes that are no text
+        # names of folders may hold bytes that are no text
+        return value.encode("utf-8", "replace").decode("utf-8")
     return "" if value is None else value.item() if isinstance(value, np.generic) else value
 
 

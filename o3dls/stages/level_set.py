@@ -75,7 +75,7 @@ class LevelSet(Stage):
 
     def __call__(self, case: Case, start: Estimate) -> Estimate:
         from ..adapters.meshing import carry_fields, extract
-        from ..evaluation.validity import crossing
+        from ..adapters.self_intersections import crossing
         from ..levelset.isosurface import reinitialise
 
         if not (case.points.type == "eam").any():
@@ -93,9 +93,8 @@ class LevelSet(Stage):
             islands=reached.islands,
             smallest=reached.smallest,
         )
-        if (
-            case.dimension == 2 and reached.unchanged
-        ):  # a polyline needs no repair, and a lattice would cut its tips
+        # a polyline needs no repair, and a lattice would cut its tips
+        if case.dimension == 2 and reached.unchanged:
             mesh = replace(mesh, surface=reached.wall)
             reached = replace(reached, phi=self._distance(reached.wall), warnings=())
         elif reached.warnings:  # closed or cut, phi is no distance where it was
@@ -204,15 +203,14 @@ class LevelSet(Stage):
         surface = carry_fields(start.surface, Surface(fit.vertices, fit.motion.faces))
         surface = replace(surface, fields={**surface.fields, f"sd_{case.units}": fit.sd})
         found = replace(start, surface=surface, sigma=fit.sigma, weights=fit.weights, fit=fit)
-        if (
-            start.motion is start.fit.motion
-        ):  # a motion that begins earlier, as that of `phases`, stays what it was
+        # a motion that begins earlier, as that of `phases`, stays what it was
+        if start.motion is start.fit.motion:
             found = replace(found, T_map_prior=fit.similarity, motion=fit.motion)
         return found, [change.sentence for change in changes]
 
     def _by_default(self, case: Case, start: Estimate) -> Reached:
         from ..adapters.meshing import isosurface
-        from ..evaluation.validity import crossing
+        from ..adapters.self_intersections import crossing
         from ..geometry.fold_repair import uncrossed
         from ..levelset.correction import Limits
         from ..levelset.refine import reach

@@ -146,9 +146,8 @@ def _fitted(fit: MotionFit, posed: Surface, data: Data, settings: Settings) -> M
     """The motion of what the prior was made into."""
     motion = fit.motion
     prior = apply(np.asarray(np.linalg.inv(motion.T_map_prior)), posed.vertices)
-    depth = (
-        settings.depth * fit.problem.size / rms_radius(posed.vertices)
-    )  # in mm: points float as deep in whatever prior
+    # in mm: points float as deep in whatever prior
+    depth = settings.depth * fit.problem.size / rms_radius(posed.vertices)
     return fit_motion(
         prior, posed.faces, motion.T_map_prior, data, replace(settings, fairing=(), depth=depth)
     )

@@ -21,10 +21,11 @@ from .cuts import parts
 
 FAR = 2.0  # noise levels off the surface from which a point asks for a tube
 LINK = 0.6  # points closer than this, in radii of the body, may trace one tube
+# radius of a tube in radii of the body (a vein of 5.5 mm on a body of 16 mm), and the sd of its logarithm
 TYPICAL, SPREAD = (
     0.35,
     0.35,
-)  # radius of a tube in radii of the body (a vein of 5.5 mm on a body of 16 mm), and the sd of its logarithm
+)
 UNEVEN = 0.15  # sd of the logarithm of one end's radius over the other's
 SEEDS = 3  # far points that start a tube; nearer ones join in
 TRACED = 5  # points that must trace a tube: it has eight numbers to be fitted

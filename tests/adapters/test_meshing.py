@@ -9,9 +9,10 @@ import pytest
 from shapes import ball_with_tube, circle, meshed, round_distance, torus
 
 from o3dls.adapters.meshing import _clean, carry_fields, extract, isosurface
+from o3dls.adapters.self_intersections import self_intersections
 from o3dls.errors import SolverError
 from o3dls.evaluation.distances import distances
-from o3dls.evaluation.validity import self_intersections, validity
+from o3dls.evaluation.validity import validity
 from o3dls.geometry.surface import Surface
 from o3dls.levelset.distance import SignedDistance, signed_distance
 from o3dls.levelset.refine import topology

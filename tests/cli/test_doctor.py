@@ -92,9 +92,8 @@ def test_nothing_installed_has_no_plugins(monkeypatch: pytest.MonkeyPatch) -> No
 def test_a_kernel_cache_that_cannot_be_written(monkeypatch: pytest.MonkeyPatch) -> None:
     from numba.core import caching
 
-    monkeypatch.setattr(
-        caching.CacheImpl, "_locator_classes", []
-    )  # as where neither the package's folder nor the home may be written
+    # as where neither the package's folder nor the home may be written
+    monkeypatch.setattr(caching.CacheImpl, "_locator_classes", [])
     check = doctor._kernel_cache()
     assert "no locator available" in check.found
     assert check.mend.startswith("export NUMBA_CACHE_DIR=")

@@ -140,9 +140,8 @@ def test_wobble_has_the_size_and_length_it_is_asked_for() -> None:
     step = np.array([1e-3, 0.0, 0.0])
     slope = (moved(points + step) - points - step - shift) / 1e-3
     assert shift.std() == pytest.approx(0.5, rel=0.15)
-    assert slope.std() == pytest.approx(
-        0.5 / 6.0, rel=0.25
-    )  # of a squared-exponential field; 200 waves have no even share of directions
+    # of a squared-exponential field; 200 waves have no even share of directions
+    assert slope.std() == pytest.approx(0.5 / 6.0, rel=0.25)
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
@@ -160,9 +159,8 @@ def test_a_blend_is_the_other_motion_at_a_centre_and_the_one_far_away() -> None:
     def shifted(p):
         return p + np.array([0.0, 0.0, 2.0])
 
-    blended = motion.blend(
-        still, shifted, 1.0, np.zeros((3, 3)), 5.0
-    )  # three centres in one place: wholly the other's
+    # three centres in one place: wholly the other's
+    blended = motion.blend(still, shifted, 1.0, np.zeros((3, 3)), 5.0)
     assert blended(np.array([[0.0, 0.0, 0.0], [50.0, 0.0, 0.0]])) == pytest.approx(
         np.array([[0.0, 0.0, 2.0], [50.0, 0.0, 0.0]]), abs=0.02
     )
@@ -243,9 +241,8 @@ def test_noise_and_outliers_are_as_asked(case: Case) -> None:
     eam = case.points.type == "eam"
     assert inside.sum() == round(0.06 * 400)
     away = distances(case.points.xyz, truth(case))
-    assert np.sqrt((away[eam & ~inside] ** 2).mean()) == pytest.approx(
-        1.3, rel=0.1
-    )  # of three axes one is across the wall
+    # of three axes one is across the wall
+    assert np.sqrt((away[eam & ~inside] ** 2).mean()) == pytest.approx(1.3, rel=0.1)
     assert np.median(away[inside]) > 3.0
 
 
@@ -288,9 +285,8 @@ def test_the_moved_shape_is_the_truth(case: Case) -> None:
     streams = np.random.default_rng((SEED, 6871)).spawn(5)
     body = anatomy(streams[1])
     imaged = mesh(body.shape, (-50, -45, -42), (50, 45, 48), 1.5)
-    assert (
-        np.abs(body.shape(imaged.vertices)).max() < 1e-2
-    )  # blends have no unit gradient: Newton's last step is small, not nothing
+    # blends have no unit gradient: Newton's last step is small, not nothing
+    assert np.abs(body.shape(imaged.vertices)).max() < 1e-2
     assert heartbeat(streams[2], body, 1.0)(imaged.vertices) == pytest.approx(truth(case).vertices)
 
 

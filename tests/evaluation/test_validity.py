@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from tiny import sphere
 
-from o3dls.evaluation.validity import components, euler, faults, flipped_faces, self_intersections, validity
+from o3dls.adapters.self_intersections import self_intersections
+from o3dls.evaluation.validity import components, euler, faults, flipped_faces, validity
 from o3dls.geometry.surface import Surface, outline
 from o3dls.io.images.labels import mask_surface
 
@@ -45,9 +46,8 @@ def test_euler_number_and_components_count_handles_and_pieces() -> None:
     pair = together(sphere(), sphere().with_vertices(sphere().vertices + 100.0))
     assert (components(pair), euler(pair)) == (2, 4)
     assert euler(Surface(sphere().vertices, sphere().faces[1:])) == 1
-    assert (
-        components(Surface(np.vstack([sphere().vertices, [[99.0, 0, 0]]]), sphere().faces)) == 1
-    )  # a vertex without a face
+    # a vertex without a face
+    assert components(Surface(np.vstack([sphere().vertices, [[99.0, 0, 0]]]), sphere().faces)) == 1
 
 
 def test_overlapping_spheres_intersect_and_separate_ones_do_not() -> None:

@@ -39,14 +39,14 @@ def brute(points: np.ndarray, surface: Surface) -> np.ndarray:
 def test_agrees_with_dense_sampling_also_where_it_moved(surface: Surface) -> None:
     rng = np.random.default_rng(84213)
     points = rng.normal(size=(12, surface.dimension)) * 2
-    moved = surface.with_vertices(
-        surface.vertices[:, ::-1] * 1.7 + 0.3
-    )  # neighbours stay, boxes change wholly
+    # neighbours stay, boxes change wholly
+    moved = surface.with_vertices(surface.vertices[:, ::-1] * 1.7 + 0.3)
     at_rest = ClosestPoint(surface.vertices, surface.faces)
+    # which has stayed where it was
     for target, tree in (
         (moved, at_rest.at(moved.vertices)),
         (surface, at_rest),
-    ):  # which has stayed where it was
+    ):
         squared, face, foot, weights = tree.query(points)
         np.testing.assert_allclose(
             np.einsum("kc,kcd->kd", weights, target.vertices[target.faces[face]]), foot, atol=1e-12
@@ -54,9 +54,8 @@ def test_agrees_with_dense_sampling_also_where_it_moved(surface: Surface) -> Non
         np.testing.assert_allclose(np.linalg.norm(points - foot, axis=1), np.sqrt(squared), atol=1e-12)
         sampled = brute(points, target)
         assert (np.sqrt(squared) <= sampled + 1e-12).all()
-        np.testing.assert_allclose(
-            np.sqrt(squared), sampled, atol=0.02
-        )  # half a sampling step of the coarsest face
+        # half a sampling step of the coarsest face
+        np.testing.assert_allclose(np.sqrt(squared), sampled, atol=0.02)
 
 
 def test_bound_and_points_on_the_surface() -> None:

@@ -96,9 +96,8 @@ def test_slivers_of_a_lattice_become_triangles_on_the_same_surface() -> None:
 
     even = evened(sphere.vertices, sphere.faces)
     assert shortest(even) > 2.0 * shortest(sphere.vertices)
-    assert (
-        np.abs(np.linalg.norm(even, axis=1) - 8.3).max() < 0.1
-    )  # chords of edges of 1 mm lie 0.02 inside: a few times that
+    # chords of edges of 1 mm lie 0.02 inside: a few times that
+    assert np.abs(np.linalg.norm(even, axis=1) - 8.3).max() < 0.1
 
 
 @pytest.mark.parametrize("dimension", [2, 3])

@@ -55,13 +55,11 @@ def test_bumps_go_and_the_body_stays(dimension: int) -> None:
     heights = 0.3 * bumps(plain, 0.6 * LENGTH)
     bare = shift(plain, LENGTH)
     moved = shift(raised(plain, heights), LENGTH)
-    assert (
-        np.corrcoef(moved - bare, -heights)[0, 1] > 0.88
-    )  # a wave that runs across the wall is long along it, and stays
+    # a wave that runs across the wall is long along it, and stays
+    assert np.corrcoef(moved - bare, -heights)[0, 1] > 0.88
     assert np.linalg.norm(moved - bare + heights) < 0.5 * np.linalg.norm(heights)
-    assert (
-        np.abs(bare).max() < (LENGTH / SIZE) ** 4 * SIZE
-    )  # a ball of radius R: each pass takes (d - 1) (length / R)^2 / 2 at most
+    # a ball of radius R: each pass takes (d - 1) (length / R)^2 / 2 at most
+    assert np.abs(bare).max() < (LENGTH / SIZE) ** 4 * SIZE
 
 
 @DIMENSIONS
@@ -119,9 +117,8 @@ def test_the_motion_of_a_smoothed_prior_is_that_of_its_vertices() -> None:
     rough = raised(plain, 0.03 * SIZE * bumps(plain, 0.7 * LENGTH))
     fit = fit_motion(rough.vertices, rough.faces, np.eye(4), wall(sampled(plain, 0.01 * SIZE)))
     assert fit.facts["faired"] > 0.0
-    np.testing.assert_allclose(
-        fit.motion(rough.vertices), fit.vertices, atol=0.003 * SIZE
-    )  # interpolated between nodes
+    # interpolated between nodes
+    np.testing.assert_allclose(fit.motion(rough.vertices), fit.vertices, atol=0.003 * SIZE)
 
 
 def smoothed(surface: Surface, length: float) -> Array:
@@ -174,13 +171,14 @@ def test_a_rough_prior_hardly_folds_along_the_normals_of_a_smooth_wall(
     assert along < 0.05 * own
 
 
+# of the shortest as it is, which may have folded; then, mended, from the shortest on
 @pytest.mark.parametrize(
     ("energies", "length"),
     [
         (
             [101.0, 95.0, 94.0, 93.0],
             0.6,
-        ),  # of the shortest as it is, which may have folded; then, mended, from the shortest on
+        ),
         ([96.0, 92.0, 94.0, 93.0], 0.35),
         ([102.5, 101.0, 102.5, 96.0], 0.6),  # a loss of less than three nats may be one of chance
         ([96.0, 95.0, 104.0], None),

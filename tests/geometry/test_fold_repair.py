@@ -25,9 +25,8 @@ def pushed_through(surface: Surface, at: Array, depth: float, width: float) -> A
 def test_a_fold_is_mended_where_it_is_and_counted(dimension: int) -> None:
     surface = body(dimension, fineness=5)
     at = surface.vertices[17]
-    moved = pushed_through(
-        surface, at, 2.2, 0.16 * SIZE
-    )  # past the middle: the surface there comes out on the other side
+    # past the middle: the surface there comes out on the other side
+    moved = pushed_through(surface, at, 2.2, 0.16 * SIZE)
     mended, count, left = unfold(surface.vertices, moved, surface.faces)
     assert left == 0
     before = surface.face_normals
@@ -72,9 +71,8 @@ def test_mending_never_leaves_more_folds_than_there_were() -> None:
     than it mends.
     """
     ball = body(3, fineness=5)
-    rest = ball.vertices + 0.03 * SIZE * np.random.default_rng(8).normal(
-        size=ball.vertices.shape
-    )  # half of an edge
+    # half of an edge
+    rest = ball.vertices + 0.03 * SIZE * np.random.default_rng(8).normal(size=ball.vertices.shape)
     near = np.exp(-0.5 * ((rest - ball.vertices[17]) ** 2).sum(axis=1) / (0.25 * SIZE) ** 2)
     moved = rest + near[:, None] * 0.2 * SIZE * np.array([1.0, -1.0, 0.5])
     mended, count, left = unfold(rest, moved, ball.faces)

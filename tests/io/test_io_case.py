@@ -267,9 +267,8 @@ def test_files_for_evaluation_are_turned_into_the_frame_of_the_points(tmp_path: 
     np.testing.assert_array_equal(turned.surface.vertices, truth.surface.vertices * [-1, -1, 1])
     np.testing.assert_array_equal(turned.held_out, truth.held_out * [-1, -1, 1])
     np.testing.assert_array_equal(turned.correspondence[1], truth.correspondence[1] * [-1, -1, 1])
-    np.testing.assert_array_equal(
-        turned.correspondence[0], truth.correspondence[0]
-    )  # the prior's side; its frame is not stated
+    # the prior's side; its frame is not stated
+    np.testing.assert_array_equal(turned.correspondence[0], truth.correspondence[0])
 
 
 def test_numbers_of_unknown_columns_keep_their_value_or_stay_text(tmp_path: Path) -> None:
@@ -295,11 +294,12 @@ def test_undeclared_metres_are_asked_about(tmp_path: Path) -> None:
         read_case(tmp_path / "c")
     write_points(tmp_path / "c/points.csv", points())
     write_surface(tmp_path / "c/prior.ply", cube(0.06), units="unknown")
+    # edge of the cube: its diagonal is 1.7 times as long
     for size, unit in (
         (0.06, "m"),
         (2.0, "in"),
         (6.0, "cm"),
-    ):  # edge of the cube: its diagonal is 1.7 times as long
+    ):
         write_surface(tmp_path / "c/prior.ply", cube(size), units="unknown")
         with pytest.raises(InputError, match=rf"prior\.ply: extends over .* say --units {unit}"):
             read_case(tmp_path / "c")
@@ -406,10 +406,11 @@ def test_winding_is_mended_and_what_has_no_inside_is_refused() -> None:
         closed_outward(
             Surface(np.vstack([box.vertices, [[99, 99, 99]]]), np.vstack([box.faces, [[0, 1, 8]]])), "fin"
         )
+    # five rungs; the last rung joins the first upside down
     upper, lower = (
         [0, 1, 2, 3, 4, 5],
         [5, 6, 7, 8, 9, 0],
-    )  # five rungs; the last rung joins the first upside down
+    )
     strip = [
         f
         for k in range(5)
@@ -484,9 +485,8 @@ def test_a_folder_is_only_replaced_by_one_of_its_kind(there: str, new: str, tmp_
 def test_a_folder_is_not_replaced_by_what_reads_it(read: str, tmp_path: Path) -> None:
     (tmp_path / "out" / "case").mkdir(parents=True)
     (tmp_path / "out" / "run.json").write_text("")
-    check_free(
-        tmp_path / "out", True, "run", [tmp_path / "another", tmp_path]
-    )  # a run may lie in the folder of its case
+    # a run may lie in the folder of its case
+    check_free(tmp_path / "out", True, "run", [tmp_path / "another", tmp_path])
     with pytest.raises(InputError, match=r"is or holds .*, which is read"):
         check_free(tmp_path / "out", True, "run", [tmp_path / read])
 

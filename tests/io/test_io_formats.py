@@ -16,7 +16,6 @@ from formats import FIELDS, SPACE, SUFFIX, TOLERANCE, marker, same_body, write_a
 from o3dls.adapters.objects import points_of, surface_of, to_open3d, to_pyvista, to_trimesh
 from o3dls.errors import InputError
 from o3dls.geometry.surface import Surface
-from o3dls.io.conversion import convert
 from o3dls.io.images.registry import read_image
 from o3dls.io.images.volumes import write_volume
 from o3dls.io.markups import Markups, read_markups, write_markups
@@ -25,6 +24,7 @@ from o3dls.io.meshes.registry import FORMATS, read_surface, read_surface_file, w
 from o3dls.io.meshes.repair import capped
 from o3dls.io.points import read_points_table
 from o3dls.io.transforms import read_transform, write_transform
+from o3dls.runs.conversion import convert
 
 ROOT = Path(__file__).resolve().parents[2]
 HALF_TURN = np.diag([-1.0, -1.0, 1.0, 1.0])
@@ -273,16 +273,16 @@ def test_volumes_lie_where_other_libraries_find_them(tmp_path: Path) -> None:
 
 def test_opencarp_word_for_word(tmp_path: Path) -> None:
     base = write_as("opencarp", tmp_path)
+    # micrometres
     assert base.read_text().splitlines()[:2] == [
         "4",
         "10000.000000 -20000.000000 30000.000000",
-    ]  # micrometres
+    ]
     assert base.with_suffix(".elem").read_text() == "4\nTr 0 2 1 1\nTr 0 1 3 1\nTr 1 2 3 1\nTr 0 3 2 1\n"
     assert base.with_suffix(".lon").read_text() == "1\n" + "1.000000 0.000000 0.000000\n" * 4
     assert (tmp_path / "opencarp_depth.dat").read_text() == "1\n2\n3\n4.5\n"
-    assert not (
-        tmp_path / "opencarp_bipolar.dat"
-    ).exists()  # it has a missing value, for which the format has no word
+    # it has a missing value, for which the format has no word
+    assert not (tmp_path / "opencarp_bipolar.dat").exists()
 
 
 def test_fields_of_opencarp_belong_to_their_mesh(tmp_path: Path) -> None:

@@ -168,9 +168,8 @@ def test_surfaces(name: str, tmp_path: Path) -> None:
     data = other_encoding(name, path) if " " in name else path.read_bytes()
     known = {f.name: f for f in FORMATS}[name.split()[-1]]
     check(name, path, data, read_surface_file)
-    check(
-        name + " by name", path, data, lambda p: known.read(p, p.read_bytes())
-    )  # as if the first bytes were always in order
+    # as if the first bytes were always in order
+    check(name + " by name", path, data, lambda p: known.read(p, p.read_bytes()))
 
 
 def other_encoding(name: str, path: Path) -> bytes:
@@ -257,9 +256,8 @@ def test_study_xml(tmp_path: Path) -> None:
         study = find_study(Archive.open(path))
         return study and study.map("1-Map")
 
-    (
-        tmp_path / "study"
-    ).mkdir()  # a file stands for its folder here, and errors may name the one or the other
+    # a file stands for its folder here, and errors may name the one or the other
+    (tmp_path / "study").mkdir()
     check("xml", tmp_path / "study/study.xml", CARTO_XML.format(volume=20.0).encode(), read)
 
 
@@ -300,9 +298,8 @@ def test_case_toml(tmp_path: Path) -> None:
             try:
                 return read_case(tmp_path / "c").points
             except InputError as error:
-                raise InputError(
-                    f"{path}: {error}"
-                ) from None  # a setting may be answered by another file of the case
+                # a setting may be answered by another file of the case
+                raise InputError(f"{path}: {error}") from None
 
         check(name, path, whole, read)
         path.with_suffix(".kept").unlink(missing_ok=True)

@@ -9,8 +9,8 @@ import pytest
 
 from o3dls.errors import InputError
 from o3dls.io.case_folder import read_case
-from o3dls.io.conversion import convert
 from o3dls.io.meshes.registry import read_surface_file
+from o3dls.runs.conversion import convert
 
 sitk = pytest.importorskip("SimpleITK", reason="label volumes need SimpleITK: pip install 'o3dls[images]'")
 

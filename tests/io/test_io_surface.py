@@ -380,9 +380,8 @@ def test_samples_of_the_formats_are_one_sphere(shared_data: Path) -> None:
 
 
 def test_collapsed_triangles_of_a_closed_surface_are_left_out_and_it_stays_closed(tmp_path: Path) -> None:
-    path = (
-        tmp_path / "tetra.off"
-    )  # edge 0-1 carries a triangle 0-1-0 between its two neighbours, as isosurfaces do
+    # edge 0-1 carries a triangle 0-1-0 between its two neighbours, as isosurfaces do
+    path = tmp_path / "tetra.off"
     path.write_text("OFF\n4 5 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 0\n3 0 1 3\n3 1 2 3\n3 2 0 3\n")
     surface = read_surface(path)
     assert len(surface.faces) == 4

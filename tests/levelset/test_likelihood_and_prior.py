@@ -41,9 +41,8 @@ def test_slope_of_the_loss(one_sided: bool, side: float) -> None:
 def test_loss_is_a_normalised_density_but_for_the_reach_of_outliers() -> None:
     s = np.linspace(-15.0, 30.0, 90001)
     noise = Likelihood(np.full(len(s), 1.3), 0.08, 25.0, np.zeros(len(s), dtype=bool), 0.9)
-    assert np.trapezoid(np.exp(-noise.loss(s)), s) == pytest.approx(
-        1.0, abs=0.02
-    )  # a uniform density over 15 inside and 30 anywhere
+    # a uniform density over 15 inside and 30 anywhere
+    assert np.trapezoid(np.exp(-noise.loss(s)), s) == pytest.approx(1.0, abs=0.02)
 
 
 def test_points_inside_only_are_free_inside_and_pay_outside() -> None:

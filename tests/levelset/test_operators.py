@@ -58,9 +58,8 @@ def test_gradient_of_a_distance_has_length_one_and_points_outward(dimension: int
     band, phi = whole_box(round_distance(6.0), 8.0, 0.25, dimension)
     near = np.abs(phi) < 1.0
     outward = band.positions[near] / np.linalg.norm(band.positions[near], axis=1, keepdims=True)
-    np.testing.assert_allclose(
-        gradient(band, phi)[near], outward, atol=0.002
-    )  # h^2 / 6 of the third derivative
+    # h^2 / 6 of the third derivative
+    np.testing.assert_allclose(gradient(band, phi)[near], outward, atol=0.002)
 
 
 def test_laplacian_is_symmetric_blind_to_constants_and_exact_on_parabolas() -> None:
@@ -108,9 +107,8 @@ def test_reinitialise_restores_the_distance_and_leaves_one_alone(dimension: int)
         again = reinitialise(true.band, distorted)
         shared = true.band.find(again.band.nodes + (again.band.low - true.band.low))
         near = (shared >= 0) & (np.abs(again.phi) < 1.0)
-        np.testing.assert_allclose(
-            again.phi[near], true.phi[shared[near]], atol=0.06
-        )  # h^2 / 8 of the curvature, and of the sine
+        # h^2 / 8 of the curvature, and of the sine
+        np.testing.assert_allclose(again.phi[near], true.phi[shared[near]], atol=0.06)
 
 
 def _mesh(dimension: int) -> tuple[np.ndarray, np.ndarray]:

@@ -9,9 +9,9 @@ import pytest
 from shapes import circle, meshed, round_distance, sampled
 
 from o3dls.adapters.meshing import isosurface
+from o3dls.adapters.self_intersections import crossing
 from o3dls.arrays import Array, Ints
 from o3dls.evaluation.distances import distances
-from o3dls.evaluation.validity import crossing
 from o3dls.geometry.surface import Surface
 from o3dls.levelset.correction import Correction, Limits
 from o3dls.levelset.distance import SignedDistance, signed_distance
@@ -73,9 +73,8 @@ def test_a_prior_that_overlaps_itself_is_united_in_one_piece() -> None:
     found = run(squeezed, sampled(squeezed, 100, 1.0, SEED))
     vertices, faces = zero_set(found.phi.band, found.phi.phi)
     assert topology(vertices, faces)[0] == 1
-    np.testing.assert_allclose(
-        [vertices[:, 0].min(), vertices[:, 0].max()], [-10.0, 10.0], atol=0.1
-    )  # both sides of the waist are there
+    # both sides of the waist are there
+    np.testing.assert_allclose([vertices[:, 0].min(), vertices[:, 0].max()], [-10.0, 10.0], atol=0.1)
 
 
 def test_walls_of_a_thin_part_that_passed_through_each_other_stay_one_part() -> None:
@@ -84,9 +83,8 @@ def test_walls_of_a_thin_part_that_passed_through_each_other_stay_one_part() -> 
     """
     ball = meshed(round_distance(10.0), 12.0)
     x, y, z = ball.vertices.T
-    through = ball.with_vertices(
-        np.column_stack([x, y * (1.0 - 0.14 * np.maximum(x + 2.0, 0.0)) + 0.5, z])
-    )  # between nodes
+    # between nodes
+    through = ball.with_vertices(np.column_stack([x, y * (1.0 - 0.14 * np.maximum(x + 2.0, 0.0)) + 0.5, z]))
     assert ((through.vertices[x > 8.0, 1] - 0.5) * y[x > 8.0] <= 0.0).all()  # inside out
     plain = signed_distance(through.vertices, through.faces, 1.0, 3.0)
     joined = _joined(through, 1.0, crossing(through))

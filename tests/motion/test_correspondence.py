@@ -44,9 +44,8 @@ def test_without_noise_feet_are_closest_points(dimension: int) -> None:
     feet = feet_on(surface, points, 1e-4 * SIZE)
     foot = ClosestPoint(surface.vertices, surface.faces).query(points)[2]
     assert np.median(np.linalg.norm(feet.at - foot, axis=1)) < 1e-5 * SIZE  # where no edge is equally near
-    np.testing.assert_allclose(
-        np.linalg.norm(feet.normals, axis=1), 1.0, atol=0.02
-    )  # faces meet at edges at up to a few degrees
+    # faces meet at edges at up to a few degrees
+    np.testing.assert_allclose(np.linalg.norm(feet.normals, axis=1), 1.0, atol=0.02)
     np.testing.assert_allclose(feet.along, 1.0, atol=1e-9)  # the surface is in its reference pose
 
 

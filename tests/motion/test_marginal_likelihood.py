@@ -292,9 +292,8 @@ def test_flattery_is_what_integration_takes_from_the_evidence() -> None:
     )
     flattered = -total - (energy(best.log) - 0.5 * float(pull @ pull))
     assert flattered > 0.5  # there is something to correct,
-    assert flattery(best, fixed, [part], rows) == pytest.approx(
-        flattered, abs=0.3
-    )  # and Laplace's parabola misses little of it
+    # and Laplace's parabola misses little of it
+    assert flattery(best, fixed, [part], rows) == pytest.approx(flattered, abs=0.3)
     silent = replace(prior, log=np.r_[prior.log[:1], best.log[1:]])
     noise_only = Scales(best.log[1:], prior.centre[1:], prior.spread[1:], prior.least[1:], 0)
     assert flattery(silent, fixed, [0.0 * part], rows) == pytest.approx(flattery(noise_only, fixed, [], rows))

@@ -85,9 +85,8 @@ def test_a_large_strain_is_found_although_small_ones_are_assumed() -> None:
     found = fit(surface, wall(points + NOISE * np.random.default_rng(62).normal(size=points.shape)))
     unseen = truth[:, 2] > points[:, 2].max()
     there = np.linalg.norm(found.vertices - apply(found.similarity, surface.vertices), axis=1)
-    by_pose = apply(
-        fit_similarity(surface.vertices[~unseen], truth[~unseen]), surface.vertices
-    )  # the best that a pose can do
+    # the best that a pose can do
+    by_pose = apply(fit_similarity(surface.vertices[~unseen], truth[~unseen]), surface.vertices)
     assert there[unseen].mean() > 0.5 * NOISE  # it is no similarity that carried it
     left, beside = (
         np.abs(((v - truth) * surface.vertex_normals).sum(axis=1))[unseen].mean()
@@ -113,9 +112,8 @@ def test_a_surface_may_stand_still_while_its_vertices_slide() -> None:
     ball = sphere(SIZE, 30)
     rng = np.random.default_rng(3)
     points = 1.03 * spots(ball, 120, 3)[0] + 0.5 * rng.normal(size=(120, 3)) + [0.0, 0.0, 1.0]
-    found = fit(
-        ball, wall(points), settings=Settings(iterations=16)
-    )  # in the end it may come to rest, as rounding has it
+    # in the end it may come to rest, as rounding has it
+    found = fit(ball, wall(points), settings=Settings(iterations=16))
     assert found.trace[-1]["step"] > Settings().tolerance * SIZE
     assert found.converged
     assert found.facts["moving"] < 1e-5 * SIZE
@@ -471,9 +469,8 @@ def test_deviation_is_calibrated_on_motions_of_the_prior(count: int) -> None:
         z.append(((truth - found.vertices) * normals).sum(axis=1) / found.sd)
     pooled = np.concatenate(z)
     assert (np.abs(pooled) < 1.96).mean() > 0.9
-    assert (
-        0.6 < np.sqrt((pooled**2).mean()) < 1.2
-    )  # deviations allow for more than these bodies ask of the fit
+    # deviations allow for more than these bodies ask of the fit
+    assert 0.6 < np.sqrt((pooled**2).mean()) < 1.2
 
 
 def test_outliers_inside_are_found_and_do_not_pull() -> None:
@@ -563,6 +560,7 @@ def test_what_is_expected_before_the_points_are_seen_scales_with_the_lengths() -
     larger = replace(data, points=2.5 * data.points, marks_map=2.5 * data.marks_map)
     here = problem(surface, data).start().scales
     there = problem(surface, larger, similarity(np.eye(3), np.zeros(3), 2.5)).start().scales
+    # fields, shifts of landmarks, noises; but bends, strains and tilts are angles and ratios
     lengths = [
         1,
         1,
@@ -573,7 +571,7 @@ def test_what_is_expected_before_the_points_are_seen_scales_with_the_lengths() -
         1,
         1,
         1,
-    ]  # fields, shifts of landmarks, noises; but bends, strains and tilts are angles and ratios
+    ]
     np.testing.assert_allclose(there.log - here.log, np.log(2.5) * np.array(lengths), atol=1e-9)
     np.testing.assert_allclose(there.least[-2:] - here.least[-2:], np.log(2.5))
 
@@ -596,9 +594,8 @@ def test_a_start_that_is_off_is_mended_in_any_frame() -> None:
     frame = similarity(
         np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]), np.array([40.0, -10.0, 70.0])
     )
-    prior = surface.with_vertices(
-        apply(np.linalg.inv(frame), surface.vertices)
-    )  # its own frame is not the map's
+    # its own frame is not the map's
+    prior = surface.with_vertices(apply(np.linalg.inv(frame), surface.vertices))
     truth = apply(wrong, surface.vertices)
     assert off(surface, truth, fit(prior, wall(points), frame).vertices) < 0.2 * off(
         surface, truth, surface.vertices

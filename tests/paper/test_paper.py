@@ -158,8 +158,7 @@ def test_systems_without_a_prior_find_a_sphere_from_many_points(system) -> None:
 
     rng = np.random.default_rng(60214)
     points = rng.normal(size=(2000, 3))
-    points *= rng.normal(20.0, 0.1, (2000, 1)) / np.linalg.norm(
-        points, axis=1, keepdims=True
-    )  # exactly on a sphere is degenerate
+    # exactly on a sphere is degenerate
+    points *= rng.normal(20.0, 0.1, (2000, 1)) / np.linalg.norm(points, axis=1, keepdims=True)
     radius = np.linalg.norm(sample(system(points), 2000), axis=1)
     assert abs(radius.mean() - 20.0) < 1.0

@@ -145,9 +145,8 @@ def test_an_interrupted_batch_ends_with_its_processes(how: signal.Signals, tmp_p
         assert process.stdout is not None
         assert process.stdout.readline() == "begun\n"
         process.send_signal(how)
-        assert (
-            process.communicate(timeout=ENDED)[0] == ""
-        )  # nothing else began, and nobody holds the pipe any more
+        # nothing else began, and nobody holds the pipe any more
+        assert process.communicate(timeout=ENDED)[0] == ""
 
 
 TERMINATED = """

@@ -28,9 +28,8 @@ def test_blocks_are_compact_equal_and_cover_everything(count: int) -> None:
     spread = np.mean(
         [np.linalg.norm(points[rows] - points[rows].mean(axis=0), axis=1).mean() for rows in found]
     )
-    assert spread < 1.05 * 20.0 / np.sqrt(
-        max(1, count / 3)
-    )  # the sphere's radius, shrinking as the share of its area does
+    # the sphere's radius, shrinking as the share of its area does
+    assert spread < 1.05 * 20.0 / np.sqrt(max(1, count / 3))
 
 
 def test_folds_are_of_equal_size_and_repeat() -> None:

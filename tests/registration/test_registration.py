@@ -45,9 +45,8 @@ def test_the_gradient_is_that_of_the_metric_by_central_differences(
     pairs = SurfaceMatcher(prior).match(
         apply(pose(3.0, 2.0, d=prior.dimension), sampled(prior, 80, 55_021, 1.0)), np.eye(prior.dimension + 1)
     )
-    tilted = pairs.normals + np.random.default_rng(27_361).normal(
-        0.0, 0.2, pairs.normals.shape
-    )  # as normals of vertices are
+    # as normals of vertices are
+    tilted = pairs.normals + np.random.default_rng(27_361).normal(0.0, 0.2, pairs.normals.shape)
     pairs = replace(pairs, normals=tilted / np.linalg.norm(tilted, axis=1, keepdims=True))
     factors = metric(pairs)
     twist = Twist(prior.dimension, scale=True)
@@ -96,9 +95,8 @@ def test_a_strain_is_no_similarity_and_the_nearest_similarity_to_it_is_none(prio
     assert len(generators) == (2 if prior.dimension == 2 else 5)
     for generator in generators:
         strained = vertices + 0.01 * vertices @ generator.T
-        np.testing.assert_allclose(
-            fit_similarity(vertices, strained), np.eye(prior.dimension + 1), atol=1e-4
-        )  # but for its square
+        # but for its square
+        np.testing.assert_allclose(fit_similarity(vertices, strained), np.eye(prior.dimension + 1), atol=1e-4)
         assert np.linalg.norm(strained - vertices, axis=1).max() > 0.05
 
 
@@ -156,9 +154,8 @@ def test_kernels_believe_small_residuals_and_doubt_large_ones(kernel: str) -> No
     assert weights[-1] < 0.05
     np.testing.assert_array_equal(weights, kernel_weights(kernel, -residuals, 2.0))
     clean = np.random.default_rng(31_013).normal(size=200_000)
-    w = kernel_weights(
-        kernel, clean, EFFICIENT_95[kernel]
-    )  # efficiency of a location estimate: (E psi')^2 / E psi^2
+    # efficiency of a location estimate: (E psi')^2 / E psi^2
+    w = kernel_weights(kernel, clean, EFFICIENT_95[kernel])
     slope = (kernel_weights(kernel, clean + 1e-4, EFFICIENT_95[kernel]) * (clean + 1e-4) - w * clean) / 1e-4
     assert slope.mean() ** 2 / ((w * clean) ** 2).mean() == pytest.approx(0.95, abs=0.01)
 
@@ -179,9 +176,8 @@ def test_the_mixture_finds_noise_and_share_and_tells_inside_from_outside() -> No
     assert found.weights[800:].mean() < 0.2
     assert found.weights[:800].mean() > 0.9
     weights = fit_mixture(np.r_[signed, 5.0, -5.0], radius=26.0).weights
-    assert (
-        weights[-2] > weights[-1]
-    )  # out there a point is more likely noise: catheters do not leave the chamber
+    # out there a point is more likely noise: catheters do not leave the chamber
+    assert weights[-2] > weights[-1]
     clean = fit_mixture(rng.normal(0.0, 1.5, 1_000), radius=26.0)
     assert clean.outliers < 0.03
     assert fit_mixture(np.zeros(50), radius=26.0).weights.min() > 0.99

@@ -170,9 +170,10 @@ def test_volumes_hold_the_surface(run: Path, tmp_path: Path, format: str) -> Non
     inside = image.values < 0 if format.startswith("phi") else image.values == 1
     assert inside.sum() * np.prod(image.spacing) == pytest.approx(known.volume, rel=0.05)
     index = np.argwhere(inside)[:, ::-1].mean(axis=0)
+    # both in LPS
     np.testing.assert_allclose(
         image.affine[:3, :3] @ index + image.affine[:3, 3], known.vertices.mean(axis=0), atol=2.0
-    )  # both in LPS
+    )
 
 
 def test_poses_move_the_prior_onto_the_map(run: Path, tmp_path: Path) -> None:

@@ -326,9 +326,8 @@ def test_a_killed_run_leaves_no_folder_that_looks_finished(tmp_path: Path) -> No
     process.wait()
     assert not (tmp_path / "run").exists()
     assert all(p.name.startswith(".") for p in tmp_path.iterdir())
-    Pipeline([Nudge()], folds=0).run(ball_case()).write(
-        tmp_path / "run"
-    )  # what is left behind stands in nobody's way
+    # what is left behind stands in nobody's way
+    Pipeline([Nudge()], folds=0).run(ball_case()).write(tmp_path / "run")
 
 
 def test_the_deviation_in_the_files_is_that_of_the_estimate(tmp_path: Path) -> None:

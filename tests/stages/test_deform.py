@@ -71,9 +71,8 @@ def test_deform_comes_nearer_to_the_truth_and_says_how_sure_it_is(dimension: int
     assert found.motion is not None
     assert np.abs(found.motion(case.prior.vertices) - found.surface.vertices).max() < 0.1 * NOISE
     pose = apply(found.T_map_prior, case.prior.vertices)
-    assert (
-        np.linalg.norm(pose - found.surface.vertices, axis=1).mean() < 3.0
-    )  # the similarity part of the motion
+    # the similarity part of the motion
+    assert np.linalg.norm(pose - found.surface.vertices, axis=1).mean() < 3.0
     np.testing.assert_array_equal(case.prior.vertices, body(dimension).vertices)  # the case is never changed
 
 
@@ -209,9 +208,8 @@ def test_a_bend_is_carried_to_where_no_points_are(along: int, least: float, most
     """
     posed = chamber(20)
     missed = []
-    pose = similarity(
-        Rotation.from_rotvec([0.4, -0.9, 0.3]).as_matrix(), np.array([3.0, 5.0, -2.0])
-    )  # up is read in the prior's own frame
+    # up is read in the prior's own frame
+    pose = similarity(Rotation.from_rotvec([0.4, -0.9, 0.3]).as_matrix(), np.array([3.0, 5.0, -2.0]))
     prior = posed.transformed(np.linalg.inv(pose))
     x = posed.vertices
     marks = {name: apply(np.linalg.inv(pose), at[None])[0] for name, at in tips(posed).items()}
@@ -268,9 +266,8 @@ def test_without_a_motion_the_pose_is_that_of_points_and_landmarks(odds: float) 
     assert np.linalg.norm(found.surface.vertices - truth, axis=1).mean() < 0.15
     assert found.sigma == pytest.approx(0.2, rel=0.25)
     assert found.motion is not None
-    np.testing.assert_allclose(
-        found.motion(case.prior.vertices), found.surface.vertices, atol=0.02
-    )  # between its nodes
+    # between its nodes
+    np.testing.assert_allclose(found.motion(case.prior.vertices), found.surface.vertices, atol=0.02)
 
 
 def test_the_deviation_is_that_of_the_motion_from_where_the_surface_is_left() -> None:
@@ -306,9 +303,8 @@ def test_several_starts_end_in_the_likelier_basin() -> None:
     several = Deform(starts="several")(case.visible(), lost)
     assert several.fit.energy <= alone.fit.energy
     missed = [np.linalg.norm(e.surface.vertices - truth, axis=1).mean() for e in (several, alone)]
-    assert (
-        missed[0] < 0.2 * missed[1]
-    )  # the body's ends look alike: only its vertices tell that it was turned
+    # the body's ends look alike: only its vertices tell that it was turned
+    assert missed[0] < 0.2 * missed[1]
 
 
 def test_one_more_point_updates_an_estimate_as_a_fit_from_nothing_would() -> None:
@@ -320,9 +316,8 @@ def test_one_more_point_updates_an_estimate_as_a_fit_from_nothing_would() -> Non
     updated = stage.update(case, fitted)
     afresh = stage(case.visible(), started(case))
     moved = np.linalg.norm(updated.surface.vertices - afresh.surface.vertices, axis=1).mean()
-    assert (
-        moved < 0.05
-    )  # mm: far below the noise; amplitudes are kept where the fit from nothing tunes them again
+    # mm: far below the noise; amplitudes are kept where the fit from nothing tunes them again
+    assert moved < 0.05
     assert updated.weights is not None
     assert len(updated.weights) == 150
     with pytest.raises(InputError, match="fewer than"):
@@ -435,14 +430,12 @@ def test_a_new_point_off_the_wall_is_doubted_at_once() -> None:
     fitted = Deform()(case.visible(), started(case))
     xyz = case.points.xyz
     for k in range(0, 60, 12):
-        more = with_points(
-            case, xyz[:150].mean(axis=0) + 0.7 * (xyz[k] - xyz[:150].mean(axis=0))
-        )  # some 8 mm inside
+        # some 8 mm inside
+        more = with_points(case, xyz[:150].mean(axis=0) + 0.7 * (xyz[k] - xyz[:150].mean(axis=0)))
         updated = Deform().update(more, fitted)
         afresh = Deform()(more.visible(), started(case))
-        assert (
-            np.linalg.norm(updated.surface.vertices - afresh.surface.vertices, axis=1).mean() < 0.05
-        )  # mm: as for a good point
+        # mm: as for a good point
+        assert np.linalg.norm(updated.surface.vertices - afresh.surface.vertices, axis=1).mean() < 0.05
 
 
 def test_an_update_says_what_has_changed() -> None:

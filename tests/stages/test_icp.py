@@ -131,9 +131,8 @@ def test_a_third_of_the_points_inside_the_cavity_moves_the_robust_pose_little() 
     )
     assert robust.weights is not None
     assert robust.weights[far].mean() < 0.2
-    assert (
-        np.delete(robust.weights, far).mean() > 0.8
-    )  # a third of outliers makes every point a little suspect
+    # a third of outliers makes every point a little suspect
+    assert np.delete(robust.weights, far).mean() > 0.8
     assert robust.facts["outlier_share"] == pytest.approx(0.3, abs=0.1)
     assert robust.sigma == pytest.approx(1.0, abs=0.2)
 
@@ -171,9 +170,8 @@ def test_scale_cannot_collapse_nor_leave_its_bounds() -> None:
         assert found.scale == pytest.approx(1.1, abs=1e-3)
         stiff = ICP(metric=metric, kernel="none", scale_sd=1e-4, strain_sd=None)(case, at(case))
         assert stiff.scale == pytest.approx(1.0, abs=0.02)
-    inside = with_points(
-        case, 0.02 * sampled(PRIOR, 60, 15_551)
-    )  # a clump that a free scale would shrink the prior onto
+    # a clump that a free scale would shrink the prior onto
+    inside = with_points(case, 0.02 * sampled(PRIOR, 60, 15_551))
     assert ICP(scale_min=0.8)(inside, at(inside)).scale >= 0.8 - 1e-9
 
 

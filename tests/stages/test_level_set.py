@@ -14,12 +14,12 @@ from shapes import ball_with_tube, circle, meshed, round_distance, sampled
 
 from data_synth import atrium
 from o3dls import ICP, Deform, Landmarks, Pipeline
+from o3dls.adapters.self_intersections import self_intersections
 from o3dls.arrays import Array
 from o3dls.case import Case, Points
 from o3dls.errors import InputError, PipelineError, SolverError
 from o3dls.estimate import Estimate
 from o3dls.evaluation.distances import distances
-from o3dls.evaluation.validity import self_intersections
 from o3dls.geometry.similarity import apply, similarity
 from o3dls.geometry.surface import Surface
 from o3dls.levelset.isosurface import zero_set
@@ -163,18 +163,16 @@ def test_a_correction_is_the_same_however_the_lattice_lies() -> None:
             LevelSet()(case, Estimate(there, np.eye(4), "start")).surface.transformed(np.linalg.inv(frame))
         )
     assert distances(found[0].vertices, prior).mean() > 1.0
-    assert (
-        distances(found[0].vertices, found[1]).mean() < 0.04
-    )  # .06 with half as many nodes in a correlation length
+    # .06 with half as many nodes in a correlation length
+    assert distances(found[0].vertices, found[1]).mean() < 0.04
 
 
 def test_an_outline_that_crosses_itself_is_not_handed_out() -> None:
     prior = circle(20.0, 300)
     vertices = prior.vertices.copy()
     swapped = np.argsort(np.abs(np.arctan2(vertices[:, 1], vertices[:, 0])))[:2]
-    vertices[swapped] = (
-        0.98 * vertices[swapped[::-1]]
-    )  # two neighbours in each other's place: the line crosses itself
+    # two neighbours in each other's place: the line crosses itself
+    vertices[swapped] = 0.98 * vertices[swapped[::-1]]
     crossed = prior.with_vertices(vertices)
     assert self_intersections(crossed) > 0
     case, start = started(crossed, sampled(prior, 300, 1.0, SEED), 1.0, fitted=False)
@@ -184,9 +182,8 @@ def test_an_outline_that_crosses_itself_is_not_handed_out() -> None:
     assert estimate.warnings == ()
     outline_of_phi = Surface(*zero_set(phi.band, phi.phi))
     assert distances(found.vertices, outline_of_phi).max() < 0.5
-    np.testing.assert_array_equal(
-        found.vertices, crossed.vertices
-    )  # what was drawn stays, only its order changes
+    # what was drawn stays, only its order changes
+    np.testing.assert_array_equal(found.vertices, crossed.vertices)
     assert found.volume == pytest.approx(prior.volume, rel=0.01)
 
 
@@ -265,9 +262,8 @@ def test_what_a_pose_leaves_is_corrected(dimension: int) -> None:
 def test_paper_formulation_starts_from_the_similarity_alone(dimension: int) -> None:
     prior = circle(20.0, 300) if dimension == 2 else meshed(round_distance(14.0), 18.0)
     case, start = started(prior, sampled(prior, 200, 0.5, SEED), 0.5)
-    away = start.surface.with_vertices(
-        start.surface.vertices + 5.0
-    )  # a motion that the paper's T cannot have
+    # a motion that the paper's T cannot have
+    away = start.surface.with_vertices(start.surface.vertices + 5.0)
     found = LevelSet(formulation="paper")(case, replace(start, surface=away))
     assert distances(prior.vertices, found.surface).mean() < 0.6
     assert "piece" in found.status

@@ -82,9 +82,8 @@ def apart(a: Surface, b: Surface) -> float:
 @pytest.mark.parametrize("count", [250, 1500])
 def test_a_right_prior_is_left_alone(truth: Surface, count: int) -> None:
     points = sampled(truth, count, SIGMA, SEED)
-    points[: count // 12] *= np.random.default_rng(SEED).uniform(
-        0.3, 0.9, (count // 12, 1)
-    )  # the catheter floats inside
+    # the catheter floats inside
+    points[: count // 12] *= np.random.default_rng(SEED).uniform(0.3, 0.9, (count // 12, 1))
     before, after, made = reshaped(truth, points)
     assert made == ()
     assert after is before
@@ -111,9 +110,8 @@ def test_a_tube_across_whose_mouth_points_show_the_wall_is_removed_and_said() ->
     assert len(made) == 1
     assert made[0].removes
     assert "removed a part at (2" in made[0].sentence
-    assert made[0].gain == pytest.approx(
-        before.energy - after.energy - made[0].price, rel=0.2
-    )  # but for the mesh of the prior
+    # but for the mesh of the prior
+    assert made[0].gain == pytest.approx(before.energy - after.energy - made[0].price, rel=0.2)
     assert topology(after.vertices, after.motion.faces) == (1, 2)
     assert apart(surface(after), truth) < 0.2 * apart(tubed(), truth)
 
@@ -246,9 +244,8 @@ def test_a_tube_is_the_same_in_every_frame_and_unit(frame: Array) -> None:
     second = grown(there, seen(there, apply(frame, points), unit * SIGMA))
     assert first is not None
     assert second is not None
-    assert second.gain == pytest.approx(
-        first.gain, abs=1.0
-    )  # of some hundred nats; a search that ends early misses four and more
+    # of some hundred nats; a search that ends early misses four and more
+    assert second.gain == pytest.approx(first.gain, abs=1.0)
     after = changed(ball(), first, 1.0).transformed(frame)
     same = changed(ball().transformed(frame), second, unit)
     assert apart(same, after) < 0.1 * unit

@@ -153,6 +153,5 @@ def mask_surface(mask: NDArray[np.bool_], affine: Array, spacing: Array, name: s
     mesh = o3d.t.geometry.TriangleMesh.create_isosurfaces(o3d.core.Tensor.from_numpy(smooth), [0.5])
     indices = mesh.vertex.positions.numpy().astype(np.float64) + low[::-1] - pad
     surface = Surface(apply(affine, indices), mesh.triangle.indices.numpy())
-    return (
-        surface if surface.volume > 0 else Surface(surface.vertices, surface.faces[:, ::-1])
-    )  # a mirroring affine turns it
+    # a mirroring affine turns it
+    return surface if surface.volume > 0 else Surface(surface.vertices, surface.faces[:, ::-1])

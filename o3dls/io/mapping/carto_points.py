@@ -15,6 +15,7 @@ from ..text import decode, integers, number_rows
 
 COLUMNS = {"unipolar": 10, "bipolar": 11, "lat": 12, "impedance": 13}
 FEWEST_COLUMNS = 14
+# columns 14 to 26 of version 5
 REST = (
     "0",
     "-1",
@@ -29,7 +30,7 @@ REST = (
     "0",
     "-10000",
     "-10000",
-)  # columns 14 to 26 of version 5
+)
 SITES = {
     "AverageForce": "force",
     "DurationTime": "duration_s",

@@ -20,10 +20,11 @@ from ...errors import InputError
 from ..meshes.surface_file import SurfaceFile
 from ..text import check_numbers, decode
 
+# first part of the map type -> columns that hold its value
 VALUES = {
     "PP": ("P-P",),
     "LAT": ("LAT", "adjTime (ms)"),
-}  # first part of the map type -> columns that hold its value
+}
 LESION_XYZ = (("x", "y", "z"), ("X", "Y", "Z"))
 LESION_VALUES = {
     "Avg Contact Force (g)": "force",

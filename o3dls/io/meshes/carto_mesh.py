@@ -120,9 +120,8 @@ def read(path: Path, data: bytes, *, hidden: bool = False) -> SurfaceFile:
         name: flags[:, k]
         for k, name in enumerate(mesh.attribute_headings[0].lstrip(" ;").split()[: flags.shape[1]])
     }
-    fields = {
-        name: values for name, values in fields.items() if np.nan_to_num(values).any()
-    }  # slots that CARTO leaves empty
+    # slots that CARTO leaves empty
+    fields = {name: values for name, values in fields.items() if np.nan_to_num(values).any()}
     facts = {
         "name": mesh.mesh_name,
         "hidden_triangles": len(mesh.triangles) - len(triangles),

@@ -20,10 +20,11 @@ from ...geometry.surface import Surface
 from ..text import flat_numbers, join_rows
 from .surface_file import SurfaceFile
 
+# of the importing system, as MUSIC's authors found in 2016
 LIMITS = {
     "vertices": 100_000,
     "triangles": 200_000,
-}  # of the importing system, as MUSIC's authors found in 2016
+}
 UNSAMPLED = 2
 ARRAYS = (
     "Vertices",

@@ -58,13 +58,14 @@ FORMATS = (
     Format("carto_vtk", (".vtk",), lambda data: False, vtk_legacy.read, carto_vtk.write),  # read as any VTK
 )
 
+# by definition: they have no word for another unit
 IN_MILLIMETRES = (
     "carto_mesh",
     "carto_vtk",
     "dif",
     "openep",
     "opencarp",
-)  # by definition: they have no word for another unit
+)
 WITH_OUTLINES = ("vtk", "vtp")
 
 

@@ -19,9 +19,8 @@ from ..text import is_count
 
 NOTICE = "o3dls, research software, not for clinical use"
 STARTS = 16  # corners that are tried as the first of a fan
-END_LINES = re.compile(
-    f"{NOTICE}|Open3D|VTK generated|VCGLIB generated"
-)  # programs that end their last line, as not all do
+# programs that end their last line, as not all do
+END_LINES = re.compile(f"{NOTICE}|Open3D|VTK generated|VCGLIB generated")
 
 
 @dataclass(frozen=True, eq=False)

@@ -133,9 +133,8 @@ def _attribute(cursor: Cursor, words: list[str], n: int) -> dict[str, Array]:
             return _drop(cursor, n * cursor.count(width), kind)
         case ["COLOR_SCALARS", name, width]:
             values = cursor.numbers(n * cursor.count(width), "unsigned_char" if cursor.binary else "float")
-            return _named(
-                name, values if cursor.binary else np.rint(255.0 * values), cursor.count(width)
-            )  # ascii counts to 1
+            # ascii counts to 1
+            return _named(name, values if cursor.binary else np.rint(255.0 * values), cursor.count(width))
         case ["LOOKUP_TABLE", _, size]:
             return _drop(cursor, 4 * cursor.count(size), "unsigned_char" if cursor.binary else "float")
         case ["FIELD", _, arrays]:

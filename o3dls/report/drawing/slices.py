@@ -32,9 +32,8 @@ def slice_surface(surface: Surface, axis: int, level: float) -> Array:
     above = corners[:, :, axis] > level
     crossing = corners[above.any(axis=1) & ~above.all(axis=1)]
     above = crossing[:, :, axis] > level
-    lone = np.where(
-        above.sum(axis=1) == 1, above.argmax(axis=1), (~above).argmax(axis=1)
-    )  # the corner alone on its side
+    # the corner alone on its side
+    lone = np.where(above.sum(axis=1) == 1, above.argmax(axis=1), (~above).argmax(axis=1))
     rows = np.arange(len(crossing))
     ends = [_between(crossing[rows, lone], crossing[rows, (lone + k) % 3], axis, level) for k in (1, 2)]
     return np.delete(np.stack(ends, axis=1), axis, axis=2)

@@ -15,11 +15,12 @@ from .section import Section
 
 BESIDE = 2.0  # mm beside a plane within which points are drawn
 MARGIN = 0.03  # of the extent, around the outlines
+# and which side of the patient is drawn on the right
 PLANES = {
     "sagittal": "front",
     "coronal": "left",
     "axial": "left",
-}  # and which side of the patient is drawn on the right
+}
 
 
 def slice_section(subject: Subject) -> Section | None:

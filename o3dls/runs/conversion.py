@@ -16,15 +16,15 @@ from ..case import SPACES
 from ..errors import InputError
 from ..geometry.similarity import TURN, apply
 from ..geometry.surface import Surface
-from .case_folder import check_scale
-from .case_settings import MILLIMETRES
-from .markups import Markups, read_markups, write_markups
-from .meshes.registry import is_surface, read_surface_file, write_surface
-from .meshes.repair import closed_outward, welded
-from .meshes.surface_file import SurfaceFile
-from .points import points_of, read_points_table, scaled
-from .table import write_table
-from .transforms import read_transform, turned, write_transform
+from ..io.case_folder import check_scale
+from ..io.case_settings import MILLIMETRES
+from ..io.markups import Markups, read_markups, write_markups
+from ..io.meshes.registry import is_surface, read_surface_file, write_surface
+from ..io.meshes.repair import closed_outward, welded
+from ..io.meshes.surface_file import SurfaceFile
+from ..io.points import points_of, read_points_table, scaled
+from ..io.table import write_table
+from ..io.transforms import read_transform, turned, write_transform
 
 MARKUPS = (".json", ".fcsv")
 TRANSFORMS = (".tfm", ".txt")
@@ -106,9 +106,8 @@ def _surface(
         surface = decimated(surface, faces)
     space = to or space
     write_surface(target, surface, space=space, units=file.units, format=format)
-    space = (
-        "LPS" if space == "RAS" and target.suffix.lower() == ".xml" else space
-    )  # DIF's by definition: it has been turned
+    # DIF's by definition: it has been turned
+    space = "LPS" if space == "RAS" and target.suffix.lower() == ".xml" else space
     return [
         *done,
         f"{target}: {len(surface.vertices)} vertices, {len(surface.faces)} faces, frame {space}, units "
