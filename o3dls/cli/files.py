@@ -42,8 +42,8 @@ def compare(runs: tuple[Path, ...], out: Path) -> None:
     links to the reports.
     """
     from ..report.writer import compare as write_comparison
+    from ..runs.comparison import comparison
     from ..runs.folder import read_run
-    from ..runs.tables import comparison
 
     click.echo(comparison({str(folder): read_run(folder) for folder in runs}))
     click.echo(write_comparison(runs, out))

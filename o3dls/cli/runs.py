@@ -29,7 +29,7 @@ def demo(out: Path, force: bool) -> int:
 
     plan = default_pipeline()
     case = read_case(demo_case())
-    force = force or ((out / "run.json").is_file() and repeats(out, plan, case))
+    force = force or ((out / "run.json").is_file() and repeats(out, plan.record(), case))
     return _told(run_into(plan, case, out, force=force), out)
 
 

@@ -5,10 +5,10 @@ once.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from ..arrays import Array, Ints
-from ..case import Points
 
 NEAR = (0.06, 0.03, 0.015)  # rms radii of the prior: what may be one place, 1.6 mm and less for an atrium
 WIDER = 4.0  # radii of the ring that tells how many neighbours there are by chance
@@ -17,15 +17,17 @@ CHANCE = 1.25
 SIGMAS, PAIRS = 4.0, 5.0
 
 
-def apart(points: Points, size: float) -> float:
+def duplicate_distance(xyz: Array, kind: NDArray[np.str_], size: float) -> float:
     """Distance within which points are of one place: the largest within which there are more pairs than
     chance makes; 0 without any.
 
     Noise scatters points in all directions, so that neighbours at random are rarer than the ring around them
     has it. Copies, beats of one contact and merged maps are not, and their noise is the same: counted one by
-    one they would make it look small, and all else certain. size: rms radius of the prior.
+    one they would make it look small, and all else certain. xyz (n, d), kind (n,): the type of each point;
+    size: rms radius of the prior.
     """
-    at = _by_type(points.select(points.type != "inside"), WIDER * NEAR[0] * size)
+    wall = kind != "inside"
+    at = _by_type(xyz[wall], kind[wall], WIDER * NEAR[0] * size)
     tree = cKDTree(np.unique(at, axis=0))
     radii = size * np.outer([1.0, WIDER], NEAR)
     pairs = np.empty(2 * len(NEAR))
@@ -33,25 +35,24 @@ def apart(points: Points, size: float) -> float:
     # of all radii in one pass
     pairs[order] = (tree.count_neighbors(tree, radii.ravel()[order]) - tree.n) / 2.0
     near, wide = pairs.reshape(radii.shape)
-    by_chance = (wide - near) / (WIDER ** (points.xyz.shape[1] - 1) - 1.0)
+    by_chance = (wide - near) / (WIDER ** (xyz.shape[1] - 1) - 1.0)
     return float(radii[0, near > CHANCE * by_chance + SIGMAS * by_chance**0.5 + PAIRS].max(initial=0.0))
 
 
-def places(points: Points, within: float) -> tuple[Ints, Ints]:
+def distinct_places(xyz: Array, kind: NDArray[np.str_], within: float) -> tuple[Ints, Ints]:
     """Rows of the first point of every place and type, in order, and which of these (n,) each point is.
     Points further down change no place of those before. Points `inside` share a place only where they are
     equal.
     """
-    _, first, same = np.unique(_by_type(points, 1.0), axis=0, return_index=True, return_inverse=True)
+    _, first, same = np.unique(_by_type(xyz, kind, 1.0), axis=0, return_index=True, return_inverse=True)
     order = np.argsort(first)
     rank = np.argsort(order)
     rows = first[order]
     of_point = rank[same.ravel()]
     if within == 0.0:
         return rows, of_point
-    kept = points.select(rows)
-    pairs = cKDTree(_by_type(kept, within)).query_pairs(within, output_type="ndarray")
-    pairs = pairs[kept.type[pairs[:, 0]] != "inside"]
+    pairs = cKDTree(_by_type(xyz[rows], kind[rows], within)).query_pairs(within, output_type="ndarray")
+    pairs = pairs[kind[rows][pairs[:, 0]] != "inside"]
     leader = np.arange(len(rows))
     # by the later point, so that the earlier one's place is known
     for one, other in pairs[np.lexsort(pairs.T)].tolist():
@@ -61,6 +62,6 @@ def places(points: Points, within: float) -> tuple[Ints, Ints]:
     return rows[leaders], place[of_point]
 
 
-def _by_type(points: Points, distance: float) -> Array:
+def _by_type(xyz: Array, kind: NDArray[np.str_], distance: float) -> Array:
     """Positions (n, d + 1) in which points of different types are farther apart than a distance."""
-    return np.column_stack([points.xyz, 2.0 * distance * np.unique(points.type, return_inverse=True)[1]])
+    return np.column_stack([xyz, 2.0 * distance * np.unique(kind, return_inverse=True)[1]])

@@ -16,7 +16,8 @@ from ..case import Case
 from ..errors import InputError, O3dlsError
 from ..io.atomic import check_free
 from ..io.case_folder import read_case
-from ..runs.folder import heard, log_of_failure, write_rows
+from ..runs.estimate_files import write_rows
+from ..runs.log import heard, log_of_failure
 from ..runs.run import Run
 from ..runs.tables import score_rows
 from .pipeline import Pipeline
@@ -119,7 +120,7 @@ class _Job:
             except SystemExit:
                 # told to end: the pool would take it for the case's error, and go on with the next
                 os._exit(1)
-        return Outcome(self.out.name, score_rows(run), run.faults, None, warnings)
+        return Outcome(self.out.name, score_rows(run.scores), run.faults, None, warnings)
 
     def _run(self) -> Run:
         case = read_case(self.folder)

@@ -18,6 +18,7 @@ from ..errors import InputError, PipelineError, SolverError, did_you_mean
 from ..estimate import Estimate
 from ..plugins.stage import Stage
 from ..runs.run import Run
+from ..runs.scoring import scored
 from ..runs.writers import Writer
 from .cross_validation import cross_validate, too_many
 from .start import doubts, misfit, start_estimate, unseen_pieces
@@ -102,8 +103,15 @@ class Pipeline:
         left_out = (
             cross_validate(lambda part: self.fit(part, logging.DEBUG), case, self.folds) if self.folds else {}
         )
-        run = Run.scored(case, self, estimates, left_out)
-        return replace(run, provenance=run.provenance | {"seconds": perf_counter() - begin})
+        run = scored(
+            case,
+            estimates,
+            fitted={name: self.fitted(name) for name in estimates},
+            left_out=left_out,
+            pipeline=self.record(),
+        )
+        made_in = run.provenance | {"seconds": perf_counter() - begin}
+        return replace(run, provenance=made_in, out=self.out, additions=self.writes)
 
     def fit(self, case: Case, level: int = logging.INFO) -> dict[str, Estimate]:
         """Estimates by name, `start` first; each stage is shown the points that it fits, and neither truth

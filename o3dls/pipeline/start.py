@@ -69,8 +69,8 @@ def doubts(case: Case, start: Estimate) -> list[str]:
     if _fixed_by(prior, measured):
         return []
     from ..registration.match import SurfaceMatcher
-    from ..stages.global_pose import beaten
     from ..stages.icp import ICP, fitted_points
+    from ..stages.pose_checks import beaten
 
     icp = ICP()
     points = fitted_points(case)

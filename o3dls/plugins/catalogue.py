@@ -34,7 +34,7 @@ def sheet(name: str) -> str:
 
 
 def _meaning(plugin: type[Plugin]) -> str:
-    return (inspect.getdoc(plugin) or "").splitlines()[0]
+    return " ".join((inspect.getdoc(plugin) or "").split("\n\n")[0].split())
 
 
 def _line(p: Parameter) -> str:

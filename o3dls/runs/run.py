@@ -1,30 +1,38 @@
-"""A finished run: every estimate with its scores and its validity, and how it all was made."""
+"""A finished run: every estimate with its scores and its validity, how it all was made, and its folder."""
 
 from __future__ import annotations
 
+import json
 import logging
-import os
-import platform
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from importlib.metadata import PackageNotFoundError, version
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
-from ..arrays import Array
 from ..case import Case, Points
+from ..errors import InputError
 from ..estimate import Estimate
-from ..evaluation.distances import SAMPLING_SEED, distances, landmark_errors, measure, summary, truth_scores
-from ..evaluation.validity import faults, validity
+from ..evaluation.validity import faults
+from ..io.atomic import staged_folder
+from ..io.case_folder import write_case
+from ..io.points import write_points
+from .estimate_files import write_estimate, write_rows
+from .tables import ScoreLine, score_rows, score_table
 
-if TYPE_CHECKING:
-    from ..pipeline.pipeline import Pipeline
-
+SCHEMA = "o3dls/run/1"
 log = logging.getLogger("o3dls")
-PACKAGES = ("o3dls", "numpy", "scipy", "open3d", "pymeshlab", "numba")
 Record = dict[str, Any]
+
+
+class Addition(Protocol):
+    """What adds files to the folder of a run, such as a `Writer` of a pipeline."""
+
+    name: ClassVar[str]
+
+    def __call__(self, run: Run, folder: Path) -> None: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,40 +40,22 @@ class Run:
     """Estimates by name (`start` first), their scores by set and their validity.
 
     points: the case's points with a column `distance_<estimate>_mm` for each estimate, and
-    `left_out_<estimate>_mm` from the cross-validation; held_out: the held-out points likewise. provenance:
-    versions, seeds, threads and the record of the pipeline; pipeline itself is None where the run was read
-    from its folder.
+    `left_out_<estimate>_mm` from the cross-validation; held_out: the held-out points likewise. fitted: by
+    estimate, the types of the points that it was shown (empty where the run was read from its folder).
+    provenance: versions, seeds, threads and the record of the pipeline. out and additions: the folder and
+    the further files that `write` makes where it is told no others.
     """
 
     case: Case
-    pipeline: Pipeline | None
     estimates: Mapping[str, Estimate]
+    fitted: Mapping[str, tuple[str, ...]]
     scores: Mapping[str, Mapping[str, Record]]
     validity: Mapping[str, Record]
     provenance: Record
     points: Points
     held_out: Points | None = None
-
-    @classmethod
-    def scored(
-        cls, case: Case, pipeline: Pipeline, estimates: Mapping[str, Estimate], left_out: Mapping[str, Array]
-    ) -> Run:
-        """Score estimates and judge their surfaces; `left_out` are the cross-validated distances of the eam
-        points.
-        """
-        return cls(
-            case=case,
-            pipeline=pipeline,
-            estimates=estimates,
-            scores={
-                name: _scores(case, e, pipeline.fitted(name), left_out.get(name))
-                for name, e in estimates.items()
-            },
-            validity={name: validity(e.surface, case.prior, case.units) for name, e in estimates.items()},
-            points=_with_distances(case, estimates, left_out),
-            held_out=_held_out(case, estimates),
-            provenance=provenance(pipeline),
-        )
+    out: Path | None = None
+    additions: Sequence[Addition] = ()
 
     @property
     def final(self) -> str:
@@ -86,85 +76,89 @@ class Run:
         """Why the surface of an estimate is not valid; `start` is the prior in another pose, so its faults
         are the prior's.
         """
-        return faults(
-            self.validity[name],
-            self.validity["start"],
-            reshaped=bool(self.estimates[name].facts.get("changes")),
-        )
+        reshaped = bool(self.estimates[name].facts.get("changes"))
+        return faults(self.validity[name], self.validity["start"], reshaped=reshaped)
+
+    @property
+    def score_lines(self) -> list[ScoreLine]:
+        """A line of the table on the screen for each estimate."""
+        return [
+            ScoreLine(name, self.scores[name], self.unit, not self.faults_of(name)) for name in self.estimates
+        ]
 
     def __str__(self) -> str:
-        from .tables import score_table
-
-        return score_table(self)
+        return f"{self.case.name}: mean distances in {self.unit}\n{score_table(self.score_lines)}"
 
     def write(self, folder: str | Path | None = None, *, force: bool = False) -> Path:
-        """Write the run folder, whole or not at all, with what the pipeline's writers add. Raises InputError
-        where it exists.
+        """Write the run folder, whole or not at all: run.json, scores.csv, points.csv, the case, the
+        estimates, and what the writers of the pipeline make. Raises InputError where it exists.
         """
-        from .folder import write_run
+        out = folder or self.out
+        if not out:
+            raise InputError(
+                'the run has no folder to go to: give one to write(), or say out = "folder" in the pipeline'
+            )
+        with staged_folder(out, force) as staged:
+            self._write_into(staged)
+        return Path(out)
 
-        return write_run(self, folder, force=force)
-
-
-def _scores(
-    case: Case, estimate: Estimate, fitted: tuple[str, ...], left_out: Array | None
-) -> dict[str, Record]:
-    sets = measure(case, estimate, fitted) | ({} if left_out is None else {"cross_validated": left_out})
-    scores: dict[str, Record] = {name: summary(values, case.units) for name, values in sets.items()}
-    if case.truth is not None and case.truth.surface is not None:
-        scores["truth"] = truth_scores(sets, estimate.surface, case.truth.surface, case.units)
-    return scores
-
-
-def _with_distances(case: Case, estimates: Mapping[str, Estimate], left_out: Mapping[str, Array]) -> Points:
-    """The case's points with their distance to every estimate; a landmark's is that to its moved partner."""
-    columns = dict(case.points.columns)
-    marks, eam = case.points.type == "landmark", case.points.type == "eam"
-    names = columns.get("name", np.full(len(case.points), "")).tolist()
-    paired = [k for k, name in enumerate(names) if marks[k] and name in case.prior_landmarks]
-    for name, estimate in estimates.items():
-        gap = distances(case.points.xyz, estimate.surface)
-        gap[marks] = np.nan
-        gap[paired] = landmark_errors(case, estimate)
-        columns[f"distance_{name}_{case.units}"] = gap
-        if name in left_out:
-            column = np.full(len(case.points), np.nan)
-            column[eam] = left_out[name]
-            columns[f"left_out_{name}_{case.units}"] = column
-    return replace(case.points, columns=columns)
+    def _write_into(self, folder: Path) -> None:
+        write_case(folder / "case", self.case)
+        write_points(folder / "points.csv", self.points)
+        if self.held_out:
+            write_points(folder / "held_out.csv", self.held_out)
+        write_rows(folder / "scores.csv", score_rows(self.scores))
+        for name, estimate in self.estimates.items():
+            write_estimate(folder / "estimates" / name, self.case, estimate, self.fitted.get(name, ()))
+        text = json.dumps(record(self), indent=1, allow_nan=False) + "\n"
+        (folder / "run.json").write_text(text, encoding="utf-8")
+        for addition in self.additions:
+            log.info("writing %s", addition.name)
+            addition(self, folder)
 
 
-def _held_out(case: Case, estimates: Mapping[str, Estimate]) -> Points | None:
-    truth = case.truth
-    if truth is None or truth.held_out is None:
-        return None
-    columns: dict[str, Any] = {} if truth.unseen is None else {"unseen": truth.unseen.astype(int)}
-    columns |= {
-        f"distance_{name}_{case.units}": distances(truth.held_out, e.surface) for name, e in estimates.items()
-    }
-    return Points(truth.held_out, np.full(len(truth.held_out), "eam"), columns)
+def record(run: Run) -> dict[str, Any]:
+    """The content of run.json; equal inputs give equal records but for `seconds`."""
+    case = run.case
+    types, counts = np.unique(case.points.type, return_counts=True)
+    about = {"name": case.name, "units": case.units, "frame": case.frame, "dimension": case.dimension}
+    points = dict(zip(types.tolist(), counts.tolist(), strict=True))
+    found: dict[str, Any] = plain(
+        {
+            "schema": SCHEMA,
+            "case": about | {"points": points, "files": dict(sorted(case.files.items()))},
+            **run.provenance,
+            "final": run.final,
+            "valid": not run.faults,
+            "faults": run.faults,
+            "estimates": {name: _estimate_record(run, name) for name in run.estimates},
+        }
+    )
+    return found
 
 
-def provenance(pipeline: Pipeline) -> Record:
-    """What a reader needs to make the run again: the pipeline with every default, versions, seeds,
-    threads.
-    """
-    threads = {
-        name: os.environ.get(name)
-        for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
-    }
+def _estimate_record(run: Run, name: str) -> dict[str, Any]:
+    e = run.estimates[name]
     return {
-        "pipeline": pipeline.record(),
-        "versions": {"python": platform.python_version()} | {name: _version(name) for name in PACKAGES},
-        "seeds": {"surface_samples": SAMPLING_SEED},
-        "threads": {"processors": os.cpu_count(), **threads},
+        "status": e.status,
+        "converged": e.converged,
+        "seconds": e.seconds,
+        "iterations": e.iterations,
+        "T_map_prior": e.T_map_prior.tolist(),
+        "scale": e.scale,
+        f"sigma_{run.unit}": e.sigma,
+        "warnings": list(e.warnings),
+        "facts": dict(e.facts),
+        "scores": run.scores[name],
+        "validity": run.validity[name],
     }
 
 
-def _version(package: str) -> str | None:
-    for name in (package, f"{package}-cpu"):  # open3d-cpu imports as open3d
-        try:
-            return version(name)
-        except PackageNotFoundError:
-            continue
-    return None
+def plain(value: Any) -> Any:
+    """The value as JSON knows it: numpy unwrapped, what is not finite as null."""
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple | np.ndarray):
+        return [plain(item) for item in value]
+    value = value.item() if isinstance(value, np.generic) else value
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import Any
 
-from ..errors import InputError
-
-if TYPE_CHECKING:
-    from .run import Run
+Scores = Mapping[str, Mapping[str, Any]]  # by set
 
 SCREEN = {  # heading: set, key without its unit
     "fitted": ("fitted", "mean"),
@@ -23,65 +21,40 @@ SCREEN = {  # heading: set, key without its unit
 }
 
 
-def score_rows(run: Run) -> list[dict[str, Any]]:
+@dataclass(frozen=True)
+class ScoreLine:
+    """One line of a table on the screen: an estimate's scores by set, in a unit, and whether it is valid."""
+
+    label: str
+    scores: Scores
+    unit: str
+    valid: bool
+
+
+def score_rows(scores: Mapping[str, Scores]) -> list[dict[str, Any]]:
     """One row per estimate and set, with the columns of every set."""
     rows = [
         {"estimate": name, "set": group, **record}
-        for name, sets in run.scores.items()
+        for name, sets in scores.items()
         for group, record in sets.items()
     ]
     columns = dict.fromkeys(key for row in rows for key in row)
     return [{key: row.get(key) for key in columns} for row in rows]
 
 
-def score_table(run: Run) -> str:
-    """Mean distances of every estimate side by side; the sets that the run has not are left out."""
-    return (
-        f"{run.case.name}: mean distances in "
-        f"{run.unit}\n{_table([(name, run, name) for name in run.estimates])}"
-    )
+def score_table(lines: Sequence[ScoreLine]) -> str:
+    """Mean distances side by side, in aligned columns; sets that no line has are left out."""
+    shown = [heading for heading, (group, _) in SCREEN.items() if any(group in line.scores for line in lines)]
+    rows = [["", *shown, "valid"]]
+    rows += [[line.label, *_cells(line, shown), "yes" if line.valid else "no"] for line in lines]
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    aligned = [[first.ljust(widths[0]), *map(str.rjust, rest, widths[1:])] for first, *rest in rows]
+    return "\n".join("  ".join(row) for row in aligned)
 
 
-def comparison(runs: Mapping[str, Run]) -> str:
-    """Mean distances of every estimate of several runs, by the runs' names; nothing is averaged. Raises
-    InputError where units differ.
-    """
-    units = {run.unit for run in runs.values()}
-    if len(units) > 1:
-        raise InputError(
-            f"the runs are in different units ({', '.join(sorted(units))}): their distances cannot stand "
-            "in one table"
-        )
-    rows = [
-        (f"{label} {run.case.name} {name}", run, name)
-        for label, run in runs.items()
-        for name in run.estimates
-    ]
-    return f"run, case, estimate: mean distances in {units.pop()}\n{_table(rows)}"
-
-
-def _table(rows: Sequence[tuple[str, Run, str]]) -> str:
-    """Aligned lines of (label, run, name of an estimate)."""
-    shown = [
-        heading
-        for heading, (group, _) in SCREEN.items()
-        if any(group in run.scores[name] for _, run, name in rows)
-    ]
-    lines = [["", *shown, "valid"]] + [
-        [label, *_cells(run, name, shown), _verdict(run, name)] for label, run, name in rows
-    ]
-    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
-    aligned = [[first.ljust(widths[0]), *map(str.rjust, rest, widths[1:])] for first, *rest in lines]
-    return "\n".join("  ".join(line) for line in aligned)
-
-
-def _cells(run: Run, name: str, shown: list[str]) -> Iterator[str]:
+def _cells(line: ScoreLine, shown: list[str]) -> Iterator[str]:
     for heading in shown:
         group, key = SCREEN[heading]
-        record = run.scores[name].get(group, {})
-        value = record.get(key, record.get(f"{key}_{run.unit}"))
+        record = line.scores.get(group, {})
+        value = record.get(key, record.get(f"{key}_{line.unit}"))
         yield "-" if value is None else f"{value:.3f}" if key == "dice" else f"{value:.2f}"
-
-
-def _verdict(run: Run, name: str) -> str:
-    return "no" if run.faults_of(name) else "yes"

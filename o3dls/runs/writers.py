@@ -6,9 +6,10 @@ from abc import abstractmethod
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ..plugins.plugin import Plugin
+
 if TYPE_CHECKING:
     from .run import Run
-from ..plugins.plugin import Plugin
 
 
 class Writer(Plugin):

@@ -418,12 +418,16 @@ def observed(case: Case, stage: Deform, before: Data | None = None) -> Data:
     distance they are of one place.
     """
     from ..motion.observations import Data
-    from ..noise.duplicates import apart, places
+    from ..noise.duplicates import distinct_places, duplicate_distance
 
     every = case.points.of(*stage.fits)
-    near = apart(every, rms_radius(case.prior.vertices)) if before is None else before.apart
+    near = (
+        duplicate_distance(every.xyz, every.type, rms_radius(case.prior.vertices))
+        if before is None
+        else before.apart
+    )
     typical = every.typical_sigma if before is None or before.typical is None else before.typical
-    rows, same = places(every, near)
+    rows, same = distinct_places(every.xyz, every.type, near)
     points = every.select(rows)
     _, marks_prior, marks_map = case.landmark_pairs()
     keep = slice(None) if stage.landmarks else slice(0)

@@ -263,7 +263,7 @@ class ICP(Stage):
         surface = SurfaceMatcher(case.prior)
         found = self.aligned(points, surface, start.T_map_prior)
         if self.verify:
-            from .global_pose import beaten
+            from .pose_checks import beaten
 
             if said := beaten(case.units, points, surface, found, scale=self.scale):
                 raise InputError(f"case {case.name}: {said}")

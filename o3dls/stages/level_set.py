@@ -242,11 +242,13 @@ def _observer(case: Case, start: Estimate) -> Callable[[Wall], Measured]:
     them.
     """
     from ..levelset.observation import observe
-    from ..noise.duplicates import apart, places
+    from ..noise.duplicates import distinct_places, duplicate_distance
 
     every = case.points.of(*FITTED_TYPES)
     data = start.fit.problem.data if start.fit else None
-    rows, _ = places(every, data.apart if data else apart(every, rms_radius(case.prior.vertices)))
+    radius = rms_radius(case.prior.vertices)
+    within = data.apart if data else duplicate_distance(every.xyz, every.type, radius)
+    rows, _ = distinct_places(every.xyz, every.type, within)
     points = every.select(rows)
     relative = every.relative_noise(data.typical if data else None)[rows]
     return lambda wall: observe(wall, points.xyz, points.type == "inside", relative, _noise(start))

@@ -20,7 +20,8 @@ from o3dls.geometry.surface import Surface
 from o3dls.io.case_folder import write_case
 from o3dls.pipeline.file import default_pipeline
 from o3dls.pipeline.pipeline import Pipeline
-from o3dls.runs.folder import record, repeats
+from o3dls.runs.folder import repeats
+from o3dls.runs.run import record
 
 ICP = 'folds = 0\n[[stage]]\nuse = "icp"\n'
 
@@ -192,9 +193,9 @@ def test_a_demo_replaces_the_same_demo_only(case: Path, tmp_path: Path) -> None:
     (tmp_path / "run.json").write_text(
         json.dumps(record(Pipeline([Nudge()], folds=0).run(subject)) | {"pipeline": plan.record()})
     )
-    assert repeats(tmp_path, plan, subject)
-    assert not repeats(tmp_path, replace(plan, folds=2), subject)
-    assert not repeats(tmp_path, plan, replace(subject, files={"prior.ply": "cd"}))
+    assert repeats(tmp_path, plan.record(), subject)
+    assert not repeats(tmp_path, replace(plan, folds=2).record(), subject)
+    assert not repeats(tmp_path, plan.record(), replace(subject, files={"prior.ply": "cd"}))
 
 
 def test_the_bare_command_shows_what_there_is(tmp_path: Path) -> None:

@@ -7,9 +7,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from o3dls.arrays import Array
+from o3dls.arrays import Array, Ints
 from o3dls.case import Points
-from o3dls.noise.duplicates import apart, places
+from o3dls.noise.duplicates import distinct_places, duplicate_distance
 
 SIZE = 20.0  # rms radius of the sphere
 
@@ -23,6 +23,14 @@ def mapped(count: int, noise: float = 1.0, seed: int = 60_331) -> Array:
 
 def points(*xyz: Array, type: str = "eam") -> Points:
     return Points(np.vstack(xyz), np.full(sum(len(x) for x in xyz), type))
+
+
+def apart(points: Points, size: float) -> float:
+    return duplicate_distance(points.xyz, points.type, size)
+
+
+def places(points: Points, within: float) -> tuple[Ints, Ints]:
+    return distinct_places(points.xyz, points.type, within)
 
 
 @pytest.mark.parametrize("noise", [0.1, 1.0, 2.0])

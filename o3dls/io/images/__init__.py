@@ -1,0 +1,1 @@
+"""Label volumes and level sets as image volumes; `registry` chooses a reader by content."""

@@ -1,0 +1,1 @@
+"""Exports of mapping systems (CARTO 3, EnSite, OpenEP) and the live link to navigation research systems."""

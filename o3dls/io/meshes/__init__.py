@@ -1,0 +1,1 @@
+"""Surface formats; `registry` chooses a reader by content and a writer by suffix."""

@@ -1,0 +1,74 @@
+"""The files of one estimate in a run folder: its surface, its trace, its weights; written and read back."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..arrays import Array
+from ..case import Case
+from ..estimate import Estimate
+from ..geometry.surface import Surface
+from ..io.meshes.registry import read_surface, write_surface
+from ..io.table import read_table, write_table
+
+
+def write_estimate(folder: Path, case: Case, estimate: Estimate, fitted: Collection[str]) -> None:
+    from .surface_fields import with_fields  # compiled code is not for those who only check a file
+
+    folder.mkdir(parents=True)
+    surface = with_fields(case, estimate, fitted)
+    names = ("surface.csv",) if case.dimension == 2 else ("surface.ply", "surface.vtp")
+    for name in names:
+        write_surface(folder / name, surface, space=case.frame, units=case.units)
+    write_rows(folder / "trace.csv", estimate.trace)
+    if estimate.weights is not None:
+        write_table(folder / "weights.csv", {"weight": estimate.weights})
+
+
+def read_estimate(folder: Path, found: Mapping[str, Any], unit: str) -> Estimate:
+    surface: Surface = read_surface(
+        folder / ("surface.ply" if (folder / "surface.ply").is_file() else "surface.csv")
+    )
+    return Estimate(
+        surface=surface,
+        T_map_prior=np.array(found["T_map_prior"]),
+        sigma=found[f"sigma_{unit}"],
+        weights=_column(folder / "weights.csv", "weight"),
+        trace=_read_trace(folder / "trace.csv"),
+        warnings=tuple(found["warnings"]),
+        **{key: found[key] for key in ("status", "converged", "seconds", "iterations", "facts")},
+    )
+
+
+def write_rows(path: Path, rows: Any) -> None:
+    """Rows of records as a table; a value that a row has not is an empty cell."""
+    names = dict.fromkeys(key for row in rows for key in row)
+    if names:
+        write_table(
+            path, {name: np.array([_cell(row.get(name)) for row in rows], dtype=object) for name in names}
+        )
+
+
+def _cell(value: Any) -> Any:
+    if isinstance(value, str):
+        # names of folders may hold bytes that are no text
+        return value.encode("utf-8", "replace").decode("utf-8")
+    return "" if value is None else value.item() if isinstance(value, np.generic) else value
+
+
+def _read_trace(path: Path) -> tuple[dict[str, float], ...]:
+    if not path.is_file():
+        return ()
+    table = read_table(path, ())
+    numbers = {name: table.numbers(name, missing=True) for name in table.columns}
+    return tuple(
+        {name: float(v[k]) for name, v in numbers.items() if not np.isnan(v[k])} for k in range(len(table))
+    )
+
+
+def _column(path: Path, name: str) -> Array | None:
+    return read_table(path, (name,)).numbers(name, missing=True) if path.is_file() else None

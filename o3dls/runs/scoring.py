@@ -1,0 +1,108 @@
+"""From estimates to a finished run: distances, validity, and how it all was made."""
+
+from __future__ import annotations
+
+import os
+import platform
+from collections.abc import Mapping
+from dataclasses import replace
+from importlib.metadata import PackageNotFoundError, version
+from typing import Any
+
+import numpy as np
+
+from ..arrays import Array
+from ..case import Case, Points
+from ..estimate import Estimate
+from ..evaluation.distances import SAMPLING_SEED, distances, landmark_errors, measure, summary, truth_scores
+from ..evaluation.validity import validity
+from .run import Record, Run
+
+PACKAGES = ("o3dls", "numpy", "scipy", "open3d", "pymeshlab", "numba")
+
+
+def scored(
+    case: Case,
+    estimates: Mapping[str, Estimate],
+    *,
+    fitted: Mapping[str, tuple[str, ...]],
+    left_out: Mapping[str, Array],
+    pipeline: Record,
+) -> Run:
+    """The run of estimates by name: scored, and their surfaces judged.
+
+    fitted: by estimate, the types of the points that it was shown; left_out: the cross-validated distances
+    of the eam points; pipeline: its record, with every default written out.
+    """
+    return Run(
+        case=case,
+        estimates=estimates,
+        fitted=fitted,
+        scores={name: _scores(case, e, fitted[name], left_out.get(name)) for name, e in estimates.items()},
+        validity={name: validity(e.surface, case.prior, case.units) for name, e in estimates.items()},
+        points=_with_distances(case, estimates, left_out),
+        held_out=_held_out(case, estimates),
+        provenance=provenance(pipeline),
+    )
+
+
+def _scores(
+    case: Case, estimate: Estimate, fitted: tuple[str, ...], left_out: Array | None
+) -> dict[str, Record]:
+    sets = measure(case, estimate, fitted) | ({} if left_out is None else {"cross_validated": left_out})
+    scores: dict[str, Record] = {name: summary(values, case.units) for name, values in sets.items()}
+    if case.truth is not None and case.truth.surface is not None:
+        scores["truth"] = truth_scores(sets, estimate.surface, case.truth.surface, case.units)
+    return scores
+
+
+def _with_distances(case: Case, estimates: Mapping[str, Estimate], left_out: Mapping[str, Array]) -> Points:
+    """The case's points with their distance to every estimate; a landmark's is that to its moved partner."""
+    columns = dict(case.points.columns)
+    marks, eam = case.points.type == "landmark", case.points.type == "eam"
+    names = columns.get("name", np.full(len(case.points), "")).tolist()
+    paired = [k for k, name in enumerate(names) if marks[k] and name in case.prior_landmarks]
+    for name, estimate in estimates.items():
+        gap = distances(case.points.xyz, estimate.surface)
+        gap[marks] = np.nan
+        gap[paired] = landmark_errors(case, estimate)
+        columns[f"distance_{name}_{case.units}"] = gap
+        if name in left_out:
+            column = np.full(len(case.points), np.nan)
+            column[eam] = left_out[name]
+            columns[f"left_out_{name}_{case.units}"] = column
+    return replace(case.points, columns=columns)
+
+
+def _held_out(case: Case, estimates: Mapping[str, Estimate]) -> Points | None:
+    truth = case.truth
+    if truth is None or truth.held_out is None:
+        return None
+    columns: dict[str, Any] = {} if truth.unseen is None else {"unseen": truth.unseen.astype(int)}
+    columns |= {
+        f"distance_{name}_{case.units}": distances(truth.held_out, e.surface) for name, e in estimates.items()
+    }
+    return Points(truth.held_out, np.full(len(truth.held_out), "eam"), columns)
+
+
+def provenance(pipeline: Record) -> Record:
+    """What a reader needs to make the run again: the record of the pipeline, versions, seeds, threads."""
+    threads = {
+        name: os.environ.get(name)
+        for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
+    }
+    return {
+        "pipeline": pipeline,
+        "versions": {"python": platform.python_version()} | {name: _version(name) for name in PACKAGES},
+        "seeds": {"surface_samples": SAMPLING_SEED},
+        "threads": {"processors": os.cpu_count(), **threads},
+    }
+
+
+def _version(package: str) -> str | None:
+    for name in (package, f"{package}-cpu"):  # open3d-cpu imports as open3d
+        try:
+            return version(name)
+        except PackageNotFoundError:
+            continue
+    return None
