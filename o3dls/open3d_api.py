@@ -17,7 +17,7 @@ from .errors import InputError
 from .estimate import Estimate
 from .evaluation.distances import distances
 from .geometry.surface import Surface
-from .noise.robust import spread
+from .noise.robust import robust_sd
 from .runs.run import Run
 
 if TYPE_CHECKING:
@@ -76,7 +76,7 @@ def register(
     run = pipeline.run(case)
     estimate = run.estimates[run.final]
     gap = distances(case.points.of("eam").xyz, estimate.surface)
-    noise = estimate.sigma or spread(gap)
+    noise = estimate.sigma or robust_sd(gap)
     near = gap <= (REACH * noise if max_correspondence_distance is None else max_correspondence_distance)
     return Registration(
         transformation=estimate.T_map_prior,

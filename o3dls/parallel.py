@@ -47,7 +47,7 @@ def by_rows(kernel: Callable[..., Any], least: int, rows: tuple[Array | Ints, ..
         part.result()
 
 
-def share(processes: int) -> None:
+def limit_threads(processes: int) -> None:
     """Leave this process its part of the cores, of so many processes that work at one time."""
     global THREADS
     THREADS = max(1, config.NUMBA_NUM_THREADS // processes)

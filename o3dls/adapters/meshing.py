@@ -15,7 +15,7 @@ from ..adapters.self_intersections import self_intersections
 from ..arrays import Array, Ints
 from ..errors import SolverError
 from ..geometry.closest_point import ClosestPoint
-from ..geometry.components import largest_piece, pieces
+from ..geometry.components import component_labels, largest_component
 from ..geometry.surface import Surface, interpolated
 from ..levelset.distance import SignedDistance
 from ..levelset.isosurface import zero_set
@@ -62,7 +62,7 @@ def extract(
 
 
 def _chosen(vertices: Array, faces: Ints, islands: bool) -> Surface:
-    return Surface(vertices, faces) if islands else Surface(*largest_piece(vertices, faces))
+    return Surface(vertices, faces) if islands else Surface(*largest_component(vertices, faces))
 
 
 def isosurface(field: SignedDistance) -> tuple[Array, Ints]:
@@ -86,7 +86,7 @@ def _clean(raw: Surface, smoothing: int, keep: float, loose: float = LOOSE) -> S
     """
     import pymeshlab
 
-    largest = np.bincount(pieces(len(raw.vertices), raw.faces)[raw.faces[:, 0]]).max()
+    largest = np.bincount(component_labels(len(raw.vertices), raw.faces)[raw.faces[:, 0]]).max()
     meshes = pymeshlab.MeshSet()
     meshes.add_mesh(pymeshlab.Mesh(raw.vertices, raw.faces.astype(np.int32)))
     meshes.meshing_repair_non_manifold_edges()

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..arrays import Array
 from ..geometry.similarity import apply, scale_of
-from ..noise.robust import EFFICIENT_95, spread
+from ..noise.robust import EFFICIENT_95, robust_sd
 
 if TYPE_CHECKING:
     from ..registration.icp import Solver
@@ -38,7 +38,7 @@ def open3d_solver(
         return _on_normals(
             metric,
             kernel,
-            factor * spread(factors.residuals[kept]),
+            factor * robust_sd(factors.residuals[kept]),
             factors.pairs.of(kept),
             normals,
             thickness,

@@ -66,9 +66,9 @@ def _handles(found: Record) -> int:
 
 def components(surface: Surface) -> int:
     """Number of pieces that hang together by shared vertices."""
-    from ..geometry.components import pieces
+    from ..geometry.components import component_labels
 
-    return len(np.unique(pieces(len(surface.vertices), surface.faces)[surface.faces[:, 0]]))
+    return len(np.unique(component_labels(len(surface.vertices), surface.faces)[surface.faces[:, 0]]))
 
 
 def euler(surface: Surface) -> int:

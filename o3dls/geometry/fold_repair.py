@@ -57,7 +57,7 @@ def _through(outline: Surface, order: list[int]) -> Surface:
     return replace(outline, faces=np.column_stack([order, np.roll(order, -1)]))
 
 
-def unfold(rest: Array, moved: Array, faces: Ints, rounds: int = 12) -> tuple[Array, int, int]:
+def repair_folds(rest: Array, moved: Array, faces: Ints, rounds: int = 12) -> tuple[Array, int, int]:
     """Vertices (n, d) moved from `rest` with folds mended, how many faces had folded, and how many are folded
     still.
 

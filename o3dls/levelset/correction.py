@@ -5,7 +5,7 @@ where evidence asks for them.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy import sparse
@@ -19,34 +19,22 @@ from .distance import signed_distance
 from .matern_prior import MaternPrior
 from .normal_displacement import Wall
 from .observation import Measured
-from .residual_field import Field, evidence
-
-COARSEST = 1.2  # longest correlation length tried, in rms radii of the surface; the others are halves of it
-# lattice nodes in a correlation length: with 4 the field depends on where the lattice lies by a tenth
-NODES_PER_LENGTH = 8.0
-HALF_BAND = 2.0  # half width of a field's band in nodes: enough that every foot has all its corners
-COOLING = 0.7  # most that the noise falls from one round to the next
-ROUNDS = 2  # times that the evidence sets amplitude and noise of a field
-STEADY = 0.15  # change of their logarithms that asks for no further round
-AS_GOOD = 2.0  # nats within which the longer of two fields is the better one
-SETTLED = 0.05  # fall of the energy, in nats, at which a descent ends
-FEWEST_NODES_WIDE = 3.0  # shortest correlation length, in spacings
+from .residual_field import ResidualField, residual_field
+from .settings import CorrectionSettings, LevelSetSettings
 
 Terms = Callable[[Array], tuple[float, float]]  # field -> energies of data and prior
 
 
 @dataclass(frozen=True)
 class Limits:
-    """spacing: lattice spacing that the result will have; evidence: nats that a field must earn; iterations:
-    most per descent; coarse_to_fine: whether fields of all correlation lengths are tried, or the shortest
-    alone; unit: of lengths in sentences.
+    """spacing: of the lattice that the result will have; coarse_to_fine: whether fields of all correlation
+    lengths are tried, or the shortest alone; unit: of lengths in sentences.
     """
 
     spacing: float
-    evidence: float = 3.0
-    iterations: int = 20
     coarse_to_fine: bool = True
     unit: str = "mm"
+    settings: LevelSetSettings = field(default_factory=LevelSetSettings)
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,42 +44,45 @@ class Correction:
     """
 
     u: Array
-    fields: tuple[Field, ...]
+    fields: tuple[ResidualField, ...]
     noise: float  # factor on the noise given
     trace: tuple[Mapping[str, float], ...]
     converged: bool
     status: str
 
 
-def refine(wall: Wall, measured: Measured, doubt: Array, limits: Limits) -> Correction:
+def fit_correction(wall: Wall, measured: Measured, relative_sd: Array, limits: Limits) -> Correction:
     """Minimise the energy over the correction u of a wall: coarse to fine, the strongest Matern field of
     those left.
 
-    doubt (v,): relative standard deviation that the motion leaves at every vertex: the prior holds where it
-    is small.
+    relative_sd (v,): standard deviation that the motion leaves at every vertex, over its root mean square:
+    the prior holds where it is small.
     """
     surface = wall.surface
+    settings = limits.settings.correction
     u = np.zeros(len(wall.rest))
     noise = 1.0
-    fields: list[Field] = []
+    fields: list[ResidualField] = []
     trace: list[Mapping[str, float]] = []
     converged = True
-    lengths = _lengths(wall, measured, limits.spacing)
+    lengths = _lengths(wall, measured, limits.spacing, settings)
     lengths = lengths if limits.coarse_to_fine else lengths[-1:]
     while lengths:
-        found = [_evidence(wall, measured.with_noise(noise), measured, length) for length in lengths]
-        best = max(field.gain for field in found)
-        if best < limits.evidence:
+        found = [
+            _best_field(wall, measured.with_noise(noise), measured, length, limits.settings)
+            for length in lengths
+        ]
+        best = max(one.gain for one in found)
+        if best < settings.evidence:
             break
-        field = next(field for field in found if field.gain >= max(best - AS_GOOD, limits.evidence))
-        u, field, steps, settled = _fit(
-            wall, Level.of(surface, doubt, field.length), measured, u, field, noise, limits.iterations
-        )
-        noise = field.noise
+        strongest = next(one for one in found if one.gain >= max(best - settings.as_good, settings.evidence))
+        level = Level.of(surface, relative_sd, strongest.length, settings)
+        u, strongest, steps, settled = _fit(wall, level, measured, u, strongest, noise, limits.settings)
+        noise = strongest.noise
         converged = converged and settled
-        fields.append(field)
+        fields.append(strongest)
         trace += steps
-        lengths = [length for length in lengths if length < field.length]
+        lengths = [length for length in lengths if length < strongest.length]
     if not fields:
         data = float(measured.likelihood.loss(measured.distance - measured.bias).sum())
         trace.append({"iteration": 0, "data": data, "prior": 0.0, "energy": data})
@@ -100,19 +91,24 @@ def refine(wall: Wall, measured: Measured, doubt: Array, limits: Limits) -> Corr
     )
 
 
-def _lengths(wall: Wall, measured: Measured, spacing: float) -> list[float]:
+def _lengths(wall: Wall, measured: Measured, spacing: float, settings: CorrectionSettings) -> list[float]:
     """Correlation lengths from coarse to fine; shorter ones than the points' distance cannot be told from
     noise.
     """
     surface = wall.surface
     between = (surface.area / len(measured.points)) ** (1.0 / (surface.dimension - 1))
-    lengths = COARSEST * wall.radius * 0.5 ** np.arange(10)
-    return [float(length) for length in lengths if length >= max(between, FEWEST_NODES_WIDE * spacing)]
+    lengths = settings.longest * wall.radius * 0.5 ** np.arange(settings.lengths)
+    return [float(length) for length in lengths if length >= max(between, settings.shortest * spacing)]
 
 
-def _evidence(
-    wall: Wall, believed: Measured, given: Measured, length: float, made: Array | None = None
-) -> Field:
+def _best_field(
+    wall: Wall,
+    believed: Measured,
+    given: Measured,
+    length: float,
+    settings: LevelSetSettings,
+    made: Array | None = None,
+) -> ResidualField:
     """The field of a length in what the wall leaves unexplained, plus what `made` (v,) of the wall's position
     this field has made.
 
@@ -126,63 +122,74 @@ def _evidence(
     if made is not None:
         rest = rest + np.einsum("nc,nc->n", weights, made[corners])
     feet = np.einsum("nc,ncd->nd", weights, wall.rest[corners])
-    return evidence(apply(wall.frame, feet), pull * rest, weight, given.likelihood.sigma, given.doubt, length)
+    sigma, log_sd = given.likelihood.sigma, given.sigma_log_sd
+    in_frame = apply(wall.frame, feet)
+    return residual_field(in_frame, pull * rest, weight, sigma, log_sd, length, settings.residual_field)
 
 
 @dataclass(frozen=True, eq=False)
 class Level:
-    """One field on its band: `spread` (v, n) carries nodes to vertices, doubt included."""
+    """One field on its band: `to_vertices` (v, n) carries nodes to vertices, times their relative sd."""
 
     prior: MaternPrior
-    spread: sparse.csr_matrix
+    to_vertices: sparse.csr_matrix
 
     @classmethod
-    def of(cls, surface: Surface, doubt: Array, length: float) -> Level:
-        step = length / NODES_PER_LENGTH
-        band = signed_distance(surface.vertices, surface.faces, step, HALF_BAND * step).band
-        return cls(
-            MaternPrior.on(band, length, 1.0),
-            sparse.csr_matrix(sparse.diags(doubt) @ band.interpolation(surface.vertices)),
-        )
+    def of(cls, surface: Surface, relative_sd: Array, length: float, settings: CorrectionSettings) -> Level:
+        step = length / settings.nodes_per_length
+        band = signed_distance(surface.vertices, surface.faces, step, settings.half_band * step).band
+        to_vertices = sparse.diags(relative_sd) @ band.interpolation(surface.vertices)
+        return cls(MaternPrior.on(band, length, 1.0), sparse.csr_matrix(to_vertices))
 
     def of_amplitude(self, amplitude: float) -> Level:
         return replace(self, prior=replace(self.prior, amplitude=amplitude))
 
 
 def _fit(
-    wall: Wall, level: Level, measured: Measured, base: Array, field: Field, noise: float, iterations: int
-) -> tuple[Array, Field, list[Mapping[str, float]], bool]:
+    wall: Wall,
+    level: Level,
+    measured: Measured,
+    base: Array,
+    field: ResidualField,
+    noise: float,
+    settings: LevelSetSettings,
+) -> tuple[Array, ResidualField, list[Mapping[str, float]], bool]:
     """Descend, then ask the evidence again from where the wall has come to, until amplitude and noise stay.
 
     The noise falls slowly from the level before: points that the wall has yet to reach must not be taken for
     outliers.
     """
-    f = np.zeros(level.spread.shape[1])
+    chosen = settings.correction
+    f = np.zeros(level.to_vertices.shape[1])
     trace: list[Mapping[str, float]] = []
-    for _ in range(ROUNDS):
-        now = max(field.noise, COOLING * noise)
+    for _ in range(chosen.rounds):
+        now = max(field.noise, chosen.cooling * noise)
         f, steps, settled = _descend(
-            wall, level.of_amplitude(field.amplitude), measured.with_noise(now), base, f, iterations
+            wall, level.of_amplitude(field.amplitude), measured.with_noise(now), base, f, chosen
         )
         trace += steps
-        again = _evidence(wall, measured.with_noise(now), measured, field.length, level.spread @ f)
-        steady = abs(np.log(again.amplitude / field.amplitude)) + abs(np.log(again.noise / now)) < STEADY
-        field = replace(again, gain=max(again.gain, field.gain), noise=max(again.noise, COOLING * now))
+        again = _best_field(
+            wall, measured.with_noise(now), measured, field.length, settings, level.to_vertices @ f
+        )
+        steady = (
+            abs(np.log(again.amplitude / field.amplitude)) + abs(np.log(again.noise / now)) < chosen.steady
+        )
+        field = replace(again, gain=max(again.gain, field.gain), noise=max(again.noise, chosen.cooling * now))
         noise = now
         if steady:
             break
-    return base + level.spread @ f, replace(field, noise=noise), trace, settled
+    return base + level.to_vertices @ f, replace(field, noise=noise), trace, settled
 
 
 def _descend(
-    wall: Wall, level: Level, measured: Measured, base: Array, f: Array, iterations: int
+    wall: Wall, level: Level, measured: Measured, base: Array, f: Array, settings: CorrectionSettings
 ) -> tuple[Array, list[Mapping[str, float]], bool]:
     """Gauss-Newton with reweighting over the nodes of one field, on top of base (v,); the energy with exact
     distances never rises.
     """
 
     def terms(f: Array) -> tuple[float, float]:
-        wall.move(base + level.spread @ f)
+        wall.move(base + level.to_vertices @ f)
         return float(
             measured.likelihood.loss(wall.look(measured.points)[0] - measured.bias).sum()
         ), level.prior.energy(f)
@@ -191,8 +198,10 @@ def _descend(
     length = level.prior.length
     energy = sum(found)
     trace: list[Mapping[str, float]] = [_record(length, 0, *found)]
-    for iteration in range(1, iterations + 1):
-        f, found = _backtrack(terms, f, _newton(wall, level, measured, f), energy)
+    for iteration in range(1, settings.iterations + 1):
+        f, found = _backtrack(
+            terms, f, _newton(wall, level, measured, f, settings), energy, settings.halvings
+        )
         trace.append(_record(length, iteration, *found))
         fall = energy - sum(found)
         energy = sum(found)
@@ -200,7 +209,7 @@ def _descend(
             raise SolverError(
                 f"level set: the energy is {energy} after iteration {iteration} at length {length:.3g}"
             )
-        if fall <= SETTLED:
+        if fall <= settings.settled:
             return f, trace, True
     return f, trace, False
 
@@ -209,7 +218,7 @@ def _record(length: float, iteration: int, data: float, prior: float) -> Mapping
     return {"length": length, "iteration": iteration, "data": data, "prior": prior, "energy": data + prior}
 
 
-def _newton(wall: Wall, level: Level, measured: Measured, f: Array) -> Array:
+def _newton(wall: Wall, level: Level, measured: Measured, f: Array, settings: CorrectionSettings) -> Array:
     """Gauss-Newton step (n,): to the minimum of the energy with feet and weights held, by conjugate
     gradients.
     """
@@ -217,7 +226,7 @@ def _newton(wall: Wall, level: Level, measured: Measured, f: Array) -> Array:
     distance, corners, weights = wall.look(measured.points)
     rest = distance - measured.bias
     # moving the wall out by 1 shortens a distance by 1
-    at_feet = _rows(corners, weights, level.spread.shape[0]) @ level.spread
+    at_feet = _rows(corners, weights, level.to_vertices.shape[0]) @ level.to_vertices
     slope = prior.slope(f) - at_feet.T @ noise.slope(rest)
     believed = noise.weight(rest) * noise.pull(rest) / noise.sigma**2
 
@@ -228,7 +237,13 @@ def _newton(wall: Wall, level: Level, measured: Measured, f: Array) -> Array:
         _squares(prior.operator).T @ np.full(len(f), prior.amplitude**-2.0) + _squares(at_feet).T @ believed
     )
     matrix = LinearOperator((len(f), len(f)), matvec=hessian, dtype=np.float64)
-    step, _ = cg(matrix, -slope, rtol=1e-6, maxiter=2000, M=sparse.diags(1.0 / diagonal))
+    step, _ = cg(
+        matrix,
+        -slope,
+        rtol=settings.solver_tolerance,
+        maxiter=settings.solver_iterations,
+        M=sparse.diags(1.0 / diagonal),
+    )
     return np.asarray(step)
 
 
@@ -242,9 +257,11 @@ def _rows(corners: Ints, weights: Array, count: int) -> sparse.csr_matrix:
     return sparse.csr_matrix((weights.ravel(), (rows, corners.ravel())), shape=(len(corners), count))
 
 
-def _backtrack(terms: Terms, f: Array, direction: Array, energy: float) -> tuple[Array, tuple[float, float]]:
-    """Half the step until the energy does not rise; after ten halvings stay."""
-    for halving in range(10):
+def _backtrack(
+    terms: Terms, f: Array, direction: Array, energy: float, halvings: int
+) -> tuple[Array, tuple[float, float]]:
+    """Half the step until the energy does not rise; after so many halvings stay."""
+    for halving in range(halvings):
         trial = f + 0.5**halving * direction
         found = terms(trial)
         if sum(found) <= energy:
@@ -252,7 +269,9 @@ def _backtrack(terms: Terms, f: Array, direction: Array, energy: float) -> tuple
     return f, terms(f)
 
 
-def _sentence(fields: list[Field], trace: list[Mapping[str, float]], converged: bool, unit: str) -> str:
+def _sentence(
+    fields: list[ResidualField], trace: list[Mapping[str, float]], converged: bool, unit: str
+) -> str:
     if not fields:
         return "nothing to add: the residuals of the points hold no field that the noise would not explain"
     said = ", ".join(

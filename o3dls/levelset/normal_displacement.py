@@ -11,8 +11,7 @@ from ..geometry.closest_point import ClosestPoint
 from ..geometry.differential import normals_and_curvature
 from ..geometry.similarity import principal_frame, rms_radius
 from ..geometry.surface import Surface
-
-BENT = 5.0  # curvatures beyond this over the rms radius are noise of the mesh
+from .settings import ObservationSettings
 
 
 class Wall:
@@ -20,11 +19,12 @@ class Wall:
     at every position.
     """
 
-    def __init__(self, surface: Surface) -> None:
+    def __init__(self, surface: Surface, settings: ObservationSettings | None = None) -> None:
+        most = (settings or ObservationSettings()).most_curvature
         self.surface = surface
         self.rest, self.faces = surface.vertices, surface.faces
         self.radius = rms_radius(self.rest)
-        self.normals, self.curvature = normals_and_curvature(self.rest, self.faces, BENT / self.radius)
+        self.normals, self.curvature = normals_and_curvature(self.rest, self.faces, most / self.radius)
         self.tree = ClosestPoint(surface.vertices, surface.faces)
 
     @cached_property

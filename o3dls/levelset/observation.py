@@ -1,5 +1,5 @@
-"""What points say of a surface: their noise, the share of outliers, and the distance that noise alone adds on
-a curved wall.
+"""What points say of a surface: their noise, the fraction of outliers, and the distance that noise alone adds
+on a curved wall.
 """
 
 from __future__ import annotations
@@ -11,50 +11,48 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from ..arrays import Array
-from ..noise.contact import CROWD, INSIDE, say
+from ..noise.contact import Contact, inside_point_weights
 from ..noise.likelihood import Likelihood
-from ..noise.robust import spread
+from ..noise.robust import robust_sd
 from .normal_displacement import Wall
-
-SHARES = (0.02, 0.3)  # a share outside is not believed, but for 0: then every point is
-EXACT = 4e-6  # rms radii: noise of points that lie on the surface as it is
-MOST_BENT = 0.6  # noise times curvature beyond which the bias is not to be trusted
+from .settings import ObservationSettings
 
 
 @dataclass(frozen=True, eq=False)
 class Noise:
-    """What is known of the noise beforehand: `sigma` (None: nothing), uncertain by `doubt` (of its
-    logarithm), outliers with `share`, of which the share `inside` lies inside.
+    """What is known of the noise beforehand: `sigma` (None: nothing), uncertain by the sd of its logarithm
+    (None: as for an unknown one); the fraction of outliers, and that of these which lies inside (None: the
+    usual ones).
     """
 
     sigma: float | None = None
-    doubt: float = 0.5
-    share: float = 0.08
-    inside: float = INSIDE
+    sigma_log_sd: float | None = None
+    outlier_fraction: float | None = None
+    inside_fraction: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """Points (n, d) seen from a wall at signed distance (n,): their likelihood, how uncertain its noise is,
-    and the bias (n,) of a curved wall, which noise adds to the distance.
+    """Points (n, d) seen from a wall at signed distance (n,): their likelihood, the sd of the logarithm of
+    its noise, and the bias (n,) of a curved wall, which noise adds to the distance.
     """
 
     points: Array
     distance: Array
     likelihood: Likelihood
-    doubt: float
+    sigma_log_sd: float
     bias: Array
 
     def of(self, rows: NDArray[np.bool_]) -> Measured:
         """The points of a mask (n,)."""
-        noise = replace(
+        likelihood = replace(
             self.likelihood, sigma=self.likelihood.sigma[rows], one_sided=self.likelihood.one_sided[rows]
         )
         return replace(
             self,
             points=self.points[rows],
             distance=self.distance[rows],
-            likelihood=noise,
+            likelihood=likelihood,
             bias=self.bias[rows],
         )
 
@@ -64,38 +62,59 @@ class Measured:
 
 
 def observe(
-    wall: Wall, points: Array, one_sided: NDArray[np.bool_], relative: Array, noise: Noise
+    wall: Wall,
+    points: Array,
+    one_sided: NDArray[np.bool_],
+    relative: Array,
+    noise: Noise,
+    settings: ObservationSettings | None = None,
 ) -> Measured:
     """The points against a wall.
 
     one_sided (n,): known to be inside only; relative (n,): noise of each point over the usual one. Unknown
-    noise is the robust spread of the distances.
+    noise is the robust standard deviation of the distances.
     """
+    settings = settings or ObservationSettings()
     distance, corners, weights = wall.look(points)
-    sigma = relative * max(
-        spread(distance[~one_sided]) if noise.sigma is None else noise.sigma, EXACT * wall.radius
-    )
-    share = float(np.clip(noise.share, *SHARES)) if noise.share > 0.0 else 0.0
-    likelihood = Likelihood(sigma, share, wall.radius, one_sided, noise.inside)
+    known = robust_sd(distance[~one_sided]) if noise.sigma is None else noise.sigma
+    sigma = relative * max(known, settings.exact_noise * wall.radius)
+    likelihood = Likelihood(sigma, _contact(wall, noise, settings), one_sided)
     bend = np.einsum("nc,nc->n", weights, wall.curvature[corners])
     # the mean of the distance from a curved wall under noise of variance s^2 is s^2 / 2 times the sum of its
     # curvatures
-    bias = np.where(one_sided, 0.0, 0.5 * sigma * np.clip(sigma * bend, -MOST_BENT, MOST_BENT))
-    seen = Measured(points, distance, likelihood, noise.doubt, bias)
-    return seen.of(~one_sided | (distance <= 0.0) | _heard(wall, points, one_sided, distance > 0.0))
+    curved = np.clip(sigma * bend, -settings.most_bias, settings.most_bias)
+    bias = np.where(one_sided, 0.0, 0.5 * sigma * curved)
+    log_sd = settings.sigma_log_sd if noise.sigma_log_sd is None else noise.sigma_log_sd
+    seen = Measured(points, distance, likelihood, log_sd, bias)
+    active = _active_inside_points(wall, points, one_sided, distance > 0.0, settings)
+    return seen.of(~one_sided | (distance <= 0.0) | active)
 
 
-def _heard(
-    wall: Wall, points: Array, one_sided: NDArray[np.bool_], outside: NDArray[np.bool_]
+def _contact(wall: Wall, noise: Noise, settings: ObservationSettings) -> Contact:
+    """Who touches the wall, by what is known beforehand; a fraction out of bounds is not believed."""
+    usual = Contact.expected(wall.radius, settings.contact)
+    fraction = usual.outlier_fraction if noise.outlier_fraction is None else noise.outlier_fraction
+    if fraction > 0.0:
+        fraction = float(np.clip(fraction, settings.least_outliers, settings.most_outliers))
+    inside = usual.inside_fraction if noise.inside_fraction is None else noise.inside_fraction
+    return replace(usual, outlier_fraction=fraction, inside_fraction=inside)
+
+
+def _active_inside_points(
+    wall: Wall,
+    points: Array,
+    one_sided: NDArray[np.bool_],
+    outside: NDArray[np.bool_],
+    settings: ObservationSettings,
 ) -> NDArray[np.bool_]:
-    """Which points (n,) known to be inside are outside and heard: all where twice as many as are inside
+    """Which points (n,) known to be inside are outside and pull: all where twice as many as are inside
     around, else one.
     """
     rows = np.flatnonzero(one_sided)
-    heard = say(points[rows], outside[rows], wall.radius)
+    weights = inside_point_weights(points[rows], outside[rows], wall.radius, settings.contact)
     chosen = np.zeros(len(points), dtype=bool)
     near = KDTree(points[rows])
-    for k in np.flatnonzero(heard):
-        around = rows[near.query_ball_point(points[rows[k]], CROWD * wall.radius)]
-        chosen[rows[k]] = heard[k] > 0.5 or not chosen[around].any()
+    for k in np.flatnonzero(weights):
+        around = rows[near.query_ball_point(points[rows[k]], settings.contact.crowd * wall.radius)]
+        chosen[rows[k]] = weights[k] > 0.5 or not chosen[around].any()
     return chosen

@@ -99,7 +99,7 @@ def linked(band: Band, chosen: NDArray[np.bool_]) -> Ints:
     return named
 
 
-def without_shreds(band: Band, phi: Array) -> Array:
+def without_islands(band: Band, phi: Array) -> Array:
     """The level set with its largest inside and its largest outside alone: islands and cavities change their
     side.
     """

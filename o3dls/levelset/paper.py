@@ -31,22 +31,16 @@ from scipy.sparse.linalg import cg
 
 from ..arrays import Array
 from ..errors import SolverError
-from ..geometry.components import topology
+from ..geometry.components import components_and_euler
 from ..geometry.surface import Surface
 from .band import Band
 from .distance import SignedDistance, signed_distance
 from .isosurface import reinitialise, zero_set
 from .operators import delta, gradient, heaviside, mean_curvature
-from .refine import Reached
+from .refine import Refinement
+from .settings import PaperSettings
 
-# half width of the regularised delta and Heaviside functions in spacings: whole, so that sampling keeps their
-# sums
-REACH = 2.0
-HALF_BAND = 5.0  # half width of the band, in spacings
-# phi moves this near to the surface, in spacings; beyond it holds still, so that the zero set never meets the
-# band's border
-FREE = 3.0
-SETTLED = 1e-4  # relative fall of the energy between two reinitialisations at which the descent ends
+DEFAULTS = PaperSettings()
 
 
 @dataclass(frozen=True)
@@ -66,32 +60,35 @@ def descend(
     *,
     spacing: float,
     cycles: int,
-    steps: int = 10,
-) -> Reached:
-    """Minimise (8)-(15) from phi = psi.T by (16): `cycles` times `steps` steps, a reinitialisation after each
+    settings: PaperSettings = DEFAULTS,
+) -> Refinement:
+    """Minimise (8)-(15) from phi = psi.T by (16): `cycles` times some steps, a reinitialisation after each
     cycle.
 
     prior: the prior moved by T; points (n, d); sigma: their noise. Stops where the energy no longer falls.
     """
-    psi = signed_distance(prior.vertices, prior.faces, spacing, HALF_BAND * spacing)
+    psi = signed_distance(prior.vertices, prior.faces, spacing, settings.half_band * spacing)
     field = psi
-    trace = [{"iteration": 0} | energies(psi, heaviside(psi.phi, REACH * spacing), points, sigma, weights)]
+    trace = [
+        {"iteration": 0}
+        | energies(psi, heaviside(psi.phi, settings.delta_width * spacing), points, sigma, weights, settings)
+    ]
     how = "stopped at the limit"
     for _ in range(cycles):
-        shape = heaviside(_on_band(psi, field.band), REACH * spacing)
-        moved = _steps(field, shape, points, sigma, weights, steps)
+        shape = heaviside(_on_band(psi, field.band), settings.delta_width * spacing)
+        moved = _steps(field, shape, points, sigma, weights, settings)
         if not np.isfinite(moved).all():
             raise SolverError(
                 "paper formulation: phi is no longer finite; the weights are too large for the spacing"
             )
         candidate = reinitialise(field.band, moved)
-        shape = heaviside(_on_band(psi, candidate.band), REACH * spacing)
-        record = energies(candidate, shape, points, sigma, weights)
+        shape = heaviside(_on_band(psi, candidate.band), settings.delta_width * spacing)
+        record = energies(candidate, shape, points, sigma, weights, settings)
         fall = trace[-1]["energy"] - record["energy"]
         if fall > 0.0:
             field = candidate
             trace.append({"iteration": len(trace)} | record)
-        if fall <= SETTLED * trace[-1]["energy"]:
+        if fall <= settings.settled * trace[-1]["energy"]:
             how = (
                 "converged"
                 if fall >= 0.0
@@ -99,16 +96,23 @@ def descend(
             )
             break
     status, facts = _outcome(field, f"{how} after {len(trace) - 1} reinitialisations", points)
-    return Reached(field, prior, sigma, status, how == "converged", tuple(trace), facts=facts, islands=True)
+    return Refinement(
+        field, prior, sigma, status, how == "converged", tuple(trace), facts=facts, islands=True
+    )
 
 
 def energies(
-    field: SignedDistance, shape: Array, points: Array, sigma: float, weights: Weights
+    field: SignedDistance,
+    shape: Array,
+    points: Array,
+    sigma: float,
+    weights: Weights,
+    settings: PaperSettings = DEFAULTS,
 ) -> dict[str, float]:
     """Terms of the energy; shape (n,) is H(psi.T) on the band of the field."""
     band, phi = field.band, field.phi
     cell = band.spacing**band.dimension
-    reach = REACH * band.spacing
+    reach = settings.delta_width * band.spacing
     slope = np.linalg.norm(gradient(band, phi), axis=1)
     terms = {
         "data": weights.data * float(((band.interpolation(points) @ phi) ** 2).sum()) / sigma**2,
@@ -119,12 +123,17 @@ def energies(
 
 
 def _steps(
-    field: SignedDistance, shape: Array, points: Array, sigma: float, weights: Weights, steps: int
+    field: SignedDistance,
+    shape: Array,
+    points: Array,
+    sigma: float,
+    weights: Weights,
+    settings: PaperSettings,
 ) -> Array:
-    """`steps` steps of (16): area and shape explicit within their stability bounds, points implicit (R5)."""
+    """Some steps of (16): area and shape explicit within their stability bounds, points implicit (R5)."""
     band, phi = field.band, field.phi
     h = band.spacing
-    reach = REACH * band.spacing
+    reach = settings.delta_width * band.spacing
     dt = min(
         h * h * reach / (2.0 * band.dimension * max(weights.area, 1e-9)),
         h * reach / (2.0 * max(weights.shape, 1e-9)),
@@ -132,12 +141,18 @@ def _steps(
     at_points = band.interpolation(points)
     pull = 2.0 * weights.data / (sigma**2 * h**band.dimension)
     implicit = sparse.identity(len(band)) + dt * pull * (at_points.T @ at_points)
-    for _ in range(steps):
+    for _ in range(settings.steps):
         flow = weights.area * mean_curvature(band, phi) - 2.0 * weights.shape * (
             heaviside(phi, reach) - shape
         )
-        phi, _ = cg(implicit, phi + dt * flow * delta(phi, reach), x0=phi, rtol=1e-6, maxiter=500)
-    return np.where(np.abs(field.phi) < FREE * h, phi, field.phi)
+        phi, _ = cg(
+            implicit,
+            phi + dt * flow * delta(phi, reach),
+            x0=phi,
+            rtol=settings.solver_tolerance,
+            maxiter=settings.solver_iterations,
+        )
+    return np.where(np.abs(field.phi) < settings.free * h, phi, field.phi)
 
 
 def _on_band(psi: SignedDistance, band: Band) -> Array:
@@ -156,7 +171,7 @@ def _outcome(field: SignedDistance, how: str, points: Array) -> tuple[str, dict[
     """How it went, in words and in numbers: islands and points without pull are what this formulation is
     known for.
     """
-    count, _ = topology(*zero_set(field.band, field.phi))
+    count, _ = components_and_euler(*zero_set(field.band, field.phi))
     lost = int((np.asarray(abs(field.band.interpolation(points)).sum(axis=1)).ravel() == 0.0).sum())
     said = f"{how}: {count} piece{'s' * (count > 1)}, {lost} points out of the band without pull"
     return said, {"pieces": count, "points_without_pull": lost}

@@ -19,20 +19,18 @@ from ..parallel import axes_of, by_rows
 from .covariance import Places
 from .observations import Feet
 
-# elements less likely than exp(-3) times the closest are left out: more change no result, and cost time
-REACH = 3.0
-# what is smaller than the noise times the root of this is seen as its centre: exact enough for a Gaussian
-FINE = 3.0
-
 WORTH, WORTH_FACES = 100, 10_000  # points, and faces, that are worth a thread
 
 
-def likely_feet(tree: ClosestPoint, points: Array, sd: Array, rest: Places) -> Feet:
+def likely_feet(
+    tree: ClosestPoint, points: Array, sd: Array, rest: Places, cutoff: float = 3.0, resolution: float = 3.0
+) -> Feet:
     """Feet of points (k, d) of noise sd (k,) on the tree's surface, whose vertices in the reference pose are
     `rest`.
 
-    The normals are means of unit normals: shorter where walls of several directions compete, and so is what
-    the point tells.
+    cutoff: elements less likely than exp(-cutoff) times the closest are left out; resolution: a face whose
+    squared size is smaller than this times the noise is seen as its centre. The normals are means of unit
+    normals: shorter where walls of several directions compete, and so is what the point tells.
     """
     dim = points.shape[1]
     axes = axes_of(points)
@@ -57,6 +55,8 @@ def likely_feet(tree: ClosestPoint, points: Array, sd: Array, rest: Places) -> F
         normals,
         rest.at,
         rest.normals,
+        cutoff,
+        resolution,
     )
     by_rows(_expected, WORTH, rows, axes, *elements)
     at, mean, along, height, moved = np.split(means, [dim, 2 * dim, 2 * dim + 1, 2 * dim + 2], axis=1)
@@ -179,6 +179,8 @@ def _expected(  # type: ignore[no-untyped-def]
     normals,
     rest,
     rest_normals,
+    cutoff,
+    resolution,
 ):
     """Add to the means (n, 3 d + 2) what the faces hold, with weights measure * exp(-squared distance / 2
     sd2); the height is that of the point over the face.
@@ -190,7 +192,7 @@ def _expected(  # type: ignore[no-untyped-def]
     own = np.empty((1, 3 * dim + 4))
     for i in range(n):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
-        limit = closest2[i] * (1.0 + 1e-12) + 2.0 * REACH * sd2[i]
+        limit = closest2[i] * (1.0 + 1e-12) + 2.0 * cutoff * sd2[i]
         total = 0.0
         stack[0], top = 0, 1
         while top > 0:
@@ -198,7 +200,7 @@ def _expected(  # type: ignore[no-untyped-def]
             node = stack[top]
             if box_gap(x, y, z, boxes, node) > limit:
                 continue
-            if nodes[node, 3 * dim + 3] < FINE * sd2[i]:
+            if nodes[node, 3 * dim + 3] < resolution * sd2[i]:
                 total += _add(axes, means, points, i, nodes, node, closest2[i], sd2[i])
                 continue
             if node < leaves - 1:
@@ -207,7 +209,7 @@ def _expected(  # type: ignore[no-untyped-def]
                 continue
             leaf = node - (leaves - 1)
             for k in range(leaf * m // leaves, (leaf + 1) * m // leaves):
-                if centres[k, 3 * dim + 3] < FINE * sd2[i]:
+                if centres[k, 3 * dim + 3] < resolution * sd2[i]:
                     total += _add(axes, means, points, i, centres, k, closest2[i], sd2[i])
                     continue
                 # a face large against the noise is seen at its closest point

@@ -1,7 +1,8 @@
-"""Fitting the motion T of the prior: a similarity, strains and a smooth field, to points, by evidence.
+"""Fitting the motion T of the prior, a similarity, strains and a smooth field, to points, by evidence.
 
-Rounds (`problem`) until the surface stands still; then what the points prefer (`choice`): a motion or none,
-the prior as it is or smoothed.
+Rounds (`iteration`) until the surface stands still; a comparison with a fit that begins without points that
+may have pulled the wall out (`leverage_points`); then what the points prefer (`model_selection`): a motion or
+none, the prior as it is or smoothed.
 """
 
 from __future__ import annotations
@@ -13,24 +14,17 @@ from threadpoolctl import ThreadpoolController
 
 from ..arrays import Array, Ints
 from ..geometry.differential import unit_mean, vertex_normals
-from ..noise.contact import believe
-from .model_selection import DECISIVE, shown, smoother
+from ..noise.contact import update_contact
+from .iteration import State, begin, step
+from .leverage_points import energy_with_strain, leverage_points
+from .model_selection import motion_evidence, preferred_smoothing
 from .observations import Data
-from .problem import LATE, Problem, Run
-from .result import MotionFit, State
-from .settings import Settings
-from .stretch_hypothesis import doubtful, drawn
+from .problem import MotionProblem, motion_problem
+from .result import Iterated, MotionFit, motion_fit
+from .settings import MotionSettings
 
-MENDINGS = 3  # of the start pose: points that mean no surface have it mended for ever
-# factor on the odds of being off the wall, for points that may have drawn it: until the wall stands without
-# them
-ALOOF = 1e6
-MANY_ROUNDS = 8  # with all points, after a fit to some of them
 # on matrices of a few hundred rows, two threads take three times as long as one
 LIBRARIES = ThreadpoolController()
-# one more point moves the surface by a fraction of the noise: a second round would move it by hundredths of
-# that
-WARM_ROUNDS = 1
 
 
 def fit_motion(
@@ -38,7 +32,7 @@ def fit_motion(
     faces: Ints,
     pose: Array,
     data: Data,
-    settings: Settings | None = None,
+    settings: MotionSettings | None = None,
     warm: MotionFit | None = None,
 ) -> MotionFit:
     """Fit the motion of a surface (vertices (n, d), faces (m, d), prior frame) from a start pose (d+1, d+1)
@@ -50,113 +44,114 @@ def fit_motion(
     """
     with LIBRARIES.limit(limits=1, user_api="blas"):
         if warm is not None:
-            return _proceed(warm, data, slice(len(warm.state.weights)), WARM_ROUNDS)
-        return _from_nothing(vertices, faces, pose, data, settings or Settings())
+            rounds = warm.problem.settings.iteration.rounds_of_update
+            return _continue(warm, data, slice(len(warm.state.weights)), rounds)
+        return _fit_from_nothing(vertices, faces, pose, data, settings or MotionSettings())
 
 
-def _from_nothing(vertices: Array, faces: Ints, pose: Array, data: Data, settings: Settings) -> MotionFit:
-    """Of very many points, a part finds what all of them then proceed from; a start that others explain
-    better is mended.
+def _fit_from_nothing(
+    vertices: Array, faces: Ints, pose: Array, data: Data, settings: MotionSettings
+) -> MotionFit:
+    """Of very many points, a part finds what all of them then go on from; a start that others explain better
+    is corrected.
     """
-    some = data.part(settings.many)
+    some = data.part(settings.iteration.most_points)
     if len(some) < len(data.points):
-        first = _from_nothing(vertices, faces, pose, data.at(some), settings)
-        fit = _proceed(first, data, some, MANY_ROUNDS)
+        first = _fit_from_nothing(vertices, faces, pose, data.at(some), settings)
+        fit = _continue(first, data, some, settings.iteration.rounds_with_all)
         return replace(fit, trace=(*first.trace, *fit.trace))
-    for _ in range(1 + MENDINGS):
-        run = _without_drawn(_run(Problem.make(vertices, faces, pose, data, settings)))
-        found = shown(run)
-        if not found.mended:
+    for _ in range(1 + settings.selection.pose_corrections):
+        run = _iterate_robustly(motion_problem(vertices, faces, pose, data, settings))
+        found = motion_evidence(run)
+        if not found.corrected:
             break
         pose = found.pose
     scales = found.scales
     # points that show no motion show no roughness either
-    faired = smoother(run) if found.share == 1.0 else None
-    if faired is not None:
-        other = _without_drawn(_run(Problem.make(vertices, faces, pose, data, settings, faired)))
+    smoothed = preferred_smoothing(run) if found.probability == 1.0 else None
+    if smoothed is not None:
+        other = _iterate_robustly(motion_problem(vertices, faces, pose, data, settings, smoothed))
         if other.energy < run.energy:
             run = other
             scales = other.state.scales
-    # what is not shown need not stand still
-    run = replace(run, state=replace(run.state, scales=scales), moving=found.share * run.moving)
-    return run.result(found.share, found.alone, settings.tolerance * run.problem.size)
+    # the part of the motion that is not followed need not stand still
+    state = replace(run.state, scales=scales)
+    run = replace(run, state=state, moving=found.probability * run.moving)
+    least = settings.iteration.tolerance * run.problem.size
+    return motion_fit(run, found.probability, found.pose_alone, least)
 
 
-def _proceed(earlier: MotionFit, data: Data, known: slice | Ints, rounds: int) -> MotionFit:
+def _continue(earlier: MotionFit, data: Data, known: slice | Ints, rounds: int) -> MotionFit:
     """Rounds with all of `data`, of which the earlier fit had the `known` points: pose, amplitudes and noise
     levels are kept.
     """
-    least = 0.1 * float(earlier.state.scales.noises[0])  # the surface stands within the noise
     problem = replace(earlier.problem, data=data)
-    state = replace(earlier.state, weights=_first_beliefs(earlier, data, known), patches=None)
+    least = problem.settings.iteration.update_tolerance * float(earlier.state.scales.noises[0])
+    state = replace(earlier.state, weights=_first_weights(earlier, data, known), patches=None)
     trace = list[dict[str, float]]()
     for _ in range(rounds):
-        state, solved, record = problem.step(state, LATE, tuning=False)
+        state, solved, record = step(problem, state, None)
         trace.append(record)
         if record["step"] < least:
             break
-    return Run(problem, state, solved, trace, trace[-1]["step"], earlier.facts).result(
-        earlier.motion.share, earlier.motion.alone, least
-    )
+    run = Iterated(problem, state, solved, tuple(trace), trace[-1]["step"], earlier.facts)
+    return motion_fit(run, earlier.motion.probability, earlier.motion.pose_alone, least)
 
 
-def _first_beliefs(earlier: MotionFit, data: Data, known: slice | Ints) -> Array:
-    """Belief (n,) in the known points as it was, in the further ones by their distances from the surface as
-    it is.
+def _first_weights(earlier: MotionFit, data: Data, known: slice | Ints) -> Array:
+    """Probability of contact (n,) of the known points as it was, of the further ones by their distances from
+    the surface as it is.
     """
     weights, state = data.trusted, earlier.state
+    faces = earlier.problem.faces
     new = ~data.inside
     new[known] = False
     weights[known] = state.weights
     if new.any():
         surface = earlier.problem.tree.at(state.moved)
         _, face, foot, bary = surface.query(data.points[new])
-        corners = earlier.problem.faces[face]
-        outward = (data.points[new] - foot) * unit_mean(
-            vertex_normals(state.moved, earlier.problem.faces), corners, bary
-        )
+        corners = faces[face]
+        normals = unit_mean(vertex_normals(state.moved, faces), corners, bary)
+        outward = ((data.points[new] - foot) * normals).sum(axis=1)
         own = state.scales.noises[data.group[new]] * data.relative[new]
-        weights[new], _ = believe(
-            outward.sum(axis=1),
-            own**2 + (bary * earlier.sd[corners]).sum(axis=1) ** 2,
-            data.odds[new],
-            state.contact,
-        )
+        variance = own**2 + (bary * earlier.sd[corners]).sum(axis=1) ** 2
+        weights[new], _ = update_contact(outward, variance, data.odds[new], state.contact)
     return weights
 
 
-def _without_drawn(run: Run) -> Run:
-    """The run, or one that begins without the points that may have drawn the wall, and then hears them again,
-    if it is clearly likelier.
+def _iterate_robustly(problem: MotionProblem) -> Iterated:
+    """Iterate; where points may have pulled the wall out, begin without them, take them in again, and keep
+    that run if it is clearly likelier.
     """
-    problem = run.problem
-    odd = drawn(run)
-    if not odd.any():
+    run = _iterate(problem, begin(problem))
+    suspect = leverage_points(run)
+    if not suspect.any():
         return run
-    data = replace(problem.data, odds=np.where(odd, ALOOF, 1.0) * problem.data.odds)
-    first = _run(replace(problem, data=data))
-    other = _run(problem, replace(first.state, patches=None), LATE)
-    behind = doubtful(other) - doubtful(run)
-    count = float(odd.sum())
-    if behind < -DECISIVE:
-        return replace(other, trace=[*first.trace, *other.trace], facts={"let_go": count})
+    odds = np.where(suspect, problem.settings.leverage.exclusion_odds, 1.0) * problem.data.odds
+    without = replace(problem, data=replace(problem.data, odds=odds))
+    first = _iterate(without, begin(without))
+    other = _iterate(problem, replace(first.state, patches=None), anneal=False)
+    behind = energy_with_strain(other) - energy_with_strain(run)
+    count = float(suspect.sum())
+    if behind < -problem.settings.selection.decisive:
+        return replace(other, trace=(*first.trace, *other.trace), facts={"excluded_points": count})
     apart = float(np.linalg.norm(other.state.moved - run.state.moved, axis=1).mean())
-    return replace(run, facts={"rival_without": count, "rival_behind": behind, "rival_apart": apart})
+    facts = {"alternative_excluded": count, "alternative_behind": behind, "alternative_apart": apart}
+    return replace(run, facts=facts)
 
 
-def _run(problem: Problem, state: State | None = None, first: int = 0) -> Run:
-    """Iterate until the vertices stand still: from nothing, or from a state and the number of its `first`
-    round on.
-    """
-    settings = problem.settings
-    state = state or problem.start()
+def _iterate(problem: MotionProblem, state: State, *, anneal: bool = True) -> Iterated:
+    """Rounds until the vertices stand still: from nothing, or without annealing from an earlier state."""
+    settings = problem.settings.iteration
     trace: list[dict[str, float]] = []
-    for iteration in range(first, first + settings.iterations):
+    for k in range(settings.iterations):
         at = state.feet_on
-        state, solved, record = problem.step(state, iteration, tuning=iteration in settings.tune_at)
+        iteration = k if anneal else None
+        state, solved, record = step(problem, state, iteration, tuning=anneal and k in settings.tune_at)
         trace.append(record)
-        if iteration > max(settings.tune_at) and record["step"] < settings.tolerance * problem.size:
+        tuned = not anneal or k > max(settings.tune_at)
+        if tuned and record["step"] < settings.tolerance * problem.size:
             break
     # vertices may slide along a surface that stands still
     along = ((state.moved - at) * vertex_normals(at, problem.faces)).sum(axis=1)
-    return Run(problem, state, solved, trace, float(np.abs(along).mean()))
+    return Iterated(problem, state, solved, tuple(trace), float(np.abs(along).mean()))

@@ -16,9 +16,9 @@ from scipy.optimize import minimize
 from ..arrays import Array
 from ..errors import SolverError
 from .observations import Rows
+from .settings import IterationSettings
 
-FLAT = 0.1  # nats per factor e of an amplitude or a noise level: less decides nothing
-FARTHEST = 100.0  # logarithms: a longer step leads to what is no number
+OVERFLOW = 100.0  # logarithms: a longer step leads to what is no number
 # -log evidence, its slopes along the logarithms of amplitudes, and of each row's noise (n,)
 Terms = tuple[float, list[float], Array]
 
@@ -61,8 +61,8 @@ class Scales:
     """
 
     log: Array
-    centre: Array
-    spread: Array
+    prior_log: Array
+    prior_log_sd: Array
     least: Array
     fields: int
 
@@ -77,10 +77,10 @@ class Scales:
     def noise_alone(self) -> Scales:
         """The same noise levels without any field."""
         k = self.fields
-        return Scales(self.log[k:], self.centre[k:], self.spread[k:], self.least[k:], 0)
+        return Scales(self.log[k:], self.prior_log[k:], self.prior_log_sd[k:], self.least[k:], 0)
 
 
-def tune(scales: Scales, fixed: Array, parts: list[Array], rows: Rows, steps: int = 12) -> Array:
+def tune(scales: Scales, fixed: Array, parts: list[Array], rows: Rows, settings: IterationSettings) -> Array:
     """Logarithms that maximise evidence times log-normal priors (MacKay 1992), by L-BFGS on the exact
     gradient.
     """
@@ -92,10 +92,10 @@ def tune(scales: Scales, fixed: Array, parts: list[Array], rows: Rows, steps: in
         slopes = [float(np.vdot(slope, part)) * np.exp(2.0 * log[k]) for k, part in enumerate(parts)]
         return posterior.energy, slopes, noise * np.diag(slope)
 
-    return _likeliest(scales, rows, terms, steps)
+    return _likeliest(scales, rows, terms, settings)
 
 
-def tune_noise(scales: Scales, features: Array, rows: Rows, steps: int = 12) -> Array:
+def tune_noise(scales: Scales, features: Array, rows: Rows, settings: IterationSettings) -> Array:
     """The same for noise levels alone, where the covariance is that of few `features` (n, k): `fixed` is
     features features^T, and its inverse with the noise is had from a (k, k) matrix (Woodbury's identity).
     """
@@ -111,19 +111,21 @@ def tune_noise(scales: Scales, features: Array, rows: Rows, steps: int = 12) -> 
         energy = 0.5 * float(z @ alpha + np.log(noise).sum()) + float(np.log(np.diag(factor)).sum())
         return energy, [], noise * (precision - alpha**2)
 
-    return _likeliest(scales, rows, terms, steps)
+    return _likeliest(scales, rows, terms, settings)
 
 
-def _likeliest(scales: Scales, rows: Rows, terms: Callable[[Array], Terms], steps: int) -> Array:
+def _likeliest(
+    scales: Scales, rows: Rows, terms: Callable[[Array], Terms], settings: IterationSettings
+) -> Array:
     """Logarithms (k,) at the minimum of -log evidence, whose `terms` are those of the rows alone, and of the
     priors.
     """
     squares, degrees = rows.scatter
 
     def objective(log: Array) -> tuple[float, Array]:
-        pull = (log - scales.centre) / scales.spread
-        too_far = 1e12, np.asarray(pull / scales.spread)  # the line search comes back
-        if (log - scales.log).max() > FARTHEST:
+        pull = (log - scales.prior_log) / scales.prior_log_sd
+        too_far = 1e12, np.asarray(pull / scales.prior_log_sd)  # the line search comes back
+        if (log - scales.log).max() > OVERFLOW:
             return too_far
         try:
             energy, of_fields, of_rows = terms(log)
@@ -132,7 +134,7 @@ def _likeliest(scales: Scales, rows: Rows, terms: Callable[[Array], Terms], step
         within = squares * np.exp(-2.0 * log[scales.fields :])
         of_noises = np.bincount(rows.group, of_rows, minlength=len(squares)) - within + degrees
         energy += float(0.5 * within.sum() + degrees @ log[scales.fields :]) + 0.5 * float(pull @ pull)
-        return energy, np.r_[of_fields, of_noises] + pull / scales.spread
+        return energy, np.r_[of_fields, of_noises] + pull / scales.prior_log_sd
 
     limits = [(low, None) for low in scales.least]
     # slopes are free of the unit of length, the energy is not: a drop relative to it would stop elsewhere in
@@ -143,7 +145,7 @@ def _likeliest(scales: Scales, rows: Rows, terms: Callable[[Array], Terms], step
         jac=True,
         method="L-BFGS-B",
         bounds=limits,
-        options={"maxiter": steps, "maxcor": 8, "ftol": 0, "gtol": FLAT},
+        options={"maxiter": settings.tuning_steps, "maxcor": 8, "ftol": 0, "gtol": settings.tuning_tolerance},
     )
     return np.asarray(found.x)
 
@@ -187,7 +189,7 @@ def misfit(posterior: Posterior, log_noise: Array, rows: Rows) -> float:
     return 0.5 * float(rows.residual @ posterior.alpha + (rows.scatter[0] * np.exp(-2.0 * log_noise)).sum())
 
 
-def flattery(scales: Scales, fixed: Array, parts: list[Array], rows: Rows) -> float:
+def laplace_correction(scales: Scales, fixed: Array, parts: list[Array], rows: Rows) -> float:
     """Nats by which the evidence at its maximum exceeds the evidence of all amplitudes and noise levels:
     Laplace's approximation with their log-normal priors and Fisher's information (Kass and Raftery 1995).
     What the points say nothing of costs nothing.
@@ -201,8 +203,8 @@ def flattery(scales: Scales, fixed: Array, parts: list[Array], rows: Rows) -> fl
     information = 2.0 * np.array([[np.vdot(a, b.T) for b in slopes] for a in slopes])
     noises = np.arange(scales.fields, len(scales.log))
     information[noises, noises] += 2.0 * np.maximum(rows.scatter[1], 0.0)
-    pull = (scales.log - scales.centre) / scales.spread
-    stiffer = np.eye(len(pull)) + scales.spread[:, None] * information * scales.spread
+    pull = (scales.log - scales.prior_log) / scales.prior_log_sd
+    stiffer = np.eye(len(pull)) + scales.prior_log_sd[:, None] * information * scales.prior_log_sd
     return 0.5 * float(pull @ pull + np.linalg.slogdet(stiffer)[1])
 
 

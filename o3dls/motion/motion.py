@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,19 +14,16 @@ from ..geometry.similarity import apply
 from .covariance import Covariance, Observed, Places, cross, displacement, variance
 from .marginal_likelihood import Posterior, posterior_variance
 
-if TYPE_CHECKING:
-    pass
-
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class FittedMotion:
     """The fitted motion, prior frame to map frame, as a function of points with its posterior deviation
-    (estimate.Motion).
+    (interface.Motion).
 
-    share is the posterior probability that the points show a motion at all: so far the field is followed, and
-    for the rest the similarity `alone` (d+1, d+1), from the reference pose to where it would be without a
-    motion, so that points which cannot tell a motion from noise leave the prior its shape. inflation
-    calibrates the deviation (docs/method.md).
+    probability is that the points show a motion at all: so far the field is followed, and for the rest the
+    similarity `pose_alone` (d+1, d+1), from the reference pose to where it would be without a motion, so that
+    points which cannot tell a motion from noise leave the prior its shape. inflation calibrates the deviation
+    (docs/method.md).
     """
 
     vertices: Array  # of the prior, in its own frame
@@ -40,8 +36,8 @@ class Motion:
     sds: Array
     observed: Observed
     posterior: Posterior
-    share: float
-    alone: Array
+    probability: float
+    pose_alone: Array
     inflation: float
 
     def __call__(self, points: Array) -> Array:
@@ -50,7 +46,7 @@ class Motion:
 
     def mean(self, at: Array, field: Array) -> Array:
         """Where places (n, d) of the reference pose went that the field would displace by (n, d)."""
-        return at + self.share * field + (1.0 - self.share) * self._pose_alone(at)
+        return at + self.probability * field + (1.0 - self.probability) * self._shift_alone(at)
 
     def sd(self, points: Array, normals: Array) -> Array:
         """Posterior standard deviation (n,) along unit `normals` (map frame) of where points (n, d) of the
@@ -67,17 +63,17 @@ class Motion:
         # left
         beyond = (
             0.0
-            if self.share == 1.0
-            else ((self._field(places) - self._pose_alone(places.at)) * normals).sum(axis=1)
+            if self.probability == 1.0
+            else ((self._field(places) - self._shift_alone(places.at)) * normals).sum(axis=1)
         )
-        held_back = (1.0 - self.share) * beyond
+        held_back = (1.0 - self.probability) * beyond
         return self.inflation * np.sqrt(var + held_back**2)
 
     def _field(self, places: Places) -> Array:
         return displacement(self.covariance, self.sds, self.observed, self.posterior.alpha, places)
 
-    def _pose_alone(self, at: Array) -> Array:
-        return apply(self.alone, at) - at
+    def _shift_alone(self, at: Array) -> Array:
+        return apply(self.pose_alone, at) - at
 
     @cached_property
     def _tree(self) -> ClosestPoint:

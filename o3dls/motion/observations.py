@@ -20,10 +20,10 @@ class Data:
     """What is fitted: points (n, d), which of the noise groups each is in, its noise relative to the group's,
     its odds of floating, whether it is known to be inside only; landmarks.
 
-    mapping: rows of the mapping points of the case, of which those at one place are one row; apart: within
-    what distance they are; up (d,), where it is known: the direction of the prior, in its own frame, along
-    which it bends most; groups: how many noise groups there are; typical: the `sigma` that relative noise is
-    relative to, where points have one.
+    mapping: rows of the mapping points of the case, of which those at one place are one row;
+    duplicate_distance: within what distance they are; up (d,), where it is known: the direction of the prior,
+    in its own frame, along which it bends most; groups: how many noise groups there are; typical_sigma: the
+    `sigma` that relative noise is relative to, where points have one.
     """
 
     PER_POINT: ClassVar = ("points", "group", "relative", "odds", "inside")
@@ -38,8 +38,8 @@ class Data:
     up: Array | None = None
     groups: int = 1
     mapping: Ints | None = None
-    typical: float | None = None
-    apart: float = 0.0
+    typical_sigma: float | None = None
+    duplicate_distance: float = 0.0
 
     @property
     def trusted(self) -> Array:
@@ -95,7 +95,9 @@ class Rows:
     own_noise: float
 
 
-LEAST = 1e-6  # weight of a point that is not believed: keeps its row, and so its left-out residual, defined
+LEAST_WEIGHT = (
+    1e-6  # weight of a point that is not believed: keeps its row, and so its left-out residual, defined
+)
 
 
 def gather(
@@ -114,7 +116,7 @@ def gather(
     The precision-weighted mean is sufficient for a constant, and nearly so for a field that is smooth over a
     patch.
     """
-    precision = np.maximum(weights, LEAST) / data.relative**2
+    precision = np.maximum(weights, LEAST_WEIGHT) / data.relative**2
     of_point = patches
     if of_point is None:
         of_point = (
@@ -132,9 +134,9 @@ def gather(
     group = np.zeros(count, dtype=np.int64)
     group[of_point] = data.group
     residual = mean(feet.residual)[:, 0]
-    spread = precision * (feet.residual - residual[of_point]) ** 2
+    scatter = precision * (feet.residual - residual[of_point]) ** 2
     believed = np.bincount(data.group, weights, minlength=data.groups)
-    squares = np.asarray(np.bincount(data.group, spread, minlength=data.groups), dtype=np.float64)
+    squares = np.asarray(np.bincount(data.group, scatter, minlength=data.groups), dtype=np.float64)
     more = np.asarray(believed - np.bincount(group, minlength=data.groups), dtype=np.float64)
     observed = Observed(mean(feet.at), mean(feet.normals), mean(feet.along)[:, 0])
     own_noise = float(weights @ np.log(data.relative))
@@ -180,7 +182,7 @@ def points_left_out(
     of = rows.of_point
     own = (noises[data.group] * data.relative) ** 2
     said = 1.0 / noise[of]  # precision of the whole row, weights included
-    mine = np.maximum(weights, LEAST) / own
+    mine = np.maximum(weights, LEAST_WEIGHT) / own
     others = np.where(np.bincount(of)[of] > 1, np.maximum(said - mine, 0.0), 0.0)
     without_row = rows.residual[of] - row_residual[of]
     var = 1.0 / (1.0 / row_variance[of] + others)

@@ -1,39 +1,39 @@
-"""What a fit of the motion gives: state of the iteration, surface, deviation, history."""
+"""What a fit of the motion gives: motion, surface, deviation, history, and how it went in words."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..arrays import Array, Ints
+from ..arrays import Array
+from ..geometry.differential import vertex_normals
+from ..geometry.fold_repair import repair_folds
 from ..geometry.similarity import fit_similarity
-from ..noise.contact import Contact
-from .marginal_likelihood import Scales
+from .iteration import Solved, State
+from .motion import FittedMotion
+from .problem import MotionProblem
 
-if TYPE_CHECKING:
-    from .problem import Problem
-from .motion import Motion
+PROBABLE = 0.95  # a motion less probable than this is said to be followed in part
 
 
 @dataclass(frozen=True, eq=False)
-class State:
-    """What one iteration hands to the next: vertices (n, d) where feet are sought, as moved by the field,
-    scales, mixture, belief.
-
-    patches (k,): which row each point falls into, once that stays: points that change rows would keep the
-    surface from standing still.
+class Iterated:
+    """Where iterations of a problem have come to: the last state and system, the history, how far the last
+    round moved the surface (mean; from nothing along its normals only), and what else is to be known.
     """
 
-    feet_on: Array
-    moved: Array
-    damping: float
-    scales: Scales
-    contact: Contact
-    weights: Array
-    patches: Ints | None = None
-    step: float = np.inf
+    problem: MotionProblem
+    state: State
+    solved: Solved
+    trace: tuple[dict[str, float], ...]
+    moving: float
+    facts: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def energy(self) -> float:
+        return self.trace[-1]["energy"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,62 +41,21 @@ class MotionFit:
     """Result: the motion, moved vertices (n, d), their posterior deviation (n,), last state, and history.
 
     energy is the free energy in nats: lower is likelier, comparable between fits of the same points. The
-    trace has its terms: what residuals cost, what the fields could have explained, and the beliefs.
+    trace has its terms: what residuals cost, what the fields could have explained, and the labels.
     """
 
-    motion: Motion
+    motion: FittedMotion
     vertices: Array
     state: State
     sd: Array
     converged: bool
     trace: tuple[dict[str, float], ...]
     facts: dict[str, float]
-    problem: Problem  # what stayed fixed during the fit: a warm start takes it over
+    problem: MotionProblem  # what stayed fixed during the fit: a warm start takes it over
 
     @property
     def energy(self) -> float:
         return self.trace[-1]["energy"]
-
-    def sentence(self, unit: str) -> str:
-        """How it went, lengths in `unit`."""
-        share = self.motion.share
-        faired = self.facts["faired"]
-        moving = self.facts["moving"]
-        on = (
-            f"stopped after {len(self.trace)} iterations while the surface still moved {moving:.2g} "
-            f"{unit} a round"
-        )
-        said = ["converged" if self.converged else on]
-        said += [
-            f"noise {self.sigma:.3g} {unit}, {100 * self.facts['off_wall']:.0f} % of the points off the wall"
-        ]
-        if share < 0.95:
-            posed = (
-                ""
-                if np.array_equal(self.motion.alone, np.eye(len(self.motion.alone)))
-                else ", else the pose of points and landmarks"
-            )
-            said += [
-                f"the points show a motion beyond the pose with probability {share:.2f}, and the prior "
-                f"follows it that far{posed}"
-            ]
-        if faired:
-            said += [
-                f"the points show the prior to be rough, so it was smoothed over {faired:.2g} {unit} "
-                "before it was moved"
-            ]
-        if odd := int(self.facts.get("let_go", 0)):
-            said += [f"{odd} points that seemed to draw the wall out were let go until it stood without them"]
-        if folded := int(self.facts["folded_faces"]):
-            left = int(self.facts["still_folded_faces"])
-            faces, were = ("face", "was") if folded == 1 else ("faces", "were")
-            mended = (
-                f", of which {left} could not be mended"
-                if left
-                else f" and {were} mended from the surroundings"
-            )
-            said += [f"{folded} {faces} folded over{mended}"]
-        return "; ".join(said)
 
     @property
     def sigma(self) -> float:
@@ -105,13 +64,98 @@ class MotionFit:
 
     @property
     def weights(self) -> Array:
-        """Belief (k,) in each mapping point."""
+        """Probability of contact (k,) of each mapping point."""
         data = self.problem.data
-        return np.asarray(
-            self.state.weights[(data.group == 0) & ~data.inside if data.mapping is None else data.mapping]
-        )
+        mapping = (data.group == 0) & ~data.inside if data.mapping is None else data.mapping
+        return np.asarray(self.state.weights[mapping])
 
     @property
     def similarity(self) -> Array:
         """Least-squares similarity (d+1, d+1) of the fitted motion."""
         return fit_similarity(self.motion.vertices, self.vertices)
+
+
+def motion_fit(run: Iterated, probability: float, pose_alone: Array, least: float) -> MotionFit:
+    """What iterations found: the motion followed as far as its `probability`, and the pose alone for the
+    rest; the surface stands still where it moved by less than `least`.
+    """
+    problem = run.problem
+    state = run.state
+    rows, posterior = run.solved
+    motion = FittedMotion(
+        vertices=problem.vertices,
+        faces=problem.faces,
+        T_map_prior=problem.pose,
+        rest=problem.rest,
+        covariance=problem.covariance,
+        sds=state.scales.sds,
+        observed=rows.observed,
+        posterior=posterior,
+        probability=probability,
+        pose_alone=pose_alone,
+        inflation=problem.settings.inflation,
+    )
+    normals = vertex_normals(state.moved, problem.faces)[problem.nodes]
+    sd = np.maximum(problem.from_nodes @ motion.sd_in_reference(problem.at_nodes, normals), 0.0)
+    vertices = motion.mean(problem.rest.at, state.moved - problem.rest.at)
+    folded, left = 0, 0
+    if problem.settings.iteration.repair_folds:
+        vertices, folded, left = repair_folds(problem.rest.at, vertices, problem.faces)
+    facts = dict(run.facts) | state_facts(problem, state)
+    facts |= {
+        "motion_probability": probability,
+        "smoothing_length": problem.smoothing_length,
+        "last_step": run.moving,
+        "folded_faces": float(folded),
+        "still_folded_faces": float(left),
+    }
+    return MotionFit(motion, vertices, state, sd, run.moving < least, run.trace, facts, problem)
+
+
+def state_facts(problem: MotionProblem, state: State) -> dict[str, float]:
+    """Amplitudes and noise levels by name, and what was found of the outliers."""
+    covariance = problem.covariance
+    landmarks = len(problem.marks) > 0
+    names = [f"vector_{x:.3g}" for x in covariance.vector] + [f"normal_{x:.3g}" for x in covariance.normal]
+    names += ["bend", "strain"] + ["tilt"] * (covariance.up is not None) + ["anchors"] * landmarks
+    facts = {f"amplitude_{name}": float(sd) for name, sd in zip(names, state.scales.sds, strict=True)}
+    wall = ~problem.data.inside
+    facts |= {
+        "outlier_fraction": float(1.0 - state.weights[wall].mean()),
+        "persistence": state.contact.persistence,
+    }
+    noises = ["ablation_noise"] * (problem.data.groups > 1) + ["landmark_noise"] * landmarks
+    return facts | {name: float(noise) for name, noise in zip(noises, state.scales.noises[1:], strict=True)}
+
+
+def sentence(fit: MotionFit, unit: str) -> str:
+    """How a fit went, lengths in `unit`."""
+    facts = fit.facts
+    probability = fit.motion.probability
+    said = [
+        "converged"
+        if fit.converged
+        else f"stopped after {len(fit.trace)} iterations, while the surface still moved "
+        f"{facts['last_step']:.2g} {unit} per iteration"
+    ]
+    said += [f"noise {fit.sigma:.3g} {unit}", f"outliers {facts['outlier_fraction']:.0%}"]
+    if probability < PROBABLE:
+        alone = fit.motion.pose_alone
+        pose = (
+            "the start pose"
+            if np.array_equal(alone, np.eye(len(alone)))
+            else "the pose of points and landmarks"
+        )
+        said += [
+            f"the points do not show a motion beyond the pose for certain (probability {probability:.2f}): "
+            f"the result lies between that motion and {pose}"
+        ]
+    if length := facts["smoothing_length"]:
+        said += [f"the prior is rougher than the wall and was smoothed over {length:.2g} {unit}"]
+    if excluded := int(facts.get("excluded_points", 0)):
+        said += [f"{excluded} points that seemed to pull the wall out were left out of the first fit"]
+    if folded := int(facts["folded_faces"]):
+        left = int(facts["still_folded_faces"])
+        faces, were = ("face", "was") if folded == 1 else ("faces", "were")
+        said += [f"{folded} folded {faces} {were} repaired" + (f", {left} remain" if left else "")]
+    return "; ".join(said)

@@ -24,14 +24,10 @@ from ..geometry.twist import Twist
 from ..noise.mixture import fit_mixture
 from .fit import fit_motion
 from .observations import Data
+from .settings import TemplateSettings
 
 if TYPE_CHECKING:
     from .interface import Motion
-
-FEW = 0.1  # how far aside the modes may go where there are too few phases to tell, in standard deviations
-TRIAL = 6  # iterations from each phase
-MOST_SAMPLES = 400  # vertices of a phase that the prior is registered to
-SETTLED = 3e-4  # rms radii: longest step of a vertex that counts as standing still
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +40,7 @@ class Template:
     modes: Array
     coefficients: Array
     faces: Ints
+    settings: TemplateSettings
 
     def shape(self, c: Array) -> Array:
         """Vertices (n, d) for coefficients (k,)."""
@@ -55,7 +52,7 @@ class Template:
         too few to tell.
         """
         if len(self.coefficients) < 4:
-            return np.full(self.coefficients.shape[1], FEW)
+            return np.full(self.coefficients.shape[1], self.settings.aside)
         bend = self.coefficients[1:-1] - (self.coefficients[:-2] + self.coefficients[2:]) / 2.0
         # a phase's own deviation has 1 / 1.5 of that variance
         return np.asarray(np.sqrt((bend**2).mean(axis=0) / 1.5) + 1e-3)
@@ -76,37 +73,42 @@ class Template:
     def at(self, place: float) -> Array:
         """Coefficients (k,) at a place on the way."""
         before = min(int(place), len(self.coefficients) - 2)
-        share = place - before
-        return np.asarray((1.0 - share) * self.coefficients[before] + share * self.coefficients[before + 1])
+        along = place - before
+        return np.asarray((1.0 - along) * self.coefficients[before] + along * self.coefficients[before + 1])
 
 
-def template(vertices: Array, faces: Ints, phases: Sequence[tuple[Array, Ints]], variance: float) -> Template:
+def template(
+    vertices: Array, faces: Ints, phases: Sequence[tuple[Array, Ints]], settings: TemplateSettings
+) -> Template:
     """The template of a prior (vertices (n, d), faces) and further phases (vertices, faces) in its frame; the
     prior is the first phase.
 
-    variance: share of the phases' variance that the modes keep. A phase with the prior's faces is the prior
-    with its vertices moved; to any other the prior is registered.
+    A phase with the prior's faces is the prior with its vertices moved; to any other the prior is registered.
     """
     same = [len(f) == len(faces) and bool((f == faces).all()) for _, f in phases]
     moved = (
-        v if as_is else _registered(vertices, faces, v) for (v, _), as_is in zip(phases, same, strict=True)
+        v if as_is else _registered(vertices, faces, v, settings.most_samples)
+        for (v, _), as_is in zip(phases, same, strict=True)
     )
     shapes = np.stack([vertices, *moved])
     mean = shapes.mean(axis=0)
     left, size, modes = np.linalg.svd((shapes - mean).reshape(len(shapes), -1), full_matrices=False)
-    kept = min(1 + int(np.searchsorted(np.cumsum(size**2), variance * (size**2).sum())), len(shapes) - 1)
+    kept = min(
+        1 + int(np.searchsorted(np.cumsum(size**2), settings.variance * (size**2).sum())), len(shapes) - 1
+    )
     root = np.sqrt(len(shapes) - 1)
     return Template(
         mean,
         (size[:kept] / root)[:, None, None] * modes[:kept].reshape(-1, *mean.shape),
         left[:, :kept] * root,
         faces,
+        settings,
     )
 
 
-def _registered(vertices: Array, faces: Ints, phase: Array) -> Array:
+def _registered(vertices: Array, faces: Ints, phase: Array, most: int) -> Array:
     """The prior's vertices (n, d) moved onto a phase by our own motion field."""
-    points = phase[:: max(1, len(phase) // MOST_SAMPLES)]
+    points = phase[:: max(1, len(phase) // most)]
     count, dim = points.shape
     none = np.zeros((0, dim))
     data = Data(
@@ -134,16 +136,17 @@ class Between:
     converged: bool = False
 
 
-def locate(model: Template, pose: Array, points: Array, doubt: float, iterations: int = 50) -> Between:
+def locate(model: Template, pose: Array, points: Array) -> Between:
     """Coefficients and rigid pose for points (n, d), from a start pose (d+1, d+1): every phase is tried, the
     one that fits best refined.
 
-    doubt: how far the start pose may be off, as the standard deviation of its shift per axis; turns move the
-    surface as far.
+    The start pose may be off by `settings.pose_sd` per axis; turns move the surface as far.
     """
-    problem = _Points(model, points, ClosestPoint(apply(pose, model.mean), model.faces), pose, doubt)
-    tried = [problem.refined(Between(c, pose, np.inf), TRIAL) for c in model.coefficients]
-    return problem.refined(min(tried, key=lambda one: one.sigma), iterations)
+    problem = _Points(model, points, ClosestPoint(apply(pose, model.mean), model.faces), pose)
+    tried = [
+        problem.refined(Between(c, pose, np.inf), model.settings.trial_iterations) for c in model.coefficients
+    ]
+    return problem.refined(min(tried, key=lambda one: one.sigma), model.settings.iterations)
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,7 +157,6 @@ class _Points:
     points: Array
     tree: ClosestPoint
     start: Array
-    doubt: float
 
     @cached_property
     def size(self) -> float:
@@ -168,7 +170,7 @@ class _Points:
             here = apply(found.pose, self.model.shape(found.c))
             step = float(np.abs(here - before).max())
             found = replace(found, trace=(*found.trace, {"sigma": found.sigma, "step": step}))
-            if step < SETTLED * self.size:
+            if step < self.model.settings.settled * self.size:
                 return replace(found, converged=True)
         return found
 
@@ -195,10 +197,10 @@ class _Points:
         weights = mixture.weights / mixture.sigma**2
         inverse = matrix.T @ (weights[:, None] * matrix)
         right = matrix.T @ (weights * residual)
-        drawn_to, hold = self.prior(now.c)
+        towards, hold = self.prior(now.c)
         inverse[:k, :k] += hold
-        right[:k] += hold @ (drawn_to - now.c)
-        firm = np.repeat([1.0, self.size], [twist.d, twist.size - twist.d]) / self.doubt
+        right[:k] += hold @ (towards - now.c)
+        firm = np.repeat([1.0, self.size], [twist.d, twist.size - twist.d]) / self.model.settings.pose_sd
         inverse[k:, k:] += np.diag(firm**2)
         right[k:] -= firm**2 * self.off(now.pose, middle)
         change = np.linalg.lstsq(inverse, right, rcond=1e-10)[0]
@@ -214,14 +216,14 @@ class _Points:
         return np.concatenate([middle - apply(np.linalg.inv(made), middle[None])[0], turn])
 
     def prior(self, c: Array) -> tuple[Array, Array]:
-        """Where coefficients are drawn to, and how strongly (k, k): firmly across the way, and along it as
+        """Where coefficients are pulled to, and how strongly (k, k): firmly across the way, and along it as
         one phase from the next.
         """
         place = self.model.between(c)
         before = min(int(place), len(self.model.coefficients) - 2)
         way = self.model.coefficients[before + 1] - self.model.coefficients[before]
-        spread = np.diag(self.model.aside**2) + np.outer(way, way)
-        return self.model.at(place), np.asarray(np.linalg.inv(spread))
+        covariance = np.diag(self.model.aside**2) + np.outer(way, way)
+        return self.model.at(place), np.asarray(np.linalg.inv(covariance))
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,7 +4,7 @@ and in runs.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numba import njit
@@ -12,126 +12,136 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from ..arrays import Array
+from .settings import ContactSettings
 
-LEAST = 1e-100  # density of contact however far off: a point that may not float touches
-CROWD = 0.37  # rms radii: `inside` points that lie closer together speak of the same wall
-INSIDE, SURE = (
-    0.9,
-    10.0,
-    # share of the points off the wall that lie inside the chamber, the rest anywhere; known as from so many
-    # of them
-)
+BISECTIONS = 40  # beyond the digits of a number
+LEAST_DENSITY = 1e-100  # of contact, however far off: a point that may not float touches
 
 
 @dataclass(frozen=True)
 class Contact:
-    """State of the mixture: share of points off the wall, the depth (a length) over which they spread, how
-    runs persist (0 = none), and the share of those off the wall that lie inside.
+    """State of the mixture: fraction of outliers (points off the wall), the depth (a length) over which they
+    spread, how runs persist (0: not at all), and the fraction of the outliers that lies inside.
     """
 
-    share: float = 0.08
-    depth: float = 8.0
+    depth: float
+    outlier_fraction: float
+    inside_fraction: float
     persistence: float = 0.0
-    inside: float = INSIDE
+    settings: ContactSettings = field(default_factory=ContactSettings)
+
+    @classmethod
+    def expected(cls, size: float, settings: ContactSettings) -> Contact:
+        """What is expected of a chamber of rms radius `size` before any point is seen."""
+        return cls(
+            settings.depth * size, settings.outlier_fraction, settings.inside_fraction, settings=settings
+        )
 
     @property
     def anywhere(self) -> float:
-        """Density of the points off the wall that lie anywhere."""
-        return (1.0 - self.inside) / (4.0 * self.depth)
+        """Density of the outliers that lie anywhere."""
+        return (1.0 - self.inside_fraction) / (self.settings.anywhere_depths * self.depth)
+
+    def outlier_density(self, residual: Array) -> Array:
+        """Density (n,) of an outlier at signed distances (n,), negative inside."""
+        inside = np.where(residual < 0.0, self.inside_fraction / self.depth, 0.0)
+        return np.asarray(inside + self.anywhere)
 
 
-def density(residual: Array, variance: Array, contact: Contact) -> tuple[Array, Array]:
-    """Densities (n,) of signed residuals (negative inside) for contact, N(0, variance), and for a point off
-    the wall.
-    """
-    touching = np.exp(-0.5 * residual**2 / variance) / np.sqrt(2.0 * np.pi * variance)
-    return touching, np.where(residual < 0.0, contact.inside / contact.depth, 0.0) + contact.anywhere
+def contact_density(residual: Array, variance: Array) -> Array:
+    """Density (n,) of a point on the wall at signed distances (n,): N(0, variance)."""
+    return np.asarray(np.exp(-0.5 * residual**2 / variance) / np.sqrt(2.0 * np.pi * variance))
 
 
-def believe(residual: Array, variance: Array, odds: Array, contact: Contact) -> tuple[Array, Contact]:
+def update_contact(residual: Array, variance: Array, odds: Array, contact: Contact) -> tuple[Array, Contact]:
     """Probability of contact (n,) for points in the order they were taken, and the updated mixture.
 
-    `odds` (n,) multiplies each point's prior odds of being off the wall (contact force). Forward-backward
+    `odds` (n,) multiplies each point's prior odds of being an outlier (contact force). Forward-backward
     smoothing over a two-state chain (Rabiner 1989) lets neighbours in time share their fate, as far as the
     data show that they do.
     """
-    touching, floating = density(residual, variance, contact)
-    touching = np.maximum(touching, LEAST)
-    weights, together = _chain(touching, floating * odds, contact.share, contact.persistence)
-    off = float(np.clip((1.0 - weights).mean(), 0.005, 0.5))
-    share = float(np.clip(_share(off, odds), 0.005, 0.5))
-    # a start of chance level: what is left of joint outliers beyond chance shows persistence; shrunk as by 20
-    # pairs without any
+    settings = contact.settings
+    bounds = settings.least_fraction, settings.most_fraction
+    touching = np.maximum(contact_density(residual, variance), LEAST_DENSITY)
+    floating = contact.outlier_density(residual)
+    weights, together = _chain(touching, floating * odds, contact.outlier_fraction, contact.persistence)
+    off = float(np.clip((1.0 - weights).mean(), *bounds))
+    fraction = float(np.clip(_fraction(off, odds), *bounds))
+    # from a start without persistence: what is left of neighbouring outliers beyond chance shows it
     pairs = (1.0 - weights)[:-1].sum()
     chance = off * pairs
-    persistence = float(np.clip((together - chance) / (pairs * (1.0 - off) + 20.0 * off), 0.0, 0.9))
+    excess = (together - chance) / (pairs * (1.0 - off) + settings.persistence_pairs * off)
+    persistence = float(np.clip(excess, 0.0, settings.most_persistence))
     from_inside = (1.0 - weights) @ (1.0 - contact.anywhere / floating)  # 0 for those outside
-    inside = (float(from_inside) + SURE * INSIDE) / (float((1.0 - weights).sum()) + SURE)
-    return weights, Contact(share, contact.depth, persistence, inside)
+    usual = settings.inside_points * settings.inside_fraction
+    inside = (float(from_inside) + usual) / (float((1.0 - weights).sum()) + settings.inside_points)
+    return weights, Contact(contact.depth, fraction, inside, persistence, settings)
 
 
-def say(points: Array, outside: NDArray[np.bool_], size: float) -> Array:
-    """How far (n,), up to 1, each of the `inside` points (n, d) that a surface of rms radius `size` leaves
-    outside is heard.
+def inside_point_weights(
+    points: Array, outside: NDArray[np.bool_], size: float, settings: ContactSettings
+) -> Array:
+    """Weight (n,), up to 1, of each of the `inside` points (n, d) that a surface of rms radius `size` leaves
+    outside.
 
     Of many noisy points along a wall the outermost lie beyond it. So each that is outside is outweighed by
-    one nearby that is inside; and a crowd that is outweighed speaks as one point still.
+    one nearby that is inside; and a crowd that is outweighed still counts as one point.
     """
-    heard = np.zeros(len(points))
+    weights = np.zeros(len(points))
     rows = np.flatnonzero(outside)
     if len(rows):
         at = points[rows]
-        near = CROWD * size
+        near = settings.crowd * size
         beyond = KDTree(at).query_ball_point(at, near, return_length=True)
         together = KDTree(points).query_ball_point(at, near, return_length=True)
-        heard[rows] = np.maximum(2 * beyond - together, 1) / beyond
-    return heard
+        weights[rows] = np.maximum(2 * beyond - together, 1) / beyond
+    return weights
 
 
-def mixture_energy(weights: Array, residual: Array, odds: Array, contact: Contact) -> float:
-    """What the beliefs cost, in nats: surprise at the points off the wall, priors of the labels and of
-    `contact.inside` (Beta, 0 where it is usual), less the labels' entropy.
+def label_energy(weights: Array, residual: Array, odds: Array, contact: Contact) -> float:
+    """What probabilities of contact cost, in nats: surprise at the outliers, priors of the labels and of the
+    inside fraction (Beta, 0 where it is usual), less the labels' entropy.
     """
-    _, floating = density(residual, np.ones(len(residual)), contact)
+    settings = contact.settings
+    floating = contact.outlier_density(residual)
     off = np.clip(1.0 - weights, 1e-12, 1.0)
     on = np.clip(weights, 1e-12, 1.0)
-    prior = off * np.log(contact.share * odds * floating) + on * np.log(1.0 - contact.share)
-    normaliser = np.log(1.0 - contact.share + contact.share * odds)
-    usual = SURE * (
-        INSIDE * np.log(contact.inside / INSIDE)
-        + (1.0 - INSIDE) * np.log((1.0 - contact.inside) / (1.0 - INSIDE))
-    )
-    return float((off * np.log(off) + on * np.log(on) - prior + normaliser).sum() - usual)
+    fraction, inside, usual = contact.outlier_fraction, contact.inside_fraction, settings.inside_fraction
+    prior = off * np.log(fraction * odds * floating) + on * np.log(1.0 - fraction)
+    normaliser = np.log(1.0 - fraction + fraction * odds)
+    beta = usual * np.log(inside / usual) + (1.0 - usual) * np.log((1.0 - inside) / (1.0 - usual))
+    labels = off * np.log(off) + on * np.log(on) - prior + normaliser
+    return float(labels.sum() - settings.inside_points * beta)
 
 
-def _share(off_wall: float, odds: Array) -> float:
-    """Share of a point of odds 1 at which points of these odds (n,) are expected off the wall as often as
+def _fraction(off_wall: float, odds: Array) -> float:
+    """Fraction for points of odds 1 at which points of these odds (n,) are expected off the wall as often as
     they are; by bisection.
     """
     if (odds == 1.0).all():
         return off_wall
     low, high = 0.0, 1.0
-    for _ in range(40):
-        share = 0.5 * (low + high)
-        expected = float((share * odds / (1.0 - share + share * odds)).mean())
-        low, high = (share, high) if expected < off_wall else (low, share)
-    return share
+    for _ in range(BISECTIONS):
+        fraction = 0.5 * (low + high)
+        expected = float((fraction * odds / (1.0 - fraction + fraction * odds)).mean())
+        low, high = (fraction, high) if expected < off_wall else (low, fraction)
+    return fraction
 
 
 @njit(cache=True)
-def _chain(touching, floating, share, persistence):  # type: ignore[no-untyped-def]
+def _chain(touching, floating, fraction, persistence):  # type: ignore[no-untyped-def]
     """Smoothed probability of state 0 (touching) along the chain, and the expected number of floating
     neighbours.
     """
     n = touching.shape[0]
-    stay = share + persistence * (1.0 - share)  # P(floating | floating before)
-    enter = share * (1.0 - persistence)  # P(floating | touching before): keeps `share` stationary
+    stay = fraction + persistence * (1.0 - fraction)  # P(floating | floating before)
+    enter = fraction * (1.0 - persistence)  # P(floating | touching before): keeps `fraction` stationary
     forward = np.empty((n, 2))
     backward = np.ones((n, 2))
     for i in range(n):
         if i == 0:
-            a = 1.0 - share
-            b = share
+            a = 1.0 - fraction
+            b = fraction
         else:
             a = forward[i - 1, 0] * (1.0 - enter) + forward[i - 1, 1] * (1.0 - stay)
             b = forward[i - 1, 0] * enter + forward[i - 1, 1] * stay

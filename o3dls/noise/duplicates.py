@@ -9,15 +9,14 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from ..arrays import Array, Ints
+from .settings import DuplicateSettings
 
-NEAR = (0.06, 0.03, 0.015)  # rms radii of the prior: what may be one place, 1.6 mm and less for an atrium
-WIDER = 4.0  # radii of the ring that tells how many neighbours there are by chance
-# neighbours over those by chance, 4 standard deviations and 5 pairs more: sites of uneven density stay below
-CHANCE = 1.25
-SIGMAS, PAIRS = 4.0, 5.0
+DEFAULTS = DuplicateSettings()
 
 
-def duplicate_distance(xyz: Array, kind: NDArray[np.str_], size: float) -> float:
+def duplicate_distance(
+    xyz: Array, kind: NDArray[np.str_], size: float, settings: DuplicateSettings = DEFAULTS
+) -> float:
     """Distance within which points are of one place: the largest within which there are more pairs than
     chance makes; 0 without any.
 
@@ -27,16 +26,17 @@ def duplicate_distance(xyz: Array, kind: NDArray[np.str_], size: float) -> float
     size: rms radius of the prior.
     """
     wall = kind != "inside"
-    at = _by_type(xyz[wall], kind[wall], WIDER * NEAR[0] * size)
+    at = _by_type(xyz[wall], kind[wall], settings.ring * settings.distances[0] * size)
     tree = cKDTree(np.unique(at, axis=0))
-    radii = size * np.outer([1.0, WIDER], NEAR)
-    pairs = np.empty(2 * len(NEAR))
+    radii = size * np.outer([1.0, settings.ring], settings.distances)
+    pairs = np.empty(2 * len(settings.distances))
     order = np.argsort(radii.ravel())
     # of all radii in one pass
     pairs[order] = (tree.count_neighbors(tree, radii.ravel()[order]) - tree.n) / 2.0
     near, wide = pairs.reshape(radii.shape)
-    by_chance = (wide - near) / (WIDER ** (xyz.shape[1] - 1) - 1.0)
-    return float(radii[0, near > CHANCE * by_chance + SIGMAS * by_chance**0.5 + PAIRS].max(initial=0.0))
+    by_chance = (wide - near) / (settings.ring ** (xyz.shape[1] - 1) - 1.0)
+    most = settings.excess * by_chance + settings.excess_sd * by_chance**0.5 + settings.excess_pairs
+    return float(radii[0, near > most].max(initial=0.0))
 
 
 def distinct_places(xyz: Array, kind: NDArray[np.str_], within: float) -> tuple[Ints, Ints]:

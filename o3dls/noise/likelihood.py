@@ -10,39 +10,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import Array
-
-# how far outliers scatter, in rms radii of the prior: 15 and 30 mm for an atrium
-INNER_DEPTH, OUTER_REACH = (
-    0.6,
-    1.2,
-)
+from .contact import Contact
 
 
 @dataclass(frozen=True, eq=False)
 class Likelihood:
-    """Noise of points around a surface: sd `sigma` (n,) each, outliers with probability `share` over the rms
-    `radius` of the prior, of them the share `inside` inside, the rest anywhere.
+    """Noise of points around a surface: sd `sigma` (n,) each, and outliers as `contact` expects them.
 
-    In logarithms: with a share of 0, a point however far off is still one of the wall.
+    In logarithms: with an outlier fraction of 0, a point however far off is still one of the wall.
 
     one_sided (n,): points known to be inside only; they are free inside and pay outside. Distances are
     signed, negative inside.
     """
 
     sigma: Array
-    share: float
-    radius: float
+    contact: Contact
     one_sided: NDArray[np.bool_]
-    inside: float
 
     def loss(self, distance: Array) -> Array:
         """-log p (n,) of signed distances (n,)."""
-        return np.asarray(-np.logaddexp(self._good(distance), self._outlying(distance)))
+        return np.asarray(-np.logaddexp(self._touching(distance), self._floating(distance)))
 
     def weight(self, distance: Array) -> Array:
         """Probability (n,) that a point is no outlier, at signed distances (n,)."""
-        good = self._good(distance)
-        return np.asarray(np.exp(good - np.logaddexp(good, self._outlying(distance))))
+        touching = self._touching(distance)
+        return np.asarray(np.exp(touching - np.logaddexp(touching, self._floating(distance))))
 
     def slope(self, distance: Array) -> Array:
         """d loss / d distance, (n,)."""
@@ -54,15 +46,16 @@ class Likelihood:
         """
         return np.asarray(np.where(self.one_sided & (distance < 0.0), 0.0, 1.0))
 
-    def _good(self, distance: Array) -> Array:
+    def _touching(self, distance: Array) -> Array:
         """log p (n,) of the points as ones of the wall."""
         wall = -0.5 * self.pull(distance) * (distance / self.sigma) ** 2
-        return np.asarray(wall + np.log((1.0 - self.share) / (np.sqrt(2.0 * np.pi) * self.sigma)))
+        prior = (1.0 - self.contact.outlier_fraction) / (np.sqrt(2.0 * np.pi) * self.sigma)
+        return np.asarray(wall + np.log(prior))
 
-    def _outlying(self, distance: Array) -> Array:
-        """log p (n,) of the points as outliers."""
-        if self.share == 0.0:
+    def _floating(self, distance: Array) -> Array:
+        """log p (n,) of the points as outliers; being inside is no fault of those known to be."""
+        if self.contact.outlier_fraction == 0.0:
             return np.full(len(distance), -np.inf)
-        inner = np.where(distance < 0.0, self.inside / (INNER_DEPTH * self.radius), 0.0)
-        inner = np.where(self.one_sided, 0.0, inner)  # being inside is no fault of theirs
-        return np.asarray(np.log(self.share * (inner + (1.0 - self.inside) / (OUTER_REACH * self.radius))))
+        anywhere = np.full(len(distance), self.contact.anywhere)
+        density = np.where(self.one_sided, anywhere, self.contact.outlier_density(distance))
+        return np.asarray(np.log(self.contact.outlier_fraction * density))

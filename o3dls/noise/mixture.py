@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 
 from ..arrays import Array
-from .robust import spread
+from .robust import robust_sd
 
 DEPTH = 0.5  # how deep outliers lie, evenly, relative to the surface's rms radius
 # share of the outliers that lie inside; the rest, and the deeper ones, are spread over twice the radius
@@ -35,7 +35,7 @@ def fit_mixture(signed: Array, radius: float, loosening: float = 1.0) -> Mixture
     `loosening` times as large.
     """
     density = _outlier_density(np.asarray(signed, dtype=np.float64), DEPTH * radius, 2.0 * radius)
-    sigma, share = _fit(signed, density, max(spread(signed), 1e-9 * radius), 1e-9 * radius)
+    sigma, share = _fit(signed, density, max(robust_sd(signed), 1e-9 * radius), 1e-9 * radius)
     return Mixture(_posterior(signed, density, loosening * sigma, share), sigma, share)
 
 

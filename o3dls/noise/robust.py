@@ -11,7 +11,7 @@ from ..arrays import Array
 MAD_TO_SD = 1.4826  # a normal distribution's standard deviation over its median absolute deviation
 
 
-def spread(residuals: Array) -> float:
+def robust_sd(residuals: Array) -> float:
     """Robust standard deviation of residuals around zero: 1.4826 times their median size."""
     return float(MAD_TO_SD * np.median(np.abs(residuals)))
 

@@ -105,11 +105,11 @@ def raw_pieces(estimate: Estimate) -> Row:
     """
     if estimate.phi is None:
         return {}
-    from ..geometry.components import pieces
+    from ..geometry.components import component_labels
     from ..levelset.isosurface import zero_set
 
     vertices, faces = zero_set(estimate.phi.band, estimate.phi.phi)
-    return {"raw_pieces": len(np.unique(pieces(len(vertices), faces)))}
+    return {"raw_pieces": len(np.unique(component_labels(len(vertices), faces)))}
 
 
 def sweep(seed: int, alphas: tuple[float, ...]) -> Outcome:

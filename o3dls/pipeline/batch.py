@@ -17,7 +17,7 @@ from ..errors import InputError, O3dlsError
 from ..io.atomic import check_free
 from ..io.case_folder import read_case
 from ..runs.estimate_files import write_rows
-from ..runs.log import heard, log_of_failure
+from ..runs.log import log_of_failure, recorded_log
 from ..runs.run import Run
 from ..runs.tables import score_rows
 from .pipeline import Pipeline
@@ -103,7 +103,7 @@ class _Job:
     force: bool
 
     def __call__(self) -> Outcome:
-        with heard(logging.WARNING) as warnings:
+        with recorded_log(logging.WARNING) as warnings:
             try:
                 run = self._run()
             except (O3dlsError, OSError) as error:

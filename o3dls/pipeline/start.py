@@ -86,13 +86,13 @@ def unseen_pieces(case: Case, T_map_prior: Array) -> list[str]:
     where it lies.
     """
     from ..geometry.closest_point import ClosestPoint
-    from ..geometry.components import CRUMB, piece_areas
+    from ..geometry.components import SMALL_COMPONENT, component_areas
 
     prior = case.prior
     points = case.points.of(*FITTED_TYPES).xyz
-    piece, areas = piece_areas(prior)
+    piece, areas = component_areas(prior)
     nearest = ClosestPoint(prior.transformed(T_map_prior).vertices, prior.faces).query(points)[1]
-    unseen = np.setdiff1d(np.flatnonzero(areas >= CRUMB * areas.max()), piece[nearest])
+    unseen = np.setdiff1d(np.flatnonzero(areas >= SMALL_COMPONENT * areas.max()), piece[nearest])
     return [
         f"no point is near the piece of the prior {_around(case, piece == k)} "
         f"({areas[k] / prior.area:.0%} of its area): is it meant?"

@@ -13,7 +13,7 @@ from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from threading import Thread
 
-from ..parallel import share
+from ..parallel import limit_threads
 
 GRACE = 2.0  # seconds in which a process that was told to end may remove what it has half made
 
@@ -42,7 +42,7 @@ def _begin(processes: int, parent: Connection) -> None:
     """Prepare a process of the pool: it has its share of the cores, and ends when told, or when its parent is
     no more.
     """
-    share(processes)
+    limit_threads(processes)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # reaches all processes of a terminal; the parent decides
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
     Thread(target=_end_with, args=(parent,), daemon=True).start()

@@ -10,7 +10,7 @@ import numpy as np
 from ..arrays import Array
 from ..errors import SolverError
 from ..geometry.similarity import apply
-from ..noise.robust import EFFICIENT_95, kernel_weights, spread
+from ..noise.robust import EFFICIENT_95, kernel_weights, robust_sd
 from .match import Pairs, SurfaceMatcher
 from .metrics import Factors, Metric
 from .reject import Rule
@@ -38,7 +38,7 @@ def m_estimator(kernel: str, width: float | None = None) -> Belief:
     """
     factor = EFFICIENT_95[kernel] if width is None else width
     return lambda factors, loosening: kernel_weights(
-        kernel, factors.residuals, factor * loosening * spread(factors.residuals)
+        kernel, factors.residuals, factor * loosening * robust_sd(factors.residuals)
     )
 
 

@@ -25,7 +25,7 @@ class _Lines(logging.Handler):
 
 
 @contextmanager
-def heard(level: int) -> Iterator[list[str]]:
+def recorded_log(level: int) -> Iterator[list[str]]:
     """The lines of the log, from a level on, that the block gives."""
     handler = _Lines(level)
     before = log.level
@@ -44,7 +44,7 @@ def log_of_failure(out: Path) -> Iterator[None]:
     old one where it does not.
     """
     path = out.with_name(out.name + ".failed.log")
-    with heard(logging.INFO) as lines:
+    with recorded_log(logging.INFO) as lines:
         try:
             yield
         except BaseException as error:

@@ -23,8 +23,8 @@ from ..registration.landmarks import determined
 
 if TYPE_CHECKING:
     from ..motion.observations import Data
-    from ..motion.problem import Problem
-    from ..motion.settings import Settings
+    from ..motion.problem import MotionProblem
+    from ..motion.settings import MotionSettings
 
 VEIN = re.compile(r"(?<![A-Z])[LR][SI]PV(?![A-Z])")
 NEVER = 1e-250  # odds of being off the wall that no residual outweighs, and whose logarithm is still a number
@@ -168,6 +168,7 @@ class Deform(Stage):
 
     def _fitted(self, case: Case, pose: Array, data: Data, earlier: Estimate | None = None) -> Estimate:
         from ..motion.fit import fit_motion
+        from ..motion.result import sentence
 
         fit = fit_motion(
             case.prior.vertices,
@@ -183,7 +184,7 @@ class Deform(Stage):
         return Estimate(
             surface=surface,
             T_map_prior=fit.similarity,
-            status=fit.sentence(case.units),
+            status=sentence(fit, case.units),
             converged=fit.converged,
             iterations=len(fit.trace),
             sigma=fit.sigma,
@@ -234,17 +235,25 @@ class Deform(Stage):
         kept = (warning for warning in estimate.warnings if warning not in outdated)
         return replace(updated, warnings=(*kept, *_said(updated, case.units)))
 
-    def settings(self) -> Settings:
-        from ..motion.settings import Settings
+    def settings(self) -> MotionSettings:
+        from ..motion.settings import MotionSettings
 
-        plain = Settings(
-            vector=self.vector,
-            normal=self.normal,
-            spread=self.spread,
-            odds=self.odds,
-            iterations=self.iterations,
+        usual = MotionSettings()
+        return replace(
+            usual,
+            covariance=replace(
+                usual.covariance,
+                vector_lengths=self.vector,
+                normal_lengths=self.normal,
+                field_log_sd=self.spread,
+            ),
+            iteration=replace(usual.iteration, iterations=self.iterations),
+            selection=replace(
+                usual.selection,
+                motion_log_odds=self.odds,
+                smoothing_lengths=usual.selection.smoothing_lengths if self.roughness == "mend" else (),
+            ),
         )
-        return plain if self.roughness == "mend" else replace(plain, fairing=())
 
 
 def _rivals(best: Estimate, fits: list[Estimate], unit: str) -> list[str]:
@@ -256,11 +265,12 @@ def _rivals(best: Estimate, fits: list[Estimate], unit: str) -> list[str]:
     for other in fits:
         apart = float(np.linalg.norm(other.surface.vertices - best.surface.vertices, axis=1).mean())
         rivals.append(("another start", other.fit.energy - best.fit.energy, apart))
-    if "rival_behind" in facts:
+    if "alternative_behind" in facts:
         without = (
-            f"a fit that begins without {facts['rival_without']:.0f} points that may have drawn the wall"
+            f"a fit that begins without {facts['alternative_excluded']:.0f} points that may have "
+            "pulled the wall out"
         )
-        rivals.append((without, facts["rival_behind"], facts["rival_apart"]))
+        rivals.append((without, facts["alternative_behind"], facts["alternative_apart"]))
     told = dict[str, str]()
     for name, behind, apart in rivals:
         if behind < CLOSE and apart > best.fit.state.scales.noises[0]:
@@ -280,7 +290,7 @@ def _said(found: Estimate, unit: str) -> list[str]:
 
 
 def _off_wall(found: Estimate) -> list[str]:
-    off = found.facts["off_wall"]
+    off = found.facts["outlier_fraction"]
     if off > NO_WALL:
         raise SolverError(f"deform: {found.status}: the points are not of this surface, or {WRONG}")
     return [f"{off:.0%} of the points are judged to be off the wall: {WRONG}"] if off > 0.5 else []
@@ -311,21 +321,24 @@ def _doubts(start: Estimate, found: Estimate) -> list[str]:
 
 def _followed(found: Estimate) -> list[str]:
     """Sentences on a wall that seems to follow points which are not of it."""
-    from ..motion.stretch_hypothesis import LONGER, TORN, WON, torn, won
+    from ..motion.leverage_points import captured_points, stretched_faces
 
     fit = found.fit
     said = list[str]()
-    touch = won(fit.problem, fit.state)
-    if touch.sum() > WON and touch.mean() > WON_OVER:
+    usual = fit.problem.settings.leverage
+    touch = captured_points(fit.problem, fit.state)
+    if touch.sum() > usual.captured_points and touch.mean() > WON_OVER:
         touching = (
             f"{touch.mean():.0%} of the points lie far off the wall at the start, and on it after the motion"
         )
         said.append(f"{touching}: does it follow points that float, or something that the prior lacks?")
     rest = found.surface.with_vertices(fit.motion.rest.at)
-    long, share = torn(rest, found.surface.vertices)
-    if share > TORN:
+    long, share = stretched_faces(rest, found.surface.vertices, usual)
+    if share > usual.stretched_area:
         middle = ", ".join(f"{x:.0f}" for x in found.surface.vertices[rest.faces[long]].mean(axis=(0, 1)))
-        stretched = f"{share:.0%} of the wall gets more than {LONGER:g} times as long, around ({middle})"
+        stretched = (
+            f"{share:.0%} of the wall gets more than {usual.stretch:g} times as long, around ({middle})"
+        )
         said.append(f"{stretched}: are the points there of this chamber?")
     return said
 
@@ -345,7 +358,7 @@ def _misnamed(case: Case, start: Estimate) -> list[str]:
     ]
 
 
-def _crumpled(problem: Problem) -> list[str]:
+def _crumpled(problem: MotionProblem) -> list[str]:
     """A sentence where a fold of the prior is near wherever a point lies: distances to such a wall say little
     of noise and motion.
     """
@@ -382,10 +395,10 @@ def _told(points: Points, unit: str) -> list[str]:
 
 def _debris(prior: Surface) -> list[str]:
     """A sentence where small pieces lie about the prior: whatever is nearest to a point may be its wall."""
-    from ..geometry.components import CRUMB, piece_areas
+    from ..geometry.components import SMALL_COMPONENT, component_areas
 
-    _, areas = piece_areas(prior)
-    small = int((areas[areas > 0.0] < CRUMB * areas.max()).sum())
+    _, areas = component_areas(prior)
+    small = int((areas[areas > 0.0] < SMALL_COMPONENT * areas.max()).sum())
     some = f"{small} small pieces" if small > 1 else "a small piece"
     return [f"the prior has {some} that points may take for their wall: remove what is none"] if small else []
 
@@ -395,8 +408,8 @@ def _repeated(data: Data, unit: str) -> list[str]:
     place = np.asarray(data.mapping)
     more = len(place) - len(np.unique(place))
     near = (
-        f" or lie within {data.apart:.2g} {unit} of it, too close for noise of their own"
-        if data.apart
+        f" or lie within {data.duplicate_distance:.2g} {unit} of it, too close for noise of their own"
+        if data.duplicate_distance
         else ""
     )
     return (
@@ -406,7 +419,7 @@ def _repeated(data: Data, unit: str) -> list[str]:
     )
 
 
-def _same(problem: Problem, prior: Surface) -> bool:
+def _same(problem: MotionProblem, prior: Surface) -> bool:
     return np.array_equal(problem.faces, prior.faces) and np.array_equal(problem.vertices, prior.vertices)
 
 
@@ -424,9 +437,9 @@ def observed(case: Case, stage: Deform, before: Data | None = None) -> Data:
     near = (
         duplicate_distance(every.xyz, every.type, rms_radius(case.prior.vertices))
         if before is None
-        else before.apart
+        else before.duplicate_distance
     )
-    typical = every.typical_sigma if before is None or before.typical is None else before.typical
+    typical = every.typical_sigma if before is None or before.typical_sigma is None else before.typical_sigma
     rows, same = distinct_places(every.xyz, every.type, near)
     points = every.select(rows)
     _, marks_prior, marks_map = case.landmark_pairs()
@@ -442,8 +455,8 @@ def observed(case: Case, stage: Deform, before: Data | None = None) -> Data:
         up=upwards(case.prior_landmarks) if stage.bends == "upright" else None,
         groups=1 + (stage.ablation == "fit"),
         mapping=same[every.type == "eam"],
-        typical=typical,
-        apart=near,
+        typical_sigma=typical,
+        duplicate_distance=near,
     )
 
 

@@ -23,9 +23,9 @@ if TYPE_CHECKING:
     from ..levelset.distance import SignedDistance
     from ..levelset.normal_displacement import Wall
     from ..levelset.observation import Measured, Noise
-    from ..levelset.refine import Reached
+    from ..levelset.refine import Refinement
 
-DOUBT = 0.1  # of the logarithm of a noise level that the motion found
+SIGMA_LOG_SD = 0.1  # of the logarithm of a noise level that the motion found
 COARSEST = 0.1  # spacing over the surface's diagonal: such a lattice cuts off a fifth of an atrium
 MOST_NODES = 1e7  # of the narrow band: 4 GB; an atrium has so many at a spacing of 0.07 mm
 LOST = 2.0  # spacings: a sharp edge that the lattice rounds off is nearer to what it leaves
@@ -135,15 +135,17 @@ class LevelSet(Stage):
 
     def _distance(self, surface: Surface) -> SignedDistance:
         from ..levelset.distance import signed_distance
-        from ..levelset.refine import HALF_BAND
+        from ..levelset.settings import LatticeSettings
 
-        return signed_distance(surface.vertices, surface.faces, self.spacing, HALF_BAND * self.spacing)
+        return signed_distance(
+            surface.vertices, surface.faces, self.spacing, LatticeSettings().half_band * self.spacing
+        )
 
     def _check_spacing(self, surface: Surface, unit: str) -> None:
         """Raise InputError where such a lattice cannot hold the surface, as when lengths are not in mm, or
         would fill the memory.
         """
-        from ..levelset.refine import HALF_BAND
+        from ..levelset.settings import LatticeSettings
 
         d, size = surface.dimension, surface.diagonal
         # two digits round by up to a twentieth: what is said to be right must not be refused
@@ -153,7 +155,7 @@ class LevelSet(Stage):
                 f"{said}; take at most {0.94 * COARSEST * size:.2g} {unit}, or check that its lengths "
                 f"are in {unit}"
             )
-        least = (2.0 * HALF_BAND * surface.area / MOST_NODES) ** (1.0 / (d - 1))
+        least = (2.0 * LatticeSettings().half_band * surface.area / MOST_NODES) ** (1.0 / (d - 1))
         if self.spacing < least:
             raise InputError(
                 f"{said}, and the lattice too large for the memory; take at least {1.06 * least:.2g} {unit}"
@@ -195,9 +197,12 @@ class LevelSet(Stage):
         if self.formulation == "paper" or start.fit is None:
             return start, []
         from ..adapters.meshing import carry_fields
-        from ..topology.search import reshape
+        from ..topology.search import change_topology
+        from ..topology.settings import TopologySettings
 
-        fit, changes = reshape(start.fit, spacing=self.spacing, threshold=self.change)
+        fit, changes = change_topology(
+            start.fit, spacing=self.spacing, settings=TopologySettings(evidence=self.change)
+        )
         if not changes:
             return start, []
         surface = carry_fields(start.surface, Surface(fit.vertices, fit.motion.faces))
@@ -208,30 +213,40 @@ class LevelSet(Stage):
             found = replace(found, T_map_prior=fit.similarity, motion=fit.motion)
         return found, [change.sentence for change in changes]
 
-    def _by_default(self, case: Case, start: Estimate) -> Reached:
+    def _by_default(self, case: Case, start: Estimate) -> Refinement:
         from ..adapters.meshing import isosurface
         from ..adapters.self_intersections import crossing
         from ..geometry.fold_repair import uncrossed
         from ..levelset.correction import Limits
-        from ..levelset.refine import reach
+        from ..levelset.refine import refine_surface
+        from ..levelset.settings import LevelSetSettings
 
-        limits = Limits(self.spacing, self.evidence, self.iterations, self.coarse_to_fine, case.units)
+        usual = LevelSetSettings()
+        chosen = replace(usual.correction, evidence=self.evidence, iterations=self.iterations)
+        settings = replace(usual, correction=chosen)
+        limits = Limits(self.spacing, self.coarse_to_fine, case.units, settings)
         surface = uncrossed(start.surface) if case.dimension == 2 else start.surface
-        return reach(
-            surface, _observer(case, start), _doubt(case, start), limits, mesh=isosurface, crossing=crossing
+        return refine_surface(
+            surface,
+            _observer(case, start),
+            _relative_sd(case, start),
+            limits,
+            mesh=isosurface,
+            crossing=crossing,
         )
 
-    def _by_the_paper(self, case: Case, start: Estimate) -> Reached:
+    def _by_the_paper(self, case: Case, start: Estimate) -> Refinement:
         """psi.T is the prior under the similarity alone, as the paper has it."""
         from ..evaluation.distances import distances
-        from ..levelset.observation import EXACT
         from ..levelset.paper import Weights, descend
-        from ..noise.robust import spread
+        from ..levelset.settings import ObservationSettings
+        from ..noise.robust import robust_sd
 
         prior = case.prior.transformed(start.T_map_prior)
         points = case.points.of("eam").xyz
         sigma = _noise(start).sigma or max(
-            spread(distances(points, prior)), EXACT * rms_radius(prior.vertices)
+            robust_sd(distances(points, prior)),
+            ObservationSettings().exact_noise * rms_radius(prior.vertices),
         )
         weights = Weights(self.data, self.area, self.shape)
         return descend(prior, points, sigma, weights, spacing=self.spacing, cycles=self.iterations)
@@ -247,10 +262,10 @@ def _observer(case: Case, start: Estimate) -> Callable[[Wall], Measured]:
     every = case.points.of(*FITTED_TYPES)
     data = start.fit.problem.data if start.fit else None
     radius = rms_radius(case.prior.vertices)
-    within = data.apart if data else duplicate_distance(every.xyz, every.type, radius)
+    within = data.duplicate_distance if data else duplicate_distance(every.xyz, every.type, radius)
     rows, _ = distinct_places(every.xyz, every.type, within)
     points = every.select(rows)
-    relative = every.relative_noise(data.typical if data else None)[rows]
+    relative = every.relative_noise(data.typical_sigma if data else None)[rows]
     return lambda wall: observe(wall, points.xyz, points.type == "inside", relative, _noise(start))
 
 
@@ -259,11 +274,11 @@ def _noise(start: Estimate) -> Noise:
 
     if start.motion is None or start.sigma is None or start.weights is None:
         return Noise()
-    noise = Noise(start.sigma, DOUBT, float(1.0 - start.weights.mean()))
-    return replace(noise, inside=start.fit.state.contact.inside) if start.fit else noise
+    inside = start.fit.state.contact.inside_fraction if start.fit else None
+    return Noise(start.sigma, SIGMA_LOG_SD, float(1.0 - start.weights.mean()), inside)
 
 
-def _doubt(case: Case, start: Estimate) -> Array:
+def _relative_sd(case: Case, start: Estimate) -> Array:
     """How uncertain the motion is at each vertex, relative to its root mean square, half to twice; 1
     everywhere where it does not say.
     """

@@ -47,6 +47,7 @@ class Phases(Stage):
 
     def __call__(self, case: Case, start: Estimate) -> Estimate:
         from ..geometry.closest_point import ClosestPoint
+        from ..motion.settings import TemplateSettings
         from ..motion.template import Chain, Shift, locate, template
 
         if why := self.obstacle(case):
@@ -56,9 +57,9 @@ class Phases(Stage):
             prior.vertices,
             prior.faces,
             [(phase.vertices, phase.faces) for phase in case.phases],
-            self.variance,
+            TemplateSettings(variance=self.variance, pose_sd=self.pose_sd, iterations=self.iterations),
         )
-        found = locate(model, start.T_map_prior, case.points.of("eam").xyz, self.pose_sd, self.iterations)
+        found = locate(model, start.T_map_prior, case.points.of("eam").xyz)
         shape = model.shape(found.c)
         here = replace(start, surface=prior.with_vertices(apply(found.pose, shape)), T_map_prior=found.pose)
         shift = Shift(ClosestPoint(prior.vertices, prior.faces), prior.faces, shape - prior.vertices)

@@ -5,20 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ..arrays import Array, Ints
-from ..geometry.components import largest_piece
+from ..geometry.components import largest_component
 from ..geometry.differential import evened
 from ..geometry.surface import Surface
 from ..levelset.distance import signed_distance
 from ..levelset.isosurface import zero_set
 from ..levelset.operators import combine
-
-WITNESSES = 3  # points that must tell for a change
-
-
-DEEP = 2.0  # noise levels inside from which a point may tell against a part
-
-
-TELLING = 0.5  # nats by which the new wall explains such a point better
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,16 +35,16 @@ class Change:
         return f"{done} at ({where}), shown by {self.witnesses} points (evidence {self.gain:+.1f} nats)"
 
 
-def changed(surface: Surface, change: Change | None, spacing: float) -> Surface:
+def changed(surface: Surface, change: Change | None, spacing: float, half_band: float) -> Surface:
     """The surface after a change (None: as it is), meshed from its level set: one piece, without the fields
     of the old one.
     """
-    width = 3.0 * spacing
+    width = half_band * spacing
     before = signed_distance(surface.vertices, surface.faces, spacing, width)
     band, phi = before.band, before.phi
     if change is not None:
         band, phi = combine(before, signed_distance(*change.region, spacing, width), remove=change.removes)
-    vertices, faces = largest_piece(*zero_set(band, phi))
+    vertices, faces = largest_component(*zero_set(band, phi))
     return Surface(evened(vertices, faces), faces)
 
 

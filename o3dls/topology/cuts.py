@@ -17,36 +17,25 @@ from ..levelset.isosurface import zero_set
 from ..levelset.normal_displacement import Wall
 from ..levelset.observation import Measured
 from ..levelset.operators import linked
-from .change import DEEP, TELLING, WITNESSES, Change, body_radius
-
-FINE = 6.0  # lattice nodes per mean radius of the body when parts are looked for
-
-
-BALLS = (0.35, 0.5, 0.65)  # radii of the balls that thin parts do not admit, in mean radii of the body
+from .change import Change, body_radius
+from .settings import CutSettings
 
 
-STICKS_OUT = 0.3  # a part reaches at least this far off the opened body, in mean radii
-
-
-UNTOUCHED = (
-    1.5  # nats that a part without a single point on it is worth: one wall in five is never touched anyway
-)
-
-
-def removals(wall: Wall, measured: Measured) -> Iterator[Change]:
+def removals(wall: Wall, measured: Measured, settings: CutSettings) -> Iterator[Change]:
     """Cuts of thin parts of the prior that points speak against, each at the height over the body that gains
     most.
     """
-    if _deep(measured).sum() >= WITNESSES:
-        for part in parts(wall.surface):
-            if part.near(measured.points[_deep(measured)]) >= WITNESSES:
-                yield from _cuts(part, measured)
+    deep = _deep(measured, settings)
+    if deep.sum() >= settings.witnesses:
+        for part in parts(wall.surface, settings.balls, settings):
+            if part.near(measured.points[deep]) >= settings.witnesses:
+                yield from _cuts(part, measured, settings)
 
 
-def _deep(measured: Measured) -> NDArray[np.bool_]:
+def _deep(measured: Measured, settings: CutSettings) -> NDArray[np.bool_]:
     """Points (n,) so far inside that they may tell against a part."""
     return np.asarray(
-        (measured.distance < -DEEP * measured.likelihood.sigma) & ~measured.likelihood.one_sided
+        (measured.distance < -settings.deep * measured.likelihood.sigma) & ~measured.likelihood.one_sided
     )
 
 
@@ -89,12 +78,12 @@ class Part:
         return share
 
 
-def parts(surface: Surface, balls: tuple[float, ...] = BALLS) -> Iterator[Part]:
+def parts(surface: Surface, balls: tuple[float, ...], settings: CutSettings) -> Iterator[Part]:
     """Parts that balls of several sizes cannot enter: what opening the body by a ball takes away (veins,
     appendage, handles).
     """
     radius = body_radius(surface)
-    step = radius / FINE
+    step = radius / settings.lattice
     field = filled_distance(surface.vertices, surface.faces, step, 2)
     for ball in (share * radius for share in balls):
         vertices, faces = zero_set(field.band, field.phi + ball)  # centres of the balls that fit
@@ -106,7 +95,7 @@ def parts(surface: Surface, balls: tuple[float, ...] = BALLS) -> Iterator[Part]:
         label = linked(field.band, thin)
         for piece in range(label.max() + 1):
             core = label == piece
-            if outside[core].max() >= STICKS_OUT * radius:
+            if outside[core].max() >= settings.sticks_out * radius:
                 yield Part(field, opened, ball, outside, thin, core)
 
 
@@ -120,7 +109,7 @@ def _outside(opened: ClosestPoint, positions: Array, phi: Array, ball: float) ->
     return outside
 
 
-def _cuts(part: Part, measured: Measured) -> Iterator[Change]:
+def _cuts(part: Part, measured: Measured, settings: CutSettings) -> Iterator[Change]:
     """The part cut off at its best height above the opened body, if points show a wall there."""
     likelihood = measured.likelihood
     distance = measured.distance
@@ -133,22 +122,25 @@ def _cuts(part: Part, measured: Measured) -> Iterator[Change]:
     before = likelihood.loss(distance - measured.bias)
     best = np.zeros(len(distance))
     height = 0.0
-    for trial in np.arange(-part.ball, part.outside[part.core].max() - sigma, 0.5 * sigma):
+    for trial in np.arange(-part.ball, part.outside[part.core].max() - sigma, settings.trial_step * sigma):
         above = outside - _level(trial, share)
         gain = np.where(share > 0.0, before - likelihood.loss(np.maximum(distance, above)), 0.0)
         if gain.sum() > best.sum():
             best = gain
             height = float(trial)
-    witnesses = int((best > TELLING).sum())
-    deep = _deep(measured) & (share > 0.0)
-    near = np.abs(np.maximum(distance, outside - _level(height, share))[deep]) < DEEP * likelihood.sigma[deep]
-    if witnesses < WITNESSES or near.sum() < WITNESSES:
+    witnesses = int((best > settings.telling).sum())
+    deep = _deep(measured, settings) & (share > 0.0)
+    near = (
+        np.abs(np.maximum(distance, outside - _level(height, share))[deep])
+        < settings.deep * likelihood.sigma[deep]
+    )
+    if witnesses < settings.witnesses or near.sum() < settings.witnesses:
         return
     above = np.where(shares > 0.0, part.outside - _level(height, shares), -band.spacing)
     lost = part.core & (above > 0.0)
     nearby = np.isin(node, np.flatnonzero(lost)).any()
     region = zero_set(*band.whole(-above, band.spacing))
-    price = 0.0 if nearby else -UNTOUCHED
+    price = 0.0 if nearby else -settings.untouched
     yield Change(
         True,
         region,

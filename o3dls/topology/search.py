@@ -2,7 +2,7 @@
 
 A motion makes up for a wrong topology as well as it can: it stretches the wall into a vein that the prior
 lacks, and it doubts the points in the mouth of one that is not there. So a change is proposed where the
-points look odd (`growth`, `topology`), made to the prior in its pose, and judged by the free energy of a
+points look odd (`tubes`, `cuts`), made to the prior in its pose, and judged by the free energy of a
 motion fitted anew.
 """
 
@@ -10,12 +10,12 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..arrays import Array
-from ..geometry.components import topology
+from ..geometry.components import components_and_euler
 from ..geometry.similarity import apply, rms_radius
 from ..geometry.surface import Surface
 from ..levelset.normal_displacement import Wall
@@ -23,131 +23,142 @@ from ..levelset.observation import Measured, Noise, observe
 from ..motion.fit import fit_motion
 from ..motion.observations import Data
 from ..motion.result import MotionFit
-from ..motion.settings import Settings
-from .change import DEEP, WITNESSES, Change, changed
+from ..motion.settings import MotionSettings
+from .change import Change, changed
 from .cuts import removals
+from .settings import TopologySettings
 from .tubes import growth
 
-MOST = 4  # changes of one prior: more would be another one
-ENOUGH = 1000  # points of a kind that propose and judge a change
-CLOSELY = 3  # tubes, and cuts, that are looked at closely: those that the likelihood prefers
 
-
-def reshape(fit: MotionFit, *, spacing: float, threshold: float) -> tuple[MotionFit, tuple[Change, ...]]:
-    """Make the best change, look again, until none earns `threshold` nats: the fit of the changed prior, and
-    the changes.
+def change_topology(
+    fit: MotionFit, *, spacing: float, settings: TopologySettings
+) -> tuple[MotionFit, tuple[Change, ...]]:
+    """Make the best change, look again, until none earns its evidence: the fit of the changed prior, and the
+    changes.
 
     spacing: of the lattice on which the prior is changed, or the length of its edges if these are longer. The
-    fit is the same one where there is nothing to change, or where the prior has several pieces: what is
+    fit is the same one where there is nothing to change, or where the prior has several components: what is
     proposed is for one body.
     """
+    search = TopologySearch(spacing, settings)
     made: list[Change] = []
-    while len(made) < MOST and topology(fit.motion.rest.at, fit.motion.faces)[0] == 1:
-        best = max(
-            _judged(fit, list(_proposals(fit, threshold)), spacing),
-            key=lambda change: change.gain,
-            default=None,
-        )
-        if best is None or best.gain < threshold:
+    while len(made) < settings.most_changes and _kind(fit)[0] == 1:
+        judged = search.judged(fit, list(search.proposals(fit)))
+        best = max(judged, key=lambda change: change.gain, default=None)
+        if best is None or best.gain < settings.evidence:
             break
-        fit = _fitted(fit, _remade(fit, best, spacing), fit.problem.data, fit.problem.settings)
+        fit = search.refitted(fit, search.remade(fit, best), fit.problem.data, fit.problem.settings)
         made.append(best)
     return fit, tuple(made)
 
 
-def _proposals(fit: MotionFit, threshold: float) -> Iterator[Change]:
-    """Changes of the prior in its pose. Tubes are looked for before the motion, which would hide them; cuts,
-    whose points must lie on a wall that is not there, after it.
-    """
-    posed = _posed(fit)
-    before = Wall(posed)
-    after = Wall(posed.with_vertices(fit.vertices))
-    tubes = [tube for tube in growth(before, _seen(fit, before, moved=False)) if tube.gain >= threshold]
-    yield from heapq.nlargest(CLOSELY, tubes, key=lambda change: change.gain)
-    cuts = removals(after, _seen(fit, after, moved=True))
-    for cut in heapq.nlargest(CLOSELY, cuts, key=lambda change: change.gain):
-        vertices, faces = cut.region
-        yield replace(cut, region=(_back(fit, after, vertices), faces))
+@dataclass(frozen=True)
+class TopologySearch:
+    """Proposals for one prior, and what each is worth."""
+
+    spacing: float
+    settings: TopologySettings
+
+    def proposals(self, fit: MotionFit) -> Iterator[Change]:
+        """Changes of the prior in its pose. Tubes are looked for before the motion, which would hide them;
+        cuts, whose points must lie on a wall that is not there, after it.
+        """
+        settings = self.settings
+        posed = posed_prior(fit)
+        before = Wall(posed, settings.observation)
+        after = Wall(posed.with_vertices(fit.vertices), settings.observation)
+        grown = growth(before, self.seen(fit, before, moved=False), settings)
+        tubes = [tube for tube in grown if tube.gain >= settings.evidence]
+        yield from heapq.nlargest(settings.judged, tubes, key=lambda change: change.gain)
+        cuts = removals(after, self.seen(fit, after, moved=True), settings.cuts)
+        for cut in heapq.nlargest(settings.judged, cuts, key=lambda change: change.gain):
+            vertices, faces = cut.region
+            yield replace(cut, region=(before_motion(fit, after, vertices), faces))
+
+    def seen(self, fit: MotionFit, wall: Wall, *, moved: bool) -> Measured:
+        """The points of the fit as they look from a wall that has moved to them, or not yet: then their
+        distances tell the noise.
+        """
+        data = self._part(fit)
+        weights = fit.state.weights[~fit.problem.data.inside]
+        relative = np.ones(len(data.points))
+        if moved:
+            relative = fit.state.scales.noises[data.group] / fit.sigma * data.relative
+        noise = Noise(fit.sigma if moved else None, outlier_fraction=float(1.0 - weights.mean()))
+        return observe(wall, data.points, data.inside, relative, noise, self.settings.observation)
+
+    def judged(self, fit: MotionFit, changes: list[Change]) -> Iterator[Change]:
+        """Changes with what each gains once a motion is fitted anew. The prior without a change is meshed on
+        the same lattice: many points see the difference; where the lattice tears it, as a thin wall, that
+        would spoil the comparison, and nothing is judged.
+        """
+        if not changes:
+            return
+        unchanged = self.remade(fit, None)
+        if components_and_euler(unchanged.vertices, unchanged.faces) != _kind(fit):
+            return
+        part = self._part(fit)
+        settings = fit.problem.settings
+        settings = replace(settings, iteration=replace(settings.iteration, repair_folds=False))
+        whole = self.refitted(fit, unchanged, part, settings).energy
+        for change in changes:
+            after = self.refitted(fit, self.remade(fit, change), part, settings)
+            if self.explains(change, after):
+                yield replace(change, gain=whole - after.energy - change.price)
+
+    def explains(self, change: Change, after: MotionFit) -> bool:
+        """Whether the points that ask for a change lie on the new wall, in the median. Points that float in
+        the mouth of a part that was never touched gain something by any wall near them, many points gain
+        much, and yet it does not run through them.
+        """
+        wall = Wall(Surface(after.vertices, after.motion.faces), self.settings.observation)
+        distance = wall.look(change.odd)[0]
+        cuts = self.settings.cuts
+        near = float(np.median(np.abs(distance))) < cuts.deep * after.sigma if len(distance) else False
+        return len(distance) >= cuts.witnesses and near
+
+    def remade(self, fit: MotionFit, change: Change | None) -> Surface:
+        """The prior in its pose after a change, or meshed anew without one."""
+        posed = posed_prior(fit)
+        return changed(posed, change, max(self.spacing, _edge(posed)), self.settings.half_band)
+
+    def refitted(self, fit: MotionFit, posed: Surface, data: Data, settings: MotionSettings) -> MotionFit:
+        """The motion of what the prior was made into."""
+        motion = fit.motion
+        prior = apply(np.asarray(np.linalg.inv(motion.T_map_prior)), posed.vertices)
+        # in mm: points float as deep in whatever prior
+        depth = settings.contact.depth * fit.problem.size / rms_radius(posed.vertices)
+        settings = replace(
+            settings,
+            selection=replace(settings.selection, smoothing_lengths=()),
+            contact=replace(settings.contact, depth=depth),
+        )
+        return fit_motion(prior, posed.faces, motion.T_map_prior, data, settings)
+
+    def _part(self, fit: MotionFit) -> Data:
+        """An even part of many points: what changes the topology is no detail."""
+        data = fit.problem.data
+        return data.at(data.part(self.settings.most_points))
 
 
-def _seen(fit: MotionFit, wall: Wall, *, moved: bool) -> Measured:
-    """The points of the fit as they look from a wall that has moved to them, or not yet: then their spread
-    tells the noise.
-    """
-    data = _part(fit)
-    weights = fit.state.weights[~fit.problem.data.inside]
-    relative = (
-        fit.state.scales.noises[data.group] / fit.sigma * data.relative
-        if moved
-        else np.ones(len(data.points))
-    )
-    noise = Noise(fit.sigma if moved else None, share=float(1.0 - weights.mean()))
-    return observe(wall, data.points, data.inside, relative, noise)
+def posed_prior(fit: MotionFit) -> Surface:
+    """The prior in its pose, before the motion."""
+    return Surface(fit.motion.rest.at, fit.motion.faces)
 
 
-def _part(fit: MotionFit) -> Data:
-    """An even part of many points: what changes the topology is no detail."""
-    data = fit.problem.data
-    return data.at(data.part(ENOUGH))
-
-
-def _back(fit: MotionFit, moved: Wall, points: Array) -> Array:
+def before_motion(fit: MotionFit, moved: Wall, points: Array) -> Array:
     """Points (n, d) near the moved wall before the motion: as its closest place was."""
     _, corners, weights = moved.look(points)
-    return np.asarray(points - np.einsum("nc,ncd->nd", weights, (fit.vertices - fit.motion.rest.at)[corners]))
+    shift = (fit.vertices - fit.motion.rest.at)[corners]
+    return np.asarray(points - np.einsum("nc,ncd->nd", weights, shift))
+
+
+def _kind(fit: MotionFit) -> tuple[int, int]:
+    """Components and Euler number of the prior."""
+    return components_and_euler(fit.motion.rest.at, fit.motion.faces)
 
 
 def _edge(surface: Surface) -> float:
     """Mean length of an edge: a lattice of this spacing changes the surface and keeps its detail."""
     corners = surface.vertices[surface.faces]
     return float(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).mean())
-
-
-def _judged(fit: MotionFit, changes: list[Change], spacing: float) -> Iterator[Change]:
-    """Changes with what each gains once a motion is fitted anew. The prior without a change is meshed on the
-    same lattice: many points see the difference; where the lattice tears it, as a thin wall, that would spoil
-    the comparison, and nothing is judged.
-    """
-    unchanged = _remade(fit, None, spacing) if changes else None
-    if unchanged is None or topology(unchanged.vertices, unchanged.faces) != topology(
-        fit.motion.rest.at, fit.motion.faces
-    ):
-        return
-    part = _part(fit)
-    settings = replace(fit.problem.settings, unfold=False)
-    whole = _fitted(fit, unchanged, part, settings).energy
-    for change in changes:
-        after = _fitted(fit, _remade(fit, change, spacing), part, settings)
-        if _explained(change, after):
-            yield replace(change, gain=whole - after.energy - change.price)
-
-
-def _posed(fit: MotionFit) -> Surface:
-    """The prior in its pose, before the motion."""
-    return Surface(fit.motion.rest.at, fit.motion.faces)
-
-
-def _explained(change: Change, after: MotionFit) -> bool:
-    """Whether the odd points lie on the new wall, in the median. Points that float in the mouth of a part
-    that was never touched gain something by any wall near them, many points gain much, and yet it does not
-    run through them.
-    """
-    distance = Wall(Surface(after.vertices, after.motion.faces)).look(change.odd)[0]
-    return len(distance) >= WITNESSES and float(np.median(np.abs(distance))) < DEEP * after.sigma
-
-
-def _remade(fit: MotionFit, change: Change | None, spacing: float) -> Surface:
-    """The prior in its pose after a change, or meshed anew without one."""
-    posed = _posed(fit)
-    return changed(posed, change, max(spacing, _edge(posed)))
-
-
-def _fitted(fit: MotionFit, posed: Surface, data: Data, settings: Settings) -> MotionFit:
-    """The motion of what the prior was made into."""
-    motion = fit.motion
-    prior = apply(np.asarray(np.linalg.inv(motion.T_map_prior)), posed.vertices)
-    # in mm: points float as deep in whatever prior
-    depth = settings.depth * fit.problem.size / rms_radius(posed.vertices)
-    return fit_motion(
-        prior, posed.faces, motion.T_map_prior, data, replace(settings, fairing=(), depth=depth)
-    )

@@ -13,7 +13,7 @@ from o3dls.arrays import Array
 from o3dls.evaluation.distances import distances
 from o3dls.geometry.differential import vertex_normals
 from o3dls.geometry.fairing import fair, roughness
-from o3dls.geometry.fold_repair import unfold
+from o3dls.geometry.fold_repair import repair_folds
 from o3dls.geometry.similarity import similarity
 from o3dls.geometry.surface import Surface, outline
 from o3dls.motion import model_selection as choice
@@ -165,7 +165,8 @@ def test_a_rough_prior_hardly_folds_along_the_normals_of_a_smooth_wall(
     monkeypatch.setattr(choice, "_glimpse", lambda problem, state, at: seen.append(at) or 104.0)
     assert choice.smoother(SimpleNamespace(problem=problem, state=None, energy=100.0)) is None  # type: ignore[arg-type]
     own, along = (
-        unfold(rough.vertices, at, rough.faces)[1] for at in (smoothed(rough, 0.35 * problem.size), seen[0])
+        repair_folds(rough.vertices, at, rough.faces)[1]
+        for at in (smoothed(rough, 0.35 * problem.size), seen[0])
     )
     assert own > 100
     assert along < 0.05 * own

@@ -8,7 +8,7 @@ from fields import SIZE, body
 
 from o3dls.arrays import Array
 from o3dls.geometry import fold_repair as unfold_module
-from o3dls.geometry.fold_repair import unfold
+from o3dls.geometry.fold_repair import repair_folds
 from o3dls.geometry.surface import Surface
 
 
@@ -27,7 +27,7 @@ def test_a_fold_is_mended_where_it_is_and_counted(dimension: int) -> None:
     at = surface.vertices[17]
     # past the middle: the surface there comes out on the other side
     moved = pushed_through(surface, at, 2.2, 0.16 * SIZE)
-    mended, count, left = unfold(surface.vertices, moved, surface.faces)
+    mended, count, left = repair_folds(surface.vertices, moved, surface.faces)
     assert left == 0
     before = surface.face_normals
     after = Surface(mended, surface.faces).face_normals
@@ -45,7 +45,7 @@ def test_a_fold_is_mended_where_it_is_and_counted(dimension: int) -> None:
 def test_what_has_no_fold_comes_back_as_it_was(dimension: int) -> None:
     surface = body(dimension, fineness=4)
     moved = surface.vertices * 1.2 + 3.0
-    mended, count, _ = unfold(surface.vertices, moved, surface.faces)
+    mended, count, _ = repair_folds(surface.vertices, moved, surface.faces)
     assert count == 0
     np.testing.assert_array_equal(mended, moved)
 
@@ -61,7 +61,7 @@ def test_a_body_twisted_far_has_no_fold(enough: int, monkeypatch: pytest.MonkeyP
     moved = np.column_stack([np.cos(angle) * x - np.sin(angle) * y, np.sin(angle) * x + np.cos(angle) * y, z])
     cosine = (Surface(rest, ball.faces).face_normals * Surface(moved, ball.faces).face_normals).sum(axis=1)
     assert cosine.min() < -0.1  # by their own normals, many would pass for folded
-    mended, count, _ = unfold(rest, moved, ball.faces)
+    mended, count, _ = repair_folds(rest, moved, ball.faces)
     assert count == 0
     np.testing.assert_array_equal(mended, moved)
 
@@ -75,9 +75,9 @@ def test_mending_never_leaves_more_folds_than_there_were() -> None:
     rest = ball.vertices + 0.03 * SIZE * np.random.default_rng(8).normal(size=ball.vertices.shape)
     near = np.exp(-0.5 * ((rest - ball.vertices[17]) ** 2).sum(axis=1) / (0.25 * SIZE) ** 2)
     moved = rest + near[:, None] * 0.2 * SIZE * np.array([1.0, -1.0, 0.5])
-    mended, count, left = unfold(rest, moved, ball.faces)
+    mended, count, left = repair_folds(rest, moved, ball.faces)
     assert 0 < left <= count
-    assert unfold(rest, mended, ball.faces, rounds=0)[1] == left
+    assert repair_folds(rest, mended, ball.faces, rounds=0)[1] == left
 
 
 def test_a_small_piece_that_folded_as_a_whole_stays_and_the_rest_is_mended() -> None:
@@ -91,10 +91,10 @@ def test_a_small_piece_that_folded_as_a_whole_stays_and_the_rest_is_mended() -> 
     moved[: len(ball.vertices)] = pushed_through(ball, ball.vertices[17], 2.2, 0.16 * SIZE)
     small = slice(len(ball.vertices), None)
     moved[small] = moved[small][np.random.default_rng(5).permutation(len(crumb.vertices))]
-    mended, count, left = unfold(rest, moved, faces)
+    mended, count, left = repair_folds(rest, moved, faces)
     assert 0 < left < count
     np.testing.assert_array_equal(mended[small], moved[small])
-    assert unfold(ball.vertices, mended[: len(ball.vertices)], ball.faces)[1] == 0
+    assert repair_folds(ball.vertices, mended[: len(ball.vertices)], ball.faces)[1] == 0
 
 
 def test_a_sliver_of_a_fine_mesh_is_mended_by_a_few_vertices_around_it(
@@ -107,7 +107,7 @@ def test_a_sliver_of_a_fine_mesh_is_mended_by_a_few_vertices_around_it(
     moved = ball.vertices.copy()
     neighbour = ball.faces[(ball.faces == vertex).any(axis=1)].max()
     moved[vertex] += 1.5 * (moved[neighbour] - moved[vertex])
-    _, count, left = unfold(ball.vertices, moved, ball.faces)
+    _, count, left = repair_folds(ball.vertices, moved, ball.faces)
     assert (count > 0, left) == (True, 0)
     assert sizes == [30]  # of 10 242
 
@@ -120,7 +120,7 @@ def test_patches_that_fold_ever_more_faces_are_given_up(
     moved = ball.vertices + 0.01 * SIZE * np.random.default_rng(5).normal(size=ball.vertices.shape)
     turned = [np.arange(len(ball.faces)) < folded for folded in (2, 2, 3, 13, 40)]
     monkeypatch.setattr(unfold_module, "_turned", lambda rest, moved, faces: turned[len(sizes)])
-    mended, count, left = unfold(ball.vertices, moved, ball.faces)
+    mended, count, left = repair_folds(ball.vertices, moved, ball.faces)
     assert (count, left, len(sizes)) == (2, 2, 3)
     np.testing.assert_array_equal(mended, moved)
 
@@ -151,7 +151,7 @@ def test_a_sliver_is_straightened_and_nothing_else_moves(sizes: list[int]) -> No
     faces = np.vstack([np.delete(ball.faces, 100, axis=0), [[a, m, c], [m, b, c], [a, b, m]]])
     moved = rest * [1.1, 1.0, 0.9] + [5.0, 0.0, 0.0]
     moved[m] -= 3e-3 * inwards
-    mended, count, left = unfold(rest, moved, faces)
+    mended, count, left = repair_folds(rest, moved, faces)
     assert (count, left, sizes) == (1, 0, [])
     np.testing.assert_allclose(mended[:m], moved[:m], atol=1e-12)
     assert np.linalg.norm(mended[m] - moved[m]) < 4e-3 * np.linalg.norm(inwards)

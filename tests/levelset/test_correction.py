@@ -12,10 +12,10 @@ from shapes import circle, meshed, round_distance, sampled
 
 from o3dls.arrays import Array
 from o3dls.geometry.surface import Surface
-from o3dls.levelset.correction import Level, Limits, _lengths, _newton, refine
+from o3dls.levelset.correction import Level, Limits, _lengths, _newton, fit_correction
 from o3dls.levelset.normal_displacement import Wall
 from o3dls.levelset.observation import Measured, Noise, observe
-from o3dls.levelset.residual_field import evidence
+from o3dls.levelset.residual_field import residual_field
 
 SIGMA = 0.8
 SEED = 141_421
@@ -56,7 +56,7 @@ def error(surface: Surface, u: Array) -> float:
 def test_noise_alone_leaves_the_wall_exactly_where_it_is(dimension: int) -> None:
     surface = body(dimension)
     points = sampled(surface, 300, SIGMA, SEED)
-    found = refine(Wall(surface), seen(surface, points), np.ones(len(surface.vertices)), Limits(1.0))
+    found = fit_correction(Wall(surface), seen(surface, points), np.ones(len(surface.vertices)), Limits(1.0))
     assert (found.u == 0.0).all()
     assert found.fields == ()
     assert "nothing to add" in found.status
@@ -66,7 +66,7 @@ def test_noise_alone_leaves_the_wall_exactly_where_it_is(dimension: int) -> None
 def test_what_the_prior_lacks_is_found_and_the_energy_never_rises(dimension: int) -> None:
     surface = body(dimension)
     points = bumpy_points(dimension, 800, outliers=40)
-    found = refine(Wall(surface), seen(surface, points), np.ones(len(surface.vertices)), Limits(0.5))
+    found = fit_correction(Wall(surface), seen(surface, points), np.ones(len(surface.vertices)), Limits(0.5))
     assert found.converged
     assert error(surface, found.u) < 0.5 * error(surface, np.zeros(len(found.u)))
     energy = np.array([record["energy"] for record in found.trace])
@@ -80,7 +80,7 @@ def test_without_coarse_to_fine_only_the_shortest_length_is_tried() -> None:
     surface = body(3)
     seen_ = seen(surface, bumpy_points(3, 400))
     both, fine = (
-        refine(Wall(surface), seen_, np.ones(len(surface.vertices)), Limits(0.5, coarse_to_fine=x))
+        fit_correction(Wall(surface), seen_, np.ones(len(surface.vertices)), Limits(0.5, coarse_to_fine=x))
         for x in (True, False)
     )
     lengths = [{field.length for field in found.fields} for found in (both, fine)]
@@ -92,7 +92,7 @@ def test_more_points_find_it_better() -> None:
     surface = body(3)
     errors = []
     for count in (200, 800, 3200):
-        found = refine(
+        found = fit_correction(
             Wall(surface), seen(surface, bumpy_points(3, count)), np.ones(len(surface.vertices)), Limits(0.5)
         )
         errors.append(error(surface, found.u))
@@ -106,7 +106,7 @@ def test_turn_shift_and_scale_carry_the_correction_along() -> None:
     surface = body(3)
     points = bumpy_points(3, 600)
     ones = np.ones(len(surface.vertices))
-    plain = refine(Wall(surface), seen(surface, points), ones, Limits(0.5)).u
+    plain = fit_correction(Wall(surface), seen(surface, points), ones, Limits(0.5)).u
     a, b = np.deg2rad(37.0), np.deg2rad(71.0)
     turn = np.array([[np.cos(a), -np.sin(a), 0], [np.sin(a), np.cos(a), 0], [0, 0, 1]]) @ np.array(
         [[1, 0, 0], [0, np.cos(b), -np.sin(b)], [0, np.sin(b), np.cos(b)]]
@@ -117,7 +117,7 @@ def test_turn_shift_and_scale_carry_the_correction_along() -> None:
     measured = observe(
         Wall(moved), 1.7 * points @ turn.T + [3.3, -8.1, 40.2], inside, even, Noise(1.7 * SIGMA, 0.25, 0.05)
     )
-    other = refine(Wall(moved), measured, ones, Limits(0.85)).u / 1.7
+    other = fit_correction(Wall(moved), measured, ones, Limits(0.85)).u / 1.7
     assert np.sqrt(((other - plain) ** 2).mean()) < 0.1 * SIGMA
     assert np.abs(other - plain).max() < 0.5 * SIGMA
 
@@ -127,8 +127,8 @@ def test_prior_holds_where_the_motion_is_certain() -> None:
     points = bumpy_points(3, 600)
     top = surface.vertices[:, 2] > 0.0
     doubt = np.where(top, 0.5, 2.0)
-    even = refine(Wall(surface), seen(surface, points), np.ones(len(top)), Limits(0.5)).u
-    held = refine(Wall(surface), seen(surface, points), doubt, Limits(0.5)).u
+    even = fit_correction(Wall(surface), seen(surface, points), np.ones(len(top)), Limits(0.5)).u
+    held = fit_correction(Wall(surface), seen(surface, points), doubt, Limits(0.5)).u
     assert np.abs(held[top]).mean() < np.abs(even[top]).mean()
 
 
@@ -142,7 +142,7 @@ def test_a_crowd_of_noisy_points_inside_asks_for_no_correction() -> None:
     crowd = sampled(surface, 1500, SIGMA, SEED + 1)
     crowd *= 1.0 - rng.uniform(0.0, 3.0, len(crowd))[:, None] / 20.0
     measured = seen(surface, np.vstack([wall, crowd]), SIGMA, np.arange(1800) >= 300)
-    assert refine(Wall(surface), measured, np.ones(len(surface.vertices)), Limits(1.0)).fields == ()
+    assert fit_correction(Wall(surface), measured, np.ones(len(surface.vertices)), Limits(1.0)).fields == ()
 
 
 def test_points_inside_only_push_the_wall_out_but_never_pull_it_in() -> None:
@@ -160,7 +160,7 @@ def test_points_inside_only_push_the_wall_out_but_never_pull_it_in() -> None:
     reached = {}
     for radius in (12.0, 22.0):
         measured = seen(surface, np.vstack([wall, radius * near]), SIGMA, inside)
-        found = refine(Wall(surface), measured, np.ones(len(surface.vertices)), Limits(0.5))
+        found = fit_correction(Wall(surface), measured, np.ones(len(surface.vertices)), Limits(0.5))
         reached[radius] = found.u[np.argmax(surface.vertices @ pole)]
     assert reached[12.0] == 0.0
     assert reached[22.0] > 1.0
@@ -198,7 +198,7 @@ def test_equal_inputs_give_equal_corrections() -> None:
     surface = body(3)
     points = bumpy_points(3, 400)
     first, second = (
-        refine(Wall(surface), seen(surface, points), np.ones(len(surface.vertices)), Limits(0.5))
+        fit_correction(Wall(surface), seen(surface, points), np.ones(len(surface.vertices)), Limits(0.5))
         for _ in range(2)
     )
     assert (first.u == second.u).all()
@@ -267,7 +267,7 @@ def scattered() -> tuple[Array, Array]:
 def test_points_of_more_noise_hide_no_field() -> None:
     feet, residual = scattered()
     sigma = np.where(np.arange(200) < 60, 4.0, 1.0)
-    found = evidence(feet, sigma * residual, np.ones(200), sigma, 0.5, 20.0)
+    found = residual_field(feet, sigma * residual, np.ones(200), sigma, 0.5, 20.0)
     assert found.noise == pytest.approx(1.0, rel=0.15)
     assert found.gain < 3.0
 
@@ -275,7 +275,8 @@ def test_points_of_more_noise_hide_no_field() -> None:
 def test_noise_that_is_known_is_kept_and_doubtful_noise_is_found() -> None:
     feet, residual = scattered()
     known, doubtful = (
-        evidence(feet, 1.5 * residual, np.ones(200), np.ones(200), doubt, 20.0).noise for doubt in (0.01, 0.5)
+        residual_field(feet, 1.5 * residual, np.ones(200), np.ones(200), doubt, 20.0).noise
+        for doubt in (0.01, 0.5)
     )
     assert known == pytest.approx(1.0, rel=0.06)
     assert doubtful > 1.3

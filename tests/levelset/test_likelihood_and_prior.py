@@ -105,7 +105,7 @@ def test_matern_falls_to_an_eighth_at_its_length() -> None:
 
 
 def test_evidence_picks_the_field_that_made_the_residuals() -> None:
-    from o3dls.levelset.residual_field import evidence
+    from o3dls.levelset.residual_field import residual_field
 
     rng = np.random.default_rng(314_159)
     feet = rng.normal(size=(300, 3))
@@ -115,9 +115,9 @@ def test_evidence_picks_the_field_that_made_the_residuals() -> None:
     sigma, weight = np.ones(300), np.ones(300)
 
     def gain(residual: Array, length: float) -> float:
-        return evidence(feet, residual, weight, sigma, 0.25, length).gain
+        return residual_field(feet, residual, weight, sigma, 0.25, length).gain
 
-    found = evidence(feet, 2.0 * field + rng.normal(size=300), weight, sigma, 0.25, 20.0)
+    found = residual_field(feet, 2.0 * field + rng.normal(size=300), weight, sigma, 0.25, 20.0)
     assert found.gain > 20.0
     assert 1.2 < found.amplitude < 3.0
     assert 0.8 < found.noise < 1.2

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from shapes import ball_with_tube, meshed, round_distance, torus_distance, whole_box
 
-from o3dls.geometry.components import largest_piece, pieces
+from o3dls.geometry.components import component_labels, largest_component
 from o3dls.geometry.surface import Surface
 from o3dls.levelset.band import Band
 from o3dls.levelset.distance import SignedDistance, signed_distance
@@ -153,8 +153,8 @@ def test_largest_piece_drops_islands_and_cavities() -> None:
         return np.minimum(shell, np.linalg.norm(p - [10.0, 10.0, 10.0], axis=1) - 2.0)
 
     surface = meshed(shape, 14.0, 0.5)
-    assert pieces(len(surface.vertices), surface.faces).max() == 2
-    kept = Surface(*largest_piece(surface.vertices, surface.faces))
+    assert component_labels(len(surface.vertices), surface.faces).max() == 2
+    kept = Surface(*largest_component(surface.vertices, surface.faces))
     assert kept.watertight
     assert kept.volume == pytest.approx(4.0 / 3.0 * np.pi * 6.5**3, rel=0.01)
 

@@ -18,19 +18,21 @@ from o3dls.levelset.distance import SignedDistance, signed_distance
 from o3dls.levelset.isosurface import zero_set
 from o3dls.levelset.normal_displacement import Wall
 from o3dls.levelset.observation import Measured, Noise, observe
-from o3dls.levelset.refine import Mesher, Reached, _closed, _joined, _settled, reach, topology
-from o3dls.levelset.residual_field import Field
+from o3dls.levelset.refine import Mesher, Refinement, _closed, _joined, _settled, refine_surface, topology
+from o3dls.levelset.residual_field import ResidualField
 
 SEED = 223_606
 
 
-def run(surface: Surface, points: Array, mesh: Mesher = isosurface) -> Reached:
+def run(surface: Surface, points: Array, mesh: Mesher = isosurface) -> Refinement:
     def seen(wall: Wall) -> Measured:
         return observe(
             wall, points, np.zeros(len(points), dtype=bool), np.ones(len(points)), Noise(1.0, 0.25, 0.05)
         )
 
-    return reach(surface, seen, np.ones(len(surface.vertices)), Limits(1.0), mesh=mesh, crossing=crossing)
+    return refine_surface(
+        surface, seen, np.ones(len(surface.vertices)), Limits(1.0), mesh=mesh, crossing=crossing
+    )
 
 
 @pytest.mark.parametrize(
@@ -149,7 +151,7 @@ def test_a_correction_that_would_tear_is_halved() -> None:
         vertices, faces = isosurface(phi)
         return (vertices, faces) if vertices[:, 2].max() < 18.5 else (torus().vertices, torus().faces)
 
-    field = Field(20.0, 1.0, 1.0, 5.0)
+    field = ResidualField(20.0, 1.0, 1.0, 5.0)
     final, _, said = _settled(
         Wall(ball), Correction(u, (field,), 1.0, (), True, ""), Limits(1.0), handled, crossing
     )

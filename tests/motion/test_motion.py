@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from fields import SIZE, bend, body, spots, wall
+from o3dls.motion.stretch_hypothesis import WON, doubtful, drawn
 from threadpoolctl import ThreadpoolController
 from tiny import sphere
 
@@ -26,7 +27,6 @@ from o3dls.motion.observations import Data
 from o3dls.motion.problem import Problem, Run
 from o3dls.motion.result import MotionFit
 from o3dls.motion.settings import Settings
-from o3dls.motion.stretch_hypothesis import WON, doubtful, drawn
 
 BOTH = pytest.mark.parametrize("dimension", [2, 3])
 NOISE = 0.8  # mm

@@ -16,7 +16,7 @@ from o3dls.geometry.similarity import apply, fit_similarity, scale_of
 from o3dls.geometry.surface import Surface
 from o3dls.geometry.twist import Twist, rotation, strains
 from o3dls.noise.mixture import fit_mixture
-from o3dls.noise.robust import EFFICIENT_95, KERNELS, kernel_weights, spread
+from o3dls.noise.robust import EFFICIENT_95, KERNELS, kernel_weights, robust_sd
 from o3dls.registration import metrics, reject
 from o3dls.registration.icp import Criteria, align
 from o3dls.registration.match import Pairs, SurfaceMatcher
@@ -163,8 +163,8 @@ def test_kernels_believe_small_residuals_and_doubt_large_ones(kernel: str) -> No
 def test_spread_is_the_standard_deviation_and_forgets_a_third_of_outliers() -> None:
     rng = np.random.default_rng(81_517)
     clean = rng.normal(0.0, 1.5, 9_000)
-    assert spread(clean) == pytest.approx(1.5, rel=0.03)
-    assert spread(np.r_[clean, np.full(3_000, 1e6)]) < 2.5
+    assert robust_sd(clean) == pytest.approx(1.5, rel=0.03)
+    assert robust_sd(np.r_[clean, np.full(3_000, 1e6)]) < 2.5
 
 
 def test_the_mixture_finds_noise_and_share_and_tells_inside_from_outside() -> None:

@@ -14,7 +14,7 @@ from shapes import ball_with_tube, meshed, round_distance, sampled
 
 from o3dls.arrays import Array
 from o3dls.geometry.closest_point import ClosestPoint
-from o3dls.geometry.components import topology
+from o3dls.geometry.components import components_and_euler
 from o3dls.geometry.similarity import apply, scale_of, similarity
 from o3dls.geometry.surface import Surface
 from o3dls.levelset.normal_displacement import Wall
@@ -112,7 +112,7 @@ def test_a_tube_across_whose_mouth_points_show_the_wall_is_removed_and_said() ->
     assert "removed a part at (2" in made[0].sentence
     # but for the mesh of the prior
     assert made[0].gain == pytest.approx(before.energy - after.energy - made[0].price, rel=0.2)
-    assert topology(after.vertices, after.motion.faces) == (1, 2)
+    assert components_and_euler(after.vertices, after.motion.faces) == (1, 2)
     assert apart(surface(after), truth) < 0.2 * apart(tubed(), truth)
 
 
@@ -127,12 +127,12 @@ def test_a_tube_with_points_on_it_stays_however_many_lie_in_its_mouth() -> None:
 def test_a_handle_that_points_deny_is_removed() -> None:
     truth = ball()
     prior = meshed(ring, 34.0)
-    assert topology(prior.vertices, prior.faces) == (1, 0)
+    assert components_and_euler(prior.vertices, prior.faces) == (1, 0)
     points = sampled(truth, 1500, FINE, SEED)
     _, after, made = reshaped(prior, points)
     assert made
     assert all(change.removes for change in made)
-    assert topology(after.vertices, after.motion.faces) == (1, 2)
+    assert components_and_euler(after.vertices, after.motion.faces) == (1, 2)
     assert apart(surface(after), truth) < 0.3 * apart(prior, truth)
 
 
@@ -143,7 +143,7 @@ def test_a_tube_that_points_trace_is_grown_and_said() -> None:
     assert len(made) == 1
     assert not made[0].removes
     assert "grew a tube at (" in made[0].sentence
-    assert topology(after.vertices, after.motion.faces) == (1, 2)
+    assert components_and_euler(after.vertices, after.motion.faces) == (1, 2)
     assert apart(surface(after), truth) < 0.35 * apart(ball(), truth)
 
 
@@ -197,7 +197,7 @@ def test_a_change_is_closed_in_one_piece_and_near_where_it_must_be() -> None:
     for spacing in (1.0, 0.5):
         after = changed(prior, change, spacing)
         assert after.watertight
-        assert topology(after.vertices, after.faces) == (1, 2)
+        assert components_and_euler(after.vertices, after.faces) == (1, 2)
         far = after.vertices[:, 0] < 5.0  # the other side of the body is the prior's
         assert ClosestPoint(prior.vertices, prior.faces).distance(after.vertices[far]).max() < 0.2 * spacing
 
@@ -260,7 +260,7 @@ def test_a_wall_that_the_lattice_would_tear_is_not_judged_on_it(monkeypatch: pyt
     )
     motion = SimpleNamespace(rest=SimpleNamespace(at=shell.vertices), faces=shell.faces)
     fit = replace(bent_fit(), motion=motion)
-    assert topology(shell.vertices, shell.faces) == (1, 2)
+    assert components_and_euler(shell.vertices, shell.faces) == (1, 2)
     monkeypatch.setattr(reshape_module, "_fitted", lambda *_: SimpleNamespace(energy=0.0))
     monkeypatch.setattr(reshape_module, "_explained", lambda *_: True)
     change = replace(proposed(np.zeros((3, 3))), region=(ball().vertices, ball().faces))

@@ -1,0 +1,104 @@
+"""Level sets of surfaces that run into themselves: closed, joined or cut until they are whole."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..geometry.closest_point import ClosestPoint
+from ..geometry.surface import Surface
+from .distance import SignedDistance, signed_distance
+from .isosurface import zero_set
+from .operators import without_islands
+from .settings import LatticeSettings
+
+Crossing = Callable[[Surface], NDArray[np.bool_]]
+
+
+@dataclass(frozen=True, eq=False)
+class Attempt:
+    """A level set, the radius (a length) of the closing in it, and what else was done, in words."""
+
+    phi: SignedDistance
+    closing: float
+    done: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Repair:
+    """Level sets of a topology `kind` (components, Euler number) on a lattice.
+
+    crossing: which faces (m,) of a surface cut through others.
+    """
+
+    spacing: float
+    kind: tuple[int, int]
+    crossing: Crossing
+    settings: LatticeSettings
+
+    def attempts(self, surface: Surface, *, thorough: bool) -> Iterator[Attempt]:
+        """Level sets of a surface, from no repair to the most: with all that it encloses, since the tip of a
+        rim that a fold turned inside out is anatomy, joined to the rest where walls cross; then without
+        islands; then without what is inside out. thorough: with wide closings too.
+        """
+        band = cache(lambda wall, radius, inverted: self._band(wall, radius, inverted=inverted))
+        few = self.settings.closings[: self.settings.few_closings]
+        yield Attempt(band(surface, 0.0, True), 0.0)
+        joined = self._joined(surface)
+        done = () if joined is surface else ("walls that cross were joined",)
+        if done:
+            yield Attempt(band(joined, 0.0, True), 0.0, done)
+        for radius in (self.spacing * closing for closing in few):
+            yield Attempt(_closed(band(joined, radius, True), radius), radius, done)
+        closings = self.settings.closings if thorough else few
+        for wall, inverted, lost in (
+            (joined, True, (*done, "islands were left out")),
+            (surface, False, ("islands and what is inside out were left out",)),
+        ):
+            for radius in (0.0, *(self.spacing * closing for closing in closings)):
+                phi = _closed(self._whole(band(wall, radius, inverted)), radius)
+                yield Attempt(self._whole(phi), radius, lost)
+
+    def united(self, surface: Surface) -> SignedDistance:
+        """The level set of a surface, united where it runs into itself."""
+        return self._whole(self._band(surface, 0.0, inverted=False))
+
+    def _joined(self, surface: Surface) -> Surface:
+        """A surface that encloses all that this one does and, around its faces that cross, what is nearer to
+        them than half a joint: where the walls of a thin part have passed through each other, it is thin, and
+        neither of no thickness nor in two.
+        """
+        crossing = self.crossing(surface)
+        if not crossing.any():
+            return surface
+        radius = self.settings.joint * self.spacing * surface.dimension**0.5
+        phi = self._band(surface, radius, inverted=True)
+        around = np.zeros(len(surface.vertices), dtype=bool)
+        around[surface.faces[crossing]] = True
+        walls = ClosestPoint(surface.vertices, surface.faces[around[surface.faces].any(axis=1)])
+        joint = np.sqrt(walls.query(phi.band.positions)[0]) - radius
+        return Surface(*zero_set(phi.band, np.minimum(phi.phi, joint)))
+
+    def _band(self, surface: Surface, radius: float, *, inverted: bool) -> SignedDistance:
+        """The signed distance of a surface, so wide that something is left when it grows by the radius."""
+        width = radius + self.settings.half_band * self.spacing
+        return signed_distance(surface.vertices, surface.faces, self.spacing, width, inverted=inverted)
+
+    def _whole(self, phi: SignedDistance) -> SignedDistance:
+        """The level set of a surface in one piece, without the islands that a folded wall leaves."""
+        return phi if self.kind[0] > 1 else replace(phi, phi=without_islands(phi.band, phi.phi))
+
+
+def _closed(phi: SignedDistance, radius: float) -> SignedDistance:
+    """The level set grown by a radius and shrunk again: tunnels and gaps that a ball of the radius does not
+    enter are gone.
+    """
+    if radius == 0.0:
+        return phi
+    outer = zero_set(phi.band, phi.phi - radius)
+    grown = signed_distance(*outer, phi.band.spacing, radius + 2.0 * phi.band.spacing)
+    return replace(grown, phi=grown.phi + radius)

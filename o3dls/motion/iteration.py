@@ -1,0 +1,232 @@
+"""One round of fitting the motion: feet, posterior, who touches the wall; and how the first one begins.
+
+Where on the moved surface each point may have come from (`correspondence`) and how far it lies along the
+normal there; the posterior of the field (`marginal_likelihood`); each point's residual to the fit without it
+decides how far it is believed (`noise.contact`). Reasons and numbers: docs/method.md.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from ..arrays import Array, Ints
+from ..noise.contact import Contact, contact_density, inside_point_weights, label_energy, update_contact
+from .correspondence import likely_feet
+from .covariance import displacement, grams
+from .marginal_likelihood import Posterior, Scales, assemble, free_energy, left_out, misfit, solve, tune
+from .observations import Data, Feet, Rows, gather, points_left_out
+from .problem import MotionProblem
+from .settings import IterationSettings
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """What one round hands to the next: vertices (n, d) where feet are sought, and as moved by the field; how
+    much of a step is taken; amplitudes and noise levels; the mixture, and each point's probability of
+    contact.
+
+    patches (k,): which row each point falls into, once that stays: points that change rows would keep the
+    surface from standing still.
+    """
+
+    feet_on: Array
+    moved: Array
+    damping: float
+    scales: Scales
+    contact: Contact
+    weights: Array
+    patches: Ints | None = None
+    step: float = np.inf
+
+
+class Solved(NamedTuple):
+    """The linear system of a round and its posterior."""
+
+    rows: Rows
+    posterior: Posterior
+
+
+def begin(problem: MotionProblem) -> State:
+    """Amplitudes and noise in proportion to the residuals of the start pose, probabilities of contact by
+    them.
+    """
+    settings = problem.settings.covariance
+    log = expected_scales(problem, settings.noise_fraction)
+    fields = len(settings.vector_lengths) + len(settings.normal_lengths)
+    anchors = int(len(problem.marks) > 0)
+    modes = 2 + (problem.covariance.up is not None)
+    noises = problem.data.groups + anchors
+    log_sd = np.repeat(
+        [
+            settings.field_log_sd,
+            settings.field_log_sd * settings.mode_log_sd,
+            settings.field_log_sd * settings.anchor_log_sd,
+            settings.field_log_sd * settings.noise_log_sd,
+        ],
+        [fields, modes, anchors, noises],
+    )
+    least_noise = np.full(noises, np.log(settings.least_noise * problem.size))
+    least = np.r_[np.full(len(log) - noises, -np.inf), least_noise]
+    scales = Scales(log, log, log_sd, least, len(log) - noises)
+    contact = Contact.expected(problem.size, problem.settings.contact)
+    return State(problem.rest.at, problem.rest.at, 1.0, scales, contact, problem.first_weights)
+
+
+def step(
+    problem: MotionProblem, state: State, iteration: int | None, *, tuning: bool = False
+) -> tuple[State, Solved, dict[str, float]]:
+    """One round of foot points, posterior and contact; early rounds are held stiff and trust points less.
+
+    iteration: None where the fit goes on from an earlier one, and nothing is annealed.
+    """
+    annealing = problem.settings.iteration
+    feet = find_feet(problem, state, _noise_factor(iteration, annealing))
+    rows = gather_rows(problem, feet, state)
+    fixed, parts = grams(problem.covariance, rows.observed)
+    scales = state.scales
+    if tuning:
+        usual = expected_scales(problem, float(scales.noises[0]) / problem.residual_sd)
+        scales = replace(scales, prior_log=usual)
+        scales = replace(scales, log=tune(scales, fixed, parts, rows, annealing))
+    log = scales.log + _annealed(iteration, scales, problem.data.groups, annealing)
+    matrix, noise = assemble(log, fixed, parts, rows)
+    posterior, _ = solve(matrix, rows.residual)
+    moved = problem.rest.at + _field(problem, np.exp(log[: scales.fields]), Solved(rows, posterior))
+    noises = np.exp(log[scales.fields :])
+    out = points_left_out(rows, feet, state.weights, noise, *left_out(posterior, noise), noises, problem.data)
+    weights, contact = believe(problem, state, *out)
+    record = _energies(problem, state, Solved(rows, posterior), log[scales.fields :], out[0], contact)
+    length = float(np.linalg.norm(moved - state.feet_on, axis=1).mean())
+    record |= {
+        "step": length,
+        "sigma": float(scales.noises[0]),
+        "outlier_fraction": contact.outlier_fraction,
+    }
+    damping = _damping(state, length, iteration, annealing)
+    patches = rows.of_point if iteration is None or iteration > max(annealing.tune_at) else None
+    feet_on = state.feet_on + damping * (moved - state.feet_on)
+    after = State(feet_on, moved, damping, scales, contact, weights, patches, length)
+    return after, Solved(rows, posterior), record
+
+
+def expected_scales(problem: MotionProblem, noise_fraction: float) -> Array:
+    """Logarithms of the amplitudes and noise levels that are usual where noise makes up so much of the
+    residuals of the start: motion is the rest.
+    """
+    s = problem.settings.covariance
+    rms = problem.residual_sd
+    rest = 1.0 - min(noise_fraction, s.most_noise_fraction) ** 2
+    motion = float(np.sqrt(rest / (1.0 - s.noise_fraction**2)))
+    moved = motion * rms
+    upright = problem.covariance.up is not None
+    landmarks = len(problem.marks) > 0
+    amplitudes = [s.vector_amplitude * moved / 2**k for k in range(len(s.vector_lengths))]
+    amplitudes += [s.normal_amplitude * moved / 2**k for k in range(len(s.normal_lengths))]
+    amplitudes += [s.bend_amplitude * moved / problem.size / (1 + upright), s.strain_amplitude * motion]
+    amplitudes += [s.tilt_amplitude * moved / problem.size] * upright + [
+        s.anchor_amplitude * moved
+    ] * landmarks
+    noises = [s.noise_fraction * rms] * problem.data.groups + [s.landmark_noise * problem.size] * landmarks
+    return np.asarray(np.log(amplitudes + noises))
+
+
+def find_feet(problem: MotionProblem, state: State, noise_factor: float = 1.0) -> Feet:
+    """Where on the moved surface the points may have come from, by the noise levels of now."""
+    data = problem.data
+    sd = noise_factor * state.scales.noises[data.group] * data.relative
+    tree = problem.tree.at(state.feet_on)
+    settings = problem.settings.iteration
+    cutoff, resolution = settings.foot_cutoff, settings.foot_resolution
+    return likely_feet(tree, data.points, sd, problem.rest, cutoff, resolution)
+
+
+def gather_rows(problem: MotionProblem, feet: Feet, state: State) -> Rows:
+    """The rows of the linear system: a point each, or a patch of the surface each where they are many."""
+    settings = problem.settings.iteration
+    patch = settings.patch * min(problem.covariance.lengths)
+    frame = problem.frame if len(problem.data.points) > settings.most_rows else None
+    return gather(
+        feet, problem.data, state.weights, problem.marks, settings.most_rows, patch, state.patches, frame
+    )
+
+
+def believe(problem: MotionProblem, state: State, residual: Array, variance: Array) -> tuple[Array, Contact]:
+    """Probability of contact per point; an `inside` point counts only while the surface leaves it outside."""
+    data = problem.data
+    weights = np.zeros(len(residual))
+    wall = ~data.inside
+    weights[wall], contact = update_contact(residual[wall], variance[wall], data.odds[wall], state.contact)
+    fraction = contact.outlier_fraction
+    touching = (1.0 - fraction) * contact_density(residual[~wall], variance[~wall])
+    floating = fraction * contact.outlier_density(residual[~wall])
+    belief = touching / (touching + floating)
+    outside = (residual[~wall] > 0.0) & (belief > 0.5)
+    crowd = inside_point_weights(data.points[~wall], outside, problem.size, problem.settings.contact)
+    # damped, since points at the wall come and go
+    before = state.weights[~wall]
+    weights[~wall] = before + state.damping * (belief * crowd - before)
+    return weights, contact
+
+
+def contact_energy(data: Data, weights: Array, residual: Array, contact: Contact, noises: Array) -> float:
+    """What the probabilities `weights`, with which the rows were gathered, cost; a bound from one side is a
+    ratio, not a density.
+    """
+    wall = ~data.inside
+    density = -np.log(np.sqrt(2.0 * np.pi) * noises[data.group] * data.relative)
+    labels = label_energy(weights[wall], residual[wall], data.odds[wall], contact)
+    return labels + float(weights[~wall] @ density[~wall])
+
+
+def _energies(
+    problem: MotionProblem, state: State, solved: Solved, log_noise: Array, residual: Array, contact: Contact
+) -> dict[str, float]:
+    """The free energy and its terms: residuals, what the fields could have explained, labels."""
+    data_misfit = misfit(solved.posterior, log_noise, solved.rows)
+    complexity = free_energy(solved.posterior, log_noise, solved.rows) - data_misfit
+    labels = contact_energy(problem.data, state.weights, residual, contact, np.exp(log_noise))
+    return {
+        "energy": data_misfit + complexity + labels,
+        "misfit": data_misfit,
+        "complexity": complexity,
+        "labels": labels,
+    }
+
+
+def _field(problem: MotionProblem, sds: Array, solved: Solved) -> Array:
+    """Displacement (n, d) of every vertex, from nodes that stand close together against the shortest
+    length.
+    """
+    rows, posterior = solved
+    field = displacement(problem.covariance, sds, rows.observed, posterior.alpha, problem.at_nodes)
+    return np.asarray(problem.from_nodes @ field)
+
+
+def _damping(state: State, length: float, iteration: int | None, settings: IterationSettings) -> float:
+    """Part of the next step that is taken: halved while steps do not shrink, since exact points can hold the
+    feet in a cycle.
+    """
+    if iteration is not None and iteration <= len(settings.noise_factors):
+        return 1.0
+    if length > settings.slow_step * state.step:
+        return max(settings.damping * state.damping, settings.least_damping)
+    return min(settings.damping_recovery * state.damping, 1.0)
+
+
+def _annealed(iteration: int | None, scales: Scales, groups: int, settings: IterationSettings) -> Array:
+    """Change of the logarithms in the first rounds: amplitudes grow to 1, noise shrinks to 1."""
+    change = np.zeros(len(scales.log))
+    if iteration is not None:
+        grown = settings.first_amplitude + settings.amplitude_growth * iteration
+        change[: scales.fields] = np.log(min(1.0, grown))
+    change[scales.fields : scales.fields + groups] = np.log(_noise_factor(iteration, settings))
+    return change
+
+
+def _noise_factor(iteration: int | None, settings: IterationSettings) -> float:
+    """Factor on the noise in the first rounds: points pull from afar, and none decides alone."""
+    factors = settings.noise_factors
+    return factors[-1] if iteration is None else factors[min(iteration, len(factors) - 1)]
