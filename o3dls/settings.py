@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, field, fields, is_dataclass
-from typing import Any
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, fields, is_dataclass, replace
+from typing import Any, TypeVar
+
+S = TypeVar("S")
 
 
 @dataclass(frozen=True)
@@ -30,3 +32,23 @@ def numbers(settings: Any, prefix: str = "") -> Iterator[Number]:
             yield from numbers(value, f"{prefix}{one.name}.")
         else:
             yield Number(prefix + one.name, value, one.metadata["unit"], one.metadata["why"])
+
+
+def with_numbers(settings: S, values: Mapping[str, Any]) -> S:
+    """A copy of a settings object with other values by name; names of nested ones have dots, as in `Number`.
+
+    Raises KeyError where there is no such number.
+    """
+    nested: dict[str, dict[str, Any]] = {}
+    plain: dict[str, Any] = {}
+    known = {one.name for one in fields(settings)}  # type: ignore[arg-type]
+    for name, value in values.items():
+        first, _, rest = name.partition(".")
+        if first not in known:
+            raise KeyError(name)
+        if rest:
+            nested.setdefault(first, {})[rest] = value
+        else:
+            plain[first] = value
+    deep = {first: with_numbers(getattr(settings, first), inner) for first, inner in nested.items()}
+    return replace(settings, **plain, **deep)  # type: ignore[type-var]

@@ -53,14 +53,14 @@ class Repair:
         if done:
             yield Attempt(band(joined, 0.0, True), 0.0, done)
         for radius in (self.spacing * closing for closing in few):
-            yield Attempt(_closed(band(joined, radius, True), radius), radius, done)
+            yield Attempt(closed(band(joined, radius, True), radius), radius, done)
         closings = self.settings.closings if thorough else few
         for wall, inverted, lost in (
             (joined, True, (*done, "islands were left out")),
             (surface, False, ("islands and what is inside out were left out",)),
         ):
             for radius in (0.0, *(self.spacing * closing for closing in closings)):
-                phi = _closed(self._whole(band(wall, radius, inverted)), radius)
+                phi = closed(self._whole(band(wall, radius, inverted)), radius)
                 yield Attempt(self._whole(phi), radius, lost)
 
     def united(self, surface: Surface) -> SignedDistance:
@@ -93,7 +93,7 @@ class Repair:
         return phi if self.kind[0] > 1 else replace(phi, phi=without_islands(phi.band, phi.phi))
 
 
-def _closed(phi: SignedDistance, radius: float) -> SignedDistance:
+def closed(phi: SignedDistance, radius: float) -> SignedDistance:
     """The level set grown by a radius and shrunk again: tunnels and gaps that a ball of the radius does not
     enter are gone.
     """

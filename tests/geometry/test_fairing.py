@@ -18,8 +18,8 @@ from o3dls.geometry.similarity import similarity
 from o3dls.geometry.surface import Surface, outline
 from o3dls.motion import model_selection as choice
 from o3dls.motion.fit import fit_motion
-from o3dls.motion.problem import Problem
-from o3dls.motion.settings import Settings
+from o3dls.motion.problem import motion_problem
+from o3dls.motion.settings import MotionSettings
 from o3dls.stages.deform import Deform
 
 LENGTH = 0.35 * SIZE
@@ -92,7 +92,7 @@ def test_a_fit_smooths_the_prior_where_the_points_lack_its_roughness_and_leaves_
     rough = raised(plain, 0.03 * SIZE * bumps(plain, 0.7 * LENGTH))
     for truth, expected in ((plain, True), (rough, False)):
         fit = fit_motion(rough.vertices, rough.faces, np.eye(4), wall(sampled(truth, 0.01 * SIZE)))
-        assert (fit.facts["faired"] > 0.0) is expected
+        assert (fit.facts["smoothing_length"] > 0.0) is expected
         assert ("rough" in fit.sentence("mm")) is expected
         off = np.abs(distances(sampled(truth, 0.0, seed=23), rough.with_vertices(fit.vertices))).mean()
         assert off < 0.011 * SIZE  # the bumps alone are .024 in the mean
@@ -108,7 +108,7 @@ def test_a_prior_keeps_its_detail_where_that_is_asked() -> None:
         wall(sampled(plain, 0.01 * SIZE)),
         Deform(roughness="keep").settings(),
     )
-    assert kept.facts["faired"] == 0.0
+    assert kept.facts["smoothing_length"] == 0.0
 
 
 def test_the_motion_of_a_smoothed_prior_is_that_of_its_vertices() -> None:
@@ -116,7 +116,7 @@ def test_the_motion_of_a_smoothed_prior_is_that_of_its_vertices() -> None:
     plain = body(3, fineness=4)
     rough = raised(plain, 0.03 * SIZE * bumps(plain, 0.7 * LENGTH))
     fit = fit_motion(rough.vertices, rough.faces, np.eye(4), wall(sampled(plain, 0.01 * SIZE)))
-    assert fit.facts["faired"] > 0.0
+    assert fit.facts["smoothing_length"] > 0.0
     # interpolated between nodes
     np.testing.assert_allclose(fit.motion(rough.vertices), fit.vertices, atol=0.003 * SIZE)
 
@@ -160,10 +160,12 @@ def test_a_rough_prior_hardly_folds_along_the_normals_of_a_smooth_wall(
     """
     plain = body(3, fineness=5)
     rough = raised(plain, 0.03 * SIZE * np.random.default_rng(5).normal(size=len(plain.vertices)))
-    problem = Problem.make(rough.vertices, rough.faces, np.eye(4), wall(plain.vertices[:50]), Settings())
+    problem = motion_problem(
+        rough.vertices, rough.faces, np.eye(4), wall(plain.vertices[:50]), MotionSettings()
+    )
     seen: list[Array] = []
     monkeypatch.setattr(choice, "_glimpse", lambda problem, state, at: seen.append(at) or 104.0)
-    assert choice.smoother(SimpleNamespace(problem=problem, state=None, energy=100.0)) is None  # type: ignore[arg-type]
+    assert choice.preferred_smoothing(SimpleNamespace(problem=problem, state=None, energy=100.0)) is None  # type: ignore[arg-type]
     own, along = (
         repair_folds(rough.vertices, at, rough.faces)[1]
         for at in (smoothed(rough, 0.35 * problem.size), seen[0])
@@ -193,10 +195,10 @@ def test_a_prior_is_smoothed_if_the_best_length_gains_three_nats_and_none_loses_
 ) -> None:
     surface = body(3)
     left = list(energies)
-    problem = Problem.make(
-        surface.vertices, surface.faces, np.eye(4), wall(surface.vertices[:50]), Settings()
+    problem = motion_problem(
+        surface.vertices, surface.faces, np.eye(4), wall(surface.vertices[:50]), MotionSettings()
     )
     monkeypatch.setattr(choice, "_glimpse", lambda *_: left.pop(0))
-    found = choice.smoother(SimpleNamespace(problem=problem, state=None, energy=100.0))  # type: ignore[arg-type]
+    found = choice.preferred_smoothing(SimpleNamespace(problem=problem, state=None, energy=100.0))  # type: ignore[arg-type]
     assert left == []
     assert (found and found[0]) == (length and pytest.approx(length * problem.size))

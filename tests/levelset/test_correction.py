@@ -238,9 +238,9 @@ def test_a_share_of_outliers_is_taken_within_bounds(share: float, taken: float) 
         around(surface, 20.0, 50),
         np.zeros(50, dtype=bool),
         np.ones(50),
-        Noise(1.0, share=share),
+        Noise(1.0, outlier_fraction=share),
     )
-    assert found.likelihood.share == taken
+    assert found.likelihood.contact.outlier_fraction == taken
 
 
 def test_a_crowd_that_is_outweighed_is_heard_as_one() -> None:
@@ -297,13 +297,13 @@ def test_the_step_goes_to_the_least_energy_on_its_way(sigma: float) -> None:
     level = Level.of(surface, np.ones(len(surface.vertices)), 12.0).of_amplitude(1.0)
 
     def energy(f: Array) -> float:
-        wall.move(level.spread @ f)
+        wall.move(level.to_vertices @ f)
         return float(
             measured.likelihood.loss(wall.look(measured.points)[0] - measured.bias).sum()
             + level.prior.energy(f)
         )
 
-    start = np.zeros(level.spread.shape[1])
+    start = np.zeros(level.to_vertices.shape[1])
     energy(start)
     step = _newton(wall, level, measured, start)
     short, whole, long = (energy(share * step) for share in (0.8, 1.0, 1.2))

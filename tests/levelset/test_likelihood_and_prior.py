@@ -13,14 +13,17 @@ from shapes import circle, meshed, round_distance
 from o3dls.arrays import Array
 from o3dls.levelset.distance import signed_distance
 from o3dls.levelset.matern_prior import MaternPrior, matern
+from o3dls.noise.contact import Contact
 from o3dls.noise.likelihood import Likelihood
+from o3dls.noise.settings import ContactSettings
 
 STEP = 1e-5
+CONTACT = Contact.expected(25.0, ContactSettings(depth=0.6, anywhere_depths=2.0))
 
 
 def likelihood(one_sided: bool = False) -> Likelihood:
     sigma = np.array([0.8, 1.0, 1.5, 2.0, 1.2, 0.9])
-    return Likelihood(sigma, 0.08, 25.0, np.full(6, one_sided), 0.9)
+    return Likelihood(sigma, CONTACT, np.full(6, one_sided))
 
 
 def roughness(dimension: int, length: float = 8.0) -> MaternPrior:
@@ -40,7 +43,7 @@ def test_slope_of_the_loss(one_sided: bool, side: float) -> None:
 
 def test_loss_is_a_normalised_density_but_for_the_reach_of_outliers() -> None:
     s = np.linspace(-15.0, 30.0, 90001)
-    noise = Likelihood(np.full(len(s), 1.3), 0.08, 25.0, np.zeros(len(s), dtype=bool), 0.9)
+    noise = Likelihood(np.full(len(s), 1.3), CONTACT, np.zeros(len(s), dtype=bool))
     # a uniform density over 15 inside and 30 anywhere
     assert np.trapezoid(np.exp(-noise.loss(s)), s) == pytest.approx(1.0, abs=0.02)
 

@@ -6,18 +6,19 @@ import numpy as np
 import pytest
 from shapes import circle, meshed, round_distance, sampled, whole_box
 
+from o3dls.geometry.components import components_and_euler
 from o3dls.geometry.surface import Surface
 from o3dls.levelset.distance import SignedDistance, signed_distance
 from o3dls.levelset.isosurface import zero_set
 from o3dls.levelset.operators import delta, heaviside, mean_curvature
-from o3dls.levelset.paper import REACH, Weights, _on_band, _steps, descend, energies
-from o3dls.levelset.refine import topology
+from o3dls.levelset.paper import DEFAULTS, Weights, _on_band, _steps, descend, energies
+from o3dls.levelset.settings import PaperSettings
 
 SEED = 244_948
 
 
 def energy_of(field: SignedDistance, phi: np.ndarray, points: np.ndarray, weights: Weights) -> float:
-    shape = heaviside(round_distance(7.0)(field.band.positions), REACH * field.band.spacing)
+    shape = heaviside(round_distance(7.0)(field.band.positions), DEFAULTS.delta_width * field.band.spacing)
     return energies(SignedDistance(field.band, phi, field.face), shape, points, 1.0, weights)["energy"]
 
 
@@ -38,7 +39,7 @@ def test_flow_is_minus_the_slope_of_the_energy(term: str, dimension: int) -> Non
         energy_of(field, phi + step * way, points, weights)
         - energy_of(field, phi - step * way, points, weights)
     ) / (2.0 * step)
-    reach = REACH * h
+    reach = DEFAULTS.delta_width * h
     cell = h**dimension
     shape = heaviside(round_distance(7.0)(band.positions), reach)
     at = band.interpolation(points)
@@ -89,7 +90,7 @@ def test_it_says_its_islands_and_the_points_without_pull() -> None:
     far = np.array([[0.0, 0.0, 40.0], [0.0, 2.0, 0.0], [30.0, 0.0, 0.0]])
     points = np.vstack([sampled(surface, 100, 1.8, SEED), far])
     found = descend(surface, points, 1.0, Weights(100.0, 0.05, 0.3), spacing=1.0, cycles=15)
-    count = topology(*zero_set(found.phi.band, found.phi.phi))[0]
+    count = components_and_euler(*zero_set(found.phi.band, found.phi.phi))[0]
     assert found.facts == {"pieces": count, "points_without_pull": 3}
     assert f"{count} piece" in found.status
     assert "3 points out of the band" in found.status
@@ -105,9 +106,9 @@ def test_a_step_for_the_points_goes_down_their_energy_at_any_spacing_and_noise(d
     field = SignedDistance(band, phi, np.zeros(len(band), dtype=np.int32))
     way = np.random.default_rng(1).normal(size=(8, dimension))
     points = 6.3 * way / np.linalg.norm(way, axis=1)[:, None]
-    shape = heaviside(phi, REACH * h)
-    step = h * REACH * h / (2.0 * weights.shape)
-    after = _steps(field, shape, points, sigma, weights, 1)
+    shape = heaviside(phi, DEFAULTS.delta_width * h)
+    step = h * DEFAULTS.delta_width * h / (2.0 * weights.shape)
+    after = _steps(field, shape, points, sigma, weights, PaperSettings(steps=1))
     at = int(np.argmax(np.abs(after - phi)))
 
     def data(change: float) -> float:
@@ -123,9 +124,11 @@ def test_a_step_for_the_points_goes_down_their_energy_at_any_spacing_and_noise(d
 def test_the_shape_term_alone_draws_the_surface_towards_the_prior(radius: float, dimension: int) -> None:
     band, phi = whole_box(round_distance(6.0), 9.0, 0.5, dimension)
     field = SignedDistance(band, phi, np.zeros(len(band), dtype=np.int32))
-    shape = heaviside(round_distance(radius)(band.positions), REACH * 0.5)
+    shape = heaviside(round_distance(radius)(band.positions), DEFAULTS.delta_width * 0.5)
     on_the_wall = np.full((1, dimension), 6.0 / dimension**0.5)
-    moved = (_steps(field, shape, on_the_wall, 1.0, Weights(0.0, 0.0, 1.0), 3) - phi)[np.abs(phi) < 0.5]
+    moved = (_steps(field, shape, on_the_wall, 1.0, Weights(0.0, 0.0, 1.0), PaperSettings(steps=3)) - phi)[
+        np.abs(phi) < 0.5
+    ]
     assert (moved * (6.0 - radius) >= 0.0).all()
     assert np.abs(moved).max() > 0.01
 

@@ -12,16 +12,22 @@ from o3dls.adapters.meshing import isosurface
 from o3dls.adapters.self_intersections import crossing
 from o3dls.arrays import Array, Ints
 from o3dls.evaluation.distances import distances
+from o3dls.geometry.components import components_and_euler
 from o3dls.geometry.surface import Surface
 from o3dls.levelset.correction import Correction, Limits
 from o3dls.levelset.distance import SignedDistance, signed_distance
 from o3dls.levelset.isosurface import zero_set
 from o3dls.levelset.normal_displacement import Wall
 from o3dls.levelset.observation import Measured, Noise, observe
-from o3dls.levelset.refine import Mesher, Refinement, _closed, _joined, _settled, refine_surface, topology
+from o3dls.levelset.refine import Mesher, Refinement, _kept_whole, refine_surface
+from o3dls.levelset.repair import Repair, closed
 from o3dls.levelset.residual_field import ResidualField
+from o3dls.levelset.settings import LatticeSettings
 
 SEED = 223_606
+
+
+REPAIR = Repair(1.0, (1, 2), crossing, LatticeSettings())
 
 
 def run(surface: Surface, points: Array, mesh: Mesher = isosurface) -> Refinement:
@@ -62,9 +68,9 @@ def test_two_walls_closer_than_the_lattice_are_not_merged_into_a_handle() -> Non
         return np.minimum(round_distance(16.0)(points), np.where(open_end, 3.0, arc))
 
     prior = meshed(hook, 34.0, 0.5)
-    assert topology(prior.vertices, prior.faces) == (1, 2)
+    assert components_and_euler(prior.vertices, prior.faces) == (1, 2)
     found = run(prior, sampled(prior, 300, 1.0, SEED))
-    assert topology(*zero_set(found.phi.band, found.phi.phi)) == (1, 2)
+    assert components_and_euler(*zero_set(found.phi.band, found.phi.phi)) == (1, 2)
 
 
 def test_a_prior_that_overlaps_itself_is_united_in_one_piece() -> None:
@@ -74,7 +80,7 @@ def test_a_prior_that_overlaps_itself_is_united_in_one_piece() -> None:
     squeezed = ball.with_vertices(ball.vertices * np.column_stack([np.ones_like(x), waist, np.ones_like(x)]))
     found = run(squeezed, sampled(squeezed, 100, 1.0, SEED))
     vertices, faces = zero_set(found.phi.band, found.phi.phi)
-    assert topology(vertices, faces)[0] == 1
+    assert components_and_euler(vertices, faces)[0] == 1
     # both sides of the waist are there
     np.testing.assert_allclose([vertices[:, 0].min(), vertices[:, 0].max()], [-10.0, 10.0], atol=0.1)
 
@@ -89,10 +95,10 @@ def test_walls_of_a_thin_part_that_passed_through_each_other_stay_one_part() -> 
     through = ball.with_vertices(np.column_stack([x, y * (1.0 - 0.14 * np.maximum(x + 2.0, 0.0)) + 0.5, z]))
     assert ((through.vertices[x > 8.0, 1] - 0.5) * y[x > 8.0] <= 0.0).all()  # inside out
     plain = signed_distance(through.vertices, through.faces, 1.0, 3.0)
-    joined = _joined(through, 1.0, crossing(through))
+    joined = REPAIR._joined(through)
     found = signed_distance(joined.vertices, joined.faces, 1.0, 3.0)
-    assert topology(*isosurface(plain)) != (1, 2)
-    assert topology(*isosurface(found)) == (1, 2)
+    assert components_and_euler(*isosurface(plain)) != (1, 2)
+    assert components_and_euler(*isosurface(found)) == (1, 2)
     far = joined.vertices[joined.vertices[:, 0] < 2.0]  # they cross where x is 5.1
     np.testing.assert_allclose(distances(far, Surface(*zero_set(plain.band, plain.phi))), 0.0, atol=1e-6)
     assert joined.vertices[:, 0].max() == pytest.approx(10.0, abs=0.5)
@@ -131,14 +137,14 @@ def test_topology_counts_pieces_and_handles() -> None:
     from shapes import torus
 
     ring = torus()
-    assert topology(ring.vertices, ring.faces) == (1, 0)
+    assert components_and_euler(ring.vertices, ring.faces) == (1, 0)
     pair = Surface(
         np.vstack([ring.vertices, ring.vertices + 100.0]),
         np.vstack([ring.faces, ring.faces + len(ring.vertices)]),
     )
-    assert topology(pair.vertices, pair.faces) == (2, 0)
+    assert components_and_euler(pair.vertices, pair.faces) == (2, 0)
     round_line = circle(count=50)
-    assert topology(round_line.vertices, round_line.faces) == (1, 0)
+    assert components_and_euler(round_line.vertices, round_line.faces) == (1, 0)
 
 
 def test_a_correction_that_would_tear_is_halved() -> None:
@@ -152,7 +158,7 @@ def test_a_correction_that_would_tear_is_halved() -> None:
         return (vertices, faces) if vertices[:, 2].max() < 18.5 else (torus().vertices, torus().faces)
 
     field = ResidualField(20.0, 1.0, 1.0, 5.0)
-    final, _, said = _settled(
+    final, _, said = _kept_whole(
         Wall(ball), Correction(u, (field,), 1.0, (), True, ""), Limits(1.0), handled, crossing
     )
     np.testing.assert_allclose(final.fields["correction"], 0.5 * u)
@@ -161,5 +167,5 @@ def test_a_correction_that_would_tear_is_halved() -> None:
 
 def test_closing_gaps_leaves_the_rest_where_it_is() -> None:
     ball = meshed(round_distance(16.0), 20.0)
-    closed = _closed(signed_distance(ball.vertices, ball.faces, 1.0, 5.0), 2.0)
-    np.testing.assert_allclose(np.linalg.norm(zero_set(closed.band, closed.phi)[0], axis=1), 16.0, atol=0.1)
+    shut = closed(signed_distance(ball.vertices, ball.faces, 1.0, 5.0), 2.0)
+    np.testing.assert_allclose(np.linalg.norm(zero_set(shut.band, shut.phi)[0], axis=1), 16.0, atol=0.1)

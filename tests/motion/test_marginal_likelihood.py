@@ -17,8 +17,8 @@ from o3dls.motion.covariance import Observed, cross, grams, variance
 from o3dls.motion.marginal_likelihood import (
     Scales,
     assemble,
-    flattery,
     free_energy,
+    laplace_correction,
     left_out,
     posterior_variance,
     solve,
@@ -26,6 +26,7 @@ from o3dls.motion.marginal_likelihood import (
     tune_noise,
 )
 from o3dls.motion.observations import Feet, Rows, gather, points_left_out
+from o3dls.motion.settings import IterationSettings
 
 Objective = Callable[[Array], tuple[float, Array]]
 LOG = np.log([1.4, 0.6, 0.04, 0.05, 1.3])  # vector field, normal field, bend, strain, noise
@@ -95,7 +96,7 @@ def test_gradient_of_the_evidence_against_central_differences(
 ) -> None:
     weights = np.random.default_rng(7_919).uniform(0.05, 1.0, 60)
     rows = rows_of(60, 55_439, weights, groups, most=20 if merged else 1000)
-    tune(scales(groups), *grams(covariance(3), rows.observed), rows)
+    tune(scales(groups), *grams(covariance(3), rows.observed), rows, IterationSettings())
     at = scales(groups).log + 0.1
     slope = minimised[0](at)[1]
     for k in range(len(at)):
@@ -112,7 +113,7 @@ def test_noise_beside_few_features_is_tuned_as_with_their_whole_covariance(
     rows = rows_of(60, 41_143, np.random.default_rng(3_571).uniform(0.05, 1.0, 60), groups)
     noises = scales(groups).noise_alone()
     seen = np.einsum("na,nak->nk", rows.observed.directions, covariance(3).similarity(rows.observed.at))
-    tune(noises, seen @ seen.T, [], rows)
+    tune(noises, seen @ seen.T, [], rows, IterationSettings())
     tune_noise(noises, seen, rows)
     for shift in (-1.0, 0.0, 2.0):
         whole, few = (objective(noises.log + shift) for objective in minimised)
@@ -123,7 +124,7 @@ def test_noise_beside_few_features_is_tuned_as_with_their_whole_covariance(
 def test_no_step_of_the_line_search_overflows(minimised: list[Objective]) -> None:
     """Points in a plane that are all believed once asked for amplitudes beyond e^354."""
     rows = rows_of(60, 2_203)
-    tune(scales(1), *grams(covariance(3), rows.observed), rows)
+    tune(scales(1), *grams(covariance(3), rows.observed), rows, IterationSettings())
     for step in (90.0, 400.0):
         energy, slope = minimised[0](scales(1).log + step)
         assert energy > minimised[0](scales(1).log)[0]
@@ -179,7 +180,7 @@ def test_evidence_finds_amplitudes_and_noise_that_made_the_residuals() -> None:
     wide = Scales(LOG, LOG.copy(), np.full(len(LOG), 2.0), np.full(len(LOG), -np.inf), FIELDS)
     for _ in range(12):
         drawn = replace(rows, residual=root @ rng.normal(size=250))
-        found.append(tune(wide, fixed, parts, drawn, steps=40))
+        found.append(tune(wide, fixed, parts, drawn, IterationSettings(tuning_steps=40)))
     assert abs(np.mean(found, axis=0)[-1] - true[-1]) < 0.05
     assert abs(np.mean(found, axis=0)[0] - true[0]) < 0.35
 
@@ -278,25 +279,27 @@ def test_flattery_is_what_integration_takes_from_the_evidence() -> None:
     prior = Scales(np.log([0.8, 1.5]), np.log([0.8, 1.5]), np.array([1.0, 0.5]), np.full(2, -np.inf), 1)
 
     def energy(log: Array) -> float:
-        pull = (log - prior.centre) / prior.spread
+        pull = (log - prior.prior_log) / prior.prior_log_sd
         return free_energy(
             solve(assemble(log, fixed, [part], rows)[0], rows.residual)[0], log[1:], rows
         ) + 0.5 * float(pull @ pull)
 
-    best = replace(prior, log=tune(prior, fixed, [part], rows, steps=50))
-    pull = (best.log - prior.centre) / prior.spread
+    best = replace(prior, log=tune(prior, fixed, [part], rows, IterationSettings(tuning_steps=50)))
+    pull = (best.log - prior.prior_log) / prior.prior_log_sd
     step = 0.15
-    grid = [prior.centre + step * np.array([i, j]) for i in range(-40, 30) for j in range(-15, 16)]
+    grid = [prior.prior_log + step * np.array([i, j]) for i in range(-40, 30) for j in range(-15, 16)]
     total = np.logaddexp.reduce([-energy(log) for log in grid]) + np.log(
-        step**2 / (2.0 * np.pi * prior.spread.prod())
+        step**2 / (2.0 * np.pi * prior.prior_log_sd.prod())
     )
     flattered = -total - (energy(best.log) - 0.5 * float(pull @ pull))
     assert flattered > 0.5  # there is something to correct,
     # and Laplace's parabola misses little of it
-    assert flattery(best, fixed, [part], rows) == pytest.approx(flattered, abs=0.3)
+    assert laplace_correction(best, fixed, [part], rows) == pytest.approx(flattered, abs=0.3)
     silent = replace(prior, log=np.r_[prior.log[:1], best.log[1:]])
-    noise_only = Scales(best.log[1:], prior.centre[1:], prior.spread[1:], prior.least[1:], 0)
-    assert flattery(silent, fixed, [0.0 * part], rows) == pytest.approx(flattery(noise_only, fixed, [], rows))
+    noise_only = Scales(best.log[1:], prior.prior_log[1:], prior.prior_log_sd[1:], prior.least[1:], 0)
+    assert laplace_correction(silent, fixed, [0.0 * part], rows) == pytest.approx(
+        laplace_correction(noise_only, fixed, [], rows)
+    )
 
 
 def stacked() -> tuple[Array, Feet]:
@@ -312,7 +315,9 @@ def test_points_that_share_a_row_flatter_a_motion_as_those_that_do_not() -> None
     at, feet = stacked()
     apart, merged = (gather(feet, wall(at), np.ones(60), np.zeros((0, 3)), most, 1e-6) for most in (1000, 10))
     assert len(merged.residual) == 15
-    found = [flattery(scales(), *grams(covariance(3), rows.observed), rows) for rows in (apart, merged)]
+    found = [
+        laplace_correction(scales(), *grams(covariance(3), rows.observed), rows) for rows in (apart, merged)
+    ]
     assert found[0] == pytest.approx(found[1], abs=1e-6)
 
 

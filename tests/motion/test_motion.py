@@ -13,7 +13,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from fields import SIZE, bend, body, spots, wall
-from o3dls.motion.stretch_hypothesis import WON, doubtful, drawn
 from threadpoolctl import ThreadpoolController
 from tiny import sphere
 
@@ -21,12 +20,15 @@ from o3dls.arrays import Array
 from o3dls.geometry.similarity import apply, fit_similarity, similarity
 from o3dls.geometry.surface import Surface
 from o3dls.motion import fit as fit_module
-from o3dls.motion.fit import _first_beliefs, fit_motion
-from o3dls.motion.model_selection import _pose_alone
+from o3dls.motion.fit import _first_weights, fit_motion
+from o3dls.motion.iteration import begin, believe, find_feet
+from o3dls.motion.leverage_points import energy_with_strain, leverage_points
+from o3dls.motion.model_selection import fit_pose
 from o3dls.motion.observations import Data
-from o3dls.motion.problem import Problem, Run
-from o3dls.motion.result import MotionFit
-from o3dls.motion.settings import Settings
+from o3dls.motion.problem import MotionProblem, motion_problem
+from o3dls.motion.result import Iterated, MotionFit, state_facts
+from o3dls.motion.settings import MotionSettings
+from o3dls.settings import with_numbers
 
 BOTH = pytest.mark.parametrize("dimension", [2, 3])
 NOISE = 0.8  # mm
@@ -71,7 +73,7 @@ def test_follows_a_motion_drawn_from_its_prior(dimension: int) -> None:
     assert off(surface, truth, found.vertices) < 0.5 * off(surface, truth, surface.vertices)
     assert found.state.scales.noises[0] == pytest.approx(NOISE, rel=0.3)
     assert found.converged
-    assert found.state.contact.share < 0.1
+    assert found.state.contact.outlier_fraction < 0.1
 
 
 def test_a_large_strain_is_found_although_small_ones_are_assumed() -> None:
@@ -113,10 +115,10 @@ def test_a_surface_may_stand_still_while_its_vertices_slide() -> None:
     rng = np.random.default_rng(3)
     points = 1.03 * spots(ball, 120, 3)[0] + 0.5 * rng.normal(size=(120, 3)) + [0.0, 0.0, 1.0]
     # in the end it may come to rest, as rounding has it
-    found = fit(ball, wall(points), settings=Settings(iterations=16))
-    assert found.trace[-1]["step"] > Settings().tolerance * SIZE
+    found = fit(ball, wall(points), settings=with_numbers(MotionSettings(), {"iteration.iterations": 16}))
+    assert found.trace[-1]["step"] > MotionSettings().iteration.tolerance * SIZE
     assert found.converged
-    assert found.facts["moving"] < 1e-5 * SIZE
+    assert found.facts["last_step"] < 1e-5 * SIZE
 
 
 @BOTH
@@ -133,7 +135,7 @@ def test_noise_alone_shows_no_motion(dimension: int) -> None:
     points = spots(surface, COUNT[dimension], 16_063)[0]
     data = wall(points + NOISE * np.random.default_rng(40_927).normal(size=points.shape))
     found = fit(surface, data)
-    assert found.motion.share < 0.9
+    assert found.motion.probability < 0.9
     assert off(surface, surface.vertices, found.vertices) < 0.25 * NOISE
 
 
@@ -190,10 +192,10 @@ def test_whether_there_is_a_motion_knows_no_unit(unit: float) -> None:
         [spots(surface, count, seed)[0] for count, seed in ((120, 7), (60, 9))]
     ) + NOISE * rng.normal(size=(180, 3))
     inside = np.arange(180) >= 120
-    here = fit(surface, wall(points, inside=inside)).motion.share
+    here = fit(surface, wall(points, inside=inside)).motion.probability
     there = fit(
         replace(surface, vertices=unit * surface.vertices), wall(unit * points, inside=inside)
-    ).motion.share
+    ).motion.probability
     assert 0.01 < here < 0.99  # where nothing is to be told apart, all would be equal
     assert there == pytest.approx(here, abs=0.03)
 
@@ -203,8 +205,8 @@ def test_one_stray_point_makes_no_motion_of_noise() -> None:
     points = spots(surface, 100, 7)[0] + NOISE * np.random.default_rng(3).normal(size=(100, 3))
     stray = points.copy()
     stray[0, 0] += 300.0
-    assert fit(surface, wall(points)).motion.share < 0.5
-    assert fit(surface, wall(stray)).motion.share < 0.5
+    assert fit(surface, wall(points)).motion.probability < 0.5
+    assert fit(surface, wall(stray)).motion.probability < 0.5
 
 
 @BOTH
@@ -245,56 +247,61 @@ def test_points_of_another_chamber_hide_no_motion() -> None:
     looked better than it is.
     """
     surface, _, data = bent(3, noise=3.0 * NOISE, seed=12)
-    assert fit(surface, with_chamber(surface, data)).motion.share > 0.9
+    assert fit(surface, with_chamber(surface, data)).motion.probability > 0.9
 
 
-@pytest.mark.parametrize(("count", "odd"), [(WON, 0), (WON + 1, WON + 1)])
-def test_points_that_a_motion_wins_may_have_drawn_the_wall(
+USUAL = MotionSettings().leverage.captured_points
+
+
+@pytest.mark.parametrize(("count", "odd"), [(USUAL, 0), (USUAL + 1, USUAL + 1)])
+def test_points_that_a_motion_captures_may_have_pulled_the_wall_out(
     count: int, odd: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     surface, _, data = bent(3)
     found = fit(surface, data)
     state = replace(found.state, weights=np.ones(len(data.points)))
     monkeypatch.setattr(
-        Problem, "first_beliefs", np.r_[np.full(count, 0.1), np.ones(len(data.points) - count)]
+        MotionProblem, "first_weights", np.r_[np.full(count, 0.1), np.ones(len(data.points) - count)]
     )
-    assert drawn(Run(replace(found.problem), state, (), [], 0.0)).sum() == odd  # type: ignore[arg-type]
+    assert leverage_points(Iterated(replace(found.problem), state, (), [], 0.0)).sum() == odd  # type: ignore[arg-type]
 
 
 def test_a_fit_that_goes_on_with_more_points_says_what_its_part_found() -> None:
     surface, _, data = bent(3, count=400)
     found = fit(surface, data)
-    found.facts["rival_behind"] = 1.0  # type: ignore[index]
-    assert fit(surface, data, warm=found).facts["rival_behind"] == 1.0
+    found.facts["alternative_behind"] = 1.0  # type: ignore[index]
+    assert fit(surface, data, warm=found).facts["alternative_behind"] == 1.0
 
 
-def test_points_on_a_stretched_part_may_have_drawn_it(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_points_on_a_stretched_part_may_have_pulled_it_out(monkeypatch: pytest.MonkeyPatch) -> None:
     surface, _, data = bent(3)
     found = fit(surface, data)
-    monkeypatch.setattr(Problem, "first_beliefs", np.ones(len(data.points)))
+    monkeypatch.setattr(MotionProblem, "first_weights", np.ones(len(data.points)))
     moved, points = (np.where(at > 0.0, [3.0, 1.0, 1.0], 1.0) * at for at in (surface.vertices, data.points))
     state = replace(found.state, moved=moved, weights=np.ones(len(points)))
-    run = Run(replace(found.problem, data=replace(data, points=points)), state, (), [{"energy": 0.0}], 0.0)  # type: ignore[arg-type]
+    run = Iterated(
+        replace(found.problem, data=replace(data, points=points)), state, (), [{"energy": 0.0}], 0.0
+    )  # type: ignore[arg-type]
     still = replace(run, state=replace(state, moved=surface.vertices))
     stretched = points[:, 0] > 3.0 * SIZE / 4.0
-    assert drawn(run)[stretched].mean() > 0.8
-    assert not drawn(run)[points[:, 0] < -SIZE / 4.0].any()
-    assert not drawn(still).any()
-    assert doubtful(run) > 100.0 + doubtful(still)
+    assert leverage_points(run)[stretched].mean() > 0.8
+    assert not leverage_points(run)[points[:, 0] < -SIZE / 4.0].any()
+    assert not leverage_points(still).any()
+    assert energy_with_strain(run) > 100.0 + energy_with_strain(still)
 
 
 def test_beliefs_begin_at_those_of_the_start() -> None:
     surface, _, data = bent(3)
     points = data.points.copy()
     points[::4] *= 0.6  # they float
-    problem = Problem.make(
+    problem = motion_problem(
         surface.vertices,
         surface.faces,
         np.eye(4),
         wall(points, inside=np.arange(len(points)) == 1),
-        Settings(),
+        MotionSettings(),
     )
-    first = problem.first_beliefs
+    first = problem.first_weights
     assert first[::4].mean() < 0.1
     assert np.delete(first, [1, *range(0, len(points), 4)]).mean() > 0.9
     assert first[1] == 0.0
@@ -307,9 +314,10 @@ def test_beliefs_begin_at_those_of_the_start() -> None:
 def test_a_fit_with_shared_rows_comes_to_stand_still() -> None:
     surface, _, data = bent(3, count=700)
     assert fit(surface, data).converged
-    split = fit(surface, data, settings=Settings(many=400))
+    split = fit(surface, data, settings=with_numbers(MotionSettings(), {"iteration.most_points": 400}))
     assert split.converged
-    assert len(split.trace) > max(Settings().tune_at)  # the rounds that found the amplitudes count too
+    # the rounds that found the amplitudes count too
+    assert len(split.trace) > max(MotionSettings().iteration.tune_at)
 
 
 def test_rows_that_points_share_do_not_depend_on_the_frame() -> None:
@@ -336,8 +344,12 @@ def test_many_points_inside_do_not_crowd_out_the_few_at_the_wall() -> None:
     """
     surface, truth, data = bent(3, count=150)
     deep = 0.5 * spots(surface, 1_500, 77)[0]
-    plain = fit(surface, data, settings=Settings(many=300))
-    crowded = fit(surface, with_inside(data, deep), settings=Settings(many=300))
+    plain = fit(surface, data, settings=with_numbers(MotionSettings(), {"iteration.most_points": 300}))
+    crowded = fit(
+        surface,
+        with_inside(data, deep),
+        settings=with_numbers(MotionSettings(), {"iteration.most_points": 300}),
+    )
     assert off(surface, truth, crowded.vertices) < off(surface, truth, plain.vertices) + 0.02 * NOISE
 
 
@@ -355,7 +367,7 @@ def test_a_part_of_the_points_has_all_kinds() -> None:
 def test_many_points_may_share_rows() -> None:
     surface, truth, data = bent(3, count=400)
     dense = fit(surface, data)
-    merged = fit(surface, data, settings=Settings(rows=100))
+    merged = fit(surface, data, settings=with_numbers(MotionSettings(), {"iteration.most_rows": 100}))
     assert off(surface, dense.vertices, merged.vertices) < 0.25 * float(dense.sd.mean())
     assert merged.state.scales.noises[0] == pytest.approx(dense.state.scales.noises[0], rel=0.05)
     assert off(surface, truth, merged.vertices) < off(surface, truth, dense.vertices) + 0.05 * NOISE
@@ -532,9 +544,8 @@ def test_a_fit_keeps_the_linear_algebra_to_one_thread_and_gives_the_others_back(
     def threads() -> set[int]:
         return {library["num_threads"] for library in libraries.info() if library["user_api"] == "blas"}
 
-    monkeypatch.setattr(
-        fit_module, "shown", lambda run, shown=fit_module.shown: within.append(threads()) or shown(run)
-    )
+    evidence = fit_module.motion_evidence
+    monkeypatch.setattr(fit_module, "motion_evidence", lambda run: within.append(threads()) or evidence(run))
     with libraries.limit(limits=2, user_api="blas"):
         fit(surface, data)
         assert (within, threads()) == ([{1}], {2})
@@ -549,17 +560,17 @@ def marked(count: int = 80) -> tuple[Surface, Data]:
     )
 
 
-def problem(surface: Surface, data: Data, pose: Array | None = None) -> Problem:
-    return Problem.make(
-        surface.vertices, surface.faces, np.eye(4) if pose is None else pose, data, Settings()
+def problem(surface: Surface, data: Data, pose: Array | None = None) -> MotionProblem:
+    return motion_problem(
+        surface.vertices, surface.faces, np.eye(4) if pose is None else pose, data, MotionSettings()
     )
 
 
 def test_what_is_expected_before_the_points_are_seen_scales_with_the_lengths() -> None:
     surface, data = marked()
     larger = replace(data, points=2.5 * data.points, marks_map=2.5 * data.marks_map)
-    here = problem(surface, data).start().scales
-    there = problem(surface, larger, similarity(np.eye(3), np.zeros(3), 2.5)).start().scales
+    here = begin(problem(surface, data)).scales
+    there = begin(problem(surface, larger, similarity(np.eye(3), np.zeros(3), 2.5))).scales
     # fields, shifts of landmarks, noises; but bends, strains and tilts are angles and ratios
     lengths = [
         1,
@@ -578,10 +589,10 @@ def test_what_is_expected_before_the_points_are_seen_scales_with_the_lengths() -
 
 def test_facts_name_the_amplitudes_as_they_are() -> None:
     at = problem(*marked())
-    facts = at.facts(at.start())
-    sds = at.start().scales.sds
+    facts = state_facts(at, begin(at))
+    sds = begin(at).scales.sds
     assert [facts[f"amplitude_{name}"] for name in ("bend", "strain", "tilt", "anchors")] == sds[-4:].tolist()
-    assert facts["amplitude_strain"] == pytest.approx(Settings().strain)
+    assert facts["amplitude_strain"] == pytest.approx(MotionSettings().covariance.strain_amplitude)
 
 
 def test_a_start_that_is_off_is_mended_in_any_frame() -> None:
@@ -606,9 +617,9 @@ def test_a_point_of_almost_no_noise_has_its_closest_point_for_a_foot() -> None:
     surface, _, data = bent(3, 80)
     exact = np.arange(80) < 5
     at = problem(surface, replace(data, relative=np.where(exact, 1e-3, 1.0)))
-    state = at.start()
+    state = begin(at)
     state = replace(state, scales=replace(state.scales, log=np.r_[state.scales.log[:-1], np.log(0.2 * SIZE)]))
-    away = np.linalg.norm(at.feet(state).at - at.tree.query(data.points)[2], axis=1)
+    away = np.linalg.norm(find_feet(at, state).at - at.tree.query(data.points)[2], axis=1)
     assert away[exact].max() < 0.01 * SIZE < away[~exact].mean()
 
 
@@ -616,8 +627,8 @@ def test_what_inside_points_say_changes_as_slowly_as_the_steps() -> None:
     surface, _, data = bent(3, 80)
     inside = np.arange(80) >= 60
     at = problem(surface, replace(data, inside=inside))
-    states = (replace(at.start(), damping=damping) for damping in (0.25, 1.0))
-    quarter, whole = (at.believe(state, np.full(80, 0.5), np.ones(80))[0][inside] for state in states)
+    states = (replace(begin(at), damping=damping) for damping in (0.25, 1.0))
+    quarter, whole = (believe(at, state, np.full(80, 0.5), np.ones(80))[0][inside] for state in states)
     assert (whole > 0.0).all()
     np.testing.assert_allclose(quarter, 0.25 * whole)
 
@@ -631,8 +642,12 @@ def test_exact_points_are_not_believed_to_be_exact() -> None:
 def test_where_no_motion_is_shown_the_noise_is_that_of_the_pose_alone() -> None:
     surface = body(3)
     points = spots(surface, 60, 12)[0] + NOISE * np.random.default_rng(2).normal(size=(60, 3))
-    found = fit(surface, wall(points), settings=Settings(odds=1e6))
-    assert found.sigma == pytest.approx(float(_pose_alone(found.problem, 1.0, np.inf).noises[0]), rel=1e-3)
+    found = fit(
+        surface, wall(points), settings=with_numbers(MotionSettings(), {"selection.motion_log_odds": 1e6})
+    )
+    assert found.sigma == pytest.approx(
+        float(fit_pose(found.problem, free=True, clear=np.inf).noises[0]), rel=1e-3
+    )
 
 
 def test_new_points_deep_inside_or_hardly_pressed_are_doubted_at_once() -> None:
@@ -641,7 +656,7 @@ def test_new_points_deep_inside_or_hardly_pressed_are_doubted_at_once() -> None:
     moved = surface.with_vertices(found.vertices)
     depths = found.sigma * np.array([-2.2, 2.2, -1.8, -1.8])
     more = moved.vertices[7] + depths[:, None] * moved.vertex_normals[7]
-    beliefs = _first_beliefs(
+    beliefs = _first_weights(
         found, wall(np.vstack([data.points, more]), odds=np.r_[np.ones(82), 4.0, 0.25]), slice(80)
     )
     inner, outer, weak, strong = beliefs[80:]
@@ -653,10 +668,10 @@ def test_new_points_deep_inside_or_hardly_pressed_are_doubted_at_once() -> None:
 def test_a_smoothed_prior_stays_only_if_it_is_likelier(monkeypatch: pytest.MonkeyPatch) -> None:
     surface, _, data = bent(3, 80)
     plain = fit(surface, data)
-    monkeypatch.setattr(fit_module, "smoother", lambda run: (3.0, 1.15 * run.problem.rest.at))
+    monkeypatch.setattr(fit_module, "preferred_smoothing", lambda run: (3.0, 1.15 * run.problem.rest.at))
     found = fit(surface, data)
-    assert plain.motion.share == 1.0
-    assert found.facts["faired"] == 0.0
+    assert plain.motion.probability == 1.0
+    assert found.facts["smoothing_length"] == 0.0
     np.testing.assert_array_equal(found.vertices, plain.vertices)
 
 

@@ -9,21 +9,22 @@ import numpy as np
 import pytest
 
 from o3dls.arrays import Array
-from o3dls.noise.contact import Contact, _chain, believe, density, mixture_energy
+from o3dls.noise.contact import Contact, _chain, contact_density, label_energy, update_contact
 
-PLAIN = Contact(share=0.1, depth=8.0)
+PLAIN = Contact(depth=8.0, outlier_fraction=0.1, inside_fraction=0.9)
 
 
 def belief(residual: Array, contact: Contact = PLAIN, odds: Array | None = None) -> tuple[Array, Contact]:
     residual = np.asarray(residual, dtype=float)
-    return believe(
+    return update_contact(
         residual, np.ones(len(residual)), np.ones(len(residual)) if odds is None else odds, contact
     )
 
 
 def test_without_runs_each_point_is_judged_by_bayes() -> None:
     residual = np.random.default_rng(61_819).normal(size=50) * 4
-    touching, floating = density(residual, np.ones(50), PLAIN)
+    touching = contact_density(residual, np.ones(50))
+    floating = PLAIN.outlier_density(residual)
     weights, _ = belief(residual)
     np.testing.assert_allclose(weights, 0.9 * touching / (0.9 * touching + 0.1 * floating), rtol=1e-9)
 
@@ -63,7 +64,7 @@ def test_inside_is_doubted_more_than_outside_and_far_more_than_near() -> None:
 
 def test_little_force_lowers_belief_and_much_raises_it() -> None:
     residual = np.full(3, -2.5)
-    weak, plain, strong = believe(residual, np.ones(3), np.array([4.0, 1.0, 0.25]), PLAIN)[0]
+    weak, plain, strong = update_contact(residual, np.ones(3), np.array([4.0, 1.0, 0.25]), PLAIN)[0]
     assert weak < plain < strong
 
 
@@ -88,7 +89,7 @@ def test_runs_of_floating_points_are_recognised_and_doubt_spreads_within_them() 
     for _ in range(10):
         _, plain = belief(scattered, plain)
     assert plain.persistence < 0.25
-    assert contact.share == pytest.approx(runs.mean(), abs=0.04)
+    assert contact.outlier_fraction == pytest.approx(runs.mean(), abs=0.04)
 
 
 @pytest.mark.parametrize("factor", [0.25, 4.0])
@@ -105,8 +106,8 @@ def test_odds_that_all_points_share_say_nothing(factor: float) -> None:
 def test_belief_knows_no_unit() -> None:
     residual = np.random.default_rng(9_973).normal(size=60) * 3
     ones = np.ones(60)
-    mm, _ = believe(residual, ones, ones, Contact(0.1, 8.0, 0.2))
-    metres, _ = believe(residual / 1000, ones / 1e6, ones, Contact(0.1, 0.008, 0.2))
+    mm, _ = update_contact(residual, ones, ones, Contact(8.0, 0.1, 0.9, 0.2))
+    metres, _ = update_contact(residual / 1000, ones / 1e6, ones, Contact(0.008, 0.1, 0.9, 0.2))
     np.testing.assert_allclose(mm, metres, rtol=1e-9)
 
 
@@ -117,8 +118,8 @@ def test_the_energy_of_beliefs_is_least_at_the_beliefs_found() -> None:
     weights, _ = belief(residual)
 
     def total(w: Array) -> float:
-        touching, _ = density(residual, ones, PLAIN)
-        return mixture_energy(w, residual, ones, PLAIN) - float((w * np.log(touching)).sum())
+        touching = contact_density(residual, ones)
+        return label_energy(w, residual, ones, PLAIN) - float((w * np.log(touching)).sum())
 
     rng = np.random.default_rng(77_041)
     for _ in range(20):
@@ -137,10 +138,10 @@ def test_the_share_of_stray_points_inside_is_where_the_energy_is_least(outside: 
     ones = np.ones(len(residual))
     contact = PLAIN
     for _ in range(200):
-        weights, contact = believe(residual, ones, ones, contact)
+        weights, contact = update_contact(residual, ones, ones, contact)
 
     def energy(inside: float) -> float:
-        return mixture_energy(weights, residual, ones, replace(contact, inside=inside))
+        return label_energy(weights, residual, ones, replace(contact, inside_fraction=inside))
 
     slope = (energy(contact.inside + 1e-5) - energy(contact.inside - 1e-5)) / 2e-5
     assert abs(slope) < 1e-3
@@ -152,8 +153,9 @@ def test_the_energy_of_the_beliefs_is_that_of_the_mixture_also_with_odds() -> No
     residual = np.random.default_rng(7).normal(size=40) * 3
     ones = np.ones(40)
     odds = np.where(np.arange(40) < 20, 4.0, 0.25)
-    weights, _ = believe(residual, ones, odds, PLAIN)
-    touching, floating = density(residual, ones, PLAIN)
-    off = PLAIN.share * odds / (1.0 - PLAIN.share + PLAIN.share * odds)
+    weights, _ = update_contact(residual, ones, odds, PLAIN)
+    touching = contact_density(residual, ones)
+    floating = PLAIN.outlier_density(residual)
+    off = PLAIN.outlier_fraction * odds / (1.0 - PLAIN.outlier_fraction + PLAIN.outlier_fraction * odds)
     exact = -np.log((1.0 - off) * touching + off * floating).sum()
-    assert mixture_energy(weights, residual, odds, PLAIN) - weights @ np.log(touching) == pytest.approx(exact)
+    assert label_energy(weights, residual, odds, PLAIN) - weights @ np.log(touching) == pytest.approx(exact)

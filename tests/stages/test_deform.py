@@ -260,7 +260,7 @@ def turned_ball(marked: int, shift: float = 1.0) -> tuple[Case, Array]:
 def test_without_a_motion_the_pose_is_that_of_points_and_landmarks(odds: float) -> None:
     case, truth = turned_ball(marked=4)
     found = Deform(odds=odds)(case, started(case))
-    assert found.facts["share"] < 0.1
+    assert found.facts["motion_probability"] < 0.1
     # 60 points with a noise of .2 know a pose to about .2 sqrt(7 / 60); a turn that is linear would swell the
     # ball
     assert np.linalg.norm(found.surface.vertices - truth, axis=1).mean() < 0.15
@@ -638,15 +638,15 @@ def test_points_known_to_be_inside_are_not_counted_as_off_the_wall() -> None:
     points = Points(np.vstack([case.points.xyz, 0.4 * case.points.xyz[:50]]), kind, {"name": name})
     found = Deform()(replace(case, points=points).visible(), started(case))
     assert found.weights is not None
-    assert found.facts["off_wall"] == pytest.approx(1.0 - found.weights.mean())
-    assert found.facts["off_wall"] < 0.1
+    assert found.facts["outlier_fraction"] == pytest.approx(1.0 - found.weights.mean())
+    assert found.facts["outlier_fraction"] < 0.1
 
 
 def test_spread_holds_the_amplitudes_where_they_are_expected() -> None:
     case, _ = bent_case()
     found = Deform(spread=1e-3)(case.visible(), started(case))
     assert found.fit is not None
-    np.testing.assert_allclose(found.fit.state.scales.log, found.fit.state.scales.centre, atol=0.01)
+    np.testing.assert_allclose(found.fit.state.scales.log, found.fit.state.scales.prior_log, atol=0.01)
 
 
 def test_an_update_says_what_its_points_have_made_of_the_estimate() -> None:
@@ -664,8 +664,10 @@ def test_an_update_says_what_its_points_have_made_of_the_estimate() -> None:
     for found, count, now in ((some, 200, 350), (more, 300, 450)):
         off, old = found.warnings
         assert old == f"amplitudes, noise and pose are those of the first 150 of {now} points: fit again"
-        assert off.startswith(f"{found.facts['off_wall']:.0%} of the points are judged to be off the wall")
-        assert found.facts["off_wall"] > 0.9 * count / now
+        assert off.startswith(
+            f"{found.facts['outlier_fraction']:.0%} of the points are judged to be off the wall"
+        )
+        assert found.facts["outlier_fraction"] > 0.9 * count / now
 
 
 def test_warnings_of_earlier_stages_stay() -> None:
@@ -682,7 +684,9 @@ def test_warnings_of_earlier_stages_stay() -> None:
 def test_a_volume_that_no_heartbeat_has_is_warned_of(factor: float, said: list[str]) -> None:
     case, _ = bent_case()
     found = replace(
-        started(case), surface=case.prior.with_vertices(factor * case.prior.vertices), facts={"off_wall": 0.0}
+        started(case),
+        surface=case.prior.with_vertices(factor * case.prior.vertices),
+        facts={"outlier_fraction": 0.0},
     )
     warnings = _doubts(started(case), found)
     assert len(warnings) == len(said)
@@ -699,9 +703,9 @@ def test_a_wall_that_follows_what_is_not_of_it_is_warned_of(monkeypatch: pytest.
         property(lambda self: np.where(np.arange(len(self.data.points)) < 30, 0.1, 0.9)),
     )
     assert "of the points lie far off the wall at the start, and on it after" in " ".join(_followed(found))
-    drawn = found.surface.vertices.copy()
-    drawn[drawn[:, 0] > 0.7 * drawn[:, 0].max(), 0] *= 4.0
-    stretched = _followed(replace(found, surface=found.surface.with_vertices(drawn)))
+    pulled = found.surface.vertices.copy()
+    pulled[pulled[:, 0] > 0.7 * pulled[:, 0].max(), 0] *= 4.0
+    stretched = _followed(replace(found, surface=found.surface.with_vertices(pulled)))
     assert "of the wall gets more than 2 times as long" in stretched[-1]
 
 
@@ -723,7 +727,7 @@ def test_a_motion_that_turns_the_prior_inside_out_is_an_error() -> None:
     turned = replace(
         started(case),
         surface=Surface(case.prior.vertices, case.prior.faces[:, ::-1]),
-        facts={"off_wall": 0.0},
+        facts={"outlier_fraction": 0.0},
     )
     with pytest.raises(SolverError, match="inside out"):
         _doubts(started(case), turned)
@@ -742,7 +746,7 @@ def test_a_rival_is_told_of_only_where_the_points_hardly_prefer(behind: float, t
         for shift, energy in ((0.0, 0.0), (3.0, behind))
     )
     assert bool(_rivals(best, [best, other], "mm")) is told  # type: ignore[arg-type, list-item]
-    best.facts = {"rival_without": 7.0, "rival_behind": behind, "rival_apart": 3.0}
+    best.facts = {"alternative_excluded": 7.0, "alternative_behind": behind, "alternative_apart": 3.0}
     assert any("without 7 points" in said for said in _rivals(best, [best], "mm")) is told  # type: ignore[arg-type, list-item]
 
 

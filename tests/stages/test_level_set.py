@@ -26,7 +26,7 @@ from o3dls.levelset.isosurface import zero_set
 from o3dls.levelset.normal_displacement import Wall
 from o3dls.levelset.refine import topology
 from o3dls.motion.fit import fit_motion
-from o3dls.stages.level_set import LevelSet, _doubt, _noise, _observer
+from o3dls.stages.level_set import LevelSet, _noise, _observer, _relative_sd
 
 SEED = 264_575
 
@@ -391,9 +391,12 @@ def test_the_paper_s_formulation_begins_at_the_prior_under_t() -> None:
 
 def test_of_the_motion_s_beliefs_the_share_off_the_wall_is_taken() -> None:
     case, start = started(circle(20.0, 300), sampled(circle(20.0, 300), 100, 1.0, SEED), 1.0)
-    assert _noise(replace(start, weights=np.array([1.0, 1.0, 1.0, 0.2]))).share == pytest.approx(0.2)
+    assert _noise(replace(start, weights=np.array([1.0, 1.0, 1.0, 0.2]))).outlier_fraction == pytest.approx(
+        0.2
+    )
     believed = replace(start, weights=np.ones(100))
-    assert _observer(case, believed)(Wall(start.surface)).likelihood.share == 0.0  # outliers = "believe"
+    # outliers = "believe"
+    assert _observer(case, believed)(Wall(start.surface)).likelihood.contact.outlier_fraction == 0.0
 
 
 def test_points_known_to_be_inside_are_seen_as_such() -> None:
@@ -409,11 +412,11 @@ def test_the_prior_holds_less_where_the_motion_is_in_doubt() -> None:
     case, start = started(circle(20.0, 300), sampled(circle(20.0, 300), 100, 1.0, SEED), 1.0)
     sd = np.where(np.arange(300) % 2, 1.0, 1.5)
     sd[0] = 9.0
-    found = _doubt(case, replace(start, surface=replace(start.surface, fields={"sd_mm": sd})))
+    found = _relative_sd(case, replace(start, surface=replace(start.surface, fields={"sd_mm": sd})))
     assert found[2] == pytest.approx(1.5 * found[1])
     assert found[0] == 2.0
     assert (
-        _doubt(case, replace(start, surface=replace(start.surface, fields={"sd_mm": 0.0 * sd}))) == 1.0
+        _relative_sd(case, replace(start, surface=replace(start.surface, fields={"sd_mm": 0.0 * sd}))) == 1.0
     ).all()
 
 

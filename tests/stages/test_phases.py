@@ -16,6 +16,7 @@ from o3dls.evaluation.distances import distances, moved, sample
 from o3dls.geometry.closest_point import ClosestPoint
 from o3dls.geometry.similarity import apply, similarity
 from o3dls.geometry.twist import Twist
+from o3dls.motion.settings import TemplateSettings
 from o3dls.motion.template import Template, _Points, locate, template
 
 NOISE = 0.3
@@ -29,6 +30,7 @@ def ball(stretch: float) -> Surface:
     return Surface(np.asarray(mesh.vertices) * [stretch, 1.0 / stretch, 1.0], np.asarray(mesh.faces))
 
 
+WHOLE = TemplateSettings(variance=1.0)
 STRETCHES = (1.0, 1.06, 1.12, 1.18, 1.24)
 
 
@@ -104,7 +106,7 @@ def test_points_of_a_known_phase_are_placed_on_it() -> None:
 def test_the_template_holds_every_phase_that_it_was_made_of() -> None:
     surfaces = [ball(s) for s in STRETCHES]
     model = template(
-        surfaces[0].vertices, surfaces[0].faces, [(s.vertices, s.faces) for s in surfaces[1:]], 1.0
+        surfaces[0].vertices, surfaces[0].faces, [(s.vertices, s.faces) for s in surfaces[1:]], WHOLE
     )
     for surface, c in zip(surfaces, model.coefficients, strict=True):
         assert np.allclose(model.shape(c), surface.vertices, atol=1e-6)
@@ -141,18 +143,20 @@ def test_a_small_motion_of_the_pose_is_made_seen_and_read_back_alike(dimension: 
         along, np.einsum("nd,ndk->nk", normals, twist.tangent(surface.vertices, middle)) @ change, atol=1e-8
     )
     model = Template(
-        surface.vertices, np.zeros((1, *surface.vertices.shape)), np.zeros((2, 1)), surface.faces
+        surface.vertices, np.zeros((1, *surface.vertices.shape)), np.zeros((2, 1)), surface.faces, WHOLE
     )
     start = similarity(np.linalg.qr(rng.normal(size=(dimension, dimension)))[0], np.full(dimension, 9.0))
-    problem = _Points(model, surface.vertices, ClosestPoint(surface.vertices, surface.faces), start, 1.0)
+    problem = _Points(model, surface.vertices, ClosestPoint(surface.vertices, surface.faces), start)
     np.testing.assert_allclose(problem.off(made @ start, apply(made, middle[None])[0]), change, atol=1e-8)
 
 
 def test_a_pose_that_is_sure_stays_however_far_the_points_are() -> None:
     prior, *others = (ball(s) for s in STRETCHES[:3])
-    model = template(prior.vertices, prior.faces, [(o.vertices, o.faces) for o in others], 1.0)
+    model = template(prior.vertices, prior.faces, [(o.vertices, o.faces) for o in others], WHOLE)
     points = spots(others[0], 150, 5)[0] + [3.0, 0.0, 0.0]
-    free, held = (locate(model, np.eye(4), points, pose_sd) for pose_sd in (10.0, 0.02))
+    free, held = (
+        locate(replace(model, settings=replace(WHOLE, pose_sd=sd)), np.eye(4), points) for sd in (10.0, 0.02)
+    )
     assert free.pose[0, 3] == pytest.approx(3.0, abs=0.3)
     assert abs(held.pose[0, 3]) < 0.3
 
@@ -162,9 +166,9 @@ def test_few_noisy_points_do_not_lead_off_the_way_through_the_phases(seed: int) 
     rng = np.random.default_rng(3)
     prior, *others = (ball(s) for s in STRETCHES)
     vertices = [surface.vertices * [1.0, 1.0, 1.0 + 0.02 * rng.normal()] for surface in (prior, *others)]
-    model = template(vertices[0], prior.faces, [(moved, prior.faces) for moved in vertices[1:]], 1.0)
+    model = template(vertices[0], prior.faces, [(moved, prior.faces) for moved in vertices[1:]], WHOLE)
     points = spots(Surface(vertices[2], prior.faces), 12, seed)[0] + 1.5 * np.random.default_rng(seed).normal(
         size=(12, 3)
     )
-    found = locate(model, np.eye(4), points, 0.5)
+    found = locate(replace(model, settings=replace(WHOLE, pose_sd=0.5)), np.eye(4), points)
     assert (np.abs(found.c - model.at(model.between(found.c))) / model.aside).max() < 2.0

@@ -21,13 +21,16 @@ from o3dls.levelset.normal_displacement import Wall
 from o3dls.levelset.observation import Measured, Noise, observe
 from o3dls.motion.fit import fit_motion
 from o3dls.motion.result import MotionFit
-from o3dls.topology import search as reshape_module
 from o3dls.topology.change import Change, body_radius, changed
 from o3dls.topology.cuts import removals
-from o3dls.topology.search import _back, _explained, _fitted, _judged, _seen, reshape
+from o3dls.topology.search import TopologySearch, before_motion, change_topology
+from o3dls.topology.settings import TopologySettings
 from o3dls.topology.tubes import _stands_alone, cone, growth
 
-SIGMA, SEED, THRESHOLD = 1.0, 173_205, 10.0
+SIGMA = 1.0
+SEED = 173_205
+SETTINGS = TopologySettings()
+SEARCH = TopologySearch(1.0, SETTINGS)
 FINE = 0.5  # noise under which twenty points in a mouth of radius 5 tell a wall from a lumen
 
 
@@ -54,13 +57,13 @@ def seen(wall: Wall, points: Array, sigma: float = SIGMA) -> Measured:
 
 def grown(wall: Wall, measured: Measured) -> Change | None:
     """The tube that gains most."""
-    return max(growth(wall, measured), key=lambda change: change.gain, default=None)
+    return max(growth(wall, measured, SETTINGS), key=lambda change: change.gain, default=None)
 
 
 def reshaped(prior: Surface, points: Array) -> tuple[MotionFit, MotionFit, tuple[Change, ...]]:
     """The fit of a prior, of what its topology became, and the changes."""
     fit = fit_motion(prior.vertices, prior.faces, np.eye(4), wall(points))
-    return fit, *reshape(fit, spacing=1.0, threshold=THRESHOLD)
+    return fit, *change_topology(fit, spacing=1.0, settings=SETTINGS)
 
 
 def surface(fit: MotionFit) -> Surface:
@@ -120,7 +123,10 @@ def test_a_tube_with_points_on_it_stays_however_many_lie_in_its_mouth() -> None:
     truth = tubed()
     stray = np.random.default_rng(SEED).uniform(-4.0, 4.0, (12, 3)) * [0.2, 1.0, 1.0] + [14.0, 0.0, 0.0]
     points = np.vstack([sampled(truth, 800, SIGMA, SEED), stray])
-    assert all(change.gain < THRESHOLD for change in removals(Wall(truth), seen(Wall(truth), points)))
+    assert all(
+        change.gain < SETTINGS.evidence
+        for change in removals(Wall(truth), seen(Wall(truth), points), SETTINGS.cuts)
+    )
     assert reshaped(truth, points)[2] == ()
 
 
@@ -163,7 +169,7 @@ def test_a_smaller_prior_makes_floating_points_no_likelier() -> None:
     """
     fit = bent_fit()
     smaller = surface(fit).with_vertices(0.9 * fit.motion.rest.at)
-    again = _fitted(fit, smaller, fit.problem.data, fit.problem.settings)
+    again = SEARCH.refitted(fit, smaller, fit.problem.data, fit.problem.settings)
     assert again.state.contact.depth == pytest.approx(fit.state.contact.depth)
 
 
@@ -171,7 +177,7 @@ def test_three_stray_points_outside_grow_nothing() -> None:
     stray = np.array([[24.0, 0.0, 0.0], [27.0, 2.0, 1.0], [25.0, -3.0, 2.0]])
     points = np.vstack([sampled(ball(), 400, SIGMA, SEED), stray])
     change = grown(Wall(ball()), seen(Wall(ball()), points))
-    assert change is None or change.gain < THRESHOLD
+    assert change is None or change.gain < SETTINGS.evidence
 
 
 def test_a_small_shift_of_everything_is_no_change_of_topology() -> None:
@@ -192,10 +198,10 @@ def test_cone_is_a_distance_where_it_is_a_cylinder() -> None:
 
 def test_a_change_is_closed_in_one_piece_and_near_where_it_must_be() -> None:
     prior = tubed()
-    cuts = removals(Wall(prior), seen(Wall(prior), sampled(ball(), 800, FINE, SEED), FINE))
+    cuts = removals(Wall(prior), seen(Wall(prior), sampled(ball(), 800, FINE, SEED), FINE), SETTINGS.cuts)
     change = max(cuts, key=lambda cut: cut.gain)
     for spacing in (1.0, 0.5):
-        after = changed(prior, change, spacing)
+        after = changed(prior, change, spacing, SETTINGS.half_band)
         assert after.watertight
         assert components_and_euler(after.vertices, after.faces) == (1, 2)
         far = after.vertices[:, 0] < 5.0  # the other side of the body is the prior's
@@ -220,7 +226,7 @@ def test_a_tube_is_grown_where_it_belongs_though_the_prior_has_a_frame_of_its_ow
     prior = ball()
     truth = tubed().transformed(FRAME)
     fit = fit_motion(prior.vertices, prior.faces, FRAME, wall(sampled(truth, 400, SIGMA, SEED)))
-    after, made = reshape(fit, spacing=1.0, threshold=THRESHOLD)
+    after, made = change_topology(fit, spacing=1.0, settings=SETTINGS)
     assert len(made) == 1
     assert apart(surface(after), truth) < 0.5
     np.testing.assert_allclose(after.motion(after.motion.vertices), after.vertices, atol=0.1)
@@ -261,11 +267,11 @@ def test_a_wall_that_the_lattice_would_tear_is_not_judged_on_it(monkeypatch: pyt
     motion = SimpleNamespace(rest=SimpleNamespace(at=shell.vertices), faces=shell.faces)
     fit = replace(bent_fit(), motion=motion)
     assert components_and_euler(shell.vertices, shell.faces) == (1, 2)
-    monkeypatch.setattr(reshape_module, "_fitted", lambda *_: SimpleNamespace(energy=0.0))
-    monkeypatch.setattr(reshape_module, "_explained", lambda *_: True)
+    monkeypatch.setattr(TopologySearch, "refitted", lambda *_: SimpleNamespace(energy=0.0))
+    monkeypatch.setattr(TopologySearch, "explains", lambda *_: True)
     change = replace(proposed(np.zeros((3, 3))), region=(ball().vertices, ball().faces))
-    assert len(list(_judged(fit, [change], 0.5))) == 1
-    assert list(_judged(fit, [change], 1.7)) == []
+    assert len(list(TopologySearch(0.5, SETTINGS).judged(fit, [change]))) == 1
+    assert list(TopologySearch(1.7, SETTINGS).judged(fit, [change])) == []
 
 
 def test_points_known_to_be_inside_grow_no_tube() -> None:
@@ -299,25 +305,27 @@ def test_a_change_gains_what_the_fit_gains_less_its_price(
     explained: bool, gains: list[float], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     energies = iter([100.0, 60.0])  # without the change, with it
-    monkeypatch.setattr(reshape_module, "_remade", lambda fit, *rest: surface(fit))
-    monkeypatch.setattr(reshape_module, "_fitted", lambda *rest: SimpleNamespace(energy=next(energies)))
-    monkeypatch.setattr(reshape_module, "_explained", lambda change, after: explained)
-    judged = _judged(bent_fit(), [proposed(np.zeros((0, 3)), price=7.0)], 1.0)
+    monkeypatch.setattr(TopologySearch, "remade", lambda self, fit, *rest: surface(fit))
+    monkeypatch.setattr(TopologySearch, "refitted", lambda *rest: SimpleNamespace(energy=next(energies)))
+    monkeypatch.setattr(TopologySearch, "explains", lambda self, change, after: explained)
+    judged = SEARCH.judged(bent_fit(), [proposed(np.zeros((0, 3)), price=7.0)])
     assert [change.gain for change in judged] == gains
 
 
 def test_a_change_must_run_through_the_points_that_ask_for_it() -> None:
     fit = bent_fit()
     at, outward = surface(fit).vertices[::40], surface(fit).vertex_normals[::40]
-    assert _explained(proposed(at), fit)
-    assert not _explained(proposed(at - 6.0 * fit.sigma * outward), fit)
-    assert not _explained(proposed(at[:2]), fit)  # too few to tell
+    assert SEARCH.explains(proposed(at), fit)
+    assert not SEARCH.explains(proposed(at - 6.0 * fit.sigma * outward), fit)
+    assert not SEARCH.explains(proposed(at[:2]), fit)  # too few to tell
 
 
 def test_what_is_carried_back_lies_where_the_wall_was_before_the_motion() -> None:
     fit = bent_fit()
     assert np.linalg.norm(fit.vertices - fit.motion.rest.at, axis=1).mean() > 1.0
-    np.testing.assert_allclose(_back(fit, Wall(surface(fit)), fit.vertices), fit.motion.rest.at, atol=1e-6)
+    np.testing.assert_allclose(
+        before_motion(fit, Wall(surface(fit)), fit.vertices), fit.motion.rest.at, atol=1e-6
+    )
 
 
 def test_points_of_more_noise_are_seen_with_it() -> None:
@@ -326,7 +334,7 @@ def test_points_of_more_noise_are_seen_with_it() -> None:
     data = wall(points, relative=np.where(np.arange(80) < 10, 3.0, 1.0))
     fit = fit_motion(prior.vertices, prior.faces, np.eye(4), data)
     np.testing.assert_allclose(
-        _seen(fit, Wall(prior), moved=True).likelihood.sigma, fit.sigma * data.relative
+        SEARCH.seen(fit, Wall(prior), moved=True).likelihood.sigma, fit.sigma * data.relative
     )
 
 
