@@ -19,6 +19,7 @@ from o3dls.geometry.surface import Surface, outline
 from o3dls.motion import model_selection as choice
 from o3dls.motion.fit import fit_motion
 from o3dls.motion.problem import motion_problem
+from o3dls.motion.result import sentence
 from o3dls.motion.settings import MotionSettings
 from o3dls.stages.deform import Deform
 
@@ -93,7 +94,7 @@ def test_a_fit_smooths_the_prior_where_the_points_lack_its_roughness_and_leaves_
     for truth, expected in ((plain, True), (rough, False)):
         fit = fit_motion(rough.vertices, rough.faces, np.eye(4), wall(sampled(truth, 0.01 * SIZE)))
         assert (fit.facts["smoothing_length"] > 0.0) is expected
-        assert ("rough" in fit.sentence("mm")) is expected
+        assert ("rough" in sentence(fit, "mm")) is expected
         off = np.abs(distances(sampled(truth, 0.0, seed=23), rough.with_vertices(fit.vertices))).mean()
         assert off < 0.011 * SIZE  # the bumps alone are .024 in the mean
 
@@ -164,7 +165,7 @@ def test_a_rough_prior_hardly_folds_along_the_normals_of_a_smooth_wall(
         rough.vertices, rough.faces, np.eye(4), wall(plain.vertices[:50]), MotionSettings()
     )
     seen: list[Array] = []
-    monkeypatch.setattr(choice, "_glimpse", lambda problem, state, at: seen.append(at) or 104.0)
+    monkeypatch.setattr(choice, "_trial_energy", lambda problem, state, at: seen.append(at) or 104.0)
     assert choice.preferred_smoothing(SimpleNamespace(problem=problem, state=None, energy=100.0)) is None  # type: ignore[arg-type]
     own, along = (
         repair_folds(rough.vertices, at, rough.faces)[1]
@@ -198,7 +199,7 @@ def test_a_prior_is_smoothed_if_the_best_length_gains_three_nats_and_none_loses_
     problem = motion_problem(
         surface.vertices, surface.faces, np.eye(4), wall(surface.vertices[:50]), MotionSettings()
     )
-    monkeypatch.setattr(choice, "_glimpse", lambda *_: left.pop(0))
+    monkeypatch.setattr(choice, "_trial_energy", lambda *_: left.pop(0))
     found = choice.preferred_smoothing(SimpleNamespace(problem=problem, state=None, energy=100.0))  # type: ignore[arg-type]
     assert left == []
     assert (found and found[0]) == (length and pytest.approx(length * problem.size))

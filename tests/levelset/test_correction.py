@@ -16,6 +16,7 @@ from o3dls.levelset.correction import Level, Limits, _lengths, _newton, fit_corr
 from o3dls.levelset.normal_displacement import Wall
 from o3dls.levelset.observation import Measured, Noise, observe
 from o3dls.levelset.residual_field import residual_field
+from o3dls.levelset.settings import CorrectionSettings
 
 SIGMA = 0.8
 SEED = 141_421
@@ -284,9 +285,9 @@ def test_noise_that_is_known_is_kept_and_doubtful_noise_is_found() -> None:
 
 def test_no_field_is_finer_than_the_points_stand_apart() -> None:
     surface = body(3)
-    assert min(_lengths(Wall(surface), seen(surface, around(surface, 20.0, 12)), 0.1)) >= np.sqrt(
-        surface.area / 12
-    )
+    assert min(
+        _lengths(Wall(surface), seen(surface, around(surface, 20.0, 12)), 0.1, CorrectionSettings())
+    ) >= np.sqrt(surface.area / 12)
 
 
 @pytest.mark.parametrize("sigma", [0.2, 3.0])
@@ -294,7 +295,7 @@ def test_the_step_goes_to_the_least_energy_on_its_way(sigma: float) -> None:
     surface = body(3)
     wall = Wall(surface)
     measured = seen(surface, around(surface, 20.3, 300), sigma)
-    level = Level.of(surface, np.ones(len(surface.vertices)), 12.0).of_amplitude(1.0)
+    level = Level.of(surface, np.ones(len(surface.vertices)), 12.0, CorrectionSettings()).of_amplitude(1.0)
 
     def energy(f: Array) -> float:
         wall.move(level.to_vertices @ f)
@@ -305,6 +306,6 @@ def test_the_step_goes_to_the_least_energy_on_its_way(sigma: float) -> None:
 
     start = np.zeros(level.to_vertices.shape[1])
     energy(start)
-    step = _newton(wall, level, measured, start)
+    step = _newton(wall, level, measured, start, CorrectionSettings())
     short, whole, long = (energy(share * step) for share in (0.8, 1.0, 1.2))
     assert whole < min(short, long)

@@ -56,7 +56,7 @@ def test_points_inside_only_are_free_inside_and_pay_outside() -> None:
 
 
 def test_where_every_point_is_believed_none_is_too_far() -> None:
-    believing = replace(likelihood(), share=0.0)
+    believing = replace(likelihood(), contact=replace(CONTACT, outlier_fraction=0.0))
     distance = np.array([-1e4, -100.0, -1.0, 0.0, 1.0, 1e4])
     np.testing.assert_array_equal(believing.weight(distance), 1.0)
     np.testing.assert_allclose(

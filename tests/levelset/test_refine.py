@@ -108,9 +108,9 @@ def test_walls_of_a_thin_part_that_passed_through_each_other_stay_one_part() -> 
     ("handled", "said"),
     [
         (2, "gaps narrower than 2 mm were closed"),
-        (3, "shreds were left out"),
-        (4, "gaps narrower than 1 mm were closed, shreds were left out"),
-        (8, "shreds and what is inside out were left out"),
+        (3, "islands were left out"),
+        (4, "gaps narrower than 1 mm were closed, islands were left out"),
+        (8, "islands and what is inside out were left out"),
     ],
 )
 def test_it_is_the_mesh_that_has_to_be_whole(handled: int, said: str) -> None:

@@ -114,7 +114,7 @@ def test_noise_beside_few_features_is_tuned_as_with_their_whole_covariance(
     noises = scales(groups).noise_alone()
     seen = np.einsum("na,nak->nk", rows.observed.directions, covariance(3).similarity(rows.observed.at))
     tune(noises, seen @ seen.T, [], rows, IterationSettings())
-    tune_noise(noises, seen, rows)
+    tune_noise(noises, seen, rows, IterationSettings())
     for shift in (-1.0, 0.0, 2.0):
         whole, few = (objective(noises.log + shift) for objective in minimised)
         assert few[0] == pytest.approx(whole[0], rel=1e-8)

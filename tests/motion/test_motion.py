@@ -239,7 +239,7 @@ def test_points_of_another_chamber_do_not_draw_the_wall(noise: float) -> None:
     assert (
         off(surface, truth, found.vertices) < off(surface, truth, fit(surface, data).vertices) + 0.3 * noise
     )
-    assert found.state.contact.inside < 0.5
+    assert found.state.contact.inside_fraction < 0.5
 
 
 def test_points_of_another_chamber_hide_no_motion() -> None:
@@ -306,7 +306,7 @@ def test_beliefs_begin_at_those_of_the_start() -> None:
     assert np.delete(first, [1, *range(0, len(points), 4)]).mean() > 0.9
     assert first[1] == 0.0
     assert (
-        replace(problem, data=replace(problem.data, odds=np.full(len(points), 1e-250))).first_beliefs[::4]
+        replace(problem, data=replace(problem.data, odds=np.full(len(points), 1e-250))).first_weights[::4]
         > 0.99
     ).all()
 

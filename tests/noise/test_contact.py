@@ -143,7 +143,7 @@ def test_the_share_of_stray_points_inside_is_where_the_energy_is_least(outside: 
     def energy(inside: float) -> float:
         return label_energy(weights, residual, ones, replace(contact, inside_fraction=inside))
 
-    slope = (energy(contact.inside + 1e-5) - energy(contact.inside - 1e-5)) / 2e-5
+    slope = (energy(contact.inside_fraction + 1e-5) - energy(contact.inside_fraction - 1e-5)) / 2e-5
     assert abs(slope) < 1e-3
     assert energy(contact.inside) < min(energy(contact.inside - 0.05), energy(contact.inside + 0.02))
     assert (contact.inside < 0.7) == (outside > 0)

@@ -252,8 +252,8 @@ def test_a_tube_is_the_same_in_every_frame_and_unit(frame: Array) -> None:
     assert second is not None
     # of some hundred nats; a search that ends early misses four and more
     assert second.gain == pytest.approx(first.gain, abs=1.0)
-    after = changed(ball(), first, 1.0).transformed(frame)
-    same = changed(ball().transformed(frame), second, unit)
+    after = changed(ball(), first, 1.0, SETTINGS.half_band).transformed(frame)
+    same = changed(ball().transformed(frame), second, unit, SETTINGS.half_band)
     assert apart(same, after) < 0.1 * unit
 
 
@@ -345,4 +345,4 @@ def test_points_of_more_noise_are_seen_with_it() -> None:
 )
 def test_a_tube_is_new_only_where_nothing_is_near(at: list[float], radius: float, alone: bool) -> None:
     vertices = meshed(round_distance(radius), radius + 2.0, 0.5).vertices + at
-    assert _stands_alone(Wall(tubed()), vertices) == alone
+    assert _stands_alone(Wall(tubed()), vertices, SETTINGS) == alone
