@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ..io.case_folder import read_case
+from ..io.case_reader import read_case
 from ..pipeline.pipeline import Pipeline
 from ..stages.deform import Deform
 from ..stages.icp import ICP

@@ -15,7 +15,7 @@ from typing import Any
 from ..case import Case
 from ..errors import InputError, O3dlsError
 from ..io.atomic import check_free
-from ..io.case_folder import read_case
+from ..io.case_reader import read_case
 from ..runs.estimate_files import write_rows
 from ..runs.log import heard, log_of_failure
 from ..runs.run import Run

@@ -10,7 +10,7 @@ from typing import Any
 
 from ..errors import O3dlsError, PipelineError, did_you_mean
 from ..io.atomic import check_free
-from ..io.case_folder import read_case
+from ..io.case_reader import read_case
 from ..io.text import decode, read_bytes
 from ..plugins.plugin import Plugin, load
 from ..resources import pipeline_file

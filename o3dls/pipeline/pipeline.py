@@ -166,7 +166,7 @@ class Pipeline:
         )
 
     def _own_case(self) -> Case:
-        from ..io.case_folder import read_case
+        from ..io.case_reader import read_case
 
         if self.case is None:
             raise InputError('the pipeline names no case: give one to run(), or say case = "folder"')

@@ -9,7 +9,7 @@ from typing import Any
 
 from ..case import Case
 from ..errors import InputError
-from ..io.case_folder import read_case
+from ..io.case_reader import read_case
 from ..io.points import read_points
 from .estimate_files import read_estimate
 from .run import SCHEMA, Run, plain

@@ -17,7 +17,7 @@ from ..errors import InputError
 from ..estimate import Estimate
 from ..evaluation.validity import faults
 from ..io.atomic import staged_folder
-from ..io.case_folder import write_case
+from ..io.case_writer import write_case
 from ..io.points import write_points
 from .estimate_files import write_estimate, write_rows
 from .tables import ScoreLine, score_rows, score_table

@@ -17,7 +17,7 @@ from tiny import Nudge, ball_case
 from o3dls.case import Case
 from o3dls.geometry.similarity import similarity
 from o3dls.geometry.surface import Surface
-from o3dls.io.case_folder import write_case
+from o3dls.io.case_writer import write_case
 from o3dls.pipeline.file import default_pipeline
 from o3dls.pipeline.pipeline import Pipeline
 from o3dls.runs.folder import repeats

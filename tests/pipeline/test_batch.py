@@ -20,7 +20,7 @@ from tiny import Nudge, ball_case
 from o3dls.case import Case
 from o3dls.errors import InputError
 from o3dls.estimate import Estimate
-from o3dls.io.case_folder import write_case
+from o3dls.io.case_writer import write_case
 from o3dls.pipeline.batch import run_cohort
 from o3dls.pipeline.pipeline import Pipeline
 from o3dls.plugins.stage import Stage

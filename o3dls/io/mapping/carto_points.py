@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ...case import Points
 from ...errors import InputError
-from ..meshes.carto_mesh import MISSING, present
+from ..meshes.carto.mesh import MISSING, present
 from ..text import decode, integers, number_rows
 
 COLUMNS = {"unipolar": 10, "bipolar": 11, "lat": 12, "impedance": 13}

@@ -16,7 +16,7 @@ from ...arrays import Array
 from ...case import Points
 from ...errors import InputError
 from ...geometry.similarity import apply, is_pose
-from ..meshes import carto_mesh
+from ..meshes.carto import mesh_file
 from ..meshes.dif import parse_xml
 from ..meshes.surface_file import SurfaceFile
 from ..text import is_count
@@ -144,7 +144,7 @@ def read_shell(study: Study, name: str) -> SurfaceFile:
     found = study.archive.find(study.folder, name)
     if found is None:
         raise InputError(f"{study.archive.where(study.folder)}: its XML names {name}, which is not there")
-    return carto_mesh.read(study.archive.where(found), study.archive.read(found))
+    return mesh_file.read(study.archive.where(found), study.archive.read(found))
 
 
 def read_map_points(study: Study, wanted: Map) -> tuple[Points, dict[str, Array]]:
