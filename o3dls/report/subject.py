@@ -17,7 +17,7 @@ from ..arrays import Array
 from ..case import Case, Points
 from ..errors import InputError, did_you_mean
 from ..estimate import Estimate
-from ..evaluation.transfer import REACH
+from ..evaluation.interpolation import REACH
 from ..geometry.surface import Surface
 from ..runs.run import Run
 from .drawing.display import displayed

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from ..evaluation.transfer import REACH
+from ..evaluation.interpolation import REACH
 from .markup import signed
 from .statistics import Difference, paired_difference
 from .subject import Result, Subject

@@ -13,7 +13,8 @@ from ..arrays import Array
 from ..case import Case, Points
 from ..estimate import Estimate
 from ..evaluation.distances import moved
-from ..evaluation.transfer import REACH, with_electrical
+from ..evaluation.electrical import with_electrical
+from ..evaluation.interpolation import REACH
 from ..geometry.similarity import apply
 from ..geometry.surface import Surface
 

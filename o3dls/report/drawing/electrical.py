@@ -5,8 +5,8 @@ none.
 from __future__ import annotations
 
 from ...case import Points
-from ...evaluation.transfer import ELECTRICAL
-from ...evaluation.transfer import with_electrical as carried
+from ...evaluation.electrical import ELECTRICAL
+from ...evaluation.electrical import with_electrical as carried
 from ...geometry.surface import Surface
 
 

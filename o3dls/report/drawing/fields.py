@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...arrays import Array
-from ...evaluation.transfer import ELECTRICAL
+from ...evaluation.electrical import ELECTRICAL
 from ...geometry.surface import Surface
 from ..subject import Subject
 from .display import TRUTH

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ...arrays import Array
-from ...evaluation.transfer import REACH
+from ...evaluation.interpolation import REACH
 from ...geometry.surface import Surface
 from ..subject import Subject
 from .charts import STYLES

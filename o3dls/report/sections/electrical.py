@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...arrays import Array
-from ...evaluation.transfer import ELECTRICAL, REACH, WIDTH, measured_values
+from ...evaluation.electrical import ELECTRICAL, measured_values
+from ...evaluation.interpolation import REACH, WIDTH
 from ...geometry.surface import Surface
 from ..drawing.electrical import with_electrical
 from ..markup import Child, join, table, tag
