@@ -13,7 +13,8 @@ import numpy as np
 from numba import njit
 
 from ..arrays import Array
-from ..geometry.closest_point import ClosestPoint, box_gap, closest_on_face
+from ..geometry.bounding_box_tree import box_gap
+from ..geometry.closest_point import ClosestPoint, closest_on_face
 from ..geometry.differential import vertex_normals
 from ..parallel import axes_of, by_rows
 from .covariance import Places
