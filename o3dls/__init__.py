@@ -1,5 +1,6 @@
-"""o3dls: level-set registration and reconstruction of an atrium from a prior surface and sparse points, on
-Open3D. Not for clinical use.
+"""Level-set registration and reconstruction of an atrium from a prior surface and sparse points, on Open3D.
+
+Not for clinical use.
 """
 
 from typing import Any

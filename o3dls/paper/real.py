@@ -1,5 +1,6 @@
-"""The paper's table on data of others: an MRI atrium against an EAM shell, a ventricle in two phases, an
-atrium moved by others.
+"""The paper's table on data of others.
+
+An MRI atrium against an EAM shell, a ventricle in two phases, an atrium moved by others.
 """
 
 from __future__ import annotations

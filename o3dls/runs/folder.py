@@ -34,8 +34,9 @@ def read_record(folder: str | Path) -> dict[str, Any]:
 
 
 def read_run(folder: str | Path) -> Run:
-    """A run from its folder: everything but motions and level sets. Raises InputError where the folder holds
-    no finished run.
+    """A run from its folder: everything but motions and level sets.
+
+    Raises InputError where the folder holds no finished run.
     """
     folder, found = Path(folder), read_record(folder)
     try:

@@ -1,5 +1,6 @@
-"""The electrical map: what was measured at the points, carried to the wall of the last estimate, and over
-what distance.
+"""The electrical map.
+
+What was measured at the points, carried to the wall of the last estimate, and over what distance.
 """
 
 from __future__ import annotations
