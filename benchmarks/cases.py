@@ -11,7 +11,7 @@ import numpy as np
 
 from o3dls.case import Case
 from o3dls.errors import InputError
-from o3dls.io.case_folder import read_case
+from o3dls.io.case_reader import read_case
 
 # groups as benchmarks.accuracy names them
 SEEDED = re.compile(r"(lah|la|(?:jar|star|extra|missing|sparse|beside)_\d+)_(\d+)$")

@@ -1,5 +1,6 @@
-"""o3dls: level-set registration and reconstruction of an atrium from a prior surface and sparse points, on
-Open3D. Not for clinical use.
+"""Level-set registration and reconstruction of an atrium from a prior surface and sparse points, on Open3D.
+
+Not for clinical use.
 """
 
 from typing import Any
@@ -18,13 +19,13 @@ PUBLIC = {
     "InputError": "errors",
     "PipelineError": "errors",
     "SolverError": "errors",
-    "read_case": "io.case_folder",
-    "write_case": "io.case_folder",
+    "read_case": "io.case_reader",
+    "write_case": "io.case_writer",
     "read_surface": "io.meshes.registry",
     "write_surface": "io.meshes.registry",
     "read_points": "io.points",
     "write_points": "io.points",
-    "import_study": "io.mapping.study",
+    "import_study": "io.mapping.study_import",
     "convert": "runs.conversion",
     "Pipeline": "pipeline.pipeline",
     "read_pipeline": "pipeline.file",

@@ -67,7 +67,7 @@ def export(run_folder: Path, out: Path | None, **options: Any) -> None:
     """Write a surface of a finished run for other programs, with a sidecar that says frame, units and what
     the values mean.
     """
-    from ..runs.export import export_run
+    from ..runs.export_run import export_run
 
     click.echo(export_run(run_folder, out, **options))
 
@@ -123,7 +123,7 @@ def import_(study: Path, out: Path, map_name: str | None, **options: Any) -> Non
     """Make a case folder of a CARTO 3, EnSite or OpenEP study (folder, zip or file), and say what was taken
     and what was left.
     """
-    from ..io.mapping.study import import_study
+    from ..io.mapping.study_import import import_study
 
     found = import_study(study, map_name, out, **options)
     click.echo(

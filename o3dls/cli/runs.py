@@ -21,7 +21,7 @@ from .words import DONE, FILE, FOLDER, NOT_VALID, WRONG_INPUT
 @click.option("--force", is_flag=True, help="replace any other run in the same folder too")
 def demo(out: Path, force: bool) -> int:
     """Run the main job on the built-in atrium: align, deform, refine, score, report, export."""
-    from ..io.case_folder import read_case
+    from ..io.case_reader import read_case
     from ..pipeline.batch import run_into
     from ..pipeline.file import default_pipeline
     from ..resources import demo_case
@@ -59,7 +59,7 @@ def run(
     """Run a PIPELINE file, or without one the default pipeline with what the case allows."""
     from ..errors import InputError
     from ..io.atomic import check_free
-    from ..io.case_folder import read_case
+    from ..io.case_reader import read_case
     from ..pipeline.batch import run_into
     from ..pipeline.file import default_pipeline, read_pipeline
 

@@ -1,6 +1,4 @@
-"""Exact closest points on triangles (3D) or segments (2D): a bounding-box tree, split at medians, that
-follows a moving surface.
-"""
+"""Exact closest points on triangles (3D) or segments (2D), by a tree that follows a moving surface."""
 
 from __future__ import annotations
 
@@ -11,30 +9,31 @@ from numba import njit
 
 from ..arrays import Array, Ints
 from ..parallel import axes_of, by_rows
+from .bounding_box_tree import box_gap, corners_and_boxes, median_order
 
 WORTH = 500  # points that are worth a thread
 LEAF = 4  # faces per leaf: fewer deepen the tree, more test triangles in vain
 
 
 class ClosestPoint:
-    """Closest points on a surface of vertices (n, d) and faces (m, d); `at` follows moved vertices without
-    rebuilding the tree.
+    """Closest points on a surface of vertices (n, d) and faces (m, d).
 
-    Inside, a segment of the plane is a triangle in space whose last two corners coincide, so that one kernel
-    serves both.
+    `at` follows moved vertices without rebuilding the tree. Inside, a segment of the plane is a triangle in
+    space whose last two corners coincide, so that one kernel serves both.
     """
 
     def __init__(self, vertices: Array, faces: Ints) -> None:
         self.faces = np.ascontiguousarray(faces, dtype=np.int64)
         self.leaves = 1 << max(0, int(np.ceil(np.log2(len(faces) / LEAF))))
-        self.order = _median_order(np.ascontiguousarray(vertices[self.faces].mean(axis=1).T), self.leaves)
+        self.order = median_order(np.ascontiguousarray(vertices[self.faces].mean(axis=1).T), self.leaves)
         self.rank = np.argsort(self.order)
         self.in_order = self.faces[self.order]
         self._place(vertices)
 
     def at(self, vertices: Array) -> ClosestPoint:
-        """The same surface at new vertex positions (n, d); exact for any motion, fastest while neighbours
-        stay neighbours.
+        """The same surface at new vertex positions (n, d).
+
+        Exact for any motion, fastest while neighbours stay neighbours.
         """
         moved = copy(self)
         moved._place(vertices)
@@ -42,17 +41,18 @@ class ClosestPoint:
 
     def _place(self, vertices: Array) -> None:
         self.vertices = np.ascontiguousarray(vertices, dtype=np.float64)
-        self.corners, self.boxes = _arrange(axes_of(vertices), self.vertices, self.in_order, self.leaves)
+        self.corners, self.boxes = corners_and_boxes(
+            axes_of(vertices), self.vertices, self.in_order, self.leaves
+        )
 
     def query(
         self, points: Array, bound: float = np.inf, hint: Ints | None = None
     ) -> tuple[Array, Ints, Array, Array]:
-        """Squared distance (k,), face (k,), closest point (k, d) and barycentric weights (k, d) of points (k,
-        d).
+        """Squared distance (k,), face (k,), closest point (k, d) and barycentric weights (k, d) in that face.
 
-        Beyond `bound` (a length) the face is -1 and the distance infinite. `hint` (k,) names faces that are
-        probably near, such as those of the last query of an iteration: it halves the time and changes nothing
-        but the choice between faces equally near.
+        Points are (k, d). Beyond `bound` (a length) the face is -1 and the distance infinite. `hint` (k,)
+        names faces that are probably near, such as those of the last query of an iteration: it halves the
+        time and changes nothing but the choice between faces equally near.
         """
         n, d = points.shape
         spatial = np.zeros((n, 3))
@@ -79,105 +79,11 @@ class ClosestPoint:
 
 
 @njit(cache=True)
-def _median_order(centres, leaves):  # type: ignore[no-untyped-def]
-    """Faces by leaf: each node's centres (d, m) are halved at the median of their longest extent, so that
-    boxes hardly overlap.
-    """
-    dim, m = centres.shape
-    order = np.arange(m)
-    stack = np.empty((128, 2), dtype=np.int64)
-    stack[0, 0] = 0
-    stack[0, 1] = leaves
-    top = 1
-    while top > 0:
-        top -= 1
-        first, last = stack[top, 0], stack[top, 1]
-        if last - first < 2:
-            continue
-        half = (first + last) // 2
-        low, high, middle = first * m // leaves, last * m // leaves, half * m // leaves
-        longest, axis = -1.0, 0
-        for k in range(dim):
-            least, most = np.inf, -np.inf
-            for i in range(low, high):
-                least, most = min(least, centres[k, order[i]]), max(most, centres[k, order[i]])
-            if most - least > longest:
-                longest = most - least
-                axis = k
-        _partition(centres[axis], order, low, high - 1, middle)
-        stack[top, 0], stack[top, 1] = first, half
-        stack[top + 1, 0], stack[top + 1, 1] = half, last
-        top += 2
-    return order
-
-
-@njit(cache=True)
-def _partition(values, order, left, right, middle):  # type: ignore[no-untyped-def]
-    """Rearrange order[left : right + 1] so that no value before `middle` exceeds one behind it (Hoare's
-    selection).
-    """
-    while left < right:
-        pivot = values[order[(left + right) // 2]]
-        i, j = left, right
-        while i <= j:
-            while values[order[i]] < pivot:
-                i += 1
-            while values[order[j]] > pivot:
-                j -= 1
-            if i <= j:
-                order[i], order[j] = order[j], order[i]
-                i += 1
-                j -= 1
-        if middle <= j:
-            right = j
-        elif middle >= i:
-            left = i
-        else:
-            return
-
-
-@njit(cache=True)
-def _arrange(axes, vertices, faces, leaves):  # type: ignore[no-untyped-def]
-    """Corners (m, 3, 3) of faces in tree order, and bounding boxes (low, high) of an implicit binary tree:
-    children of node i are 2i+1 and 2i+2, the leaves come last.
-    """
-    m, dim = len(faces), len(axes)
-    corners = np.zeros((m, 3, 3))
-    boxes = np.empty((2 * leaves - 1, 2, 3))
-    for leaf in range(leaves):
-        x0 = y0 = z0 = np.inf  # scalars stay in registers
-        x1 = y1 = z1 = -np.inf
-        for k in range(leaf * m // leaves, (leaf + 1) * m // leaves):
-            for corner in range(3):
-                for axis in range(dim):
-                    corners[k, corner, axis] = vertices[faces[k, min(corner, dim - 1)], axis]
-                x, y, z = corners[k, corner, 0], corners[k, corner, 1], corners[k, corner, 2]
-                x0, y0, z0 = min(x0, x), min(y0, y), min(z0, z)
-                x1, y1, z1 = max(x1, x), max(y1, y), max(z1, z)
-        box = boxes[leaves - 1 + leaf]
-        box[0, 0], box[0, 1], box[0, 2] = x0, y0, z0
-        box[1, 0], box[1, 1], box[1, 2] = x1, y1, z1
-    for node in range(leaves - 2, -1, -1):
-        for axis in range(3):
-            boxes[node, 0, axis] = min(boxes[2 * node + 1, 0, axis], boxes[2 * node + 2, 0, axis])
-            boxes[node, 1, axis] = max(boxes[2 * node + 1, 1, axis], boxes[2 * node + 2, 1, axis])
-    return corners, boxes
-
-
-@njit(cache=True)
-def box_gap(x, y, z, boxes, node):  # type: ignore[no-untyped-def]
-    """Squared distance of a point from a box."""
-    dx = max(boxes[node, 0, 0] - x, x - boxes[node, 1, 0], 0.0)
-    dy = max(boxes[node, 0, 1] - y, y - boxes[node, 1, 1], 0.0)
-    dz = max(boxes[node, 0, 2] - z, z - boxes[node, 1, 2], 0.0)
-    return dx * dx + dy * dy + dz * dz
-
-
-@njit(cache=True)
 def _second_and_third(bx, by, bz, cx, cy, cz, x, y, z):  # type: ignore[no-untyped-def]
-    """Barycentric weights of the second and third corner at the closest point, by Voronoi regions (Ericson,
-    Real-Time Collision Detection, 5.1.5); corners and point relative to the first corner. Scalars, because
-    array views cost more than the sums.
+    """Barycentric weights of the second and third corner at the closest point, by Voronoi regions.
+
+    Ericson, Real-Time Collision Detection, 5.1.5; corners and point relative to the first corner. Scalars,
+    because array views cost more than the sums.
     """
     d1 = bx * x + by * y + bz * z
     d2 = cx * x + cy * y + cz * z

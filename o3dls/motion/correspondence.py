@@ -1,5 +1,6 @@
-"""Where on the surface each point may have come from: a mean over all walls within reach of its noise,
-instead of the closest point.
+"""Where on the surface each point may have come from.
+
+A mean over all walls within reach of its noise, instead of the closest point.
 
 A point p of noise s comes from the surface element x with probability ~ exp(-|p - x|^2 / 2 s^2) dA. The mean
 over these elements needs no correction for curvature (on a sphere it gives the s^2 H / 2 by which noise
@@ -13,7 +14,8 @@ import numpy as np
 from numba import njit
 
 from ..arrays import Array
-from ..geometry.closest_point import ClosestPoint, box_gap, closest_on_face
+from ..geometry.bounding_box_tree import box_gap
+from ..geometry.closest_point import ClosestPoint, closest_on_face
 from ..geometry.differential import vertex_normals
 from ..parallel import axes_of, by_rows
 from .covariance import Places
@@ -25,12 +27,12 @@ WORTH, WORTH_FACES = 100, 10_000  # points, and faces, that are worth a thread
 def likely_feet(
     tree: ClosestPoint, points: Array, sd: Array, rest: Places, cutoff: float = 3.0, resolution: float = 3.0
 ) -> Feet:
-    """Feet of points (k, d) of noise sd (k,) on the tree's surface, whose vertices in the reference pose are
-    `rest`.
+    """Feet of points (k, d) of noise sd (k,) on the tree's surface.
 
-    cutoff: elements less likely than exp(-cutoff) times the closest are left out; resolution: a face whose
-    squared size is smaller than this times the noise is seen as its centre. The normals are means of unit
-    normals: shorter where walls of several directions compete, and so is what the point tells.
+    `rest` are its vertices in the reference pose. cutoff: elements less likely than exp(-cutoff) times the
+    closest are left out; resolution: a face whose squared size is smaller than this times the noise is seen
+    as its centre. The normals are means of unit normals: shorter where walls of several directions compete,
+    and so is what the point tells.
     """
     dim = points.shape[1]
     axes = axes_of(points)
@@ -66,8 +68,9 @@ def likely_feet(
 
 @njit(cache=True, error_model="numpy", inline="always")
 def _element(axes, corners, faces, k, share, normals, rest, rest_normals, out):  # type: ignore[no-untyped-def]
-    """Write what face k holds at barycentric weights `share`: rest place, normal, its share along the rest
-    normal, normal . place, place.
+    """Write what face k holds at barycentric weights `share`.
+
+    Rest place, normal, its share along the rest normal, normal . place, place.
     """
     dim = len(axes)
     length = rest_length = agreement = height = 0.0
@@ -92,8 +95,9 @@ def _element(axes, corners, faces, k, share, normals, rest, rest_normals, out): 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _elements(corners, faces, out, axes, normals, rest, rest_normals):  # type: ignore[no-untyped-def]
-    """Fill in what every face holds at its centre, then its measure and its greatest squared edge: (m, 3 d +
-    4), in tree order.
+    """Fill in what every face holds at its centre, then its measure and its greatest squared edge.
+
+    `out` is (m, 3 d + 4), in tree order.
     """
     m, dim = len(faces), len(axes)
     share = np.full(dim, 1.0 / dim)
@@ -121,8 +125,9 @@ def _elements(corners, faces, out, axes, normals, rest, rest_normals):  # type: 
 
 @njit(cache=True, error_model="numpy")
 def _nodes(axes, centres, leaves, boxes):  # type: ignore[no-untyped-def]
-    """What every node of the tree holds: the means of its faces, their measure, and the squared diagonal of
-    its box.
+    """What every node of the tree holds.
+
+    The means of its faces, their measure, and the squared diagonal of its box.
     """
     m = len(centres)
     width = 3 * len(axes) + 4
@@ -147,8 +152,9 @@ def _nodes(axes, centres, leaves, boxes):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy", inline="always")
 def _add(axes, means, points, i, elements, k, closest2, sd2):  # type: ignore[no-untyped-def]
-    """Add to row i of the sums what element k holds, by its weight, which is returned. Indices, because array
-    views cost more.
+    """Add to row i of the sums what element k holds, by its weight, which is returned.
+
+    Indices, because array views cost more.
     """
     dim = len(axes)
     gap = 0.0
@@ -182,8 +188,9 @@ def _expected(  # type: ignore[no-untyped-def]
     cutoff,
     resolution,
 ):
-    """Add to the means (n, 3 d + 2) what the faces hold, with weights measure * exp(-squared distance / 2
-    sd2); the height is that of the point over the face.
+    """Add to the means (n, 3 d + 2) what the faces hold.
+
+    The weights are measure * exp(-squared distance / 2 sd2); the height is that of the point over the face.
     """
     n, m, dim = len(points), len(faces), len(axes)
     size = 3 * dim + 2

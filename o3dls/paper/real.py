@@ -1,12 +1,13 @@
-"""The paper's table on data of others: an MRI atrium against an EAM shell, a ventricle in two phases, an
-atrium moved by others.
+"""The paper's table on data of others.
+
+An MRI atrium against an EAM shell, a ventricle in two phases, an atrium moved by others.
 """
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from ..io.case_folder import read_case
+from ..io.case_reader import read_case
 from ..pipeline.pipeline import Pipeline
 from ..stages.deform import Deform
 from ..stages.icp import ICP

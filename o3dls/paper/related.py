@@ -4,13 +4,9 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from typing import Any
-
-import numpy as np
 
 from data_synth import atrium as synthetic_atrium
 
-from ..arrays import Array
 from ..errors import InputError
 from ..evaluation.distances import distances, sample
 from ..geometry.surface import Surface
@@ -22,12 +18,11 @@ from ..stages.landmarks import Landmarks
 from ..stages.level_set import LevelSet
 from .blocks import Block, Figure, Heading, Table, Text
 from .experiment import Outcome, Row, Scope, Task, judged, mean_sd, truth_of
+from .reconstruction import alpha_shape, minimal_surface, poisson, tangent_planes
 from .results import Results, column
 
 COUNTS = (250, 1000, 4000, 16000)
 NOISE = 0.5
-CELL = 2.0  # mm
-NEIGHBOURS = 12
 LENGTHS = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0)  # ticks, mm
 METHODS = {
     "hoppe": ("tangent planes (Hoppe)"),
@@ -94,142 +89,6 @@ def _scored(make: Callable[[], Surface], truth: Surface) -> Row:
     return {"truth_to_surface": float(there), "assd": float(there + back) / 2.0, "seconds": seconds} | judged(
         surface
     )
-
-
-def neighbours(points: Array) -> int:
-    """Points that make a tangent plane: enough to be wider than the noise where points are dense."""
-    return max(NEIGHBOURS, len(points) // 300)
-
-
-def _cloud(points: Array) -> Any:
-    """An Open3D cloud with oriented normals."""
-    import open3d as o3d
-
-    cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points))
-    around = neighbours(points)
-    cloud.estimate_normals(o3d.geometry.KDTreeSearchParamKNN(around))
-    cloud.orient_normals_consistent_tangent_plane(around)
-    normals = np.asarray(cloud.normals)
-    if ((points - points.mean(axis=0)) * normals).sum() < 0.0:
-        cloud.normals = o3d.utility.Vector3dVector(-normals)
-    return cloud
-
-
-def _surface(mesh: Any) -> Surface:
-    if len(mesh.triangles) == 0:
-        raise InputError("no surface")
-    return Surface(np.asarray(mesh.vertices), np.asarray(mesh.triangles))
-
-
-def poisson(points: Array) -> Surface:
-    """Screened Poisson reconstruction (Kazhdan 2013) by Open3D."""
-    import open3d as o3d
-
-    return _surface(
-        o3d.geometry.TriangleMesh.create_from_point_cloud_poisson(_cloud(points), depth=6, n_threads=1)[0]
-    )
-
-
-def alpha_shape(points: Array) -> Surface:
-    """Alpha shape by Open3D, its radius three times the points' distance."""
-    import open3d as o3d
-
-    spacing = _spacing(points)
-    return _surface(
-        o3d.geometry.TriangleMesh.create_from_point_cloud_alpha_shape(
-            o3d.geometry.PointCloud(_cloud(points)), 3.0 * spacing
-        )
-    )
-
-
-def _spacing(points: Array) -> float:
-    """How far apart points lie: the median distance of the sixth neighbour."""
-    from scipy.spatial import cKDTree
-
-    return float(np.median(np.asarray(cKDTree(points).query(points, k=7)[0])[:, -1]))
-
-
-def _lattice(points: Array) -> tuple[Array, list[Array]]:
-    """Nodes (k, 3) and axes of a lattice about the points."""
-    axes = [
-        np.arange(low - 5 * CELL, high + 6 * CELL, CELL)
-        for low, high in zip(points.min(axis=0), points.max(axis=0), strict=True)
-    ]
-    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3), axes
-
-
-def _zero_set(phi: Array, axes: list[Array]) -> Surface:
-    import open3d as o3d
-
-    if not (phi < 0.0).any():
-        raise InputError("no surface: the level set vanished")
-    mesh = o3d.t.geometry.TriangleMesh.create_isosurfaces(
-        o3d.core.Tensor.from_numpy(np.ascontiguousarray(phi.T.astype(np.float32))), [0.0]
-    )
-    faces = mesh.triangle.indices.numpy()[:, ::-1].astype(np.int64)
-    if len(faces) == 0:
-        raise InputError("no surface: the level set does not change its sign")
-    return Surface(
-        mesh.vertex.positions.numpy().astype(np.float64) * CELL + [axis[0] for axis in axes], faces
-    )
-
-
-def tangent_planes(points: Array) -> Surface:
-    """Zero set of the signed distance to the tangent plane of the nearest neighbourhood (Hoppe 1992), where a
-    point is near.
-    """
-    from scipy.spatial import cKDTree
-
-    nodes, axes = _lattice(points)
-    normals = np.asarray(_cloud(points).normals)
-    middles = points[cKDTree(points).query(points, k=neighbours(points))[1]].mean(axis=1)
-    nearest = cKDTree(middles).query(nodes)[1]
-    signed = ((nodes - middles[nearest]) * normals[nearest]).sum(axis=1)
-    found = _zero_set(signed.reshape([len(axis) for axis in axes]), axes)
-    known = np.asarray(cKDTree(points).query(found.vertices)[0]) < 2.0 * _spacing(points) + CELL
-    return Surface(found.vertices, found.faces[known[found.faces].all(axis=1)])
-
-
-def minimal_surface(points: Array) -> Surface:
-    """Minimiser of the integral of the distance d over the surface (Zhao 2000): phi_t = |grad phi| (d kappa)
-    + grad d . grad phi.
-
-    From outside of the points inward, and half as far again as the points lie: its only global minimum is the
-    empty surface.
-    """
-    from scipy.ndimage import distance_transform_edt
-    from scipy.spatial import cKDTree
-
-    nodes, axes = _lattice(points)
-    shape = [len(axis) for axis in axes]
-    d = np.asarray(cKDTree(points).query(nodes)[0]).reshape(shape)
-    slope = np.gradient(d, CELL)
-    outside = max(1.5 * _spacing(points), 2.0 * CELL)
-    phi = _filled(d - outside, distance_transform_edt)
-    dt = 0.2 * CELL / max(1.0, float(np.percentile(d, 95)) / CELL)
-    for step in range(int(1.5 * outside / dt)):
-        g = np.gradient(phi, CELL)
-        size = np.sqrt(sum(a * a for a in g)) + 1e-6
-        bend = sum(np.gradient(a / size, CELL, axis=k) for k, a in enumerate(g))
-        phi = phi + dt * (
-            d * np.clip(bend, -1.0 / CELL, 1.0 / CELL) * size
-            + sum(a * b for a, b in zip(slope, g, strict=True))
-        )
-        if step % 10 == 9:
-            phi = _filled(phi, distance_transform_edt)
-    return _zero_set(phi, axes)
-
-
-def _filled(phi: Array, edt: Callable[..., Any]) -> Array:
-    """Signed distance of the outer boundary of phi < 0: cavities that nothing reaches from outside are
-    inside.
-    """
-    from scipy.ndimage import binary_fill_holes
-
-    inside = binary_fill_holes(phi < 0.0)
-    near = np.abs(phi) < CELL
-    coarse = CELL * (edt(~inside) - edt(inside) + np.where(inside, 0.5, -0.5))
-    return np.where(near & ((phi < 0.0) == inside), phi, coarse)
 
 
 def blocks(results: Results) -> list[Block]:

@@ -15,7 +15,7 @@ from typing import Any
 from ..case import Case
 from ..errors import InputError, O3dlsError
 from ..io.atomic import check_free
-from ..io.case_folder import read_case
+from ..io.case_reader import read_case
 from ..runs.estimate_files import write_rows
 from ..runs.log import log_of_failure, recorded_log
 from ..runs.run import Run
@@ -29,8 +29,9 @@ COHORT = "cohort.csv"
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of one case: rows of its scores, or the sentence that says why there are none; and what it
-    was warned of.
+    """What became of one case, and what it was warned of.
+
+    Rows of its scores, or the sentence that says why there are none.
     """
 
     case: str
@@ -84,8 +85,9 @@ def run_cohort(
 
 
 def cohort_rows(outcome: Outcome) -> list[dict[str, Any]]:
-    """Rows of the cohort's table: case, error, faults of its final surface, warnings, then the columns of
-    scores.csv.
+    """Rows of the cohort's table.
+
+    Case, error, faults of its final surface, warnings, then the columns of scores.csv.
     """
     said = {"faults": "; ".join(outcome.faults), "warnings": "; ".join(outcome.warnings)}
     head = {"case": outcome.case, "error": outcome.error or "", **said}
@@ -130,8 +132,9 @@ class _Job:
 
 
 def _outcomes(work: Sequence[_Job], jobs: int) -> list[Outcome]:
-    """Do the jobs, so many at one time; once a process was ended from outside, those that are left one by
-    one: memory may be short.
+    """Do the jobs, so many at one time.
+
+    Once a process was ended from outside, those that are left one by one: memory may be short.
     """
     with workers(jobs) as pool:
         futures = [pool.submit(job) for job in work]
@@ -148,8 +151,9 @@ def _alone(job: _Job) -> Outcome:
 
 
 def _outcome(future: Future[Outcome]) -> Outcome | None:
-    """The outcome of a job, once it is there, None where its process was ended; its warnings go to the
-    log.
+    """The outcome of a job, once it is there, None where its process was ended.
+
+    Its warnings go to the log.
     """
     try:
         outcome = future.result()

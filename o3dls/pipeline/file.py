@@ -10,7 +10,7 @@ from typing import Any
 
 from ..errors import O3dlsError, PipelineError, did_you_mean
 from ..io.atomic import check_free
-from ..io.case_folder import read_case
+from ..io.case_reader import read_case
 from ..io.text import decode, read_bytes
 from ..plugins.plugin import Plugin, load
 from ..resources import pipeline_file
@@ -24,10 +24,10 @@ Tables = dict[str, Any]
 
 
 def read_pipeline(path: str | Path, settings: Iterable[str] = ()) -> Pipeline:
-    """The pipeline of a TOML file, its folders taken from where the file stands; `settings` such as
-    `icp.keep=0.9` overrule it.
+    """The pipeline of a TOML file, its folders taken from where the file stands.
 
-    Raises PipelineError with every mistake, InputError where the file cannot be read.
+    `settings` such as `icp.keep=0.9` overrule it. Raises PipelineError with every mistake, InputError where
+    the file cannot be read.
     """
     path = Path(path)
     try:
@@ -40,10 +40,9 @@ def read_pipeline(path: str | Path, settings: Iterable[str] = ()) -> Pipeline:
 
 
 def all_mistakes(path: str | Path, case: str | Path | None = None) -> list[str]:
-    """Every mistake of a pipeline file and of its case, or of the case named here, one sentence each; nothing
-    is run or written.
+    """Every mistake of a pipeline file and of its case, or of the case named here, one sentence each.
 
-    An earlier run in the folder `out` is none.
+    Nothing is run or written. An earlier run in the folder `out` is none.
     """
     said: list[str] = []
     pipeline: Pipeline | None = None
@@ -77,8 +76,9 @@ def default_pipeline(settings: Iterable[str] = ()) -> Pipeline:
 
 
 def pipeline_from(tables: Tables, folder: Path = Path()) -> Pipeline:
-    """A pipeline from the tables of a file, or from the `pipeline` of run.json. Raises PipelineError with
-    every mistake.
+    """A pipeline from the tables of a file, or from the `pipeline` of run.json.
+
+    Raises PipelineError with every mistake.
     """
     said = [f"{key}: no such key{did_you_mean(key, list(TOP))}" for key in tables if key not in TOP]
     said += [
@@ -102,6 +102,7 @@ def pipeline_from(tables: Tables, folder: Path = Path()) -> Pipeline:
 
 def overruled(tables: Tables, settings: Iterable[str]) -> Tables:
     """The tables with settings `STAGE.PARAM=VALUE` put in, STAGE being the name of an estimate or a writer.
+
     Raises PipelineError.
     """
     for setting in settings:

@@ -1,5 +1,6 @@
-"""A pipeline folds stages over a case: each makes an estimate from an earlier one, and every estimate is kept
-and scored.
+"""A pipeline folds stages over a case.
+
+Each makes an estimate from an earlier one, and every estimate is kept and scored.
 """
 
 from __future__ import annotations
@@ -30,11 +31,10 @@ log = logging.getLogger("o3dls")
 
 @dataclass(frozen=True)
 class Pipeline:
-    """Stages in order, writers of what the run shall leave behind, and the number of folds of the
-    cross-validation (0: none).
+    """Stages in order, writers of what the run shall leave behind, and the number of folds.
 
-    `case` and `out` are folders, and only needed where `run` and `write` are not told. Raises PipelineError
-    with every mistake.
+    The folds are of the cross-validation (0: none). `case` and `out` are folders, and only needed where `run`
+    and `write` are not told. Raises PipelineError with every mistake.
     """
 
     stages: Sequence[Stage]
@@ -79,8 +79,9 @@ class Pipeline:
         return [name, *self.chain(self.sources[name])] if name in self.sources else [name]
 
     def run(self, case: Case | None = None) -> Run:
-        """Fit, cross-validate and score. Raises InputError where the case cannot be fitted so, SolverError
-        where a stage fails.
+        """Fit, cross-validate and score.
+
+        Raises InputError where the case cannot be fitted so, SolverError where a stage fails.
         """
         from ..parallel import compiling_said  # numba is not for those who only check a file
 
@@ -114,8 +115,9 @@ class Pipeline:
         return replace(run, provenance=made_in, out=self.out, additions=self.writes)
 
     def fit(self, case: Case, level: int = logging.INFO) -> dict[str, Estimate]:
-        """Estimates by name, `start` first; each stage is shown the points that it fits, and neither truth
-        nor held-out data.
+        """Estimates by name, `start` first.
+
+        Each stage is shown the points that it fits, and neither truth nor held-out data.
         """
         estimates = {START: start_estimate(case.visible())}
         for stage in self.stages:
@@ -128,8 +130,9 @@ class Pipeline:
         return estimates
 
     def record(self) -> dict[str, Any]:
-        """The pipeline with every default written out, shaped as its file; without folders, which say nothing
-        of the result.
+        """The pipeline with every default written out, shaped as its file.
+
+        Without folders, which say nothing of the result.
         """
         return {
             "folds": self.folds,
@@ -154,8 +157,9 @@ class Pipeline:
         return not any(stage.finds_pose for stage in self.stages)
 
     def allowed_by(self, case: Case) -> Self:
-        """The pipeline without the stages and writers that cannot work on the case; each one dropped is said
-        in the log.
+        """The pipeline without the stages and writers that cannot work on the case.
+
+        Each one dropped is said in the log.
         """
         for plugin in (*self.stages, *self.writes):
             if why := plugin.obstacle(case):
@@ -166,7 +170,7 @@ class Pipeline:
         )
 
     def _own_case(self) -> Case:
-        from ..io.case_folder import read_case
+        from ..io.case_reader import read_case
 
         if self.case is None:
             raise InputError('the pipeline names no case: give one to run(), or say case = "folder"')
@@ -196,8 +200,9 @@ def _mistakes(pipeline: Pipeline) -> list[str]:
 
 
 def order_mistakes(steps: Sequence[tuple[str, str, str | None]]) -> list[str]:
-    """What is wrong with the order of stages given as (stage, name of its estimate, name of the estimate it
-    starts after).
+    """What is wrong with the order of stages.
+
+    They are given as (stage, name of its estimate, name of the estimate it starts after).
     """
     said = []
     names = [START, *(name for _, name, _ in steps)]

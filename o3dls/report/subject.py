@@ -1,5 +1,6 @@
-"""What a report is about: one case, the estimates to show, and their distances, from one finished run or
-several.
+"""What a report is about, from one finished run or several.
+
+One case, the estimates to show, and their distances.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from ..arrays import Array
 from ..case import Case, Points
 from ..errors import InputError, did_you_mean
 from ..estimate import Estimate
-from ..evaluation.transfer import REACH
+from ..evaluation.interpolation import REACH
 from ..geometry.surface import Surface
 from ..runs.run import Run
 from .drawing.display import displayed
@@ -41,8 +42,9 @@ SETS = {
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """One estimate as the report shows it: its run, its name there, its own unique name, and what run.json
-    says of it.
+    """One estimate as the report shows it.
+
+    Its run, its name there, its own unique name, and what run.json says of it.
     """
 
     name: str
@@ -74,8 +76,9 @@ class Result:
 
     @property
     def fitted(self) -> tuple[str, ...]:
-        """Types of the points that it was fitted to: ablation points are a set of their own where it was not
-        shown them.
+        """Types of the points that it was fitted to.
+
+        Ablation points are a set of their own where it was not shown them.
         """
         return ("eam",) if "ablation" in self.scores else ("eam", "ablation")
 
@@ -156,8 +159,9 @@ class Subject:
         return datetime.fromtimestamp((self.folders[-1] / "run.json").stat().st_mtime, UTC).date().isoformat()
 
     def style(self, name: str) -> int:
-        """Number of the colour and dash that an estimate has everywhere in the report; those shown come
-        first, so that theirs differ.
+        """Number of the colour and dash that an estimate has everywhere in the report.
+
+        Those shown come first, so that theirs differ.
         """
         return list(dict.fromkeys([*self.shown, *self.results])).index(name)
 
@@ -178,8 +182,9 @@ class Subject:
 
 
 def read_subject(folders: Sequence[Path], compare: Sequence[str] = ()) -> Subject:
-    """The subject of a report on finished run folders of one case. Raises InputError where they are of
-    several cases, or none is given.
+    """The subject of a report on finished run folders of one case.
+
+    Raises InputError where they are of several cases, or none is given.
     """
     from ..runs.folder import read_record, read_run
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from ..evaluation.transfer import REACH
+from ..evaluation.interpolation import REACH
 from .markup import signed
 from .statistics import Difference, paired_difference
 from .subject import Result, Subject
@@ -20,8 +20,9 @@ SMALLEST_SHARE = 0.005
 
 
 def verdict(subject: Subject) -> str:
-    """One sentence: which is closer to unseen data, by how much, how sure, and how much of the surface has no
-    data.
+    """One sentence: which is closer to unseen data, by how much and how sure.
+
+    It ends with how much of the surface has no data.
     """
     parts = [_comparison(subject) or _alone(subject)]
     if subject.unmapped is not None:
@@ -48,8 +49,9 @@ def headline_difference(subject: Subject) -> Difference | None:
 
 
 def difference(first: Result, second: Result, group: str) -> Difference | None:
-    """Paired difference of two results on a set of points, that of the second; None where they do not share
-    it.
+    """Paired difference of two results on a set of points, that of the second.
+
+    None where they do not share it.
     """
     positions, a = first.measured(group, second)
     other, b = second.measured(group)
@@ -92,8 +94,9 @@ def _alone(subject: Subject) -> str:
 
 
 def warnings(subject: Subject) -> list[str]:
-    """Sentences on what a reader must know before trusting the pictures: invalid, not converged, weak, few
-    data.
+    """Sentences on what a reader must know before trusting the pictures.
+
+    Invalid, not converged, weak, few data.
     """
     chain = [subject.last] + ([subject.first] if subject.first else [])
     said = [f"{result.name}: {fault}." for result in chain for fault in result.run.faults_of(result.key)]

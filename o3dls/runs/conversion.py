@@ -1,5 +1,6 @@
-"""One file into another format: surfaces, measured points, named places and poses; frame and units said on
-both sides.
+"""One file into another format: surfaces, measured points, named places and poses.
+
+Frame and units are said on both sides.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from ..case import SPACES
 from ..errors import InputError
 from ..geometry.similarity import TURN, apply
 from ..geometry.surface import Surface
-from ..io.case_folder import check_scale
+from ..io.case_coordinates import check_scale
 from ..io.case_settings import MILLIMETRES
 from ..io.markups import Markups, read_markups, write_markups
 from ..io.meshes.registry import is_surface, read_surface_file, write_surface
@@ -43,13 +44,13 @@ def convert(
     faces: int | None = None,
     **choice: Any,
 ) -> list[str]:
-    """Write `source` as `target`; the format of the one is told by its content, of the other by its suffix
-    (or `format`).
+    """Write `source` as `target`.
 
-    units, frame: what the source is in where it does not say so itself. to: the frame to write, LPS or RAS.
-    cap: close openings. faces: decimate to so many. choice: label, part, box, hidden of the reader. Gives
-    sentences on what was done. Raises InputError where something contradicts the file, is missing, or means
-    nothing for the kind of file.
+    The format of the one is told by its content, of the other by its suffix (or `format`). units, frame: what
+    the source is in where it does not say so itself. to: the frame to write, LPS or RAS. cap: close openings.
+    faces: decimate to so many. choice: label, part, box, hidden of the reader. Gives sentences on what was
+    done. Raises InputError where something contradicts the file, is missing, or means nothing for the kind of
+    file.
     """
     source, target = Path(source), Path(target)
     for name, value, allowed in (
@@ -116,8 +117,9 @@ def _surface(
 
 
 def in_millimetres(source: Path, file: SurfaceFile, units: str | None) -> SurfaceFile:
-    """The surface in mm where its units are stated by the file or by `units`; else as it is, if its extent
-    can be meant in mm.
+    """The surface in mm where its units are stated by the file or by `units`.
+
+    Else as it is, if its extent can be meant in mm.
     """
     stated = _units(source, file.units, units)
     if stated == "unknown":
@@ -134,8 +136,9 @@ def _scaled_units(stated: str) -> str:
 
 
 def _units(source: Path, stated: str, given: str | None) -> str:
-    """As `_settled`, of units. Raises InputError too where the file states none that is known, and nothing is
-    given.
+    """As `_settled`, of units.
+
+    Raises InputError too where the file states none that is known, and nothing is given.
     """
     if stated in (*MILLIMETRES, "unknown"):
         return _settled(source, "units", stated, given)
@@ -148,8 +151,9 @@ def _units(source: Path, stated: str, given: str | None) -> str:
 
 
 def _settled(source: Path, what: str, stated: str, given: str | None) -> str:
-    """What the file states, or what is given where it states nothing. Raises InputError where the two
-    differ.
+    """What the file states, or what is given where it states nothing.
+
+    Raises InputError where the two differ.
     """
     if given and stated not in ("unknown", given):
         raise InputError(
@@ -169,8 +173,9 @@ def _turns(source: Path, space: str, to: str) -> bool:
 
 
 def decimated(surface: Surface, faces: int) -> Surface:
-    """About `faces` triangles by quadric edge collapse that keeps the topology; fields are read at the
-    closest points of the original.
+    """About `faces` triangles by quadric edge collapse that keeps the topology.
+
+    Fields are read at the closest points of the original.
     """
     import pymeshlab
 

@@ -1,72 +1,31 @@
-"""A finished run for other programs: surfaces, files for navigation systems, volumes, poses, each with a
-sidecar of facts.
-"""
+"""The writer `export`: an estimate as a file for other programs, with a sidecar of facts."""
 
 from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, get_args
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from pydantic import Field, model_validator
 
 from ..arrays import Array
-from ..errors import InputError, PipelineError, did_you_mean
+from ..errors import PipelineError
 from ..geometry.similarity import TURN
 from ..geometry.surface import Surface
+from .export_formats import NEED_FRAME, FormatName, FrameName, file_name
+from .export_volume import spacing_mistake, write_enclosed_volume
 from .writers import Writer
 
 if TYPE_CHECKING:
     from ..case import Case
     from .run import Run
 
-FormatName = Literal[
-    "ply",
-    "stl",
-    "obj",
-    "off",
-    "vtk",
-    "vtp",
-    "carto_mesh",
-    "openep",
-    "opencarp",
-    "carto_vtk",
-    "dif",
-    "phi_nrrd",
-    "phi_nifti",
-    "mask_nrrd",
-    "mask_nifti",
-    "tfm",
-    "txt",
-]
-FrameName = Literal["LPS", "RAS"]
-SUFFIXES = {
-    "carto_vtk": "carto.vtk",
-    "carto_mesh": "mesh",
-    "openep": "mat",
-    "opencarp": "pts",
-    "dif": "dif.xml",
-    "phi_nrrd": "phi.nrrd",
-    "phi_nifti": "phi.nii.gz",
-    "mask_nrrd": "mask.nrrd",
-    "mask_nifti": "mask.nii.gz",
-}
-VOLUMES_AND_POSES = {
-    "phi_nrrd": (".nrrd",),
-    "mask_nrrd": (".nrrd",),
-    "phi_nifti": (".nii", ".nii.gz"),
-    "mask_nifti": (".nii", ".nii.gz"),
-    "tfm": (".tfm",),
-    "txt": (".txt",),
-}
-NEED_FRAME = ("phi_nifti", "mask_nifti", "tfm")  # formats that say LPS or RAS by definition
-FEWEST_ACROSS, MOST_VOXELS = 10.0, 1e8  # of a volume, over the diagonal and in all
-
 
 class Export(Writer):
-    """Write an estimate into export/ as a surface, a file for a navigation system, a volume or a pose, with a
-    sidecar of facts.
+    """Write an estimate into export/ as a surface, a volume, a pose or a file for a navigation system.
+
+    A sidecar says its facts.
     """
 
     name: ClassVar = "export"
@@ -122,7 +81,7 @@ class Export(Writer):
 
     def mistake(self, case: Case) -> str | None:
         """The result is about as large as the prior."""
-        return self._unfit(case.prior) if self.format.startswith(("phi", "mask")) else None
+        return spacing_mistake(case.prior, self.spacing) if self.format.startswith(("phi", "mask")) else None
 
     def obstacle(self, case: Case) -> str | None:
         from ..io.meshes.registry import IN_MILLIMETRES
@@ -152,8 +111,9 @@ class Export(Writer):
         self.write(surface, run, name, folder / "export" / file_name(name, self.format))
 
     def write(self, surface: Surface, run: Run, name: str, path: Path) -> None:
-        """Write an estimate's surface with its fields to a file, and beside it `<file>.json` with frame,
-        units and meaning of values.
+        """Write an estimate's surface with its fields to a file, and its facts to `<file>.json` beside it.
+
+        The facts are frame, units, pose and meaning of values.
         """
         space = self.frame or run.case.frame
         space = "LPS" if self.format == "dif" and space == "RAS" else space  # which DIF is by definition
@@ -191,7 +151,9 @@ class Export(Writer):
         if self.format == "dif":
             return counts | {"scalar": self._write_dif(surface, path)}
         if self.format.startswith(("phi", "mask")):
-            return self._write_volume(surface, path, space)
+            return write_enclosed_volume(
+                path, surface, self.spacing, space, distance=self.format.startswith("phi")
+            )
         write_surface(path, surface, space=space, units=units, format=self.format)
         # a format may hold fewer than the surface has
         return counts | {"fields": sorted(read_surface(path).fields)}
@@ -199,7 +161,7 @@ class Export(Writer):
     def _small_enough(self, surface: Surface) -> Surface:
         """Decimated to `faces`, and to what an importing system takes."""
         from ..io.meshes.dif import LIMITS
-        from ..runs.conversion import decimated
+        from .conversion import decimated
 
         most = min(
             self.faces or len(surface.faces),
@@ -212,7 +174,7 @@ class Export(Writer):
 
     def _write_carto(self, surface: Surface, path: Path) -> dict[str, Any]:
         from ..io.atomic import staged_file
-        from ..io.meshes.carto_vtk import encode, map_field
+        from ..io.meshes.carto.import_vtk import encode, map_field
 
         limits = None if self.vmin is None or self.vmax is None else (self.vmin, self.vmax)
         scalar = map_field(surface, self.field, limits)
@@ -229,87 +191,11 @@ class Export(Writer):
         missing = 0 if self.field is None else int((~np.isfinite(surface.fields[self.field])).sum())
         return {"field": self.field, "values": "as they are", "missing_vertices_unsampled": missing}
 
-    def _write_volume(self, surface: Surface, path: Path, space: str) -> dict[str, Any]:
-        """Signed distance of the surface (mm, negative inside, cut at four voxels outside) or its inside as 0
-        and 1.
-        """
-        from ..io.images.volumes import write_volume
-        from ..levelset.distance import filled_distance
-
-        if why := self._unfit(surface):
-            raise InputError(f"export: {why}")
-        steps = 4
-        outside = steps * self.spacing
-        found = filled_distance(surface.vertices, surface.faces, self.spacing, steps)
-        phi = np.full(found.band.shape, outside)
-        phi[tuple(found.band.nodes.T)] = np.minimum(found.phi, outside)
-        write_volume(
-            path,
-            phi if self.format.startswith("phi") else phi < 0.0,
-            self.spacing,
-            found.band.origin,
-            space=space,
-        )
-        meaning = (
-            "signed distance, negative inside" if self.format.startswith("phi") else "1 inside, 0 outside"
-        )
-        return {"spacing": self.spacing, "values": meaning}
-
-    def _unfit(self, surface: Surface) -> str | None:
-        """Why the spacing of a volume is too coarse or too fine for a surface."""
-        voxels = float(np.prod(np.ptp(surface.vertices, axis=0) / self.spacing))
-        if self.spacing <= surface.diagonal / FEWEST_ACROSS and voxels <= MOST_VOXELS:
-            return None
-        finest = self.spacing * (voxels / MOST_VOXELS) ** (1 / 3)
-        coarsest = surface.diagonal / FEWEST_ACROSS
-        between = f"a spacing between {finest:.2g} and {coarsest:.2g} would be right"
-        return f"spacing = {self.spacing:g}: a volume of {voxels:.2g} voxels; {between}"
-
-
-def export_run(
-    folder: str | Path,
-    out: str | Path | None = None,
-    *,
-    estimate: str | None = None,
-    format: str = "ply",
-    **options: Any,
-) -> Path:
-    """Write the surface of an estimate (default: the last) of a finished run; `out` is a file, by default in
-    the run's export folder.
-
-    Further options as for `Export`. Raises InputError where the run, the estimate or the format is not there.
-    """
-    from ..io.meshes.registry import FORMATS, check_suffix
-    from .folder import check_not_of_a_run, read_run
-
-    if format not in get_args(FormatName):
-        raise InputError(f"export: no format '{format}'{did_you_mean(format, list(get_args(FormatName)))}")
-    path = Path(out) if out else None
-    if path:
-        check_suffix(
-            path, format, ({known.name: known.suffixes for known in FORMATS} | VOLUMES_AND_POSES)[format]
-        )
-    writer = Export(**options | {"estimate": estimate, "format": format})
-    run = read_run(folder)
-    name = estimate or run.final
-    if name not in run.estimates:
-        raise InputError(f"{folder}: no estimate '{name}'{did_you_mean(name, list(run.estimates))}")
-    if why := writer.obstacle(run.case):
-        raise InputError(f"{folder}: {why}")
-    path = path or Path(folder) / "export" / file_name(name, format)
-    check_not_of_a_run(path)
-    writer.write(run.estimates[name].surface, run, name, path)
-    return path
-
-
-def file_name(estimate: str, format: str) -> str:
-    """Name of an exported file; the CARTO dialect is told from plain VTK."""
-    return f"{estimate}.{SUFFIXES.get(format, format)}"
-
 
 def _facts(run: Run, name: str, format: str, space: str) -> dict[str, Any]:
-    """What a reader of the file must know and the file cannot say. No name of a case: it may be a
-    patient's.
+    """What a reader of the file must know and the file cannot say.
+
+    No name of a case: it may be a patient's.
     """
     from ..io.meshes.surface_file import NOTICE
 

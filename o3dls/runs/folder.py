@@ -9,7 +9,7 @@ from typing import Any
 
 from ..case import Case
 from ..errors import InputError
-from ..io.case_folder import read_case
+from ..io.case_reader import read_case
 from ..io.points import read_points
 from .estimate_files import read_estimate
 from .run import SCHEMA, Run, plain
@@ -34,8 +34,9 @@ def read_record(folder: str | Path) -> dict[str, Any]:
 
 
 def read_run(folder: str | Path) -> Run:
-    """A run from its folder: everything but motions and level sets. Raises InputError where the folder holds
-    no finished run.
+    """A run from its folder: everything but motions and level sets.
+
+    Raises InputError where the folder holds no finished run.
     """
     folder, found = Path(folder), read_record(folder)
     try:

@@ -17,7 +17,7 @@ from ..errors import InputError
 from ..estimate import Estimate
 from ..evaluation.validity import faults
 from ..io.atomic import staged_folder
-from ..io.case_folder import write_case
+from ..io.case_writer import write_case
 from ..io.points import write_points
 from .estimate_files import write_estimate, write_rows
 from .tables import ScoreLine, score_rows, score_table
@@ -73,8 +73,9 @@ class Run:
         return self.faults_of(self.final)
 
     def faults_of(self, name: str) -> list[str]:
-        """Why the surface of an estimate is not valid; `start` is the prior in another pose, so its faults
-        are the prior's.
+        """Why the surface of an estimate is not valid.
+
+        `start` is the prior in another pose, so its faults are the prior's.
         """
         reshaped = bool(self.estimates[name].facts.get("changes"))
         return faults(self.validity[name], self.validity["start"], reshaped=reshaped)
@@ -90,8 +91,10 @@ class Run:
         return f"{self.case.name}: mean distances in {self.unit}\n{score_table(self.score_lines)}"
 
     def write(self, folder: str | Path | None = None, *, force: bool = False) -> Path:
-        """Write the run folder, whole or not at all: run.json, scores.csv, points.csv, the case, the
-        estimates, and what the writers of the pipeline make. Raises InputError where it exists.
+        """Write the run folder, whole or not at all.
+
+        run.json, scores.csv, points.csv, the case, the estimates, and what the writers of the pipeline make.
+        Raises InputError where it exists.
         """
         out = folder or self.out
         if not out:

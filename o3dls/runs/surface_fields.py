@@ -1,5 +1,6 @@
-"""What each vertex of an estimate's surface carries: how far it moved, how sure that is, how near the data
-are.
+"""What each vertex of an estimate's surface carries.
+
+How far it moved, how sure that is, how near the data are.
 """
 
 from __future__ import annotations
@@ -13,15 +14,18 @@ from ..arrays import Array
 from ..case import Case, Points
 from ..estimate import Estimate
 from ..evaluation.distances import moved
-from ..evaluation.transfer import REACH, with_electrical
+from ..evaluation.electrical import with_electrical
+from ..evaluation.interpolation import REACH
 from ..geometry.similarity import apply
 from ..geometry.surface import Surface
 
 
 def with_fields(case: Case, estimate: Estimate, fitted: Collection[str]) -> Surface:
-    """The surface with `displacement_mm`, `sd_mm` (where there is a posterior),
-    `distance_to_nearest_point_mm`, `prior_only` (1 farther than `REACH` from every such point), the
-    electrical values of the points carried to it (NaN there), and its own fields.
+    """The surface with what is known of each vertex, and its own fields.
+
+    These are `displacement_mm`, `sd_mm` (where there is a posterior), `distance_to_nearest_point_mm`,
+    `prior_only` (1 farther than `REACH` from every such point), and the electrical values of the points
+    carried to it (NaN there).
 
     The points are those at the wall: eam, and ablation where these are among the types that were `fitted`.
     displacement is signed, outward positive: from the prior under `T_map_prior`, so it shows what a
@@ -41,8 +45,9 @@ def with_fields(case: Case, estimate: Estimate, fitted: Collection[str]) -> Surf
 
 
 def displacement(prior: Surface, estimate: Estimate) -> Array:
-    """Signed distance (n,) of the estimate's vertices from the prior under `T_map_prior`, outward
-    positive.
+    """Signed distance (n,) of the estimate's vertices from the prior under `T_map_prior`.
+
+    Outward is positive.
     """
     from ..geometry.closest_point import ClosestPoint
 

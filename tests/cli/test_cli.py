@@ -17,7 +17,7 @@ from tiny import Nudge, ball_case
 from o3dls.case import Case
 from o3dls.geometry.similarity import similarity
 from o3dls.geometry.surface import Surface
-from o3dls.io.case_folder import write_case
+from o3dls.io.case_writer import write_case
 from o3dls.pipeline.file import default_pipeline
 from o3dls.pipeline.pipeline import Pipeline
 from o3dls.runs.folder import repeats
@@ -87,9 +87,9 @@ def test_folders_in_a_pipeline_are_relative_to_its_file(case: Path, tmp_path: Pa
 def test_an_invalid_result_is_written_and_ends_with_1(case: Path, pipeline: Path, tmp_path: Path) -> None:
     code = (
         "import sys; sys.path.insert(0, sys.argv.pop(1)); import tiny; from importlib.metadata import "
-        "EntryPoint; from o3dls import stage;"
-        "known = stage.registered; entry = EntryPoint('broken', 'tiny:Broken', 'o3dls.stages');"
-        "stage.registered = lambda g: {**known(g), 'broken': entry}; from o3dls.cli.main import main; main()"
+        "EntryPoint; from o3dls.plugins import plugin;"
+        "known = plugin.registered; entry = EntryPoint('broken', 'tiny:Broken', 'o3dls.stages');"
+        "plugin.registered = lambda g: {**known(g), 'broken': entry}; from o3dls.cli.main import main; main()"
     )
     pipeline.write_text(ICP + '[[stage]]\nuse = "broken"\n')
     command = [

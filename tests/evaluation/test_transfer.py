@@ -9,7 +9,11 @@ import pytest
 
 from o3dls.case import Points
 from o3dls.errors import InputError
-from o3dls.evaluation.transfer import METHODS, between, project, stiffness, to_surface, with_electrical
+from o3dls.evaluation.electrical import with_electrical
+from o3dls.evaluation.harmonic import stiffness
+from o3dls.evaluation.interpolation import METHODS, to_surface
+from o3dls.evaluation.projection import project
+from o3dls.evaluation.transfer import between
 from o3dls.geometry.surface import Surface, outline
 
 SEED = 92_551
@@ -226,7 +230,7 @@ def test_whole_numbers_are_carried_and_a_lone_value_off_the_wall_leaves_it_empty
 
 
 def test_real_voltages_reach_the_real_wall(shared_data: Path) -> None:
-    from o3dls.io.case_folder import read_case
+    from o3dls.io.case_reader import read_case
 
     case = read_case(shared_data / "real/kit_mri_to_eam")
     assert case.truth is not None

@@ -24,8 +24,9 @@ from o3dls.case import POINT_TYPES, Case, Points, Truth
 from o3dls.errors import InputError
 from o3dls.geometry.surface import Surface, outline
 from o3dls.io.atomic import check_free, staged_file, staged_folder
-from o3dls.io.case_folder import read_case, write_case
+from o3dls.io.case_reader import read_case
 from o3dls.io.case_settings import toml_lines
+from o3dls.io.case_writer import write_case
 from o3dls.io.meshes.registry import write_surface
 from o3dls.io.meshes.repair import capped, closed_outward, welded
 from o3dls.io.points import read_points, write_points

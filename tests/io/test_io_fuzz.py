@@ -21,7 +21,8 @@ from o3dls.case import Points
 from o3dls.errors import InputError
 from o3dls.geometry.surface import Surface
 from o3dls.io import points
-from o3dls.io.case_folder import read_case, write_case
+from o3dls.io.case_reader import read_case
+from o3dls.io.case_writer import write_case
 from o3dls.io.images.volumes import write_volume
 from o3dls.io.mapping import carto_points, ensite, openep
 from o3dls.io.mapping.archive import Archive

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from o3dls.errors import InputError
-from o3dls.io.case_folder import read_case
+from o3dls.io.case_reader import read_case
 from o3dls.io.meshes.registry import read_surface_file
 from o3dls.runs.conversion import convert
 

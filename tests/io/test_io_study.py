@@ -20,12 +20,16 @@ from o3dls.case import Points
 from o3dls.errors import InputError
 from o3dls.geometry.similarity import apply, similarity
 from o3dls.geometry.surface import Surface
-from o3dls.io.case_folder import read_case
+from o3dls.io.case_reader import read_case
 from o3dls.io.mapping import carto_points, ensite, openep
 from o3dls.io.mapping.carto_study import vendor_pose
-from o3dls.io.mapping.study import Imported, _registered_shell, _write_registered, import_study, read_study
+from o3dls.io.mapping.imported import Imported
+from o3dls.io.mapping.study import read_study
+from o3dls.io.mapping.study_import import _registered_shell, _write_registered, import_study
 from o3dls.io.markups import Markups, write_markups
-from o3dls.io.meshes import carto_mesh, dif
+from o3dls.io.meshes import dif
+from o3dls.io.meshes.carto import encoder, mesh_file, parser
+from o3dls.io.meshes.carto.mesh import CartoMesh
 from o3dls.io.meshes.registry import read_surface
 from o3dls.io.meshes.surface_file import SurfaceFile
 from o3dls.io.points import read_points
@@ -64,7 +68,7 @@ EOF
 
 def carto_folder(folder: Path) -> Path:
     folder.mkdir(parents=True)
-    shell = carto_mesh.write(SurfaceFile(marker()))
+    shell = mesh_file.write(SurfaceFile(marker()))
     for name in ("1-Map.mesh", "2-Map.mesh", "CT.mesh"):
         (folder / name).write_bytes(shell)
     points = Points(
@@ -231,7 +235,7 @@ def test_an_imported_shell_takes_no_name_that_a_case_knows(name: str, tmp_path: 
     folder = carto_folder(tmp_path / "s")
     import_study(folder, "1-Map", tmp_path / "before")
     (folder / "CT.mesh").write_bytes(
-        carto_mesh.write(SurfaceFile(marker().with_vertices(2 * marker().vertices)))
+        mesh_file.write(SurfaceFile(marker().with_vertices(2 * marker().vertices)))
     )
     (folder / "CT.mesh").rename(folder / f"{name}.mesh")
     xml = folder / "Study 1.xml"
@@ -297,7 +301,7 @@ def test_car_files_survive() -> None:
 
 def test_carto_mesh_hides_what_carto_hides_and_knows_missing_values() -> None:
     n = 5
-    mesh = carto_mesh.CartoMesh(
+    mesh = CartoMesh(
         np.vstack([marker().vertices, [[0.0, 0, 0]]]),
         np.zeros((n, 3)),
         np.zeros(n, dtype=int),
@@ -307,23 +311,23 @@ def test_carto_mesh_hides_what_carto_hides_and_knows_missing_values() -> None:
         ("Bipolar", "µBi"),
         np.array([[1.0, 2, 3, 4, 5], [-10000.0] * 5, [-10000.0] * 5]).T,
     )
-    data = carto_mesh.encode(mesh)
-    file = carto_mesh.read(Path("a.mesh"), data)
+    data = encoder.encode(mesh)
+    file = mesh_file.read(Path("a.mesh"), data)
     assert (len(file.surface.vertices), len(file.surface.faces), file.metadata["hidden_triangles"]) == (
         4,
         4,
         2,
     )
     assert list(file.surface.fields) == ["bipolar"]
-    assert len(carto_mesh.read(Path("a.mesh"), data, hidden=True).surface.faces) == 6
+    assert len(mesh_file.read(Path("a.mesh"), data, hidden=True).surface.faces) == 6
     assert b"\xb5Bi" in data
-    assert carto_mesh.encode(carto_mesh.parse(Path("a.mesh"), data)) == data
+    assert encoder.encode(parser.parse(Path("a.mesh"), data)) == data
     for loose in (data.replace(b"\r\n", b"\n"), data.decode("cp1252").encode("utf-8")):
-        assert len(carto_mesh.read(Path("a.mesh"), loose).surface.faces) == 4
+        assert len(mesh_file.read(Path("a.mesh"), loose).surface.faces) == 4
     with pytest.raises(InputError, match=r"\[TrianglesSection\] has 5 rows, 6 are declared"):
-        carto_mesh.read(Path("a.mesh"), data.replace(b"       5 =        1        2        4", b";"))
+        mesh_file.read(Path("a.mesh"), data.replace(b"       5 =        1        2        4", b";"))
     with pytest.raises(InputError, match="Matrix is not the identity"):
-        carto_mesh.read(Path("a.mesh"), data.replace(b"= 1 0 0 0", b"= 2 0 0 0"))
+        mesh_file.read(Path("a.mesh"), data.replace(b"= 1 0 0 0", b"= 2 0 0 0"))
 
 
 @settings(max_examples=25, deadline=None)
@@ -339,7 +343,7 @@ def test_carto_mesh_hides_what_carto_hides_and_knows_missing_values() -> None:
 def test_any_carto_mesh_survives(vertices: np.ndarray, colours: np.ndarray, groups: np.ndarray) -> None:
     groups[0] = 0
     triangles = np.array([[0, 1, 2], [2, 1, 3], [3, 4, 5]])
-    mesh = carto_mesh.CartoMesh(
+    mesh = CartoMesh(
         vertices,
         np.zeros((6, 3)),
         np.zeros(6, dtype=int),
@@ -349,9 +353,9 @@ def test_any_carto_mesh_survives(vertices: np.ndarray, colours: np.ndarray, grou
         ("Bipolar", "LAT"),
         np.column_stack([colours, np.full(6, -10_000.0)]),
     )
-    data = carto_mesh.encode(mesh)
-    assert carto_mesh.encode(carto_mesh.parse(Path("a.mesh"), data)) == data
-    surface = carto_mesh.read(Path("a.mesh"), data).surface
+    data = encoder.encode(mesh)
+    assert encoder.encode(parser.parse(Path("a.mesh"), data)) == data
+    surface = mesh_file.read(Path("a.mesh"), data).surface
     used = np.unique(triangles[groups >= 0])
     np.testing.assert_allclose(surface.vertices, vertices[used], atol=1e-9)
     assert len(surface.faces) == (groups >= 0).sum()
@@ -533,7 +537,7 @@ def test_genuine_meshes_are_rewritten_byte_for_byte(shared_data: Path) -> None:
     assert len(meshes) == 4
     for path in meshes:
         data = path.read_bytes()
-        assert carto_mesh.encode(carto_mesh.parse(path, data)) == data, path
+        assert encoder.encode(parser.parse(path, data)) == data, path
 
 
 def test_genuine_carto_export_is_imported(shared_data: Path, tmp_path: Path) -> None:

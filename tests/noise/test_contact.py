@@ -145,8 +145,10 @@ def test_the_share_of_stray_points_inside_is_where_the_energy_is_least(outside: 
 
     slope = (energy(contact.inside_fraction + 1e-5) - energy(contact.inside_fraction - 1e-5)) / 2e-5
     assert abs(slope) < 1e-3
-    assert energy(contact.inside) < min(energy(contact.inside - 0.05), energy(contact.inside + 0.02))
-    assert (contact.inside < 0.7) == (outside > 0)
+    assert energy(contact.inside_fraction) < min(
+        energy(contact.inside_fraction - 0.05), energy(contact.inside_fraction + 0.02)
+    )
+    assert (contact.inside_fraction < 0.7) == (outside > 0)
 
 
 def test_the_energy_of_the_beliefs_is_that_of_the_mixture_also_with_odds() -> None:

@@ -18,7 +18,7 @@ from o3dls.errors import InputError
 from o3dls.paper import noise
 from o3dls.paper.compute import shown
 from o3dls.paper.experiment import DEVELOPMENT, SEEDS, Scope
-from o3dls.paper.related import alpha_shape, minimal_surface, poisson, tangent_planes
+from o3dls.paper.reconstruction import alpha_shape, minimal_surface, poisson, tangent_planes
 from o3dls.paper.results import RESULTS
 from o3dls.paper.segment import segmented, threshold
 

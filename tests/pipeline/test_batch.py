@@ -20,7 +20,7 @@ from tiny import Nudge, ball_case
 from o3dls.case import Case
 from o3dls.errors import InputError
 from o3dls.estimate import Estimate
-from o3dls.io.case_folder import write_case
+from o3dls.io.case_writer import write_case
 from o3dls.pipeline.batch import run_cohort
 from o3dls.pipeline.pipeline import Pipeline
 from o3dls.plugins.stage import Stage
@@ -130,7 +130,7 @@ import signal, sys
 from pathlib import Path
 from test_batch import Slow
 from o3dls.batch import run_cohort
-from o3dls.pipeline import Pipeline
+from o3dls.pipeline.pipeline import Pipeline
 signal.signal(signal.SIGINT, signal.default_int_handler)
 run_cohort([Path(name) for name in sys.argv[2:]], Pipeline([Slow()], folds=0), Path(sys.argv[1]))
 """
@@ -156,7 +156,7 @@ from o3dls import stage
 known = stage.registered
 slow = EntryPoint("slow_note", "test_batch:SlowNote", "o3dls.writers")
 stage.registered = lambda group: known(group) | ({"slow_note": slow} if group == "o3dls.writers" else {})
-from o3dls.cli import main
+from o3dls.cli.main import main
 main()
 """
 

@@ -76,7 +76,7 @@ def volume_section(subject: Subject) -> Section | None:
 
 
 def test_a_plugin_adds_a_section(run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    entry = EntryPoint("volume", "tests.test_report_sections:volume_section", section.GROUP)
+    entry = EntryPoint("volume", "test_report_sections:volume_section", section.GROUP)
     monkeypatch.setattr(
         section, "registered", lambda group: {"volume": entry} if group == section.GROUP else {}
     )

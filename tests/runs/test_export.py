@@ -13,7 +13,9 @@ import pytest
 
 from o3dls.errors import InputError, PipelineError
 from o3dls.io.meshes.registry import read_surface, read_surface_file
-from o3dls.runs.export import Export, export_run, file_name
+from o3dls.runs.export import Export
+from o3dls.runs.export_formats import file_name
+from o3dls.runs.export_run import export_run
 from tests.finished import bulged_case, finished, finished_2d
 
 

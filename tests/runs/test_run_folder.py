@@ -305,7 +305,7 @@ KILLED = """
 import time
 from pathlib import Path
 from tiny import Nudge, ball_case
-from o3dls.pipeline import Pipeline
+from o3dls.pipeline.pipeline import Pipeline
 from o3dls.stage import Writer
 class Slow(Writer):
     name = "slow"

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ...case import Points
 from ...errors import InputError
-from ..meshes.carto_mesh import MISSING, present
+from ..meshes.carto.mesh import MISSING, present
 from ..text import decode, integers, number_rows
 
 COLUMNS = {"unipolar": 10, "bipolar": 11, "lat": 12, "impedance": 13}
@@ -43,10 +43,9 @@ SITES = {
 
 
 def read_car(path: Path, data: bytes) -> tuple[Points, NDArray[np.int64]]:
-    """Catheter positions (not projected) with voltages in mV, lat in ms, and the ids of the points. Raises
-    InputError.
+    """Catheter positions (not projected) with voltages in mV, lat in ms, and the ids of the points.
 
-    A map without points gives none.
+    A map without points gives none. Raises InputError.
     """
     lines = decode(data, path).splitlines()
     if not lines or not lines[0].startswith("VERSION_"):
@@ -82,8 +81,9 @@ def write_car(map_name: str, points: Points) -> bytes:
 
 
 def read_sites(path: Path, data: bytes) -> Points:
-    """Ablation sites of VisiTag with what was measured at each; columns are found by name. Raises
-    InputError.
+    """Ablation sites of VisiTag with what was measured at each; columns are found by name.
+
+    Raises InputError.
     """
     lines = [(k, line) for k, line in enumerate(decode(data, path).splitlines(), 1) if line.strip()]
     header = lines[0][1].split() if lines else []

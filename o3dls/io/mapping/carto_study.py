@@ -1,5 +1,6 @@
-"""A CARTO 3 study export: maps, tagged points, imported shells and ablation sites, found through the study's
-XML.
+"""A CARTO 3 study export, found through the study's XML.
+
+Maps, tagged points, imported shells and ablation sites.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from ...arrays import Array
 from ...case import Points
 from ...errors import InputError
 from ...geometry.similarity import apply, is_pose
-from ..meshes import carto_mesh
+from ..meshes.carto import mesh_file
 from ..meshes.dif import parse_xml
 from ..meshes.surface_file import SurfaceFile
 from ..text import is_count
@@ -43,8 +44,9 @@ class Map:
 
 @dataclass(frozen=True)
 class Study:
-    """The study's XML: where it stands, its maps, and other shells with the vendor's registration (16 numbers
-    as printed).
+    """The study's XML: where it stands, its maps, and other shells.
+
+    The shells come with the vendor's registration (16 numbers as printed).
     """
 
     archive: Archive
@@ -63,8 +65,9 @@ class Study:
 
 
 def find_study(archive: Archive) -> Study | None:
-    """The study in an archive; None where no XML of CARTO's is there. Raises InputError where there are
-    several.
+    """The study in an archive; None where no XML of CARTO's is there.
+
+    Raises InputError where there are several.
     """
     found = [
         name
@@ -124,8 +127,9 @@ def _number(text: str | None) -> float | None:
 
 
 def _shells(root: ElementTree.Element) -> Iterator[tuple[str, tuple[float, ...] | None]]:
-    """Imported shells (CT, MRI) and the vendor's registration of each, whose direction no public source
-    proves.
+    """Imported shells (CT, MRI) and the vendor's registration of each.
+
+    No public source proves its direction.
     """
     for mesh in root.iterfind(".//Meshes/Mesh"):
         if mesh.get("FileName"):
@@ -144,12 +148,13 @@ def read_shell(study: Study, name: str) -> SurfaceFile:
     found = study.archive.find(study.folder, name)
     if found is None:
         raise InputError(f"{study.archive.where(study.folder)}: its XML names {name}, which is not there")
-    return carto_mesh.read(study.archive.where(found), study.archive.read(found))
+    return mesh_file.read(study.archive.where(found), study.archive.read(found))
 
 
 def read_map_points(study: Study, wanted: Map) -> tuple[Points, dict[str, Array]]:
-    """Measured points of a map with their tags, and the landmarks: places tagged as a vein or a valve, the
-    mean where there are several.
+    """Measured points of a map with their tags, and the landmarks.
+
+    These are the places tagged as a vein or a valve, the mean where there are several.
     """
     name = study.archive.find(study.folder, f"{wanted.name}_car.txt")
     if name is None:
@@ -181,11 +186,10 @@ def read_ablation(study: Study) -> Points | None:
 
 
 def vendor_pose(shell: Array, printed: tuple[float, ...], points: Array) -> Array | None:
-    """The vendor's registration as a pose (4, 4) of a shell's vertices (n, 3) in the map: rows or columns are
-    told by the zeros.
+    """The vendor's registration as a pose (4, 4) of a shell's vertices (n, 3) in the map.
 
-    Its direction is not documented: the one that brings the shell to the points is taken, None where neither
-    is clearly closer.
+    Rows or columns are told by the zeros. Its direction is not documented: the one that brings the shell to
+    the points is taken, None where neither is clearly closer.
     """
     from scipy.spatial import cKDTree
 

@@ -13,7 +13,8 @@ from ..atomic import staged_file
 from ..images import labels
 from ..mapping import openep
 from ..text import read_bytes
-from . import carto_mesh, carto_vtk, dif, obj, opencarp, ply, polyline, stl, vtk_legacy, vtp
+from . import dif, obj, opencarp, ply, polyline, stl, vtk_legacy, vtp
+from .carto import import_vtk, mesh_file
 from .surface_file import SurfaceFile
 
 Reader = Callable[..., SurfaceFile]
@@ -22,8 +23,9 @@ Writer = Callable[[SurfaceFile], bytes]
 
 @dataclass(frozen=True)
 class Format:
-    """One family of surface files: how to know it by its bytes, how to read and write it, and which options
-    its reader takes.
+    """One family of surface files.
+
+    How to know it by its bytes, how to read and write it, and which options its reader takes.
     """
 
     name: str
@@ -39,7 +41,7 @@ class Format:
 FORMATS = (
     Format("ply", (".ply",), ply.knows, ply.read, ply.write),
     Format("vtk", (".vtk",), vtk_legacy.knows, vtk_legacy.read, vtk_legacy.write),
-    Format("carto_mesh", (".mesh",), carto_mesh.knows, carto_mesh.read, carto_mesh.write, ("hidden",)),
+    Format("carto_mesh", (".mesh",), mesh_file.knows, mesh_file.read, mesh_file.write, ("hidden",)),
     Format("vtp", (".vtp",), vtp.knows, vtp.read, vtp.write),
     Format("dif", (".xml", ".dif"), dif.knows, dif.read, dif.write, ("part",)),
     Format("openep", (".mat",), openep.knows, openep.read, openep.write),
@@ -55,7 +57,7 @@ FORMATS = (
     Format("opencarp", (".pts", ".elem"), opencarp.knows, opencarp.read),
     Format("stl", (".stl",), stl.knows, stl.read, stl.write),
     Format("obj", (".obj",), obj.knows_obj, obj.read_obj, obj.write_obj),
-    Format("carto_vtk", (".vtk",), lambda data: False, vtk_legacy.read, carto_vtk.write),  # read as any VTK
+    Format("carto_vtk", (".vtk",), lambda data: False, vtk_legacy.read, import_vtk.write),  # read as any VTK
 )
 
 # by definition: they have no word for another unit
@@ -96,8 +98,9 @@ def _known(data: bytes) -> Format | None:
 
 
 def is_surface(path: str | Path) -> bool:
-    """Whether a file is a surface in a known format, or a table of a 2D outline. Raises InputError where it
-    cannot be read at all.
+    """Whether a file is a surface in a known format, or a table of a 2D outline.
+
+    Raises InputError where it cannot be read at all.
     """
     data = read_bytes(path)
     return _known(data) is not None or (Path(path).suffix.lower() == ".csv" and polyline.knows(data))
@@ -116,11 +119,10 @@ def write_surface(
     units: str = "mm",
     format: str | None = None,
 ) -> None:
-    """Write a surface in the format of the suffix, or the named one; `space` and `units` are stated where the
-    format can.
+    """Write a surface in the format of the suffix, or the named one.
 
-    Raises InputError where the suffix is another format's, or the format has no room for the dimension or the
-    units.
+    `space` and `units` are stated where the format can. Raises InputError where the suffix is another
+    format's, or the format has no room for the dimension or the units.
     """
     path = Path(path)
     if path.suffix.lower() == ".csv" and format is None:
@@ -155,8 +157,9 @@ def _format_for(path: Path, format: str | None) -> Format:
 
 
 def check_suffix(path: Path, format: str, suffixes: tuple[str, ...]) -> None:
-    """Raise InputError where the name of a file to write does not end as the format's do: it would be taken
-    for another.
+    """Raise InputError where the name of a file to write does not end as the format's do.
+
+    It would be taken for another.
     """
     if not path.name.lower().endswith(suffixes):
         raise InputError(f"{path}: files of the format {format} end in {' or '.join(suffixes)}")

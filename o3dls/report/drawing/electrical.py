@@ -1,18 +1,20 @@
-"""Electrical values on a wall: those that the run carried to it, and carried as it does where a surface has
-none.
+"""Electrical values on a wall.
+
+Those that the run carried to it, and carried as it does where a surface has none.
 """
 
 from __future__ import annotations
 
 from ...case import Points
-from ...evaluation.transfer import ELECTRICAL
-from ...evaluation.transfer import with_electrical as carried
+from ...evaluation.electrical import ELECTRICAL
+from ...evaluation.electrical import with_electrical as carried
 from ...geometry.surface import Surface
 
 
 def with_electrical(surface: Surface, points: Points) -> Surface:
-    """The surface with a field of every electrical column of the eam points; values that it carries already
-    stay as they are.
+    """The surface with a field of every electrical column of the eam points.
+
+    Values that it carries already stay as they are.
     """
     missing = [name for name in ELECTRICAL if name not in surface.fields]
     return carried(surface, points, columns=missing)

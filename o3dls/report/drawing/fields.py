@@ -1,5 +1,6 @@
-"""What a surface can be coloured by: name, unit, colours and one range for all estimates, so that pictures
-compare.
+"""What a surface can be coloured by: name, unit and colours.
+
+All estimates have one range, so that pictures compare.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...arrays import Array
-from ...evaluation.transfer import ELECTRICAL
+from ...evaluation.electrical import ELECTRICAL
 from ...geometry.surface import Surface
 from ..subject import Subject
 from .display import TRUTH
@@ -29,8 +30,9 @@ FIRST = 0.08  # share of a map's light end that is left out: it would be lost on
 
 @dataclass(frozen=True)
 class Field:
-    """A column of the surfaces with the words and colours it is shown with; low and high are the ends of its
-    colours.
+    """A column of the surfaces with the words and colours it is shown with.
+
+    low and high are the ends of its colours.
     """
 
     key: str
@@ -42,8 +44,9 @@ class Field:
 
 
 def known_fields(surfaces: Sequence[Surface], unit: str) -> list[Field]:
-    """The fields that at least one of the surfaces has, the most telling first, each with a range that fits
-    all surfaces.
+    """The fields that at least one of the surfaces has, the most telling first.
+
+    Each has a range that fits all surfaces.
     """
     words = [
         Field(f"{TRUTH}_{unit}", "distance to truth", unit, "sequential"),
@@ -71,8 +74,9 @@ def _ranged(field: Field, surfaces: Sequence[Surface]) -> Field:
 
 
 def robust_range(values: Array, *, signed: bool = False, from_zero: bool = True) -> tuple[float, float]:
-    """Ends of a colour scale that single extreme values do not stretch; symmetric about zero for signed
-    values.
+    """Ends of a colour scale that single extreme values do not stretch.
+
+    Symmetric about zero for signed values.
     """
     values = values[np.isfinite(values)]
     if len(values) == 0:

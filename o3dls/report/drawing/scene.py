@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ...arrays import Array
-from ...evaluation.transfer import REACH
+from ...evaluation.interpolation import REACH
 from ...geometry.surface import Surface
 from ..subject import Subject
 from .charts import STYLES
@@ -62,8 +62,9 @@ def scene(subject: Subject) -> Json:
 
 
 def _ghosts(subject: Subject) -> dict[str, Surface]:
-    """The prior (in its own frame; each panel moves it) brought near by the last pose for packing, and the
-    truth where known.
+    """The prior brought near by the last pose for packing, and the truth where known.
+
+    The prior is in its own frame; each panel moves it.
     """
     truth = subject.case.truth.surface if subject.case.truth else None
     prior = decimated(replace(subject.case.prior, fields={}), 2 * GHOST_FACES, GHOST_FACES)
@@ -74,8 +75,9 @@ def _ghosts(subject: Subject) -> dict[str, Surface]:
 
 
 def _panel(subject: Subject, index: int, name: str, places: dict[str, int]) -> Json:
-    """One picture: its mesh, its ghosts with the matrix that takes the packed prior to this estimate's own
-    pose.
+    """One picture: its mesh, and its ghosts with the matrix that brings the packed prior to its place.
+
+    That place is this estimate's own pose.
     """
     result = subject.results[name]
     matrix = result.estimate.T_map_prior @ np.linalg.inv(subject.last.estimate.T_map_prior)
@@ -146,8 +148,9 @@ def _remoteness(subject: Subject) -> str | None:
 
 
 def _directions(frame: str) -> Json:
-    """Views, letters of the axes and sides to cut away; a frame that is not known is shown as LPS, with x, y,
-    z as letters.
+    """Views, letters of the axes and sides to cut away.
+
+    A frame that is not known is shown as LPS, with x, y, z as letters.
     """
     side = -1.0 if frame == "RAS" else 1.0  # of left in x, of posterior in y
     left = np.array([side, 0, 0])

@@ -1,5 +1,6 @@
-"""The electrical map: what was measured at the points, carried to the wall of the last estimate, and over
-what distance.
+"""The electrical map.
+
+What was measured at the points, carried to the wall of the last estimate, and over what distance.
 """
 
 from __future__ import annotations
@@ -8,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...arrays import Array
-from ...evaluation.transfer import ELECTRICAL, REACH, WIDTH, measured_values
+from ...evaluation.electrical import ELECTRICAL, measured_values
+from ...evaluation.interpolation import REACH, WIDTH
 from ...geometry.surface import Surface
 from ..drawing.electrical import with_electrical
 from ..markup import Child, join, table, tag

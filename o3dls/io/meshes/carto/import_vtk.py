@@ -1,5 +1,6 @@
-"""The VTK dialect that CARTO imports (CARTOMERGE, CARTOSEG): version 3.0, ascii, triangles, one scalar in [0,
-1] with its colours.
+"""The VTK dialect that CARTO imports (CARTOMERGE, CARTOSEG).
+
+Version 3.0, ascii, triangles, one scalar in [0, 1] with its colours.
 """
 
 from __future__ import annotations
@@ -10,11 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from ...arrays import Array
-from ...errors import InputError, did_you_mean
-from ...geometry.surface import Surface
-from ..text import join_rows
-from .surface_file import SurfaceFile
+from ....arrays import Array
+from ....errors import InputError, did_you_mean
+from ....geometry.surface import Surface
+from ...text import join_rows
+from ..surface_file import SurfaceFile
 
 ANONYMOUS = "Anon Anon 00000000"
 COLOURS = np.array([(0.04, 0.21, 0.25), (0.94, 0.47, 0.12), (0.90, 0.11, 0.14)])
@@ -23,8 +24,9 @@ TABLE_SIZE = 256
 
 @dataclass(frozen=True)
 class Mapped:
-    """One field brought to [0, 1]; `meaning` says how, for a sidecar, since the file itself loses the
-    unit.
+    """One field brought to [0, 1].
+
+    `meaning` says how, for a sidecar, since the file itself loses the unit.
     """
 
     values: Array
@@ -34,10 +36,10 @@ class Mapped:
 def map_field(
     surface: Surface, field: str | None = None, limits: tuple[float, float] | None = None
 ) -> Mapped:
-    """Clip a field to limits (default: its least and largest value) and map it to [0, 1]; missing values take
-    the lowest.
+    """Clip a field to limits (default: its least and largest value) and map it to [0, 1].
 
-    No field gives ones everywhere. Raises InputError for an unknown field or limits that are no interval.
+    Missing values take the lowest. No field gives ones everywhere. Raises InputError for an unknown field or
+    limits that are no interval.
     """
     if field is None:
         return Mapped(np.ones(len(surface.vertices)), {"field": None})
@@ -58,8 +60,9 @@ def map_field(
 
 
 def encode(surface: Surface, values: Array, patient: str = ANONYMOUS) -> bytes:
-    """The file: mm, 0-based triangles, values in [0, 1]. Raises InputError for 2D surfaces and titles over
-    255 characters.
+    """The file: mm, 0-based triangles, values in [0, 1].
+
+    Raises InputError for 2D surfaces and titles over 255 characters.
     """
     title = f"PatientData {patient}"
     if surface.dimension != 3 or len(title) > 255 or not title.isascii() or not title.isprintable():

@@ -1,0 +1,157 @@
+"""A case folder becomes a Case: the contract of DESIGN, read strictly."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from ..arrays import Array
+from ..case import Case, Points
+from ..errors import InputError
+from ..geometry.similarity import is_pose
+from .case_coordinates import check_scale, coordinates, millimetres_per_unit
+from .case_settings import Folder, open_folder
+from .case_surfaces import phases_of, surface_of
+from .case_truth import truth_of
+from .points import points_of, read_points_table, scaled
+from .table import Table
+from .text import decode, read_bytes, rectangle
+
+FEWEST_POINTS = 10
+
+
+def read_case(
+    folder: str | Path,
+    *,
+    points: str | Path | None = None,
+    units: str | None = None,
+    frame: str | None = None,
+) -> Case:
+    """The case in a folder, lengths in mm (px where it says so).
+
+    `points` replace its own, `units` and `frame` say what it does not. Raises InputError for everything that
+    is missing, unknown or cannot be meant.
+    """
+    opened = open_folder(Path(folder), {k: v for k, v in (("units", units), ("frame", frame)) if v})
+    prior = surface_of(opened, "prior")
+    if prior is None:
+        raise InputError(
+            f"{opened.path}: no prior surface; there must be a file prior.ply (or .stl, .vtp, .mesh, "
+            ".nii.gz and others)"
+        )
+    table = _points_table(opened, points)
+    measured, frame = _points(opened, table), _frame(opened, table)
+    case = Case(
+        name=opened.settings.get("name", opened.path.resolve().name),
+        prior=prior.surface,
+        points=measured,
+        prior_landmarks=_landmarks(opened, prior.space),
+        init=_init(opened),
+        units=opened.units,
+        frame=frame,
+        notes=opened.settings.get("notes", ""),
+        files=opened.hashes,
+        truth=truth_of(opened, prior.space, frame),
+        phases=phases_of(opened, prior.space),
+    )
+    _check(case, opened)
+    return case
+
+
+def _frame(folder: Folder, table: Table) -> str:
+    """The frame that the points or the case state. Raises InputError where both do, and differ."""
+    stated = table.notes.get("space", "unknown")
+    given = str(folder.settings.get("frame", "unknown"))
+    if "unknown" not in (stated, given) and stated != given:
+        raise InputError(
+            f"{table.path}: states frame {stated}, and --frame or case.toml says {given}; leave that "
+            "away, or mend the file"
+        )
+    return given if stated == "unknown" else stated
+
+
+def _points_table(folder: Folder, points: str | Path | None) -> Table:
+    path = folder.find("points") if points is None else Path(points)
+    if path is None:
+        raise InputError(
+            f"{folder.path}: no points.csv; there must be one with columns "
+            f"{','.join('xyz'[: folder.dimension])}"
+        )
+    table = read_points_table(path, folder.dimension)
+    folder.note(path)
+    return table
+
+
+def _points(folder: Folder, table: Table) -> Points:
+    stated = table.notes.get("units", "unknown")
+    points = scaled(points_of(table, folder.dimension), millimetres_per_unit(folder, table.path, stated))
+    fitted = int((points.type == "eam").sum())
+    if fitted < FEWEST_POINTS:
+        raise InputError(
+            f"{table.path}: {fitted} points of type eam: at least {FEWEST_POINTS} are needed to fit a surface"
+        )
+    if folder.dimension == 3 and "units" not in folder.settings and stated == "unknown":
+        check_scale(table.path, points.xyz, np.inf)  # a few points may lie close together
+    return points
+
+
+def _landmarks(folder: Folder, space: str) -> dict[str, Array]:
+    """Places named on the prior, in its frame `space`."""
+    axes = tuple("xyz"[: folder.dimension])
+    table = folder.table("prior_landmarks", ("name", *axes))
+    if table is None:
+        return {}
+    _unique(table, table.columns["name"])
+    return dict(zip(table.columns["name"], coordinates(folder, table, axes, space), strict=True))
+
+
+def _unique(table: Table, names: list[str]) -> None:
+    for row, name in enumerate(names):
+        if not name or name in names[:row]:
+            fault = "is there twice" if name else "is empty"
+            raise InputError(
+                f"{table.where(row, 'name')}: '{name}' {fault}; each landmark needs a name of its own"
+            )
+
+
+def _init(folder: Folder) -> Array | None:
+    """The rough pose prior -> map, translation scaled to mm."""
+    path = folder.find("init")
+    if path is None:
+        return None
+    n = folder.dimension + 1
+    matrix = rectangle(
+        [line.replace(",", " ") for line in decode(read_bytes(path), path).splitlines() if line.strip()]
+    )
+    if matrix is None or matrix.shape != (n, n) or not np.isfinite(matrix).all():
+        raise InputError(f"{path}: must hold {n} rows of {n} finite numbers, without a header")
+    if not is_pose(matrix, folder.dimension):
+        raise InputError(
+            f"{path}: is no pose: must be a rotation, a shift and one scale, with "
+            f"{np.eye(n)[-1].tolist()} as the last row"
+        )
+    matrix[:-1, -1] *= folder.scale()
+    return matrix
+
+
+def _check(case: Case, folder: Folder) -> None:
+    """What can only be seen with the whole case: landmark pairs and outlier rows."""
+    marks = case.points.of("landmark")
+    names = [str(name) for name in marks.columns.get("name", np.full(len(marks), ""))]
+    for name in names:
+        if not name or names.count(name) > 1:
+            raise InputError(
+                f"{folder.path}: two landmarks of the points are named '{name}'; each needs a name of its own"
+            )
+    if names and case.prior_landmarks and not set(names) & set(case.prior_landmarks):
+        raise InputError(
+            f"{folder.path}: no landmark of the points ({', '.join(names)}) has its pair in "
+            "prior_landmarks.csv "
+            f"({', '.join(case.prior_landmarks)}); give both sides the same names"
+        )
+    rows = case.truth.outliers if case.truth else None
+    if rows is not None and len(wrong := rows[(rows < 0) | (rows >= len(case.points))]):
+        raise InputError(
+            f"{folder.path}: outliers.csv names row {wrong[0]}: points have rows 0 to {len(case.points) - 1}"
+        )

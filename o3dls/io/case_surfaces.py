@@ -1,0 +1,45 @@
+"""The surfaces of a case folder: prior, truth and further phases."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from ..errors import InputError
+from ..geometry.surface import Surface
+from .case_coordinates import check_scale, in_millimetres, surface_in_frame
+from .case_settings import MILLIMETRES, Folder
+from .meshes.registry import read_surface_file
+from .meshes.repair import closed_outward
+from .meshes.surface_file import SurfaceFile
+
+
+def surface_of(folder: Folder, role: str) -> SurfaceFile | None:
+    """The surface of a role in mm, None where there is no such file; the prior is closed and outward."""
+    path = folder.find(role)
+    if path is None:
+        return None
+    choice = {key: folder.settings.get(key) for key in ("label", "part", "box")} if role == "prior" else {}
+    file = in_millimetres(folder, path, read_surface_file(path, **choice))
+    surface = file.surface
+    if surface.dimension != folder.dimension:
+        hint = f"say dimension = {surface.dimension} in case.toml"
+        raise InputError(f"{path}: is {surface.dimension}D, the case is {folder.dimension}D; {hint}")
+    if role != "prior":  # a truth may be open: it is only measured against
+        return file
+    if "units" not in folder.settings and file.units not in MILLIMETRES:
+        check_scale(path, surface.vertices)
+    return replace(file, surface=closed_outward(surface, str(path), cap=folder.settings.get("cap", False)))
+
+
+def phases_of(folder: Folder, space: str) -> tuple[Surface, ...]:
+    """The surfaces in the folder phases/, in the order of their names and in the prior's frame `space`."""
+    found = []
+    for path in sorted(
+        p for p in (folder.path / "phases").glob("*") if p.is_file() and not p.name.startswith(".")
+    ):
+        surface = surface_in_frame(in_millimetres(folder, path, read_surface_file(path)), space)
+        if surface.dimension != folder.dimension:
+            raise InputError(f"{path}: is {surface.dimension}D, the case is {folder.dimension}D")
+        folder.note(path)
+        found.append(surface)
+    return tuple(found)

@@ -1,0 +1,46 @@
+"""A Case becomes a case folder."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from ..case import Case
+from .atomic import staged_folder
+from .case_settings import toml_lines
+from .case_truth import write_truth
+from .meshes.registry import write_surface
+from .points import write_points
+from .table import write_table
+
+
+def write_case(folder: str | Path, case: Case, *, force: bool = False) -> None:
+    """Write a case as a folder that `read_case` reads back; the folder appears whole or not at all."""
+    suffix = "ply" if case.dimension == 3 else "csv"
+    axes = tuple("xyz"[: case.dimension])
+    with staged_folder(folder, force) as out:
+        settings: dict[str, str | int] = {
+            "name": case.name,
+            "units": case.units,
+            "frame": case.frame,
+            "dimension": case.dimension,
+        }
+        settings["notes"] = case.notes
+        (out / "case.toml").write_text(toml_lines(settings), encoding="utf-8")
+        write_surface(out / f"prior.{suffix}", case.prior, units=case.units)
+        write_points(out / "points.csv", case.points)
+        if case.prior_landmarks:
+            names = np.array(list(case.prior_landmarks))
+            xyz = np.array(list(case.prior_landmarks.values()))
+            write_table(out / "prior_landmarks.csv", {"name": names, **dict(zip(axes, xyz.T, strict=True))})
+        if case.init is not None:
+            (out / "init.csv").write_text(
+                "\n".join(",".join(map(repr, row)) for row in case.init.tolist()) + "\n"
+            )
+        if case.phases:
+            (out / "phases").mkdir()
+        for k, phase in enumerate(case.phases, 1):
+            write_surface(out / "phases" / f"{k:02d}.{suffix}", phase, units=case.units)
+        if case.truth is not None:
+            write_truth(out, case.truth, axes, suffix, case.units)

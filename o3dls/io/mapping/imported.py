@@ -1,0 +1,46 @@
+"""What the import of a study gives, whatever the vendor."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from ...arrays import Array
+from ...case import Points
+from ..meshes.surface_file import SurfaceFile
+
+
+@dataclass
+class Imported:
+    """What a study gives, with sentences on what was taken and left.
+
+    Points with landmarks in the map frame, and the system's own shell.
+    """
+
+    points: Points
+    landmarks: dict[str, Array] = field(default_factory=dict)
+    shell: SurfaceFile | None = None
+    space: str = "unknown"
+    vendor: str = ""
+    registrations: dict[str, tuple[float, ...]] = field(default_factory=dict)
+    shells: dict[str, SurfaceFile] = field(default_factory=dict)
+    name: str = "map"
+    took: list[str] = field(default_factory=list)
+    left: list[str] = field(default_factory=list)
+
+
+def joined(first: Points, second: Points) -> Points:
+    """Two sets of points as one; a column that only one has is missing (NaN, or empty text) for the other."""
+
+    def column(points: Points, name: str, like: Any) -> Any:
+        empty = np.full(len(points), np.nan) if like.dtype.kind == "f" else np.full(len(points), "")
+        return points.columns.get(name, empty)
+
+    names = {**second.columns, **first.columns}
+    columns = {
+        name: np.concatenate([column(first, name, like), column(second, name, like)])
+        for name, like in names.items()
+    }
+    return Points(np.vstack([first.xyz, second.xyz]), np.concatenate([first.type, second.type]), columns)
