@@ -18,6 +18,7 @@ LAYERS = (
     "arrays",
     "errors",
     "parallel",
+    "settings",
     "geometry",
     "noise",
     "registration",

@@ -12,7 +12,8 @@ from shapes import circle, meshed, round_distance, sampled
 
 from o3dls.arrays import Array
 from o3dls.geometry.surface import Surface
-from o3dls.levelset.correction import Level, Limits, _lengths, _newton, fit_correction
+from o3dls.levelset.correction import Limits, _lengths, fit_correction
+from o3dls.levelset.descent import Level, _newton
 from o3dls.levelset.normal_displacement import Wall
 from o3dls.levelset.observation import Measured, Noise, observe
 from o3dls.levelset.residual_field import residual_field

@@ -140,7 +140,7 @@ run_cohort([Path(name) for name in sys.argv[2:]], Pipeline([Slow()], folds=0), P
 def test_an_interrupted_batch_ends_with_its_processes(how: signal.Signals, tmp_path: Path) -> None:
     command = [sys.executable, "-c", BATCH, tmp_path / "runs", *cases(tmp_path, one=60, two=60)]
     with subprocess.Popen(
-        command, cwd=Path(__file__).parents[1], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        command, cwd=Path(__file__).parent, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as process:
         assert process.stdout is not None
         assert process.stdout.readline() == "begun\n"
@@ -152,10 +152,10 @@ def test_an_interrupted_batch_ends_with_its_processes(how: signal.Signals, tmp_p
 TERMINATED = """
 import sys
 from importlib.metadata import EntryPoint
-from o3dls import stage
-known = stage.registered
+from o3dls.plugins import plugin
+known = plugin.registered
 slow = EntryPoint("slow_note", "test_batch:SlowNote", "o3dls.writers")
-stage.registered = lambda group: known(group) | ({"slow_note": slow} if group == "o3dls.writers" else {})
+plugin.registered = lambda group: known(group) | ({"slow_note": slow} if group == "o3dls.writers" else {})
 from o3dls.cli.main import main
 main()
 """
@@ -176,7 +176,7 @@ def test_a_run_that_is_told_to_end_removes_what_it_has_half_written(tmp_path: Pa
         out / "run",
     ]
     with subprocess.Popen(
-        command, cwd=Path(__file__).parents[1], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        command, cwd=Path(__file__).parent, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as process:
         assert process.stdout is not None
         assert process.stdout.readline() == "begun\n"

@@ -319,7 +319,7 @@ Pipeline([Nudge()], [Slow()], folds=0).run(ball_case()).write({out!r})
 def test_a_killed_run_leaves_no_folder_that_looks_finished(tmp_path: Path) -> None:
     code = KILLED.replace("{out!r}", repr(str(tmp_path / "run")))
     process = subprocess.Popen(
-        [sys.executable, "-c", code], cwd=Path(__file__).parents[1], stdout=subprocess.PIPE, text=True
+        [sys.executable, "-c", code], cwd=Path(__file__).parent, stdout=subprocess.PIPE, text=True
     )
     assert process.stdout is not None
     with process.stdout:
