@@ -519,12 +519,11 @@ def run_with_threads(count: int, path: Path) -> Array:
     """
     names = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
     environment = os.environ | {name: str(count) for name in names}
-    environment["PYTHONPATH"] = os.pathsep.join(map(str, Path(__file__).parents[:2]))
     subprocess.run(
         [sys.executable, "-c", CODE.format(path=str(path))],
         check=True,
         env=environment,
-        cwd=Path(__file__).parents[1],
+        cwd=Path(__file__).parent,
     )
     return np.asarray(np.load(path))
 

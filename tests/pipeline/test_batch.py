@@ -129,7 +129,7 @@ BATCH = """
 import signal, sys
 from pathlib import Path
 from test_batch import Slow
-from o3dls.batch import run_cohort
+from o3dls.pipeline.batch import run_cohort
 from o3dls.pipeline.pipeline import Pipeline
 signal.signal(signal.SIGINT, signal.default_int_handler)
 run_cohort([Path(name) for name in sys.argv[2:]], Pipeline([Slow()], folds=0), Path(sys.argv[1]))

@@ -306,7 +306,7 @@ import time
 from pathlib import Path
 from tiny import Nudge, ball_case
 from o3dls.pipeline.pipeline import Pipeline
-from o3dls.stage import Writer
+from o3dls.runs.writers import Writer
 class Slow(Writer):
     name = "slow"
     def __call__(self, run, folder):
