@@ -20,7 +20,7 @@ class ObservationSettings:
     exact_noise: float = number(4e-6, "rms radii", "noise of points that lie on the surface as it is")
     most_curvature: float = number(5.0, "1 / rms radii", "larger curvatures are noise of the mesh")
     most_bias: float = number(0.6, "1", "noise times curvature beyond which the bias is not to be trusted")
-    contact: ContactSettings = field(default_factory=lambda: ContactSettings(depth=0.6, anywhere_depths=2.0))
+    contact: ContactSettings = field(default_factory=ContactSettings)
 
 
 @dataclass(frozen=True)

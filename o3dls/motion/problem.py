@@ -70,7 +70,9 @@ class MotionProblem:
         points = self.data.points[wall]
         _, face, foot, bary = self.tree.at(self.rest.at).query(points)
         outward = (points - foot) * unit_mean(self.rest.normals, self.faces[face], bary)
-        touching = np.maximum(fit_mixture(outward.sum(axis=1), self.size).weights, LEAST_WEIGHT)
+        touching = np.maximum(
+            fit_mixture(outward.sum(axis=1), self.size, self.settings.contact).weights, LEAST_WEIGHT
+        )
         weights[wall] = touching / (touching + (1.0 - touching) * self.data.odds[wall])
         return weights
 

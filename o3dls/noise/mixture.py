@@ -1,5 +1,5 @@
-"""Inliers and outliers of a catheter: on the wall with normal noise, or off it, nearly always on the
-inside.
+"""Points on the wall and outliers, told apart by signed distances alone: noise and outlier fraction by
+expectation maximisation, with outliers as `contact` expects them.
 """
 
 from __future__ import annotations
@@ -11,58 +11,73 @@ import numpy as np
 from numba import njit
 
 from ..arrays import Array
+from .contact import Contact
 from .robust import robust_sd
+from .settings import ContactSettings, MixtureSettings
 
-DEPTH = 0.5  # how deep outliers lie, evenly, relative to the surface's rms radius
-# share of the outliers that lie inside; the rest, and the deeper ones, are spread over twice the radius
-INSIDE = 0.95
-ROUNDS = 40
-ROOT = math.sqrt(2.0 * math.pi)
+SQRT_2PI = math.sqrt(2.0 * math.pi)
+DEFAULTS = MixtureSettings()
 
 
 class Mixture(NamedTuple):
     """Probability (n,) of each point to lie on the wall, the noise of those that do (same unit), and the
-    share of those that do not.
+    fraction of those that do not.
     """
 
     weights: Array
     sigma: float
-    outliers: float
+    outlier_fraction: float
 
 
-def fit_mixture(signed: Array, radius: float, loosening: float = 1.0) -> Mixture:
-    """Fit signed distances (n,), negative inside, by expectation maximisation; weights are for a noise
-    `loosening` times as large.
+def fit_mixture(
+    signed: Array,
+    radius: float,
+    contact: ContactSettings | None = None,
+    *,
+    loosening: float = 1.0,
+    settings: MixtureSettings = DEFAULTS,
+) -> Mixture:
+    """Fit signed distances (n,), negative inside, from a surface of rms radius `radius`.
+
+    loosening: the weights are for a noise so many times as large.
     """
-    density = _outlier_density(np.asarray(signed, dtype=np.float64), DEPTH * radius, 2.0 * radius)
-    sigma, share = _fit(signed, density, max(robust_sd(signed), 1e-9 * radius), 1e-9 * radius)
-    return Mixture(_posterior(signed, density, loosening * sigma, share), sigma, share)
+    contact = contact or ContactSettings()
+    density = Contact.expected(radius, contact).outlier_density(np.asarray(signed, dtype=np.float64))
+    least = settings.least_noise * radius
+    bounds = contact.least_fraction, contact.most_fraction
+    sigma, fraction = _fit(
+        signed,
+        density,
+        max(robust_sd(signed), least),
+        contact.outlier_fraction,
+        least,
+        bounds,
+        settings.iterations,
+        settings.tolerance,
+    )
+    return Mixture(_posterior(signed, density, loosening * sigma, fraction), sigma, fraction)
 
 
-def _outlier_density(signed: Array, depth: float, reach: float) -> Array:
-    return np.where((signed < 0.0) & (signed > -depth), INSIDE / depth, (1.0 - INSIDE) / reach)
-
-
-def _posterior(signed: Array, density: Array, sigma: float, share: float) -> Array:
-    inlier = (1.0 - share) * np.exp(-0.5 * (signed / sigma) ** 2) / (ROOT * sigma)
-    return np.asarray(inlier / (inlier + share * density))
+def _posterior(signed: Array, density: Array, sigma: float, fraction: float) -> Array:
+    inlier = (1.0 - fraction) * np.exp(-0.5 * (signed / sigma) ** 2) / (SQRT_2PI * sigma)
+    return np.asarray(inlier / (inlier + fraction * density))
 
 
 @njit(cache=True)
-def _fit(signed, density, sigma, floor):  # type: ignore[no-untyped-def]
-    """Noise and outlier share at rest."""
-    share = 0.1
+def _fit(signed, density, sigma, fraction, least, bounds, iterations, tolerance):  # type: ignore[no-untyped-def]
+    """Noise and outlier fraction at rest."""
     n = len(signed)
-    for _ in range(ROUNDS):
-        total, square = 0.0, 0.0
+    for _ in range(iterations):
+        total = 0.0
+        square = 0.0
         for i in range(n):
-            inlier = (1.0 - share) * math.exp(-0.5 * (signed[i] / sigma) ** 2) / (ROOT * sigma)
-            weight = inlier / (inlier + share * density[i])
+            inlier = (1.0 - fraction) * math.exp(-0.5 * (signed[i] / sigma) ** 2) / (SQRT_2PI * sigma)
+            weight = inlier / (inlier + fraction * density[i])
             total += weight
             square += weight * signed[i] * signed[i]
-        share = min(max(1.0 - total / n, 0.01), 0.6)
+        fraction = min(max(1.0 - total / n, bounds[0]), bounds[1])
         last = sigma
-        sigma = max(math.sqrt(square / max(total, 1e-300)), floor)
-        if abs(sigma - last) < 1e-4 * sigma:
+        sigma = max(math.sqrt(square / max(total, 1e-300)), least)
+        if abs(sigma - last) < tolerance * sigma:
             break
-    return sigma, share
+    return sigma, fraction

@@ -36,3 +36,12 @@ class DuplicateSettings:
     excess: float = number(1.25, "1", "neighbours over those by chance: sites of uneven density stay below")
     excess_sd: float = number(4.0, "sd", "and so many standard deviations of a count by chance above it,")
     excess_pairs: float = number(5.0, "pairs", "and so many pairs, since few pairs tell nothing")
+
+
+@dataclass(frozen=True)
+class MixtureSettings:
+    """Expectation maximisation over signed distances."""
+
+    iterations: int = number(40, "", "most; it mostly rests after ten")
+    tolerance: float = number(1e-4, "1", "relative change of the noise at rest")
+    least_noise: float = number(1e-9, "rms radii", "points that lie on the surface to the digit")

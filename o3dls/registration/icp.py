@@ -46,7 +46,7 @@ def wall_or_cavity(radius: float) -> Belief:
     """Probability that a point lies on the wall, not in the cavity of a surface of this rms radius."""
     from ..noise.mixture import fit_mixture
 
-    return lambda factors, loosening: fit_mixture(factors.pairs.signed, radius, loosening).weights
+    return lambda factors, loosening: fit_mixture(factors.pairs.signed, radius, loosening=loosening).weights
 
 
 @dataclass(frozen=True)

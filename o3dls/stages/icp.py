@@ -374,5 +374,8 @@ def as_estimate(case: Case, found: Alignment, *, scale: bool) -> Estimate:
         weights=found.weights,
         trace=found.trace,
         warnings=tuple(d.sentence(case.units) for d in directions if d.weak),
-        facts={"outlier_share": mixture.outliers, "observability": [d.record() for d in directions]},
+        facts={
+            "outlier_fraction": mixture.outlier_fraction,
+            "observability": [d.record() for d in directions],
+        },
     )

@@ -172,14 +172,14 @@ def test_the_mixture_finds_noise_and_share_and_tells_inside_from_outside() -> No
     signed = np.r_[rng.normal(0.0, 1.5, 800), -rng.uniform(3.0, 12.0, 200)]
     found = fit_mixture(signed, radius=26.0)
     assert found.sigma == pytest.approx(1.5, rel=0.1)
-    assert found.outliers == pytest.approx(0.2, abs=0.07)
+    assert found.outlier_fraction == pytest.approx(0.2, abs=0.07)
     assert found.weights[800:].mean() < 0.2
     assert found.weights[:800].mean() > 0.9
     weights = fit_mixture(np.r_[signed, 5.0, -5.0], radius=26.0).weights
     # out there a point is more likely noise: catheters do not leave the chamber
     assert weights[-2] > weights[-1]
     clean = fit_mixture(rng.normal(0.0, 1.5, 1_000), radius=26.0)
-    assert clean.outliers < 0.03
+    assert clean.outlier_fraction < 0.03
     assert fit_mixture(np.zeros(50), radius=26.0).weights.min() > 0.99
 
 
