@@ -9,3 +9,5 @@ Array = NDArray[np.float64]
 
 
 Ints = NDArray[np.int64]
+TINY = 1e-300  # keeps a denominator, or the argument of a logarithm, from being zero
+ROUNDING = 1e-12  # relative: what rounding may make of a number

@@ -11,6 +11,8 @@ from . import kernels
 from .band import Band
 from .distance import SignedDistance, signed_distance
 
+LEAST_STEP = 1e-6  # spacings: of a vertex from a node
+
 
 def zero_set(band: Band, phi: Array) -> tuple[Array, Ints]:
     """The surface phi = 0 as vertices (v, d) and faces (m, d) wound outward: closed, manifold, exact for a
@@ -23,7 +25,7 @@ def zero_set(band: Band, phi: Array) -> tuple[Array, Ints]:
     simplices = _simplices(band.dimension)
     if len(cells) == 0:
         return np.zeros((0, band.dimension)), np.zeros((0, band.dimension), dtype=np.int64)
-    least = 1e-6 * band.spacing  # a vertex at a node would make faces without area
+    least = LEAST_STEP * band.spacing  # a vertex at a node would make faces without area
     safe = np.where(np.abs(phi) < least, np.where(phi < 0.0, -least, least), phi)
     keyed, source = kernels.march_simplices(cells, safe, simplices)
     keys, faces = np.unique(keyed, return_inverse=True)

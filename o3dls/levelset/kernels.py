@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from ..arrays import ROUNDING
+
 
 @njit(cache=True)
 def fill_far(rows, keys, phi, width):  # type: ignore[no-untyped-def]
@@ -100,7 +102,7 @@ def curvature(phi, neighbours, spacing):  # type: ignore[no-untyped-def]
                         k = _or_self(neighbours[j, b, sign_b], j)
                         mixed += phi[k] if sign_a == sign_b else -phi[k]
                 second[a, b] = second[b, a] = mixed / (4.0 * spacing**2)
-        if norm2 < 1e-12:
+        if norm2 < ROUNDING:
             continue
         for a in range(dim):
             out[i] += second[a, a] * norm2

@@ -10,7 +10,7 @@ import numpy as np
 from scipy import sparse
 from scipy.special import gamma, k1
 
-from ..arrays import Array
+from ..arrays import ROUNDING, Array
 from .band import Band
 from .operators import laplacian
 
@@ -57,5 +57,5 @@ def matern(distance: Array, length: float, dimension: int) -> Array:
     if dimension == 2:
         s = np.sqrt(12.0) * distance / length
         return np.asarray((1.0 + s) * np.exp(-s))
-    s = np.maximum(np.sqrt(8.0) * distance / length, 1e-8)
+    s = np.maximum(np.sqrt(8.0) * distance / length, ROUNDING)
     return np.asarray(s * k1(s))

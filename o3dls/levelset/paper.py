@@ -33,6 +33,7 @@ from ..arrays import Array
 from ..errors import SolverError
 from ..geometry.components import components_and_euler
 from ..geometry.surface import Surface
+from ..settings import number
 from .band import Band
 from .distance import SignedDistance, signed_distance
 from .isosurface import reinitialise, zero_set
@@ -40,16 +41,17 @@ from .operators import delta, gradient, heaviside, mean_curvature
 from .refine import Refinement
 from .settings import PaperSettings
 
+LEAST_WEIGHT = 1e-9  # a term without weight sets no limit to the step
 DEFAULTS = PaperSettings()
 
 
 @dataclass(frozen=True)
 class Weights:
-    """data: of the points, over their squared noise; area and shape as a_reg and a_shape."""
+    """Weights of the terms of the energy."""
 
-    data: float = 10.0
-    area: float = 0.2
-    shape: float = 0.3
+    data: float = number(10.0, "1", "of the points, over their squared noise")
+    area: float = number(0.2, "1", "a_reg: with 1, veins of 5 to 7 mm are erased")
+    shape: float = number(0.3, "1", "a_shape")
 
 
 def descend(
@@ -135,8 +137,8 @@ def _steps(
     h = band.spacing
     reach = settings.delta_width * band.spacing
     dt = min(
-        h * h * reach / (2.0 * band.dimension * max(weights.area, 1e-9)),
-        h * reach / (2.0 * max(weights.shape, 1e-9)),
+        h * h * reach / (2.0 * band.dimension * max(weights.area, LEAST_WEIGHT)),
+        h * reach / (2.0 * max(weights.shape, LEAST_WEIGHT)),
     )
     at_points = band.interpolation(points)
     pull = 2.0 * weights.data / (sigma**2 * h**band.dimension)

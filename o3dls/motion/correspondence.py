@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from ..arrays import Array
+from ..arrays import ROUNDING, TINY, Array
 from ..geometry.bounding_box_tree import box_gap
 from ..geometry.closest_point import ClosestPoint, closest_on_face
 from ..geometry.differential import vertex_normals
@@ -22,6 +22,7 @@ from .covariance import Places
 from .observations import Feet
 
 WORTH, WORTH_FACES = 100, 10_000  # points, and faces, that are worth a thread
+STACK = 128  # nodes of the tree that wait: more than any tree is deep
 
 
 def likely_feet(
@@ -86,7 +87,7 @@ def _element(axes, corners, faces, k, share, normals, rest, rest_normals, out): 
         rest_length += rest_normal * rest_normal
         agreement += normal * rest_normal
         height += normal * place
-    length, rest_length = np.sqrt(length) + 1e-300, np.sqrt(rest_length) + 1e-300
+    length, rest_length = np.sqrt(length) + TINY, np.sqrt(rest_length) + TINY
     for axis in range(dim):
         out[dim + axis] /= length
     out[2 * dim] = agreement / (length * rest_length)
@@ -142,7 +143,7 @@ def _nodes(axes, centres, leaves, boxes):  # type: ignore[no-untyped-def]
         for q in range(width - 1):
             out[node, q] = out[2 * node + 1, q] + out[2 * node + 2, q]
     for node in range(2 * leaves - 1):
-        share = 1.0 / max(out[node, width - 2], 1e-300)
+        share = 1.0 / max(out[node, width - 2], TINY)
         for q in range(width - 2):
             out[node, q] *= share
         for axis in range(3):
@@ -194,12 +195,12 @@ def _expected(  # type: ignore[no-untyped-def]
     """
     n, m, dim = len(points), len(faces), len(axes)
     size = 3 * dim + 2
-    stack = np.empty(128, dtype=np.int64)
+    stack = np.empty(STACK, dtype=np.int64)
     share = np.empty(3)
     own = np.empty((1, 3 * dim + 4))
     for i in range(n):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
-        limit = closest2[i] * (1.0 + 1e-12) + 2.0 * cutoff * sd2[i]
+        limit = closest2[i] * (1.0 + ROUNDING) + 2.0 * cutoff * sd2[i]
         total = 0.0
         stack[0], top = 0, 1
         while top > 0:

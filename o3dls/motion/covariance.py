@@ -43,9 +43,9 @@ class Covariance:
     anchors: Array
     anchor_length: float
     translation: float
+    rotation: float
+    scale: float
     up: Array | None = None
-    rotation: float = 0.1
-    scale: float = 0.1
 
     @property
     def lengths(self) -> Array:
@@ -176,7 +176,7 @@ def variance(cov: Covariance, sds: Array, obs: Observed) -> Array:
     return np.asarray(total)
 
 
-def interpolation(nodes: Array, at: Array, length: float, neighbours: int = 8) -> sparse.csr_matrix:
+def interpolation(nodes: Array, at: Array, length: float, neighbours: int) -> sparse.csr_matrix:
     """Matrix (m, nodes) that interpolates a field of the given correlation length at places `at` (m, d) from
     nodes: local kriging.
     """

@@ -6,6 +6,8 @@ import numpy as np
 from numba import njit
 
 SQRT5 = 5.0**0.5
+FARTHEST = 40.0  # scaled distance beyond which no correlation is left
+NUGGET = 1e-6  # of the variance, since nodes can coincide: far below any noise
 
 
 @njit(cache=True)
@@ -57,7 +59,7 @@ def matern_decay(squared, scale, out):  # type: ignore[no-untyped-def]
     these into vector instructions, and calls of exp it does not: ten times faster.
     """
     for j in range(len(squared)):
-        s = min(scale * np.sqrt(squared[j]), 40.0)  # beyond, nothing is left
+        s = min(scale * np.sqrt(squared[j]), FARTHEST)
         x = s * (1 / 256)
         e = 1.0 - x * (1.0 - x * (1 / 2 - x * (1 / 6 - x * (1 / 24 - x * (1 / 120)))))
         e *= e
@@ -90,7 +92,7 @@ def kriging_weights(at, near, weights, nodes, length):  # type: ignore[no-untype
         factor = matern(here, here, length)
         for j in range(k):
             w[j] = factor[j, k]
-            factor[j, j] += 1e-6  # nodes can coincide; a millionth of the variance is far below any noise
+            factor[j, j] += NUGGET
         for j in range(k):
             for q in range(j + 1):
                 for c in range(q):

@@ -13,11 +13,12 @@ from scipy.linalg.blas import dtrsm
 from scipy.linalg.lapack import dpotrf, dpotri
 from scipy.optimize import minimize
 
-from ..arrays import Array
+from ..arrays import ROUNDING, Array
 from ..errors import SolverError
 from .observations import Rows
 from .settings import IterationSettings
 
+REFUSED = 1e12  # nats: from there the line search comes back
 OVERFLOW = 100.0  # logarithms: a longer step leads to what is no number
 # -log evidence, its slopes along the logarithms of amplitudes, and of each row's noise (n,)
 Terms = tuple[float, list[float], Array]
@@ -124,7 +125,7 @@ def _likeliest(
 
     def objective(log: Array) -> tuple[float, Array]:
         pull = (log - scales.prior_log) / scales.prior_log_sd
-        too_far = 1e12, np.asarray(pull / scales.prior_log_sd)  # the line search comes back
+        too_far = REFUSED, np.asarray(pull / scales.prior_log_sd)  # the line search comes back
         if (log - scales.log).max() > OVERFLOW:
             return too_far
         try:
@@ -145,7 +146,12 @@ def _likeliest(
         jac=True,
         method="L-BFGS-B",
         bounds=limits,
-        options={"maxiter": settings.tuning_steps, "maxcor": 8, "ftol": 0, "gtol": settings.tuning_tolerance},
+        options={
+            "maxiter": settings.tuning_steps,
+            "maxcor": settings.tuning_memory,
+            "ftol": 0,
+            "gtol": settings.tuning_tolerance,
+        },
     )
     return np.asarray(found.x)
 
@@ -213,7 +219,7 @@ def left_out(posterior: Posterior, noise: Array) -> tuple[Array, Array]:
     (Sundararajan 2001).
     """
     predictive = 1.0 / posterior.precision
-    return posterior.alpha * predictive, np.maximum(predictive - noise, 1e-12)
+    return posterior.alpha * predictive, np.maximum(predictive - noise, ROUNDING)
 
 
 def posterior_variance(factor: Array, prior_variance: Array, crossed: Array) -> Array:

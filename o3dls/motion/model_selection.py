@@ -26,6 +26,8 @@ from .observations import points_left_out
 from .problem import MotionProblem, Smoothed
 from .result import Iterated
 
+MOST_NATS = 500.0  # beyond, a probability is 0 or 1 to the digit
+
 
 @dataclass(frozen=True, eq=False)
 class MotionEvidence:
@@ -69,7 +71,7 @@ def motion_evidence(run: Iterated) -> MotionEvidence:
     rows = run.solved.rows
     correction = laplace_correction(scales, *grams(problem.covariance, rows.observed), rows)
     against = run.energy + correction - alone.energy - alone.correction + settings.motion_log_odds
-    probability = float(1.0 / (1.0 + np.exp(np.clip(against, -500.0, 500.0))))
+    probability = float(1.0 / (1.0 + np.exp(np.clip(against, -MOST_NATS, MOST_NATS))))
     if probability > settings.certain:
         return certain
     log = scales.log.copy()

@@ -113,7 +113,7 @@ def motion_problem(
         size=size,
         tree=ClosestPoint(at, faces),
         nodes=nodes,
-        from_nodes=interpolation(at[nodes], at, shortest),
+        from_nodes=interpolation(at[nodes], at, shortest, settings.covariance.node_neighbours),
     )
 
 

@@ -54,6 +54,7 @@ class CovarianceSettings:
     node_spacing: float = number(
         0.27, "shortest lengths", "of the nodes that the field is interpolated from: exact to a hundredth"
     )
+    node_neighbours: int = number(8, "nodes", "that a vertex is interpolated from, by local kriging")
 
 
 @dataclass(frozen=True)
@@ -64,6 +65,7 @@ class IterationSettings:
     tolerance: float = number(2e-4, "rms radii", "mean step of the surface that counts as standing still")
     tune_at: tuple[int, ...] = number((5, 9, 13), "", "iterations at which the evidence sets the amplitudes")
     tuning_steps: int = number(12, "", "of L-BFGS per tuning: the next one goes on from there")
+    tuning_memory: int = number(8, "", "steps that L-BFGS remembers: amplitudes are fewer")
     tuning_tolerance: float = number(0.1, "nats", "per factor e of a number: less decides nothing")
     noise_factors: tuple[float, ...] = number(
         (3.0, 2.0, 1.5, 1.2, 1.0),
@@ -148,5 +150,7 @@ class TemplateSettings:
     iterations: int = number(50, "", "most in finding the phase")
     aside: float = number(0.1, "sd", "how far aside the modes may go where too few phases tell it")
     trial_iterations: int = number(6, "", "from each phase, before the best is refined")
+    least_aside: float = number(1e-3, "1", "deviation of a phase that lies just between its neighbours")
+    few_phases: int = number(4, "phases", "fewer do not tell how far aside a phase lies")
     most_samples: int = number(400, "points", "of a phase that the prior is registered to")
     settled: float = number(3e-4, "rms radii", "longest step of a vertex that counts as standing still")

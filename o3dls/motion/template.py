@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..arrays import Array, Ints
+from ..arrays import ROUNDING, TINY, Array, Ints
 from ..geometry.closest_point import ClosestPoint
 from ..geometry.differential import unit_mean, vertex_normals
 from ..geometry.similarity import apply, rms_radius
@@ -51,11 +51,11 @@ class Template:
         """Deviation (k,) of a phase from the middle between its neighbours; a tenth of all where there are
         too few to tell.
         """
-        if len(self.coefficients) < 4:
+        if len(self.coefficients) < self.settings.few_phases:
             return np.full(self.coefficients.shape[1], self.settings.aside)
         bend = self.coefficients[1:-1] - (self.coefficients[:-2] + self.coefficients[2:]) / 2.0
         # a phase's own deviation has 1 / 1.5 of that variance
-        return np.asarray(np.sqrt((bend**2).mean(axis=0) / 1.5) + 1e-3)
+        return np.asarray(np.sqrt((bend**2).mean(axis=0) / 1.5) + self.settings.least_aside)
 
     def between(self, c: Array) -> float:
         """Place on the way through the phases nearest to coefficients (k,): 2.25 is a quarter of the way from
@@ -65,7 +65,7 @@ class Template:
         start = scaled[:-1]
         way = np.diff(scaled, axis=0)
         along = np.clip(
-            ((c / self.aside - start) * way).sum(axis=1) / np.maximum((way**2).sum(axis=1), 1e-300), 0.0, 1.0
+            ((c / self.aside - start) * way).sum(axis=1) / np.maximum((way**2).sum(axis=1), TINY), 0.0, 1.0
         )
         nearest = int(np.argmin(np.linalg.norm(c / self.aside - start - along[:, None] * way, axis=1)))
         return nearest + float(along[nearest])
@@ -203,7 +203,7 @@ class _Points:
         firm = np.repeat([1.0, self.size], [twist.d, twist.size - twist.d]) / self.model.settings.pose_sd
         inverse[k:, k:] += np.diag(firm**2)
         right[k:] -= firm**2 * self.off(now.pose, middle)
-        change = np.linalg.lstsq(inverse, right, rcond=1e-10)[0]
+        change = np.linalg.lstsq(inverse, right, rcond=ROUNDING)[0]
         return replace(
             now, c=now.c + change[:k], pose=twist.motion(change[k:], middle) @ now.pose, sigma=mixture.sigma
         )

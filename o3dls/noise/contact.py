@@ -11,7 +11,7 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from ..arrays import Array
+from ..arrays import ROUNDING, TINY, Array
 from .settings import ContactSettings
 
 BISECTIONS = 40  # beyond the digits of a number
@@ -104,8 +104,8 @@ def label_energy(weights: Array, residual: Array, odds: Array, contact: Contact)
     """
     settings = contact.settings
     floating = contact.outlier_density(residual)
-    off = np.clip(1.0 - weights, 1e-12, 1.0)
-    on = np.clip(weights, 1e-12, 1.0)
+    off = np.clip(1.0 - weights, ROUNDING, 1.0)
+    on = np.clip(weights, ROUNDING, 1.0)
     fraction, inside, usual = contact.outlier_fraction, contact.inside_fraction, settings.inside_fraction
     prior = off * np.log(fraction * odds * floating) + on * np.log(1.0 - fraction)
     normaliser = np.log(1.0 - fraction + fraction * odds)
@@ -145,13 +145,13 @@ def _chain(touching, floating, fraction, persistence):  # type: ignore[no-untype
         else:
             a = forward[i - 1, 0] * (1.0 - enter) + forward[i - 1, 1] * (1.0 - stay)
             b = forward[i - 1, 0] * enter + forward[i - 1, 1] * stay
-        a, b = a * touching[i] + 1e-300, b * floating[i] + 1e-300
+        a, b = a * touching[i] + TINY, b * floating[i] + TINY
         forward[i, 0], forward[i, 1] = a / (a + b), b / (a + b)
     together = 0.0
     for i in range(n - 2, -1, -1):
         a, b = backward[i + 1, 0] * touching[i + 1], backward[i + 1, 1] * floating[i + 1]
-        backward[i, 0] = (1.0 - enter) * a + enter * b + 1e-300
-        backward[i, 1] = (1.0 - stay) * a + stay * b + 1e-300
+        backward[i, 0] = (1.0 - enter) * a + enter * b + TINY
+        backward[i, 1] = (1.0 - stay) * a + stay * b + TINY
         both = forward[i, 1] * stay * b
         every = forward[i, 0] * backward[i, 0] + forward[i, 1] * backward[i, 1]
         together += both / every

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from ..arrays import Array
+from ..arrays import TINY, Array
 from .contact import Contact
 from .robust import robust_sd
 from .settings import ContactSettings, MixtureSettings
@@ -77,7 +77,7 @@ def _fit(signed, density, sigma, fraction, least, bounds, iterations, tolerance)
             square += weight * signed[i] * signed[i]
         fraction = min(max(1.0 - total / n, bounds[0]), bounds[1])
         last = sigma
-        sigma = max(math.sqrt(square / max(total, 1e-300)), least)
+        sigma = max(math.sqrt(square / max(total, TINY)), least)
         if abs(sigma - last) < tolerance * sigma:
             break
     return sigma, fraction

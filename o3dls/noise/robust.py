@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ..arrays import Array
+from ..arrays import TINY, Array
 
 MAD_TO_SD = 1.4826  # a normal distribution's standard deviation over its median absolute deviation
 
@@ -53,4 +53,4 @@ def kernel_weights(kernel: str, residuals: Array, width: float) -> Array:
     """Weights (n,) in [0, 1] of residuals (n,) under a kernel of the given width (same unit); rho'(r) =
     weight * r.
     """
-    return KERNELS[kernel](np.abs(residuals) / max(width, 1e-300))
+    return KERNELS[kernel](np.abs(residuals) / max(width, TINY))

@@ -10,7 +10,7 @@ from scipy.optimize import minimize
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial.distance import cdist
 
-from ..arrays import Array, Ints
+from ..arrays import TINY, Array, Ints
 from ..geometry.surface import Surface
 from ..levelset.band import Band
 from ..levelset.isosurface import zero_set
@@ -54,7 +54,7 @@ def cone(points: Array, tube: Array) -> Array:
     end = tube[d : 2 * d]
     radii = np.exp(tube[2 * d :])
     axis = end - start
-    along = np.clip((points - start) @ axis / max(float(axis @ axis), 1e-12), 0.0, 1.0)
+    along = np.clip((points - start) @ axis / max(float(axis @ axis), TINY), 0.0, 1.0)
     gap = np.linalg.norm(points - start - along[:, None] * axis, axis=1)
     return np.asarray(gap - radii[0] - (radii[1] - radii[0]) * along)
 
@@ -147,7 +147,7 @@ def _first(wall: Wall, cluster: Array, radius: float, settings: TubeSettings) ->
     far = cluster[distance.argmax()]
     size = np.log(settings.radius * radius)
     start = (
-        foot - (middle - foot) / max(float(np.linalg.norm(middle - foot)), 1e-12) * settings.radius * radius
+        foot - (middle - foot) / max(float(np.linalg.norm(middle - foot)), TINY) * settings.radius * radius
     )
     return np.concatenate([start, 0.5 * (middle + far), [size, size]])
 
