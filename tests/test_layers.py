@@ -173,7 +173,9 @@ def test_numbers_of_the_method_stand_in_settings_classes() -> None:
     assert len(found) <= 30, found
 
 
-@pytest.mark.parametrize("arguments", [["--help"], ["run", "--help"], ["stages"], ["check", "PIPELINE"]])
+@pytest.mark.parametrize(
+    "arguments", [["--help"], ["run", "--help"], ["stages"], ["settings"], ["check", "PIPELINE"]]
+)
 def test_nothing_heavy_is_imported_to_answer(arguments: list[str]) -> None:
     from o3dls.resources import pipeline_file
 

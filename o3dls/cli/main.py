@@ -17,6 +17,7 @@ from .. import __version__
 from ..errors import O3dlsError, SolverError
 from . import files as cli_files
 from . import runs as cli_runs
+from . import settings as cli_settings
 from .words import DONE, INTERNAL, INTERRUPTED, UNREAD, WRONG_INPUT
 
 # before numpy: our systems are small, and threads made them ten times slower
@@ -86,7 +87,7 @@ def cli() -> None:
     """Fuse an atrium's prior surface with electroanatomic points. Research software, not for clinical use."""
 
 
-for module in (cli_runs, cli_files):
+for module in (cli_runs, cli_settings, cli_files):
     for command in vars(module).values():
         if isinstance(command, click.Command):
             cli.add_command(command)

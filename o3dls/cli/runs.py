@@ -92,11 +92,15 @@ def check(pipeline: Path, case: Path | None) -> int:
 
 @click.command()
 @click.argument("name", required=False)
-def stages(name: str | None) -> None:
+@click.option("--markdown", is_flag=True, help="the parameters, of all without NAME, as tables for documents")
+def stages(name: str | None, markdown: bool) -> None:
     """List stages and writers, or the parameters of NAME with unit, default and bounds."""
-    from ..plugins.catalogue import listing, sheet
+    from ..plugins.catalogue import listing, sheet, table, tables
 
-    click.echo(sheet(name) if name else listing())
+    if markdown:
+        click.echo(table(name) if name else tables())
+    else:
+        click.echo(sheet(name) if name else listing())
 
 
 @click.command()

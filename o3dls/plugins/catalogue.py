@@ -8,6 +8,7 @@ from typing import Any
 from ..errors import PipelineError, did_you_mean
 from .parameters import Parameter, describe
 from .plugin import GROUPS, Plugin, load, registered
+from .stage import Stage
 
 
 def listing() -> str:
@@ -23,14 +24,39 @@ def sheet(name: str) -> str:
     """Parameters of a stage or writer: name, default, unit, bounds or accepted words, meaning. Raises
     PipelineError.
     """
+    plugin = _named(name)
+    return "\n".join([f"{name}: {inspect.getdoc(plugin)}", "", *map(_line, describe(plugin))])
+
+
+def tables() -> str:
+    """The parameters of every stage and writer that has any, as Markdown tables."""
+    names = [name for group in GROUPS.values() for name in sorted(registered(group))]
+    return "\n\n".join(table(name) for name in names if _own(_named(name)))
+
+
+def table(name: str) -> str:
+    """The parameters of a stage or writer, but for those that all stages have, as a Markdown table. Raises
+    PipelineError.
+    """
+    rows = map(_row, _own(_named(name)))
+    return "\n".join([f"| `{name}` | default | bounds | meaning |", "|---|---|---|---|", *rows])
+
+
+def _named(name: str) -> type[Plugin]:
+    """The stage or writer of a name."""
     for kind, group in GROUPS.items():
         if name in registered(group):
-            plugin = load(kind, name)
-            return "\n".join([f"{name}: {inspect.getdoc(plugin)}", "", *map(_line, describe(plugin))])
+            return load(kind, name)
     raise PipelineError(
         "no stage or writer "
         f"'{name}'{did_you_mean(name, [n for group in GROUPS.values() for n in registered(group)])}"
     )
+
+
+def _own(plugin: type[Plugin]) -> list[Parameter]:
+    """The parameters of a stage or writer, but for those that all stages have."""
+    common = {p.name for p in describe(Stage)}
+    return [p for p in describe(plugin) if p.name not in common]
 
 
 def _meaning(plugin: type[Plugin]) -> str:
@@ -40,6 +66,11 @@ def _meaning(plugin: type[Plugin]) -> str:
 def _line(p: Parameter) -> str:
     value = f"{p.name} = {as_toml(p.default)} {p.unit}".rstrip()
     return f"  {value:<34} {p.meaning} ({p.limits or p.kind})"
+
+
+def _row(p: Parameter) -> str:
+    value = f"`{as_toml(p.default)}` {p.unit}".rstrip()
+    return f"| `{p.name}` | {value} | {p.limits or p.kind} | {p.meaning} |"
 
 
 def as_toml(value: Any) -> str:

@@ -10,7 +10,6 @@ from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 import pytest
-from conftest import ROOT
 from pydantic import Field, field_validator, model_validator
 
 from o3dls.errors import PipelineError
@@ -160,16 +159,3 @@ def test_every_plugin_of_ours_is_whole(kind: str, group: str) -> None:
         for parameter in describe(plugin):
             assert parameter.meaning, f"{name}.{parameter.name} says not what it means"
         assert re.search(rf"^{name}: .", catalogue.sheet(name))
-
-
-@pytest.mark.parametrize("name", ["deform", "level_set"])
-def test_the_documentation_has_every_parameter(name: str) -> None:
-    """Where it has not: the table that is wanted is in the message."""
-    own = [p for p in describe(load("stage", name)) if p.name not in ("as", "after")]
-    values = [f"`{catalogue.as_toml(p.default)}` {p.unit}".strip() for p in own]
-    rows = [
-        f"| `{p.name}` | {value} | {p.limits or p.kind} | {p.meaning} |"
-        for p, value in zip(own, values, strict=True)
-    ]
-    wanted = "\n".join([f"| `{name}` | default | bounds | meaning |", "|---|---|---|---|", *rows])
-    assert wanted in (ROOT / "docs" / "method.md").read_text(encoding="utf-8"), wanted

@@ -1,0 +1,138 @@
+"""The documents name what is there: files, functions and numbers, as the code has them."""
+
+from __future__ import annotations
+
+import ast
+import re
+import runpy
+from collections.abc import Callable, Iterator
+from dataclasses import is_dataclass
+from importlib import import_module
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+from conftest import ROOT
+from test_layers import LAYERS
+
+from o3dls.cli.main import cli
+from o3dls.cli.settings import CLASSES, tables
+
+DOCS = ROOT / "docs"
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+METHOD = (DOCS / "method.md").read_text(encoding="utf-8")
+PAGES = [ROOT / "README.md", *sorted(DOCS.glob("*.md"))]
+# `levelset/refine.py`, `levelset/grid/`, and behind a colon names in that file
+PATH = re.compile(r"`((?:[a-z_0-9]+/)*[a-z_0-9]+\.py|(?:[a-z_0-9]+/){2,})`")
+# To be removed once they are there: the pages were written before.
+COMING = ("levelset/grid/", "run_warning.py")
+NAMED = re.compile(r"`((?:[a-z_0-9]+/)*[a-z_0-9]+\.py)`:? `([A-Za-z_]\w*(?:\.\w+)?)`")
+
+
+def found(path: str) -> Path | None:
+    """A path of the repository or of the package, if it is there."""
+    return next((base / path for base in (ROOT, ROOT / "o3dls") if (base / path).exists()), None)
+
+
+def names(path: Path) -> set[str]:
+    """What a module defines at its top, and methods and fields of its classes behind a dot."""
+
+    def defined(body: list[ast.stmt]) -> Iterator[str]:
+        for node in body:
+            if isinstance(node, ast.FunctionDef | ast.ClassDef):
+                yield node.name
+            elif isinstance(node, ast.Assign | ast.AnnAssign):
+                targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+                yield from (target.id for target in targets if isinstance(target, ast.Name))
+
+    body = ast.parse(path.read_text(encoding="utf-8")).body
+    classes = [node for node in body if isinstance(node, ast.ClassDef)]
+    return {*defined(body), *(f"{one.name}.{name}" for one in classes for name in defined(one.body))}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_path_that_a_page_names_is_there(page: Path) -> None:
+    paths = PATH.findall(page.read_text(encoding="utf-8"))
+    # inflate is the README's example of a stage that is still to be written
+    assert not {
+        path for path in paths if not found(path) and "inflate" not in path and not path.startswith(COMING)
+    }
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_name_that_a_page_gives_with_its_file_is_there(page: Path) -> None:
+    pairs = NAMED.findall(page.read_text(encoding="utf-8"))
+    assert not [pair for pair in pairs if not _has(*pair) and not pair[0].startswith(COMING)]
+
+
+def _has(path: str, name: str) -> bool:
+    file = found(path)
+    known = names(file) if file else set()
+    # a method may be named without its class
+    return name in known or any(one.endswith(f".{name}") for one in known)
+
+
+def test_the_glossary_names_a_file_for_every_term() -> None:
+    rows = [
+        line for line in (DOCS / "glossary.md").read_text(encoding="utf-8").splitlines() if line[:2] == "| "
+    ]
+    terms = [row.split("|") for row in rows if row != "| term | meaning | where |"]
+    assert len(terms) > 60
+    assert [row[1] for row in terms if not PATH.search(row[3])] == [" nats "]
+
+
+def test_the_tables_of_the_method_are_those_of_the_code() -> None:
+    """Where they are not: `python tools/method_tables.py` writes them anew."""
+    rewritten: Callable[[str], str] = runpy.run_path(str(ROOT / "tools" / "method_tables.py"))["rewritten"]
+    assert rewritten(METHOD) == METHOD
+
+
+@pytest.mark.parametrize("command", [f"settings {name}" for name in CLASSES] + ["stages --markdown"])
+def test_the_method_has_the_tables(command: str) -> None:
+    assert METHOD.count(f"<!-- o3dls {command} -->") == 1
+
+
+def test_every_settings_class_is_printed() -> None:
+    for path in sorted((ROOT / "o3dls").glob("*/settings.py")):
+        package = path.parent.name
+        if package == "cli":
+            continue
+        module = import_module(f"o3dls.{package}.settings")
+        own = [name for name, thing in vars(module).items() if is_dataclass(thing) and _is_of(thing, module)]
+        assert not [name for name in own if f"**`{name}`**" not in tables(package)]
+
+
+def _is_of(thing: object, module: object) -> bool:
+    return getattr(thing, "__module__", "") == getattr(module, "__name__", None)
+
+
+def test_numbers_of_another_package_are_not_printed_again() -> None:
+    assert "contact.depth" not in tables("motion")
+    assert "`contact.*`" in tables("motion")
+    assert "`depth`" in tables("noise")
+
+
+def test_an_unknown_package_is_refused_with_the_nearest_name() -> None:
+    done = CliRunner().invoke(cli, ["settings", "motoin"])
+    assert str(done.exception) == "no settings of a package 'motoin': did you mean 'motion'?"
+
+
+def test_the_picture_of_the_packages_has_the_layers_in_their_order() -> None:
+    picture = re.search(r"<!-- layers -->\n```text\n(.*?)```", README, re.DOTALL)
+    assert picture is not None
+    drawn = [word for line in picture[1].splitlines() for word in line.split("  ")[0].split()]
+    assert drawn == [layer for layer in LAYERS if layer != "__main__"]
+
+
+def test_the_walk_leads_from_each_step_to_the_next() -> None:
+    """Every step of the README's walk calls the one that follows it."""
+    walk = re.search(r"<!-- walk -->\n(.*?)<!-- end -->", README, re.DOTALL)
+    assert walk is not None
+    ways = [NAMED.findall(way) for way in walk[1].split("\n- ")]
+    assert len(ways) == 2
+    for (path, _), (_, name) in (step for way in ways for step in pairwise(way)):
+        file = found(path)
+        assert file is not None
+        call = "stage" if name.endswith(".__call__") else name
+        assert re.search(rf"\b{call}\(", file.read_text(encoding="utf-8")), (path, name)
