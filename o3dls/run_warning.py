@@ -44,7 +44,7 @@ CODES: Mapping[str, str] = {
 
 @dataclass(frozen=True)
 class RunWarning:
-    """A warning: `code` is one of CODES, `sentence` is for people, `stage` names the estimate that it came with.
+    """A warning: `code` is one of CODES, `sentence` is for people, `stage` names its estimate.
 
     The pipeline fills in the stage when it stores the estimate. Raises ValueError for an unknown code.
     """

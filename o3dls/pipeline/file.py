@@ -71,7 +71,7 @@ def _noted(said: list[str]) -> Iterator[None]:
 
 
 def default_pipeline(settings: Iterable[str] = ()) -> Pipeline:
-    """The packaged default: landmarks, icp, deform, level_set, report, export."""
+    """The packaged default: landmarks, icp, deform, topology, level_set, report, export."""
     return read_pipeline(pipeline_file("default"), settings)
 
 

@@ -186,6 +186,8 @@ def _kind(field: FieldInfo) -> str:
         type(None): "",
         Ellipsis: "",
     }
+    if part(field):
+        return "table of parameters"
     parts = [
         "word" if get_origin(p) is Literal else names.get(p, getattr(p, "__name__", str(p)))
         for p in _parts(field.annotation)

@@ -63,7 +63,7 @@ def motion_warnings(fit: MotionFit, start: Surface, found: Surface, unit: str) -
 
 
 def alternatives(best: MotionFit, fits: Sequence[MotionFit], unit: str) -> list[RunWarning]:
-    """On other surfaces that are almost as probable: from another start, or from a fit without some points."""
+    """On other surfaces almost as probable: from another start, or from a fit without some points."""
     found = list[RunWarning]()
     noise = float(best.state.scales.noises[0])
     for other in fits:

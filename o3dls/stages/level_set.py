@@ -33,8 +33,9 @@ DEFAULT_ONLY = ("evidence", "coarse_to_fine")
 
 
 class LevelSet(Stage):
-    """Refine the level set phi of the moved prior where the points ask for it, by corrections along its
-    normals that the evidence supports, and mesh its zero set. The motion stays as it is.
+    """Correct the level set phi of the moved prior where the points ask for it; mesh its zero set.
+
+    Corrections along its normals, coarse to fine, that the evidence supports. Motion and weights stay.
     """
 
     name: ClassVar[str] = "level_set"
@@ -53,7 +54,7 @@ class LevelSet(Stage):
     )
     coarse_to_fine: bool = Field(
         True,
-        description="default: try corrections of all correlation lengths, longest first; or only the shortest",
+        description="default: try corrections of all correlation lengths, longest first; or the shortest",
     )
     data: float = Field(10.0, ge=0.0, description="paper: weight of the data term, over the squared noise")
     area: float = Field(0.2, ge=0.0, description="paper: weight of the area term")

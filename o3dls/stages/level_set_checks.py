@@ -56,6 +56,6 @@ def lost_parts(mesh: Surface, wall: Surface, spacing: float, unit: str) -> list[
         return []
     sentence = (
         f"parts of the moved prior, up to {far:.2g} {unit} from the mesh, are lost: they are thinner than "
-        "the grid can hold, or were cut off where the prior intersects itself; a smaller spacing may keep them"
+        "the grid can hold, or were cut off where the prior intersects itself; a smaller spacing may help"
     )
     return [RunWarning("parts-lost", sentence)]

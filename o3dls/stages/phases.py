@@ -23,8 +23,9 @@ if TYPE_CHECKING:
 
 
 class Phases(Stage):
-    """Find the phase of the heart that the points show, between the prior and the case's further phases, then
-    `deform` from there; a table `deform` has its parameters.
+    """Find the phase of the heart between the prior and the case's further phases, then `deform` from there.
+
+    The table `deform` has the parameters of that stage.
     """
 
     name: ClassVar[str] = "phases"

@@ -21,8 +21,10 @@ if TYPE_CHECKING:
 
 
 class Topology(Stage):
-    """Cut off thin parts of the prior that the points contradict and grow tubes that they trace, where the
-    evidence supports it, and fit the motion again. Needs a motion that was fitted.
+    """Remove thin parts of the prior that the points contradict, add tubes that they trace.
+
+    Only where the evidence supports it; then the motion is fitted again. Nothing is changed without a motion
+    that was fitted, nor for a prior of several components.
     """
 
     name: ClassVar[str] = "topology"
@@ -35,7 +37,7 @@ class Topology(Stage):
     spacing: float = Field(
         1.0,
         gt=0.0,
-        description="distance between nodes of the grid on which the prior is changed; its mean edge if that is longer",
+        description="distance between nodes of the grid that the prior is changed on; its edge if longer",
         json_schema_extra={"unit": "mm"},
     )
     most_changes: int = Field(4, ge=1, description="most changes of one prior")
