@@ -122,7 +122,7 @@ def _kept_whole(
         for attempt in repair.attempts(final, thorough=fraction == 0.0):
             if components_and_euler(*mesh(attempt.phi)) == kind:
                 reduced = _reduced(fraction) if found.fields else []
-                repairs = _repairs(attempt, bool(crossing(final).any()), limits.unit)
+                repairs = _repairs(attempt, final, crossing, limits.unit)
                 return final, attempt.phi, (*reduced, *repairs)
     phi = repair.united(final)
     if not found.fields:
@@ -149,14 +149,14 @@ def _reduced(fraction: float) -> list[RunWarning]:
     return [RunWarning("correction-reduced", reduced)]
 
 
-def _repairs(attempt: Attempt, crosses: bool, unit: str) -> list[RunWarning]:
+def _repairs(attempt: Attempt, surface: Surface, crossing: Crossing, unit: str) -> list[RunWarning]:
     """A warning on how a level set was repaired; none where nothing was done."""
     done = list(attempt.done)
     if attempt.closing > 0.0:
         done.insert(0, f"gaps narrower than {2.0 * attempt.closing:g} {unit} were closed")
     if not done:
         return []
-    if crosses:
+    if crossing(surface).any():  # which takes its time: asked only here
         intersects = f"the moved prior intersects itself: {', '.join(done)}"
         return [RunWarning("self-intersection-repaired", intersects)]
     return [RunWarning("thin-gap-repaired", f"{COARSE}: {', '.join(done)}; try a smaller spacing")]
