@@ -30,6 +30,7 @@ and, by the same, atria in whose map there are points of the other atrium, by th
     done
 
 Rows: start (landmarks), icp (our robust similarity), phi_only (level set after icp), deform (T only),
+topology (its T, of a changed prior),
 level_set (T and phi), each peer as tuned by benchmarks.tune, and with --phantom phantom.py the generator's
 bound. Columns: mean +- standard error (worst).
 """

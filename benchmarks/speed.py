@@ -99,13 +99,14 @@ def engine(seed: int, repeat: int) -> list[Row]:
     from o3dls.stages.deform import Deform
     from o3dls.stages.icp import ICP
     from o3dls.stages.level_set import LevelSet
+    from o3dls.stages.topology import Topology
 
     case, start = problem(seed)
     shown = case.visible()
     rows = []
     total = Time(0.0, 0.0)
     at = start
-    for stage in (ICP(), Deform(), LevelSet(spacing=1.0)):
+    for stage in (ICP(), Deform(), Topology(), LevelSet()):
         seconds, at = timed(lambda stage=stage, at=at: stage(shown, at), repeat)  # type: ignore[misc]
         total = total + seconds
         rows.append(_row(f"stage {stage.name}", seconds, case, at.surface, at.status))
@@ -134,10 +135,11 @@ def halving(seed: int, repeat: int) -> list[Row]:
     from o3dls.stages.deform import Deform
     from o3dls.stages.icp import ICP
     from o3dls.stages.level_set import LevelSet
+    from o3dls.stages.topology import Topology
 
     case, start = problem(seed)
     shown = case.visible()
-    moved = Deform()(shown, ICP()(shown, start))
+    moved = Topology()(shown, Deform()(shown, ICP()(shown, start)))
     coarse, fine = (timed(lambda h=h: LevelSet(spacing=h)(shown, moved), repeat) for h in (1.0, 0.5))  # type: ignore[misc]
     rows = [
         {
@@ -166,11 +168,13 @@ def many(seed: int, repeat: int) -> list[Row]:
     from o3dls.stages.deform import Deform
     from o3dls.stages.icp import ICP
     from o3dls.stages.level_set import LevelSet
+    from o3dls.stages.topology import Topology
 
     case, start = problem(seed, points=20_000)
     shown = case.visible()
     seconds, found = timed(
-        lambda: LevelSet()(shown, Deform()(shown, ICP()(shown, start))), max(1, repeat // 3)
+        lambda: LevelSet()(shown, Topology()(shown, Deform()(shown, ICP()(shown, start)))),
+        max(1, repeat // 3),
     )
     return [_row("20 000 points", seconds, case, found.surface, found.status)]
 
@@ -180,7 +184,9 @@ def one_more(seed: int, repeat: int) -> list[Row]:
     import numpy as np
 
     from o3dls.motion.fit import fit_motion
-    from o3dls.stages.deform import Deform, observed
+    from o3dls.motion.result import sentence
+    from o3dls.stages.deform import Deform
+    from o3dls.stages.deform_data import observed
     from o3dls.stages.icp import ICP
 
     case, start = problem(seed)
@@ -192,7 +198,7 @@ def one_more(seed: int, repeat: int) -> list[Row]:
     before = fit_motion(v, f, pose, first, stage.settings())
     seconds, warm = timed(lambda: fit_motion(v, f, pose, data, stage.settings(), warm=before), repeat)
     rows = [
-        _row("one more point", seconds, case, case.prior.with_vertices(warm.vertices), warm.sentence("mm"))
+        _row("one more point", seconds, case, case.prior.with_vertices(warm.vertices), sentence(warm, "mm"))
     ]
     centre = warm.vertices.mean(axis=0)
     floating = data.points.copy()
@@ -214,10 +220,11 @@ def memory(seed: int, repeat: int) -> list[Row]:
     from o3dls.stages.deform import Deform
     from o3dls.stages.icp import ICP
     from o3dls.stages.level_set import LevelSet
+    from o3dls.stages.topology import Topology
 
     case, start = problem(seed)
     shown = case.visible()
-    found = LevelSet(spacing=1.0)(shown, Deform()(shown, ICP()(shown, start)))
+    found = LevelSet()(shown, Topology()(shown, Deform()(shown, ICP()(shown, start))))
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (
         1024.0**2 if sys.platform == "darwin" else 1024.0
     )

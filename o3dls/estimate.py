@@ -4,12 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from .arrays import Array
 from .geometry.similarity import scale_of
 from .geometry.surface import Surface
 from .motion.interface import Motion
+from .run_warning import RunWarning
+
+if TYPE_CHECKING:
+    from .levelset.distance import SignedDistance
+    from .motion.result import MotionFit
 
 
 @dataclass(frozen=True, eq=False)
@@ -17,8 +22,9 @@ class Estimate:
     """A surface in the map frame with the motion that led to it, and a sentence on how it went.
 
     T_map_prior (d+1, d+1) is the similarity part; sigma the noise level found (case units); weights (k,) in
-    [0, 1] say how far each mapping point was believed; trace holds one record per iteration; phi is the level
-    set where there is one, fit what its stage needs to go on from here with more points (Deform.update).
+    [0, 1] are the probabilities that each mapping point touches the wall; trace holds one record per
+    iteration; phi is the level set where there is one; fit is the motion's fit, which Deform.update and the
+    stage `topology` go on from.
     """
 
     surface: Surface
@@ -30,10 +36,10 @@ class Estimate:
     sigma: float | None = None
     weights: Array | None = None
     motion: Motion | None = None
-    phi: Any = None
-    fit: Any = None
+    phi: SignedDistance | None = None
+    fit: MotionFit | None = None
     trace: tuple[Mapping[str, float], ...] = ()
-    warnings: tuple[str, ...] = ()
+    warnings: tuple[RunWarning, ...] = ()
     facts: Mapping[str, Any] = field(default_factory=dict)  # further results of the stage, JSON-ready
 
     @property

@@ -17,6 +17,7 @@ PACKAGE = Path(__file__).resolve().parents[1] / "o3dls"
 LAYERS = (
     "arrays",
     "errors",
+    "run_warning",
     "parallel",
     "settings",
     "geometry",

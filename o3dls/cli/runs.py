@@ -35,17 +35,17 @@ def demo(out: Path, force: bool) -> int:
 
 @click.command()
 @click.argument("pipeline", type=FILE, required=False)
-@click.option("--case", type=FOLDER, help="case folder; overrules the pipeline's")
+@click.option("--case", type=FOLDER, help="case folder; overrides the pipeline's")
 @click.option("--points", type=FILE, help="points file in place of the case's")
 @click.option("--units", help="units of the case where its files do not say: mm, cm, m, um, in, px")
 @click.option("--frame", help="frame of the points: LPS, RAS or unknown")
-@click.option("--out", type=FOLDER, help="run folder to make; overrules the pipeline's")
+@click.option("--out", type=FOLDER, help="run folder to make; overrides the pipeline's")
 @click.option(
     "--set",
     "settings",
     multiple=True,
     metavar="STAGE.PARAM=VALUE",
-    help="overrule a parameter of the pipeline; may be repeated",
+    help="override a parameter of the pipeline; may be repeated",
 )
 @click.option("--force", is_flag=True, help="replace an earlier run in the same folder")
 def run(
@@ -77,7 +77,7 @@ def run(
 
 @click.command()
 @click.argument("pipeline", type=FILE)
-@click.option("--case", type=FOLDER, help="case folder; overrules the pipeline's")
+@click.option("--case", type=FOLDER, help="case folder; overrides the pipeline's")
 def check(pipeline: Path, case: Path | None) -> int:
     """Name every mistake of a PIPELINE file and its case before any work."""
     from ..pipeline.file import all_mistakes
@@ -120,7 +120,7 @@ def stages(name: str | None, markdown: bool) -> None:
     "settings",
     multiple=True,
     metavar="STAGE.PARAM=VALUE",
-    help="overrule a parameter of the pipeline; may be repeated",
+    help="override a parameter of the pipeline; may be repeated",
 )
 @click.option(
     "--jobs", type=click.IntRange(min=1), default=1, show_default=True, help="cases that run at one time"

@@ -160,11 +160,12 @@ def _sentence(
     fields: list[ResidualField], trace: list[Mapping[str, float]], converged: bool, unit: str
 ) -> str:
     if not fields:
-        return "nothing to add: the residuals of the points hold no field that the noise would not explain"
-    said = ", ".join(
-        f"{field.amplitude:.2g} over {field.length:.3g} {unit} (evidence {field.gain:+.1f} nats)"
+        return "no correction needed: the residuals are consistent with noise"
+    corrections = ", ".join(
+        f"{field.amplitude:.2g} {unit} with correlation length {field.length:.3g} {unit} "
+        f"(evidence {field.gain:+.1f} nats)"
         for field in fields
     )
     how = "converged" if converged else "stopped at the iteration limit"
     iterations = sum(row["iteration"] > 0 for row in trace)
-    return f"{how} after {iterations} iteration{'s' * (iterations != 1)}; fields: {said}"
+    return f"{how} after {iterations} iteration{'s' * (iterations != 1)}; corrections: {corrections}"

@@ -75,13 +75,13 @@ def descend(
         {"iteration": 0}
         | energies(psi, heaviside(psi.phi, settings.delta_width * spacing), points, sigma, weights, settings)
     ]
-    how = "stopped at the limit"
+    how = "stopped at the iteration limit"
     for _ in range(cycles):
         shape = heaviside(_on_band(psi, field.band), settings.delta_width * spacing)
         moved = _steps(field, shape, points, sigma, weights, settings)
         if not np.isfinite(moved).all():
             raise SolverError(
-                "paper formulation: phi is no longer finite; the weights are too large for the spacing"
+                "level_set: phi is no longer finite: the paper's weights are too large for the spacing"
             )
         candidate = reinitialise(field.band, moved)
         shape = heaviside(_on_band(psi, candidate.band), settings.delta_width * spacing)
@@ -94,7 +94,7 @@ def descend(
             how = (
                 "converged"
                 if fall >= 0.0
-                else "stopped, since the next reinitialisation would raise the energy,"
+                else "stopped, because the next reinitialisation would raise the energy,"
             )
             break
     status, facts = _outcome(field, f"{how} after {len(trace) - 1} reinitialisations", points)
@@ -170,10 +170,11 @@ def _on_band(psi: SignedDistance, band: Band) -> Array:
 
 
 def _outcome(field: SignedDistance, how: str, points: Array) -> tuple[str, dict[str, int]]:
-    """How it went, in words and in numbers: islands and points without pull are what this formulation is
+    """How it went, in words and in numbers: islands and points without effect are what this formulation is
     known for.
     """
     count, _ = components_and_euler(*zero_set(field.band, field.phi))
     lost = int((np.asarray(abs(field.band.interpolation(points)).sum(axis=1)).ravel() == 0.0).sum())
-    said = f"{how}: {count} piece{'s' * (count > 1)}, {lost} points out of the band without pull"
-    return said, {"pieces": count, "points_without_pull": lost}
+    islands = f"{count} component{'s' * (count > 1)}"
+    status = f"{how}: {islands}, {lost} points outside the band, where they have no effect"
+    return status, {"components": count, "points_outside_band": lost}

@@ -12,13 +12,14 @@ import numpy as np
 from ..arrays import Array, Ints
 from ..geometry.components import component_areas, components_and_euler
 from ..geometry.surface import Surface
+from ..run_warning import RunWarning
 from .correction import Correction, Limits, fit_correction
 from .distance import SignedDistance
 from .normal_displacement import Wall
 from .observation import Measured
 from .repair import Attempt, Crossing, Repair
 
-COARSE = "walls are closer than the lattice tells apart"
+COARSE = "walls are closer than the grid resolves"
 Mesher = Callable[[SignedDistance], tuple[Array, Ints]]
 
 
@@ -34,16 +35,16 @@ class Refinement:
     status: str
     converged: bool
     trace: tuple[Mapping[str, float], ...] = ()
-    warnings: tuple[str, ...] = ()
+    warnings: tuple[RunWarning, ...] = ()
     facts: Mapping[str, Any] = field(default_factory=dict)
     unchanged: bool = False  # whether nothing was added to the moved prior
-    # whether pieces beside the largest belong to the result: those of the wall, or what the paper's forces
-    # cut off
+    # whether components beside the largest belong to the result: those of the wall, or what the paper's
+    # forces cut off
     islands: bool = False
 
     @property
     def smallest(self) -> float:
-        """Area of the wall's smallest piece, over that of its largest; 1 where no other than the largest
+        """Area of the wall's smallest component, over that of its largest; 1 where no other than the largest
         stays.
         """
         if not self.islands:
@@ -51,8 +52,8 @@ class Refinement:
         _, areas = component_areas(self.wall)
         return float(areas.min() / areas.max())
 
-    def faults(self, mesh: Surface, crossing: Crossing) -> tuple[str, ...]:
-        """What a mesh of phi has that the wall has not, as a warning; nothing where islands belong to the
+    def faults(self, mesh: Surface, crossing: Crossing) -> tuple[RunWarning, ...]:
+        """A warning where a mesh of phi has another topology than the wall; none where islands belong to the
         result.
         """
         found = components_and_euler(mesh.vertices, mesh.faces)
@@ -60,11 +61,15 @@ class Refinement:
         if found == meant or (self.islands and meant[0] == 1):
             return ()
         why = (
-            "where that runs into itself, walls are united"
+            "it intersects itself, and walls were merged there"
             if crossing(self.wall).any()
             else f"{COARSE}; try a smaller spacing"
         )
-        return (f"the mesh has pieces and Euler number {found}, the moved prior {meant}: {why}",)
+        return (
+            RunWarning(
+                "mesh-differs", f"the mesh has {_words(*found)}, the moved prior {_words(*meant)}: {why}"
+            ),
+        )
 
 
 def refine_surface(
@@ -103,11 +108,11 @@ def refine_surface(
 
 def _kept_whole(
     wall: Wall, found: Correction, limits: Limits, mesh: Mesher, crossing: Crossing
-) -> tuple[Surface, SignedDistance, tuple[str, ...]]:
-    """The corrected wall and its level set: gaps are closed where it runs into itself; a correction that
-    tears or merges it is halved.
+) -> tuple[Surface, SignedDistance, tuple[RunWarning, ...]]:
+    """The corrected wall and its level set: gaps are closed where it intersects itself; a correction that
+    splits or merges it is halved.
 
-    Where a wall runs into itself all the same it is united; the mesh may still come out whole.
+    Where a wall intersects itself all the same it is united; the mesh may still have the wall's topology.
     """
     kind = components_and_euler(wall.rest, wall.faces)
     lattice = limits.settings.lattice
@@ -116,16 +121,9 @@ def _kept_whole(
         final = _corrected(wall, fraction * found.u)
         for attempt in repair.attempts(final, thorough=fraction == 0.0):
             if components_and_euler(*mesh(attempt.phi)) == kind:
-                said = []
-                if found.fields and fraction < 1.0:
-                    said.append(
-                        f"the correction was taken by {fraction:.0%}: more would tear or merge the surface"
-                    )
-                return (
-                    final,
-                    attempt.phi,
-                    (*said, *_repairs(attempt, bool(crossing(final).any()), limits.unit)),
-                )
+                reduced = _reduced(fraction) if found.fields else []
+                repairs = _repairs(attempt, final, crossing, limits.unit)
+                return final, attempt.phi, (*reduced, *repairs)
     phi = repair.united(final)
     if not found.fields:
         return final, phi, ()
@@ -134,20 +132,38 @@ def _kept_whole(
     after = repair.united(corrected)
     if components_and_euler(*mesh(after)) == components_and_euler(*mesh(phi)):
         return corrected, after, ()
-    left_out = "the correction was left out: with it, no surface of one lattice would be whole"
-    return final, phi, (f"{left_out}; try a smaller spacing",)
+    left_out = (
+        "the correction was left out: the grid cannot hold the corrected surface; try a smaller spacing"
+    )
+    return final, phi, (RunWarning("correction-left-out", left_out),)
 
 
-def _repairs(attempt: Attempt, crosses: bool, unit: str) -> list[str]:
-    """A sentence on what was done so that a level set is whole; none where nothing was."""
+def _reduced(fraction: float) -> list[RunWarning]:
+    """A warning where only a fraction of the correction was applied."""
+    if fraction == 1.0:
+        return []
+    if fraction == 0.0:
+        left_out = "the correction was left out: any part of it would split or merge the surface"
+        return [RunWarning("correction-left-out", left_out)]
+    reduced = f"only {fraction:.0%} of the correction was applied: more would split or merge the surface"
+    return [RunWarning("correction-reduced", reduced)]
+
+
+def _repairs(attempt: Attempt, surface: Surface, crossing: Crossing, unit: str) -> list[RunWarning]:
+    """A warning on how a level set was repaired; none where nothing was done."""
     done = list(attempt.done)
     if attempt.closing > 0.0:
         done.insert(0, f"gaps narrower than {2.0 * attempt.closing:g} {unit} were closed")
     if not done:
         return []
-    if crosses:
-        return [f"the moved prior runs into itself: {', '.join(done)}"]
-    return [f"{COARSE}: {', '.join(done)}; try a smaller spacing"]
+    if crossing(surface).any():  # which takes its time: asked only here
+        intersects = f"the moved prior intersects itself: {', '.join(done)}"
+        return [RunWarning("self-intersection-repaired", intersects)]
+    return [RunWarning("thin-gap-repaired", f"{COARSE}: {', '.join(done)}; try a smaller spacing")]
+
+
+def _words(components: int, euler: int) -> str:
+    return f"{components} component{'s' * (components != 1)} (Euler number {euler})"
 
 
 def _corrected(wall: Wall, u: Array) -> Surface:

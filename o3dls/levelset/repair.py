@@ -49,15 +49,15 @@ class Repair:
         few = self.settings.closings[: self.settings.few_closings]
         yield Attempt(band(surface, 0.0, True), 0.0)
         joined = self._joined(surface)
-        done = () if joined is surface else ("walls that cross were joined",)
+        done = () if joined is surface else ("crossing walls were joined",)
         if done:
             yield Attempt(band(joined, 0.0, True), 0.0, done)
         for radius in (self.spacing * closing for closing in few):
             yield Attempt(closed(band(joined, radius, True), radius), radius, done)
         closings = self.settings.closings if thorough else few
         for wall, inverted, lost in (
-            (joined, True, (*done, "islands were left out")),
-            (surface, False, ("islands and what is inside out were left out",)),
+            (joined, True, (*done, "islands were removed")),
+            (surface, False, ("islands and inverted parts were removed",)),
         ):
             for radius in (0.0, *(self.spacing * closing for closing in closings)):
                 phi = closed(self._whole(band(wall, radius, inverted)), radius)
@@ -89,7 +89,7 @@ class Repair:
         return signed_distance(surface.vertices, surface.faces, self.spacing, width, inverted=inverted)
 
     def _whole(self, phi: SignedDistance) -> SignedDistance:
-        """The level set of a surface in one piece, without the islands that a folded wall leaves."""
+        """The level set of a surface as one component, without the islands that a folded wall leaves."""
         return phi if self.kind[0] > 1 else replace(phi, phi=without_islands(phi.band, phi.phi))
 
 

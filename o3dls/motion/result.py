@@ -132,13 +132,9 @@ def sentence(fit: MotionFit, unit: str) -> str:
     """How a fit went, lengths in `unit`."""
     facts = fit.facts
     probability = fit.motion.probability
-    said = [
-        "converged"
-        if fit.converged
-        else f"stopped after {len(fit.trace)} iterations, while the surface still moved "
-        f"{facts['last_step']:.2g} {unit} per iteration"
-    ]
-    said += [f"noise {fit.sigma:.3g} {unit}", f"outliers {facts['outlier_fraction']:.0%}"]
+    still = f"while the surface still moved by {facts['last_step']:.2g} {unit} per iteration"
+    found = ["converged" if fit.converged else f"stopped after {len(fit.trace)} iterations, {still}"]
+    found += [f"noise {fit.sigma:.3g} {unit}", f"share of outliers {facts['outlier_fraction']:.0%}"]
     if probability < PROBABLE:
         alone = fit.motion.pose_alone
         pose = (
@@ -146,16 +142,16 @@ def sentence(fit: MotionFit, unit: str) -> str:
             if np.array_equal(alone, np.eye(len(alone)))
             else "the pose of points and landmarks"
         )
-        said += [
+        found += [
             f"the points do not show a motion beyond the pose for certain (probability {probability:.2f}): "
-            f"the result lies between that motion and {pose}"
+            f"the result lies between the motion that was fitted and {pose}"
         ]
     if length := facts["smoothing_length"]:
-        said += [f"the prior is rougher than the wall and was smoothed over {length:.2g} {unit}"]
+        found += [f"the prior is rougher than the wall and was smoothed over {length:.2g} {unit}"]
     if excluded := int(facts.get("excluded_points", 0)):
-        said += [f"{excluded} points that seemed to pull the wall out were left out of the first fit"]
+        found += [f"{excluded} points that seemed to pull the wall outward were left out at first"]
     if folded := int(facts["folded_faces"]):
         left = int(facts["still_folded_faces"])
         faces, were = ("face", "was") if folded == 1 else ("faces", "were")
-        said += [f"{folded} folded {faces} {were} repaired" + (f", {left} remain" if left else "")]
-    return "; ".join(said)
+        found += [f"{folded} folded {faces} {were} repaired" + (f", {left} remain" if left else "")]
+    return "; ".join(found)

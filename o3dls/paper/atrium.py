@@ -19,6 +19,7 @@ from ..stages.deform import Deform
 from ..stages.icp import ICP
 from ..stages.landmarks import Landmarks
 from ..stages.level_set import LevelSet
+from ..stages.topology import Topology
 from .blocks import Block, Figure, Heading, Table, Text
 from .drawing import COLOURS, MARKERS, NAMES, rendered
 from .experiment import Outcome, Row, Scope, Task, mean_sd, score, truth_of, with_truth_distance
@@ -32,7 +33,7 @@ SHOWN = ("icp", "similarity", "level_set")
 def pipeline() -> Pipeline:
     """The paper's way (landmarks, then rigid ICP), the best similarity, and ours."""
     robust = ICP(as_="similarity", after="landmarks")
-    return Pipeline([Landmarks(), ICP(preset="standard"), robust, Deform(), LevelSet()], folds=0)
+    return Pipeline([Landmarks(), ICP(preset="standard"), robust, Deform(), Topology(), LevelSet()], folds=0)
 
 
 def tasks(scope: Scope) -> list[Task]:

@@ -18,6 +18,7 @@ from ..stages.deform import Deform
 from ..stages.icp import ICP
 from ..stages.landmarks import Landmarks
 from ..stages.level_set import LevelSet
+from ..stages.topology import Topology
 from .blocks import Block, Figure, Heading, Table, Text
 from .drawing import COLOURS
 from .experiment import Outcome, Row, Scope, Task, mean_sd, score
@@ -49,7 +50,7 @@ VARIANTS = {
     "smooth_fine": "T smooth, the fine length alone",
     "smooth_coarse": "T smooth, the coarse length alone",
     "smooth": "T smooth, both lengths",
-    "believed": "ours without robust weights: every point is believed",
+    "believed": "ours without robust weights: every point is taken to touch the wall",
     "level_set": "T smooth, then foot-point forces, second order (ours)",
 }
 
@@ -69,9 +70,11 @@ def stages() -> list[Stage]:
         LevelSet(as_="own_fine", after="similarity", coarse_to_fine=False),
         Deform(as_="smooth_fine", after="similarity", vector=(FINE,), normal=(FINE,)),
         Deform(as_="smooth_coarse", after="similarity", vector=(COARSE,), normal=()),
-        Deform(as_="smooth_believed", after="similarity", outliers="believe"),
-        LevelSet(as_="believed", after="smooth_believed"),
+        Deform(as_="smooth_believed", after="similarity", outliers="none"),
+        Topology(as_="topology_believed"),
+        LevelSet(as_="believed"),
         Deform(as_="smooth", after="similarity"),
+        Topology(),
         LevelSet(),
     ]
 
@@ -115,7 +118,7 @@ def raw_pieces(estimate: Estimate) -> Row:
 def sweep(seed: int, alphas: tuple[float, ...]) -> Outcome:
     """Equation 16 over alpha from the best similarity, and our own choice."""
     case = synthetic_atrium(seed)
-    begin: list[Stage] = [Landmarks(), ICP(as_="similarity"), Deform(), LevelSet()]
+    begin: list[Stage] = [Landmarks(), ICP(as_="similarity"), Deform(), Topology(), LevelSet()]
     weighted = [
         LevelSet(as_=f"alpha_{k}", after="similarity", formulation="paper", spacing=SPACING, data=1.0 / alpha)
         for k, alpha in enumerate(alphas)

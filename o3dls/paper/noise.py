@@ -17,6 +17,7 @@ from ..report.drawing.fields import Field
 from ..stages.deform import Deform
 from ..stages.icp import ICP
 from ..stages.level_set import LevelSet
+from ..stages.topology import Topology
 from .blocks import Block, Figure, Heading, Table, Text
 from .drawing import NAMES, curves, outlines, rendered
 from .experiment import Outcome, Row, Scope, Task, mean_sd, score, truth_of, with_truth_distance
@@ -39,7 +40,13 @@ ASKED: Mapping[str, dict[str, Any]] = {"star": {"vector": (1.6,), "normal": ()},
 def pipeline(shape: str) -> Pipeline:
     """The baseline, the best similarity, and ours; none profits from another."""
     return Pipeline(
-        [ICP(preset="standard"), ICP(as_="similarity", after="start"), Deform(**ASKED[shape]), LevelSet()],
+        [
+            ICP(preset="standard"),
+            ICP(as_="similarity", after="start"),
+            Deform(**ASKED[shape]),
+            Topology(),
+            LevelSet(),
+        ],
         folds=0,
     )
 
@@ -110,7 +117,7 @@ def blocks(results: Results) -> list[Block]:
 def _words(shape: str, rows: list[Row]) -> str:
     return (
         f"{MADE[shape]}; {len({row['seed'] for row in rows})} seeds, on which nothing was chosen. "
-        f"Ours: `icp`, `deform`{_asked(shape)}, `level_set`. "
+        f"Ours: `icp`, `deform`{_asked(shape)}, `topology`, `level_set`. "
         "Fitted: distance of the points that the methods saw. "
         "Held out: distance of points of the truth that none saw. "
         "The dashed line is what the truth itself would score on the fitted points: a method below it "

@@ -13,6 +13,7 @@ from ..stages.deform import Deform
 from ..stages.icp import ICP
 from ..stages.landmarks import Landmarks
 from ..stages.level_set import LevelSet
+from ..stages.topology import Topology
 from .atrium import SHOWN
 from .blocks import Block, Heading, Table, Text
 from .drawing import NAMES
@@ -48,7 +49,15 @@ def fit(name: str, folder: str) -> Outcome:
     start = [Landmarks()] if Landmarks().obstacle(case) is None else []
     first = start[0].estimate_name if start else "start"
     plan = Pipeline(
-        [*start, ICP(preset="standard"), ICP(as_="similarity", after=first), Deform(), LevelSet()], folds=0
+        [
+            *start,
+            ICP(preset="standard"),
+            ICP(as_="similarity", after=first),
+            Deform(),
+            Topology(),
+            LevelSet(),
+        ],
+        folds=0,
     )
     estimates = plan.fit(case)
     return Outcome([{"case": name} | score(case, plan, estimates, method) for method in SHOWN])

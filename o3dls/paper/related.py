@@ -16,6 +16,7 @@ from ..stages.deform import Deform
 from ..stages.icp import ICP
 from ..stages.landmarks import Landmarks
 from ..stages.level_set import LevelSet
+from ..stages.topology import Topology
 from .blocks import Block, Figure, Heading, Table, Text
 from .experiment import Outcome, Row, Scope, Task, judged, mean_sd, truth_of
 from .reconstruction import alpha_shape, minimal_surface, poisson, tangent_planes
@@ -61,7 +62,7 @@ def fit(seed: int, count: int) -> Outcome:
     points = case.points.of("eam").xyz
     truth = truth_of(case)
     start = Pipeline([Landmarks(), ICP()], folds=0)
-    plan = Pipeline([*start.stages, Deform(), LevelSet()], folds=0)
+    plan = Pipeline([*start.stages, Deform(), Topology(), LevelSet()], folds=0)
     makers: dict[str, Callable[[], Surface]] = {
         "hoppe": lambda: tangent_planes(points),
         "zhao": lambda: minimal_surface(points),

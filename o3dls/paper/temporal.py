@@ -17,6 +17,7 @@ from ..report.drawing.fields import Field
 from ..stages.deform import Deform
 from ..stages.level_set import LevelSet
 from ..stages.phases import Phases
+from ..stages.topology import Topology
 from .blocks import Block, Figure, Heading, Table, Text
 from .drawing import NAMES, curves, rendered
 from .experiment import Outcome, Row, Scope, Task, mean_sd, score, with_truth_distance
@@ -72,8 +73,10 @@ def fit(folder: str, phase: int, kind: str, drawn: bool) -> Outcome:
     )
     stages = [
         Deform(as_="moved"),
+        Topology(as_="topology_static"),
         LevelSet(as_="static"),
         Phases(as_="placed", after="start", pose_sd=POSE_SD),
+        Topology(as_="topology_phases"),
         LevelSet(as_="phases"),
     ]
     plan = Pipeline(stages, folds=0)

@@ -26,13 +26,13 @@ Tables = dict[str, Any]
 def read_pipeline(path: str | Path, settings: Iterable[str] = ()) -> Pipeline:
     """The pipeline of a TOML file, its folders taken from where the file stands.
 
-    `settings` such as `icp.keep=0.9` overrule it. Raises PipelineError with every mistake, InputError where
+    `settings` such as `icp.keep=0.9` override it. Raises PipelineError with every mistake, InputError where
     the file cannot be read.
     """
     path = Path(path)
     try:
         tables = tomllib.loads(decode(read_bytes(path), path))
-        return pipeline_from(overruled(tables, settings), path.parent)
+        return pipeline_from(overridden(tables, settings), path.parent)
     except tomllib.TOMLDecodeError as error:
         raise PipelineError(f"{path}: {error}") from None
     except PipelineError as error:
@@ -71,7 +71,7 @@ def _noted(said: list[str]) -> Iterator[None]:
 
 
 def default_pipeline(settings: Iterable[str] = ()) -> Pipeline:
-    """The packaged default: landmarks, icp, deform, level_set, report, export."""
+    """The packaged default: landmarks, icp, deform, topology, level_set, report, export."""
     return read_pipeline(pipeline_file("default"), settings)
 
 
@@ -100,21 +100,25 @@ def pipeline_from(tables: Tables, folder: Path = Path()) -> Pipeline:
     return Pipeline(stages, writes, folds=tables.get("folds", Pipeline.folds), **places)
 
 
-def overruled(tables: Tables, settings: Iterable[str]) -> Tables:
+def overridden(tables: Tables, settings: Iterable[str]) -> Tables:
     """The tables with settings `STAGE.PARAM=VALUE` put in, STAGE being the name of an estimate or a writer.
 
     Raises PipelineError.
     """
     for setting in settings:
         key, equals, value = setting.partition("=")
-        owner, dot, name = key.strip().rpartition(".")
-        if not equals or not name:
+        *owners, name = key.strip().split(".")
+        if not equals or not name or "" in owners:
             raise PipelineError(f"--set {setting}: must be STAGE.PARAM=VALUE, such as icp.keep=0.9")
         if key.strip() in FOLDERS:
             raise PipelineError(
                 f"--set {setting}: is a folder and no parameter; say --{name} {value.strip()}"
             )
-        target = _table(tables, owner, setting) if dot else tables
+        target = _table(tables, owners[0], setting) if owners else tables
+        for part in owners[1:]:  # such as `phases.deform.odds`
+            target = target.setdefault(part, {})
+            if not isinstance(target, dict):
+                raise PipelineError(f"--set {setting}: '{part}' is not a table")
         target[name] = _value(value.strip())
     return tables
 

@@ -18,11 +18,12 @@ from ..case import Case
 from ..errors import InputError, PipelineError, SolverError, did_you_mean
 from ..estimate import Estimate
 from ..plugins.stage import Stage
+from ..run_warning import each_once, of_stage
 from ..runs.run import Run
 from ..runs.scoring import scored
 from ..runs.writers import Writer
 from .cross_validation import cross_validate, too_many
-from .start import doubts, misfit, start_estimate, unseen_pieces
+from .start import components_without_points, doubtful_pose, misfit, start_estimate
 
 START = "start"
 MOST_FOLDS = 50
@@ -93,14 +94,9 @@ class Pipeline:
         if why := self.refusals(case):
             raise InputError("; ".join(why))
         estimates = self.fit(case)
-        said = doubts(case.visible(), estimates[START]) if self._knows_pose else []
-        said += unseen_pieces(case.visible(), estimates[self.names[-1]].T_map_prior)
-        estimates = {
-            name: replace(estimate, warnings=(*said, *estimate.warnings))
-            for name, estimate in estimates.items()
-        }
-        for warning in dict.fromkeys(text for estimate in estimates.values() for text in estimate.warnings):
-            log.warning("%s", warning)
+        estimates = self._with_start_warnings(case.visible(), estimates)
+        for warning in each_once(one for estimate in estimates.values() for one in estimate.warnings):
+            log.warning("%s", warning.sentence)
         left_out = (
             cross_validate(lambda part: self.fit(part, logging.DEBUG), case, self.folds) if self.folds else {}
         )
@@ -121,13 +117,22 @@ class Pipeline:
         """
         estimates = {START: start_estimate(case.visible())}
         for stage in self.stages:
-            begin = perf_counter()
-            estimate = stage(case.visible(stage.fits), estimates[self.sources[stage.estimate_name]])
+            begin, name = perf_counter(), stage.estimate_name
+            estimate = stage(case.visible(stage.fits), estimates[self.sources[name]])
             if not np.isfinite(estimate.T_map_prior).all():
-                raise SolverError(f"{stage.estimate_name}: the pose found is not finite")
-            estimates[stage.estimate_name] = replace(estimate, seconds=perf_counter() - begin)
-            log.log(level, "%s: %s (%.2f s)", stage.estimate_name, estimate.status, perf_counter() - begin)
+                raise SolverError(f"{name}: the pose found is not finite")
+            seconds = perf_counter() - begin
+            warnings = of_stage(estimate.warnings, name)
+            estimates[name] = replace(estimate, seconds=seconds, warnings=warnings)
+            log.log(level, "%s: %s (%.2f s)", name, estimate.status, seconds)
         return estimates
+
+    def _with_start_warnings(self, case: Case, estimates: dict[str, Estimate]) -> dict[str, Estimate]:
+        """The estimates with the warnings on their common start, which every one of them depends on."""
+        found = doubtful_pose(case, estimates[START]) if self._knows_pose else []
+        found += components_without_points(case, estimates[self.names[-1]].T_map_prior)
+        common = of_stage(found, START)
+        return {name: replace(one, warnings=(*common, *one.warnings)) for name, one in estimates.items()}
 
     def record(self) -> dict[str, Any]:
         """The pipeline with every default written out, shaped as its file.
@@ -159,11 +164,11 @@ class Pipeline:
     def allowed_by(self, case: Case) -> Self:
         """The pipeline without the stages and writers that cannot work on the case.
 
-        Each one dropped is said in the log.
+        The log names each one that is skipped.
         """
         for plugin in (*self.stages, *self.writes):
             if why := plugin.obstacle(case):
-                log.info("left out: case %s: %s: %s", case.name, plugin.name, why)
+                log.info("Skipping '%s': %s", plugin.name, why)
         stages = [stage for stage in self.stages if not stage.obstacle(case)]
         return replace(
             self, stages=stages, writes=[writer for writer in self.writes if not writer.obstacle(case)]

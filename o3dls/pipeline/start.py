@@ -1,4 +1,4 @@
-"""Where a run begins: the rough pose that the case brings along, and whether points and prior can belong
+"""Where a run begins: the rough pose that comes with the case, and whether points and prior can belong
 together at all.
 """
 
@@ -13,14 +13,15 @@ from ..estimate import Estimate
 from ..evaluation.distances import landmark_errors
 from ..geometry.similarity import fit_similarity
 from ..registration.landmarks import determined
+from ..run_warning import RunWarning
 
 FEWEST_POINTS = 10
 SPANS = (0.1, 4.0)  # extent of the points relative to the prior's: a single vein is 0.15, a chamber 1
-MOST = (0.05, 0.95)  # quantiles between which points must not be too wide, whatever strays there are
+MOST = (0.05, 0.95)  # quantiles between which points must not be too wide, whatever outliers there are
 NEARLY_ALL = (0.01, 0.99)  # ... nor too narrow, however densely one place was mapped
-UNITS = {"m": 1e3, "in": 25.4, "cm": 10.0, "um": 1e-3}  # in mm: what may have been taken for it
+UNITS = {"m": 1e3, "in": 25.4, "cm": 10.0, "um": 1e-3}  # in mm: what may have been mistaken for it
 ATRIUM = 100.0  # mm across: in the right units points and prior are like it
-POINTS_IN = "if the points are in {0}, put the line '# units={0}' above the header of their file"
+POINTS_IN = "if the points are in {0}, add the line '# units={0}' above the header of their file"
 PRIOR_IN = "if the prior is in {0}, write it in mm: o3dls convert PRIOR OUT --units {0}"
 FLATTEST = 1e-3  # mean thickness relative to the diagonal: .15 is an atrium
 FARTHEST = 0.5  # median distance of the points from the prior after the start pose, relative to its diagonal
@@ -39,13 +40,13 @@ def start_estimate(case: Case) -> Estimate:
             start.T_map_prior,
             f"rigid fit of {len(names)} landmarks ({', '.join(names)}), rms {error:.2f} {case.units}",
         )
-    why = f"; {len(names)} landmark pairs on one line fix no pose" if len(names) >= 3 else ""
+    why = f"; {len(names)} landmark pairs on one line do not determine a pose" if len(names) >= 3 else ""
     if case.init is not None:
         return _placed(case, case.init, f"pose from the case's init matrix{why}")
     return _placed(
         case,
         np.eye(case.dimension + 1),
-        f"identity: the case has neither 3 landmark pairs nor an init matrix{why}",
+        f"prior as given: the case has neither 3 landmark pairs nor an init matrix{why}",
     )
 
 
@@ -54,48 +55,50 @@ def misfit(case: Case, start: Estimate, *, pose_is_known: bool) -> list[str]:
     or, where the pose counts as known, far from it.
     """
     points = case.points.of("eam").xyz
-    said = _flat(case) or _few(points) or _unlike(case, points) or _stray(case, points)
-    if not said and pose_is_known:
-        said = _far(case, start, points)
-    return [said] if said else []
+    found = _flat(case) or _few(points) or _other_size(case, points) or _far_point(case, points)
+    if not found and pose_is_known:
+        found = _far(case, start, points)
+    return [found] if found else []
 
 
-def doubts(case: Case, start: Estimate) -> list[str]:
-    """A sentence where no landmarks fix the start pose and the points fit the prior clearly better in one
-    that lies elsewhere: an `init` of another frame leads to a surface that looks right, since a motion can
-    mend what a turned chamber lacks.
+def doubtful_pose(case: Case, start: Estimate) -> list[RunWarning]:
+    """A warning where no landmarks determine the start pose and the points fit the prior clearly better in
+    another one: an `init` of another frame leads to a surface that looks right, since a motion can make up
+    for a turned chamber.
     """
     _, prior, measured = case.landmark_pairs()
     if _fixed_by(prior, measured):
         return []
     from ..registration.match import SurfaceMatcher
     from ..stages.icp import ICP, fitted_points
-    from ..stages.pose_checks import beaten
+    from ..stages.pose_checks import better_pose
 
     icp = ICP()
     points = fitted_points(case)
     surface = SurfaceMatcher(case.prior)
-    said = beaten(
-        case.units, points, surface, icp.aligned(points, surface, start.T_map_prior), scale=icp.scale
-    )
-    return [f"the start may be wrong: {said}"] if said else []
+    aligned = icp.aligned(points, surface, start.T_map_prior)
+    better = better_pose(case.units, points, surface, aligned, scale=icp.scale)
+    return [RunWarning("start-pose-doubtful", f"the start may be wrong: {better}")] if better else []
 
 
-def unseen_pieces(case: Case, T_map_prior: Array) -> list[str]:
-    """A sentence for each piece of the prior, but for crumbs, that is nearest to no point: nothing tells
-    where it lies.
+def components_without_points(case: Case, T_map_prior: Array) -> list[RunWarning]:
+    """A warning for each component of the prior, but for small ones, that is nearest to no point: nothing
+    tells where it lies.
     """
     from ..geometry.closest_point import ClosestPoint
     from ..geometry.components import SMALL_COMPONENT, component_areas
 
     prior = case.prior
     points = case.points.of(*FITTED_TYPES).xyz
-    piece, areas = component_areas(prior)
+    component, areas = component_areas(prior)
     nearest = ClosestPoint(prior.transformed(T_map_prior).vertices, prior.faces).query(points)[1]
-    unseen = np.setdiff1d(np.flatnonzero(areas >= SMALL_COMPONENT * areas.max()), piece[nearest])
+    unseen = np.setdiff1d(np.flatnonzero(areas >= SMALL_COMPONENT * areas.max()), component[nearest])
     return [
-        f"no point is near the piece of the prior {_around(case, piece == k)} "
-        f"({areas[k] / prior.area:.0%} of its area): is it meant?"
+        RunWarning(
+            "component-without-points",
+            f"no point is near the component of the prior {_around(case, component == k)} "
+            f"({areas[k] / prior.area:.0%} of its area): does it belong to this chamber?",
+        )
         for k in unseen
     ]
 
@@ -120,7 +123,7 @@ def _flat(case: Case) -> str:
     if not prior.watertight or prior.dimension * prior.volume > FLATTEST * prior.diagonal * prior.area:
         return ""
     return (
-        f"the prior is flat: {prior.diagonal:.3g} {unit} across, it encloses nothing; give the closed "
+        f"the prior is flat: it is {prior.diagonal:.3g} {unit} across and encloses nothing; give the closed "
         "surface of a chamber"
     )
 
@@ -130,11 +133,11 @@ def _few(points: Array) -> str:
     return (
         ""
         if places >= FEWEST_POINTS
-        else f"points of type eam in {places} different places: at least {FEWEST_POINTS} are needed"
+        else f"the points of type eam lie in {places} different places: at least {FEWEST_POINTS} are needed"
     )
 
 
-def _unlike(case: Case, points: Array) -> str:
+def _other_size(case: Case, points: Array) -> str:
     """Points in another unit than the prior's are many times too small or too large, not a little."""
     most, span = (
         max(float(np.linalg.norm(np.ptp(np.quantile(points, part, axis=0), axis=0))), 1e-300)
@@ -145,20 +148,20 @@ def _unlike(case: Case, points: Array) -> str:
     if SPANS[0] <= span / size and most / size <= SPANS[1]:
         return ""
     span = most if most / size > SPANS[1] else span
-    said = f"the points span {span:.3g} {unit}, the prior {size:.3g} {unit}"
+    spans = f"the points span {span:.3g} {unit}, the prior {size:.3g} {unit}"
     readings = [(span * mm, size, POINTS_IN, name) for name, mm in UNITS.items()]
     readings += [(span, size * mm, PRIOR_IN, name) for name, mm in UNITS.items()]
     likely = [reading for reading in readings if SPANS[0] <= reading[0] / reading[1] <= SPANS[1]]
     if unit == "px" or not likely:
         return (
-            f"{said}, and no unit explains that: do nearly all points lie in one place, or are they "
-            "of another case?"
+            f"{spans}, and no unit explains that: do nearly all points lie in one place, or do they belong "
+            "to another case?"
         )
-    *_, mend, name = min(likely, key=lambda reading: float(np.ptp(np.log((*reading[:2], ATRIUM)))))
-    return f"{said}: {mend.format(name)}; if not, look for the wrong unit on the other side"
+    *_, remedy, name = min(likely, key=lambda reading: float(np.ptp(np.log((*reading[:2], ATRIUM)))))
+    return f"{spans}: {remedy.format(name)}; otherwise check the unit of the other one"
 
 
-def _stray(case: Case, points: Array) -> str:
+def _far_point(case: Case, points: Array) -> str:
     """The farthest point, where it is too far off to be of this map."""
     away = np.linalg.norm(points - np.median(points, axis=0), axis=1)
     far = int(away.argmax())
@@ -166,8 +169,8 @@ def _stray(case: Case, points: Array) -> str:
         return ""
     row = np.flatnonzero(case.points.type == "eam")[far]
     return (
-        f"the point of row {row}, counted from 0, lies {away[far]:.3g} {case.units} from the middle "
-        "of all: correct it or leave it out"
+        f"the point in row {row} (counted from 0) lies {away[far]:.3g} {case.units} from the middle of all "
+        "points: correct it or remove it"
     )
 
 
@@ -180,9 +183,9 @@ def _far(case: Case, start: Estimate, points: Array) -> str:
     unit = case.units
     if gap <= FARTHEST * size:
         return ""
-    said = f"half of the points are more than {gap:.3g} {unit} away from the prior ({size:.3g} {unit} across)"
-    mend = (
-        "give 3 or more named landmarks or an init matrix, check the frame, or begin the pipeline "
-        "with the stage global_pose"
+    away = f"half of the points are more than {gap:.3g} {unit} away from the prior ({size:.3g} {unit} across)"
+    remedy = (
+        "to fix this, give 3 or more named landmarks or an init matrix, check the frame, or begin the "
+        "pipeline with the stage global_pose"
     )
-    return f"{said} after the start ({start.status}): {mend}"
+    return f"{away} after the start ({start.status}): {remedy}"

@@ -5,14 +5,14 @@ pydantic model.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
-from pydantic_core import ErrorDetails
+from pydantic_core import ErrorDetails, PydanticCustomError
 
 from ..errors import did_you_mean
 
@@ -30,28 +30,52 @@ class Parameter:
 
 
 def describe(plugin: type[BaseModel]) -> list[Parameter]:
-    """The parameters of a plugin in the order of its class."""
-    return [
-        Parameter(
-            f.alias or name,
-            _kind(f),
-            f.get_default(call_default_factory=True),
-            _unit(f),
-            _limits(f),
-            f.description or "",
-        )
-        for name, f in plugin.model_fields.items()
-    ]
+    """The parameters of a plugin in the order of its class; those of a part as `part.name`."""
+    found = list[Parameter]()
+    for name, field in plugin.model_fields.items():
+        inner = part(field)
+        own = [_described(name, field)] if inner is None else _of_part(name, inner)
+        found += own
+    return found
+
+
+def part(field: FieldInfo) -> type[BaseModel] | None:
+    """The class of a parameter that is a table of parameters itself, such as `deform` in `phases`."""
+    kind = field.annotation
+    return kind if isinstance(kind, type) and issubclass(kind, BaseModel) else None
+
+
+def parameter_error(model: BaseModel, name: str, words: str) -> PydanticCustomError:
+    """For validators of a whole plugin: what is wrong with one of its parameters, given the others."""
+    about = {"name": name, "value": getattr(model, name), "words": words}
+    return PydanticCustomError("parameter", "a parameter does not fit the others", about)
+
+
+def unfitting(model: BaseModel, name: str, condition: str) -> None:
+    """Raise where a parameter that has no effect under some condition (in words) is not at its default."""
+    if getattr(model, name) != type(model).model_fields[name].get_default(call_default_factory=True):
+        raise parameter_error(model, name, f"has no effect {condition}")
+
+
+def _described(name: str, f: FieldInfo) -> Parameter:
+    default = f.get_default(call_default_factory=True)
+    return Parameter(f.alias or name, _kind(f), default, _unit(f), _limits(f), f.description or "")
+
+
+def _of_part(name: str, inner: type[BaseModel]) -> list[Parameter]:
+    placing = getattr(inner, "placing", ())
+    own = [_described(key, field) for key, field in inner.model_fields.items() if key not in placing]
+    return [replace(one, name=f"{name}.{one.name}") for one in own]
 
 
 def mistakes(plugin: type[BaseModel], error: ValidationError) -> list[str]:
     """One sentence per mistake, such as `icp.tolerance = -1.0 mm: must be a number within [0, inf) mm`."""
     owner = str(getattr(plugin, "name", plugin.__name__))
     details = error.errors(include_url=False)
-    # a list with a wrong entry is also said to be too short
+    # a list with a wrong entry is also reported as too short
     inside = {detail["loc"][0] for detail in details if len(detail["loc"]) > 1}
-    told = [detail for detail in details if len(detail["loc"]) != 1 or detail["loc"][0] not in inside]
-    return list(dict.fromkeys(_sentence(plugin, owner, detail) for detail in told))
+    kept = [detail for detail in details if len(detail["loc"]) != 1 or detail["loc"][0] not in inside]
+    return list(dict.fromkeys(one for detail in kept for one in _sentences(plugin, owner, detail)))
 
 
 def as_written(value: Any, field: FieldInfo) -> bool:
@@ -75,6 +99,18 @@ def _is(entry: Any, kinds: set[Any]) -> bool:
     if isinstance(entry, bool):
         return bool in kinds
     return kinds != {bool} if isinstance(entry, int | float) else not isinstance(entry, str | bytes)
+
+
+def _sentences(plugin: type[BaseModel], owner: str, detail: ErrorDetails) -> list[str]:
+    """One sentence, or one per mistake in a part."""
+    about = detail.get("ctx", {})
+    if detail["type"] == "part":
+        return [f"{owner}.{mistake}" for mistake in about["mistakes"]]
+    if detail["type"] == "parameter":
+        field = plugin.model_fields[about["name"]]
+        value = _shown(about["value"], _unit(field))
+        return [f"{owner}.{field.alias or about['name']} = {value}: {about['words']}"]
+    return [_sentence(plugin, owner, detail)]
 
 
 def _sentence(plugin: type[BaseModel], owner: str, detail: ErrorDetails) -> str:
@@ -150,6 +186,8 @@ def _kind(field: FieldInfo) -> str:
         type(None): "",
         Ellipsis: "",
     }
+    if part(field):
+        return "table of parameters"
     parts = [
         "word" if get_origin(p) is Literal else names.get(p, getattr(p, "__name__", str(p)))
         for p in _parts(field.annotation)

@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 from abc import ABC
+from collections.abc import Mapping
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 from pydantic import BaseModel, ConfigDict, ValidationError, ValidationInfo, field_validator
 from pydantic_core import PydanticCustomError
 
 from ..case import Case
 from ..errors import PipelineError, did_you_mean
-from .parameters import as_written, mistakes
-
-if TYPE_CHECKING:
-    pass
-
+from .parameters import as_written, mistakes, part
 
 # entry points of each kind of table in a pipeline file
 GROUPS = {
@@ -26,10 +23,15 @@ GROUPS = {
 
 
 class Plugin(BaseModel, ABC):
-    """Typed, frozen parameters that check themselves; help, pipeline syntax and records come from them."""
+    """Typed, frozen parameters that check themselves; help, pipeline syntax and records come from them.
+
+    A plugin may be a parameter of another one, its part: a table in the pipeline file. `placing` names the
+    parameters that a plugin does not have there.
+    """
 
     model_config = ConfigDict(frozen=True, extra="forbid", populate_by_name=True, allow_inf_nan=False)
     name: ClassVar[str]
+    placing: ClassVar[frozenset[str]] = frozenset()
 
     def __init__(self, **parameters: Any) -> None:
         """Say what is wrong in our words; a validator would not do, since those of subclasses run outside of
@@ -50,16 +52,39 @@ class Plugin(BaseModel, ABC):
             raise PydanticCustomError("as_written", "must be of the type as written")
         return value
 
+    @field_validator("*", mode="before")
+    @classmethod
+    def _part(cls, value: Any, info: ValidationInfo) -> Any:
+        """A table becomes the part that it describes, with the mistakes of that named."""
+        field = cls.model_fields[info.field_name] if info.field_name else None
+        kind = part(field) if field else None
+        if kind is None or not issubclass(kind, Plugin) or not isinstance(value, Mapping | kind):
+            return value
+        try:
+            made = kind(**value) if isinstance(value, Mapping) else value
+        except PipelineError as error:
+            raise PydanticCustomError("part", "a part has mistakes", {"mistakes": error.args}) from None
+        if given := sorted(kind.placing & made.model_fields_set):
+            wrong = [
+                f"{kind.name}.{kind.model_fields[name].alias or name}: no such parameter" for name in given
+            ]
+            raise PydanticCustomError("part", "a part has mistakes", {"mistakes": wrong})
+        return made
+
     def record(self) -> dict[str, Any]:
         """Every parameter with its value, as a pipeline file would say it."""
-        return {"use": self.name} | self.model_dump(mode="json", by_alias=True)
+        parts = {name: part(field) for name, field in type(self).model_fields.items()}
+        left_out = {
+            name: set(kind.placing) for name, kind in parts.items() if kind and issubclass(kind, Plugin)
+        }
+        return {"use": self.name} | self.model_dump(mode="json", by_alias=True, exclude=left_out or None)
 
     def obstacle(self, case: Case) -> str | None:
         """Why this plugin cannot work on the case (a sentence), None where it can."""
         return None
 
     def mistake(self, case: Case) -> str | None:
-        """What of the case or the parameters must be mended first (a sentence), None where nothing: asked
+        """What of the case or the parameters must be corrected first (a sentence), None where nothing: asked
         where there is no obstacle.
         """
         return None

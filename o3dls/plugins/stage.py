@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 from pydantic import Field
 
 from ..case import FITTED_TYPES, Case
 from ..estimate import Estimate
-
-if TYPE_CHECKING:
-    pass
 from .plugin import Plugin
 
 
@@ -20,6 +17,7 @@ class Stage(Plugin):
     estimate to start from.
     """
 
+    placing: ClassVar[frozenset[str]] = frozenset({"as_", "after"})
     finds_pose: ClassVar[bool] = (
         False  # True: needs no rough pose, so points far from the prior are no mistake
     )
@@ -38,9 +36,7 @@ class Stage(Plugin):
 
     @property
     def fits(self) -> tuple[str, ...]:
-        """Types of the points that the stage is shown; every other point, and the truth, is out of its
-        reach.
-        """
+        """Types of the points that the stage is given; it cannot see any other point, nor the truth."""
         return FITTED_TYPES
 
     @abstractmethod

@@ -44,10 +44,10 @@ class Direction:
 
     def sentence(self, units: str) -> str:
         """What a reader should know of a weak direction."""
-        how = "not" if self.relative > LOST else "weakly"
+        how = "do not" if self.relative > LOST else "only weakly"
         return (
-            f"{self.meaning} is {how} determined by these points: sd {self.sd:.2g} {units} over the "
-            f"surface{self._amount()}"
+            f"the points {how} determine the {self.meaning}: standard deviation {self.sd:.2g} {units} over "
+            f"the surface{self._amount()}"
         )
 
     def _amount(self) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from ..evaluation.interpolation import REACH
+from ..run_warning import each_once
 from .markup import signed
 from .statistics import Difference, paired_difference
 from .subject import Result, Subject
@@ -110,26 +111,18 @@ def warnings(subject: Subject) -> list[str]:
             "Every point was fitted, so nothing here proves how good the surface is away from them; "
             "cross-validate (folds = 5)."
         )
-    return list(dict.fromkeys(said))
+    return said
 
 
 def _estimates_own(subject: Subject) -> list[str]:
-    """What the estimates warn of, each sentence once: a stage hands on what those before it said."""
-    chain = _ancestors(subject)
-    names = {text: list[str]() for result in chain for text in result.estimate.warnings}
-    for result in [*chain[1:], *chain[:1]]:
-        for text in result.estimate.warnings:
-            names[text].append(result.name)
-    return [f"{', '.join(dict.fromkeys(by))}: {text}" for text, by in names.items()]
+    """The estimates' warnings, each once, after the name of the stage that gave it."""
+    found = each_once(warning for result in _ancestors(subject) for warning in result.estimate.warnings)
+    prefix = subject.last.name.removesuffix(subject.last.key)
+    return [f"{prefix}{warning.stage}: {warning.sentence}" for warning in found]
 
 
 def _unfinished(result: Result) -> str:
-    status = result.estimate.status
-    return (
-        f"{result.name}: {status}"
-        if "not converged" in status
-        else f"{result.name} did not converge: {status}"
-    )
+    return f"{result.name} did not converge: {result.estimate.status}"
 
 
 def _ancestors(subject: Subject) -> list[Result]:

@@ -14,6 +14,7 @@ from ..estimate import Estimate
 from ..geometry.surface import Surface
 from ..io.meshes.registry import read_surface, write_surface
 from ..io.table import read_table, write_table
+from ..run_warning import RunWarning
 
 
 def write_estimate(folder: Path, case: Case, estimate: Estimate, fitted: Collection[str]) -> None:
@@ -39,7 +40,7 @@ def read_estimate(folder: Path, found: Mapping[str, Any], unit: str) -> Estimate
         sigma=found[f"sigma_{unit}"],
         weights=_column(folder / "weights.csv", "weight"),
         trace=_read_trace(folder / "trace.csv"),
-        warnings=tuple(found["warnings"]),
+        warnings=tuple(RunWarning(**warning) for warning in found["warnings"]),
         **{key: found[key] for key in ("status", "converged", "seconds", "iterations", "facts")},
     )
 

@@ -22,7 +22,7 @@ from ..io.points import write_points
 from .estimate_files import write_estimate, write_rows
 from .tables import ScoreLine, score_rows, score_table
 
-SCHEMA = "o3dls/run/1"
+SCHEMA = "o3dls/run/2"
 log = logging.getLogger("o3dls")
 Record = dict[str, Any]
 
@@ -150,7 +150,7 @@ def _estimate_record(run: Run, name: str) -> dict[str, Any]:
         "T_map_prior": e.T_map_prior.tolist(),
         "scale": e.scale,
         f"sigma_{run.unit}": e.sigma,
-        "warnings": list(e.warnings),
+        "warnings": [warning.record() for warning in e.warnings],
         "facts": dict(e.facts),
         "scores": run.scores[name],
         "validity": run.validity[name],

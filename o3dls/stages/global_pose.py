@@ -12,8 +12,9 @@ from ..case import Case
 from ..errors import InputError
 from ..estimate import Estimate
 from ..plugins.stage import Stage
+from ..run_warning import RunWarning
 from .icp import as_estimate, fitted_points
-from .pose_checks import STARTS, fits_mirrored
+from .pose_checks import STARTS, better_mirrored
 
 if TYPE_CHECKING:
     from ..arrays import Array
@@ -21,16 +22,19 @@ if TYPE_CHECKING:
 
 
 class GlobalPose(Stage):
-    """Search all rotations for the pose in which the points fit the prior, and say how sure it is against the
-    runner-up.
+    """Search all rotations for the pose in which the prior fits the points, and give its confidence against
+    the second-best pose.
     """
 
     name: ClassVar[str] = "global_pose"
     finds_pose: ClassVar[bool] = True
-    starts: int = Field(STARTS, ge=24, le=100_000, description="rotations tried, spread evenly")
+    starts: int = Field(
+        STARTS, ge=24, le=100_000, description="number of rotations tried, evenly distributed"
+    )
     scale: bool = Field(True, description="let the scale change: a similarity instead of a rigid motion")
     hands: bool = Field(
-        True, description="try the mirror image too, and refuse the prior where that fits clearly better"
+        True,
+        description="try the mirror image too, and refuse the prior where that fits clearly better",
     )
     sure: float = Field(
         0.95,
@@ -49,21 +53,22 @@ class GlobalPose(Stage):
         best, *others = candidates(points, surface, starts=self.starts, scale=self.scale)
         if self.hands:
             other_hand = candidates(points, mirrored(surface), starts=self.starts, scale=self.scale)[0]
-            if said := fits_mirrored(case.units, points, best, other_hand):
-                raise InputError(f"case {case.name}: {said}")
+            if better := better_mirrored(case.units, points, best, other_hand):
+                raise InputError(f"case {case.name}: {better}")
         sure = min([confidence(best.costs, other.costs, points) for other in others], default=1.0)
         return self._judged(as_estimate(case, best.alignment, scale=self.scale), best, others, sure)
 
     def _judged(self, estimate: Estimate, best: Candidate, others: list[Candidate], sure: float) -> Estimate:
-        """The estimate with what the search knows about the runner-up."""
+        """The estimate with what the search knows about the second-best pose."""
         runner = _runner_up(best.T_map_prior, others)
-        status = f"pose found with confidence {sure:.2f}{runner and f'; {runner}'}; icp {estimate.status}"
-        doubt = f"the pose is not certain (confidence {sure:.2f}; {runner}): check it, or give landmarks"
+        status = f"pose found with confidence {sure:.2f}{runner and f'; {runner}'}; ICP {estimate.status}"
+        sentence = f"the pose is not certain (confidence {sure:.2f}; {runner}): check it, or give landmarks"
+        uncertain = (RunWarning("uncertain-pose", sentence),) if sure < self.sure else ()
         return replace(
             estimate,
             status=status,
             converged=estimate.converged and sure >= self.sure,
-            warnings=estimate.warnings + ((doubt,) if sure < self.sure else ()),
+            warnings=(*estimate.warnings, *uncertain),
             facts={
                 **estimate.facts,
                 "confidence": sure,
@@ -77,7 +82,8 @@ def _runner_up(T_map_prior: Array, others: list[Candidate]) -> str:
 
     if not others:
         return ""
-    return f"the runner-up lies {np.degrees(angle_of(T_map_prior, others[0].T_map_prior)):.0f} degrees away"
+    degrees = np.degrees(angle_of(T_map_prior, others[0].T_map_prior))
+    return f"the second-best pose is {degrees:.0f} degrees away"
 
 
 def _record(T_map_prior: Array, candidate: Candidate) -> dict[str, float]:

@@ -27,7 +27,7 @@ class Landmarks(Stage):
     name: ClassVar[str] = "landmarks"
     scale: bool = Field(
         False,
-        description="let the landmarks set the scale too; four ostia with 2 mm error know it to some 5 %",
+        description="estimate the scale too; four ostia with 2 mm error determine it to about 5 %",
     )
     weights: dict[str, float] = Field(
         default_factory=dict,
@@ -40,14 +40,16 @@ class Landmarks(Stage):
         if len(names) >= case.dimension:
             return None
         needed = f"at least {case.dimension} are needed in {case.dimension}D"
-        return f"{len(names)} landmark pairs: {needed}; name them in points.csv and prior_landmarks.csv"
+        return (
+            f"{len(names) or 'no'} landmark pairs: {needed}; name them in points.csv and prior_landmarks.csv"
+        )
 
     def mistake(self, case: Case) -> str | None:
         names, prior, measured = case.landmark_pairs()
         for points, file in ((prior, "prior_landmarks.csv"), (measured, "points.csv")):
             if not determined(points):
                 where = f"the landmarks {', '.join(names)} of {file} lie on one line"
-                return f"{where} and leave a rotation free; add one beside the line"
+                return f"{where} and leave a rotation undetermined; add one that is not on the line"
         for name, weight in self.weights.items():
             if name not in names:
                 return f"weights: no landmark pair '{name}'{did_you_mean(name, names)}"
@@ -63,7 +65,7 @@ class Landmarks(Stage):
         names, prior, measured = case.landmark_pairs()
         weights = np.array([self.weights.get(name, 1.0) for name in names])
         found = readings(prior, measured, weights, scale=self.scale)
-        _refuse_mixed_up(case, names, measured, found)
+        _refuse_swapped(case, names, measured, found)
         named = found[0]
         misses = errors(prior, measured, named.T_map_prior)
         alone = leave_one_out(prior, measured, weights, scale=self.scale)
@@ -82,8 +84,8 @@ class Landmarks(Stage):
         )
 
 
-def _refuse_mixed_up(case: Case, names: list[str], measured: Array, found: list[Reading]) -> None:
-    """Raise InputError where landmarks and points say that names are exchanged or the prior is mirrored."""
+def _refuse_swapped(case: Case, names: list[str], measured: Array, found: list[Reading]) -> None:
+    """Raise InputError where landmarks and points show that names are swapped or the prior is mirrored."""
     from ..registration.global_pose import robust_costs
     from ..registration.landmarks import better_reading
     from ..registration.match import SurfaceMatcher
@@ -99,25 +101,25 @@ def _refuse_mixed_up(case: Case, names: list[str], measured: Array, found: list[
     )
     if wrong is None:
         return
-    what, mend = [], []
+    what, remedy = [], []
     if wrong.exchanged:
-        what.append(f"the landmarks {' and '.join(names[i] for i in wrong.exchanged)} look exchanged")
-        mend.append("correct the names in points.csv or prior_landmarks.csv")
+        what.append(f"the landmarks {' and '.join(names[i] for i in wrong.exchanged)} seem to be swapped")
+        remedy.append("correct the names in points.csv or prior_landmarks.csv")
     if wrong.mirrored:
-        what.append("the prior looks mirrored")
-        mend.append("flip one axis of the prior and of its landmarks")
+        what.append("the prior seems to be mirrored")
+        remedy.append("flip one axis of the prior and of its landmarks")
     gain = (
         f"rms error {found[0].rms:.3g} {case.units} as named, {wrong.rms:.3g} {case.units} otherwise, "
-        "where the points fit better"
+        "where the points fit better too"
     )
-    raise InputError(f"case {case.name}: {' and '.join(what)} ({gain}): {' and '.join(mend)}")
+    raise InputError(f"case {case.name}: {' and '.join(what)} ({gain}): to fix this, {' and '.join(remedy)}")
 
 
 def _worst(names: list[str], alone: Array, units: str) -> str:
     if np.isnan(alone).all():
         return ""
     worst = int(np.nanargmax(alone))
-    return f"; left out, {names[worst]} is missed by {alone[worst]:.2f} {units}"
+    return f"; worst when left out: {names[worst]}, off by {alone[worst]:.2f} {units}"
 
 
 def _table(names: list[str], misses: Array, alone: Array) -> dict[str, Any]:

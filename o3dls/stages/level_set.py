@@ -6,38 +6,36 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import TYPE_CHECKING, ClassVar, Literal, Self
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from ..arrays import Array
 from ..case import FITTED_TYPES, Case
-from ..errors import InputError, SolverError
+from ..errors import InputError
 from ..estimate import Estimate
 from ..geometry.similarity import rms_radius
 from ..geometry.surface import Surface
+from ..plugins.parameters import unfitting
 from ..plugins.stage import Stage
+from .level_set_checks import check_mesh, check_spacing, lost_parts
 
 if TYPE_CHECKING:
-    from ..levelset.distance import SignedDistance
+    from ..adapters.meshing import Extraction
     from ..levelset.normal_displacement import Wall
     from ..levelset.observation import Measured, Noise
     from ..levelset.refine import Refinement
 
 SIGMA_LOG_SD = 0.1  # of the logarithm of a noise level that the motion found
-COARSEST = 0.1  # spacing over the surface's diagonal: such a lattice cuts off a fifth of an atrium
-MOST_NODES = 1e7  # of the narrow band: 4 GB; an atrium has so many at a spacing of 0.07 mm
-LOST = 2.0  # spacings: a sharp edge that the lattice rounds off is nearer to what it leaves
-NOTHING = 8.0  # cells of the lattice: less is no surface
-UNLIKE = (
-    0.25  # relative difference in volume from what was to be meshed that is no matter of accuracy any more
-)
+PAPER_ONLY = ("data", "area", "shape")
+DEFAULT_ONLY = ("evidence", "coarse_to_fine")
 
 
 class LevelSet(Stage):
-    """Refine phi around the moved prior psi.T by robust foot-point forces and a second-order prior, topology
-    free; mesh its zero set.
+    """Correct the level set phi of the moved prior where the points ask for it; mesh its zero set.
+
+    Corrections along its normals, coarse to fine, that the evidence supports. Motion and weights stay.
     """
 
     name: ClassVar[str] = "level_set"
@@ -46,46 +44,56 @@ class LevelSet(Stage):
         description="ours, or equations 8-16 of the paper with the least repairs that make them computable",
     )
     spacing: float = Field(
-        1.0, gt=0.0, description="distance of the lattice nodes", json_schema_extra={"unit": "mm"}
+        1.0, gt=0.0, description="distance between grid nodes", json_schema_extra={"unit": "mm"}
     )
     evidence: float = Field(
         3.0,
         ge=0.0,
-        description="default: log evidence that a field of corrections must earn",
-        json_schema_extra={"unit": "nats"},
-    )
-    change: float = Field(
-        10.0,
-        ge=0.0,
-        description="default: log evidence that a change of topology must earn",
+        description="default: log evidence that a field of corrections must have",
         json_schema_extra={"unit": "nats"},
     )
     coarse_to_fine: bool = Field(
         True,
-        description=(
-            "default: try corrections of all correlation lengths, the longest first; or the shortest alone"
-        ),
+        description="default: try corrections of all correlation lengths, longest first; or the shortest",
     )
     data: float = Field(10.0, ge=0.0, description="paper: weight of the data term, over the squared noise")
     area: float = Field(0.2, ge=0.0, description="paper: weight of the area term")
     shape: float = Field(0.3, ge=0.0, description="paper: weight of the shape term")
     iterations: int = Field(20, ge=1, description="most iterations per level; paper: most reinitialisations")
     smoothing: int = Field(3, ge=0, description="Taubin passes on the extracted mesh")
-    keep: float = Field(0.5, gt=0.0, le=1.0, description="share of the isosurface's faces left by decimation")
+    keep: float = Field(
+        0.5, gt=0.0, le=1.0, description="fraction of the isosurface's faces that decimation keeps"
+    )
+
+    @model_validator(mode="after")
+    def _nothing_in_vain(self) -> Self:
+        other = "paper" if self.formulation == "default" else "default"
+        for parameter in PAPER_ONLY if other == "paper" else DEFAULT_ONLY:
+            unfitting(self, parameter, f'unless formulation = "{other}"')
+        return self
 
     def __call__(self, case: Case, start: Estimate) -> Estimate:
-        from ..adapters.meshing import carry_fields, extract
         from ..adapters.self_intersections import crossing
-        from ..levelset.isosurface import reinitialise
 
         if not (case.points.type == "eam").any():
             raise InputError(f"level_set: case {case.name} has no points of type eam")
-        self._check_spacing(start.surface, case.units)
-        start, changes = self._reshaped(case, start)
-        unfinished = self._unfinished(start)
-        reached = (
-            self._by_the_paper(case, start) if self.formulation == "paper" else self._by_default(case, start)
-        )
+        check_spacing(self.spacing, start.surface, case.units)
+        paper = self.formulation == "paper"
+        reached = self._by_the_paper(case, start) if paper else self._by_default(case, start)
+        reached, mesh = self._meshed(reached)
+        warnings = [*start.warnings, *reached.warnings, *reached.faults(mesh.surface, crossing)]
+        if not paper:
+            check_mesh(mesh.surface, reached.wall, self.spacing, self.keep, case.units)
+            warnings += lost_parts(mesh.surface, reached.wall, self.spacing, case.units)
+        return replace(self._estimate(case, start, reached, mesh), warnings=tuple(warnings))
+
+    def _meshed(self, reached: Refinement) -> tuple[Refinement, Extraction]:
+        """The mesh of what was reached, and its phi as a distance everywhere."""
+        from ..adapters.meshing import extract
+        from ..levelset.distance import signed_distance
+        from ..levelset.isosurface import reinitialise
+        from ..levelset.settings import LatticeSettings
+
         mesh = extract(
             reached.phi,
             smoothing=self.smoothing,
@@ -93,125 +101,35 @@ class LevelSet(Stage):
             islands=reached.islands,
             smallest=reached.smallest,
         )
-        # a polyline needs no repair, and a lattice would cut its tips
-        if case.dimension == 2 and reached.unchanged:
-            mesh = replace(mesh, surface=reached.wall)
-            reached = replace(reached, phi=self._distance(reached.wall), warnings=())
-        elif reached.warnings:  # closed or cut, phi is no distance where it was
+        wall = reached.wall
+        # a polyline needs no repair, and a grid would cut its tips
+        if wall.dimension == 2 and reached.unchanged:
+            width = LatticeSettings().half_band * self.spacing
+            phi = signed_distance(wall.vertices, wall.faces, self.spacing, width)
+            return replace(reached, phi=phi, warnings=()), replace(mesh, surface=wall)
+        if reached.warnings:  # where gaps were closed or parts cut, phi is no distance
             reached = replace(reached, phi=reinitialise(reached.phi.band, reached.phi.phi))
-        said = [*reached.faults(mesh.surface, crossing)]
-        if self.formulation == "default":
-            self._check_mesh(mesh.surface, reached.wall, case.units)
-            said += self._lost(mesh.surface, reached.wall, case.units)
+        return reached, mesh
+
+    def _estimate(self, case: Case, start: Estimate, reached: Refinement, mesh: Extraction) -> Estimate:
+        """The start with the refined surface; the motion, its fit and the weights stay."""
+        from ..adapters.meshing import carry_fields
+
+        # a motion that is still moving leaves a level set that is
+        moving = self.formulation == "default" and start.fit is not None and not start.fit.converged
+        unfinished = ["the motion had not converged"] if moving else []
+        shifts = {"meshing_shift_mean": mesh.shift_mean, "meshing_shift_max": mesh.shift_max}
         return replace(
             start,
             surface=_with_unit(carry_fields(reached.wall, mesh.surface), case.units),
-            status="; ".join([*changes, *unfinished, reached.status]),
+            status="; ".join([*unfinished, reached.status]),
             converged=reached.converged and not unfinished,
             iterations=sum(row["iteration"] > 0 for row in reached.trace),
             sigma=reached.sigma,
             phi=reached.phi,
             trace=reached.trace,
-            warnings=(
-                *start.warnings,
-                *(f"{change}: look at it" for change in changes),
-                *reached.warnings,
-                *said,
-            ),
-            facts={
-                **reached.facts,
-                "changes": changes,
-                "meshing_shift_mean": mesh.shift_mean,
-                "meshing_shift_max": mesh.shift_max,
-            },
+            facts={**reached.facts, "changes": start.facts.get("changes", []), **shifts},
         )
-
-    def _unfinished(self, start: Estimate) -> list[str]:
-        """A sentence where the motion that is refined had not come to stand still: then nor has the
-        result.
-        """
-        lean = self.formulation == "default" and start.fit is not None and not start.fit.converged
-        return ["the motion had not converged"] if lean else []
-
-    def _distance(self, surface: Surface) -> SignedDistance:
-        from ..levelset.distance import signed_distance
-        from ..levelset.settings import LatticeSettings
-
-        return signed_distance(
-            surface.vertices, surface.faces, self.spacing, LatticeSettings().half_band * self.spacing
-        )
-
-    def _check_spacing(self, surface: Surface, unit: str) -> None:
-        """Raise InputError where such a lattice cannot hold the surface, as when lengths are not in mm, or
-        would fill the memory.
-        """
-        from ..levelset.settings import LatticeSettings
-
-        d, size = surface.dimension, surface.diagonal
-        # two digits round by up to a twentieth: what is said to be right must not be refused
-        said = f"level_set.spacing = {self.spacing:g} {unit}: the surface is {size:.3g} {unit} across"
-        if self.spacing > COARSEST * size:
-            raise InputError(
-                f"{said}; take at most {0.94 * COARSEST * size:.2g} {unit}, or check that its lengths "
-                f"are in {unit}"
-            )
-        least = (2.0 * LatticeSettings().half_band * surface.area / MOST_NODES) ** (1.0 / (d - 1))
-        if self.spacing < least:
-            raise InputError(
-                f"{said}, and the lattice too large for the memory; take at least {1.06 * least:.2g} {unit}"
-            )
-
-    def _check_mesh(self, mesh: Surface, wall: Surface, unit: str) -> None:
-        """Raise SolverError where the mesh encloses far more or less than the wall that it stands for."""
-        change = mesh.volume / wall.volume - 1.0
-        if mesh.volume < NOTHING * self.spacing**wall.dimension:
-            raise SolverError(
-                "level_set: the surface shrank to nothing: the start or the scale may be wrong, or the "
-                "points another surface's"
-            )
-        if abs(change) > UNLIKE:
-            raise SolverError(
-                f"level_set: the mesh encloses {abs(change):.0%} {'more' if change > 0.0 else 'less'} "
-                "than the surface it stands for; "
-                f"a spacing below {self.spacing:g} {unit} or a share to keep above {self.keep:g} may "
-                "follow it, unless that is folded"
-            )
-
-    def _lost(self, mesh: Surface, wall: Surface, unit: str) -> list[str]:
-        """A sentence where parts of the wall, however little they enclose, are not in the mesh."""
-        from ..levelset.normal_displacement import Wall
-
-        far = float(Wall(mesh).look(wall.vertices)[0].max()) / self.spacing
-        if far < LOST:
-            return []
-        lost = f"parts of the moved prior, up to {far * self.spacing:.2g} {unit} from the mesh, are lost"
-        return [
-            f"{lost}: thinner than the lattice can hold, or cut off where it runs into itself; a smaller "
-            "spacing may keep them"
-        ]
-
-    def _reshaped(self, case: Case, start: Estimate) -> tuple[Estimate, list[str]]:
-        """The start with the changes of topology that earn their nats, and these as sentences: none without a
-        motion that was fitted.
-        """
-        if self.formulation == "paper" or start.fit is None:
-            return start, []
-        from ..adapters.meshing import carry_fields
-        from ..topology.search import change_topology
-        from ..topology.settings import TopologySettings
-
-        fit, changes = change_topology(
-            start.fit, spacing=self.spacing, settings=TopologySettings(evidence=self.change)
-        )
-        if not changes:
-            return start, []
-        surface = carry_fields(start.surface, Surface(fit.vertices, fit.motion.faces))
-        surface = replace(surface, fields={**surface.fields, f"sd_{case.units}": fit.sd})
-        found = replace(start, surface=surface, sigma=fit.sigma, weights=fit.weights, fit=fit)
-        # a motion that begins earlier, as that of `phases`, stays what it was
-        if start.motion is start.fit.motion:
-            found = replace(found, T_map_prior=fit.similarity, motion=fit.motion)
-        return found, [change.sentence for change in changes]
 
     def _by_default(self, case: Case, start: Estimate) -> Refinement:
         from ..adapters.meshing import isosurface
@@ -228,8 +146,8 @@ class LevelSet(Stage):
         surface = uncrossed(start.surface) if case.dimension == 2 else start.surface
         return refine_surface(
             surface,
-            _observer(case, start),
-            _relative_sd(case, start),
+            observer(case, start),
+            relative_sd(case, start),
             limits,
             mesh=isosurface,
             crossing=crossing,
@@ -244,7 +162,7 @@ class LevelSet(Stage):
 
         prior = case.prior.transformed(start.T_map_prior)
         points = case.points.of("eam").xyz
-        sigma = _noise(start).sigma or max(
+        sigma = noise_of(start).sigma or max(
             robust_sd(distances(points, prior)),
             ObservationSettings().exact_noise * rms_radius(prior.vertices),
         )
@@ -252,10 +170,8 @@ class LevelSet(Stage):
         return descend(prior, points, sigma, weights, spacing=self.spacing, cycles=self.iterations)
 
 
-def _observer(case: Case, start: Estimate) -> Callable[[Wall], Measured]:
-    """How the fitted points look from a wall, with the noise and the outliers that the start found among
-    them.
-    """
+def observer(case: Case, start: Estimate) -> Callable[[Wall], Measured]:
+    """How the fitted points look from a wall, with the noise and the outliers that the start found."""
     from ..levelset.observation import observe
     from ..noise.duplicates import distinct_places, duplicate_distance
 
@@ -266,10 +182,10 @@ def _observer(case: Case, start: Estimate) -> Callable[[Wall], Measured]:
     rows, _ = distinct_places(every.xyz, every.type, within)
     points = every.select(rows)
     relative = every.relative_noise(data.typical_sigma if data else None)[rows]
-    return lambda wall: observe(wall, points.xyz, points.type == "inside", relative, _noise(start))
+    return lambda wall: observe(wall, points.xyz, points.type == "inside", relative, noise_of(start))
 
 
-def _noise(start: Estimate) -> Noise:
+def noise_of(start: Estimate) -> Noise:
     from ..levelset.observation import Noise
 
     if start.motion is None or start.sigma is None or start.weights is None:
@@ -278,7 +194,7 @@ def _noise(start: Estimate) -> Noise:
     return Noise(start.sigma, SIGMA_LOG_SD, float(1.0 - start.weights.mean()), inside)
 
 
-def _relative_sd(case: Case, start: Estimate) -> Array:
+def relative_sd(case: Case, start: Estimate) -> Array:
     """How uncertain the motion is at each vertex, relative to its root mean square, half to twice; 1
     everywhere where it does not say.
     """

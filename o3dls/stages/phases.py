@@ -5,10 +5,11 @@ the motion from there.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 from pydantic import Field
 
+from ..arrays import Array
 from ..case import Case
 from ..errors import InputError
 from ..estimate import Estimate
@@ -16,10 +17,15 @@ from ..geometry.similarity import apply, fit_similarity
 from ..plugins.stage import Stage
 from .deform import Deform
 
+if TYPE_CHECKING:
+    from ..motion.interface import Motion
+    from ..motion.template import Template
+
 
 class Phases(Stage):
-    """Find the phase of the heart that the points show between the prior and the case's further phases, then
-    `deform` from there.
+    """Find the phase of the heart between the prior and the case's further phases, then `deform` from there.
+
+    The table `deform` has the parameters of that stage.
     """
 
     name: ClassVar[str] = "phases"
@@ -27,7 +33,7 @@ class Phases(Stage):
         0.98,
         gt=0.0,
         le=1.0,
-        description="share of the phases' variance that the modes of the template keep",
+        description="fraction of the phases' variance that the modes of the template keep",
         json_schema_extra={"unit": "1"},
     )
     pose_sd: float = Field(
@@ -36,7 +42,13 @@ class Phases(Stage):
         description="how far the pose of the start may be off: phases and prior share one frame",
         json_schema_extra={"unit": "mm"},
     )
-    iterations: int = Field(50, ge=1, description="most iterations in finding the phase")
+    iterations: int = Field(50, ge=1, description="most iterations of the search for the phase")
+
+    deform: Deform = Field(default_factory=Deform, description="the deformation from the phase that is found")
+
+    @property
+    def fits(self) -> tuple[str, ...]:
+        return self.deform.fits
 
     def obstacle(self, case: Case) -> str | None:
         return (
@@ -46,36 +58,48 @@ class Phases(Stage):
         )
 
     def __call__(self, case: Case, start: Estimate) -> Estimate:
-        from ..geometry.closest_point import ClosestPoint
-        from ..motion.settings import TemplateSettings
-        from ..motion.template import Chain, Shift, locate, template
+        from ..motion.template import locate
 
         if why := self.obstacle(case):
             raise InputError(f"case {case.name}: {why}")
-        prior = case.prior
-        model = template(
-            prior.vertices,
-            prior.faces,
-            [(phase.vertices, phase.faces) for phase in case.phases],
-            TemplateSettings(variance=self.variance, pose_sd=self.pose_sd, iterations=self.iterations),
-        )
+        model = self._template(case)
         found = locate(model, start.T_map_prior, case.points.of("eam").xyz)
-        shape = model.shape(found.c)
-        here = replace(start, surface=prior.with_vertices(apply(found.pose, shape)), T_map_prior=found.pose)
-        shift = Shift(ClosestPoint(prior.vertices, prior.faces), prior.faces, shape - prior.vertices)
-        marks = {mark: shift(at[None])[0] for mark, at in case.prior_landmarks.items()}
-        fitted = Deform()(replace(case, prior=prior.with_vertices(shape), prior_landmarks=marks), here)
-        place = model.between(found.c)
-        word = "" if found.converged else f", stopped after {len(found.trace)} iterations"
+        fitted, motion = self._deformed(case, start, found.pose, model.shape(found.c))
+        phase = model.between(found.c)
+        stopped = "" if found.converged else f" (stopped after {len(found.trace)} iterations)"
+        path = f"phase {phase:.2f} on the path through {len(case.phases) + 1} phases{stopped}"
         return replace(
             fitted,
-            T_map_prior=fit_similarity(prior.vertices, fitted.surface.vertices),
-            status=(
-                f"at {place:.2f} on the way through {len(case.phases) + 1} phases{word}; then {fitted.status}"
-            ),
+            T_map_prior=fit_similarity(case.prior.vertices, fitted.surface.vertices),
+            status=f"{path}; then {fitted.status}",
             converged=found.converged and fitted.converged,
             iterations=len(found.trace) + fitted.iterations,
-            motion=fitted.motion and Chain(shift, fitted.motion),
+            motion=motion,
             trace=(*found.trace, *fitted.trace),
-            facts={**fitted.facts, "phase": place, "modes": len(found.c), "coefficients": found.c.tolist()},
+            facts={**fitted.facts, "phase": phase, "modes": len(found.c), "coefficients": found.c.tolist()},
         )
+
+    def _template(self, case: Case) -> Template:
+        from ..motion.settings import TemplateSettings
+        from ..motion.template import template
+
+        prior = case.prior
+        phases = [(phase.vertices, phase.faces) for phase in case.phases]
+        settings = TemplateSettings(variance=self.variance, pose_sd=self.pose_sd, iterations=self.iterations)
+        return template(prior.vertices, prior.faces, phases, settings)
+
+    def _deformed(
+        self, case: Case, start: Estimate, pose: Array, shape: Array
+    ) -> tuple[Estimate, Motion | None]:
+        """The estimate of `deform` from the prior's vertices (n, d) in the phase found, and the motion from
+        the prior as it was given.
+        """
+        from ..geometry.closest_point import ClosestPoint
+        from ..motion.template import Chain, Shift
+
+        prior = case.prior
+        here = replace(start, surface=prior.with_vertices(apply(pose, shape)), T_map_prior=pose)
+        shift = Shift(ClosestPoint(prior.vertices, prior.faces), prior.faces, shape - prior.vertices)
+        marks = {mark: shift(at[None])[0] for mark, at in case.prior_landmarks.items()}
+        fitted = self.deform(replace(case, prior=prior.with_vertices(shape), prior_landmarks=marks), here)
+        return fitted, fitted.motion and Chain(shift, fitted.motion)

@@ -1,4 +1,4 @@
-"""Whether a pose of the prior is clearly beaten by another one, or by that of its mirror image."""
+"""Whether another pose of the prior, or one of its mirror image, fits the points clearly better."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ STARTS = 800  # rotations that a search tries
 CERTAIN = 0.99  # confidence from which on a prior is refused as mirrored: a refusal must not be a mistake
 
 
-def fits_mirrored(unit: str, points: Array, best: Candidate, other: Candidate) -> str:
+def better_mirrored(unit: str, points: Array, best: Candidate, other: Candidate) -> str:
+    """A sentence where the mirror image of the prior fits clearly better than the prior."""
     from ..registration.global_pose import confidence
 
     sure = confidence(other.costs, best.costs, points)
@@ -29,21 +30,20 @@ def fits_mirrored(unit: str, points: Array, best: Candidate, other: Candidate) -
     )
 
 
-def beaten(unit: str, points: Array, surface: SurfaceMatcher, found: Alignment, *, scale: bool) -> str:
-    """What is wrong with the pose that icp found, where a search of all rotations finds one, or a mirror
-    image, that fits points (n, d) clearly better; else nothing.
+def better_pose(unit: str, points: Array, surface: SurfaceMatcher, found: Alignment, *, scale: bool) -> str:
+    """A sentence where a search of all rotations finds a pose, or a mirror image, that fits points (n, d)
+    clearly better than the pose that ICP found.
     """
     from ..registration.global_pose import Candidate, angle_of, candidates, confidence, mirrored
     from ..registration.search import APART
 
     own = Candidate.of(found, surface.radius)
     best = candidates(points, surface, starts=STARTS, scale=scale)[0]
-    if said := fits_mirrored(
-        unit, points, best, candidates(points, mirrored(surface), starts=STARTS, scale=scale)[0]
-    ):
-        return said
+    other_hand = candidates(points, mirrored(surface), starts=STARTS, scale=scale)[0]
+    if better := better_mirrored(unit, points, best, other_hand):
+        return better
     away = angle_of(own.T_map_prior, best.T_map_prior)
     if away <= APART or confidence(best.costs, own.costs, points) <= CERTAIN:
         return ""
-    turned = f"icp ended {np.degrees(away):.0f} degrees from a pose that fits the points clearly better"
+    turned = f"ICP ended {np.degrees(away):.0f} degrees from a pose that fits the points clearly better"
     return f"{turned}: check the frame of the start, begin with the stage global_pose, or give landmarks"

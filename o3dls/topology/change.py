@@ -28,16 +28,16 @@ class Change:
     odd: Array  # the points (k, d) that ask for it: deep inside about a part, or far outside
     centre: Array
 
-    @property
-    def sentence(self) -> str:
-        done = "removed a part" if self.removes else "grew a tube"
+    def sentence(self, unit: str) -> str:
+        done = "removed a part" if self.removes else "added a tube"
         where = ", ".join(f"{x:.0f}" for x in self.centre)
-        return f"{done} at ({where}), shown by {self.witnesses} points (evidence {self.gain:+.1f} nats)"
+        support = f"supported by {self.witnesses} points (evidence {self.gain:+.1f} nats)"
+        return f"{done} at ({where}) {unit}, {support}"
 
 
 def changed(surface: Surface, change: Change | None, spacing: float, half_band: float) -> Surface:
-    """The surface after a change (None: as it is), meshed from its level set: one piece, without the fields
-    of the old one.
+    """The surface after a change (None: as it is), meshed from its level set: one component,
+    without the fields of the old one.
     """
     width = half_band * spacing
     before = signed_distance(surface.vertices, surface.faces, spacing, width)

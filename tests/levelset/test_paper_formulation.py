@@ -85,15 +85,15 @@ def test_area_alone_shrinks_a_sphere() -> None:
     assert Surface(*zero_set(found.phi.band, found.phi.phi)).volume < 0.97 * surface.volume
 
 
-def test_it_says_its_islands_and_the_points_without_pull() -> None:
+def test_it_says_its_islands_and_the_points_without_effect() -> None:
     surface = meshed(round_distance(14.0), 18.0, 1.0)
     far = np.array([[0.0, 0.0, 40.0], [0.0, 2.0, 0.0], [30.0, 0.0, 0.0]])
     points = np.vstack([sampled(surface, 100, 1.8, SEED), far])
     found = descend(surface, points, 1.0, Weights(100.0, 0.05, 0.3), spacing=1.0, cycles=15)
     count = components_and_euler(*zero_set(found.phi.band, found.phi.phi))[0]
-    assert found.facts == {"pieces": count, "points_without_pull": 3}
-    assert f"{count} piece" in found.status
-    assert "3 points out of the band" in found.status
+    assert found.facts == {"components": count, "points_outside_band": 3}
+    assert f"{count} component" in found.status
+    assert "3 points outside the band" in found.status
     assert found.islands
 
 

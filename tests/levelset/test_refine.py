@@ -1,4 +1,4 @@
-"""From a moved prior to a level set: nothing to add gives it back, and a wall is neither torn nor merged
+"""From a moved prior to a level set: without a correction it comes back, a wall is neither split nor merged
 without evidence.
 """
 
@@ -108,9 +108,9 @@ def test_walls_of_a_thin_part_that_passed_through_each_other_stay_one_part() -> 
     ("handled", "said"),
     [
         (2, "gaps narrower than 2 mm were closed"),
-        (3, "islands were left out"),
-        (4, "gaps narrower than 1 mm were closed, islands were left out"),
-        (8, "islands and what is inside out were left out"),
+        (3, "islands were removed"),
+        (4, "gaps narrower than 1 mm were closed, islands were removed"),
+        (8, "islands and inverted parts were removed"),
     ],
 )
 def test_it_is_the_mesh_that_has_to_be_whole(handled: int, said: str) -> None:
@@ -128,9 +128,9 @@ def test_it_is_the_mesh_that_has_to_be_whole(handled: int, said: str) -> None:
 
     found = run(ball, sampled(ball, 100, 1.0, SEED), mesh=handled_first)
     assert found.phi is seen[-1]
-    assert found.warnings == (
-        f"walls are closer than the lattice tells apart: {said}; try a smaller spacing",
-    )
+    (warning,) = found.warnings
+    assert warning.code == "thin-gap-repaired"
+    assert warning.sentence.endswith(f": {said}; try a smaller spacing")
 
 
 def test_topology_counts_pieces_and_handles() -> None:

@@ -23,8 +23,11 @@ from o3dls.estimate import Estimate
 from o3dls.evaluation.distances import distances
 from o3dls.geometry.similarity import apply, similarity
 from o3dls.geometry.surface import Surface
-from o3dls.stages.deform import Deform, _doubts, _followed, _misnamed, _rivals, observed, upwards
-from o3dls.stages.level_set import LevelSet, _observer
+from o3dls.run_warning import RunWarning
+from o3dls.stages.deform import Deform
+from o3dls.stages.deform_checks import alternatives, captured, changed_volume, stretched, swapped_landmarks
+from o3dls.stages.deform_data import observed, upwards
+from o3dls.stages.level_set import LevelSet, observer
 
 NOISE = 0.8
 
@@ -111,18 +114,20 @@ def test_sigma_of_single_points_is_relative_to_their_median() -> None:
     ("first", "others", "said"),
     [
         (1.0, 1.3, []),
-        (3.0, np.nan, ["165 of 180 points have no sigma: they count like the median of the others, 3 mm"]),
-        (0.0013, 1.3, ["sigma goes from 0.0013 to 1.3: is all of it in mm?"]),
+        (3.0, np.nan, [("sigma-missing", "it is taken to be the median of the others, 3 mm")]),
+        (0.0013, 1.3, [("sigma-range", "from 0.0013 to 1.3: are all values in mm?")]),
     ],
 )
 def test_a_sigma_that_may_not_mean_what_it_says_is_warned_of(
-    first: float, others: float, said: list[str]
+    first: float, others: float, said: list[tuple[str, str]]
 ) -> None:
     case, _ = bent_case()
     sigma = np.full(len(case.points), others)
     sigma[:15] = first
     stage = Deform(ablation="fit")
-    assert list(stage(with_column(case, sigma=sigma).visible(stage.fits), started(case)).warnings) == said
+    found = stage(with_column(case, sigma=sigma).visible(stage.fits), started(case)).warnings
+    assert [one.code for one in found] == [code for code, _ in said]
+    assert all(words in one.sentence for one, (_, words) in zip(found, said, strict=True))
 
 
 def test_points_that_hardly_press_are_doubted() -> None:
@@ -144,7 +149,7 @@ def test_outliers_pull_where_every_point_is_believed() -> None:
     xyz = case.points.xyz.copy()
     xyz[:150:10] = middle + 0.6 * (xyz[:150:10] - middle)  # the catheter floats in the chamber
     case = replace(case, points=replace(case.points, xyz=xyz))
-    doubted, believed = (Deform(outliers=how)(case, started(case)) for how in ("doubt", "believe"))
+    doubted, believed = (Deform(outliers=how)(case, started(case)) for how in ("find", "none"))
     assert believed.weights is not None
     assert believed.weights.min() > 0.999
     off = [
@@ -274,8 +279,9 @@ def test_the_deviation_is_that_of_the_motion_from_where_the_surface_is_left() ->
     case, _ = bent_case()
     motion: Any = Deform()(case, started(case)).motion
     at, normals = case.prior.vertices[::9], case.prior.vertex_normals[::9]
-    left = replace(motion, share=0.4, alone=similarity(np.eye(3), np.array([0.5, -1.0, 2.0])))
-    whole = replace(motion, share=1.0)
+    alone = similarity(np.eye(3), np.array([0.5, -1.0, 2.0]))
+    left = replace(motion, probability=0.4, pose_alone=alone)
+    whole = replace(motion, probability=1.0)
     apart = ((whole(at) - left(at)) * normals).sum(axis=1)
     expected = np.hypot(whole.sd(at, normals), motion.inflation * apart)
     np.testing.assert_allclose(left.sd(at, normals), expected, rtol=1e-9)
@@ -327,7 +333,7 @@ def test_one_more_point_updates_an_estimate_as_a_fit_from_nothing_would() -> Non
 
 
 @pytest.mark.parametrize(
-    "wrong", [{"vector": (1.0, 0.0)}, {"normal": (-0.5,)}, {"iterations": 14}, {"spread": 0.0}]
+    "wrong", [{"vector": (1.0, 0.0)}, {"normal": (-0.5,)}, {"iterations": 14}, {"amplitude_log_sd": 0.0}]
 )
 def test_settings_that_mean_nothing_are_refused(wrong: dict[str, object]) -> None:
     with pytest.raises(PipelineError):
@@ -338,7 +344,7 @@ def test_a_point_that_must_be_believed_is_believed_however_far_off() -> None:
     case, _ = bent_case()
     xyz = case.points.xyz.copy()
     xyz[0] = 0.0  # the middle of the body: 30 noise levels inside
-    found = Deform(outliers="believe")(
+    found = Deform(outliers="none")(
         replace(case, points=replace(case.points, xyz=xyz)).visible(), started(case)
     )
     assert found.weights is not None
@@ -355,9 +361,7 @@ def test_landmarks_in_one_place_are_no_start() -> None:
 def test_several_starts_without_landmarks_say_that_there_is_but_one() -> None:
     case, _ = bent_case()
     found = Deform(starts="several")(replace(case.visible(), prior_landmarks={}), started(case))
-    assert found.warnings == (
-        'starts = "several": no three landmark pairs fix a pose, so that the given start was the only one',
-    )
+    assert [one.code for one in found.warnings] == ["no-landmark-start"]
     assert Deform()(replace(case.visible(), prior_landmarks={}), started(case)).warnings == ()
 
 
@@ -372,10 +376,9 @@ def test_a_start_that_is_almost_as_likely_is_told_of() -> None:
     case = Case("ball", ball, Points(xyz, kind, {"name": np.array([""] * 80 + list(marks))}), marks)
     start = Estimate(ball.transformed(turned), turned, "half a turn off")
     found = Deform(starts="several", landmarks=False)(case, start)
-    assert len(found.warnings) == 1
-    assert re.search(
-        r"almost as likely \(\d\.\d nats less\), puts the vertices \d+\.\d mm elsewhere", found.warnings[0]
-    )
+    (warning,) = found.warnings
+    assert warning.code == "alternative-start"
+    assert re.search(r"\(\d\.\d nats less\) and leads to a surface \d+\.\d mm away", warning.sentence)
 
 
 def with_points(case: Case, *extra: Array) -> Case:
@@ -399,7 +402,9 @@ def test_copies_of_a_point_are_no_new_evidence() -> None:
     np.testing.assert_array_equal(
         copied.weights, np.r_[plain.weights, plain.weights[:60], plain.weights[:60]]
     )
-    assert copied.warnings == ("120 of 270 points repeat the place of another; each place counts once",)
+    (warning,) = copied.warnings
+    assert warning.code == "duplicate-points"
+    assert warning.sentence.startswith("120 of 270 points repeat the place of another;")
 
 
 def test_a_map_that_was_merged_with_its_rounded_copy_tells_no_more_than_once() -> None:
@@ -416,9 +421,8 @@ def test_a_map_that_was_merged_with_its_rounded_copy_tells_no_more_than_once() -
         distances(twice.surface.vertices, target).mean()
         < 1.1 * distances(plain.surface.vertices, target).mean()
     )
-    assert re.search(
-        r"1[45]\d of 300 points repeat the place of another or lie within \d.\d+ mm of it", twice.warnings[0]
-    )
+    assert twice.warnings[0].code == "duplicate-points"
+    assert re.search(r"1[45]\d of 300 points .* within \d.\d+ mm of it", twice.warnings[0].sentence)
     more = with_points(merged, case.points.xyz[5] - 0.05)
     weights = Deform().update(more, twice).weights
     assert weights is not None
@@ -465,19 +469,18 @@ def test_a_sigma_of_almost_nothing_pins_the_surface_and_breaks_nothing() -> None
 
 
 def test_points_of_another_size_are_no_plausible_result() -> None:
-    """Two and a half times too large, with a start that cannot mend it: all points float, or the prior is
-    blown up.
+    """Two and a half times too large, with a start that cannot make up for it: all points float, or the prior
+    is blown up.
     """
     case, _ = bent_case()
     large = replace(case, points=replace(case.points, xyz=2.5 * case.points.xyz)).visible()
     with pytest.raises(
-        SolverError, match=r"deform: .* 100 % of the points off the wall: the points are not of this surface"
+        SolverError, match=r"deform: .* outliers 100%.*: the points do not belong to this surface"
     ):
         Deform(landmarks=False)(large, started(case))
-    found = Deform(landmarks=False, outliers="believe")(large, started(case))
-    assert re.match(
-        r"the motion makes what the surface encloses 1\d times as large: start, scale", found.warnings[0]
-    )
+    found = Deform(landmarks=False, outliers="none")(large, started(case))
+    warning = next(one for one in found.warnings if one.code == "volume-changed")
+    assert re.match(r"the motion changes the enclosed volume by a factor of 1\d: ", warning.sentence)
 
 
 def with_floating(case: Case, share: float) -> Case:
@@ -495,9 +498,9 @@ def with_floating(case: Case, share: float) -> Case:
 def test_most_points_off_the_wall_are_warned_of() -> None:
     case, truth = bent_case(count=200)
     found = Deform()(with_floating(case, 0.55), started(case))
-    assert found.warnings == (
-        "55% of the points are judged to be off the wall: start, scale, frame or landmarks may be wrong",
-    )
+    (warning,) = found.warnings
+    assert warning.code == "many-outliers"
+    assert warning.sentence.startswith("55% of the points are judged to be outliers")
     assert distances(found.surface.vertices, case.prior.with_vertices(truth)).mean() < NOISE
 
 
@@ -512,7 +515,7 @@ def test_a_crumpled_prior_is_warned_of(grain: float, said: bool) -> None:
     shift = grain * edge * np.random.default_rng(9_281).normal(size=(len(prior.vertices), 1))
     rough = replace(case, prior=prior.with_vertices(prior.vertices + shift * prior.vertex_normals))
     warnings = Deform()(rough, started(rough)).warnings
-    assert any("the prior is crumpled" in warning for warning in warnings) == said
+    assert any(warning.code == "crumpled-prior" for warning in warnings) == said
 
 
 def test_small_pieces_of_a_prior_are_warned_of() -> None:
@@ -522,9 +525,9 @@ def test_small_pieces_of_a_prior_are_warned_of() -> None:
     faces = [case.prior.faces]
     faces += [sphere().faces + len(case.prior.vertices) + k * len(crumbs[0]) for k in (0, 1)]
     littered = replace(case, prior=Surface(vertices, np.vstack(faces)))
-    assert Deform()(littered, started(littered)).warnings == (
-        "the prior has 2 small pieces that points may take for their wall: remove what is none",
-    )
+    (warning,) = Deform()(littered, started(littered)).warnings
+    assert warning.code == "small-components"
+    assert "2 small components" in warning.sentence
 
 
 def test_vertices_that_no_face_uses_are_no_part_of_the_prior() -> None:
@@ -543,9 +546,9 @@ def test_vertices_that_no_face_uses_are_no_part_of_the_prior() -> None:
 
 
 def test_points_that_mean_no_surface_come_to_an_end() -> None:
-    """They had the start pose mended for ever."""
+    """They had the start pose corrected for ever."""
     case, _ = bent_case(count=200)
-    with pytest.raises(SolverError, match="100 % of the points off the wall"):
+    with pytest.raises(SolverError, match="outliers 100%"):
         Deform()(with_floating(case, 0.65), started(case))
 
 
@@ -572,9 +575,9 @@ def test_an_update_by_a_stage_of_other_parameters_is_refused() -> None:
     fitted = Deform()(case, started(case))
     more = with_points(case, case.points.xyz[0] + 0.5)
     with pytest.raises(InputError, match="other parameters"):
-        Deform(spread=0.5).update(more, fitted)
+        Deform(amplitude_log_sd=0.5).update(more, fitted)
     with pytest.raises(InputError, match="or the stage's contact_force or outliers are not"):
-        Deform(outliers="believe").update(more, fitted)
+        Deform(outliers="none").update(more, fitted)
 
 
 def test_the_noise_of_a_point_that_says_none_is_the_usual_one() -> None:
@@ -600,7 +603,7 @@ def test_new_points_of_another_noise_leave_that_of_the_others_as_it_was(
     assert updated.sigma == fitted.sigma
     seen: list[Array] = []
     monkeypatch.setattr("o3dls.levelset.observation.observe", lambda *given: seen.append(given[3]))
-    _observer(with_column(more, sigma=sigma), updated)(None)  # type: ignore[arg-type]
+    observer(with_column(more, sigma=sigma), updated)(None)  # type: ignore[arg-type]
     np.testing.assert_array_equal(seen[0], updated.fit.problem.data.relative)
 
 
@@ -642,9 +645,9 @@ def test_points_known_to_be_inside_are_not_counted_as_off_the_wall() -> None:
     assert found.facts["outlier_fraction"] < 0.1
 
 
-def test_spread_holds_the_amplitudes_where_they_are_expected() -> None:
+def test_a_small_amplitude_log_sd_holds_the_amplitudes_where_they_are_expected() -> None:
     case, _ = bent_case()
-    found = Deform(spread=1e-3)(case.visible(), started(case))
+    found = Deform(amplitude_log_sd=1e-3)(case.visible(), started(case))
     assert found.fit is not None
     np.testing.assert_allclose(found.fit.state.scales.log, found.fit.state.scales.prior_log, atol=0.01)
 
@@ -662,92 +665,92 @@ def test_an_update_says_what_its_points_have_made_of_the_estimate() -> None:
     some = stage.update(with_points(case, *floating[:200]), fitted)
     more = stage.update(with_points(case, *floating), some)
     for found, count, now in ((some, 200, 350), (more, 300, 450)):
-        off, old = found.warnings
-        assert old == f"amplitudes, noise and pose are those of the first 150 of {now} points: fit again"
-        assert off.startswith(
-            f"{found.facts['outlier_fraction']:.0%} of the points are judged to be off the wall"
-        )
+        assert [one.code for one in found.warnings] == ["many-outliers", "outdated-amplitudes"]
+        assert all(one.stage == "deform" for one in found.warnings)
+        many, old = (one.sentence for one in found.warnings)
+        assert f"the first 150 of {now} points" in old
+        assert many.startswith(f"{found.facts['outlier_fraction']:.0%} of the points")
         assert found.facts["outlier_fraction"] > 0.9 * count / now
 
 
 def test_warnings_of_earlier_stages_stay() -> None:
     case, _ = bent_case()
-    found = Deform()(case.visible(), replace(started(case), warnings=("from before",)))
-    assert found.warnings[0] == "from before"
-    assert LevelSet()(case.visible(), found).warnings[0] == "from before"
-    assert Deform().update(case.visible(), found).warnings[0] == "from before"
+    # of a code that an update judges again, but of another stage
+    before = RunWarning("many-outliers", "from before", "earlier")
+    found = Deform()(case.visible(), replace(started(case), warnings=(before,)))
+    assert found.warnings[0] == before
+    assert LevelSet()(case.visible(), found).warnings[0] == before
+    assert Deform().update(case.visible(), found).warnings[0] == before
 
 
 @pytest.mark.parametrize(
-    ("factor", "said"), [(0.6, ["0.22 times as large"]), (1.0, []), (1.6, ["4.1 times as large"])]
+    ("factor", "said"), [(0.6, ["by a factor of 0.22"]), (1.0, []), (1.6, ["by a factor of 4.1"])]
 )
 def test_a_volume_that_no_heartbeat_has_is_warned_of(factor: float, said: list[str]) -> None:
     case, _ = bent_case()
-    found = replace(
-        started(case),
-        surface=case.prior.with_vertices(factor * case.prior.vertices),
-        facts={"outlier_fraction": 0.0},
-    )
-    warnings = _doubts(started(case), found)
-    assert len(warnings) == len(said)
-    assert all(word in warning for word, warning in zip(said, warnings, strict=True))
+    found = changed_volume(case.prior, case.prior.with_vertices(factor * case.prior.vertices))
+    assert all(one.code == "volume-changed" for one in found)
+    assert all(words in one.sentence for words, one in zip(said, found, strict=True))
 
 
 def test_a_wall_that_follows_what_is_not_of_it_is_warned_of(monkeypatch: pytest.MonkeyPatch) -> None:
     case, _ = bent_case()
     found = Deform()(case, started(case))
-    assert not _followed(found)
+    assert found.fit is not None
+    assert not captured(found.fit)
+    assert not stretched(found.fit, found.surface, "mm")
     monkeypatch.setattr(
         type(found.fit.problem),
-        "first_beliefs",
+        "first_weights",
         property(lambda self: np.where(np.arange(len(self.data.points)) < 30, 0.1, 0.9)),
     )
-    assert "of the points lie far off the wall at the start, and on it after" in " ".join(_followed(found))
+    assert [one.code for one in captured(found.fit)] == ["captured-points"]
     pulled = found.surface.vertices.copy()
     pulled[pulled[:, 0] > 0.7 * pulled[:, 0].max(), 0] *= 4.0
-    stretched = _followed(replace(found, surface=found.surface.with_vertices(pulled)))
-    assert "of the wall gets more than 2 times as long" in stretched[-1]
+    (warning,) = stretched(found.fit, found.surface.with_vertices(pulled), "mm")
+    assert warning.code == "stretched-wall"
+    assert re.search(r"to more than 2 times its length, around \(.*\) mm", warning.sentence)
 
 
 def test_a_landmark_that_was_marked_at_the_place_of_another_is_warned_of() -> None:
     case, _ = bent_case()
     xyz = case.points.xyz.copy()
     (wrong, other) = np.flatnonzero(case.points.type == "landmark")[:2]
-    assert not _misnamed(case, started(case))
+    assert not swapped_landmarks(case, np.eye(4))
     xyz[wrong] = xyz[other] + 1.0
-    said = _misnamed(replace(case, points=replace(case.points, xyz=xyz)), started(case))
-    assert len(said) == 1
-    assert "landmark a lies" in said[0]
-    assert "from that of b: was it marked there?" in said[0]
-    assert not _misnamed(replace(case, prior_landmarks={}), started(case))
+    (found,) = swapped_landmarks(replace(case, points=replace(case.points, xyz=xyz)), np.eye(4))
+    assert found.code == "landmark-swapped-place"
+    assert "landmark a lies" in found.sentence
+    assert "from that of b: was it measured there?" in found.sentence
+    assert not swapped_landmarks(replace(case, prior_landmarks={}), np.eye(4))
 
 
 def test_a_motion_that_turns_the_prior_inside_out_is_an_error() -> None:
     case, _ = bent_case()
-    turned = replace(
-        started(case),
-        surface=Surface(case.prior.vertices, case.prior.faces[:, ::-1]),
-        facts={"outlier_fraction": 0.0},
-    )
+    turned = Surface(case.prior.vertices, case.prior.faces[:, ::-1])
     with pytest.raises(SolverError, match="inside out"):
-        _doubts(started(case), turned)
+        changed_volume(case.prior, turned)
 
 
-@pytest.mark.parametrize(("behind", "told"), [(1.0, True), (50.0, False)])
-def test_a_rival_is_told_of_only_where_the_points_hardly_prefer(behind: float, told: bool) -> None:
+@pytest.mark.parametrize(("behind", "warned"), [(1.0, True), (50.0, False)])
+def test_an_alternative_is_warned_of_only_where_the_points_hardly_prefer(behind: float, warned: bool) -> None:
     surface = body(3)
     state = SimpleNamespace(scales=SimpleNamespace(noises=np.array([0.5])))
     best, other = (
         SimpleNamespace(
-            surface=surface.with_vertices(surface.vertices + shift),
-            fit=SimpleNamespace(energy=100.0 + energy, state=state),
+            vertices=surface.vertices + shift,
+            energy=100.0 + energy,
+            state=state,
             facts={},
         )
         for shift, energy in ((0.0, 0.0), (3.0, behind))
     )
-    assert bool(_rivals(best, [best, other], "mm")) is told  # type: ignore[arg-type, list-item]
+    codes = [one.code for one in alternatives(best, [best, other], "mm")]  # type: ignore[arg-type, list-item]
+    assert codes == ["alternative-start"] * warned
     best.facts = {"alternative_excluded": 7.0, "alternative_behind": behind, "alternative_apart": 3.0}
-    assert any("without 7 points" in said for said in _rivals(best, [best], "mm")) is told  # type: ignore[arg-type, list-item]
+    found = alternatives(best, [best], "mm")  # type: ignore[arg-type, list-item]
+    assert [one.code for one in found] == ["alternative-points"] * warned
+    assert all("without 7 points" in one.sentence for one in found)
 
 
 def test_the_veins_of_one_side_tell_which_way_is_up() -> None:

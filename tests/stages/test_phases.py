@@ -11,13 +11,27 @@ import numpy as np
 import pytest
 from fields import body, spots
 
-from o3dls import Case, Estimate, InputError, Phases, Pipeline, Points, Surface, read_case, write_case
+from o3dls import (
+    Case,
+    Deform,
+    Estimate,
+    InputError,
+    Phases,
+    Pipeline,
+    PipelineError,
+    Points,
+    Surface,
+    read_case,
+    read_pipeline,
+    write_case,
+)
 from o3dls.evaluation.distances import distances, moved, sample
 from o3dls.geometry.closest_point import ClosestPoint
 from o3dls.geometry.similarity import apply, similarity
 from o3dls.geometry.twist import Twist
 from o3dls.motion.settings import TemplateSettings
 from o3dls.motion.template import Template, _Points, locate, template
+from o3dls.plugins.catalogue import sheet
 
 NOISE = 0.3
 
@@ -172,3 +186,36 @@ def test_few_noisy_points_do_not_lead_off_the_way_through_the_phases(seed: int) 
     )
     found = locate(replace(model, settings=replace(WHOLE, pose_sd=0.5)), np.eye(4), points)
     assert (np.abs(found.c - model.at(model.between(found.c))) / model.aside).max() < 2.0
+
+
+def test_the_parameters_of_deform_are_a_table(tmp_path: Path) -> None:
+    """The same from TOML and from Python, with mistakes named by where they stand."""
+    file = tmp_path / "phases.toml"
+    file.write_text('[[stage]]\nuse = "phases"\n[stage.deform]\nodds = 2.0\nablation = "fit"\n')
+    wanted = Phases(deform=Deform(odds=2.0, ablation="fit"))
+    assert read_pipeline(file).stages == (wanted,)
+    assert wanted.fits == ("eam", "inside", "ablation")
+    assert read_pipeline(file, ["phases.deform.odds=3"]).stages[0] == Phases(
+        deform=Deform(odds=3.0, ablation="fit")
+    )
+    file.write_text('[[stage]]\nuse = "phases"\n[stage.deform]\namplitude_log_sd = -1.0\nas = "x"\nodd = 1\n')
+    with pytest.raises(PipelineError) as error:
+        read_pipeline(file)
+    told = "; ".join(error.value.args)
+    assert "phases.deform.amplitude_log_sd = -1.0: must be a number within (0, inf)" in told
+    assert "phases.deform.odd: no such parameter: did you mean 'odds'?" in told
+
+
+def test_a_deform_inside_phases_has_no_place_in_a_pipeline() -> None:
+    with pytest.raises(PipelineError, match=r"phases.deform.as: no such parameter"):
+        Phases(deform=Deform(as_="moved"))
+    assert "as" not in Phases().record()["deform"]
+    assert "deform.after" not in sheet("phases")
+    assert "deform.odds = 0.0 nats" in sheet("phases")
+
+
+def test_the_parameters_of_deform_are_used() -> None:
+    of = case(1.15)
+    start = Estimate(of.prior, np.eye(4), "as it stands")
+    held = Phases(deform=Deform(odds=1e6))(of, start)
+    assert held.facts["motion_probability"] < 0.01

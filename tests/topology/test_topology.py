@@ -112,7 +112,7 @@ def test_a_tube_across_whose_mouth_points_show_the_wall_is_removed_and_said() ->
     before, after, made = reshaped(tubed(), points)
     assert len(made) == 1
     assert made[0].removes
-    assert "removed a part at (2" in made[0].sentence
+    assert "removed a part at (2" in made[0].sentence("mm")
     # but for the mesh of the prior
     assert made[0].gain == pytest.approx(before.energy - after.energy - made[0].price, rel=0.2)
     assert components_and_euler(after.vertices, after.motion.faces) == (1, 2)
@@ -148,7 +148,7 @@ def test_a_tube_that_points_trace_is_grown_and_said() -> None:
     _, after, made = reshaped(ball(), points)
     assert len(made) == 1
     assert not made[0].removes
-    assert "grew a tube at (" in made[0].sentence
+    assert "added a tube at (" in made[0].sentence("mm")
     assert components_and_euler(after.vertices, after.motion.faces) == (1, 2)
     assert apart(surface(after), truth) < 0.35 * apart(ball(), truth)
 

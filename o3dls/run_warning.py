@@ -1,0 +1,75 @@
+"""Warnings of a run: a code to decide by, a sentence to read, and the stage that they come from."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+
+CODES: Mapping[str, str] = {
+    # the start of a run
+    "start-pose-doubtful": "another pose fits the points clearly better than the start pose",
+    "component-without-points": "a component of the prior has no point near it",
+    # poses
+    "weak-direction": "the points do not determine the pose in one direction",
+    "uncertain-pose": "the pose search found another pose that is almost as good",
+    # motion: the case
+    "crumpled-prior": "the prior has folds near every point",
+    "small-components": "the prior has small components that points may be taken to lie on",
+    "landmark-swapped-place": "a landmark was measured near the place of another landmark",
+    "no-landmark-start": "several starts were asked for, and the landmarks give none",
+    "duplicate-points": "several points share one place and count once",
+    "sigma-range": "the column sigma spans too wide a range",
+    "sigma-missing": "some points have no sigma",
+    # motion: the result
+    "many-outliers": "more than half of the points are judged to be outliers",
+    "captured-points": "points far from the wall at the start lie on it after the motion",
+    "stretched-wall": "a part of the wall is stretched to twice its length or more",
+    "volume-changed": "the motion changes the volume more than a heartbeat can",
+    "alternative-start": "another start leads to another surface that is almost as probable",
+    "alternative-points": "a fit without some points leads to another surface that is almost as probable",
+    "outdated-amplitudes": "many points were added after amplitudes and noise were estimated",
+    # topology
+    "topology-changed": "a part of the prior was removed, or a tube added",
+    # level set
+    "correction-reduced": "only a part of the correction was applied, to keep the topology",
+    "correction-left-out": "the correction was left out, to keep the topology",
+    "self-intersection-repaired": "the moved prior intersects itself and was repaired",
+    "thin-gap-repaired": "walls closer than the grid resolves were repaired",
+    "mesh-differs": "the mesh has another topology than the moved prior",
+    "parts-lost": "parts of the moved prior are missing in the mesh",
+    # a stage of another package
+    "other": "a stage outside of o3dls gives this warning; its sentence says what it means",
+}
+
+
+@dataclass(frozen=True)
+class RunWarning:
+    """A warning: `code` is one of CODES, `sentence` is for people, `stage` names its estimate.
+
+    The pipeline fills in the stage when it stores the estimate. Raises ValueError for an unknown code.
+    """
+
+    code: str
+    sentence: str
+    stage: str = ""
+
+    def __post_init__(self) -> None:
+        if self.code not in CODES:
+            raise ValueError(f"no warning code '{self.code}': o3dls.run_warning.CODES lists them")
+
+    def __str__(self) -> str:
+        return self.sentence
+
+    def record(self) -> dict[str, str]:
+        """The warning as run.json holds it."""
+        return {"code": self.code, "stage": self.stage, "sentence": self.sentence}
+
+
+def of_stage(warnings: Iterable[RunWarning], stage: str) -> tuple[RunWarning, ...]:
+    """The warnings, with the name of a stage where they do not have one yet."""
+    return tuple(warning if warning.stage else replace(warning, stage=stage) for warning in warnings)
+
+
+def each_once(warnings: Iterable[RunWarning]) -> tuple[RunWarning, ...]:
+    """The warnings in order without repeats: a stage hands on those of the stages before it."""
+    return tuple(dict.fromkeys(warnings))

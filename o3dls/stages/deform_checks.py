@@ -1,0 +1,222 @@
+"""Warnings of the stage `deform`: on the case, on its points, and on the motion that was found."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..case import Case, Points
+from ..errors import SolverError
+from ..geometry.similarity import apply
+from ..geometry.surface import Surface
+from ..run_warning import RunWarning
+
+if TYPE_CHECKING:
+    from ..arrays import Array
+    from ..motion.observations import Data
+    from ..motion.problem import MotionProblem
+    from ..motion.result import MotionFit
+
+NO_WALL = 0.95  # fraction of outliers that leaves no wall
+MANY = 0.5  # fraction of outliers that is worth a warning
+GROWS = 3.0  # factor on the volume that no heartbeat has: a ventricle keeps a third at least
+WRONG = "the start, scale, frame or landmarks may be wrong"
+CAPTURED = 0.05  # fraction of points that a motion captures: .04 is the most of good fits
+# distance of a landmark from its own place over that from another's: 0.9 is the most among good ones, 2.6 the
+# least of wrong ones
+SWAPPED = 2.0
+# area of a prior's smooth wall over its own: patients' have .94 and more, stairs of label volumes .79
+SMOOTH = 0.7
+OUTDATED = 1.1  # points over those that amplitudes and noise were estimated from
+UNITS_APART = 100.0  # no map has points a hundred times as good as others; a column in two units has
+CLOSE = 3.0  # nats: a surface whose evidence is within a factor of 20 of the best is almost as probable
+POINT_CODES = ("duplicate-points", "many-outliers", "outdated-amplitudes")  # what an update judges again
+
+
+def case_warnings(
+    case: Case, kinds: tuple[str, ...], pose: Array, problem: MotionProblem
+) -> list[RunWarning]:
+    """On the prior, its landmarks in the start pose, and the column `sigma` of the points of some kinds."""
+    return [
+        *swapped_landmarks(case, pose),
+        *_crumpled(problem),
+        *_small_components(case.prior),
+        *_sigma(case.points.of(*kinds), case.units),
+    ]
+
+
+def point_warnings(fit: MotionFit, tuned_on: int, status: str, unit: str) -> list[RunWarning]:
+    """On the points of a fit or an update, with the codes POINT_CODES.
+
+    tuned_on: how many points amplitudes and noise were estimated from. Raises SolverError where almost no
+    point touches the wall.
+    """
+    data = fit.problem.data
+    return [*_duplicates(data, unit), *_outliers(fit, status), *_outdated(tuned_on, len(data.points))]
+
+
+def motion_warnings(fit: MotionFit, start: Surface, found: Surface, unit: str) -> list[RunWarning]:
+    """On a motion that can hardly be right. Raises SolverError where it turns the surface inside out."""
+    return [*changed_volume(start, found), *captured(fit), *stretched(fit, found, unit)]
+
+
+def alternatives(best: MotionFit, fits: Sequence[MotionFit], unit: str) -> list[RunWarning]:
+    """On other surfaces almost as probable: from another start, or from a fit without some points."""
+    found = list[RunWarning]()
+    noise = float(best.state.scales.noises[0])
+    for other in fits:
+        apart = float(np.linalg.norm(other.vertices - best.vertices, axis=1).mean())
+        behind = other.energy - best.energy
+        if behind < CLOSE and apart > noise:
+            words = f"another start {_almost(behind, apart, unit)}"
+            found.append(RunWarning("alternative-start", words))
+            break
+    facts = best.facts
+    if "alternative_behind" in facts:
+        behind, apart = facts["alternative_behind"], facts["alternative_apart"]
+        if behind < CLOSE and apart > noise:
+            points = f"{facts['alternative_excluded']:.0f} points that may have pulled the wall outward"
+            words = f"a fit that begins without {points} {_almost(behind, apart, unit)}"
+            found.append(RunWarning("alternative-points", words))
+    return found
+
+
+def _almost(behind: float, apart: float, unit: str) -> str:
+    return (
+        f"is almost as probable ({max(behind, 0.0):.1f} nats less) and leads to a surface {apart:.1f} {unit} "
+        "away on average"
+    )
+
+
+def _outliers(fit: MotionFit, status: str) -> list[RunWarning]:
+    fraction = fit.facts["outlier_fraction"]
+    if fraction > NO_WALL:
+        raise SolverError(f"deform: {status}: the points do not belong to this surface, or {WRONG}")
+    sentence = f"{fraction:.0%} of the points are judged to be outliers: {WRONG}"
+    return [RunWarning("many-outliers", sentence)] if fraction > MANY else []
+
+
+def _outdated(before: int, now: int) -> list[RunWarning]:
+    sentence = f"amplitudes, noise and pose were estimated from the first {before} of {now} points: fit again"
+    return [RunWarning("outdated-amplitudes", sentence)] if now > OUTDATED * before else []
+
+
+def changed_volume(start: Surface, found: Surface) -> list[RunWarning]:
+    """Whether the motion changes the volume too much. Raises SolverError where it turns the surface inside
+    out.
+    """
+    factor = found.volume / start.volume
+    if factor <= 0.0:
+        raise SolverError(f"deform: the motion turns the surface inside out: {WRONG}")
+    if 1.0 / GROWS < factor < GROWS:
+        return []
+    amount = "volume" if start.dimension == 3 else "area"
+    sentence = f"the motion changes the enclosed {amount} by a factor of {factor:.2g}: {WRONG}"
+    return [RunWarning("volume-changed", sentence)]
+
+
+def captured(fit: MotionFit) -> list[RunWarning]:
+    """Whether the wall seems to follow points that do not touch it."""
+    from ..motion.leverage_points import captured_points
+
+    points = captured_points(fit.problem, fit.state)
+    if points.sum() <= fit.problem.settings.leverage.captured_points or points.mean() <= CAPTURED:
+        return []
+    sentence = (
+        f"{points.mean():.0%} of the points lie far from the wall at the start and on it after the motion: "
+        "does the wall follow points without contact, or a structure that the prior lacks?"
+    )
+    return [RunWarning("captured-points", sentence)]
+
+
+def stretched(fit: MotionFit, found: Surface, unit: str) -> list[RunWarning]:
+    """Whether a part of the wall is stretched, and where."""
+    from ..motion.leverage_points import stretched_faces
+
+    usual = fit.problem.settings.leverage
+    rest = found.with_vertices(fit.motion.rest.at)
+    long, fraction = stretched_faces(rest, found.vertices, usual)
+    if fraction <= usual.stretched_area:
+        return []
+    middle = ", ".join(f"{x:.0f}" for x in found.vertices[rest.faces[long]].mean(axis=(0, 1)))
+    sentence = (
+        f"{fraction:.0%} of the wall is stretched to more than {usual.stretch:g} times its length, around "
+        f"({middle}) {unit}: do the points there belong to this chamber?"
+    )
+    return [RunWarning("stretched-wall", sentence)]
+
+
+def swapped_landmarks(case: Case, T_map_prior: Array) -> list[RunWarning]:
+    """Landmarks that lie far nearer to another's place on the posed prior than to their own."""
+    names, prior, measured = case.landmark_pairs()
+    if not names:
+        return []
+    apart = np.linalg.norm(measured[:, None] - apply(T_map_prior, prior)[None], axis=2)
+    return [
+        RunWarning(
+            "landmark-swapped-place",
+            f"landmark {names[k]} lies {apart[k, k]:.0f} {case.units} from its place on the prior and "
+            f"{apart[k, other]:.0f} {case.units} from that of {names[other]}: was it measured there?",
+        )
+        for k, other in enumerate(apart.argmin(axis=1))
+        if SWAPPED * apart[k, other] < apart[k, k]
+    ]
+
+
+def _crumpled(problem: MotionProblem) -> list[RunWarning]:
+    """Whether a fold of the prior is near every point: distances to such a wall tell little."""
+    from ..geometry.differential import facing
+
+    fraction = facing(problem.rest.at, problem.faces, problem.rest.normals)
+    if fraction > SMOOTH:
+        return []
+    sentence = (
+        f"the prior is crumpled ({1.0 / fraction:.2g} times the area of a smooth wall): every point has some "
+        "fold nearby, and noise and motion follow the folds; smooth the prior first"
+    )
+    return [RunWarning("crumpled-prior", sentence)]
+
+
+def _sigma(points: Points, unit: str) -> list[RunWarning]:
+    """Whether the column `sigma` may not mean what it says."""
+    sigma = points.numbers("sigma")
+    given = sigma[np.isfinite(sigma)]
+    if len(given) == 0:
+        return []
+    found = list[RunWarning]()
+    missing = len(sigma) - len(given)
+    if given.max() > UNITS_APART * given.min():
+        sentence = f"sigma ranges from {given.min():.2g} to {given.max():.2g}: are all values in {unit}?"
+        found.append(RunWarning("sigma-range", sentence))
+    if missing:
+        median = f"the median of the others, {points.typical_sigma:.2g} {unit}"
+        sentence = f"{missing} of {len(sigma)} points have no sigma: it is taken to be {median}"
+        found.append(RunWarning("sigma-missing", sentence))
+    return found
+
+
+def _small_components(prior: Surface) -> list[RunWarning]:
+    """Whether small components lie around the prior: any of them may be nearest to a point."""
+    from ..geometry.components import SMALL_COMPONENT, component_areas
+
+    _, areas = component_areas(prior)
+    small = int((areas[areas > 0.0] < SMALL_COMPONENT * areas.max()).sum())
+    if not small:
+        return []
+    some = f"{small} small components" if small > 1 else "a small component"
+    sentence = f"the prior has {some} that points may be assigned to: remove what does not belong to the wall"
+    return [RunWarning("small-components", sentence)]
+
+
+def _duplicates(data: Data, unit: str) -> list[RunWarning]:
+    """Whether mapping points share a place: they are no new evidence."""
+    place = np.asarray(data.mapping)
+    more = len(place) - len(np.unique(place))
+    if not more:
+        return []
+    near = f" or lie within {data.duplicate_distance:.2g} {unit} of it, too close for independent noise"
+    others = f"the place of another{near if data.duplicate_distance else ''}"
+    sentence = f"{more} of {len(place)} points repeat {others}; each place counts once"
+    return [RunWarning("duplicate-points", sentence)]

@@ -1,0 +1,100 @@
+"""From a case to the arrays that a motion is fitted to: points, noise, odds of contact, landmarks."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..arrays import Array
+from ..case import Case, Points
+from ..geometry.similarity import rms_radius
+from .deform_parameters import DeformParameters
+
+if TYPE_CHECKING:
+    from ..motion.observations import Data
+
+VEIN = re.compile(r"(?<![A-Z])[LR][SI]PV(?![A-Z])")
+NEVER = 1e-250  # odds of being an outlier that no residual outweighs, and whose logarithm is still a number
+
+
+def observed(case: Case, stage: DeformParameters, before: Data | None = None) -> Data:
+    """The fitted points as arrays: eam and inside points in noise group 0, ablation points in group 1,
+    landmarks apart.
+
+    `before`, the points of an earlier fit, fix what the points' own noise is relative to, and the distance
+    within which points share one place.
+    """
+    from ..motion.observations import Data
+    from ..noise.duplicates import distinct_places, duplicate_distance
+
+    every = case.points.of(*stage.fits)
+    if before is None:
+        near = duplicate_distance(every.xyz, every.type, rms_radius(case.prior.vertices))
+    else:
+        near = before.duplicate_distance
+    typical = every.typical_sigma if before is None or before.typical_sigma is None else before.typical_sigma
+    rows, same = distinct_places(every.xyz, every.type, near)
+    points = every.select(rows)
+    _, marks_prior, marks_map = case.landmark_pairs()
+    keep = slice(None) if stage.landmarks else slice(0)
+    return Data(
+        points=points.xyz,
+        group=(points.type == "ablation").astype(np.int64),
+        relative=every.relative_noise(typical)[rows],
+        odds=outlier_odds(points, stage.contact_force) * (1.0 if stage.outliers == "find" else NEVER),
+        inside=points.type == "inside",
+        marks_prior=marks_prior[keep],
+        marks_map=marks_map[keep],
+        up=upwards(case.prior_landmarks) if stage.bends == "upright" else None,
+        groups=1 + (stage.ablation == "fit"),
+        mapping=same[every.type == "eam"],
+        typical_sigma=typical,
+        duplicate_distance=near,
+    )
+
+
+def upwards(landmarks: Mapping[str, Array]) -> Array | None:
+    """Unit vector from the inferior to the superior pulmonary veins by their names (LSPV, LIPV, RSPV, RIPV);
+    None where these are missing.
+
+    The veins of one side are enough, and both sides count equally.
+    """
+    veins = {found[0]: at for name, at in landmarks.items() if (found := VEIN.search(name.upper()))}
+    rises = [
+        veins[f"{side}SPV"] - veins[f"{side}IPV"]
+        for side in "LR"
+        if {f"{side}SPV", f"{side}IPV"} <= set(veins)
+    ]
+    rise = np.sum(rises, axis=0)
+    length = float(np.linalg.norm(rise))
+    return np.asarray(rise / length) if length > 0.0 else None
+
+
+def outlier_odds(points: Points, force: float) -> Array:
+    """Factor (n,) on the odds of being an outlier, between 1/4 and 4.
+
+    Doubled for each `force` (g) that the contact force is too low, halved for each that it is higher.
+    """
+    measured = points.numbers("force")
+    return np.where(np.isfinite(measured), 2.0 ** np.clip((force - measured) / force, -2.0, 2.0), 1.0)
+
+
+def differences(data: Data, before: Data) -> str:
+    """What of the data of an earlier fit is not the same in the first of these data, in words; empty where
+    nothing.
+    """
+    if len(data.points) < len(before.points):
+        return f"{len(data.points)} points, fewer than the {len(before.points)} of the estimate"
+    changed = data.at(slice(len(before.points))).differs(before)
+    if changed.any():
+        return (
+            f"point {np.argmax(changed)} is not what it was in the estimate (place, type, sigma, force), or "
+            "the stage's contact_force or outliers are not; append new points behind the others"
+        )
+    marks = ((data.marks_prior, before.marks_prior), (data.marks_map, before.marks_map))
+    if not all(np.array_equal(now, then) for now, then in marks):
+        return "the landmarks are not those of the estimate; fit it again"
+    return ""

@@ -1,0 +1,116 @@
+"""Parameters of the stage `deform`, and the settings of the motion that they stand for."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+from pydantic import Field, field_validator
+
+from ..case import FITTED_TYPES
+from ..plugins.stage import Stage
+
+if TYPE_CHECKING:
+    from ..motion.settings import MotionSettings
+
+
+class DeformParameters(Stage):
+    """What a user can choose of the motion."""
+
+    vector: tuple[float, ...] = Field(
+        (1.15, 0.46),
+        min_length=1,
+        description="correlation lengths of the vector field",
+        json_schema_extra={"unit": "rms radii"},
+    )
+    normal: tuple[float, ...] = Field(
+        (0.46,),
+        description="correlation lengths of the field along the normal",
+        json_schema_extra={"unit": "rms radii"},
+    )
+    landmarks: bool = Field(
+        True,
+        description=(
+            "fit the named landmarks too, with their own noise level, and let the surface around each "
+            "landmark move independently"
+        ),
+    )
+    ablation: Literal["hold_out", "fit"] = Field(
+        "hold_out", description="hold ablation points out, or fit them with their own noise level"
+    )
+    bends: Literal["upright", "any"] = Field(
+        "upright",
+        description=(
+            "expect an atrium to bend between its inferior and superior ends, where the names of the veins "
+            "tell these apart, or to bend equally in all directions"
+        ),
+    )
+    outliers: Literal["find", "none"] = Field(
+        "find", description="find points that do not touch the wall, or assume that every point touches it"
+    )
+    contact_force: float = Field(
+        5.0,
+        gt=0.0,
+        description="contact force at which a point is as likely to touch the wall as an average point",
+        json_schema_extra={"unit": "g"},
+    )
+    amplitude_log_sd: float = Field(
+        1.0,
+        gt=0.0,
+        description=(
+            "standard deviation of the logarithm of a field's amplitude, before the points are seen; bends "
+            "and noise have half of it"
+        ),
+        json_schema_extra={"unit": "1"},
+    )
+    odds: float = Field(
+        0.0,
+        description=(
+            "log odds against a motion beyond the pose, before the points are seen; raise it for priors "
+            "that hardly deform"
+        ),
+        json_schema_extra={"unit": "nats"},
+    )
+    roughness: Literal["smooth", "keep"] = Field(
+        "smooth",
+        description="smooth a prior that the points show to be rougher than the wall, or keep its detail",
+    )
+    starts: Literal["given", "several"] = Field(
+        "given",
+        description=(
+            "fit from the given pose, or also from those of the landmarks, and keep the most probable result"
+        ),
+    )
+    iterations: int = Field(
+        25, ge=15, description="most iterations; the evidence sets the amplitudes three times in the first 14"
+    )
+
+    @field_validator("vector", "normal")
+    @classmethod
+    def _lengths(cls, lengths: tuple[float, ...]) -> tuple[float, ...]:
+        if not all(0.0 < length < np.inf for length in lengths):
+            raise ValueError("a correlation length must be above 0")
+        return lengths
+
+    @property
+    def fits(self) -> tuple[str, ...]:
+        return (*FITTED_TYPES, "ablation") if self.ablation == "fit" else FITTED_TYPES
+
+    def settings(self) -> MotionSettings:
+        """The settings of the motion: the parameters in place of their defaults."""
+        from ..motion.settings import MotionSettings
+
+        usual = MotionSettings()
+        lengths = usual.selection.smoothing_lengths if self.roughness == "smooth" else ()
+        return replace(
+            usual,
+            covariance=replace(
+                usual.covariance,
+                vector_lengths=self.vector,
+                normal_lengths=self.normal,
+                field_log_sd=self.amplitude_log_sd,
+            ),
+            iteration=replace(usual.iteration, iterations=self.iterations),
+            selection=replace(usual.selection, motion_log_odds=self.odds, smoothing_lengths=lengths),
+        )

@@ -1,0 +1,225 @@
+"""Parameters of the stage `icp`: presets, defaults, and which of them go together."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Literal, Self
+
+from pydantic import Field, field_validator, model_validator
+
+from ..adapters.open3d_steps import KERNELS
+from ..case import Case
+from ..plugins.parameters import parameter_error, unfitting
+from ..plugins.stage import Stage
+
+MetricName = Literal["point_to_point", "point_to_plane", "symmetric", "generalized"]
+KernelName = Literal["none", "huber", "cauchy", "geman_mcclure", "tukey", "welsch", "mixture"]
+RuleName = Literal["threshold", "trimmed", "deviations", "mad", "reciprocal", "normal_angle"]
+
+PRESETS: Mapping[str, Mapping[str, Any]] = {
+    # Besl and McKay 1992, as most comparisons run it: rigid, every pair, equal weights
+    "standard": {
+        "metric": "point_to_point",
+        "scale": False,
+        "strain_sd": None,
+        "kernel": "none",
+        "freeze": None,
+        "coarse": 1.0,
+    },
+    # as clinical systems do it: rigid, far pairs rejected by statistics that tighten from coarse to fine
+    "modified": {
+        "metric": "point_to_point",
+        "scale": False,
+        "strain_sd": None,
+        "kernel": "none",
+        "freeze": None,
+        "coarse": 3.0,
+        "reject": ("deviations",),
+    },
+    # the strongest we know, hence the defaults: similarity, tangent planes, outliers found by depth,
+    # undetermined directions left alone
+    "robust": {},
+}
+PARAMETER_OF: Mapping[str, str] = {
+    "threshold": "threshold",
+    "trimmed": "keep",
+    "deviations": "deviations",
+    "mad": "mad",
+    "reciprocal": "slack",
+    "normal_angle": "angle",
+}
+ONLY_OURS = ("scale_sd", "strain_sd", "freeze")
+NULLABLE = (*ONLY_OURS, "kernel_width")
+NEEDS_PLANES = ("freeze", "strain_sd")  # to metric point_to_point every direction looks determined
+
+
+def unit(name: str) -> dict[str, Any]:
+    return {"unit": name}
+
+
+class ICPParameters(Stage):
+    """What a user can choose of the variants."""
+
+    preset: Literal["standard", "modified", "robust"] = Field(
+        "robust", description="values of the parameters that are not given"
+    )
+    engine: Literal["o3dls", "open3d"] = Field(
+        "o3dls", description="whose estimator makes a step; matching and rejection are always ours"
+    )
+    metric: MetricName = Field("point_to_plane", description="what a step minimises")
+    scale: bool = Field(True, description="let the scale change: a similarity instead of a rigid motion")
+    scale_sd: float | None = Field(
+        0.2,
+        ge=1e-6,
+        description="log scale is pulled to zero with this sd; none: not pulled",
+        json_schema_extra=unit("1"),
+    )
+    scale_min: float = Field(0.5, gt=0.0, le=1.0, description="smallest scale", json_schema_extra=unit("1"))
+    scale_max: float = Field(2.0, ge=1.0, description="largest scale", json_schema_extra=unit("1"))
+    strain_sd: float | None = Field(
+        0.015,
+        ge=1e-6,
+        description="sd of a strain fitted on the way, so that it does not bend the pose; none: no strain",
+        json_schema_extra=unit("1"),
+    )
+    kernel: KernelName = Field(
+        "mixture",
+        description=(
+            "weights of the residuals; mixture: probability to lie on the wall, not inside the cavity"
+        ),
+    )
+    kernel_width: float | None = Field(
+        None,
+        gt=0.0,
+        description="width of the kernel; none: 95 % efficient on clean points",
+        json_schema_extra=unit("robust sd"),
+    )
+    reject: tuple[RuleName, ...] = Field((), description="rules that drop pairs, one or several")
+    threshold: float = Field(
+        10.0, gt=0.0, description="rule threshold: longest distance", json_schema_extra=unit("mm")
+    )
+    keep: float = Field(
+        0.9,
+        gt=0.0,
+        le=1.0,
+        description="rule trimmed: fraction of the pairs, the closest",
+        json_schema_extra=unit("1"),
+    )
+    deviations: float = Field(
+        2.5, gt=0.0, description="rule deviations: distances up to mean + this", json_schema_extra=unit("sd")
+    )
+    mad: float = Field(
+        3.0,
+        gt=0.0,
+        description="rule mad: distances up to median + this",
+        json_schema_extra=unit("robust sd"),
+    )
+    slack: float = Field(
+        1.5,
+        ge=1.0,
+        description="rule reciprocal: longest distance over that of the foot's nearest point",
+        json_schema_extra=unit("1"),
+    )
+    angle: float = Field(
+        0.8,
+        gt=0.0,
+        le=1.5708,
+        description="rule normal_angle: largest angle of the normals",
+        json_schema_extra=unit("rad"),
+    )
+    neighbours: int = Field(12, ge=3, description="points that give a point its normal, where one is needed")
+    thickness: float = Field(
+        0.05,
+        gt=0.0,
+        le=1.0,
+        description="metric generalized: variance across a patch over along it",
+        json_schema_extra=unit("1"),
+    )
+    freeze: float | None = Field(
+        0.05,
+        ge=1e-6,
+        description="motions less certain than this (rms over the surface) are not made; none: all are",
+        json_schema_extra=unit("rms radii"),
+    )
+    coarse: float = Field(
+        1.5,
+        ge=1.0,
+        le=100.0,
+        description="factor on all thresholds and widths at the first iteration",
+        json_schema_extra=unit("1"),
+    )
+    anneal: int = Field(5, ge=0, description="iterations over which it falls to 1")
+    tolerance: float = Field(
+        5e-3,
+        ge=0.0,
+        description="converged when no foot moves farther in a step",
+        json_schema_extra=unit("mm"),
+    )
+    iterations: int = Field(100, ge=1, description="most iterations")
+    verify: bool = Field(
+        False,
+        description=(
+            "search all rotations, and the mirror image, and refuse a result that another pose clearly beats"
+        ),
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _fill_from_preset(cls, given: Any) -> Any:
+        if isinstance(given, dict):  # a pipeline file has no other word for None
+            given = {
+                name: None if value == "none" and name in NULLABLE else value for name, value in given.items()
+            }
+        preset = given.get("preset", "robust") if isinstance(given, dict) else None
+        if not isinstance(preset, str) or preset not in PRESETS:
+            return given
+        filled = {**PRESETS[preset], **given}
+        if filled.get("metric") == "point_to_point":
+            filled |= {name: given.get(name) for name in NEEDS_PLANES}
+        if filled.get("engine") == "open3d":
+            filled |= {name: given.get(name) for name in ONLY_OURS}
+        return filled
+
+    @field_validator("reject", mode="before")
+    @classmethod
+    def _one_is_a_list(cls, value: Any) -> Any:
+        return (value,) if isinstance(value, str) else value
+
+    @model_validator(mode="after")
+    def _nothing_in_vain(self) -> Self:
+        for rule, parameter in PARAMETER_OF.items():
+            if rule not in self.reject:
+                unfitting(self, parameter, f"unless reject names '{rule}'")
+        if self.kernel in ("none", "mixture"):
+            unfitting(self, "kernel_width", f"with kernel '{self.kernel}'; must be left out")
+        if self.metric == "point_to_point":
+            self._left_out(NEEDS_PLANES, "metric 'point_to_point'")
+        if self.engine == "open3d":
+            self._left_out(ONLY_OURS, "engine 'open3d'")
+        return self
+
+    def _left_out(self, parameters: tuple[str, ...], with_what: str) -> None:
+        for parameter in parameters:
+            if getattr(self, parameter) is not None:
+                raise parameter_error(self, parameter, f"has no effect with {with_what}; must be left out")
+
+    @model_validator(mode="after")
+    def _open3d_can(self) -> Self:
+        if self.engine == "o3dls":
+            return self
+        plain = self.metric == "point_to_point"
+        kernels = ("none",) if plain else KERNELS
+        if self.kernel not in kernels:
+            wanted = f"with engine 'open3d' and metric '{self.metric}' must be one of {', '.join(kernels)}"
+            raise parameter_error(self, "kernel", wanted)
+        if self.scale and not plain:
+            rigid = f"Open3D's {self.metric} is rigid; must be false, or metric 'point_to_point'"
+            raise parameter_error(self, "scale", rigid)
+        return self
+
+    def obstacle(self, case: Case) -> str | None:
+        return (
+            "Open3D's estimators are for 3D: use engine 'o3dls'"
+            if self.engine == "open3d" and case.dimension == 2
+            else None
+        )

@@ -1,0 +1,93 @@
+"""Stage `topology`: a vein more or less: changes of the prior that the points ask for, and the motion fitted
+again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, ClassVar
+
+from pydantic import Field
+
+from ..case import Case
+from ..estimate import Estimate
+from ..geometry.surface import Surface
+from ..plugins.stage import Stage
+from ..run_warning import RunWarning
+
+if TYPE_CHECKING:
+    from ..motion.result import MotionFit
+
+
+class Topology(Stage):
+    """Remove thin parts of the prior that the points contradict, add tubes that they trace.
+
+    Only where the evidence supports it; then the motion is fitted again. Nothing is changed without a motion
+    that was fitted, nor for a prior of several components.
+    """
+
+    name: ClassVar[str] = "topology"
+    evidence: float = Field(
+        10.0,
+        ge=0.0,
+        description="log evidence that a change of topology must have",
+        json_schema_extra={"unit": "nats"},
+    )
+    spacing: float = Field(
+        1.0,
+        gt=0.0,
+        description="distance between nodes of the grid that the prior is changed on; its edge if longer",
+        json_schema_extra={"unit": "mm"},
+    )
+    most_changes: int = Field(4, ge=1, description="most changes of one prior")
+
+    def __call__(self, case: Case, start: Estimate) -> Estimate:
+        from ..geometry.components import components_and_euler
+        from ..topology.search import change_topology
+        from ..topology.settings import TopologySettings
+
+        if start.fit is None:
+            return _unchanged(start, "no motion was fitted before this stage")
+        settings = replace(TopologySettings(), evidence=self.evidence, most_changes=self.most_changes)
+        fit, changes = change_topology(start.fit, spacing=self.spacing, settings=settings)
+        if changes:
+            return _changed(case, start, fit, [change.sentence(case.units) for change in changes])
+        components, _ = components_and_euler(fit.motion.rest.at, fit.motion.faces)
+        if components > 1:
+            return _unchanged(start, f"the prior has {components} components, and this stage changes one")
+        return _unchanged(start, f"none has the {self.evidence:g} nats of evidence that it needs")
+
+
+def _unchanged(start: Estimate, why: str) -> Estimate:
+    status = f"no change of topology: {why}"
+    return replace(start, status=status, iterations=0, trace=(), facts={"changes": _earlier(start)})
+
+
+def _changed(case: Case, start: Estimate, fit: MotionFit, changes: Sequence[str]) -> Estimate:
+    """The start with the fit of the changed prior."""
+    from ..adapters.meshing import carry_fields
+
+    surface = carry_fields(start.surface, Surface(fit.vertices, fit.motion.faces))
+    warnings = (RunWarning("topology-changed", f"{change}: check it in the report") for change in changes)
+    found = replace(
+        start,
+        surface=replace(surface, fields={**surface.fields, f"sd_{case.units}": fit.sd}),
+        status="; ".join(changes),
+        converged=fit.converged,
+        iterations=len(fit.trace),
+        sigma=fit.sigma,
+        weights=fit.weights,
+        fit=fit,
+        trace=fit.trace,
+        warnings=(*start.warnings, *warnings),
+        facts={"changes": [*_earlier(start), *changes]},
+    )
+    # a motion that begins earlier, as that of `phases`, stays what it was
+    whole = start.fit is not None and start.motion is start.fit.motion
+    return replace(found, T_map_prior=fit.similarity, motion=fit.motion) if whole else found
+
+
+def _earlier(start: Estimate) -> list[str]:
+    """Changes that an earlier stage made."""
+    return list(start.facts.get("changes", []))
