@@ -131,7 +131,7 @@ def _row(what: str, seconds: Time, case: Any, surface: Any, status: str) -> Row:
 
 def halving(seed: int, repeat: int) -> list[Row]:
     """The level set stage at 1 and at 0.5 mm, and the bare signed distance on 128^3 nodes."""
-    from o3dls.levelset.distance import signed_distance
+    from o3dls.levelset.grid.distance import signed_distance
     from o3dls.stages.deform import Deform
     from o3dls.stages.icp import ICP
     from o3dls.stages.level_set import LevelSet

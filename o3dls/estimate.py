@@ -13,7 +13,7 @@ from .motion.interface import Motion
 from .run_warning import RunWarning
 
 if TYPE_CHECKING:
-    from .levelset.distance import SignedDistance
+    from .levelset.grid.distance import SignedDistance
     from .motion.result import MotionFit
 
 

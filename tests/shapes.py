@@ -8,8 +8,8 @@ import numpy as np
 
 from o3dls.arrays import Array
 from o3dls.geometry.surface import Surface, outline
-from o3dls.levelset.band import Band
-from o3dls.levelset.isosurface import zero_set
+from o3dls.levelset.grid.band import Band
+from o3dls.levelset.grid.isosurface import zero_set
 
 Distance = Callable[[Array], Array]
 

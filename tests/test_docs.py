@@ -25,8 +25,6 @@ METHOD = (DOCS / "method.md").read_text(encoding="utf-8")
 PAGES = [ROOT / "README.md", *sorted(DOCS.glob("*.md"))]
 # `levelset/refine.py`, `levelset/grid/`, and behind a colon names in that file
 PATH = re.compile(r"`((?:[a-z_0-9]+/)*[a-z_0-9]+\.py|(?:[a-z_0-9]+/){2,})`")
-# To be removed once they are there: the pages were written before.
-COMING = ("levelset/grid/", "run_warning.py")
 NAMED = re.compile(r"`((?:[a-z_0-9]+/)*[a-z_0-9]+\.py)`:? `([A-Za-z_]\w*(?:\.\w+)?)`")
 
 
@@ -56,13 +54,13 @@ def test_every_path_that_a_page_names_is_there(page: Path) -> None:
     paths = PATH.findall(page.read_text(encoding="utf-8"))
     # inflate is the README's example of a stage that is still to be written
     missing = {path for path in paths if not found(path) and "inflate" not in path}
-    assert not {path for path in missing if not path.startswith(COMING)}
+    assert not missing
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_every_name_that_a_page_gives_with_its_file_is_there(page: Path) -> None:
     pairs = NAMED.findall(page.read_text(encoding="utf-8"))
-    assert not [pair for pair in pairs if not _has(*pair) and not pair[0].startswith(COMING)]
+    assert not [pair for pair in pairs if not _has(*pair)]
 
 
 def _has(path: str, name: str) -> bool:
@@ -131,8 +129,7 @@ def test_the_picture_of_the_packages_has_the_layers_in_their_order() -> None:
     picture = re.search(r"```text\n(.*?)```", README, re.DOTALL)
     assert picture is not None
     drawn = [word for line in picture[1].splitlines() for word in line.split("  ")[0].split()]
-    coming = {path.removesuffix(".py") for path in COMING} - set(LAYERS)
-    assert [layer for layer in drawn if layer not in coming] == [x for x in LAYERS if x != "__main__"]
+    assert drawn == [x for x in LAYERS if x != "__main__"]
 
 
 def test_the_walk_leads_from_each_step_to_the_next() -> None:

@@ -11,14 +11,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..adapters.self_intersections import self_intersections
 from ..arrays import Array, Ints
 from ..errors import SolverError
 from ..geometry.closest_point import ClosestPoint
 from ..geometry.components import component_labels, largest_component
 from ..geometry.surface import Surface, interpolated
-from ..levelset.distance import SignedDistance
-from ..levelset.isosurface import zero_set
+from ..levelset.grid.distance import SignedDistance
+from ..levelset.grid.isosurface import zero_set
+from .self_intersections import self_intersections
 
 # pieces with less than this share of the faces of one that is meant are dust, or what a fold has pinched off
 LOOSE = 0.1

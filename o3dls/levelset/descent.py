@@ -12,7 +12,7 @@ from scipy.sparse.linalg import LinearOperator, cg
 from ..arrays import Array, Ints
 from ..errors import SolverError
 from ..geometry.surface import Surface
-from .distance import signed_distance
+from .grid.distance import signed_distance
 from .matern_prior import MaternPrior
 from .normal_displacement import Wall
 from .observation import Measured

@@ -11,8 +11,8 @@ from scipy import sparse
 from scipy.special import gamma, k1
 
 from ..arrays import ROUNDING, Array
-from .band import Band
-from .operators import laplacian
+from .grid.band import Band
+from .grid.operators import laplacian
 
 
 @dataclass(frozen=True, eq=False)

@@ -34,10 +34,10 @@ from ..errors import SolverError
 from ..geometry.components import components_and_euler
 from ..geometry.surface import Surface
 from ..settings import number
-from .band import Band
-from .distance import SignedDistance, signed_distance
-from .isosurface import reinitialise, zero_set
-from .operators import delta, gradient, heaviside, mean_curvature
+from .grid.band import Band
+from .grid.distance import SignedDistance, signed_distance
+from .grid.isosurface import reinitialise, zero_set
+from .grid.operators import delta, gradient, heaviside, mean_curvature
 from .refine import Refinement
 from .settings import PaperSettings
 

@@ -14,7 +14,7 @@ from ..geometry.components import component_areas, components_and_euler
 from ..geometry.surface import Surface
 from ..run_warning import RunWarning
 from .correction import Correction, Limits, fit_correction
-from .distance import SignedDistance
+from .grid.distance import SignedDistance
 from .normal_displacement import Wall
 from .observation import Measured
 from .repair import Attempt, Crossing, Repair

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from ..geometry.closest_point import ClosestPoint
 from ..geometry.surface import Surface
-from .distance import SignedDistance, signed_distance
-from .isosurface import zero_set
-from .operators import without_islands
+from .grid.distance import SignedDistance, signed_distance
+from .grid.isosurface import zero_set
+from .grid.operators import without_islands
 from .settings import LatticeSettings
 
 Crossing = Callable[[Surface], NDArray[np.bool_]]

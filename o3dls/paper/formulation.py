@@ -109,7 +109,7 @@ def raw_pieces(estimate: Estimate) -> Row:
     if estimate.phi is None:
         return {}
     from ..geometry.components import component_labels
-    from ..levelset.isosurface import zero_set
+    from ..levelset.grid.isosurface import zero_set
 
     vertices, faces = zero_set(estimate.phi.band, estimate.phi.phi)
     return {"raw_pieces": len(np.unique(component_labels(len(vertices), faces)))}

@@ -21,7 +21,7 @@ def write_enclosed_volume(
     The distance is in mm, negative inside, and cut at four voxels outside. Gives facts for the sidecar.
     """
     from ..io.images.volumes import write_volume
-    from ..levelset.distance import filled_distance
+    from ..levelset.grid.distance import filled_distance
 
     if why := spacing_mistake(surface, spacing):
         raise InputError(f"export: {why}")

@@ -90,8 +90,8 @@ class LevelSet(Stage):
     def _meshed(self, reached: Refinement) -> tuple[Refinement, Extraction]:
         """The mesh of what was reached, and its phi as a distance everywhere."""
         from ..adapters.meshing import extract
-        from ..levelset.distance import signed_distance
-        from ..levelset.isosurface import reinitialise
+        from ..levelset.grid.distance import signed_distance
+        from ..levelset.grid.isosurface import reinitialise
         from ..levelset.settings import LatticeSettings
 
         mesh = extract(

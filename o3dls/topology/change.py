@@ -8,9 +8,9 @@ from ..arrays import Array, Ints
 from ..geometry.components import largest_component
 from ..geometry.differential import evened
 from ..geometry.surface import Surface
-from ..levelset.distance import signed_distance
-from ..levelset.isosurface import zero_set
-from ..levelset.operators import combine
+from ..levelset.grid.distance import signed_distance
+from ..levelset.grid.isosurface import zero_set
+from ..levelset.grid.operators import combine
 
 
 @dataclass(frozen=True, eq=False)

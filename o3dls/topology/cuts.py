@@ -12,11 +12,11 @@ from scipy.spatial import cKDTree
 from ..arrays import Array
 from ..geometry.closest_point import ClosestPoint
 from ..geometry.surface import Surface
-from ..levelset.distance import SignedDistance, filled_distance
-from ..levelset.isosurface import zero_set
+from ..levelset.grid.distance import SignedDistance, filled_distance
+from ..levelset.grid.isosurface import zero_set
+from ..levelset.grid.operators import linked
 from ..levelset.normal_displacement import Wall
 from ..levelset.observation import Measured
-from ..levelset.operators import linked
 from .change import Change, body_radius
 from .settings import CutSettings
 

@@ -12,8 +12,8 @@ from scipy.spatial.distance import cdist
 
 from ..arrays import TINY, Array, Ints
 from ..geometry.surface import Surface
-from ..levelset.band import Band
-from ..levelset.isosurface import zero_set
+from ..levelset.grid.band import Band
+from ..levelset.grid.isosurface import zero_set
 from ..levelset.normal_displacement import Wall
 from ..levelset.observation import Measured
 from .change import Change, body_radius

@@ -14,7 +14,7 @@ from o3dls.errors import SolverError
 from o3dls.evaluation.distances import distances
 from o3dls.evaluation.validity import validity
 from o3dls.geometry.surface import Surface
-from o3dls.levelset.distance import SignedDistance, signed_distance
+from o3dls.levelset.grid.distance import SignedDistance, signed_distance
 from o3dls.levelset.refine import topology
 
 

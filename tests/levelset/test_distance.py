@@ -10,7 +10,7 @@ from tiny import sphere
 from o3dls.errors import InputError
 from o3dls.geometry.closest_point import ClosestPoint
 from o3dls.geometry.surface import Surface, outline
-from o3dls.levelset.distance import filled_distance, signed_distance
+from o3dls.levelset.grid.distance import filled_distance, signed_distance
 
 FLOAT32 = 2e-6  # rounding of distances of a few spacings kept in single precision
 

@@ -11,7 +11,7 @@ import pytest
 from shapes import circle, meshed, round_distance
 
 from o3dls.arrays import Array
-from o3dls.levelset.distance import signed_distance
+from o3dls.levelset.grid.distance import signed_distance
 from o3dls.levelset.matern_prior import MaternPrior, matern
 from o3dls.noise.contact import Contact
 from o3dls.noise.likelihood import Likelihood

@@ -10,10 +10,10 @@ from shapes import ball_with_tube, meshed, round_distance, torus_distance, whole
 
 from o3dls.geometry.components import component_labels, largest_component
 from o3dls.geometry.surface import Surface
-from o3dls.levelset.band import Band
-from o3dls.levelset.distance import SignedDistance, signed_distance
-from o3dls.levelset.isosurface import reinitialise, zero_set
-from o3dls.levelset.operators import combine, delta, gradient, heaviside, laplacian, mean_curvature
+from o3dls.levelset.grid.band import Band
+from o3dls.levelset.grid.distance import SignedDistance, signed_distance
+from o3dls.levelset.grid.isosurface import reinitialise, zero_set
+from o3dls.levelset.grid.operators import combine, delta, gradient, heaviside, laplacian, mean_curvature
 
 
 def orders(errors: list[float]) -> np.ndarray:

@@ -8,9 +8,9 @@ from shapes import circle, meshed, round_distance, sampled, whole_box
 
 from o3dls.geometry.components import components_and_euler
 from o3dls.geometry.surface import Surface
-from o3dls.levelset.distance import SignedDistance, signed_distance
-from o3dls.levelset.isosurface import zero_set
-from o3dls.levelset.operators import delta, heaviside, mean_curvature
+from o3dls.levelset.grid.distance import SignedDistance, signed_distance
+from o3dls.levelset.grid.isosurface import zero_set
+from o3dls.levelset.grid.operators import delta, heaviside, mean_curvature
 from o3dls.levelset.paper import DEFAULTS, Weights, _on_band, _steps, descend, energies
 from o3dls.levelset.settings import PaperSettings
 

@@ -15,8 +15,8 @@ from o3dls.evaluation.distances import distances
 from o3dls.geometry.components import components_and_euler
 from o3dls.geometry.surface import Surface
 from o3dls.levelset.correction import Correction, Limits
-from o3dls.levelset.distance import SignedDistance, signed_distance
-from o3dls.levelset.isosurface import zero_set
+from o3dls.levelset.grid.distance import SignedDistance, signed_distance
+from o3dls.levelset.grid.isosurface import zero_set
 from o3dls.levelset.normal_displacement import Wall
 from o3dls.levelset.observation import Measured, Noise, observe
 from o3dls.levelset.refine import Mesher, Refinement, _kept_whole, refine_surface

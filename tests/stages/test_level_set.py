@@ -21,7 +21,7 @@ from o3dls.evaluation.distances import distances
 from o3dls.geometry.components import components_and_euler
 from o3dls.geometry.similarity import apply, similarity
 from o3dls.geometry.surface import Surface
-from o3dls.levelset.isosurface import zero_set
+from o3dls.levelset.grid.isosurface import zero_set
 from o3dls.levelset.normal_displacement import Wall
 from o3dls.run_warning import RunWarning
 from o3dls.stages.level_set import LevelSet, noise_of, observer, relative_sd

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
-from ..arrays import Array, Ints
+from ...arrays import Array, Ints
 from . import kernels
 from .band import Band
 from .distance import SignedDistance

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from ..arrays import Array, Ints
+from ...arrays import Array, Ints
 
 PAD = 2  # empty nodes kept around the band, so that the box's border is outside
 

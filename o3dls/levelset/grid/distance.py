@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation
 
-from ..arrays import Array, Ints
-from ..errors import InputError
-from ..geometry.closest_point import ClosestPoint
+from ...arrays import Array, Ints
+from ...errors import InputError
+from ...geometry.closest_point import ClosestPoint
 from .band import PAD, Band
 from .scatter import gather_band, scatter_distance, touched_blocks
 from .winding import winding

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from ..arrays import ROUNDING
+from ...arrays import ROUNDING
 
 
 @njit(cache=True)

@@ -6,7 +6,7 @@ from itertools import permutations
 
 import numpy as np
 
-from ..arrays import Array, Ints
+from ...arrays import Array, Ints
 from . import kernels
 from .band import Band
 from .distance import SignedDistance, signed_distance
