@@ -13,9 +13,9 @@ from o3dls.adapters.self_intersections import self_intersections
 from o3dls.errors import SolverError
 from o3dls.evaluation.distances import distances
 from o3dls.evaluation.validity import validity
+from o3dls.geometry.components import components_and_euler
 from o3dls.geometry.surface import Surface
 from o3dls.levelset.grid.distance import SignedDistance, signed_distance
-from o3dls.levelset.refine import topology
 
 
 def field(surface: Surface, spacing: float = 1.0) -> SignedDistance:
@@ -28,7 +28,9 @@ def test_mesh_is_valid_and_lies_on_the_surface(surface: Surface) -> None:
     state = validity(found.surface, surface)
     assert state["watertight"]
     assert state["self_intersections"] == 0
-    assert topology(found.surface.vertices, found.surface.faces) == topology(surface.vertices, surface.faces)
+    assert components_and_euler(found.surface.vertices, found.surface.faces) == components_and_euler(
+        surface.vertices, surface.faces
+    )
     assert found.surface.volume == pytest.approx(surface.volume, rel=0.01)
     assert distances(found.surface.vertices, surface).mean() < 0.02
     assert len(found.surface.faces) <= 0.51 * found.isosurface_faces
@@ -70,7 +72,7 @@ def test_a_thin_vein_is_not_lost() -> None:
 
     surface = meshed(vein, 34.0, 0.5)
     found = extract(field(surface)).surface
-    assert topology(found.vertices, found.faces) == (1, 2)
+    assert components_and_euler(found.vertices, found.faces) == (1, 2)
     assert found.vertices[:, 0].max() == pytest.approx(surface.vertices[:, 0].max(), abs=0.15)
     tip = surface.vertices[surface.vertices[:, 0] > 17.0]
     assert distances(tip, found).mean() < 0.08  # h^2 / 8r of a chord, twice
@@ -90,8 +92,8 @@ def test_islands_stay_or_go() -> None:
         )
 
     phi = field(meshed(two, 20.0, 0.5))
-    assert topology(*_arrays(extract(phi, islands=True).surface))[0] == 2
-    assert topology(*_arrays(extract(phi, islands=False).surface))[0] == 1
+    assert components_and_euler(*_arrays(extract(phi, islands=True).surface))[0] == 2
+    assert components_and_euler(*_arrays(extract(phi, islands=False).surface))[0] == 1
 
 
 def _arrays(surface: Surface) -> tuple[np.ndarray, np.ndarray]:
