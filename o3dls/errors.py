@@ -1,4 +1,4 @@
-"""Errors a user can mend; each message says what is wrong, where, and what would be right."""
+"""Errors a user can fix; each message says what is wrong, where, and what would be right."""
 
 from __future__ import annotations
 

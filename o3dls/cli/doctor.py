@@ -1,5 +1,5 @@
 """Is this machine able to run o3dls: each check says what was found, and where it fails, the command that
-mends it.
+fixes it.
 """
 
 from __future__ import annotations
@@ -44,28 +44,28 @@ RENDER_SECONDS = 30.0
 
 @dataclass(frozen=True)
 class Check:
-    """One finding; `mend` is what to do about it, empty where all is well. Without what is not `needed` o3dls
+    """One finding; `remedy` is what to do about it, empty where all is well. Without what is not `needed` o3dls
     still does its work.
     """
 
     name: str
     found: str
-    mend: str = ""
+    remedy: str = ""
     needed: bool = True
 
     @property
     def ok(self) -> bool:
-        return not self.mend
+        return not self.remedy
 
     def __str__(self) -> str:
         mark = "ok     " if self.ok else "FAULT  " if self.needed else "without"
         return f"{mark} {self.name}: {self.found}" + (
-            f"\n        mend it with: {self.mend}" if self.mend else ""
+            f"\n        to fix this, run: {self.remedy}" if self.remedy else ""
         )
 
 
 def diagnose() -> list[Check]:
-    """Every check, in the order in which faults should be mended."""
+    """Every check, in the order in which faults should be remedied."""
     return [
         _python(),
         *map(_module, MODULES),
@@ -118,12 +118,14 @@ def _apt(message: str) -> str:
 
 def _one_open3d() -> Check:
     both = [name for name in ("open3d", "open3d-cpu") if _version(name)]
-    mend = (
+    remedy = (
         "python -m pip uninstall -y open3d open3d-cpu; python -m pip install -c constraints.txt ."
         if len(both) > 1
         else ""
     )
-    return Check("open3d's distribution", " and ".join(both) + (" share one folder" if mend else ""), mend)
+    return Check(
+        "open3d's distribution", " and ".join(both) + (" share one folder" if remedy else ""), remedy
+    )
 
 
 def _plugins() -> Check:
@@ -150,9 +152,9 @@ def _filters() -> Check:
         yield from (name for name in FILTERS if name not in there)
 
     # Without libOpenGL pymeshlab can be imported, but leaves out the plugins that need it.
-    mend = "sudo apt-get install libgl1 libopengl0"
+    remedy = "sudo apt-get install libgl1 libopengl0"
     return _tried(
-        "pymeshlab's filters", lambda: ", ".join(missing()), f"all {len(FILTERS)} there", "missing: ", mend
+        "pymeshlab's filters", lambda: ", ".join(missing()), f"all {len(FILTERS)} there", "missing: ", remedy
     )
 
 
@@ -175,18 +177,18 @@ def _kernel_cache() -> Check:
     )
 
 
-def _tried(name: str, fault: Callable[[], str], well: str, prefix: str, mend: str) -> Check:
+def _tried(name: str, fault: Callable[[], str], well: str, prefix: str, remedy: str) -> Check:
     """A check of something that answers with a fault, an empty text, or an error."""
     try:
         found = fault()
     except (ImportError, OSError, RuntimeError) as error:
-        return Check(name, _said(error), _apt(str(error)) or mend)
-    return Check(name, prefix + found, mend) if found else Check(name, well)
+        return Check(name, _said(error), _apt(str(error)) or remedy)
+    return Check(name, prefix + found, remedy) if found else Check(name, well)
 
 
 def _renderer() -> Check:
     """Open3D's renderer, in a process of its own: it is known to hang. o3dls draws without it."""
-    name, mend = "open3d's renderer", "sudo apt-get install libegl1 libvulkan1 mesa-vulkan-drivers"
+    name, remedy = "open3d's renderer", "sudo apt-get install libegl1 libvulkan1 mesa-vulkan-drivers"
     try:
         done = subprocess.run(
             [sys.executable, "-c", RENDER],
@@ -196,10 +198,10 @@ def _renderer() -> Check:
             check=False,
         )
     except subprocess.TimeoutExpired:
-        return Check(name, f"no picture within {RENDER_SECONDS:g} s", mend, needed=False)
+        return Check(name, f"no picture within {RENDER_SECONDS:g} s", remedy, needed=False)
     if done.returncode:
         said = done.stderr.strip().splitlines() or ["no message"]
         return Check(
-            name, f"ended with code {done.returncode}: {said[-1]}", _apt(done.stderr) or mend, needed=False
+            name, f"ended with code {done.returncode}: {said[-1]}", _apt(done.stderr) or remedy, needed=False
         )
     return Check(name, "draws", needed=False)

@@ -135,7 +135,7 @@ def import_(study: Path, out: Path, map_name: str | None, **options: Any) -> Non
 
 @click.command()
 def doctor() -> int:
-    """Check this machine, and say how to mend each fault."""
+    """Check this machine, and say how to fix each fault."""
     from .doctor import diagnose
 
     checks = diagnose()

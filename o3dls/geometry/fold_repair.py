@@ -58,7 +58,7 @@ def _through(outline: Surface, order: list[int]) -> Surface:
 
 
 def repair_folds(rest: Array, moved: Array, faces: Ints, rounds: int = 12) -> tuple[Array, int, int]:
-    """Vertices (n, d) moved from `rest` with folds mended, how many faces had folded, and how many are folded
+    """Vertices (n, d) moved from `rest` with folds repaired, how many faces had folded, and how many are folded
     still.
 
     Slivers are straightened. Around other turned faces the displacement is replaced by the one of least

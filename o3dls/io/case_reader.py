@@ -66,7 +66,7 @@ def _frame(folder: Folder, table: Table) -> str:
     if "unknown" not in (stated, given) and stated != given:
         raise InputError(
             f"{table.path}: states frame {stated}, and --frame or case.toml says {given}; leave that "
-            "away, or mend the file"
+            "away, or correct the file"
         )
     return given if stated == "unknown" else stated
 

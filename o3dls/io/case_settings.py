@@ -50,7 +50,7 @@ class Folder:
             raise InputError(
                 f"{self.path}: a file states units {stated}, and the case is in {self.units}; pixels are "
                 "of no length: "
-                "mend the file, or the units in case.toml or --units"
+                "correct the file, or the units in case.toml or --units"
             )
         return MILLIMETRES[stated if stated in MILLIMETRES else self.settings.get("units", "mm")]
 
@@ -104,7 +104,7 @@ def open_folder(path: Path, overrules: Mapping[str, str]) -> Folder:
         stated = folder.settings.get(key, "unknown")
         if "unknown" not in (stated, given) and stated != given:
             raise InputError(
-                f"{toml}: states {key} {stated}, and --{key} says {given}; leave --{key} away, or mend "
+                f"{toml}: states {key} {stated}, and --{key} says {given}; leave --{key} away, or correct "
                 "the file"
             )
     folder.settings |= overrules

@@ -40,7 +40,7 @@ def test_this_machine_is_well() -> None:
 def test_a_fault_is_told_with_its_mend() -> None:
     first, second = str(Check("filters", "missing: x", "sudo apt-get install y")).splitlines()
     assert first == "FAULT   filters: missing: x"
-    assert second.strip() == "mend it with: sudo apt-get install y"
+    assert second.strip() == "to fix this, run: sudo apt-get install y"
 
 
 def test_a_missing_library_names_its_package(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -49,7 +49,7 @@ def test_a_missing_library_names_its_package(monkeypatch: pytest.MonkeyPatch) ->
 
     monkeypatch.setattr(doctor, "import_module", refuse)
     check = doctor._module("open3d")
-    assert check.mend == "sudo apt-get install libusb-1.0-0"
+    assert check.remedy == "sudo apt-get install libusb-1.0-0"
     assert (
         check.found
         == "cannot be imported: libusb-1.0.so.0: cannot open shared object file: No such file or directory"
@@ -59,19 +59,19 @@ def test_a_missing_library_names_its_package(monkeypatch: pytest.MonkeyPatch) ->
 def test_a_missing_module_is_installed_by_pip() -> None:
     check = doctor._module("no_such_module_of_ours")
     assert "No module named" in check.found
-    assert check.mend.startswith("python -m pip install")
+    assert check.remedy.startswith("python -m pip install")
 
 
 def test_two_distributions_in_one_folder(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(doctor, "_version", lambda name: "0.20.0")
-    assert "uninstall -y open3d open3d-cpu" in doctor._one_open3d().mend
+    assert "uninstall -y open3d open3d-cpu" in doctor._one_open3d().remedy
 
 
 def test_missing_filters_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pymeshlab", SimpleNamespace(filter_list=lambda: doctor.FILTERS[1:]))
     check = doctor._filters()
     assert check.found == f"missing: {doctor.FILTERS[0]}"
-    assert "libopengl0" in check.mend
+    assert "libopengl0" in check.remedy
 
 
 def test_a_plugin_that_cannot_be_loaded(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -96,7 +96,7 @@ def test_a_kernel_cache_that_cannot_be_written(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr(caching.CacheImpl, "_locator_classes", [])
     check = doctor._kernel_cache()
     assert "no locator available" in check.found
-    assert check.mend.startswith("export NUMBA_CACHE_DIR=")
+    assert check.remedy.startswith("export NUMBA_CACHE_DIR=")
 
 
 @pytest.mark.parametrize(
@@ -114,7 +114,7 @@ def test_a_renderer_that_hangs_fails_or_crashes_is_not_needed(
     monkeypatch.setattr(doctor, "RENDER_SECONDS", 0.5)
     check = doctor._renderer()
     assert (check.found, check.ok, check.needed) == (found, False, False)
-    assert check.mend.startswith("sudo apt-get install libegl1")
+    assert check.remedy.startswith("sudo apt-get install libegl1")
 
 
 def test_the_real_renderer_answers_in_time() -> None:
