@@ -20,11 +20,12 @@ LEAST_DENSITY = 1e-100  # of contact, however far off: a point that may not floa
 
 @dataclass(frozen=True)
 class Contact:
-    """State of the mixture: fraction of outliers (points off the wall), the depth (a length) over which they
-    spread, how runs persist (0: not at all), and the fraction of the outliers that lies inside.
+    """State of the mixture: fraction of outliers (points off the wall), the lengths over which they spread
+    inside and anywhere, how runs persist (0: not at all), and the fraction of the outliers that lies inside.
     """
 
     depth: float
+    scatter: float
     outlier_fraction: float
     inside_fraction: float
     persistence: float = 0.0
@@ -34,13 +35,17 @@ class Contact:
     def expected(cls, size: float, settings: ContactSettings) -> Contact:
         """What is expected of a chamber of rms radius `size` before any point is seen."""
         return cls(
-            settings.depth * size, settings.outlier_fraction, settings.inside_fraction, settings=settings
+            settings.depth * size,
+            settings.scatter * size,
+            settings.outlier_fraction,
+            settings.inside_fraction,
+            settings=settings,
         )
 
     @property
     def anywhere(self) -> float:
         """Density of the outliers that lie anywhere."""
-        return (1.0 - self.inside_fraction) / (self.settings.anywhere_depths * self.depth)
+        return (1.0 - self.inside_fraction) / self.scatter
 
     def outlier_density(self, residual: Array) -> Array:
         """Density (n,) of an outlier at signed distances (n,), negative inside."""
@@ -75,7 +80,7 @@ def update_contact(residual: Array, variance: Array, odds: Array, contact: Conta
     from_inside = (1.0 - weights) @ (1.0 - contact.anywhere / floating)  # 0 for those outside
     usual = settings.inside_points * settings.inside_fraction
     inside = (float(from_inside) + usual) / (float((1.0 - weights).sum()) + settings.inside_points)
-    return weights, Contact(contact.depth, fraction, inside, persistence, settings)
+    return weights, Contact(contact.depth, contact.scatter, fraction, inside, persistence, settings)
 
 
 def inside_point_weights(

@@ -29,7 +29,7 @@ class Topology(Stage):
 
     name: ClassVar[str] = "topology"
     evidence: float = Field(
-        10.0,
+        5.0,
         ge=0.0,
         description="log evidence that a change of topology must have",
         json_schema_extra={"unit": "nats"},

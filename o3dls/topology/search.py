@@ -127,11 +127,13 @@ class TopologySearch:
         motion = fit.motion
         prior = apply(np.asarray(np.linalg.inv(motion.T_map_prior)), posed.vertices)
         # in mm: points float as deep in whatever prior
-        depth = settings.contact.depth * fit.problem.size / rms_radius(posed.vertices)
+        larger = fit.problem.size / rms_radius(posed.vertices)
+        contact = settings.contact
+        contact = replace(contact, depth=contact.depth * larger, scatter=contact.scatter * larger)
         settings = replace(
             settings,
             selection=replace(settings.selection, smoothing_lengths=()),
-            contact=replace(settings.contact, depth=depth),
+            contact=contact,
         )
         return fit_motion(prior, posed.faces, motion.T_map_prior, data, settings)
 

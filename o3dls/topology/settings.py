@@ -63,7 +63,7 @@ class TubeSettings:
 class TopologySettings:
     """All numbers of changes of topology."""
 
-    evidence: float = number(10.0, "nats", "that a change must earn: a rare thing needs good reasons")
+    evidence: float = number(5.0, "nats", "that a change must earn: a rare thing needs good reasons")
     most_changes: int = number(4, "", "of one prior: more would be another one")
     most_points: int = number(1000, "points", "of a kind that propose and judge: topology is no detail")
     judged: int = number(3, "", "tubes, and cuts, that are judged: those that the likelihood prefers")

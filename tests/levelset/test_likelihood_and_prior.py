@@ -18,7 +18,7 @@ from o3dls.noise.likelihood import Likelihood
 from o3dls.noise.settings import ContactSettings
 
 STEP = 1e-5
-CONTACT = Contact.expected(25.0, ContactSettings(depth=0.6, anywhere_depths=2.0))
+CONTACT = Contact.expected(25.0, ContactSettings(depth=0.6, scatter=1.2))
 
 
 def likelihood(one_sided: bool = False) -> Likelihood:

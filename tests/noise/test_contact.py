@@ -11,7 +11,7 @@ import pytest
 from o3dls.arrays import Array
 from o3dls.noise.contact import Contact, _chain, contact_density, label_energy, update_contact
 
-PLAIN = Contact(depth=8.0, outlier_fraction=0.1, inside_fraction=0.9)
+PLAIN = Contact(depth=8.0, scatter=32.0, outlier_fraction=0.1, inside_fraction=0.9)
 
 
 def belief(residual: Array, contact: Contact = PLAIN, odds: Array | None = None) -> tuple[Array, Contact]:
@@ -106,8 +106,8 @@ def test_odds_that_all_points_share_say_nothing(factor: float) -> None:
 def test_belief_knows_no_unit() -> None:
     residual = np.random.default_rng(9_973).normal(size=60) * 3
     ones = np.ones(60)
-    mm, _ = update_contact(residual, ones, ones, Contact(8.0, 0.1, 0.9, 0.2))
-    metres, _ = update_contact(residual / 1000, ones / 1e6, ones, Contact(0.008, 0.1, 0.9, 0.2))
+    mm, _ = update_contact(residual, ones, ones, Contact(8.0, 32.0, 0.1, 0.9, 0.2))
+    metres, _ = update_contact(residual / 1000, ones / 1e6, ones, Contact(0.008, 0.032, 0.1, 0.9, 0.2))
     np.testing.assert_allclose(mm, metres, rtol=1e-9)
 
 
