@@ -58,8 +58,8 @@ def _through(outline: Surface, order: list[int]) -> Surface:
 
 
 def repair_folds(rest: Array, moved: Array, faces: Ints, rounds: int = 12) -> tuple[Array, int, int]:
-    """Vertices (n, d) moved from `rest` with folds repaired, how many faces had folded, and how many are folded
-    still.
+    """Vertices (n, d) moved from `rest` with folds repaired, how many faces had folded, and how many are
+    folded still.
 
     Slivers are straightened. Around other turned faces the displacement is replaced by the one of least
     bending (biharmonic) that continues the surroundings; the patch grows round the faces that are still
