@@ -162,7 +162,7 @@ def test_every_plugin_of_ours_is_whole(kind: str, group: str) -> None:
         assert re.search(rf"^{name}: .", catalogue.sheet(name))
 
 
-@pytest.mark.parametrize("name", ["deform", "level_set"])
+@pytest.mark.parametrize("name", ["deform", "topology", "level_set"])
 def test_the_documentation_has_every_parameter(name: str) -> None:
     """Where it has not: the table that is wanted is in the message."""
     own = [p for p in describe(load("stage", name)) if p.name not in ("as", "after")]
