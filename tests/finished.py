@@ -15,6 +15,7 @@ from o3dls.geometry.similarity import apply, similarity
 from o3dls.geometry.surface import Surface
 from o3dls.pipeline.pipeline import Pipeline
 from o3dls.plugins.stage import Stage
+from o3dls.run_warning import RunWarning
 from tests.tiny import disc_case, sphere
 
 SEED = 551_908
@@ -47,7 +48,7 @@ class Icp(Stage):
         T = similarity(np.eye(case.dimension), np.full(case.dimension, 0.3))
         trace = tuple({"iteration": float(k), "residual": 2.0 / (k + 1)} for k in range(6))
         status = "converged: the pairs no longer change"
-        said = ("the rotation about the long axis is weakly determined",)
+        said = (RunWarning("weak-direction", "the rotation about the long axis is weakly determined"),)
         return Estimate(case.prior.transformed(T), T, status, iterations=6, trace=trace, warnings=said)
 
 

@@ -133,7 +133,7 @@ def _few(points: Array) -> str:
     return (
         ""
         if places >= FEWEST_POINTS
-        else f"the points of type eam lie in {places} different places: at least {FEWEST_POINTS} are needed"
+        else f"the points of type eam have {places} different positions: at least {FEWEST_POINTS} are needed"
     )
 
 
@@ -158,7 +158,7 @@ def _other_size(case: Case, points: Array) -> str:
             "to another case?"
         )
     *_, remedy, name = min(likely, key=lambda reading: float(np.ptp(np.log((*reading[:2], ATRIUM)))))
-    return f"{spans}: {remedy.format(name)}; otherwise check the unit of the other one"
+    return f"{spans}: {remedy.format(name)}; otherwise check the units of both"
 
 
 def _far_point(case: Case, points: Array) -> str:

@@ -10,11 +10,12 @@ import numpy as np
 
 from ..arrays import Array
 from ..case import Case
+from ..errors import InputError
 from ..estimate import Estimate
 from ..geometry.surface import Surface
 from ..io.meshes.registry import read_surface, write_surface
 from ..io.table import read_table, write_table
-from ..run_warning import RunWarning
+from ..run_warning import CODES, RunWarning
 
 
 def write_estimate(folder: Path, case: Case, estimate: Estimate, fitted: Collection[str]) -> None:
@@ -40,9 +41,17 @@ def read_estimate(folder: Path, found: Mapping[str, Any], unit: str) -> Estimate
         sigma=found[f"sigma_{unit}"],
         weights=_column(folder / "weights.csv", "weight"),
         trace=_read_trace(folder / "trace.csv"),
-        warnings=tuple(RunWarning(**warning) for warning in found["warnings"]),
+        warnings=tuple(_warning(warning) for warning in found["warnings"]),
         **{key: found[key] for key in ("status", "converged", "seconds", "iterations", "facts")},
     )
+
+
+def _warning(found: Mapping[str, str]) -> RunWarning:
+    if found["code"] not in CODES:
+        raise InputError(
+            f"run.json: warning code '{found['code']}' is unknown: was it written by a newer version?"
+        )
+    return RunWarning(found["code"], found["sentence"], found["stage"])
 
 
 def write_rows(path: Path, rows: Any) -> None:

@@ -24,6 +24,7 @@ from o3dls.io.case_writer import write_case
 from o3dls.pipeline.batch import run_cohort
 from o3dls.pipeline.pipeline import Pipeline
 from o3dls.plugins.stage import Stage
+from o3dls.run_warning import RunWarning
 from o3dls.runs.writers import Writer
 
 ENDED = 30.0  # seconds: far more than ending takes, far less than `Slow` works
@@ -37,7 +38,7 @@ class Careless(Nudge):
     def __call__(self, case: Case, start: Estimate) -> Estimate:
         if len(case.points.of("eam")) < 40:
             raise IndexError("too short")
-        return replace(super().__call__(case, start), warnings=("the map is not sure",))
+        return replace(super().__call__(case, start), warnings=(RunWarning("other", "the map is not sure"),))
 
 
 class Killed(Nudge):

@@ -253,7 +253,7 @@ class TestStart:
 
     def test_init_comes_second_and_identity_last(self) -> None:
         case = replace(ball_case(), prior_landmarks={})
-        assert "identity" in self.status(case)
+        assert "prior as given" in self.status(case)
         assert "init" in self.status(replace(case, init=similarity(np.eye(3), SHIFT)))
 
     def test_landmarks_on_a_line_fix_no_pose(self) -> None:
@@ -268,9 +268,9 @@ class TestStart:
 @pytest.mark.parametrize(
     ("factor", "shift", "sentence"),
     [
-        (1e-3, 0.0, "in m, put"),
-        (0.1, 0.0, "in cm, put"),
-        (1e3, 0.0, "in um, put"),
+        (1e-3, 0.0, "in m, add"),
+        (0.1, 0.0, "in cm, add"),
+        (1e3, 0.0, "in um, add"),
         (1e-9, 0.0, "no unit explains that: do nearly all points lie in one place"),
         (1.0, 900.0, "half of the points are more than"),
     ],
@@ -315,14 +315,14 @@ def test_a_stray_point_is_named() -> None:
     case = ball_case()
     wild = 7
     far = replace(case.points, xyz=case.points.xyz + 9e3 * (np.arange(len(case.points)) == wild)[:, None])
-    with pytest.raises(InputError, match=f"the point of row {wild}, counted from 0, lies"):
+    with pytest.raises(InputError, match=rf"the point in row {wild} \(counted from 0\) lies"):
         Pipeline([Nudge()], folds=0).run(replace(case, points=far))
 
 
 def test_points_in_one_place_are_refused() -> None:
     case = ball_case()
     same = replace(case.points, xyz=np.where(case.points.type[:, None] == "eam", SHIFT, case.points.xyz))
-    with pytest.raises(InputError, match="points of type eam in 1 different places: at least 10 are needed"):
+    with pytest.raises(InputError, match="have 1 different positions: at least 10 are needed"):
         Pipeline([Nudge()], folds=0).run(replace(case, points=same))
 
 
@@ -344,10 +344,10 @@ def test_a_piece_of_the_prior_without_points_is_warned_of() -> None:
         Pipeline([Spy()], folds=0).run(replace(case, prior=prior)).estimates["spy"].warnings
         for prior in (case.prior, both)
     ]
-    assert said == [
-        (),
-        ("no point is near the piece of the prior around (200, 0, 0) mm (50% of its area): is it meant?",),
-    ]
+    assert said[0] == ()
+    (warning,) = said[1]
+    assert (warning.code, warning.stage) == ("component-without-points", "start")
+    assert "around (200, 0, 0) mm (50% of its area)" in warning.sentence
 
 
 def test_points_far_away_are_no_mistake_where_a_stage_finds_the_pose() -> None:
@@ -361,7 +361,7 @@ def test_points_far_away_are_no_mistake_where_a_stage_finds_the_pose() -> None:
 
 
 def test_too_few_points_are_refused() -> None:
-    with pytest.raises(InputError, match="points of type eam in 9 different places: at least 10"):
+    with pytest.raises(InputError, match="have 9 different positions: at least 10"):
         Pipeline([Nudge()], folds=0).run(ball_case(points=9))
 
 

@@ -38,10 +38,10 @@ def test_a_packaged_pipeline_runs(name: str, tmp_path: Path) -> None:
 
 def test_the_default_does_what_the_case_allows() -> None:
     full = default_pipeline()
-    assert [stage.name for stage in full.stages] == ["landmarks", "icp", "deform", "level_set"]
+    assert [stage.name for stage in full.stages] == ["landmarks", "icp", "deform", "topology", "level_set"]
     assert [writer.name for writer in full.writes] == ["report", "export"]
     unnamed = full.allowed_by(replace(ball_case(), prior_landmarks={}))
-    assert [stage.name for stage in unnamed.stages] == ["icp", "deform", "level_set"]
+    assert [stage.name for stage in unnamed.stages] == ["icp", "deform", "topology", "level_set"]
     flat = full.allowed_by(disc_case())
-    assert [stage.name for stage in flat.stages] == ["icp", "deform", "level_set"]
+    assert [stage.name for stage in flat.stages] == ["icp", "deform", "topology", "level_set"]
     assert [writer.name for writer in flat.writes] == ["report"]

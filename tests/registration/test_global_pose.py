@@ -51,7 +51,7 @@ def test_where_poses_look_alike_the_confidence_is_low_and_the_status_says_so() -
     found = run(measured(sphere(20.0, 20), pose(50.0, 10.0), noise=0.5))
     assert found.facts["confidence"] < 0.9
     assert not found.converged
-    assert any("the pose is not certain" in warning for warning in found.warnings)
+    assert "uncertain-pose" in {warning.code for warning in found.warnings}
 
 
 def test_a_mirrored_prior_is_refused_and_only_on_request_accepted() -> None:
@@ -85,7 +85,7 @@ def test_a_run_says_that_its_start_may_be_wrong_where_no_landmarks_fix_it(angle:
         said = [
             warning
             for warning in estimate.warnings
-            if warning.startswith("the start may be wrong: icp ended")
+            if (warning.code, warning.stage) == ("start-pose-doubtful", "start")
         ]
         assert len(said) == (angle > 90.0 and not marked)
 
@@ -97,8 +97,10 @@ def test_a_run_says_that_the_prior_may_be_mirrored(caplog: pytest.LogCaptureFixt
         case, prior=Surface(PRIOR.vertices * [-1.0, 1.0, 1.0], PRIOR.faces[:, ::-1]), prior_landmarks={}
     )
     warning = Pipeline([ICP()]).run(flipped).estimates["icp"].warnings[0]
-    assert "the start may be wrong: the points fit the mirror image" in warning
-    assert next(record.getMessage() for record in caplog.records if record.levelname == "WARNING") == warning
+    assert warning.code == "start-pose-doubtful"
+    assert "the points fit the mirror image" in warning.sentence
+    logged = next(record.getMessage() for record in caplog.records if record.levelname == "WARNING")
+    assert logged == warning.sentence
 
 
 def test_a_rigid_search_keeps_the_scale() -> None:

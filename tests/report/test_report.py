@@ -84,7 +84,7 @@ def test_page_needs_nothing_from_outside(page: str) -> None:
 def test_head_warns_first_and_says_research_only(page: str) -> None:
     assert page.index("weakly determined") < page.index("is closer to the held-out points")
     # once, by all who say it
-    assert "<li>icp, level_set: the rotation about the long axis is weakly determined</li>" in page
+    assert "<li>icp: the rotation about the long axis is weakly determined</li>" in page
     assert "did not converge" in page
     assert "Not for clinical use" in page
 

@@ -23,6 +23,7 @@ from o3dls.pipeline.file import pipeline_from
 from o3dls.pipeline.pipeline import Pipeline
 from o3dls.plugins.stage import Stage
 from o3dls.report.writer import compare, write_report
+from o3dls.run_warning import RunWarning
 from o3dls.runs.folder import read_run
 from o3dls.runs.log import log_of_failure
 from o3dls.runs.run import record
@@ -75,7 +76,7 @@ def without_times(value: Any) -> Any:
 def test_run_json_holds_what_the_contract_names(tmp_path: Path) -> None:
     folder = Pipeline([Nudge()]).run(replace(ball_case(), files={"prior.ply": "ab"})).write(tmp_path / "run")
     found = json.loads((folder / "run.json").read_text())
-    assert found["schema"] == "o3dls/run/1"
+    assert found["schema"] == "o3dls/run/2"
     assert found["case"]["name"] == "ball"
     assert found["case"]["files"] == {"prior.ply": "ab"}
     assert found["pipeline"]["stage"][0] == {
@@ -147,6 +148,46 @@ def test_a_run_is_read_back_as_it_was(tmp_path: Path, make: Any) -> None:
         assert again.trace == estimate.trace
     np.testing.assert_array_equal(back.points.xyz, run.points.xyz)
     assert set(back.points.columns) == set(run.points.columns)
+
+
+class Warned(Nudge):
+    """Is not sure, and hands on what was not before."""
+
+    name: ClassVar[str] = "warned"
+
+    def __call__(self, case: Case, start: Estimate) -> Estimate:
+        own = RunWarning("other", f"the map is not sure of {self.estimate_name}")
+        return replace(super().__call__(case, start), warnings=(*start.warnings, own))
+
+
+def test_warnings_keep_their_code_and_the_stage_that_they_came_from(tmp_path: Path) -> None:
+    run = Pipeline([Warned(as_="first"), Warned(as_="second")], folds=0).run(ball_case())
+    folder = run.write(tmp_path / "run")
+    found = json.loads((folder / "run.json").read_text())["estimates"]
+    first, second = (
+        {"code": "other", "stage": name, "sentence": f"the map is not sure of {name}"}
+        for name in ("first", "second")
+    )
+    assert found["first"]["warnings"] == [first]
+    assert found["second"]["warnings"] == [first, second]
+    back = read_run(folder).estimates
+    assert {name: one.warnings for name, one in back.items()} == {
+        name: one.warnings for name, one in run.estimates.items()
+    }
+    text = (folder / "run.json").read_text().replace('"other"', '"newer"')
+    (folder / "run.json").write_text(text)
+    with pytest.raises(InputError, match="warning code 'newer' is unknown"):
+        read_run(folder)
+
+
+def test_an_estimate_after_a_change_of_topology_may_have_handles() -> None:
+    run = Pipeline([Warned()], folds=0).run(ball_case())
+    one_handle = {**run.validity, "warned": {**run.validity["warned"], "euler": 0}}
+    plain = replace(run, validity=one_handle)
+    assert plain.faults_of("warned")
+    facts = {"changes": ["added a tube"]}
+    changed = {**run.estimates, "warned": replace(run.estimates["warned"], facts=facts)}
+    assert not replace(plain, estimates=changed).faults_of("warned")
 
 
 def test_surfaces_carry_what_each_vertex_knows(tmp_path: Path) -> None:
@@ -289,9 +330,9 @@ def test_an_invalid_surface_is_written_and_named() -> None:
     [
         (None, "is no run folder"),
         ("{", "run.json"),
-        ("[]", "run.json: schema is not there: must be 'o3dls/run/1'"),
-        ('{"schema": "other/2"}', "schema is 'other/2': must be 'o3dls/run/1'"),
-        ('{"schema": "o3dls/run/1"}', "run.json: has no 'case', so it is no finished run"),
+        ("[]", "run.json: schema is not there: must be 'o3dls/run/2'"),
+        ('{"schema": "other/2"}', "schema is 'other/2': must be 'o3dls/run/2'"),
+        ('{"schema": "o3dls/run/2"}', "run.json: has no 'case', so it is no finished run"),
     ],
 )
 def test_what_is_no_run_is_refused(tmp_path: Path, content: str | None, sentence: str) -> None:

@@ -367,9 +367,15 @@ def test_the_prior_holds_less_where_the_motion_is_in_doubt() -> None:
 
 
 def test_a_surface_that_shrinks_to_nothing_is_an_error() -> None:
-    prior = meshed(round_distance(24.0), 28.0)
-    case, start = started(prior, sampled(meshed(round_distance(4.0), 8.0), 100, 0.5, SEED), 0.5, fitted=False)
+    tiny = meshed(round_distance(1.0), 2.0, 0.25)
     with pytest.raises(SolverError, match="level_set: the surface shrank to nothing"):
+        check_mesh(tiny, tiny, 1.0, 0.5, "mm")
+
+
+def test_points_of_a_far_smaller_surface_give_no_surface() -> None:
+    prior = meshed(round_distance(24.0), 28.0, 2.0)
+    case, start = started(prior, sampled(meshed(round_distance(4.0), 8.0), 100, 0.5, SEED), 0.5, fitted=False)
+    with pytest.raises(SolverError, match=r"level_set: the (surface shrank to nothing|mesh encloses)"):
         LevelSet()(case, Estimate(prior, start.T_map_prior, "start"))
 
 
