@@ -21,6 +21,8 @@ Peer = Callable[..., Surface]
 ROUNDS = 15  # most re-associations of the warp
 STILL = 1e-3  # mean step, in rms distances of the start, at which a warp stands still
 COARSE_FACES = 2000  # nricp solves for the prior decimated to this; its motion is carried to the full mesh
+MOST = 4000  # points: the dense solvers get no more, each the mean of some; so even in the peers' favour
+POISSON_FACES = 100  # fewer are no surface
 CPD_NODES = 700  # pycpd is dense: this many vertices of the prior, its motion interpolated by its own kernel
 
 
@@ -31,7 +33,7 @@ def thin_plate(case: Case, pose: Array, *, kernel: str, smoothing: float, reject
     from scipy.interpolate import RBFInterpolator
 
     posed = case.prior.transformed(pose)
-    points = case.points.of("eam").xyz
+    points = _thinned(case.points.of("eam").xyz)
     moved = posed.vertices
     tree = ClosestPoint(posed.vertices, posed.faces)
     still = STILL * float(np.sqrt(tree.query(points)[0].mean()))
@@ -58,7 +60,7 @@ def nricp_sumner(
     from scipy.interpolate import RBFInterpolator
 
     posed = case.prior.transformed(pose)
-    points = case.points.of("eam").xyz
+    points = _thinned(case.points.of("eam").xyz)
     coarse = _decimated(posed)
     mesh = trimesh.Trimesh(coarse.vertices, coarse.faces, process=False)
     moved = coarse.vertices
@@ -90,7 +92,7 @@ def cpd(case: Case, pose: Array, *, moves: str, alpha: float, beta: float, outli
     posed = case.prior.transformed(pose)
     centre = posed.vertices.mean(axis=0)
     size = float(np.sqrt(((posed.vertices - centre) ** 2).sum(axis=1).mean()))
-    points = (case.points.of("eam").xyz - centre) / size
+    points = (_thinned(case.points.of("eam").xyz) - centre) / size
     vertices = (posed.vertices - centre) / size
     nodes = vertices[np.linspace(0, len(vertices) - 1, min(CPD_NODES, len(vertices))).round().astype(int)]
     still, moving = (nodes, points) if moves == "points" else (points, nodes)
@@ -159,6 +161,40 @@ def _trimmed(reg, clouds, reach):  # type: ignore[no-untyped-def]
     return found
 
 
+def poisson(case: Case, pose: Array, *, depth: int, neighbours: int) -> Surface:
+    """Open3D's screened Poisson reconstruction of the points alone, untrimmed; normals by the plane through
+    the nearest points, turned to the side that the prior at its closest point looks to. Raises ValueError
+    where nothing comes of it.
+    """
+    import open3d as o3d
+
+    posed = case.prior.transformed(pose)
+    points = case.points.of("eam").xyz
+    cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points))
+    cloud.estimate_normals(o3d.geometry.KDTreeSearchParamKNN(min(neighbours, len(points))))
+    normals = np.asarray(cloud.normals)
+    _, face, _, _ = ClosestPoint(posed.vertices, posed.faces).query(points)
+    sides = np.sign((normals * posed.face_normals[face]).sum(axis=1))
+    cloud.normals = o3d.utility.Vector3dVector(np.where(sides == 0.0, 1.0, sides)[:, None] * normals)
+    # one thread: with more, equal inputs do not give equal surfaces
+    mesh, _ = o3d.geometry.TriangleMesh.create_from_point_cloud_poisson(cloud, depth=depth, n_threads=1)
+    if len(mesh.triangles) < POISSON_FACES:
+        raise ValueError(f"Poisson reconstruction gives {len(mesh.triangles)} faces")
+    return Surface(np.asarray(mesh.vertices), np.asarray(mesh.triangles)).without_unused()
+
+
+def _thinned(points: Array) -> Array:
+    """The points, where they are too many the means of those that share a voxel."""
+    size = float(np.ptp(points, axis=0).max()) / 400.0
+    while len(points) > MOST:
+        _, cell = np.unique(np.floor(points / size).astype(np.int64), axis=0, return_inverse=True)
+        count = np.bincount(cell.ravel())
+        if len(count) <= MOST:
+            return np.column_stack([np.bincount(cell.ravel(), axis) / count for axis in points.T])
+        size *= 1.1
+    return points
+
+
 def _believed(tree: ClosestPoint, points: Array, rest: Surface, reject: float) -> tuple[Array, Array]:
     """Mask of the points within median + reject * 1.48 MAD of the moved surface, and their feet on the
     surface at rest.
@@ -194,7 +230,10 @@ PEERS: Mapping[str, Peer] = {
     "nricp_sumner": nricp_sumner,
     "pycpd": cpd,
     "open3d icp": open3d_icp,
+    "poisson": poisson,
 }
+# what a peer may raise where a setting is not for a case
+FAILURES = (np.linalg.LinAlgError, ValueError, RuntimeError)
 
 
 def _grid(**values: tuple[object, ...]) -> list[dict[str, object]]:
@@ -224,8 +263,9 @@ GRIDS: Mapping[str, list[dict[str, object]]] = {
         kernel=("none", "shrinking"),
         samples=(3000, 10000, 30000),
     ),
+    "poisson": _grid(depth=(5, 6, 7, 8), neighbours=(8, 12, 20, 30)),
 }
-NEEDS_TRIANGLES = ("nricp_sumner",)
+NEEDS_TRIANGLES = ("nricp_sumner", "poisson")
 
 
 def applicable(case: Case) -> list[str]:

@@ -11,7 +11,20 @@ import numpy as np
 from o3dls.arrays import Array
 
 Record = dict[str, Any]
-COLUMNS = ("held_out", "seen", "unseen", "ssd", "hd95", "t2s", "s2t", "ablation", "correspondence", "seconds")
+COLUMNS = (
+    "held_out",
+    "seen",
+    "unseen",
+    "ssd",
+    "ssd_seen",
+    "ssd_unseen",
+    "hd95",
+    "t2s",
+    "s2t",
+    "ablation",
+    "correspondence",
+    "seconds",
+)
 ASKED: dict[str, dict[str, float]] = {  # at most; of the joint estimate
     "la": {"held_out": 0.65, "unseen": 1.05, "hd95": 2.0},
     "lah": {"held_out": 0.72},
