@@ -2,7 +2,7 @@
 
     python -m benchmarks.make_cases cross cases/dev --data ../shared/data
     python -m benchmarks.make_cases families cases/judge --data ../shared/data --judging
-    python -m benchmarks.make_cases cross cases/judge --data ../shared/data --judging --only 'cross_*_1_even_2*'
+    python -m benchmarks.make_cases cross cases/judge --data ../shared/data --judging --only '*_1_even_2*'
 
 FOLDER holds priors/ls_prior and priors/toronto; what is in them is third parties' and goes into the cases
 only. Development cases (the default, seeds below 1000) are for choosing and for benchmarks.tune, judging
