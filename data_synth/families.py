@@ -21,8 +21,9 @@ FAMILIES: Mapping[str, Callable[[np.random.Generator, Surface], Bundle]] = {
     "regions": regions,
 }
 LEFT = (1.0, 1.8)  # mm rms across the wall that the best similarity leaves of a motion of strength 1
-VOLUME = (0.75, 1.35)  # of the volume at rest: what would go beyond is shrunk or blown up as a whole
-DRAWS = 10  # motions that are tried before one that folds is made smaller
+# at most by this factor (drawn) the volume rises or falls: beyond it all is shrunk or blown up as a whole
+VOLUME = (1.1, 1.35)
+DRAWS = 24  # motions that are tried before one that folds is made smaller
 SMALLER = 0.85
 
 
@@ -30,15 +31,17 @@ def moved(rest: Surface, family: str, rng: np.random.Generator, strength: float 
     """The surface after a motion of a family of which the best similarity leaves `strength` times 1.0 to 1.8
     mm (drawn), see `remains`.
 
-    A motion by which a face flips or walls cross that did not is drawn again; where ten do, the last is made
+    The volume changes by no more than a heart's: at most by a factor drawn from 1.1 to 1.35, up or down. A
+    motion by which a face flips or walls cross that did not is drawn again; where 24 do, the last is made
     smaller until it does not. Raises InputError for a family that there is not.
     """
     if family not in FAMILIES:
         raise InputError(f"no family of motion '{family}': there are {', '.join(FAMILIES)}")
     wanted = strength * rng.uniform(*LEFT)
+    limit = rng.uniform(*VOLUME)
     crossed = int(wall.crosses(rest).sum())
     for stream in rng.spawn(DRAWS):
-        bundle = _bounded(rest, FAMILIES[family](stream, rest))
+        bundle = _bounded(rest, FAMILIES[family](stream, rest), limit)
         share = _sized(rest, bundle, wanted)
         if _sound(rest, crossed, at := bundle(share)):
             return rest.with_vertices(at)
@@ -65,14 +68,14 @@ def remains(rest: Surface, at: Array) -> float:
     return float(np.linalg.norm(gap * weight - weighted @ fit))
 
 
-def _bounded(rest: Surface, bundle: Bundle) -> Bundle:
-    """The motion and a change of size that keeps the volume within what a heart can do."""
+def _bounded(rest: Surface, bundle: Bundle, limit: float) -> Bundle:
+    """The motion and a change of size, so that the volume changes by no more than a factor."""
 
     def moved(share: float) -> Array:
         at = bundle(share)
         grown = rest.with_vertices(at).volume / rest.volume
         middle = at.mean(axis=0)
-        return np.asarray(middle + np.cbrt(np.clip(grown, *VOLUME) / grown) * (at - middle))
+        return np.asarray(middle + np.cbrt(np.clip(grown, 1.0 / limit, limit) / grown) * (at - middle))
 
     return moved
 
@@ -80,7 +83,7 @@ def _bounded(rest: Surface, bundle: Bundle) -> Bundle:
 def _sized(rest: Surface, bundle: Bundle, wanted: float) -> float:
     """The share of a motion of which a similarity leaves as much as wanted."""
     share = wanted
-    for _ in range(4):  # about proportional: each step takes two digits
+    for _ in range(6):  # about proportional: each step takes one digit or two
         share *= wanted / max(remains(rest, bundle(share)), 1e-9)
     return share
 
