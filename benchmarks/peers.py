@@ -7,7 +7,9 @@ benchmarks.tune` tries for it.
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Mapping
+from importlib.util import find_spec
 from itertools import product
 
 import numpy as np
@@ -23,6 +25,7 @@ STILL = 1e-3  # mean step, in rms distances of the start, at which a warp stands
 COARSE_FACES = 2000  # nricp solves for the prior decimated to this; its motion is carried to the full mesh
 MOST = 4000  # points: the dense solvers get no more, each the mean of some; so even in the peers' favour
 POISSON_FACES = 100  # fewer are no surface
+CPD_MOVING = 1500  # points that it may move: it solves for as many weights in every round
 CPD_NODES = 700  # pycpd is dense: this many vertices of the prior, its motion interpolated by its own kernel
 
 
@@ -92,7 +95,8 @@ def cpd(case: Case, pose: Array, *, moves: str, alpha: float, beta: float, outli
     posed = case.prior.transformed(pose)
     centre = posed.vertices.mean(axis=0)
     size = float(np.sqrt(((posed.vertices - centre) ** 2).sum(axis=1).mean()))
-    points = (_thinned(case.points.of("eam").xyz) - centre) / size
+    most = MOST if moves == "prior" else CPD_MOVING
+    points = (_thinned(case.points.of("eam").xyz, most) - centre) / size
     vertices = (posed.vertices - centre) / size
     nodes = vertices[np.linspace(0, len(vertices) - 1, min(CPD_NODES, len(vertices))).round().astype(int)]
     still, moving = (nodes, points) if moves == "points" else (points, nodes)
@@ -183,13 +187,13 @@ def poisson(case: Case, pose: Array, *, depth: int, neighbours: int) -> Surface:
     return Surface(np.asarray(mesh.vertices), np.asarray(mesh.triangles)).without_unused()
 
 
-def _thinned(points: Array) -> Array:
+def _thinned(points: Array, most: int = MOST) -> Array:
     """The points, where they are too many the means of those that share a voxel."""
     size = float(np.ptp(points, axis=0).max()) / 400.0
-    while len(points) > MOST:
+    while len(points) > most:
         _, cell = np.unique(np.floor(points / size).astype(np.int64), axis=0, return_inverse=True)
         count = np.bincount(cell.ravel())
-        if len(count) <= MOST:
+        if len(count) <= most:
             return np.column_stack([np.bincount(cell.ravel(), axis) / count for axis in points.T])
         size *= 1.1
     return points
@@ -263,11 +267,18 @@ GRIDS: Mapping[str, list[dict[str, object]]] = {
         kernel=("none", "shrinking"),
         samples=(3000, 10000, 30000),
     ),
-    "poisson": _grid(depth=(5, 6, 7, 8), neighbours=(8, 12, 20, 30)),
+    "poisson": _grid(depth=(5, 6, 7, 8), neighbours=(8, 12, 20, 30, 60)),
 }
 NEEDS_TRIANGLES = ("nricp_sumner", "poisson")
 
 
+NEEDS_PACKAGE = {"pycpd": "pycpd"}  # of the extra `bench`
+
+
 def applicable(case: Case) -> list[str]:
-    """Names of the peers that can work on the case."""
-    return [name for name in PEERS if case.dimension == 3 or name not in NEEDS_TRIANGLES]
+    """Names of the peers that can work on the case and are installed; what is not is said on stderr."""
+    missing = {name for name, package in NEEDS_PACKAGE.items() if find_spec(package) is None}
+    for name in missing:
+        print(f"{name} is not installed (pip install o3dls[bench]), left out", file=sys.stderr)
+    fit = [name for name in PEERS if case.dimension == 3 or name not in NEEDS_TRIANGLES]
+    return [name for name in fit if name not in missing]
