@@ -14,6 +14,7 @@ from itertools import product
 
 import numpy as np
 
+from benchmarks.poisson import poisson
 from o3dls.arrays import Array
 from o3dls.case import Case
 from o3dls.geometry.closest_point import ClosestPoint
@@ -24,7 +25,6 @@ ROUNDS = 15  # most re-associations of the warp
 STILL = 1e-3  # mean step, in rms distances of the start, at which a warp stands still
 COARSE_FACES = 2000  # nricp solves for the prior decimated to this; its motion is carried to the full mesh
 MOST = 4000  # points: the dense solvers get no more, each the mean of some; so even in the peers' favour
-POISSON_FACES = 100  # fewer are no surface
 CPD_MOVING = 1500  # points that it may move: it solves for as many weights in every round
 CPD_NODES = 700  # pycpd is dense: this many vertices of the prior, its motion interpolated by its own kernel
 
@@ -163,28 +163,6 @@ def _trimmed(reg, clouds, reach):  # type: ignore[no-untyped-def]
         )
         pose = found.transformation
     return found
-
-
-def poisson(case: Case, pose: Array, *, depth: int, neighbours: int) -> Surface:
-    """Open3D's screened Poisson reconstruction of the points alone, untrimmed; normals by the plane through
-    the nearest points, turned to the side that the prior at its closest point looks to. Raises ValueError
-    where nothing comes of it.
-    """
-    import open3d as o3d
-
-    posed = case.prior.transformed(pose)
-    points = case.points.of("eam").xyz
-    cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points))
-    cloud.estimate_normals(o3d.geometry.KDTreeSearchParamKNN(min(neighbours, len(points))))
-    normals = np.asarray(cloud.normals)
-    _, face, _, _ = ClosestPoint(posed.vertices, posed.faces).query(points)
-    sides = np.sign((normals * posed.face_normals[face]).sum(axis=1))
-    cloud.normals = o3d.utility.Vector3dVector(np.where(sides == 0.0, 1.0, sides)[:, None] * normals)
-    # one thread: with more, equal inputs do not give equal surfaces
-    mesh, _ = o3d.geometry.TriangleMesh.create_from_point_cloud_poisson(cloud, depth=depth, n_threads=1)
-    if len(mesh.triangles) < POISSON_FACES:
-        raise ValueError(f"Poisson reconstruction gives {len(mesh.triangles)} faces")
-    return Surface(np.asarray(mesh.vertices), np.asarray(mesh.triangles)).without_unused()
 
 
 def _thinned(points: Array, most: int = MOST) -> Array:

@@ -125,6 +125,24 @@ def test_points_are_as_asked(make: str, rest: Surface) -> None:
     assert np.median(away[truth.outliers]) > 3.0
 
 
+@pytest.mark.parametrize("make", ["family", "cross"])
+def test_the_same_seed_gives_the_same_case(make: str, rest: Surface) -> None:
+    def made_again(seed: int) -> Case:
+        how = Mapping(points=80, outliers=0.1)
+        return (
+            family(rest, seed, how=how)
+            if make == "family"
+            else cross(rest, rest, seed, how=how, near=np.eye(4))
+        )
+
+    one, again, other = (made_again(seed) for seed in (SEED, SEED, SEED + 1))
+    assert np.array_equal(one.points.xyz, again.points.xyz)
+    assert np.array_equal(surface(one).vertices, surface(again).vertices)
+    assert np.array_equal(one.truth.held_out, again.truth.held_out)
+    assert np.array_equal(one.truth.outliers, again.truth.outliers)
+    assert np.abs(one.points.xyz - other.points.xyz).max() > 1.0
+
+
 def test_noise_and_number_leave_the_motion_alone(rest: Surface) -> None:
     one, other = (
         family(rest, SEED, family="piston", how=how)
