@@ -29,10 +29,17 @@ and, by the same, atria in whose map there are points of the other atrium, by th
         python -m data_synth atrium cases/beside_1000_$s --seed $s --points 1000 --beside 160
     done
 
+and, by the same from real atria, one person's as the prior of another's and such as moved by motions unlike
+any that the program expects:
+
+    python -m benchmarks.make_cases cross cases --data ../shared/data --judging
+    python -m benchmarks.make_cases families cases --data ../shared/data --judging
+
 Rows: start (landmarks), icp (our robust similarity), phi_only (level set after icp), deform (T only),
 topology (its T, of a changed prior),
 level_set (T and phi), each peer as tuned by benchmarks.tune, and with --phantom phantom.py the generator's
-bound. Columns: mean +- standard error (worst).
+bound. Columns: mean +- standard error (worst); ssd_seen and ssd_unseen: between surface and truth, both ways,
+in mapped areas and in others.
 """
 
 from __future__ import annotations
@@ -47,7 +54,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
-from benchmarks.cases import Listed, find
+from benchmarks.cases import Listed, find, tuned_as
 from o3dls.pipeline.workers import workers
 
 Record = dict[str, Any]
@@ -72,16 +79,24 @@ def ours(case: Any, plan: Path | None) -> Iterator[tuple[str, Any, float]]:
 
 def peers(case: Any, group: str, icp: Any, icp_seconds: float) -> Iterator[tuple[str, Any, float]]:
     """Results of the other methods, as tuned for the group; where it was not tuned they are left out."""
-    from benchmarks.peers import PEERS, applicable
+    from benchmarks.peers import FAILURES, PEERS, applicable
     from benchmarks.tune import tuned
     from o3dls.estimate import Estimate
 
+    settings = tuned().get(tuned_as(group), {})
     for name in applicable(case):
-        if name not in tuned().get(group, {}):
-            print(f"{group}: {name} is not tuned (python -m benchmarks.tune), left out", file=sys.stderr)
+        if name not in settings:
+            print(
+                f"{tuned_as(group)}: {name} is not tuned (python -m benchmarks.tune), left out",
+                file=sys.stderr,
+            )
             continue
         begin = perf_counter()
-        surface = PEERS[name](case.visible(), icp.T_map_prior, **tuned()[group][name]["parameters"])
+        try:
+            surface = PEERS[name](case.visible(), icp.T_map_prior, **settings[name]["parameters"])
+        except FAILURES as error:
+            print(f"{case.name}: {name} failed: {error}", file=sys.stderr)
+            continue
         yield name, Estimate(surface, icp.T_map_prior, name), icp_seconds + perf_counter() - begin
 
 

@@ -14,7 +14,11 @@ from o3dls.errors import InputError
 from o3dls.io.case_reader import read_case
 
 # groups as benchmarks.accuracy names them
-SEEDED = re.compile(r"(lah|la|(?:jar|star|extra|missing|sparse|beside)_\d+)_(\d+)$")
+SEEDED = re.compile(
+    r"(lah|la|(?:jar|star|extra|missing|sparse|beside)_\d+|cross_\d+_\S+|family_[a-z]+_\S+)_(\d+)$"
+)
+# groups that share one setting of the peers: crossed atria by number of points, families by name and strength
+TUNED_TOGETHER = re.compile(r"(cross_\d+|family_[a-z]+_[\d.]+)(?:_|$)")
 
 
 @dataclass(frozen=True, order=True)
@@ -49,6 +53,12 @@ class Listed:
         xyz = np.vstack([noisy.points.xyz[keep], case.points.xyz[own]])
         kind = np.concatenate([noisy.points.type[keep], case.points.type[own]])
         return replace(noisy, points=replace(noisy.points, xyz=xyz, type=kind, columns=columns))
+
+
+def tuned_as(group: str) -> str:
+    """Name that a group's settings of the peers have."""
+    wider = TUNED_TOGETHER.match(group)
+    return wider[1] if wider else group
 
 
 def find(folders: Iterable[Path]) -> list[Listed]:

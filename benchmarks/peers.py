@@ -7,11 +7,14 @@ benchmarks.tune` tries for it.
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Mapping
+from importlib.util import find_spec
 from itertools import product
 
 import numpy as np
 
+from benchmarks.poisson import poisson
 from o3dls.arrays import Array
 from o3dls.case import Case
 from o3dls.geometry.closest_point import ClosestPoint
@@ -21,6 +24,8 @@ Peer = Callable[..., Surface]
 ROUNDS = 15  # most re-associations of the warp
 STILL = 1e-3  # mean step, in rms distances of the start, at which a warp stands still
 COARSE_FACES = 2000  # nricp solves for the prior decimated to this; its motion is carried to the full mesh
+MOST = 4000  # points: the dense solvers get no more, each the mean of some; so even in the peers' favour
+CPD_MOVING = 1500  # points that it may move: it solves for as many weights in every round
 CPD_NODES = 700  # pycpd is dense: this many vertices of the prior, its motion interpolated by its own kernel
 
 
@@ -31,7 +36,7 @@ def thin_plate(case: Case, pose: Array, *, kernel: str, smoothing: float, reject
     from scipy.interpolate import RBFInterpolator
 
     posed = case.prior.transformed(pose)
-    points = case.points.of("eam").xyz
+    points = _thinned(case.points.of("eam").xyz)
     moved = posed.vertices
     tree = ClosestPoint(posed.vertices, posed.faces)
     still = STILL * float(np.sqrt(tree.query(points)[0].mean()))
@@ -58,7 +63,7 @@ def nricp_sumner(
     from scipy.interpolate import RBFInterpolator
 
     posed = case.prior.transformed(pose)
-    points = case.points.of("eam").xyz
+    points = _thinned(case.points.of("eam").xyz)
     coarse = _decimated(posed)
     mesh = trimesh.Trimesh(coarse.vertices, coarse.faces, process=False)
     moved = coarse.vertices
@@ -90,7 +95,8 @@ def cpd(case: Case, pose: Array, *, moves: str, alpha: float, beta: float, outli
     posed = case.prior.transformed(pose)
     centre = posed.vertices.mean(axis=0)
     size = float(np.sqrt(((posed.vertices - centre) ** 2).sum(axis=1).mean()))
-    points = (case.points.of("eam").xyz - centre) / size
+    most = MOST if moves == "prior" else CPD_MOVING
+    points = (_thinned(case.points.of("eam").xyz, most) - centre) / size
     vertices = (posed.vertices - centre) / size
     nodes = vertices[np.linspace(0, len(vertices) - 1, min(CPD_NODES, len(vertices))).round().astype(int)]
     still, moving = (nodes, points) if moves == "points" else (points, nodes)
@@ -159,6 +165,18 @@ def _trimmed(reg, clouds, reach):  # type: ignore[no-untyped-def]
     return found
 
 
+def _thinned(points: Array, most: int = MOST) -> Array:
+    """The points, where they are too many the means of those that share a voxel."""
+    size = float(np.ptp(points, axis=0).max()) / 400.0
+    while len(points) > most:
+        _, cell = np.unique(np.floor(points / size).astype(np.int64), axis=0, return_inverse=True)
+        count = np.bincount(cell.ravel())
+        if len(count) <= most:
+            return np.column_stack([np.bincount(cell.ravel(), axis) / count for axis in points.T])
+        size *= 1.1
+    return points
+
+
 def _believed(tree: ClosestPoint, points: Array, rest: Surface, reject: float) -> tuple[Array, Array]:
     """Mask of the points within median + reject * 1.48 MAD of the moved surface, and their feet on the
     surface at rest.
@@ -194,7 +212,10 @@ PEERS: Mapping[str, Peer] = {
     "nricp_sumner": nricp_sumner,
     "pycpd": cpd,
     "open3d icp": open3d_icp,
+    "poisson": poisson,
 }
+# what a peer may raise where a setting is not for a case
+FAILURES = (np.linalg.LinAlgError, ValueError, RuntimeError)
 
 
 def _grid(**values: tuple[object, ...]) -> list[dict[str, object]]:
@@ -224,10 +245,18 @@ GRIDS: Mapping[str, list[dict[str, object]]] = {
         kernel=("none", "shrinking"),
         samples=(3000, 10000, 30000),
     ),
+    "poisson": _grid(depth=(5, 6, 7, 8), neighbours=(8, 12, 20, 30, 60)),
 }
-NEEDS_TRIANGLES = ("nricp_sumner",)
+NEEDS_TRIANGLES = ("nricp_sumner", "poisson")
+
+
+NEEDS_PACKAGE = {"pycpd": "pycpd"}  # of the extra `bench`
 
 
 def applicable(case: Case) -> list[str]:
-    """Names of the peers that can work on the case."""
-    return [name for name in PEERS if case.dimension == 3 or name not in NEEDS_TRIANGLES]
+    """Names of the peers that can work on the case and are installed; what is not is said on stderr."""
+    missing = {name for name, package in NEEDS_PACKAGE.items() if find_spec(package) is None}
+    for name in missing:
+        print(f"{name} is not installed (pip install o3dls[bench]), left out", file=sys.stderr)
+    fit = [name for name in PEERS if case.dimension == 3 or name not in NEEDS_TRIANGLES]
+    return [name for name in fit if name not in missing]

@@ -45,11 +45,33 @@ def distance_scores(case: Case, estimate: Estimate) -> Record:
         found["held_out"] = gap.mean()
         if truth.unseen is not None and truth.unseen.any():
             found |= {"seen": gap[~truth.unseen].mean(), "unseen": gap[truth.unseen].mean()}
+            found |= _by_area(case, surface, gap)
     if truth.correspondence is not None:
         found["correspondence"] = np.linalg.norm(
             _carried(case, estimate, truth.correspondence[0]) - truth.correspondence[1], axis=1
         ).mean()
     return {name: float(value) for name, value in found.items()}
+
+
+def _by_area(case: Case, surface: Surface, gap: Array) -> Record:
+    """Mean symmetric distance in seen and in unseen areas: of held-out points to the surface, and of samples
+    of the surface to the truth, which belong to the area of the held-out point next to them.
+    """
+    from scipy.spatial import cKDTree
+
+    truth = case.truth
+    assert truth is not None
+    assert truth.surface is not None
+    assert truth.held_out is not None
+    assert truth.unseen is not None
+    at = sample(surface, SAMPLES)
+    back = distances(at, truth.surface)
+    hidden = truth.unseen[cKDTree(truth.held_out).query(at)[1]]
+    return {
+        f"ssd_{name}": float(0.5 * (gap[truth.unseen == side].mean() + back[hidden == side].mean()))
+        for name, side in (("seen", False), ("unseen", True))
+        if (hidden == side).any()
+    }
 
 
 def truth_distances(case: Case, surface: Surface, samples: int = SAMPLES) -> tuple[Array, Array]:

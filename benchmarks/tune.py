@@ -4,7 +4,8 @@ hour for all groups).
 Every setting of peers.GRIDS is tried on the first case of a group, the best quarter on the others; the lowest
 mean symmetric distance to the truth wins and is written to benchmarks/tuned.json, with the number of settings
 tried. Real cases are tuned on themselves, in the peers' favour. Make development cases (seeds below 1000) as
-`python -m benchmarks.accuracy --help` shows.
+`python -m benchmarks.accuracy --help` shows. Crossed atria share one setting per number of points
+(`cross_250`, whatever the noise), families one per name and strength (`family_flow_1`).
 """
 
 from __future__ import annotations
@@ -15,12 +16,13 @@ import sys
 from collections.abc import Mapping
 from itertools import groupby
 from pathlib import Path
+from time import perf_counter
 from typing import Any
 
 import numpy as np
 
-from benchmarks.cases import Listed, find
-from benchmarks.peers import GRIDS, PEERS, applicable
+from benchmarks.cases import Listed, find, tuned_as
+from benchmarks.peers import FAILURES, GRIDS, PEERS, applicable
 from benchmarks.scores import truth_distances
 from o3dls.arrays import Array
 from o3dls.case import Case
@@ -73,11 +75,7 @@ def _tried(case: Case, pose: Array, peer: str, setting: Mapping[str, Any]) -> fl
     # a setting that fails has lost, and says so
     try:
         return cost(case, PEERS[peer](case, pose, **setting))
-    except (
-        np.linalg.LinAlgError,
-        ValueError,
-        RuntimeError,
-    ) as error:
+    except FAILURES as error:
         print(f"{case.name}: {peer} {setting}: {error}", file=sys.stderr)
         return float("inf")
 
@@ -90,17 +88,20 @@ def main() -> None:
     parser.add_argument(
         "--again", action="store_true", help="tune groups that benchmarks/tuned.json has already"
     )
+    parser.add_argument("--peer", choices=PEERS, action="append", help="only these; default: all")
     arguments = parser.parse_args()
-    for group, members in groupby(find(arguments.folders), key=lambda c: c.group):
-        _tune_group(group, list(members), arguments.again)
+    listed = sorted(find(arguments.folders), key=lambda c: tuned_as(c.group))
+    for group, members in groupby(listed, key=lambda c: tuned_as(c.group)):
+        _tune_group(group, list(members), arguments.peer or list(PEERS), arguments.again)
 
 
-def _tune_group(group: str, members: list[Listed], again: bool) -> None:
+def _tune_group(group: str, members: list[Listed], peers: list[str], again: bool) -> None:
     cases = [(case, pose_of(case)) for case in (m.read() for m in members)]
     for peer in applicable(cases[0][0]):
-        if again or peer not in tuned().get(group, {}):
+        if peer in peers and (again or peer not in tuned().get(group, {})):
+            begin = perf_counter()
             found = tune(cases, peer)
-            print(f"{group}: {peer}: {found}", flush=True)
+            print(f"{group}: {peer}: {found}, {perf_counter() - begin:.0f} s", flush=True)
             merged = tuned()
             merged.setdefault(group, {})[peer] = found
             TUNED.write_text(json.dumps(merged, indent=1, sort_keys=True) + "\n")

@@ -3,12 +3,17 @@
 Shapes are functions `f(points) -> signed distance`, motions are functions `f(points) -> points`; a generator
 puts them together into a `Case` that `o3dls.write_case` writes. One seed gives one case; the anatomy, its
 motion, the prior and the points have a random stream each, so that other noise or more points leave the
-anatomy as it is.
+anatomy as it is. `family` and `cross` take real atria from files instead; what a file holds is written into
+cases and nowhere else.
 """
 
 from .atrium import atrium
+from .cross import cross
+from .family import family
 from .jar import jar
+from .mapping import Mapping
 from .patient import Patient, patient
 from .star import star
+from .wall import read_wall
 
-__all__ = ["Patient", "atrium", "jar", "patient", "star"]
+__all__ = ["Mapping", "Patient", "atrium", "cross", "family", "jar", "patient", "read_wall", "star"]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import reduce
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +11,8 @@ import click
 
 from o3dls import Case, InputError, write_case
 
-from . import atrium, jar, star
+from . import Mapping, atrium, cross, family, jar, read_wall, star
+from .families import FAMILIES
 
 SEED = click.option("--seed", type=click.IntRange(min=0), default=7, show_default=True)
 FORCE = click.option("--force", is_flag=True, help="replace an earlier case in the same folder")
@@ -22,6 +25,56 @@ PERCENT = click.option(
     help="noise in percent of the points' sd",
 )
 SHARE = click.FloatRange(0.0, 0.9)
+SURFACE = click.Path(exists=True, dir_okay=False, path_type=Path)
+
+
+def _noise(_: click.Context, __: click.Parameter, value: str) -> float | None:
+    """A length in mm, or None for `per-point`."""
+    try:
+        found = None if value == "per-point" else float(value)
+    except ValueError:
+        found = -1.0
+    if found is not None and not found >= 0.0:
+        raise click.BadParameter(f"'{value}': must be a length in mm, 0 or more, or per-point")
+    return found
+
+
+MAPPING = (
+    click.option(
+        "--points", type=click.IntRange(min=10), default=250, show_default=True, help="mapping points"
+    ),
+    click.option(
+        "--noise",
+        callback=_noise,
+        metavar="MM|per-point",
+        default="1.0",
+        show_default=True,
+        help="sd per axis in mm, or one of 0.5 to 2 mm for each point",
+    ),
+    click.option(
+        "--clustered/--even",
+        default=True,
+        show_default=True,
+        help="clustered points and a quarter of the wall unseen, or even ones",
+    ),
+    click.option("--outliers", type=SHARE, default=0.0, show_default=True, help="share of the points inside"),
+    click.option("--sigma", "told", is_flag=True, help="write each point's noise as column sigma"),
+    click.option(
+        "--landmarks/--no-landmarks", default=True, show_default=True, help="four places, or init.csv"
+    ),
+    click.option(
+        "--reach",
+        type=click.FloatRange(min=0.0),
+        default=1.9,
+        show_default=True,
+        help="vessels are cut so many radii from the centre; 0: nowhere",
+    ),
+)
+
+
+def mapping(command: Callable[..., None]) -> Callable[..., None]:
+    """The options of how a real wall is mapped."""
+    return reduce(lambda found, option: option(found), reversed(MAPPING), command)
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})
@@ -64,7 +117,7 @@ def main() -> None:
 @FORCE
 def _atrium(folder: Path, force: bool, **options: Any) -> None:
     """A left atrium that moved between imaging and mapping."""
-    _write(folder, atrium(**options), force)
+    _write(folder, lambda: atrium(**options), force)
 
 
 @main.command("jar")
@@ -74,7 +127,7 @@ def _atrium(folder: Path, force: bool, **options: Any) -> None:
 @FORCE
 def _jar(folder: Path, seed: int, percent: float, force: bool) -> None:
     """A jar of 60 x 60 x 80 mm."""
-    _write(folder, jar(seed, percent=percent), force)
+    _write(folder, lambda: jar(seed, percent=percent), force)
 
 
 @main.command("star")
@@ -84,11 +137,79 @@ def _jar(folder: Path, seed: int, percent: float, force: bool) -> None:
 @FORCE
 def _star(folder: Path, seed: int, percent: float, force: bool) -> None:
     """A five-pointed star in the plane."""
-    _write(folder, star(seed, percent=percent), force)
+    _write(folder, lambda: star(seed, percent=percent), force)
 
 
-def _write(folder: Path, case: Case, force: bool) -> None:
+@main.command("family")
+@FOLDER
+@click.option("--prior", type=SURFACE, required=True, help="a closed surface")
+@click.option(
+    "--family",
+    "name",
+    type=click.Choice(list(FAMILIES)),
+    default="flow",
+    show_default=True,
+    help="what kind of motion",
+)
+@SEED
+@click.option(
+    "--motion",
+    type=click.FloatRange(0.0, 3.0, min_open=True),
+    default=1.0,
+    show_default=True,
+    help="1 leaves 1.0 to 1.8 mm rms after the best similarity",
+)
+@mapping
+@FORCE
+def _family(
+    folder: Path,
+    prior: Path,
+    name: str,
+    seed: int,
+    motion: float,
+    landmarks: bool,
+    reach: float,
+    force: bool,
+    **how: Any,
+) -> None:
+    """A real atrium that moved by a motion unlike any that the program expects."""
+
+    def made() -> Case:
+        rest = read_wall(prior, reach or None)
+        return family(rest, seed, family=name, motion=motion, landmarks=landmarks, how=Mapping(**how))
+
+    _write(folder, made, force)
+
+
+@main.command("cross")
+@FOLDER
+@click.option("--prior", type=SURFACE, required=True, help="a closed surface")
+@click.option("--truth", type=SURFACE, required=True, help="another one, which is mapped")
+@SEED
+@mapping
+@FORCE
+def _cross(
+    folder: Path,
+    prior: Path,
+    truth: Path,
+    seed: int,
+    landmarks: bool,
+    reach: float,
+    force: bool,
+    **how: Any,
+) -> None:
+    """A real atrium as the prior of another person's."""
+
+    def made() -> Case:
+        one, other = (read_wall(path, reach or None) for path in (prior, truth))
+        return cross(one, other, seed, landmarks=landmarks, how=Mapping(**how))
+
+    _write(folder, made, force)
+
+
+def _write(folder: Path, made: Callable[[], Case], force: bool) -> None:
     try:
+        case = made()
         write_case(folder, case, force=force)
     except InputError as error:
         raise click.ClickException(str(error)) from None

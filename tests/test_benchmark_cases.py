@@ -1,0 +1,45 @@
+"""Cases are grouped by their names, and groups that are alike share the peers' settings."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from benchmarks import make_cases
+from benchmarks.cases import find, tuned_as
+
+
+@pytest.mark.parametrize(
+    ("name", "group", "tuned"),
+    [
+        ("la_17", "la", "la"),
+        ("jar_03_2001", "jar_03", "jar_03"),
+        ("cross_250_1_even_2101", "cross_250_1_even", "cross_250"),
+        ("cross_20000_2_clustered_outliers_2103", "cross_20000_2_clustered_outliers", "cross_20000"),
+        ("family_flow_1_landmarks_2301", "family_flow_1_landmarks", "family_flow_1"),
+        ("family_arap_2_rough_301", "family_arap_2_rough", "family_arap_2"),
+        ("kit_mri_to_eam", "kit_mri_to_eam", "kit_mri_to_eam"),
+    ],
+)
+def test_groups_by_name(name: str, group: str, tuned: str, tmp_path: Path) -> None:
+    (tmp_path / name).mkdir()
+    for file in ("points.csv", "prior.ply"):
+        (tmp_path / name / file).touch()
+    (found,) = find([tmp_path])
+    assert (found.group, tuned_as(found.group)) == (group, tuned)
+
+
+@pytest.mark.parametrize("which", make_cases.SETS)
+def test_development_and_judging_share_no_seed_and_no_name(which: str) -> None:
+    development, judging = (list(make_cases.SETS[which](judging)) for judging in (False, True))
+    assert not {w.seed for w in development} & {w.seed for w in judging}
+    for wanted in (development, judging):
+        assert len({w.name for w in wanted}) == len(wanted)
+    assert max(w.seed for w in development) < 1000 < 2000 < min(w.seed for w in judging)
+
+
+def test_crossed_pairs_of_judging_are_twenty_and_of_other_atria() -> None:
+    pairs = [{(w.prior, w.truth) for w in make_cases.crossed(judging)} for judging in (False, True)]
+    assert len(pairs[1]) == 20
+    assert not {a for pair in pairs[0] for a in pair} & {a for pair in pairs[1] for a in pair}
