@@ -82,34 +82,40 @@ def step(
 
     iteration: None where the fit goes on from an earlier one, and nothing is annealed.
     """
-    annealing = problem.settings.iteration
-    feet = find_feet(problem, state, _noise_factor(iteration, annealing))
+    settings = problem.settings.iteration
+    # where on the surface each point may have come from, and what that says of the field
+    feet = find_feet(problem, state, _noise_factor(iteration, settings))
     rows = gather_rows(problem, feet, state)
     fixed, parts = grams(problem.covariance, rows.observed)
-    scales = state.scales
-    if tuning:
-        usual = expected_scales(problem, float(scales.noises[0]) / problem.residual_sd)
-        scales = replace(scales, prior_log=usual)
-        scales = replace(scales, log=tune(scales, fixed, parts, rows, annealing))
-    log = scales.log + _annealed(iteration, scales, problem.data.groups, annealing)
+    # amplitudes and noise levels by the marginal likelihood
+    scales = _tuned(problem, state.scales, fixed, parts, rows) if tuning else state.scales
+    log = scales.log + _annealed(iteration, scales, problem.data.groups, settings)
+    # the posterior of the field moves the surface
     matrix, noise = assemble(log, fixed, parts, rows)
-    posterior, _ = solve(matrix, rows.residual)
-    moved = problem.rest.at + _field(problem, np.exp(log[: scales.fields]), Solved(rows, posterior))
+    solved = Solved(rows, solve(matrix, rows.residual)[0])
+    moved = problem.rest.at + _field(problem, np.exp(log[: scales.fields]), solved)
+    # each point's residual to the fit without it says whether it touches the wall
     noises = np.exp(log[scales.fields :])
-    out = points_left_out(rows, feet, state.weights, noise, *left_out(posterior, noise), noises, problem.data)
+    alone = left_out(solved.posterior, noise)
+    out = points_left_out(rows, feet, state.weights, noise, *alone, noises, problem.data)
     weights, contact = believe(problem, state, *out)
-    record = _energies(problem, state, Solved(rows, posterior), log[scales.fields :], out[0], contact)
+    record = _energies(problem, state, solved, log[scales.fields :], out[0], contact)
     length = float(np.linalg.norm(moved - state.feet_on, axis=1).mean())
-    record |= {
-        "step": length,
-        "sigma": float(scales.noises[0]),
-        "outlier_fraction": contact.outlier_fraction,
-    }
-    damping = _damping(state, length, iteration, annealing)
-    patches = rows.of_point if iteration is None or iteration > max(annealing.tune_at) else None
+    fraction = contact.outlier_fraction
+    record |= {"step": length, "sigma": float(scales.noises[0]), "outlier_fraction": fraction}
+    # feet are sought again on the way to there
+    damping = _damping(state, length, iteration, settings)
     feet_on = state.feet_on + damping * (moved - state.feet_on)
-    after = State(feet_on, moved, damping, scales, contact, weights, patches, length)
-    return after, Solved(rows, posterior), record
+    late = iteration is None or iteration > max(settings.tune_at)
+    patches = rows.of_point if late else None
+    return State(feet_on, moved, damping, scales, contact, weights, patches, length), solved, record
+
+
+def _tuned(problem: MotionProblem, scales: Scales, fixed: Array, parts: list[Array], rows: Rows) -> Scales:
+    """Amplitudes and noise levels that maximise the evidence, with priors by the noise of now."""
+    usual = expected_scales(problem, float(scales.noises[0]) / problem.residual_sd)
+    scales = replace(scales, prior_log=usual)
+    return replace(scales, log=tune(scales, fixed, parts, rows, problem.settings.iteration))
 
 
 def expected_scales(problem: MotionProblem, noise_fraction: float) -> Array:
