@@ -79,7 +79,7 @@ class ICPParameters(Stage):
     strain_sd: float | None = Field(
         0.015,
         ge=1e-6,
-        description="standard deviation of a strain fitted with the pose, which it would bias; none: no strain",
+        description="sd of a strain fitted with the pose, which it would bias; none: no strain",
         json_schema_extra=unit("1"),
     )
     kernel: KernelName = Field(
