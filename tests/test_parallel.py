@@ -77,5 +77,5 @@ def test_a_fork_has_threads_of_its_own() -> None:
 def test_processes_share_the_cores(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(compiled.config, "NUMBA_NUM_THREADS", 8)
     for processes, threads in ((1, 8), (3, 2), (20, 1)):
-        compiled.share(processes)
+        compiled.limit_threads(processes)
         assert threads == compiled.THREADS

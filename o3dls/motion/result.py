@@ -15,7 +15,7 @@ from .iteration import Solved, State
 from .motion import FittedMotion
 from .problem import MotionProblem
 
-PROBABLE = 0.95  # a motion less probable than this is said to be followed in part
+PROBABLE = 0.95  # the status says of a motion less probable than this that it is followed in part
 
 
 @dataclass(frozen=True, eq=False)

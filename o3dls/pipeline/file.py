@@ -44,30 +44,30 @@ def all_mistakes(path: str | Path, case: str | Path | None = None) -> list[str]:
 
     Nothing is run or written. An earlier run in the folder `out` is none.
     """
-    said: list[str] = []
+    mistakes: list[str] = []
     pipeline: Pipeline | None = None
-    with _noted(said):
+    with _noted(mistakes):
         pipeline = read_pipeline(path)
     folder = case or (pipeline and pipeline.case)
     if pipeline and pipeline.out:
-        with _noted(said):
+        with _noted(mistakes):
             check_free(pipeline.out, True, "run", [Path(source) for source in (path, folder) if source])
     if folder:
         from ..parallel import compiling_said  # numba is not for those who only check a file
 
-        with _noted(said), compiling_said():
+        with _noted(mistakes), compiling_said():
             subject = read_case(folder)
-            said += pipeline.refusals(subject) if pipeline else []
-    return said
+            mistakes += pipeline.refusals(subject) if pipeline else []
+    return mistakes
 
 
 @contextmanager
-def _noted(said: list[str]) -> Iterator[None]:
-    """Take the mistakes of the block as sentences, and go on."""
+def _noted(mistakes: list[str]) -> Iterator[None]:
+    """Add the mistakes of the block as sentences, and go on."""
     try:
         yield
     except O3dlsError as error:
-        said += map(str, error.args)
+        mistakes += map(str, error.args)
 
 
 def default_pipeline(settings: Iterable[str] = ()) -> Pipeline:
@@ -80,18 +80,18 @@ def pipeline_from(tables: Tables, folder: Path = Path()) -> Pipeline:
 
     Raises PipelineError with every mistake.
     """
-    said = [f"{key}: no such key{did_you_mean(key, list(TOP))}" for key in tables if key not in TOP]
-    said += [
+    mistakes = [f"{key}: no such key{did_you_mean(key, list(TOP))}" for key in tables if key not in TOP]
+    mistakes += [
         f"{k} = {v!r}: must be {KINDS[TOP[k]]}"
         for k, v in tables.items()
         if k in TOP and type(v) is not TOP[k]
     ]
-    if said:
-        raise PipelineError(*said)
-    stages, writes = (_plugins(kind, tables.get(kind, []), said) for kind in ("stage", "write"))
-    if said:
+    if mistakes:
+        raise PipelineError(*mistakes)
+    stages, writes = (_plugins(kind, tables.get(kind, []), mistakes) for kind in ("stage", "write"))
+    if mistakes:
         raise PipelineError(
-            *said,
+            *mistakes,
             *order_mistakes(
                 [_step(table) for table in tables.get("stage", []) if isinstance(table, Mapping)]
             ),
@@ -112,7 +112,7 @@ def overridden(tables: Tables, settings: Iterable[str]) -> Tables:
             raise PipelineError(f"--set {setting}: must be STAGE.PARAM=VALUE, such as icp.keep=0.9")
         if key.strip() in FOLDERS:
             raise PipelineError(
-                f"--set {setting}: is a folder and no parameter; say --{name} {value.strip()}"
+                f"--set {setting}: is a folder, not a parameter: use --{name} {value.strip()}"
             )
         target = _table(tables, owners[0], setting) if owners else tables
         for part in owners[1:]:  # such as `phases.deform.odds`
@@ -123,14 +123,14 @@ def overridden(tables: Tables, settings: Iterable[str]) -> Tables:
     return tables
 
 
-def _plugins(kind: str, tables: list[Any], said: list[str]) -> list[Any]:
-    """Stages or writers of a file; mistakes are added to `said`, each with the place of its table."""
+def _plugins(kind: str, tables: list[Any], mistakes: list[str]) -> list[Any]:
+    """Stages or writers of a file; theirs are added to `mistakes`, each with the place of its table."""
     made = []
     for k, table in enumerate(tables, 1):
         try:
             made.append(_plugin(kind, table))
         except PipelineError as error:
-            said += [f"[[{kind}]] {k}: {mistake}" for mistake in error.args]
+            mistakes += [f"[[{kind}]] {k}: {mistake}" for mistake in error.args]
     return made
 
 
@@ -144,13 +144,13 @@ def _plugin(kind: str, table: Any) -> Plugin:
     if not isinstance(table["use"], str):
         raise PipelineError(f"use = {table['use']!r}: must be the name of one {kind}")
     plugin = load(kind, table["use"])
-    said = [
+    mistakes = [
         f"{plugin.name}.{k}: no such parameter: did you mean '{f.alias}'?"
         for k, f in plugin.model_fields.items()
         if f.alias and k in table
     ]
-    if said:  # names that only Python needs
-        raise PipelineError(*said)
+    if mistakes:  # names that only Python needs
+        raise PipelineError(*mistakes)
     return plugin.model_validate({key: value for key, value in table.items() if key != "use"})
 
 

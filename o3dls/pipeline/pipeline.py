@@ -69,7 +69,7 @@ class Pipeline:
         }
 
     def fitted(self, name: str) -> tuple[str, ...]:
-        """Types of the points that an estimate, or one that it started from, was shown."""
+        """Types of the points that an estimate, or one that it started from, was given."""
         chain = self.chain(name)
         return tuple(
             sorted({kind for stage in self.stages if stage.estimate_name in chain for kind in stage.fits})
@@ -113,7 +113,7 @@ class Pipeline:
     def fit(self, case: Case, level: int = logging.INFO) -> dict[str, Estimate]:
         """Estimates by name, `start` first.
 
-        Each stage is shown the points that it fits, and neither truth nor held-out data.
+        Each stage is given the points that it fits, and neither truth nor held-out data.
         """
         estimates = {START: start_estimate(case.visible())}
         for stage in self.stages:
@@ -148,14 +148,14 @@ class Pipeline:
     def refusals(self, case: Case) -> list[str]:
         """Why a run on the case would end before any work, one sentence each."""
         plugins = (*self.stages, *self.writes)
-        said = [
+        found = [
             f"{plugin.name}: {why}"
             for plugin in plugins
             if (why := plugin.obstacle(case) or plugin.mistake(case))
         ]
-        said += too_many(case, self.folds)
-        said += misfit(case, start_estimate(case), pose_is_known=self._knows_pose)
-        return [f"case {case.name}: {why}" for why in said]
+        found += too_many(case, self.folds)
+        found += misfit(case, start_estimate(case), pose_is_known=self._knows_pose)
+        return [f"case {case.name}: {why}" for why in found]
 
     @property
     def _knows_pose(self) -> bool:
@@ -178,28 +178,28 @@ class Pipeline:
         from ..io.case_reader import read_case
 
         if self.case is None:
-            raise InputError('the pipeline names no case: give one to run(), or say case = "folder"')
+            raise InputError('the pipeline names no case: give one to run(), or set case = "folder"')
         return read_case(self.case)
 
 
 def _mistakes(pipeline: Pipeline) -> list[str]:
     """What is wrong with the whole, one sentence each; its parts have checked themselves."""
-    said = [] if pipeline.stages else ['the pipeline has no stage: add a [[stage]] with use = "icp"']
+    found = [] if pipeline.stages else ['the pipeline has no stage: add a [[stage]] with use = "icp"']
     if pipeline.folds not in range(MOST_FOLDS + 1) or pipeline.folds == 1:
-        said.append(
+        found.append(
             f"folds = {pipeline.folds!r}: must be 0 (no cross-validation) or a whole number within [2, "
             f"{MOST_FOLDS}]"
         )
-    said += order_mistakes([(stage.name, stage.estimate_name, stage.after) for stage in pipeline.stages])
+    found += order_mistakes([(stage.name, stage.estimate_name, stage.after) for stage in pipeline.stages])
     for writer in pipeline.writes:
-        said += [
+        found += [
             f"{writer.name}: no estimate '{n}'{did_you_mean(n, pipeline.names)}"
             for n in writer.refers_to
             if n not in pipeline.names
         ]
     targets = [" ".join(writer.target(pipeline.names[-1])) for writer in pipeline.writes]
     twice = [target for target in dict.fromkeys(targets) if targets.count(target) > 1]
-    return said + [
+    return found + [
         f"{target}: two writers would overwrite each other's files: leave one out" for target in twice
     ]
 
@@ -209,13 +209,13 @@ def order_mistakes(steps: Sequence[tuple[str, str, str | None]]) -> list[str]:
 
     They are given as (stage, name of its estimate, name of the estimate it starts after).
     """
-    said = []
+    found = []
     names = [START, *(name for _, name, _ in steps)]
     for k, (stage, name, after) in enumerate(steps, 1):
         if name in names[:k]:
-            said.append(f"{stage}: a second estimate named '{name}': give it another name with as = \"...\"")
+            found.append(f"{stage}: a second estimate named '{name}': give it another name with as = \"...\"")
         elif after in names[k:]:
-            said.append(f"{name}.after = '{after}': is not made before {name}; name an earlier estimate")
+            found.append(f"{name}.after = '{after}': is not made before {name}; name an earlier estimate")
         elif after is not None and after not in names:
-            said.append(f"{name}.after = '{after}': no such estimate{did_you_mean(after, names)}")
-    return said
+            found.append(f"{name}.after = '{after}': no such estimate{did_you_mean(after, names)}")
+    return found

@@ -121,9 +121,9 @@ def _sentence(plugin: type[BaseModel], owner: str, detail: ErrorDetails) -> str:
     key = next((f.alias for name, f in plugin.model_fields.items() if name == key and f.alias), key)
     if detail["type"] == "missing":
         return f"{owner}.{key}: is missing; it has no default"
-    said = detail["msg"].removeprefix("Value error, ").replace("Input should be", "must be")
+    message = detail["msg"].removeprefix("Value error, ").replace("Input should be", "must be")
     if key not in fields:
-        return f"{owner}: {said}"
+        return f"{owner}: {message}"
     field = fields[key]
     words = _words(fields[key])
     entry = len(detail["loc"]) > 1 and get_origin(field.annotation) in (tuple, list, dict)
@@ -131,7 +131,7 @@ def _sentence(plugin: type[BaseModel], owner: str, detail: ErrorDetails) -> str:
     given = f"{owner}.{place} = {_shown(detail['input'], _unit(field))}"
     if words and isinstance(detail["input"], str):
         return f"{given}{did_you_mean(detail['input'], words)}"
-    return f"{given}: {said if entry or detail['type'] == 'value_error' else f'must be {_wanted(field)}'}"
+    return f"{given}: {message if entry or detail['type'] == 'value_error' else f'must be {_wanted(field)}'}"
 
 
 def _shown(value: Any, unit: str) -> str:

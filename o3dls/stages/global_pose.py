@@ -31,7 +31,7 @@ class GlobalPose(Stage):
     starts: int = Field(
         STARTS, ge=24, le=100_000, description="number of rotations tried, evenly distributed"
     )
-    scale: bool = Field(True, description="let the scale change: a similarity instead of a rigid motion")
+    scale: bool = Field(True, description="estimate the scale too: a similarity instead of a rigid motion")
     hands: bool = Field(
         True,
         description="try the mirror image too, and refuse the prior where that fits clearly better",

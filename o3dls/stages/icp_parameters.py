@@ -64,14 +64,14 @@ class ICPParameters(Stage):
         "robust", description="values of the parameters that are not given"
     )
     engine: Literal["o3dls", "open3d"] = Field(
-        "o3dls", description="whose estimator makes a step; matching and rejection are always ours"
+        "o3dls", description="who estimates a step from the pairs; matching and rejection are always ours"
     )
     metric: MetricName = Field("point_to_plane", description="what a step minimises")
-    scale: bool = Field(True, description="let the scale change: a similarity instead of a rigid motion")
+    scale: bool = Field(True, description="estimate the scale too: a similarity instead of a rigid motion")
     scale_sd: float | None = Field(
         0.2,
         ge=1e-6,
-        description="log scale is pulled to zero with this sd; none: not pulled",
+        description="prior standard deviation of the logarithm of the scale; none: no prior",
         json_schema_extra=unit("1"),
     )
     scale_min: float = Field(0.5, gt=0.0, le=1.0, description="smallest scale", json_schema_extra=unit("1"))
@@ -79,22 +79,20 @@ class ICPParameters(Stage):
     strain_sd: float | None = Field(
         0.015,
         ge=1e-6,
-        description="sd of a strain fitted on the way, so that it does not bend the pose; none: no strain",
+        description="sd of a strain fitted with the pose, which it would bias; none: no strain",
         json_schema_extra=unit("1"),
     )
     kernel: KernelName = Field(
         "mixture",
-        description=(
-            "weights of the residuals; mixture: probability to lie on the wall, not inside the cavity"
-        ),
+        description=("weights of the residuals; mixture: probability of touching the wall"),
     )
     kernel_width: float | None = Field(
         None,
         gt=0.0,
-        description="width of the kernel; none: 95 % efficient on clean points",
+        description="width of the kernel; none: 95 % efficiency on clean points",
         json_schema_extra=unit("robust sd"),
     )
-    reject: tuple[RuleName, ...] = Field((), description="rules that drop pairs, one or several")
+    reject: tuple[RuleName, ...] = Field((), description="rules that reject pairs, one or several")
     threshold: float = Field(
         10.0, gt=0.0, description="rule threshold: longest distance", json_schema_extra=unit("mm")
     )
@@ -127,18 +125,20 @@ class ICPParameters(Stage):
         description="rule normal_angle: largest angle of the normals",
         json_schema_extra=unit("rad"),
     )
-    neighbours: int = Field(12, ge=3, description="points that give a point its normal, where one is needed")
+    neighbours: int = Field(
+        12, ge=3, description="points that the normal of a point is estimated from, where one is needed"
+    )
     thickness: float = Field(
         0.05,
         gt=0.0,
         le=1.0,
-        description="metric generalized: variance across a patch over along it",
+        description="metric generalized: variance across the surface over that along it",
         json_schema_extra=unit("1"),
     )
     freeze: float | None = Field(
         0.05,
         ge=1e-6,
-        description="motions less certain than this (rms over the surface) are not made; none: all are",
+        description="motions less certain than this (rms over the surface) are left out; none: all are made",
         json_schema_extra=unit("rms radii"),
     )
     coarse: float = Field(
@@ -148,18 +148,18 @@ class ICPParameters(Stage):
         description="factor on all thresholds and widths at the first iteration",
         json_schema_extra=unit("1"),
     )
-    anneal: int = Field(5, ge=0, description="iterations over which it falls to 1")
+    anneal: int = Field(5, ge=0, description="iterations over which that factor falls to 1")
     tolerance: float = Field(
         5e-3,
         ge=0.0,
-        description="converged when no foot moves farther in a step",
+        description="converged when no foot point moves farther in one step",
         json_schema_extra=unit("mm"),
     )
     iterations: int = Field(100, ge=1, description="most iterations")
     verify: bool = Field(
         False,
         description=(
-            "search all rotations, and the mirror image, and refuse a result that another pose clearly beats"
+            "search all rotations and the mirror image; refuse a result if another pose fits clearly better"
         ),
     )
 

@@ -37,7 +37,7 @@ class Topology(Stage):
     spacing: float = Field(
         1.0,
         gt=0.0,
-        description="distance between nodes of the grid that the prior is changed on; its edge if longer",
+        description="distance between nodes of the grid the prior is changed on, or its mean edge length",
         json_schema_extra={"unit": "mm"},
     )
     most_changes: int = Field(4, ge=1, description="most changes of one prior")

@@ -290,13 +290,13 @@ class TestWrongInput:
     def test_points_in_metres(self) -> None:
         points = ball_case().points
         self.rewrite(points=replace(points, xyz=points.xyz / 1000.0))
-        self.refused("the points span 0.06", "if the points are in m, put the line '# units=m'")
+        self.refused("the points span 0.06", "if the points are in m, add the line '# units=m'")
 
     @pytest.mark.parametrize(("unit", "factor"), [("in", 25.4), ("cm", 10.0), ("m", 1000.0)])
     def test_a_prior_or_points_in_another_unit(self, unit: str, factor: float) -> None:
         points, prior = ball_case().points, ball_case().prior
         self.rewrite(points=replace(points, xyz=points.xyz / factor))
-        self.refused(f"if the points are in {unit}, put the line '# units={unit}'")
+        self.refused(f"if the points are in {unit}, add the line '# units={unit}'")
         self.rewrite(points=points, prior=prior.with_vertices(prior.vertices / factor))
         self.refused(f"if the prior is in {unit}, write it in mm: o3dls convert PRIOR OUT --units {unit}")
 
