@@ -50,7 +50,16 @@ def wall(points: Array, **changes: object) -> Data:
 def covariance(dimension: int, anchors: int = 0, up: Array | None = None) -> Covariance:
     marks = body(dimension).vertices[np.arange(anchors) * 7]
     return Covariance(
-        np.full(dimension, 0.5), (1.15 * SIZE,), (0.46 * SIZE,), SIZE, marks, 0.38 * SIZE, 0.2 * SIZE, up
+        np.full(dimension, 0.5),
+        vector=(1.15 * SIZE,),
+        normal=(0.46 * SIZE,),
+        radius=SIZE,
+        anchors=marks,
+        anchor_length=0.38 * SIZE,
+        translation=0.2 * SIZE,
+        rotation=0.1,
+        scale=0.1,
+        up=up,
     )
 
 
