@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numba import config
 from numba.core.event import Event, Listener, install_listener
+from threadpoolctl import ThreadpoolController
 
 from .arrays import Array, Ints
 
@@ -57,6 +58,20 @@ def limit_threads(processes: int) -> None:
 def _pool(process: int) -> ThreadPoolExecutor:
     """Threads of a process: a fork has none of its parent's."""
     return ThreadPoolExecutor(THREADS - 1)
+
+
+@contextmanager
+def one_blas_thread() -> Iterator[None]:
+    """Within this, linear algebra has one thread: on matrices of a few hundred rows two take three times as
+    long, and on a busy machine they wait for each other without end.
+    """
+    with _blas().limit(limits=1, user_api="blas"):
+        yield
+
+
+@lru_cache
+def _blas() -> ThreadpoolController:
+    return ThreadpoolController()
 
 
 @contextmanager

@@ -11,6 +11,7 @@ import numpy as np
 
 from ..arrays import Array
 from ..geometry.similarity import apply
+from ..parallel import one_blas_thread
 from .descent import Level, descend
 from .normal_displacement import Wall
 from .observation import Measured
@@ -44,6 +45,7 @@ class Correction:
     status: str
 
 
+@one_blas_thread()
 def fit_correction(wall: Wall, measured: Measured, relative_sd: Array, limits: Limits) -> Correction:
     """Minimise the energy over the correction u of a wall: coarse to fine, the strongest Matern field of
     those left.

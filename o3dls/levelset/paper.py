@@ -33,6 +33,7 @@ from ..arrays import Array
 from ..errors import SolverError
 from ..geometry.components import components_and_euler
 from ..geometry.surface import Surface
+from ..parallel import one_blas_thread
 from ..settings import number
 from .grid.band import Band
 from .grid.distance import SignedDistance, signed_distance
@@ -54,6 +55,7 @@ class Weights:
     shape: float = number(0.3, "1", "a_shape")
 
 
+@one_blas_thread()
 def descend(
     prior: Surface,
     points: Array,

@@ -10,11 +10,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from threadpoolctl import ThreadpoolController
 
 from ..arrays import Array, Ints
 from ..geometry.differential import unit_mean, vertex_normals
 from ..noise.contact import update_contact
+from ..parallel import one_blas_thread
 from .iteration import State, begin, step
 from .leverage_points import energy_with_strain, leverage_points
 from .model_selection import motion_evidence, preferred_smoothing
@@ -22,9 +22,6 @@ from .observations import Data
 from .problem import MotionProblem, motion_problem
 from .result import Iterated, MotionFit, motion_fit
 from .settings import MotionSettings
-
-# on matrices of a few hundred rows, two threads take three times as long as one
-LIBRARIES = ThreadpoolController()
 
 
 def fit_motion(
@@ -42,7 +39,7 @@ def fit_motion(
     amplitudes and noise levels are kept, and one round takes in the further points. Raises SolverError where
     no motion can be solved for.
     """
-    with LIBRARIES.limit(limits=1, user_api="blas"):
+    with one_blas_thread():
         if warm is not None:
             rounds = warm.problem.settings.iteration.rounds_of_update
             return _continue(warm, data, slice(len(warm.state.weights)), rounds)
