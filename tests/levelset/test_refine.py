@@ -162,7 +162,9 @@ def test_a_correction_that_would_tear_is_halved() -> None:
         Wall(ball), Correction(u, (field,), 1.0, (), True, ""), Limits(1.0), handled, crossing
     )
     np.testing.assert_allclose(final.fields["correction"], 0.5 * u)
-    assert said == ("the correction was taken by 50%: more would tear or merge the surface",)
+    (warning,) = said
+    assert warning.code == "correction-reduced"
+    assert warning.sentence.startswith("only 50% of the correction")
 
 
 def test_closing_gaps_leaves_the_rest_where_it_is() -> None:
