@@ -112,7 +112,7 @@ def overridden(tables: Tables, settings: Iterable[str]) -> Tables:
             raise PipelineError(f"--set {setting}: must be STAGE.PARAM=VALUE, such as icp.keep=0.9")
         if key.strip() in FOLDERS:
             raise PipelineError(
-                f"--set {setting}: is a folder, not a parameter: use --{name} {value.strip()}"
+                f"--set {setting}: names a folder, not a parameter: use --{name} {value.strip()}"
             )
         target = _table(tables, owners[0], setting) if owners else tables
         for part in owners[1:]:  # such as `phases.deform.odds`

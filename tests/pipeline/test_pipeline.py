@@ -140,8 +140,8 @@ def test_all_mistakes_are_named_at_once(tmp_path: Path) -> None:
         ("icp.keep=2", "--set icp.keep=2: the pipeline has no 'icp'"),
         ("nudge", "--set nudge: must be STAGE.PARAM=VALUE"),
         ("folds=-2", "folds = -2"),
-        ("case=a", "--set case=a: is a folder and no parameter; say --case a"),
-        ("out = b", "--set out = b: is a folder and no parameter; say --out b"),
+        ("case=a", "--set case=a: names a folder, not a parameter: use --case a"),
+        ("out = b", "--set out = b: names a folder, not a parameter: use --out b"),
     ],
 )
 def test_settings_are_checked_like_files(tmp_path: Path, setting: str, sentence: str) -> None:

@@ -1,4 +1,4 @@
-"""The stage: nothing to add leaves the surface, a folded prior is repaired, both formulations run in
+"""The stage: without corrections the surface stays, a folded prior is repaired, both formulations run in
 2D and 3D.
 """
 
