@@ -85,4 +85,4 @@ def _value(value: Any) -> str:
 
 def _package(settings: Any) -> str:
     """The package that owns a class."""
-    return type(settings).__module__.split(".")[-2]
+    return type(settings).__module__.split(".")[1]

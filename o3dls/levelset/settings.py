@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 from ..noise.settings import ContactSettings
 from ..settings import number
+from .reconstruction.settings import ReconstructionSettings
 
 
 @dataclass(frozen=True)
@@ -80,6 +81,7 @@ class LevelSetSettings:
     residual_field: FieldSettings = field(default_factory=FieldSettings)
     correction: CorrectionSettings = field(default_factory=CorrectionSettings)
     lattice: LatticeSettings = field(default_factory=LatticeSettings)
+    reconstruction: ReconstructionSettings = field(default_factory=ReconstructionSettings)
 
 
 @dataclass(frozen=True)

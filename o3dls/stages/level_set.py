@@ -25,17 +25,20 @@ if TYPE_CHECKING:
     from ..adapters.meshing import Extraction
     from ..levelset.normal_displacement import Wall
     from ..levelset.observation import Measured, Noise
+    from ..levelset.reconstruction.reconstruct import Believed
     from ..levelset.refine import Refinement
+    from ..motion.result import MotionFit
 
 SIGMA_LOG_SD = 0.1  # of the logarithm of a noise level that the motion found
 PAPER_ONLY = ("data", "area", "shape")
-DEFAULT_ONLY = ("evidence", "coarse_to_fine")
+DEFAULT_ONLY = ("evidence", "coarse_to_fine", "reconstruct")
 
 
 class LevelSet(Stage):
     """Correct the level set phi of the moved prior where the points ask for it; mesh its zero set.
 
-    Corrections along its normals, coarse to fine, that the evidence supports. Motion and weights stay.
+    Corrections along its normals, coarse to fine, that the evidence supports; or, where points show a wall
+    that these cannot reach, phi is reconstructed from them. The motion stays.
     """
 
     name: ClassVar[str] = "level_set"
@@ -55,6 +58,11 @@ class LevelSet(Stage):
     coarse_to_fine: bool = Field(
         True,
         description="default: try corrections of all correlation lengths, longest first; or the shortest",
+    )
+    reconstruct: bool = Field(
+        True,
+        description="default: reconstruct the wall from the points where they foretell each other better "
+        "than the moved prior does",
     )
     data: float = Field(10.0, ge=0.0, description="paper: weight of the data term, over the squared noise")
     area: float = Field(0.2, ge=0.0, description="paper: weight of the area term")
@@ -126,16 +134,18 @@ class LevelSet(Stage):
             converged=reached.converged and not unfinished,
             iterations=sum(row["iteration"] > 0 for row in reached.trace),
             sigma=reached.sigma,
+            weights=start.weights if reached.weights is None else _of_mapping(start.fit, reached.weights),
             phi=reached.phi,
             trace=reached.trace,
             facts={**reached.facts, "changes": start.facts.get("changes", []), **shifts},
         )
 
     def _by_default(self, case: Case, start: Estimate) -> Refinement:
-        from ..adapters.meshing import isosurface
+        from ..adapters.meshing import carry_fields, isosurface
         from ..adapters.self_intersections import crossing
         from ..geometry.fold_repair import uncrossed
         from ..levelset.correction import Limits
+        from ..levelset.reconstruction.refinement import reconstructed
         from ..levelset.refine import refine_surface
         from ..levelset.settings import LevelSetSettings
 
@@ -144,6 +154,13 @@ class LevelSet(Stage):
         settings = replace(usual, correction=chosen)
         limits = Limits(self.spacing, self.coarse_to_fine, case.units, settings)
         surface = uncrossed(start.surface) if case.dimension == 2 else start.surface
+        if self.reconstruct and start.fit is not None and case.dimension == 3:
+            found = reconstructed(
+                surface, believed(start.fit), f"sd_{case.units}", limits, mesh=isosurface, crossing=crossing
+            )
+            if found is not None:
+                wall = carry_fields(surface, found.wall)
+                return replace(found, wall=replace(wall, fields={**wall.fields, **found.wall.fields}))
         return refine_surface(
             surface,
             observer(case, start),
@@ -168,6 +185,25 @@ class LevelSet(Stage):
         )
         weights = Weights(self.data, self.area, self.shape)
         return descend(prior, points, sigma, weights, spacing=self.spacing, cycles=self.iterations)
+
+
+def believed(fit: MotionFit) -> Believed:
+    """The points that may touch the wall as the motion left them."""
+    from ..levelset.reconstruction.reconstruct import Believed
+
+    data, state = fit.problem.data, fit.state
+    wall = ~data.inside
+    noise = state.scales.noises[data.group[wall]] * data.relative[wall]
+    return Believed(data.points[wall], state.weights[wall], noise, data.odds[wall], state.contact)
+
+
+def _of_mapping(fit: MotionFit | None, weights: Array) -> Array:
+    """Probabilities of contact (k,) of the mapping points, of those of all points that may touch."""
+    assert fit is not None
+    wall = ~fit.problem.data.inside
+    every = fit.state.weights.copy()
+    every[wall] = weights
+    return replace(fit, state=replace(fit.state, weights=every)).weights
 
 
 def observer(case: Case, start: Estimate) -> Callable[[Wall], Measured]:

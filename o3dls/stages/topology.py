@@ -41,6 +41,9 @@ class Topology(Stage):
         json_schema_extra={"unit": "mm"},
     )
     most_changes: int = Field(4, ge=1, description="most changes of one prior")
+    most_points: int = Field(
+        2000, ge=1, description="of more, level_set reconstructs the wall with its topology, and much sooner"
+    )
 
     def __call__(self, case: Case, start: Estimate) -> Estimate:
         from ..geometry.components import components_and_euler
@@ -49,6 +52,10 @@ class Topology(Stage):
 
         if start.fit is None:
             return _unchanged(start, "no motion was fitted before this stage")
+        if len(start.fit.problem.data.points) > self.most_points:
+            return _unchanged(
+                start, f"more than {self.most_points} points, which level_set reconstructs from"
+            )
         settings = replace(TopologySettings(), evidence=self.evidence, most_changes=self.most_changes)
         fit, changes = change_topology(start.fit, spacing=self.spacing, settings=settings)
         if changes:

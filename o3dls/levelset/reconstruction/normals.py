@@ -1,0 +1,168 @@
+"""Outward normals of points: planes through their neighbours, turned until the winding number of all of them
+agrees.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import breadth_first_order, connected_components, minimum_spanning_tree
+from scipy.spatial import KDTree
+
+from ...arrays import ROUNDING, Array, Ints
+from ...geometry.similarity import rms_radius
+from .moved_prior import MovedPrior
+from .settings import NormalSettings
+
+SEED = 20_261_124
+
+
+def nearest(points: Array, places: Array, count: int) -> tuple[Array, Ints]:
+    """Distances (n, count) and rows (n, count) of the points nearest to places (n, 3), from near to far."""
+    gap, rows = KDTree(points).query(places, k=np.arange(1, count + 1))
+    return np.asarray(gap), np.asarray(rows)
+
+
+def planes(
+    points: Array, believed: NDArray[np.bool_], radius: float, settings: NormalSettings
+) -> tuple[Array, Array]:
+    """Unit normals (n, 3), of either side, and a place (n, 3) of the plane through the believed points around
+    each point.
+    """
+    rows = np.flatnonzero(believed)
+    chosen = rows[_thinned(points[rows], settings.thinning * radius)]
+    if len(chosen) < settings.least:
+        chosen = rows
+    count = min(settings.most + 1, len(chosen))
+    gap, near = nearest(points[chosen], points, count)
+    width = 0.5 * np.maximum(radius, gap[:, min(settings.least, count) - 1])
+    weight = np.exp(-0.5 * (gap / width[:, None]) ** 2)
+    weight[chosen[near] == np.arange(len(points))[:, None]] = 0.0  # none has a say on its own plane
+    at = points[chosen][near]
+    middle = np.einsum("nk,nkd->nd", weight, at) / weight.sum(axis=1)[:, None]
+    apart = at - middle[:, None, :]
+    spread = np.einsum("nk,nka,nkb->nab", weight, apart, apart)
+    return np.linalg.eigh(spread)[1][:, :, 0], middle
+
+
+def _thinned(points: Array, width: float) -> Ints:
+    """Rows of one point, chosen at random, of every occupied cell of a width."""
+    order = np.random.default_rng(SEED).permutation(len(points))
+    cells = np.floor(points[order] / width).astype(np.int64)
+    return np.sort(order[np.unique(cells, axis=0, return_index=True)[1]])
+
+
+def turned_outward(
+    points: Array, normals: Array, areas: Array, prior: MovedPrior, settings: NormalSettings
+) -> Array:
+    """Normals (n, 3) turned to the side that the moved prior looks to at first, then to where the winding
+    number of points, each with an area (n,), and of the prior where there are none, falls.
+
+    Normals of a closed wall agree with the gradient of the winding number that they make (Lin, Shi and Liu
+    2024): those of a vein that the prior lacks come right though it cannot say.
+    """
+    facing = prior.slope(points)
+    side = (normals * facing).sum(axis=1)
+    seen = np.linalg.norm(facing, axis=1) > settings.least_slope
+    normals = _along_tree(points, normals, np.where(seen, side, 0.0), settings.tree_neighbours)
+    near = seen & (np.abs(prior.at(points)) < settings.prior_near * prior.clip)
+    normals[near] *= _signs((normals * facing).sum(axis=1))[near, None]
+    between = float(np.sqrt(np.median(areas)))
+    cell = _cells(points, settings.cell * _radius(prior))
+    number = np.bincount(cell)
+    at = np.column_stack([np.bincount(cell, x) / number for x in points.T])
+    further, dipoles = _prior_dipoles(points, prior, settings.prior_distance * between, settings)
+    smooth = np.maximum(
+        settings.smoothing * np.sqrt(np.bincount(cell, areas)), settings.cell * _radius(prior)
+    )
+    far = np.full(len(further), 2.0 * settings.cell * _radius(prior))
+    for left in reversed(range(settings.rounds)):
+        strength = np.column_stack([np.bincount(cell, areas * x) for x in normals.T])
+        wider = 1.0 + left / max(settings.rounds - 1, 1)
+        width = np.r_[wider * smooth, far]
+        fall, number = _winding(at, np.vstack([at, further]), np.vstack([strength, dipoles]), width**2)
+        # half on a wall, and minus half on one that is inside out as a whole: its own fall agrees with it
+        inverted = _signs(number[cell] + settings.inverted) if left % 2 == 0 else np.ones(len(points))
+        signs = _signs((normals * fall[cell]).sum(axis=1)) * inverted
+        normals = normals * signs[:, None]
+    return normals
+
+
+def _along_tree(points: Array, normals: Array, sides: Array, neighbours: int) -> Array:
+    """Normals (n, 3) that agree along the minimum spanning tree of the angles between neighbours (Hoppe et
+    al. 1992), each tree turned to where most of `sides` (n,), signed, are positive.
+    """
+    count = len(points)
+    near = nearest(points, points, min(neighbours, count - 1) + 1)[1][:, 1:]
+    rows = np.repeat(np.arange(count), near.shape[1])
+    cosine = np.abs((normals[rows] * normals[near.ravel()]).sum(axis=1))
+    graph = csr_matrix((1.0 + ROUNDING - cosine, (rows, near.ravel())), shape=(count, count))
+    tree = minimum_spanning_tree(graph.maximum(graph.T))
+    trees, tree_of = connected_components(tree, directed=False)
+    turn: Array = np.ones(count)
+    for k in range(trees):
+        order, before = breadth_first_order(tree, int(np.argmax(tree_of == k)), directed=False)
+        for node in order[1:]:
+            other = before[node]
+            turn[node] = turn[other] * (1.0 if normals[node] @ normals[other] >= 0.0 else -1.0)
+    votes = np.asarray(np.bincount(tree_of, turn * sides, minlength=trees), dtype=np.float64)
+    return normals * (turn * _signs(votes)[tree_of])[:, None]
+
+
+def _signs(values: Array) -> Array:
+    return np.asarray(np.where(values < 0.0, -1.0, 1.0))
+
+
+def _radius(prior: MovedPrior) -> float:
+    return rms_radius(prior.surface.vertices)
+
+
+def _cells(points: Array, width: float) -> Ints:
+    cells = np.floor(points / width).astype(np.int64)
+    return np.unique(cells, axis=0, return_inverse=True)[1].ravel()
+
+
+def _prior_dipoles(
+    points: Array, prior: MovedPrior, distance: float, settings: NormalSettings
+) -> tuple[Array, Array]:
+    """Places (k, 3) of the prior's wall that no point is near, and area times normal (k, 3) there."""
+    surface = prior.surface
+    middle = surface.vertices[surface.faces].mean(axis=1)
+    alone = nearest(points, middle, 1)[0][:, 0] > distance
+    if not alone.any():
+        return np.zeros((0, 3)), np.zeros((0, 3))
+    area = surface.face_areas[alone]
+    cell = _cells(middle[alone], settings.prior_cell * _radius(prior))
+    total = np.maximum(np.bincount(cell, area), ROUNDING)
+    at = np.column_stack([np.bincount(cell, area * x) / total for x in middle[alone].T])
+    return at, np.column_stack([np.bincount(cell, area * x) for x in surface.face_normals[alone].T])
+
+
+@njit(cache=True, fastmath=True)
+def _winding(places, sources, dipoles, width2):  # type: ignore[no-untyped-def]
+    """Direction (n, 3), times a density, in which the winding number of dipoles falls, and that number (n,):
+    1 inside.
+    """
+    fall = np.zeros_like(places)
+    number = np.zeros(len(places))
+    for i in range(len(places)):
+        a = b = c = total = 0.0
+        for j in range(len(sources)):
+            x = places[i, 0] - sources[j, 0]
+            y = places[i, 1] - sources[j, 1]
+            z = places[i, 2] - sources[j, 2]
+            squared = x * x + y * y + z * z + width2[j]
+            inverse = 1.0 / (squared * np.sqrt(squared))
+            across = dipoles[j, 0] * x + dipoles[j, 1] * y + dipoles[j, 2] * z
+            along = 3.0 * across / squared
+            total -= across * inverse
+            a += (dipoles[j, 0] - along * x) * inverse
+            b += (dipoles[j, 1] - along * y) * inverse
+            c += (dipoles[j, 2] - along * z) * inverse
+        fall[i, 0] = a
+        fall[i, 1] = b
+        fall[i, 2] = c
+        number[i] = total / (4.0 * np.pi)
+    return fall, number

@@ -1,0 +1,73 @@
+"""The reconstruction as a refinement of the moved prior: its level set, its fields, what is said of it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ...geometry.closest_point import ClosestPoint
+from ...geometry.components import components_and_euler
+from ...geometry.surface import Surface, interpolated
+from ..correction import Limits
+from ..refine import Mesher, Refinement, level_set_of
+from ..repair import Crossing
+from .reconstruct import Believed, reconstruct
+from .wall import deviation, reconstructed_wall
+
+SIMPLE = (1, 2)  # one piece without handles: the only topology that a reconstruction can have
+
+
+def reconstructed(
+    surface: Surface, believed: Believed, sd: str, limits: Limits, *, mesh: Mesher, crossing: Crossing
+) -> Refinement | None:
+    """The moved prior reconstructed from points; None where these foretell each other no better than it does,
+    or it is no single piece without handles.
+
+    sd: name of the field of the surface that holds the deviation which the motion leaves. The wall has the
+    surface's fields at its closest points, the deviation of the reconstruction, and `correction`, how far it
+    lies outside the surface.
+    """
+    if components_and_euler(surface.vertices, surface.faces) != SIMPLE:
+        return None
+    settings = limits.settings.reconstruction
+    found = reconstruct(surface, believed, limits.spacing, settings)
+    if found is None:
+        return None
+    wall, removed = reconstructed_wall(found, settings)
+    tree = ClosestPoint(surface.vertices, surface.faces)
+    squared, face, _, weights = tree.query(wall.vertices)
+    side = np.where(found.prior.at(wall.vertices) < 0.0, -1.0, 1.0)
+    corners = surface.faces[face]
+    before = (
+        interpolated(surface.fields[sd], corners, weights) if sd in surface.fields else np.zeros(len(face))
+    )
+    fields = {
+        sd: deviation(wall.vertices, before, found, settings),
+        "correction": side * np.sqrt(squared),
+    }
+    wall = replace(wall, fields=fields)
+    phi, warnings = level_set_of(wall, limits, mesh=mesh, crossing=crossing)
+    return Refinement(
+        phi=phi,
+        wall=wall,
+        sigma=found.sigma,
+        status=_sentence(found.gain, len(found.wall.feet), removed),
+        converged=True,
+        warnings=warnings,
+        facts={
+            "evidence_nats": found.gain,
+            "amplitude": found.amplitude,
+            "band_nodes": len(phi.band),
+            "removed_parts": removed,
+        },
+        weights=found.weights,
+    )
+
+
+def _sentence(gain: float, points: int, removed: int) -> str:
+    parts = "" if not removed else f"; {removed} part{'s' * (removed > 1)} without points taken away"
+    return (
+        f"the wall was reconstructed from {points} points and, where there are none, the moved prior: points "
+        f"left out are better foretold so (evidence {gain:+.0f} nats){parts}"
+    )

@@ -1,0 +1,95 @@
+"""Numbers of the reconstruction."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from ...settings import number
+
+
+@dataclass(frozen=True)
+class SplineSettings:
+    """The field that is added to the moved prior's signed distance: B-splines on lattices, each half as wide
+    as the one before.
+    """
+
+    coarsest: float = number(
+        0.3, "rms radii", "lattice of the longest splines: 10 mm; 7 and 16 are worse by 2 and 20 %"
+    )
+    finest_between: float = number(0.7, "distances between points", "finer splines would follow noise,")
+    finest_noise: float = number(1.5, "noise levels", "for the same reason,")
+    finest_spacing: float = number(1.5, "spacings", "or be lost in the lattice of phi")
+    falling: float = number(2.83, "1", "fall of the deviation from a lattice to the next: a smooth field's")
+    clip: float = number(
+        0.15, "rms radii", "the prior's distance says no more beyond: 5 mm, as in truncated distances"
+    )
+    normal_sd: float = number(0.4, "1", "of a normal by the points around: 23 degrees")
+    offsets: tuple[float, ...] = number(
+        (0.09, 0.18),
+        "rms radii",
+        "3 and 6 mm off the wall the sign is known too, where points are off the moved prior:",
+    )
+    offset_noise: float = number(2.0, "noise levels", "this far,")
+    offset_cosine: float = number(0.5, "1", "or with a normal so unlike the prior's")
+    offset_neighbours: int = number(5, "points", "of which most must be so")
+    offset_sd: float = number(0.35, "offsets", "how well the distance is known there")
+    offset_clear: float = number(0.7, "offsets", "distance to the nearest point that an offset needs")
+    tolerance: float = number(1e-3, "1", "relative residual of conjugate gradients: 0.01 mm")
+    iterations: int = number(300, "", "most of them")
+
+
+@dataclass(frozen=True)
+class NormalSettings:
+    """Normals of points: planes through their neighbours, sides by the winding number."""
+
+    radius: float = number(0.15, "rms radii", "of a neighbourhood: 5 mm, about a vein's radius,")
+    radius_noise: float = number(4.0, "noise levels", "or so much: planes must not follow noise")
+    thinning: float = number(
+        0.33, "radii", "width of the cells of which a neighbourhood takes one point each"
+    )
+    least: int = number(12, "points", "in a neighbourhood, however far")
+    most: int = number(64, "points", "in a neighbourhood")
+    tree_neighbours: int = number(12, "points", "that a normal may agree with")
+    rounds: int = number(10, "", "of turning normals: one or none turns after six")
+    largest_area: float = number(4.0, "medians", "of wall that a point stands for: beyond it is unmapped")
+    cell: float = number(0.06, "rms radii", "points this near share a dipole: 2 mm")
+    smoothing: float = number(1.0, "distances between points", "of the winding number's gradient")
+    inverted: float = number(0.1, "1", "less than minus this, a winding number tells a wall inside out")
+    least_slope: float = number(0.4, "1", "of a level set that still tells a side: 1 where it is a distance")
+    prior_near: float = number(0.4, "clips", "of points that take their side from the moved prior: 2 mm")
+    prior_cell: float = number(0.15, "rms radii", "the prior's wall in cells of this width is a dipole each")
+    prior_distance: float = number(2.5, "distances between points", "without points the prior's wall counts")
+
+
+@dataclass(frozen=True)
+class ReconstructionSettings:
+    """All numbers of the reconstruction."""
+
+    evidence: float = number(
+        100.0, "nats", "that points left out are better foretold by: runs of floating points make up to 55"
+    )
+    amplitudes: tuple[float, ...] = number(
+        (0.006, 0.012, 0.025, 0.05), "rms radii", "deviations of the field that are tried: 0.2 to 1.6 mm"
+    )
+    least_points: int = number(200, "points", "believed: fewer tell no wall by themselves")
+    folds: int = number(4, "", "parts of the points that are foretold by the others")
+    most_training: int = number(2000, "points", "that foretell the others")
+    rounds: int = number(3, "", "of finding who touches the wall")
+    turns: int = number(1, "", "of the normals to those of phi")
+    crowd: int = number(6, "points", "that together may be a wall that the motion did not believe")
+    crowd_reach: float = number(1.5, "distances between points", "between neighbours in a crowd")
+    covered: float = number(0.5, "1", "of a crowd in front of wall with points of its own: it is no wall")
+    crowd_weight: float = number(0.9, "1", "probability that it touches, to begin with")
+    around: float = number(0.8, "clips", "phi is wanted so near to a point, though far off the moved prior,")
+    around_between: float = number(1.2, "distances between points", "or so near")
+    neck: float = number(0.6, "distances between points", "half as wide necks hang by gaps between points,")
+    widest_neck: float = number(0.09, "rms radii", "but no wider than 3 mm")
+    expected: float = number(10.0, "points", "that a part has room for, if it can lack them")
+    supported: float = number(0.05, "1", "of these: with more it is wall")
+    around_neck: int = number(
+        4, "points", "that lie on the wall around the neck of a part that is taken away"
+    )
+    least_outside: float = number(0.3, "spacings", "of phi where something was taken away")
+    deviation_points: int = number(10, "points", "that the deviation of a vertex is asked of")
+    splines: SplineSettings = field(default_factory=SplineSettings)
+    normals: NormalSettings = field(default_factory=NormalSettings)

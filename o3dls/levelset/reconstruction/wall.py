@@ -1,0 +1,129 @@
+"""From a reconstruction to its wall: phi on a lattice, without what points contradict, in one piece without
+handles, and its zero set with the deviation of each vertex.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.ndimage import binary_dilation, distance_transform_edt, label
+
+from ...arrays import TINY, Array, Ints
+from ...geometry.surface import Surface
+from ..grid.band import Band
+from ..grid.isosurface import zero_set
+from .equations import off_prior
+from .handles import without_handles
+from .normals import nearest
+from .reconstruct import Reconstruction
+from .settings import ReconstructionSettings
+
+EVEN = 0.8  # area of wall per node on it and squared spacing, for a surface of any direction
+
+
+def reconstructed_wall(found: Reconstruction, settings: ReconstructionSettings) -> tuple[Surface, int]:
+    """The wall of phi, one piece without handles, and how many parts were taken away because points
+    contradict them.
+    """
+    prior = found.prior
+    phi = _on_lattice(found, settings)
+    phi, removed = _without_contradicted(phi, found, settings)
+    phi = without_handles(phi, settings.least_outside * prior.spacing)
+    cube = np.ones((3, 3, 3), dtype=bool)
+    near = binary_dilation((phi < 0.0) & binary_dilation(phi >= 0.0, cube), cube)
+    nodes = np.ascontiguousarray(np.argwhere(near), dtype=np.int32)
+    band = Band(prior.spacing, prior.clip, prior.low, phi.shape, nodes)
+    vertices, faces = zero_set(band, phi[near])
+    return Surface(vertices, faces), removed
+
+
+def _on_lattice(found: Reconstruction, settings: ReconstructionSettings) -> Array:
+    """phi on the box of the moved prior: where the prior or a point is near."""
+    prior = found.prior
+    phi = prior.box.copy()
+    marked = np.zeros(phi.shape, dtype=bool)
+    marked[tuple(_nodes(found.wall.feet, found).T)] = True
+    reach = max(settings.around * prior.clip, settings.around_between * found.between)
+    near = (np.abs(phi) < prior.clip) | (distance_transform_edt(~marked) * prior.spacing < reach)
+    at = np.argwhere(near) + prior.low
+    phi[near] += found.field.at(np.asarray(at * prior.spacing, dtype=np.float64))
+    return phi
+
+
+def _nodes(points: Array, found: Reconstruction) -> Ints:
+    """Indices (n, 3) in the box of the nodes nearest to points."""
+    inside = np.round(points / found.prior.spacing).astype(np.int64) - found.prior.low
+    return np.asarray(np.clip(inside, 0, np.array(found.prior.box.shape) - 1))
+
+
+def _without_contradicted(
+    phi: Array, found: Reconstruction, settings: ReconstructionSettings
+) -> tuple[Array, int]:
+    """phi without parts that hang on the rest by a thin neck, have hardly a point of their own where they
+    should have many, while the wall around the neck has points: a vein that the wall lacks, pinched off.
+    """
+    spacing = found.prior.spacing
+    inside = phi < 0.0
+    neck = float(np.clip(settings.neck * found.between, spacing, settings.widest_neck * found.radius))
+    core, parts = label(distance_transform_edt(inside) * spacing > neck)
+    if parts < 2:
+        return phi, 0
+    sizes = np.bincount(core.ravel())
+    sizes[0] = 0
+    nearest = distance_transform_edt(core == 0, return_distances=False, return_indices=True)
+    part = np.where(inside, core[tuple(nearest)], 0)
+    wall = inside & binary_dilation(~inside)
+    areas = EVEN * spacing**2 * np.bincount(part[wall], minlength=parts + 1)
+    at = _nodes(found.wall.feet, found)
+    around = distance_transform_edt(part == 0, return_distances=False, return_indices=True)
+    owner = part[tuple(around[:, at[:, 0], at[:, 1], at[:, 2]])]
+    expected = areas / found.between**2
+    supported = np.bincount(owner, minlength=parts + 1)
+    removed = 0
+    phi = phi.copy()
+    for k in range(1, parts + 1):
+        if (
+            k == sizes.argmax()
+            or expected[k] < settings.expected
+            or supported[k] > settings.supported * expected[k]
+        ):
+            continue
+        mine = part == k
+        joint = mine & binary_dilation(inside & ~mine)
+        gap = distance_transform_edt(~joint)[tuple(at.T)] * spacing
+        if joint.any() and (gap < neck + found.between).sum() >= settings.around_neck:
+            phi[mine] = np.maximum(-phi[mine], settings.least_outside * spacing)
+            removed += 1
+    return phi, removed
+
+
+def deviation(
+    vertices: Array, prior_sd: Array, found: Reconstruction, settings: ReconstructionSettings
+) -> Array:
+    """Standard deviation (v,) of the wall at its vertices: of the field, given the points next to each, and
+    of the motion, prior_sd (v,), as far as no point tells.
+    """
+    wall = found.wall
+    chosen = settings.splines
+    largest = max(found.amplitude, settings.amplitudes[-1] * found.radius)
+    amplitude = np.where(off_prior(wall, found.prior, chosen), largest, found.amplitude)
+    count = min(settings.deviation_points, len(wall.feet))
+    near = nearest(wall.feet, vertices, count)[1]
+    at = wall.feet[near]
+    own = amplitude[near[:, 0]]
+
+    def covariance(difference: Array) -> Array:
+        squared = (difference**2).sum(axis=-1)
+        total = np.zeros(squared.shape)
+        for k, length in enumerate(found.lengths):
+            total += chosen.falling ** (-2.0 * k) * np.exp(-squared / length**2)
+        return np.asarray(total / sum(chosen.falling ** (-2.0 * k) for k in range(len(found.lengths))))
+
+    between = (
+        covariance(at[:, :, None] - at[:, None]) * amplitude[near][:, :, None] * amplitude[near][:, None]
+    )
+    noise = wall.noise[near] ** 2 / np.maximum(wall.weights[near], TINY)
+    matrix = between + noise[:, :, None] * np.eye(count)
+    across = covariance(at - vertices[:, None]) * amplitude[near] * own[:, None]
+    told = (across * np.linalg.solve(matrix, across[..., None])[..., 0]).sum(axis=1)
+    left = np.clip(1.0 - told / own**2, 0.0, 1.0)
+    return np.asarray(np.sqrt(left * (own**2 + prior_sd**2)))
