@@ -38,6 +38,7 @@ class Refinement:
     warnings: tuple[RunWarning, ...] = ()
     facts: Mapping[str, Any] = field(default_factory=dict)
     weights: Array | None = None  # (n,) probabilities of contact of the points, where they were asked again
+    exact: bool = False  # whether the wall is the zero set of phi, face by face
     unchanged: bool = False  # whether nothing was added to the moved prior
     # whether components beside the largest belong to the result: those of the wall, or what the paper's
     # forces cut off
@@ -105,16 +106,6 @@ def refine_surface(
         unchanged=not found.fields,
         islands=components_and_euler(wall.rest, wall.faces)[0] > 1,
     )
-
-
-def level_set_of(
-    surface: Surface, limits: Limits, *, mesh: Mesher, crossing: Crossing
-) -> tuple[SignedDistance, tuple[RunWarning, ...]]:
-    """The level set of a surface as it is, repaired where the lattice cannot hold it, and what was done."""
-    wall = Wall(surface, limits.settings.observation)
-    none = Correction(np.zeros(len(wall.rest)), (), 1.0, (), True, "")
-    _, phi, warnings = _kept_whole(wall, none, limits, mesh, cache(crossing))
-    return phi, warnings
 
 
 def _kept_whole(

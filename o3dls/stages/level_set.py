@@ -108,6 +108,7 @@ class LevelSet(Stage):
             keep=self.keep,
             islands=reached.islands,
             smallest=reached.smallest,
+            raw=reached.wall if reached.exact else None,
         )
         wall = reached.wall
         # a polyline needs no repair, and a grid would cut its tips
@@ -155,9 +156,7 @@ class LevelSet(Stage):
         limits = Limits(self.spacing, self.coarse_to_fine, case.units, settings)
         surface = uncrossed(start.surface) if case.dimension == 2 else start.surface
         if self.reconstruct and start.fit is not None and case.dimension == 3:
-            found = reconstructed(
-                surface, believed(start.fit), f"sd_{case.units}", limits, mesh=isosurface, crossing=crossing
-            )
+            found = reconstructed(surface, believed(start.fit), f"sd_{case.units}", limits)
             if found is not None:
                 wall = carry_fields(surface, found.wall)
                 return replace(found, wall=replace(wall, fields={**wall.fields, **found.wall.fields}))

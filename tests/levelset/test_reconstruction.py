@@ -10,8 +10,6 @@ import numpy as np
 import pytest
 from shapes import ball_with_tube, meshed, round_distance, sampled, torus, torus_distance, whole_box
 
-from o3dls.adapters.meshing import isosurface
-from o3dls.adapters.self_intersections import crossing
 from o3dls.arrays import Array
 from o3dls.evaluation.distances import distances
 from o3dls.geometry.closest_point import ClosestPoint
@@ -46,9 +44,7 @@ def believed(points: Array, weights: Array | None = None, sigma: float = SIGMA) 
 
 def rebuilt(prior: Surface, points: Array, weights: Array | None = None) -> Refinement | None:
     prior = replace(prior, fields={"sd": np.full(len(prior.vertices), 0.5)})
-    return reconstructed(
-        prior, believed(points, weights), "sd", Limits(1.0), mesh=isosurface, crossing=crossing
-    )
+    return reconstructed(prior, believed(points, weights), "sd", Limits(1.0))
 
 
 def test_splines_are_a_partition_of_unity_with_exact_derivatives() -> None:

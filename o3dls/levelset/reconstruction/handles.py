@@ -14,6 +14,7 @@ from itertools import product
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+from scipy.ndimage import binary_dilation
 
 from ...arrays import Array, Ints
 
@@ -57,8 +58,14 @@ def without_handles(phi: Array, least: float) -> Array:
     """phi on a box with its inside cut into one simply connected piece: what is left out becomes at least
     `least`.
     """
-    inside = grown(np.ascontiguousarray(phi), _simple_patterns())
-    return np.where((phi < 0.0) & ~inside, np.maximum(-phi, least), phi)
+    for _ in range(2):  # the second time around what was left out: a cut as wide as the lattice can hold
+        inside = grown(np.ascontiguousarray(phi), _simple_patterns())
+        left_out = (phi < 0.0) & ~inside
+        if not left_out.any():
+            break
+        wider = binary_dilation(left_out) & (phi < 0.0)
+        phi = np.where(wider, np.maximum(-phi, least), phi)
+    return np.where((phi < 0.0) & ~grown(phi, _simple_patterns()), least, phi)
 
 
 @njit(cache=True)

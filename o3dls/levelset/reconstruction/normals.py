@@ -55,13 +55,53 @@ def _thinned(points: Array, width: float) -> Ints:
 
 
 def turned_outward(
-    points: Array, normals: Array, areas: Array, prior: MovedPrior, settings: NormalSettings
+    points: Array,
+    normals: Array,
+    areas: Array,
+    prior: MovedPrior,
+    settings: NormalSettings,
+    before: Array | None = None,
 ) -> Array:
-    """Normals (n, 3) turned to the side that the moved prior looks to at first, then to where the winding
-    number of points, each with an area (n,), and of the prior where there are none, falls.
+    """Normals (n, 3) turned to the side that the moved prior looks to at first (or to that of earlier ones,
+    `before`), then to where the winding number of points, each with an area (n,), and of the prior where
+    there are none, falls.
 
     Normals of a closed wall agree with the gradient of the winding number that they make (Lin, Shi and Liu
     2024): those of a vein that the prior lacks come right though it cannot say.
+    """
+    if before is None:
+        normals = _like_the_prior(points, normals, prior, settings)
+    else:
+        normals = normals * _signs((normals * before).sum(axis=1))[:, None]
+    between = float(np.sqrt(np.median(areas)))
+    cell = _cells(points, settings.cell * _radius(prior))
+    number = np.bincount(cell)
+    at = np.column_stack([np.bincount(cell, x) / number for x in points.T])
+    further, dipoles = _prior_dipoles(points, prior, settings.prior_distance * between, settings)
+    least = settings.cell * _radius(prior)
+    smooth = np.maximum(settings.smoothing * np.sqrt(np.bincount(cell, areas)), least)
+    sources, far = np.vstack([at, further]), np.full(len(further), 2.0 * least)
+    first = 0 if before is None else settings.rounds - settings.rounds_again
+    turned = list[int]()
+    for k in range(first, settings.rounds):
+        strength = np.column_stack([np.bincount(cell, areas * x) for x in normals.T])
+        wider = 2.0 - k / max(settings.rounds - 1, 1)
+        width = np.r_[wider * smooth, far]
+        fall, winding = _winding(at, sources, np.vstack([strength, dipoles]), width**2)
+        signs = _signs((normals * fall[cell]).sum(axis=1))
+        # half on a wall, and minus half on one that is inside out as a whole: its own fall agrees with it
+        if k % 2:
+            signs *= _signs(winding[cell] + settings.inverted)
+        normals = normals * signs[:, None]
+        turned.append((signs < 0.0).sum())
+        if sum(turned[-2:]) == 0 and k > first:
+            break
+    return normals
+
+
+def _like_the_prior(points: Array, normals: Array, prior: MovedPrior, settings: NormalSettings) -> Array:
+    """Normals (n, 3) that agree with their neighbours', trees of these with the moved prior, and those near
+    its wall with it.
     """
     facing = prior.slope(points)
     side = (normals * facing).sum(axis=1)
@@ -69,24 +109,6 @@ def turned_outward(
     normals = _along_tree(points, normals, np.where(seen, side, 0.0), settings.tree_neighbours)
     near = seen & (np.abs(prior.at(points)) < settings.prior_near * prior.clip)
     normals[near] *= _signs((normals * facing).sum(axis=1))[near, None]
-    between = float(np.sqrt(np.median(areas)))
-    cell = _cells(points, settings.cell * _radius(prior))
-    number = np.bincount(cell)
-    at = np.column_stack([np.bincount(cell, x) / number for x in points.T])
-    further, dipoles = _prior_dipoles(points, prior, settings.prior_distance * between, settings)
-    smooth = np.maximum(
-        settings.smoothing * np.sqrt(np.bincount(cell, areas)), settings.cell * _radius(prior)
-    )
-    far = np.full(len(further), 2.0 * settings.cell * _radius(prior))
-    for left in reversed(range(settings.rounds)):
-        strength = np.column_stack([np.bincount(cell, areas * x) for x in normals.T])
-        wider = 1.0 + left / max(settings.rounds - 1, 1)
-        width = np.r_[wider * smooth, far]
-        fall, number = _winding(at, np.vstack([at, further]), np.vstack([strength, dipoles]), width**2)
-        # half on a wall, and minus half on one that is inside out as a whole: its own fall agrees with it
-        inverted = _signs(number[cell] + settings.inverted) if left % 2 == 0 else np.ones(len(points))
-        signs = _signs((normals * fall[cell]).sum(axis=1)) * inverted
-        normals = normals * signs[:, None]
     return normals
 
 

@@ -89,7 +89,7 @@ def reconstruct(
         factor, apart = _noise(fit, residual, noise, weights)
         sigma = factor * float(np.median(noise))
         weights, contact = update_contact(residual, (factor * noise) ** 2 + apart, believed.odds, contact)
-        wall = _oriented(points, factor * noise, weights, prior, settings)
+        wall = _oriented(points, factor * noise, weights, prior, settings, wall.normals)
         residual = foretold(wall, prior, amplitude, scale, settings)
     touching = wall.of(wall.weights > 0.5)
     field = fitted(touching, prior, amplitude, scale, settings)
@@ -102,9 +102,14 @@ def reconstruct(
 
 
 def _oriented(
-    points: Array, noise: Array, weights: Array, prior: MovedPrior, settings: ReconstructionSettings
+    points: Array,
+    noise: Array,
+    weights: Array,
+    prior: MovedPrior,
+    settings: ReconstructionSettings,
+    before: Array | None = None,
 ) -> Oriented:
-    """The points with outward normals, found among the believed ones."""
+    """The points with outward normals, found among the believed ones; `before`: what they (n, 3) were."""
     radius = rms_radius(prior.surface.vertices)
     chosen = settings.normals
     believed = weights > 0.5
@@ -113,7 +118,8 @@ def _oriented(
     gap = nearest(points[believed], points[believed], NEAREST + 1)[0][:, -1]
     areas = np.pi * gap**2 / NEAREST
     areas = np.minimum(areas, settings.normals.largest_area * np.median(areas))
-    normals[believed] = turned_outward(points[believed], normals[believed], areas, prior, chosen)
+    earlier = None if before is None else before[believed]
+    normals[believed] = turned_outward(points[believed], normals[believed], areas, prior, chosen, earlier)
     like = nearest(points[believed], points[~believed], 1)[1][:, 0]
     sides = (normals[~believed] * normals[believed][like]).sum(axis=1)
     normals[~believed] *= np.where(sides < 0.0, -1.0, 1.0)[:, None]

@@ -10,17 +10,15 @@ from ...geometry.closest_point import ClosestPoint
 from ...geometry.components import components_and_euler
 from ...geometry.surface import Surface, interpolated
 from ..correction import Limits
-from ..refine import Mesher, Refinement, level_set_of
-from ..repair import Crossing
+from ..grid.distance import signed_distance
+from ..refine import Refinement
 from .reconstruct import Believed, reconstruct
 from .wall import deviation, reconstructed_wall
 
 SIMPLE = (1, 2)  # one piece without handles: the only topology that a reconstruction can have
 
 
-def reconstructed(
-    surface: Surface, believed: Believed, sd: str, limits: Limits, *, mesh: Mesher, crossing: Crossing
-) -> Refinement | None:
+def reconstructed(surface: Surface, believed: Believed, sd: str, limits: Limits) -> Refinement | None:
     """The moved prior reconstructed from points; None where these foretell each other no better than it does,
     or it is no single piece without handles.
 
@@ -47,14 +45,14 @@ def reconstructed(
         "correction": side * np.sqrt(squared),
     }
     wall = replace(wall, fields=fields)
-    phi, warnings = level_set_of(wall, limits, mesh=mesh, crossing=crossing)
+    width = limits.settings.lattice.half_band * limits.spacing
+    phi = signed_distance(wall.vertices, wall.faces, limits.spacing, width)
     return Refinement(
         phi=phi,
         wall=wall,
         sigma=found.sigma,
         status=_sentence(found.gain, len(found.wall.feet), removed),
         converged=True,
-        warnings=warnings,
         facts={
             "evidence_nats": found.gain,
             "amplitude": found.amplitude,
@@ -62,6 +60,7 @@ def reconstructed(
             "removed_parts": removed,
         },
         weights=found.weights,
+        exact=True,
     )
 
 

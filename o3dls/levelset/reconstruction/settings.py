@@ -50,7 +50,8 @@ class NormalSettings:
     least: int = number(12, "points", "in a neighbourhood, however far")
     most: int = number(64, "points", "in a neighbourhood")
     tree_neighbours: int = number(12, "points", "that a normal may agree with")
-    rounds: int = number(10, "", "of turning normals: one or none turns after six")
+    rounds: int = number(10, "", "most of turning normals: mostly none turns after four")
+    rounds_again: int = number(2, "", "most where they were turned before, by other beliefs in the points")
     largest_area: float = number(4.0, "medians", "of wall that a point stands for: beyond it is unmapped")
     cell: float = number(0.06, "rms radii", "points this near share a dipole: 2 mm")
     smoothing: float = number(1.0, "distances between points", "of the winding number's gradient")
@@ -82,6 +83,10 @@ class ReconstructionSettings:
     crowd_weight: float = number(0.9, "1", "probability that it touches, to begin with")
     around: float = number(0.8, "clips", "phi is wanted so near to a point, though far off the moved prior,")
     around_between: float = number(1.2, "distances between points", "or so near")
+    bare: float = number(
+        0.3, "clips", "outside the moved prior, from which the inside needs points around it"
+    )
+    bare_between: float = number(1.5, "distances between points", "to the nearest one, at most")
     neck: float = number(0.6, "distances between points", "half as wide necks hang by gaps between points,")
     widest_neck: float = number(0.09, "rms radii", "but no wider than 3 mm")
     expected: float = number(10.0, "points", "that a part has room for, if it can lack them")

@@ -43,9 +43,16 @@ def _on_lattice(found: Reconstruction, settings: ReconstructionSettings) -> Arra
     marked = np.zeros(phi.shape, dtype=bool)
     marked[tuple(_nodes(found.wall.feet, found).T)] = True
     reach = max(settings.around * prior.clip, settings.around_between * found.between)
-    near = (np.abs(phi) < prior.clip) | (distance_transform_edt(~marked) * prior.spacing < reach)
+    gap = distance_transform_edt(~marked) * prior.spacing
+    near = (np.abs(phi) < prior.clip) | (gap < reach)
     at = np.argwhere(near) + prior.low
     phi[near] += found.field.at(np.asarray(at * prior.spacing, dtype=np.float64))
+    # what is open to the outside has no wall: neither points nor the moved prior bound it
+    bare = (
+        (phi < 0.0) & (prior.box > settings.bare * prior.clip) & (gap > settings.bare_between * found.between)
+    )
+    open_parts, _ = label((phi >= 0.0) | bare)
+    phi[bare & (open_parts == open_parts[0, 0, 0])] = settings.least_outside * prior.spacing
     return phi
 
 
