@@ -61,8 +61,8 @@ class LevelSet(Stage):
     )
     reconstruct: bool = Field(
         True,
-        description="default: reconstruct the wall from the points where they foretell each other better "
-        "than the moved prior does",
+        description="default: reconstruct the wall from the points where this predicts left-out points "
+        "better than the moved prior does",
     )
     data: float = Field(10.0, ge=0.0, description="paper: weight of the data term, over the squared noise")
     area: float = Field(0.2, ge=0.0, description="paper: weight of the area term")
@@ -116,7 +116,7 @@ class LevelSet(Stage):
             width = LatticeSettings().half_band * self.spacing
             phi = signed_distance(wall.vertices, wall.faces, self.spacing, width)
             return replace(reached, phi=phi, warnings=()), replace(mesh, surface=wall)
-        if reached.warnings:  # where gaps were closed or parts cut, phi is no distance
+        if reached.warnings and not reached.exact:  # where gaps were closed or parts cut, phi is no distance
             reached = replace(reached, phi=reinitialise(reached.phi.band, reached.phi.phi))
         return reached, mesh
 

@@ -42,7 +42,7 @@ class Topology(Stage):
     )
     most_changes: int = Field(4, ge=1, description="most changes of one prior")
     most_points: int = Field(
-        2000, ge=1, description="of more, level_set reconstructs the wall with its topology, and much sooner"
+        2000, ge=1, description="of more, level_set reconstructs the wall with its topology in less time"
     )
 
     def __call__(self, case: Case, start: Estimate) -> Estimate:
@@ -54,7 +54,7 @@ class Topology(Stage):
             return _unchanged(start, "no motion was fitted before this stage")
         if len(start.fit.problem.data.points) > self.most_points:
             return _unchanged(
-                start, f"more than {self.most_points} points, which level_set reconstructs from"
+                start, f"of more than {self.most_points} points level_set reconstructs the wall"
             )
         settings = replace(TopologySettings(), evidence=self.evidence, most_changes=self.most_changes)
         fit, changes = change_topology(start.fit, spacing=self.spacing, settings=settings)

@@ -17,7 +17,7 @@ from o3dls.geometry.components import components_and_euler
 from o3dls.geometry.surface import Surface
 from o3dls.levelset.correction import Limits
 from o3dls.levelset.grid.isosurface import zero_set
-from o3dls.levelset.reconstruction.contact import crowds_believed
+from o3dls.levelset.reconstruction.contact import clusters_believed
 from o3dls.levelset.reconstruction.handles import without_handles
 from o3dls.levelset.reconstruction.moved_prior import MovedPrior
 from o3dls.levelset.reconstruction.normals import nearest, planes, turned_outward
@@ -85,20 +85,20 @@ def test_handles_and_cavities_are_cut_and_a_ball_is_left_alone(seed: int) -> Non
     np.testing.assert_array_equal(without_handles(ball, 0.3), ball)
 
 
-def test_a_crowd_is_believed_unless_the_wall_in_front_of_it_has_points() -> None:
+def test_a_cluster_is_believed_unless_the_wall_in_front_of_it_has_points() -> None:
     settings = ReconstructionSettings()
     rng = np.random.default_rng(SEED)
     away = rng.normal(size=(1500, 3))
     away /= np.linalg.norm(away, axis=1)[:, None]
     on_wall = 16.0 * away
     cap = away[:, 2] > 0.8
-    crowd = on_wall[cap] * 22.0 / 16.0
-    prior = MovedPrior.of(BALL, crowd, 1.0, 2.5)
-    weights = np.r_[np.full((~cap).sum(), 0.95), np.full(len(crowd), 0.05)]
-    moved = crowds_believed(np.vstack([on_wall[~cap], crowd]), weights, prior, 2.0, settings)
-    assert (moved[-len(crowd) :] > 0.5).mean() > 0.9  # the wall has moved there; some stand too far apart
-    every = np.r_[np.full(1500, 0.95), np.full(len(crowd), 0.05)]
-    beside = crowds_believed(np.vstack([on_wall, crowd]), every, prior, 2.0, settings)
+    cluster = on_wall[cap] * 22.0 / 16.0
+    prior = MovedPrior.of(BALL, cluster, 1.0, 2.5)
+    weights = np.r_[np.full((~cap).sum(), 0.95), np.full(len(cluster), 0.05)]
+    moved = clusters_believed(np.vstack([on_wall[~cap], cluster]), weights, prior, 2.0, settings)
+    assert (moved[-len(cluster) :] > 0.5).mean() > 0.9  # the wall has moved there; some stand too far apart
+    every = np.r_[np.full(1500, 0.95), np.full(len(cluster), 0.05)]
+    beside = clusters_believed(np.vstack([on_wall, cluster]), every, prior, 2.0, settings)
     np.testing.assert_array_equal(beside, every)  # another chamber
 
 

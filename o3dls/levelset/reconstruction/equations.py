@@ -44,7 +44,7 @@ class Oriented:
 
 
 @dataclass(frozen=True, eq=False)
-class Beside:
+class OffSurface:
     """Places (k, 3) off the wall where phi is known: values (k,), their noise (k,) and weights (k,)."""
 
     at: Array
@@ -63,11 +63,13 @@ def off_prior(wall: Oriented, prior: MovedPrior, settings: SplineSettings) -> ND
     return np.asarray(off & (off[around].mean(axis=1) > 0.5))
 
 
-def beside(wall: Oriented, prior: MovedPrior, radius: float, settings: SplineSettings) -> Beside:
-    """Where points contradict the moved prior, phi on both sides of them: what was wall there is none, and
-    what was not inside is (Carr et al. 2001). Places that other points are nearer to are left out.
+def off_surface(
+    wall: Oriented, off: NDArray[np.bool_], prior: MovedPrior, radius: float, settings: SplineSettings
+) -> OffSurface:
+    """Where points are `off` (n,) the moved prior, phi on both sides of them: what was wall there is none,
+    and what was not inside is (Carr et al. 2001). Places that other points are nearer to are left out.
     """
-    rows = np.flatnonzero(off_prior(wall, prior, settings))
+    rows = np.flatnonzero(off)
     near = KDTree(wall.feet)
     places, values, noise, weights = [], [], [], []
     for offset in radius * np.asarray(settings.offsets):
@@ -79,12 +81,12 @@ def beside(wall: Oriented, prior: MovedPrior, radius: float, settings: SplineSet
             values.append(np.full(len(kept), side * min(offset, prior.clip)))
             noise.append(wall.noise[kept] + settings.offset_sd * offset)
             weights.append(wall.weights[kept])
-    return Beside(np.vstack(places), *map(np.concatenate, (values, noise, weights)))
+    return OffSurface(np.vstack(places), *map(np.concatenate, (values, noise, weights)))
 
 
 def field_through(
     wall: Oriented,
-    off: Beside,
+    off: OffSurface,
     prior: MovedPrior,
     amplitude: Array,
     lengths: list[float],

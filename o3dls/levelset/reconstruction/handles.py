@@ -62,7 +62,7 @@ def without_handles(phi: Array, least: float) -> Array:
         inside = grown(np.ascontiguousarray(phi), _simple_patterns())
         left_out = (phi < 0.0) & ~inside
         if not left_out.any():
-            break
+            return phi
         wider = binary_dilation(left_out) & (phi < 0.0)
         phi = np.where(wider, np.maximum(-phi, least), phi)
     return np.where((phi < 0.0) & ~grown(phi, _simple_patterns()), least, phi)

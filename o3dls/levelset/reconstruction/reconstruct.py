@@ -17,8 +17,9 @@ from ...geometry.similarity import rms_radius
 from ...geometry.surface import Surface
 from ...noise.contact import Contact, update_contact
 from ...parallel import one_blas_thread
-from .contact import Scale, crowds_believed, distance_over, fitted, foretold, turned_along
+from .contact import clusters_believed, left_out_distances
 from .equations import Oriented, off_prior
+from .fitting import Scale, distance_over, fitted, phi_at, turned_along
 from .moved_prior import MovedPrior
 from .normals import nearest, planes, turned_outward
 from .settings import ReconstructionSettings
@@ -30,7 +31,7 @@ NEAREST = 8  # points whose distance tells how much of the wall a point stands f
 @dataclass(frozen=True, eq=False)
 class Reconstruction:
     """A field g on the moved prior, the points that it follows, their noise, how likely (n,) each touches,
-    and by how many nats it foretells points better than the moved prior alone; rms radius of the prior,
+    and by how many nats it predicts points better than the moved prior alone; rms radius of the prior,
     distance between points, widths of the field's lattices.
     """
 
@@ -63,7 +64,7 @@ class Believed:
 def reconstruct(
     surface: Surface, believed: Believed, spacing: float, settings: ReconstructionSettings
 ) -> Reconstruction | None:
-    """Reconstruct the wall from points on top of a moved prior, a closed surface; None where that foretells
+    """Reconstruct the wall from points on top of a moved prior, a closed surface; None where that predicts
     points no better than the moved prior does.
 
     spacing: of the lattice of phi.
@@ -73,7 +74,7 @@ def reconstruct(
     between = float(np.sqrt(surface.area / len(points)))
     scale = Scale(radius, between, spacing)
     prior = MovedPrior.of(surface, points, spacing, settings.splines.clip * radius)
-    weights = crowds_believed(points, believed.weights, prior, between, settings)
+    weights = clusters_believed(points, believed.weights, prior, between, settings)
     if (weights > 0.5).sum() < settings.least_points:
         return None
     wall = _oriented(points, noise, weights, prior, settings)
@@ -89,13 +90,15 @@ def reconstruct(
         factor, apart = _noise(fit, residual, noise, weights)
         sigma = factor * float(np.median(noise))
         weights, contact = update_contact(residual, (factor * noise) ** 2 + apart, believed.odds, contact)
+        if (weights > 0.5).sum() < settings.least_points:
+            return None
         wall = _oriented(points, factor * noise, weights, prior, settings, wall.normals)
-        residual = foretold(wall, prior, amplitude, scale, settings)
+        residual = left_out_distances(wall, prior, amplitude, scale, settings)
     touching = wall.of(wall.weights > 0.5)
     field = fitted(touching, prior, amplitude, scale, settings)
     for _ in range(settings.turns):
         touching = turned_along(touching, prior, field, settings.normals)
-        touching = touching.nearer(prior.at(touching.feet) + field.at(touching.feet))
+        touching = touching.nearer(phi_at(touching.feet, prior, field))
         field = fitted(touching, prior, amplitude, scale, settings)
     lengths = scale.lengths(float(np.median(touching.noise)), settings.splines)
     return Reconstruction(prior, field, touching, sigma, weights, amplitude, gain, radius, between, lengths)
@@ -130,11 +133,11 @@ def _oriented(
 def _best_amplitude(
     wall: Oriented, prior: MovedPrior, scale: Scale, settings: ReconstructionSettings
 ) -> tuple[float, Array]:
-    """The deviation of the field that foretells points best, and the residuals (n,) with it."""
+    """The deviation of the field that predicts points best, and the residuals (n,) with it."""
     best = None
     off = off_prior(wall, prior, settings.splines)
     for amplitude in scale.radius * np.asarray(settings.amplitudes):
-        residual = foretold(wall, prior, float(amplitude), scale, settings)
+        residual = left_out_distances(wall, prior, float(amplitude), scale, settings)
         error = _spread(residual, wall.noise, np.where(off, 0.0, wall.weights))
         if best is None or error < best[0]:
             best = error, float(amplitude), residual
@@ -148,7 +151,7 @@ def _spread(residual: Array, noise: Array, weights: Array) -> float:
 
 
 def _gain(alone: Array, residual: Array, noise: Array, weights: Array) -> float:
-    """Log likelihood of points foretold, over that by the moved prior, each with the noise that is best for
+    """Log likelihood of points predicted, over that by the moved prior, each with the noise that is best for
     it.
     """
     ratio = _spread(alone, noise, weights) / _spread(residual, noise, weights)
@@ -156,7 +159,7 @@ def _gain(alone: Array, residual: Array, noise: Array, weights: Array) -> float:
 
 
 def _noise(fit: Array, residual: Array, noise: Array, weights: Array) -> tuple[float, float]:
-    """Factor on the noise (n,), and the variance of the wall that others foretell.
+    """Factor on the noise (n,), and the variance of the wall that others predict.
 
     A linear fit leaves (1 - h) of a residual to the wall without the point, whose variance is 1 / (1 - h) of
     the noise: their product has the noise as its mean.

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...geometry.closest_point import ClosestPoint
 from ...geometry.components import components_and_euler
 from ...geometry.surface import Surface, interpolated
+from ...run_warning import RunWarning
 from ..correction import Limits
 from ..grid.distance import signed_distance
 from ..refine import Refinement
@@ -19,7 +19,7 @@ SIMPLE = (1, 2)  # one piece without handles: the only topology that a reconstru
 
 
 def reconstructed(surface: Surface, believed: Believed, sd: str, limits: Limits) -> Refinement | None:
-    """The moved prior reconstructed from points; None where these foretell each other no better than it does,
+    """The moved prior reconstructed from points; None where these predict each other no better than it does,
     or it is no single piece without handles.
 
     sd: name of the field of the surface that holds the deviation which the motion leaves. The wall has the
@@ -33,8 +33,7 @@ def reconstructed(surface: Surface, believed: Believed, sd: str, limits: Limits)
     if found is None:
         return None
     wall, removed = reconstructed_wall(found, settings)
-    tree = ClosestPoint(surface.vertices, surface.faces)
-    squared, face, _, weights = tree.query(wall.vertices)
+    squared, face, _, weights = found.prior.tree.query(wall.vertices)
     side = np.where(found.prior.at(wall.vertices) < 0.0, -1.0, 1.0)
     corners = surface.faces[face]
     before = (
@@ -51,8 +50,9 @@ def reconstructed(surface: Surface, believed: Believed, sd: str, limits: Limits)
         phi=phi,
         wall=wall,
         sigma=found.sigma,
-        status=_sentence(found.gain, len(found.wall.feet), removed),
+        status=_sentence(found.gain, len(found.wall.feet)),
         converged=True,
+        warnings=_removed(removed),
         facts={
             "evidence_nats": found.gain,
             "amplitude": found.amplitude,
@@ -64,9 +64,17 @@ def reconstructed(surface: Surface, believed: Believed, sd: str, limits: Limits)
     )
 
 
-def _sentence(gain: float, points: int, removed: int) -> str:
-    parts = "" if not removed else f"; {removed} part{'s' * (removed > 1)} without points taken away"
+def _sentence(gain: float, points: int) -> str:
     return (
-        f"the wall was reconstructed from {points} points and, where there are none, the moved prior: points "
-        f"left out are better foretold so (evidence {gain:+.0f} nats){parts}"
+        f"the wall was reconstructed from {points} points, and from the moved prior where there are none: it "
+        f"predicts left-out points better than the moved prior does (evidence {gain:+.0f} nats)"
     )
+
+
+def _removed(parts: int) -> tuple[RunWarning, ...]:
+    """A warning where parts were removed."""
+    if not parts:
+        return ()
+    were = "1 part of the prior was" if parts == 1 else f"{parts} parts of the prior were"
+    why = "hardly a point lies there, and points close the neck"
+    return (RunWarning("topology-changed", f"{were} removed ({why}): check it in the report"),)

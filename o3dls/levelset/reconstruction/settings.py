@@ -14,7 +14,7 @@ class SplineSettings:
     """
 
     coarsest: float = number(
-        0.3, "rms radii", "lattice of the longest splines: 10 mm; 7 and 16 are worse by 2 and 20 %"
+        0.3, "rms radii", "lattice of the longest splines: 10 mm, about what a branch is wide"
     )
     finest_between: float = number(0.7, "distances between points", "finer splines would follow noise,")
     finest_noise: float = number(1.5, "noise levels", "for the same reason,")
@@ -50,13 +50,14 @@ class NormalSettings:
     least: int = number(12, "points", "in a neighbourhood, however far")
     most: int = number(64, "points", "in a neighbourhood")
     tree_neighbours: int = number(12, "points", "that a normal may agree with")
-    rounds: int = number(10, "", "most of turning normals: mostly none turns after four")
+    rounds: int = number(10, "", "most of turning normals; it ends when none turns any more")
     rounds_again: int = number(2, "", "most where they were turned before, by other beliefs in the points")
     largest_area: float = number(4.0, "medians", "of wall that a point stands for: beyond it is unmapped")
     cell: float = number(0.06, "rms radii", "points this near share a dipole: 2 mm")
     smoothing: float = number(1.0, "distances between points", "of the winding number's gradient")
     inverted: float = number(0.1, "1", "less than minus this, a winding number tells a wall inside out")
     least_slope: float = number(0.4, "1", "of a level set that still tells a side: 1 where it is a distance")
+    slope_step: float = number(1.5, "spacings", "to both sides, over which the slope of phi is taken")
     prior_near: float = number(0.4, "clips", "of points that take their side from the moved prior: 2 mm")
     prior_cell: float = number(0.15, "rms radii", "the prior's wall in cells of this width is a dipole each")
     prior_distance: float = number(2.5, "distances between points", "without points the prior's wall counts")
@@ -67,20 +68,20 @@ class ReconstructionSettings:
     """All numbers of the reconstruction."""
 
     evidence: float = number(
-        100.0, "nats", "that points left out are better foretold by: runs of floating points make up to 55"
+        100.0, "nats", "by which left-out points are predicted better: runs of floating points make some tens"
     )
     amplitudes: tuple[float, ...] = number(
         (0.006, 0.012, 0.025, 0.05), "rms radii", "deviations of the field that are tried: 0.2 to 1.6 mm"
     )
     least_points: int = number(200, "points", "believed: fewer tell no wall by themselves")
-    folds: int = number(4, "", "parts of the points that are foretold by the others")
-    most_training: int = number(2000, "points", "that foretell the others")
+    folds: int = number(4, "", "parts of the points that are predicted by the others")
+    most_training: int = number(2000, "points", "that predict the others")
     rounds: int = number(3, "", "of finding who touches the wall")
     turns: int = number(1, "", "of the normals to those of phi")
-    crowd: int = number(6, "points", "that together may be a wall that the motion did not believe")
-    crowd_reach: float = number(1.5, "distances between points", "between neighbours in a crowd")
-    covered: float = number(0.5, "1", "of a crowd in front of wall with points of its own: it is no wall")
-    crowd_weight: float = number(0.9, "1", "probability that it touches, to begin with")
+    cluster: int = number(6, "points", "that together may be a wall that the motion did not believe")
+    cluster_reach: float = number(1.5, "distances between points", "between neighbours in a cluster")
+    covered: float = number(0.5, "1", "of a cluster in front of wall with points of its own: it is no wall")
+    cluster_weight: float = number(0.9, "1", "probability that it touches, to begin with")
     around: float = number(0.8, "clips", "phi is wanted so near to a point, though far off the moved prior,")
     around_between: float = number(1.2, "distances between points", "or so near")
     bare: float = number(

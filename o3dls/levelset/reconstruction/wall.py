@@ -76,8 +76,8 @@ def _without_contradicted(
         return phi, 0
     sizes = np.bincount(core.ravel())
     sizes[0] = 0
-    nearest = distance_transform_edt(core == 0, return_distances=False, return_indices=True)
-    part = np.where(inside, core[tuple(nearest)], 0)
+    closest = distance_transform_edt(core == 0, return_distances=False, return_indices=True)
+    part = np.where(inside, core[tuple(closest)], 0)
     wall = inside & binary_dilation(~inside)
     areas = EVEN * spacing**2 * np.bincount(part[wall], minlength=parts + 1)
     at = _nodes(found.wall.feet, found)
@@ -111,7 +111,7 @@ def deviation(
     """
     wall = found.wall
     chosen = settings.splines
-    largest = max(found.amplitude, settings.amplitudes[-1] * found.radius)
+    largest = settings.amplitudes[-1] * found.radius
     amplitude = np.where(off_prior(wall, found.prior, chosen), largest, found.amplitude)
     count = min(settings.deviation_points, len(wall.feet))
     near = nearest(wall.feet, vertices, count)[1]

@@ -1,0 +1,74 @@
+"""Fitting the field to points with normals: lengths, deviation, and what follows for the points."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...arrays import Array
+from .equations import Oriented, field_through, off_prior, off_surface
+from .moved_prior import MovedPrior
+from .settings import NormalSettings, ReconstructionSettings, SplineSettings
+from .splines import SplineField
+
+
+@dataclass(frozen=True)
+class Scale:
+    """Lengths of a reconstruction: rms radius of the prior, distance between points, spacing of the lattice
+    of phi.
+    """
+
+    radius: float
+    between: float
+    spacing: float
+
+    def lengths(self, noise: float, settings: SplineSettings) -> list[float]:
+        """Widths of the lattices of splines, from coarse to fine."""
+        finest = max(
+            settings.finest_between * self.between,
+            settings.finest_noise * noise,
+            settings.finest_spacing * self.spacing,
+        )
+        coarsest = settings.coarsest * self.radius
+        halvings = max(int(np.log2(coarsest / finest)), 0)
+        return [coarsest / 2**k for k in range(halvings + 1)]
+
+
+def phi_at(places: Array, prior: MovedPrior, field: SplineField) -> Array:
+    """phi (n,) at places (n, 3)."""
+    return prior.at(places) + field.at(places)
+
+
+def distance_over(wall: Oriented, prior: MovedPrior, field: SplineField) -> Array:
+    """Signed distance (n,) of points from the wall of a field."""
+    return wall.heights + phi_at(wall.feet, prior, field)
+
+
+def turned_along(wall: Oriented, prior: MovedPrior, field: SplineField, settings: NormalSettings) -> Oriented:
+    """Points with the normals of the wall of a field, where it has one near their feet."""
+    ends = [
+        (wall.feet + along, wall.feet - along) for along in settings.slope_step * prior.spacing * np.eye(3)
+    ]
+    rises = [phi_at(end, prior, field) - phi_at(start, prior, field) for end, start in ends]
+    slope = np.column_stack(rises) / (2.0 * settings.slope_step * prior.spacing)
+    length = np.linalg.norm(slope, axis=1)
+    steep = length > settings.least_slope
+    normals = wall.normals.copy()
+    normals[steep] = slope[steep] / length[steep, None]
+    points = wall.feet + wall.heights[:, None] * wall.normals
+    heights = ((points - wall.feet) * normals).sum(axis=1)
+    return replace(wall, feet=points - heights[:, None] * normals, heights=heights, normals=normals)
+
+
+def fitted(
+    wall: Oriented, prior: MovedPrior, amplitude: float, scale: Scale, settings: ReconstructionSettings
+) -> SplineField:
+    """The field that the believed points ask for."""
+    chosen = settings.splines
+    off = off_prior(wall, prior, chosen)
+    constraints = off_surface(wall, off, prior, scale.radius, chosen)
+    largest = settings.amplitudes[-1] * scale.radius
+    deviation = np.r_[np.where(off, largest, amplitude), np.full(len(constraints.at), largest)]
+    lengths = scale.lengths(float(np.median(wall.noise)), chosen)
+    return field_through(wall, constraints, prior, deviation, lengths, chosen)
