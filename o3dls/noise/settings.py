@@ -14,7 +14,7 @@ class ContactSettings:
     outlier_fraction: float = number(0.08, "1", "of the points, before any is seen: maps have 2 to 20 %")
     inside_fraction: float = number(0.9, "1", "of the outliers, before any is seen: catheters float in blood")
     inside_points: float = number(10.0, "points", "weight of that fraction against the outliers of the case")
-    depth: float = number(0.5, "rms radii", "one over the density of outliers inside, however deep they are")
+    depth: float = number(0.4, "rms radii", "one over the density of outliers inside, however deep they are")
     scatter: float = number(1.2, "rms radii", "one over the density of the outliers that lie anywhere")
     least_fraction: float = number(0.005, "1", "no map is so good that nothing could be an outlier")
     most_fraction: float = number(0.5, "1", "with more outliers than points on the wall, no wall is known")

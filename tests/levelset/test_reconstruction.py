@@ -50,16 +50,21 @@ def rebuilt(prior: Surface, points: Array, weights: Array | None = None) -> Refi
 def test_splines_are_a_partition_of_unity_with_exact_derivatives() -> None:
     points = np.random.default_rng(SEED).uniform(-9.0, 9.0, (300, 3))
     lattice = SplineLattice.around(points, 2.5)
-    value, slope = lattice.rows(points)
-    np.testing.assert_allclose(value.sum(axis=1), 1.0, rtol=1e-12)
-    coefficients = np.random.default_rng(SEED + 1).normal(size=lattice.count)
+    rows = lattice.rows(points)
+    np.testing.assert_allclose(rows.of(np.ones(lattice.count)), [[1.0, 0.0, 0.0, 0.0]] * 300, atol=1e-12)
+    rng = np.random.default_rng(SEED + 1)
+    coefficients, values = rng.normal(size=lattice.count), rng.normal(size=(300, 4))
     field = SplineField([lattice], [coefficients])
-    np.testing.assert_allclose(field.at(points), value @ coefficients, atol=1e-12)
+    made = rows.of(coefficients)
+    np.testing.assert_allclose(field.at(points), made[:, 0], atol=1e-12)
+    assert rows.back(values) @ coefficients == pytest.approx((values * made).sum())  # the transposed map
+    unit = np.eye(lattice.count)[7]
+    assert rows.squares(values**2)[7] == pytest.approx((values**2 * rows.of(unit) ** 2).sum())
     step = 1e-6
     for axis in range(3):
         along = step * np.eye(3)[axis]
         difference = (field.at(points + along) - field.at(points - along)) / (2.0 * step)
-        np.testing.assert_allclose(slope[axis] @ coefficients, difference, atol=1e-7)
+        np.testing.assert_allclose(made[:, 1 + axis], difference, atol=1e-7)
 
 
 def test_normals_point_outward_on_a_vein_that_the_prior_lacks() -> None:

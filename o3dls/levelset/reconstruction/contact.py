@@ -13,9 +13,8 @@ from ...arrays import Array
 from .equations import Oriented
 from .fitting import Scale, distance_over, fitted
 from .moved_prior import MovedPrior
+from .normals import SEED
 from .settings import ReconstructionSettings
-
-SEED = 20_261_125
 
 
 def clusters_believed(

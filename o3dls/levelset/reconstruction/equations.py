@@ -13,7 +13,7 @@ from scipy.spatial import KDTree
 from ...arrays import TINY, Array
 from .moved_prior import MovedPrior
 from .settings import SplineSettings
-from .splines import VARIANCE, SplineField, SplineLattice
+from .splines import VARIANCE, SplineField, SplineLattice, SplineRows
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,46 +99,50 @@ def field_through(
     residuals of values and gradients, by conjugate gradients.
     """
     places = np.vstack([wall.feet, off.at])
+    count = len(wall.feet)
     lattices = [SplineLattice.around(places, length) for length in lengths]
     share = settings.falling ** -np.arange(len(lengths), dtype=float)
     share /= np.sqrt((share**2).sum() * VARIANCE)
-    values, scales = list[sparse.csr_matrix](), list[Array]()
-    slopes: list[list[sparse.csr_matrix]] = [[], [], []]
-    for lattice, part in zip(lattices, share, strict=True):
-        value, slope = lattice.rows(places)
-        around = value.T @ amplitude / np.maximum(value.T @ np.ones(len(places)), TINY)
-        scale = sparse.diags(part * around)
-        scales.append(part * around)
-        values.append(value @ scale)
-        for along, one in zip(slopes, slope, strict=True):
-            along.append(one[: len(wall.feet)] @ scale)
-    matrix = sparse.vstack([sparse.hstack(one) for one in (values, *slopes)]).tocsr()
-    gradient = wall.normals - prior.slope(wall.feet)
-    wanted = np.concatenate([-wall.heights - prior.at(wall.feet), off.values - prior.at(off.at), *gradient.T])
-    precision = np.concatenate(
-        [
-            wall.weights / wall.noise**2,
-            off.weights / off.noise**2,
-            *[wall.weights / settings.normal_sd**2] * 3,
-        ]
-    )
-    found = _solved(matrix, wanted, precision, settings)
-    parts = np.split(found, np.cumsum([lattice.count for lattice in lattices])[:-1])
-    return SplineField(lattices, [scale * part for scale, part in zip(scales, parts, strict=True)])
+    rows = [lattice.rows(places) for lattice in lattices]
+    scales = [part * _around(row, amplitude) for row, part in zip(rows, share, strict=True)]
+    wanted, precision = np.zeros((2, len(places), 4))
+    wanted[:, 0] = np.r_[-wall.heights, off.values] - prior.at(places)
+    wanted[:count, 1:] = wall.normals - prior.slope(wall.feet)
+    precision[:, 0] = np.r_[wall.weights / wall.noise**2, off.weights / off.noise**2]
+    precision[:count, 1:] = (wall.weights / settings.normal_sd**2)[:, None]
+    found = _solved(rows, scales, wanted, precision, settings)
+    return SplineField(lattices, [scale * part for scale, part in zip(scales, found, strict=True)])
 
 
-def _solved(matrix: sparse.csr_matrix, wanted: Array, precision: Array, settings: SplineSettings) -> Array:
-    """Minimum of |z|^2 + sum precision (matrix z - wanted)^2."""
-    scaled = sparse.csr_matrix(sparse.diags(np.sqrt(precision)) @ matrix)
-    back = scaled.T.tocsr()
-    diagonal = 1.0 + np.asarray(back.multiply(back).sum(axis=1)).ravel()
-    size = matrix.shape[1]
-    normal = LinearOperator((size, size), matvec=lambda z: z + back @ (scaled @ z), dtype=np.float64)
+def _around(rows: SplineRows, amplitude: Array) -> Array:
+    """Mean (count,) of what is known at places (n,), over those around each spline."""
+    values = np.zeros((len(amplitude), 4))
+    values[:, 0] = amplitude
+    total = rows.back(values)
+    values[:, 0] = 1.0
+    return total / np.maximum(rows.back(values), TINY)
+
+
+def _solved(
+    rows: list[SplineRows], scales: list[Array], wanted: Array, precision: Array, settings: SplineSettings
+) -> list[Array]:
+    """Coefficients z of each lattice that minimise |z|^2 + sum precision (value and gradient - wanted)^2."""
+    ends = np.cumsum([row.count for row in rows])
+
+    def back(values: Array) -> Array:
+        return np.concatenate([scale * row.back(values) for row, scale in zip(rows, scales, strict=True)])
+
+    def product(z: Array) -> Array:
+        parts = np.split(z, ends[:-1])
+        made = sum(row.of(scale * part) for row, scale, part in zip(rows, scales, parts, strict=True))
+        return np.asarray(z + back(precision * made))
+
+    squares = [scale**2 * row.squares(precision) for row, scale in zip(rows, scales, strict=True)]
     found, _ = cg(
-        normal,
-        back @ (np.sqrt(precision) * wanted),
+        LinearOperator((ends[-1], ends[-1]), matvec=product, dtype=np.float64),
+        back(precision * wanted),
         rtol=settings.tolerance,
         maxiter=settings.iterations,
-        M=sparse.diags(1.0 / diagonal),
+        M=sparse.diags(1.0 / (1.0 + np.concatenate(squares))),
     )
-    return np.asarray(found)
+    return np.split(found, ends[:-1])

@@ -5,7 +5,6 @@ agrees.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import breadth_first_order, connected_components, minimum_spanning_tree
@@ -15,6 +14,7 @@ from ...arrays import ROUNDING, Array, Ints
 from ...geometry.similarity import rms_radius
 from .moved_prior import MovedPrior
 from .settings import NormalSettings
+from .winding import DipolePlaces, cells
 
 SEED = 20_261_124
 
@@ -74,20 +74,22 @@ def turned_outward(
     else:
         normals = normals * _signs((normals * before).sum(axis=1))[:, None]
     between = float(np.sqrt(np.median(areas)))
-    cell = _cells(points, settings.cell * _radius(prior))
+    cell = cells(points, settings.cell * _radius(prior))
     number = np.bincount(cell)
     at = np.column_stack([np.bincount(cell, x) / number for x in points.T])
-    further, dipoles = _prior_dipoles(points, prior, settings.prior_distance * between, settings)
+    further, unmapped = _prior_dipoles(points, prior, settings.prior_distance * between, settings)
     least = settings.cell * _radius(prior)
     smooth = np.maximum(settings.smoothing * np.sqrt(np.bincount(cell, areas)), least)
-    sources, far = np.vstack([at, further]), np.full(len(further), 2.0 * least)
+    every = np.vstack([at, further])
+    sources = DipolePlaces.of(every, settings.far_cell * _radius(prior), settings.far * _radius(prior))
+    far = np.full(len(further), 2.0 * least)
     first = 0 if before is None else settings.rounds - settings.rounds_again
     turned = list[int]()
     for k in range(first, settings.rounds):
         strength = np.column_stack([np.bincount(cell, areas * x) for x in normals.T])
         wider = 2.0 - k / max(settings.rounds - 1, 1)
-        width = np.r_[wider * smooth, far]
-        fall, winding = _winding(at, sources, np.vstack([strength, dipoles]), width**2)
+        dipoles = np.vstack([strength, unmapped])
+        fall, winding = sources.winding(at, dipoles, np.r_[wider * smooth, far])
         signs = _signs((normals * fall[cell]).sum(axis=1))
         # half on a wall, and minus half on one that is inside out as a whole: its own fall agrees with it
         if k % 2:
@@ -141,11 +143,6 @@ def _radius(prior: MovedPrior) -> float:
     return rms_radius(prior.surface.vertices)
 
 
-def _cells(points: Array, width: float) -> Ints:
-    cells = np.floor(points / width).astype(np.int64)
-    return np.unique(cells, axis=0, return_inverse=True)[1].ravel()
-
-
 def _prior_dipoles(
     points: Array, prior: MovedPrior, distance: float, settings: NormalSettings
 ) -> tuple[Array, Array]:
@@ -156,35 +153,7 @@ def _prior_dipoles(
     if not alone.any():
         return np.zeros((0, 3)), np.zeros((0, 3))
     area = surface.face_areas[alone]
-    cell = _cells(middle[alone], settings.prior_cell * _radius(prior))
+    cell = cells(middle[alone], settings.prior_cell * _radius(prior))
     total = np.maximum(np.bincount(cell, area), ROUNDING)
     at = np.column_stack([np.bincount(cell, area * x) / total for x in middle[alone].T])
     return at, np.column_stack([np.bincount(cell, area * x) for x in surface.face_normals[alone].T])
-
-
-@njit(cache=True, fastmath=True)
-def _winding(places, sources, dipoles, width2):  # type: ignore[no-untyped-def]
-    """Direction (n, 3), times a density, in which the winding number of dipoles falls, and that number (n,):
-    1 inside.
-    """
-    fall = np.zeros_like(places)
-    number = np.zeros(len(places))
-    for i in range(len(places)):
-        a = b = c = total = 0.0
-        for j in range(len(sources)):
-            x = places[i, 0] - sources[j, 0]
-            y = places[i, 1] - sources[j, 1]
-            z = places[i, 2] - sources[j, 2]
-            squared = x * x + y * y + z * z + width2[j]
-            inverse = 1.0 / (squared * np.sqrt(squared))
-            across = dipoles[j, 0] * x + dipoles[j, 1] * y + dipoles[j, 2] * z
-            along = 3.0 * across / squared
-            total -= across * inverse
-            a += (dipoles[j, 0] - along * x) * inverse
-            b += (dipoles[j, 1] - along * y) * inverse
-            c += (dipoles[j, 2] - along * z) * inverse
-        fall[i, 0] = a
-        fall[i, 1] = b
-        fall[i, 2] = c
-        number[i] = total / (4.0 * np.pi)
-    return fall, number

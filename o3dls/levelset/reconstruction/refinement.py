@@ -12,8 +12,9 @@ from ...run_warning import RunWarning
 from ..correction import Limits
 from ..grid.distance import signed_distance
 from ..refine import Refinement
+from .deviation import deviation
 from .reconstruct import Believed, reconstruct
-from .wall import deviation, reconstructed_wall
+from .wall import reconstructed_wall
 
 SIMPLE = (1, 2)  # one piece without handles: the only topology that a reconstruction can have
 

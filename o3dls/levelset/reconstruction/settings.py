@@ -54,6 +54,8 @@ class NormalSettings:
     rounds_again: int = number(2, "", "most where they were turned before, by other beliefs in the points")
     largest_area: float = number(4.0, "medians", "of wall that a point stands for: beyond it is unmapped")
     cell: float = number(0.06, "rms radii", "points this near share a dipole: 2 mm")
+    far_cell: float = number(0.2, "rms radii", "cells of which all dipoles are one")
+    far: float = number(0.4, "rms radii", "from this distance on: to a hundredth of the field next to it")
     smoothing: float = number(1.0, "distances between points", "of the winding number's gradient")
     inverted: float = number(0.1, "1", "less than minus this, a winding number tells a wall inside out")
     least_slope: float = number(0.4, "1", "of a level set that still tells a side: 1 where it is a distance")

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
-from scipy import sparse
 
 from ...arrays import Array, Ints
 
@@ -42,31 +41,46 @@ class SplineLattice:
         columns[taken] = np.arange(count)
         return cls(spacing, low, columns, count)
 
-    def rows(self, points: Array) -> tuple[sparse.csr_matrix, list[sparse.csr_matrix]]:
-        """Values at points (n, 3) that the lattice was made around, a matrix (n, count), and the three of
-        derivatives.
-        """
+    def rows(self, points: Array) -> SplineRows:
+        """The splines at points (n, 3) that the lattice was made around."""
         scaled = points / self.spacing
         base = np.round(scaled).astype(np.int64)
         value, slope = _splines(scaled - base)
         steps = np.array(list(np.ndindex(3, 3, 3)))
         at = base[:, None, :] - self.low + steps - 1
-        inside = ((at >= 0) & (at < self.columns.shape)).all(axis=2)
-        column = np.where(
-            inside, self.columns[tuple(np.moveaxis(np.where(inside[..., None], at, 0), 2, 0))], -1
-        )
-        known = column >= 0
-        pointer = np.r_[0, np.cumsum(known.sum(axis=1))]
+        columns = self.columns[tuple(np.moveaxis(at, 2, 0))].astype(np.int32)
+        return SplineRows(self.count, columns, value, slope / self.spacing)
 
-        def matrix(x: Array, y: Array, z: Array) -> sparse.csr_matrix:
-            products = x[:, steps[:, 0]] * y[:, steps[:, 1]] * z[:, steps[:, 2]]
-            return sparse.csr_matrix(
-                (products[known], column[known], pointer), shape=(len(points), self.count)
-            )
 
-        x, y, z = np.moveaxis(value, 1, 0)
-        dx, dy, dz = np.moveaxis(slope, 1, 0) / self.spacing
-        return matrix(x, y, z), [matrix(dx, y, z), matrix(x, dy, z), matrix(x, y, dz)]
+@dataclass(frozen=True, eq=False)
+class SplineRows:
+    """The 27 splines next to each of n points, of `count` in all: their columns (n, 27), and values and
+    derivatives (n, 3, 3) by axis and spline. What they make of coefficients: value and gradient, four numbers
+    a point.
+    """
+
+    count: int
+    columns: Ints
+    value: Array
+    slope: Array
+
+    def of(self, coefficients: Array) -> Array:
+        """Value and gradient (n, 4) of a field."""
+        out = np.empty((len(self.columns), 4))
+        _forward(self.columns, self.value, self.slope, out, np.ascontiguousarray(coefficients))
+        return out
+
+    def back(self, values: Array) -> Array:
+        """The transposed map: coefficients (count,) of values and gradients (n, 4)."""
+        total = np.zeros(self.count)
+        _backward(self.columns, self.value, self.slope, values, total)
+        return total
+
+    def squares(self, weights: Array) -> Array:
+        """Sums (count,) of the map's squared entries, weighted (n, 4): the diagonal of the normal matrix."""
+        total = np.zeros(self.count)
+        _squares(self.columns, self.value, self.slope, weights, total)
+        return total
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,3 +131,60 @@ def _add(total, scaled, low, columns, values):  # type: ignore[no-untyped-def]
                     if 0 <= z < columns.shape[2] and columns[x, y, z] >= 0:
                         weight = weights[0, a] * weights[1, b] * weights[2, c]
                         total[i] += weight * values[columns[x, y, z]]
+
+
+@njit(cache=True, nogil=True)
+def _forward(columns, value, slope, out, coefficients):  # type: ignore[no-untyped-def]
+    """Value and gradient (n, 4) by contracting one axis after the other."""
+    for i in range(len(columns)):
+        v = gx = gy = gz = 0.0
+        for a in range(3):
+            p = q = s = 0.0
+            for b in range(3):
+                along = steep = 0.0
+                for c in range(3):
+                    x = coefficients[columns[i, 9 * a + 3 * b + c]]
+                    along += x * value[i, 2, c]
+                    steep += x * slope[i, 2, c]
+                p += value[i, 1, b] * along
+                q += slope[i, 1, b] * along
+                s += value[i, 1, b] * steep
+            v += value[i, 0, a] * p
+            gx += slope[i, 0, a] * p
+            gy += value[i, 0, a] * q
+            gz += value[i, 0, a] * s
+        out[i, 0] = v
+        out[i, 1] = gx
+        out[i, 2] = gy
+        out[i, 3] = gz
+
+
+@njit(cache=True, nogil=True)
+def _backward(columns, value, slope, values, total):  # type: ignore[no-untyped-def]
+    """Add the transpose of `_forward` to `total` (count,)."""
+    for i in range(len(columns)):
+        for a in range(3):
+            p = value[i, 0, a] * values[i, 0] + slope[i, 0, a] * values[i, 1]
+            q = value[i, 0, a] * values[i, 2]
+            s = value[i, 0, a] * values[i, 3]
+            for b in range(3):
+                along = p * value[i, 1, b] + q * slope[i, 1, b]
+                steep = s * value[i, 1, b]
+                for c in range(3):
+                    total[columns[i, 9 * a + 3 * b + c]] += along * value[i, 2, c] + steep * slope[i, 2, c]
+
+
+@njit(cache=True, nogil=True)
+def _squares(columns, value, slope, weights, total):  # type: ignore[no-untyped-def]
+    """Add the weighted squares of the entries of `_forward` to `total` (count,)."""
+    for i in range(len(columns)):
+        for a in range(3):
+            p = value[i, 0, a] ** 2 * weights[i, 0] + slope[i, 0, a] ** 2 * weights[i, 1]
+            q = value[i, 0, a] ** 2 * weights[i, 2]
+            s = value[i, 0, a] ** 2 * weights[i, 3]
+            for b in range(3):
+                along = p * value[i, 1, b] ** 2 + q * slope[i, 1, b] ** 2
+                steep = s * value[i, 1, b] ** 2
+                for c in range(3):
+                    square = along * value[i, 2, c] ** 2 + steep * slope[i, 2, c] ** 2
+                    total[columns[i, 9 * a + 3 * b + c]] += square

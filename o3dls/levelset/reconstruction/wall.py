@@ -1,5 +1,5 @@
 """From a reconstruction to its wall: phi on a lattice, without what points contradict, in one piece without
-handles, and its zero set with the deviation of each vertex.
+handles, and its zero set.
 """
 
 from __future__ import annotations
@@ -7,13 +7,11 @@ from __future__ import annotations
 import numpy as np
 from scipy.ndimage import binary_dilation, distance_transform_edt, label
 
-from ...arrays import TINY, Array, Ints
+from ...arrays import Array, Ints
 from ...geometry.surface import Surface
 from ..grid.band import Band
 from ..grid.isosurface import zero_set
-from .equations import off_prior
 from .handles import without_handles
-from .normals import nearest
 from .reconstruct import Reconstruction
 from .settings import ReconstructionSettings
 
@@ -101,36 +99,3 @@ def _without_contradicted(
             phi[mine] = np.maximum(-phi[mine], settings.least_outside * spacing)
             removed += 1
     return phi, removed
-
-
-def deviation(
-    vertices: Array, prior_sd: Array, found: Reconstruction, settings: ReconstructionSettings
-) -> Array:
-    """Standard deviation (v,) of the wall at its vertices: of the field, given the points next to each, and
-    of the motion, prior_sd (v,), as far as no point tells.
-    """
-    wall = found.wall
-    chosen = settings.splines
-    largest = settings.amplitudes[-1] * found.radius
-    amplitude = np.where(off_prior(wall, found.prior, chosen), largest, found.amplitude)
-    count = min(settings.deviation_points, len(wall.feet))
-    near = nearest(wall.feet, vertices, count)[1]
-    at = wall.feet[near]
-    own = amplitude[near[:, 0]]
-
-    def covariance(difference: Array) -> Array:
-        squared = (difference**2).sum(axis=-1)
-        total = np.zeros(squared.shape)
-        for k, length in enumerate(found.lengths):
-            total += chosen.falling ** (-2.0 * k) * np.exp(-squared / length**2)
-        return np.asarray(total / sum(chosen.falling ** (-2.0 * k) for k in range(len(found.lengths))))
-
-    between = (
-        covariance(at[:, :, None] - at[:, None]) * amplitude[near][:, :, None] * amplitude[near][:, None]
-    )
-    noise = wall.noise[near] ** 2 / np.maximum(wall.weights[near], TINY)
-    matrix = between + noise[:, :, None] * np.eye(count)
-    across = covariance(at - vertices[:, None]) * amplitude[near] * own[:, None]
-    told = (across * np.linalg.solve(matrix, across[..., None])[..., 0]).sum(axis=1)
-    left = np.clip(1.0 - told / own**2, 0.0, 1.0)
-    return np.asarray(np.sqrt(left * (own**2 + prior_sd**2)))

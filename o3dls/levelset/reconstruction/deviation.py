@@ -1,0 +1,72 @@
+"""How far the wall of a reconstruction may be off: the deviation of its field given the points."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from ...arrays import TINY, Array
+from ...parallel import by_rows
+from .equations import off_prior
+from .normals import nearest
+from .reconstruct import Reconstruction
+from .settings import ReconstructionSettings
+
+LEAST_ROWS = 500  # vertices for which a second thread is worth waking
+
+
+def deviation(
+    vertices: Array, prior_sd: Array, found: Reconstruction, settings: ReconstructionSettings
+) -> Array:
+    """Standard deviation (v,) of the wall at its vertices: of the field, given the points next to each, and
+    of the motion, prior_sd (v,), as far as no point tells.
+    """
+    wall = found.wall
+    largest = settings.amplitudes[-1] * found.radius
+    amplitude = np.where(off_prior(wall, found.prior, settings.splines), largest, found.amplitude)
+    near = nearest(wall.feet, vertices, min(settings.deviation_points, len(wall.feet)))[1]
+    variance = wall.noise**2 / np.maximum(wall.weights, TINY)
+    told = np.zeros(len(vertices))
+    lengths = np.asarray(found.lengths)
+    shares = settings.splines.falling ** (-2.0 * np.arange(len(lengths)))
+    shared = (wall.feet, amplitude, variance, lengths, shares / shares.sum())
+    by_rows(_told, LEAST_ROWS, (vertices, near, told), *shared)
+    return np.asarray(np.sqrt((1.0 - told) * (amplitude[near[:, 0]] ** 2 + prior_sd**2)))
+
+
+@njit(cache=True, nogil=True)
+def _told(vertices, near, told, feet, amplitude, variance, lengths, shares):  # type: ignore[no-untyped-def]
+    """Fill in the part (v,) of the field's variance at each vertex that points near it take away, by the
+    Cholesky factor of their covariance.
+    """
+    count = near.shape[1]
+    factor = np.empty((count, count))
+    across = np.empty(count)
+    for v in range(len(vertices)):
+        total = 0.0
+        for i in range(count):
+            a = near[v, i]
+            across[i] = amplitude[a] * _correlation(feet[a], vertices[v], lengths, shares)
+            for j in range(i + 1):
+                b = near[v, j]
+                entry = amplitude[a] * amplitude[b] * _correlation(feet[a], feet[b], lengths, shares)
+                if i == j:
+                    entry += variance[a]
+                for k in range(j):
+                    entry -= factor[i, k] * factor[j, k]
+                factor[i, j] = np.sqrt(entry) if i == j else entry / factor[j, j]
+            for k in range(i):
+                across[i] -= factor[i, k] * across[k]
+            across[i] /= factor[i, i]
+            total += across[i] ** 2
+        told[v] = min(total, 1.0)
+
+
+@njit(cache=True, nogil=True)
+def _correlation(a, b, lengths, shares):  # type: ignore[no-untyped-def]
+    """Of the field at two places: Gaussians of all lengths."""
+    squared = (a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2
+    total = 0.0
+    for k in range(len(lengths)):
+        total += shares[k] * np.exp(-squared / lengths[k] ** 2)
+    return total
