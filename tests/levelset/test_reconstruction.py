@@ -17,14 +17,19 @@ from o3dls.geometry.components import components_and_euler
 from o3dls.geometry.surface import Surface
 from o3dls.levelset.correction import Limits
 from o3dls.levelset.grid.isosurface import zero_set
+from o3dls.levelset.reconstruction.amplitude import amplitudes
 from o3dls.levelset.reconstruction.contact import clusters_believed
+from o3dls.levelset.reconstruction.equations import Oriented
+from o3dls.levelset.reconstruction.fitting import Scale
 from o3dls.levelset.reconstruction.handles import without_handles
 from o3dls.levelset.reconstruction.moved_prior import MovedPrior
 from o3dls.levelset.reconstruction.normals import nearest, planes, turned_outward
-from o3dls.levelset.reconstruction.reconstruct import Believed
+from o3dls.levelset.reconstruction.reconstruct import Believed, Reconstruction
 from o3dls.levelset.reconstruction.refinement import reconstructed
 from o3dls.levelset.reconstruction.settings import ReconstructionSettings
 from o3dls.levelset.reconstruction.splines import SplineField, SplineLattice
+from o3dls.levelset.reconstruction.wall import without_pinched_off
+from o3dls.levelset.reconstruction.winding import DipolePlaces
 from o3dls.levelset.refine import Refinement
 from o3dls.noise.contact import Contact
 from o3dls.noise.settings import ContactSettings
@@ -155,3 +160,86 @@ def test_the_frame_of_the_map_does_not_matter() -> None:
     moved = there.wall.vertices - shift
     # cells of neighbourhoods and of the lattices lie elsewhere in the map: a fraction of the noise
     assert distances(moved, here.wall).mean() < 0.25 * SIGMA
+
+
+def oriented(points: Array, prior: Surface) -> Oriented:
+    """Points as heights over the prior, with its normals."""
+    _, face, feet, _ = ClosestPoint(prior.vertices, prior.faces).query(points)
+    normals = prior.face_normals[face]
+    heights = ((points - feet) * normals).sum(axis=1)
+    count = len(points)
+    return Oriented(
+        points - heights[:, None] * normals,
+        heights,
+        normals,
+        np.full(count, SIGMA),
+        np.full(count, 0.95),
+        np.zeros(count),
+    )
+
+
+def test_the_amplitude_is_large_where_the_wall_is_elsewhere_and_nowhere_else() -> None:
+    settings = ReconstructionSettings()
+    points = sampled(BALL, 2000, SIGMA, SEED)
+    prior = MovedPrior.of(BALL, points, 1.0, 2.5)
+    scale = Scale(16.0, 1.3, 1.0)
+    alike = amplitudes(oriented(points, BALL), prior, scale, settings)
+    assert alike.gain < settings.evidence / 2.0
+    assert np.quantile(alike.at, 0.9) < 0.01 * 16.0
+    bulge = 1.5 * np.exp(-((np.linalg.norm(points - [16.0, 0.0, 0.0], axis=1) / 6.0) ** 2))
+    moved = points * (1.0 + bulge / np.linalg.norm(points, axis=1))[:, None]
+    found = amplitudes(oriented(moved, BALL), prior, scale, settings)
+    assert found.gain > settings.evidence
+    assert np.median(found.at[bulge > 0.5]) > 3.0 * np.median(found.at[points[:, 0] < 0.0])
+    assert found.noise_factor == pytest.approx(1.0, abs=0.15)
+
+
+def test_distant_dipoles_count_by_cells() -> None:
+    rng = np.random.default_rng(SEED)
+    places = rng.normal(size=(800, 3))
+    places *= 16.0 / np.linalg.norm(places, axis=1)[:, None]
+    dipoles, smoothing = places * (16.0 * np.pi / 800.0 * 4.0), np.full(800, 1.0)
+    exact = DipolePlaces.of(places, 1e-6, 0.0).winding(places, dipoles, smoothing)
+    by_cells = DipolePlaces.of(places, 3.2, 6.4).winding(places, dipoles, smoothing)
+    np.testing.assert_allclose(by_cells[1], exact[1], atol=0.02)  # of a winding number of about a half
+    assert np.abs(by_cells[0] - exact[0]).max() < 0.02 * np.linalg.norm(exact[0], axis=1).mean()
+    inside = DipolePlaces.of(places, 3.2, 6.4).winding(np.zeros((1, 3)), dipoles, smoothing)[1]
+    assert inside == pytest.approx(1.0, abs=0.02)
+
+
+def test_a_part_without_points_is_surplus_in_a_whole_map_and_unmapped_in_another() -> None:
+    on_ball = sampled(BALL, 3000, SIGMA, SEED)
+    tube = TUBED.vertices[:, 0] > 20.0
+
+    def left(points: Array) -> Array:
+        found = rebuilt(TUBED, np.vstack([points, bumped(points)]))
+        assert found is not None
+        return distances(TUBED.vertices[tube], found.wall)
+
+    def bumped(points: Array) -> Array:
+        """Points of a bump, so that there is something to reconstruct."""
+        bump = meshed(lambda at: np.linalg.norm(at - [-14.0, 0.0, 0.0], axis=1) - 7.0, 26.0)
+        extra = sampled(bump, 600, SIGMA, SEED + 1)
+        return extra[np.linalg.norm(extra, axis=1) > 16.0]
+
+    # none lies on the tube, though all else has points: it is not there
+    assert left(on_ball[np.linalg.norm(on_ball - [16.0, 0.0, 0.0], axis=1) > 6.0]).mean() > 3.0
+    # nor has the half of the ball that it stands on: it is unmapped
+    assert left(on_ball[on_ball[:, 0] < 2.0]).max() < 2.0
+
+
+def test_a_pocket_without_points_is_filled_and_one_with_points_is_not() -> None:
+    points = sampled(BALL, 2000, 0.0, SEED)
+    prior = MovedPrior.of(BALL, points, 1.0, 2.5)
+    rest = Oriented(points, np.zeros(2000), points / 16.0, *np.ones((3, 2000)))
+    lattices = SplineField([], [])
+    found = Reconstruction(prior, lattices, rest, SIGMA, np.ones(2000), 50.0, 16.0, 1.3, [5.0])
+    at = (np.argwhere(np.ones(prior.box.shape)) + prior.low).astype(np.float64)
+    cavity = 6.1 - np.linalg.norm(at, axis=1)
+    phi = np.maximum(prior.box, cavity.reshape(prior.box.shape))
+    settings = ReconstructionSettings()
+    filled, count = without_pinched_off(-phi, found, settings)
+    assert count == 1
+    assert (-filled[prior.box < -1.0] < 0.0).all()
+    mapped = replace(found, wall=replace(rest, feet=np.vstack([points[:1000], 6.1 / 16.0 * points[1000:]])))
+    assert without_pinched_off(-phi, mapped, settings)[1] == 0

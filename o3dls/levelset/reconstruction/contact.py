@@ -10,7 +10,8 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
 from ...arrays import Array
-from .equations import Oriented
+from ...noise.contact import Contact, contact_density
+from .equations import Oriented, off_prior
 from .fitting import Scale, distance_over, fitted
 from .moved_prior import MovedPrior
 from .normals import SEED
@@ -44,7 +45,7 @@ def clusters_believed(
 
 
 def left_out_distances(
-    wall: Oriented, prior: MovedPrior, amplitude: float, scale: Scale, settings: ReconstructionSettings
+    wall: Oriented, prior: MovedPrior, scale: Scale, settings: ReconstructionSettings
 ) -> Array:
     """Signed distance (n,) of each point, negative inside, from the wall that other points make.
 
@@ -59,7 +60,30 @@ def left_out_distances(
         training = ((part == k) if parts > settings.folds else (part != k)) & (wall.weights > 0.5)
         tested = (part != k) if parts > settings.folds else (part == k)
         fewer = replace(scale, between=scale.between * np.sqrt(count / training.sum()))
-        field = fitted(wall.of(training), prior, amplitude, fewer, settings)
+        field = fitted(wall.of(training), prior, fewer, settings)
         total[tested] += distance_over(wall.of(tested), prior, field)
         times[tested] += 1.0
     return total / times
+
+
+def gain_off_prior(
+    wall: Oriented, prior: MovedPrior, left_out: Array, contact: Contact, settings: ReconstructionSettings
+) -> float:
+    """Nats by which believed points off the moved prior's wall are likelier as points of a wall that other
+    points make, at signed distances left_out (n,), than with the moved prior: there most are outliers. Each
+    with the noise that is best for it.
+    """
+    off = off_prior(wall, prior, settings.splines) & (wall.weights > 0.5)
+    if not off.any():
+        return 0.0
+
+    def likely(residual: Array) -> float:
+        floating = contact.outlier_fraction * contact.outlier_density(residual)
+        touching = [
+            contact_density(residual, (factor * wall.noise[off]) ** 2)
+            for factor in settings.amplitude.noise_factors
+        ]
+        logs = [np.log((1.0 - contact.outlier_fraction) * density + floating) for density in touching]
+        return max(float(wall.weights[off] @ log) for log in logs)
+
+    return likely(left_out[off]) - likely((wall.heights + prior.at(wall.feet))[off])

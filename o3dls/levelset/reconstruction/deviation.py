@@ -7,10 +7,10 @@ from numba import njit
 
 from ...arrays import TINY, Array
 from ...parallel import by_rows
-from .equations import off_prior
 from .normals import nearest
 from .reconstruct import Reconstruction
 from .settings import ReconstructionSettings
+from .splines import correlation
 
 LEAST_ROWS = 500  # vertices for which a second thread is worth waking
 
@@ -22,16 +22,14 @@ def deviation(
     of the motion, prior_sd (v,), as far as no point tells.
     """
     wall = found.wall
-    largest = settings.amplitudes[-1] * found.radius
-    amplitude = np.where(off_prior(wall, found.prior, settings.splines), largest, found.amplitude)
     near = nearest(wall.feet, vertices, min(settings.deviation_points, len(wall.feet)))[1]
     variance = wall.noise**2 / np.maximum(wall.weights, TINY)
     told = np.zeros(len(vertices))
     lengths = np.asarray(found.lengths)
     shares = settings.splines.falling ** (-2.0 * np.arange(len(lengths)))
-    shared = (wall.feet, amplitude, variance, lengths, shares / shares.sum())
+    shared = (wall.feet, wall.amplitude, variance, lengths, shares / shares.sum())
     by_rows(_told, LEAST_ROWS, (vertices, near, told), *shared)
-    return np.asarray(np.sqrt((1.0 - told) * (amplitude[near[:, 0]] ** 2 + prior_sd**2)))
+    return np.asarray(np.sqrt((1.0 - told) * (wall.amplitude[near[:, 0]] ** 2 + prior_sd**2)))
 
 
 @njit(cache=True, nogil=True)
@@ -46,10 +44,10 @@ def _told(vertices, near, told, feet, amplitude, variance, lengths, shares):  # 
         total = 0.0
         for i in range(count):
             a = near[v, i]
-            across[i] = amplitude[a] * _correlation(feet[a], vertices[v], lengths, shares)
+            across[i] = amplitude[a] * correlation(feet[a], vertices[v], lengths, shares)
             for j in range(i + 1):
                 b = near[v, j]
-                entry = amplitude[a] * amplitude[b] * _correlation(feet[a], feet[b], lengths, shares)
+                entry = amplitude[a] * amplitude[b] * correlation(feet[a], feet[b], lengths, shares)
                 if i == j:
                     entry += variance[a]
                 for k in range(j):
@@ -60,13 +58,3 @@ def _told(vertices, near, told, feet, amplitude, variance, lengths, shares):  # 
             across[i] /= factor[i, i]
             total += across[i] ** 2
         told[v] = min(total, 1.0)
-
-
-@njit(cache=True, nogil=True)
-def _correlation(a, b, lengths, shares):  # type: ignore[no-untyped-def]
-    """Of the field at two places: Gaussians of all lengths."""
-    squared = (a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2
-    total = 0.0
-    for k in range(len(lengths)):
-        total += shares[k] * np.exp(-squared / lengths[k] ** 2)
-    return total

@@ -19,7 +19,8 @@ from .splines import VARIANCE, SplineField, SplineLattice, SplineRows
 @dataclass(frozen=True, eq=False)
 class Oriented:
     """Points of a wall as heights (n,) along outward normals (n, 3) over their feet (n, 3), places near the
-    wall; the noise (n,) of each, and the probability (n,) that it touches.
+    wall; the noise (n,) of each, the probability (n,) that it touches, and the deviation (n,) of the field
+    there before points are seen.
 
     Noise moves a point along the normal too: a field that is read where the points are follows it.
     """
@@ -29,12 +30,11 @@ class Oriented:
     normals: Array
     noise: Array
     weights: Array
+    amplitude: Array
 
     def of(self, rows: NDArray[np.bool_]) -> Oriented:
         """Those of a mask (n,)."""
-        return Oriented(
-            self.feet[rows], self.heights[rows], self.normals[rows], self.noise[rows], self.weights[rows]
-        )
+        return Oriented(*(values[rows] for values in vars(self).values()))
 
     def nearer(self, distance: Array) -> Oriented:
         """The same points with feet moved by signed distances (n,) to a wall."""
@@ -45,19 +45,27 @@ class Oriented:
 
 @dataclass(frozen=True, eq=False)
 class OffSurface:
-    """Places (k, 3) off the wall where phi is known: values (k,), their noise (k,) and weights (k,)."""
+    """Places (k, 3) off the wall where phi is known: values (k,), their noise (k,) and weights (k,), and the
+    deviation (k,) of the field beforehand.
+    """
 
     at: Array
     values: Array
     noise: Array
     weights: Array
+    amplitude: Array
+
+
+def turned_off(wall: Oriented, prior: MovedPrior, settings: SplineSettings) -> NDArray[np.bool_]:
+    """Which points (n,) have another normal than the moved prior next to them."""
+    return np.asarray((prior.slope(wall.feet) * wall.normals).sum(axis=1) < settings.offset_cosine)
 
 
 def off_prior(wall: Oriented, prior: MovedPrior, settings: SplineSettings) -> NDArray[np.bool_]:
     """Which points (n,) lie off the moved prior's wall, or on one that looks elsewhere, and most of those
     around them too: one alone is rather no point of the wall.
     """
-    turned = (prior.slope(wall.feet) * wall.normals).sum(axis=1) < settings.offset_cosine
+    turned = turned_off(wall, prior, settings)
     off = (np.abs(wall.heights + prior.at(wall.feet)) > settings.offset_noise * wall.noise) | turned
     around = KDTree(wall.feet).query(wall.feet, k=min(settings.offset_neighbours, len(off)))[1]
     return np.asarray(off & (off[around].mean(axis=1) > 0.5))
@@ -71,7 +79,7 @@ def off_surface(
     """
     rows = np.flatnonzero(off)
     near = KDTree(wall.feet)
-    places, values, noise, weights = [], [], [], []
+    places, values, noise, weights, amplitude = [], [], [], [], []
     for offset in radius * np.asarray(settings.offsets):
         for side in (1.0, -1.0):
             at = wall.feet[rows] + side * offset * wall.normals[rows]
@@ -81,20 +89,20 @@ def off_surface(
             values.append(np.full(len(kept), side * min(offset, prior.clip)))
             noise.append(wall.noise[kept] + settings.offset_sd * offset)
             weights.append(wall.weights[kept])
-    return OffSurface(np.vstack(places), *map(np.concatenate, (values, noise, weights)))
+            amplitude.append(wall.amplitude[kept])
+    return OffSurface(np.vstack(places), *map(np.concatenate, (values, noise, weights, amplitude)))
 
 
 def field_through(
     wall: Oriented,
     off: OffSurface,
     prior: MovedPrior,
-    amplitude: Array,
     lengths: list[float],
     settings: SplineSettings,
 ) -> SplineField:
     """The field g that phi = psi.T + g follows the points with: its mean given the points.
 
-    amplitude (n + k,): deviation of g before, at the points and the places beside them; lengths: widths of
+    lengths: widths of
     the lattices, from coarse to fine. Minimises the sum of the squared coefficients and of the squared
     residuals of values and gradients, by conjugate gradients.
     """
@@ -104,7 +112,10 @@ def field_through(
     share = settings.falling ** -np.arange(len(lengths), dtype=float)
     share /= np.sqrt((share**2).sum() * VARIANCE)
     rows = [lattice.rows(places) for lattice in lattices]
-    scales = [part * _around(row, amplitude) for row, part in zip(rows, share, strict=True)]
+    scales = [
+        part * _around(row, np.r_[wall.amplitude, off.amplitude])
+        for row, part in zip(rows, share, strict=True)
+    ]
     wanted, precision = np.zeros((2, len(places), 4))
     wanted[:, 0] = np.r_[-wall.heights, off.values] - prior.at(places)
     wanted[:count, 1:] = wall.normals - prior.slope(wall.feet)

@@ -61,14 +61,10 @@ def turned_along(wall: Oriented, prior: MovedPrior, field: SplineField, settings
     return replace(wall, feet=points - heights[:, None] * normals, heights=heights, normals=normals)
 
 
-def fitted(
-    wall: Oriented, prior: MovedPrior, amplitude: float, scale: Scale, settings: ReconstructionSettings
-) -> SplineField:
+def fitted(wall: Oriented, prior: MovedPrior, scale: Scale, settings: ReconstructionSettings) -> SplineField:
     """The field that the believed points ask for."""
     chosen = settings.splines
     off = off_prior(wall, prior, chosen)
     constraints = off_surface(wall, off, prior, scale.radius, chosen)
-    largest = settings.amplitudes[-1] * scale.radius
-    deviation = np.r_[np.where(off, largest, amplitude), np.full(len(constraints.at), largest)]
     lengths = scale.lengths(float(np.median(wall.noise)), chosen)
-    return field_through(wall, constraints, prior, deviation, lengths, chosen)
+    return field_through(wall, constraints, prior, lengths, chosen)

@@ -8,7 +8,7 @@ together (`normals`).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,8 +17,9 @@ from ...geometry.similarity import rms_radius
 from ...geometry.surface import Surface
 from ...noise.contact import Contact, update_contact
 from ...parallel import one_blas_thread
-from .contact import clusters_believed, left_out_distances
-from .equations import Oriented, off_prior
+from .amplitude import amplitudes
+from .contact import clusters_believed, gain_off_prior, left_out_distances
+from .equations import Oriented
 from .fitting import Scale, distance_over, fitted, phi_at, turned_along
 from .moved_prior import MovedPrior
 from .normals import nearest, planes, turned_outward
@@ -40,7 +41,6 @@ class Reconstruction:
     wall: Oriented
     sigma: float
     weights: Array
-    amplitude: float
     gain: float
     radius: float
     between: float
@@ -78,30 +78,32 @@ def reconstruct(
     if (weights > 0.5).sum() < settings.least_points:
         return None
     wall = _oriented(points, noise, weights, prior, settings)
-    alone = wall.heights + prior.at(wall.feet)
-    amplitude, residual = _best_amplitude(wall, prior, scale, settings)
-    gain = _gain(alone, residual, noise, weights)
+    chosen = amplitudes(wall, prior, scale, settings)
+    wall = replace(wall, amplitude=chosen.at)
+    residual = left_out_distances(wall, prior, scale, settings)
+    gain = chosen.gain + gain_off_prior(wall, prior, residual, contact, settings)
     if gain < settings.evidence:
         return None
+    noise = chosen.noise_factor * noise
     sigma = float(np.median(noise))
     for _ in range(settings.rounds):
-        field = fitted(wall.of(wall.weights > 0.5), prior, amplitude, scale, settings)
+        field = fitted(wall.of(wall.weights > 0.5), prior, scale, settings)
         fit = distance_over(wall, prior, field)
         factor, apart = _noise(fit, residual, noise, weights)
         sigma = factor * float(np.median(noise))
         weights, contact = update_contact(residual, (factor * noise) ** 2 + apart, believed.odds, contact)
         if (weights > 0.5).sum() < settings.least_points:
             return None
-        wall = _oriented(points, factor * noise, weights, prior, settings, wall.normals)
-        residual = left_out_distances(wall, prior, amplitude, scale, settings)
+        wall = _oriented(points, factor * noise, weights, prior, settings, wall)
+        residual = left_out_distances(wall, prior, scale, settings)
     touching = wall.of(wall.weights > 0.5)
-    field = fitted(touching, prior, amplitude, scale, settings)
+    field = fitted(touching, prior, scale, settings)
     for _ in range(settings.turns):
         touching = turned_along(touching, prior, field, settings.normals)
         touching = touching.nearer(phi_at(touching.feet, prior, field))
-        field = fitted(touching, prior, amplitude, scale, settings)
+        field = fitted(touching, prior, scale, settings)
     lengths = scale.lengths(float(np.median(touching.noise)), settings.splines)
-    return Reconstruction(prior, field, touching, sigma, weights, amplitude, gain, radius, between, lengths)
+    return Reconstruction(prior, field, touching, sigma, weights, gain, radius, between, lengths)
 
 
 def _oriented(
@@ -110,9 +112,9 @@ def _oriented(
     weights: Array,
     prior: MovedPrior,
     settings: ReconstructionSettings,
-    before: Array | None = None,
+    before: Oriented | None = None,
 ) -> Oriented:
-    """The points with outward normals, found among the believed ones; `before`: what they (n, 3) were."""
+    """The points with outward normals, found among the believed ones; `before`: what they were."""
     radius = rms_radius(prior.surface.vertices)
     chosen = settings.normals
     believed = weights > 0.5
@@ -121,41 +123,14 @@ def _oriented(
     gap = nearest(points[believed], points[believed], NEAREST + 1)[0][:, -1]
     areas = np.pi * gap**2 / NEAREST
     areas = np.minimum(areas, settings.normals.largest_area * np.median(areas))
-    earlier = None if before is None else before[believed]
+    earlier = None if before is None else before.normals[believed]
     normals[believed] = turned_outward(points[believed], normals[believed], areas, prior, chosen, earlier)
     like = nearest(points[believed], points[~believed], 1)[1][:, 0]
     sides = (normals[~believed] * normals[believed][like]).sum(axis=1)
     normals[~believed] *= np.where(sides < 0.0, -1.0, 1.0)[:, None]
     heights = ((points - middle) * normals).sum(axis=1)
-    return Oriented(points - heights[:, None] * normals, heights, normals, noise, weights)
-
-
-def _best_amplitude(
-    wall: Oriented, prior: MovedPrior, scale: Scale, settings: ReconstructionSettings
-) -> tuple[float, Array]:
-    """The deviation of the field that predicts points best, and the residuals (n,) with it."""
-    best = None
-    off = off_prior(wall, prior, settings.splines)
-    for amplitude in scale.radius * np.asarray(settings.amplitudes):
-        residual = left_out_distances(wall, prior, float(amplitude), scale, settings)
-        error = _spread(residual, wall.noise, np.where(off, 0.0, wall.weights))
-        if best is None or error < best[0]:
-            best = error, float(amplitude), residual
-    assert best is not None
-    return best[1], best[2]
-
-
-def _spread(residual: Array, noise: Array, weights: Array) -> float:
-    """Root mean square of residuals (n,) over their noise (n,), weighted."""
-    return float(np.sqrt((weights * (residual / noise) ** 2).sum() / weights.sum()))
-
-
-def _gain(alone: Array, residual: Array, noise: Array, weights: Array) -> float:
-    """Log likelihood of points predicted, over that by the moved prior, each with the noise that is best for
-    it.
-    """
-    ratio = _spread(alone, noise, weights) / _spread(residual, noise, weights)
-    return float(weights.sum() * np.log(ratio))
+    amplitude = np.zeros(len(points)) if before is None else before.amplitude
+    return Oriented(points - heights[:, None] * normals, heights, normals, noise, weights, amplitude)
 
 
 def _noise(fit: Array, residual: Array, noise: Array, weights: Array) -> tuple[float, float]:

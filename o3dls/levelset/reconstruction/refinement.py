@@ -56,7 +56,7 @@ def reconstructed(surface: Surface, believed: Believed, sd: str, limits: Limits)
         warnings=_removed(removed),
         facts={
             "evidence_nats": found.gain,
-            "amplitude": found.amplitude,
+            "amplitude": float(np.median(found.wall.amplitude)),
             "band_nodes": len(phi.band),
             "removed_parts": removed,
         },

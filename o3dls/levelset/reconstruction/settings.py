@@ -66,16 +66,50 @@ class NormalSettings:
 
 
 @dataclass(frozen=True)
+class AmplitudeSettings:
+    """The field's deviation before points are seen, place by place."""
+
+    ladder: tuple[float, ...] = number(
+        (0.001, 0.003, 0.006, 0.012, 0.025, 0.05), "rms radii", "that are tried: hardly any to 1.6 mm"
+    )
+    noise_factors: tuple[float, ...] = number(
+        (0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.2, 1.5, 2.0, 3.0),
+        "1",
+        "on the noise that the motion found, with each",
+    )
+    neighbours: int = number(12, "points", "that predict a point")
+    most_points: int = number(4000, "points", "that are predicted")
+    around: int = number(60, "points", "that decide at a place")
+    reach: float = number(0.25, "rms radii", "of their say: 7 mm")
+    iterations: int = number(20, "", "of finding how often each occurs")
+    least_share: float = number(0.001, "1", "of the places, that each has")
+
+
+@dataclass(frozen=True)
+class SurplusSettings:
+    """Which parts of the moved prior points show not to be there."""
+
+    cell: float = number(0.08, "rms radii", "of the lattice on which they are cut off: 2 mm")
+    reach: float = number(1.2, "distances between points", "to the nearest point of a wall that has points")
+    cosine: float = number(0.5, "1", "of a point's normal with a step that leads through its wall")
+    covered: float = number(0.05, "1", "cost of new wall that has points, in that of wall without")
+    unsupported: float = number(0.3, "1", "cost of the prior's wall without points: it is one already")
+    support: float = number(10.0, "1", "cost of giving up wall with points")
+    expected: float = number(10.0, "points", "that a part has room for, if it can lack them")
+    supported: float = number(0.1, "1", "of its wall: with points on more it is there")
+    closed: float = number(0.5, "1", "of its mouth, by points: then it is not there,")
+    elsewhere: float = number(0.05, "1", "or with less of all other wall without points: nothing is unmapped")
+    least_outside: float = number(0.3, "spacings", "of phi where a part was taken away")
+
+
+@dataclass(frozen=True)
 class ReconstructionSettings:
     """All numbers of the reconstruction."""
 
     evidence: float = number(
-        100.0, "nats", "by which left-out points are predicted better: runs of floating points make some tens"
+        15.0, "nats", "by which left-out points are predicted better: chance makes up to ten"
     )
-    amplitudes: tuple[float, ...] = number(
-        (0.006, 0.012, 0.025, 0.05), "rms radii", "deviations of the field that are tried: 0.2 to 1.6 mm"
-    )
-    least_points: int = number(200, "points", "believed: fewer tell no wall by themselves")
+    least_points: int = number(50, "points", "believed: fewer tell no wall by themselves")
     folds: int = number(4, "", "parts of the points that are predicted by the others")
     most_training: int = number(2000, "points", "that predict the others")
     rounds: int = number(3, "", "of finding who touches the wall")
@@ -93,7 +127,7 @@ class ReconstructionSettings:
     neck: float = number(0.6, "distances between points", "half as wide necks hang by gaps between points,")
     widest_neck: float = number(0.09, "rms radii", "but no wider than 3 mm")
     expected: float = number(10.0, "points", "that a part has room for, if it can lack them")
-    supported: float = number(0.05, "1", "of these: with more it is wall")
+    supported: float = number(0.25, "1", "of its wall near points, as next to a neck: with more it is wall")
     around_neck: int = number(
         4, "points", "that lie on the wall around the neck of a part that is taken away"
     )
@@ -101,3 +135,5 @@ class ReconstructionSettings:
     deviation_points: int = number(10, "points", "that the deviation of a vertex is asked of")
     splines: SplineSettings = field(default_factory=SplineSettings)
     normals: NormalSettings = field(default_factory=NormalSettings)
+    amplitude: AmplitudeSettings = field(default_factory=AmplitudeSettings)
+    surplus: SurplusSettings = field(default_factory=SurplusSettings)

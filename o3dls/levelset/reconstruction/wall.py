@@ -14,6 +14,7 @@ from ..grid.isosurface import zero_set
 from .handles import without_handles
 from .reconstruct import Reconstruction
 from .settings import ReconstructionSettings
+from .surplus import without_surplus
 
 EVEN = 0.8  # area of wall per node on it and squared spacing, for a surface of any direction
 
@@ -24,14 +25,16 @@ def reconstructed_wall(found: Reconstruction, settings: ReconstructionSettings) 
     """
     prior = found.prior
     phi = _on_lattice(found, settings)
-    phi, removed = _without_contradicted(phi, found, settings)
+    phi, removed = without_pinched_off(phi, found, settings)
+    phi, cut = without_surplus(phi, found, settings.surplus)
+    phi = -without_pinched_off(-phi, found, settings)[0]  # and pockets of the outside, in what is inside
     phi = without_handles(phi, settings.least_outside * prior.spacing)
     cube = np.ones((3, 3, 3), dtype=bool)
     near = binary_dilation((phi < 0.0) & binary_dilation(phi >= 0.0, cube), cube)
     nodes = np.ascontiguousarray(np.argwhere(near), dtype=np.int32)
     band = Band(prior.spacing, prior.clip, prior.low, phi.shape, nodes)
     vertices, faces = zero_set(band, phi[near])
-    return Surface(vertices, faces), removed
+    return Surface(vertices, faces), removed + cut
 
 
 def _on_lattice(found: Reconstruction, settings: ReconstructionSettings) -> Array:
@@ -60,11 +63,11 @@ def _nodes(points: Array, found: Reconstruction) -> Ints:
     return np.asarray(np.clip(inside, 0, np.array(found.prior.box.shape) - 1))
 
 
-def _without_contradicted(
+def without_pinched_off(
     phi: Array, found: Reconstruction, settings: ReconstructionSettings
 ) -> tuple[Array, int]:
-    """phi without parts that hang on the rest by a thin neck, have hardly a point of their own where they
-    should have many, while the wall around the neck has points: a vein that the wall lacks, pinched off.
+    """phi without parts that hang on the rest by a thin neck or not at all and have room for many points, but
+    hardly one lies on them, while the wall around the neck has some: a vein that the wall lacks, pinched off.
     """
     spacing = found.prior.spacing
     inside = phi < 0.0
@@ -79,23 +82,21 @@ def _without_contradicted(
     wall = inside & binary_dilation(~inside)
     areas = EVEN * spacing**2 * np.bincount(part[wall], minlength=parts + 1)
     at = _nodes(found.wall.feet, found)
-    around = distance_transform_edt(part == 0, return_distances=False, return_indices=True)
-    owner = part[tuple(around[:, at[:, 0], at[:, 1], at[:, 2]])]
+    free = np.ones(phi.shape, dtype=bool)
+    free[tuple(at.T)] = False
+    near = distance_transform_edt(free) * spacing < settings.surplus.reach * found.between
+    walls = np.maximum(np.bincount(part[wall], minlength=parts + 1), 1)
+    supported = np.bincount(part[wall & near], minlength=parts + 1) / walls
     expected = areas / found.between**2
-    supported = np.bincount(owner, minlength=parts + 1)
     removed = 0
     phi = phi.copy()
     for k in range(1, parts + 1):
-        if (
-            k == sizes.argmax()
-            or expected[k] < settings.expected
-            or supported[k] > settings.supported * expected[k]
-        ):
+        if k == sizes.argmax() or expected[k] < settings.expected or supported[k] > settings.supported:
             continue
         mine = part == k
         joint = mine & binary_dilation(inside & ~mine)
-        gap = distance_transform_edt(~joint)[tuple(at.T)] * spacing
-        if joint.any() and (gap < neck + found.between).sum() >= settings.around_neck:
+        around = distance_transform_edt(~joint)[tuple(at.T)] * spacing < neck + found.between
+        if not joint.any() or around.sum() >= settings.around_neck:
             phi[mine] = np.maximum(-phi[mine], settings.least_outside * spacing)
             removed += 1
     return phi, removed

@@ -1,0 +1,171 @@
+"""How far the wall may lie off the moved prior at each place: as predicts points best from neighbours."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from scipy import sparse
+
+from ...arrays import Array, Ints
+from ...motion.kernels import NUGGET
+from ...parallel import by_rows
+from .equations import Oriented, off_prior, turned_off
+from .fitting import Scale
+from .moved_prior import MovedPrior
+from .normals import SEED, nearest
+from .settings import AmplitudeSettings, ReconstructionSettings
+from .splines import correlation
+
+LEAST_ROWS = 100  # points for which a second thread is worth waking
+
+
+@dataclass(frozen=True, eq=False)
+class Amplitudes:
+    """Deviation (n,) of the field before points are seen, at each of them; the factor on their noise that it
+    goes with; and by how many nats it predicts points better than the moved prior alone, each with the noise
+    that is best for it.
+    """
+
+    at: Array
+    noise_factor: float
+    gain: float
+
+
+def amplitudes(
+    wall: Oriented, prior: MovedPrior, scale: Scale, settings: ReconstructionSettings
+) -> Amplitudes:
+    """The amplitudes of a ladder that predict each point's distance from the moved prior best, given those
+    of its neighbours, over the surroundings of each place.
+
+    The likelihoods are those of Gaussian-process regression on nearest neighbours (Vecchia 1988), each point
+    left out. Points off the prior have the largest.
+    """
+    chosen = settings.amplitude
+    ladder = scale.radius * np.asarray(chosen.ladder)
+    known = wall.of(~turned_off(wall, prior, settings.splines) & (wall.weights > 0.5))
+    if len(known.feet) <= chosen.neighbours:
+        return Amplitudes(np.full(len(wall.feet), ladder[-1]), 1.0, 0.0)
+    order = np.random.default_rng(SEED).permutation(len(known.feet))
+    tested = np.sort(order[: chosen.most_points])
+    weights = known.weights[tested]
+    likely = _likelihoods(known, prior, tested, ladder, scale, settings)
+    around = _surroundings(known.feet[tested], known.feet[tested], weights, scale, settings)
+    shares = [_shares(around @ one, chosen) for one in np.moveaxis(likely, 2, 0)]
+    totals = [
+        float(weights @ (_posterior(around @ one, share) * one).sum(axis=1))
+        for one, share in zip(np.moveaxis(likely, 2, 0), shares, strict=True)
+    ]
+    noise = int(np.argmax(totals))
+    # the lowest amplitude is as good as none: the moved prior alone
+    gain = (totals[noise] - float((weights @ likely[:, 0]).max())) * len(known.feet) / len(tested)
+    around = _surroundings(wall.feet, known.feet[tested], weights, scale, settings)
+    at = np.sqrt(_posterior(around @ likely[:, :, noise], shares[noise]) @ ladder**2)
+    off = off_prior(wall, prior, settings.splines)
+    return Amplitudes(np.where(off, ladder[-1], at), float(chosen.noise_factors[noise]), gain)
+
+
+def _surroundings(
+    places: Array, points: Array, weights: Array, scale: Scale, settings: ReconstructionSettings
+) -> sparse.csr_matrix:
+    """How much each of m points, with weights (m,), says at n places (n, 3): a matrix (n, m)."""
+    chosen = settings.amplitude
+    gap, who = nearest(points, places, min(chosen.around, len(points)))
+    say = weights[who] * np.exp(-0.5 * (gap / (chosen.reach * scale.radius)) ** 2)
+    pointer = np.arange(0, who.size + 1, who.shape[1])
+    return sparse.csr_matrix((say.ravel(), who.ravel(), pointer), shape=(len(places), len(points)))
+
+
+def _shares(local: Array, chosen: AmplitudeSettings) -> Array:
+    """Shares (a,) of the places that have each amplitude, of which the likelihoods (n, a) are known, by
+    expectation maximisation.
+    """
+    shares: Array = np.full(local.shape[1], 1.0 / local.shape[1])
+    for _ in range(chosen.iterations):
+        shares = np.maximum(_posterior(local, shares).mean(axis=0), chosen.least_share)
+        shares /= shares.sum()
+    return shares
+
+
+def _posterior(local: Array, shares: Array) -> Array:
+    """Probabilities (n, a) of amplitudes by log likelihoods (n, a) and their shares (a,)."""
+    log = local + np.log(shares)
+    odds = np.exp(log - log.max(axis=1, keepdims=True))
+    return np.asarray(odds / odds.sum(axis=1, keepdims=True))
+
+
+def _likelihoods(
+    known: Oriented,
+    prior: MovedPrior,
+    tested: Ints,
+    ladder: Array,
+    scale: Scale,
+    settings: ReconstructionSettings,
+) -> Array:
+    """Log densities (k, amplitudes, noise factors) of the points that are tested, each given its
+    neighbours.
+    """
+    chosen = settings.amplitude
+    lengths = np.asarray(scale.lengths(float(np.median(known.noise)), settings.splines))
+    shares = settings.splines.falling ** (-2.0 * np.arange(len(lengths)))
+    count = min(chosen.neighbours + 1, len(known.feet))
+    # neighbours on the moved prior: those in space are near because their noise is alike
+    points = known.feet + known.heights[:, None] * known.normals
+    squared, _, feet, _ = prior.tree.query(points)
+    distance = np.where(prior.at(points) < 0.0, -1.0, 1.0) * np.sqrt(squared)
+    near = _itself_first(nearest(feet, feet[tested], count)[1], tested)
+    factors = np.asarray(chosen.noise_factors)
+    out = np.zeros((len(tested), len(ladder), len(factors)))
+    shared = (feet, distance, known.noise, ladder, factors, lengths, shares / shares.sum())
+    by_rows(_predicted, LEAST_ROWS, (near, out), *shared)
+    return out
+
+
+def _itself_first(near: Ints, own: Ints) -> Ints:
+    """Rows (k, m) of the points nearest to points of rows `own` (k,), these first: others may coincide."""
+    order = np.argsort(near != own[:, None], axis=1, kind="stable")
+    near = np.take_along_axis(near, order, axis=1)
+    near[:, 0] = own
+    return near
+
+
+@njit(cache=True, nogil=True)
+def _predicted(near, out, feet, values, noise, ladder, factors, lengths, shares):  # type: ignore[no-untyped-def]
+    """Fill in the log density of the first value of each row of `near` given the others, for every amplitude
+    and factor on the noise.
+    """
+    count = near.shape[1]
+    alike = np.empty((count, count))
+    factor = np.empty((count, count))
+    solved = np.empty(count)
+    for row in range(len(near)):
+        for i in range(count):
+            for j in range(i + 1):
+                alike[i, j] = correlation(feet[near[row, i]], feet[near[row, j]], lengths, shares)
+        for a in range(len(ladder)):
+            for f in range(len(factors)):
+                # by the Cholesky factor of the others' covariance, with the first value's row last
+                mean = 0.0
+                told = 0.0
+                for i in range(1, count):
+                    for j in range(1, i + 1):
+                        entry = ladder[a] ** 2 * alike[i, j]
+                        if i == j:
+                            entry += (factors[f] * noise[near[row, i]]) ** 2 + NUGGET * ladder[a] ** 2
+                        for k in range(1, j):
+                            entry -= factor[i, k] * factor[j, k]
+                        factor[i, j] = np.sqrt(entry) if i == j else entry / factor[j, j]
+                    value = values[near[row, i]]
+                    across = ladder[a] ** 2 * alike[i, 0]
+                    for k in range(1, i):
+                        value -= factor[i, k] * solved[k]
+                        across -= factor[i, k] * factor[0, k]
+                    solved[i] = value / factor[i, i]
+                    factor[0, i] = across / factor[i, i]
+                    mean += solved[i] * factor[0, i]
+                    told += factor[0, i] ** 2
+                own = near[row, 0]
+                variance = ladder[a] ** 2 * alike[0, 0] - told + (factors[f] * noise[own]) ** 2
+                left = values[own] - mean
+                out[row, a, f] = -0.5 * (left * left / variance + np.log(2.0 * np.pi * variance))
