@@ -293,7 +293,7 @@ def test_points_on_a_stretched_part_may_have_pulled_it_out(monkeypatch: pytest.M
 def test_beliefs_begin_at_those_of_the_start() -> None:
     surface, _, data = bent(3)
     points = data.points.copy()
-    points[::4] *= 0.6  # they float
+    points[::8] *= 0.6  # they float, as many as in a poor map
     problem = motion_problem(
         surface.vertices,
         surface.faces,
@@ -302,11 +302,11 @@ def test_beliefs_begin_at_those_of_the_start() -> None:
         MotionSettings(),
     )
     first = problem.first_weights
-    assert first[::4].mean() < 0.1
-    assert np.delete(first, [1, *range(0, len(points), 4)]).mean() > 0.9
+    assert first[::8].mean() < 0.1
+    assert np.delete(first, [1, *range(0, len(points), 8)]).mean() > 0.9
     assert first[1] == 0.0
     assert (
-        replace(problem, data=replace(problem.data, odds=np.full(len(points), 1e-250))).first_weights[::4]
+        replace(problem, data=replace(problem.data, odds=np.full(len(points), 1e-250))).first_weights[::8]
         > 0.99
     ).all()
 

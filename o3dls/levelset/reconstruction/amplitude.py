@@ -9,6 +9,7 @@ from numba import njit
 from scipy import sparse
 
 from ...arrays import Array, Ints
+from ...motion.covariance import WORTH
 from ...motion.kernels import NUGGET
 from ...parallel import by_rows
 from .equations import Oriented, off_prior, turned_off
@@ -17,8 +18,6 @@ from .moved_prior import MovedPrior
 from .normals import SEED, nearest
 from .settings import AmplitudeSettings, ReconstructionSettings
 from .splines import correlation
-
-LEAST_ROWS = 100  # points for which a second thread is worth waking
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +117,7 @@ def _likelihoods(
     factors = np.asarray(chosen.noise_factors)
     out = np.zeros((len(tested), len(ladder), len(factors)))
     shared = (feet, distance, known.noise, ladder, factors, lengths, shares / shares.sum())
-    by_rows(_predicted, LEAST_ROWS, (near, out), *shared)
+    by_rows(_predicted, WORTH, (near, out), *shared)
     return out
 
 

@@ -6,13 +6,12 @@ import numpy as np
 from numba import njit
 
 from ...arrays import TINY, Array
+from ...motion.covariance import WORTH
 from ...parallel import by_rows
 from .normals import nearest
 from .reconstruct import Reconstruction
 from .settings import ReconstructionSettings
 from .splines import correlation
-
-LEAST_ROWS = 500  # vertices for which a second thread is worth waking
 
 
 def deviation(
@@ -28,7 +27,7 @@ def deviation(
     lengths = np.asarray(found.lengths)
     shares = settings.splines.falling ** (-2.0 * np.arange(len(lengths)))
     shared = (wall.feet, wall.amplitude, variance, lengths, shares / shares.sum())
-    by_rows(_told, LEAST_ROWS, (vertices, near, told), *shared)
+    by_rows(_told, WORTH, (vertices, near, told), *shared)
     return np.asarray(np.sqrt((1.0 - told) * (wall.amplitude[near[:, 0]] ** 2 + prior_sd**2)))
 
 

@@ -74,6 +74,8 @@ def reconstruct(
     between = float(np.sqrt(surface.area / len(points)))
     scale = Scale(radius, between, spacing)
     prior = MovedPrior.of(surface, points, spacing, settings.splines.clip * radius)
+    if not (prior.box < 0.0).any():  # thinner than the lattice: there is no inside to begin with
+        return None
     weights = clusters_believed(points, believed.weights, prior, between, settings)
     if (weights > 0.5).sum() < settings.least_points:
         return None

@@ -8,9 +8,8 @@ import numpy as np
 from numba import njit
 
 from ...arrays import Array, Ints
+from ...motion.covariance import WORTH
 from ...parallel import by_rows
-
-LEAST_ROWS = 200  # places for which a second thread is worth waking
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +42,7 @@ class DipolePlaces:
         fall, number = np.zeros_like(at), np.zeros(len(at))
         near = (self.places, dipoles, width2, self.first)
         far = (self.middles, whole, wide, self.far**2)
-        by_rows(_winding, LEAST_ROWS, (at, fall, number), *near, *far)
+        by_rows(_winding, WORTH, (at, fall, number), *near, *far)
         return fall, number
 
 
