@@ -16,18 +16,19 @@ from .deviation import deviation
 from .reconstruct import Believed, reconstruct
 from .wall import reconstructed_wall
 
-SIMPLE = (1, 2)  # one piece without handles: the only topology that a reconstruction can have
+SIMPLE = 2  # Euler number of a piece without handles: a reconstruction has no other
 
 
 def reconstructed(surface: Surface, believed: Believed, sd: str, limits: Limits) -> Refinement | None:
     """The moved prior reconstructed from points; None where these predict each other no better than it does,
-    or it is no single piece without handles.
+    or it is no single piece. Handles of the prior are cut.
 
     sd: name of the field of the surface that holds the deviation which the motion leaves. The wall has the
     surface's fields at its closest points, the deviation of the reconstruction, and `correction`, how far it
     lies outside the surface.
     """
-    if components_and_euler(surface.vertices, surface.faces) != SIMPLE:
+    pieces, euler = components_and_euler(surface.vertices, surface.faces)
+    if pieces != 1:
         return None
     settings = limits.settings.reconstruction
     found = reconstruct(surface, believed, limits.spacing, settings)
@@ -53,7 +54,7 @@ def reconstructed(surface: Surface, believed: Believed, sd: str, limits: Limits)
         sigma=found.sigma,
         status=_sentence(found.gain, len(found.wall.feet)),
         converged=True,
-        warnings=_removed(removed),
+        warnings=_removed(removed) + _cut(euler),
         facts={
             "evidence_nats": found.gain,
             "amplitude": float(np.median(found.wall.amplitude)),
@@ -79,3 +80,11 @@ def _removed(parts: int) -> tuple[RunWarning, ...]:
     were = "1 part of the prior was" if parts == 1 else f"{parts} parts of the prior were"
     why = "hardly a point lies there, and points close the neck"
     return (RunWarning("topology-changed", f"{were} removed ({why}): check it in the report"),)
+
+
+def _cut(euler: int) -> tuple[RunWarning, ...]:
+    """A warning where the prior had handles."""
+    if euler >= SIMPLE:
+        return ()
+    were = "a handle of the prior was" if euler == SIMPLE - 2 else "handles of the prior were"
+    return (RunWarning("topology-changed", f"{were} cut: a reconstruction has none; check it in the report"),)
