@@ -243,3 +243,17 @@ def test_a_pocket_without_points_is_filled_and_one_with_points_is_not() -> None:
     assert (-filled[prior.box < -1.0] < 0.0).all()
     mapped = replace(found, wall=replace(rest, feet=np.vstack([points[:1000], 6.1 / 16.0 * points[1000:]])))
     assert without_pinched_off(-phi, mapped, settings)[1] == 0
+
+
+def test_handles_of_the_prior_are_cut_with_a_warning() -> None:
+    def handled(at: Array) -> Array:
+        """A ball with a thin ring that stands on it."""
+        ring = np.hypot(np.hypot(at[:, 0] - 17.0, at[:, 1]) - 6.0, at[:, 2]) - 2.0
+        return np.minimum(round_distance(16.0)(at), ring)
+
+    prior = meshed(handled, 28.0)
+    assert components_and_euler(prior.vertices, prior.faces) == (1, 0)
+    found = rebuilt(prior, sampled(TUBED, 1500, SIGMA, SEED))
+    assert found is not None
+    assert components_and_euler(found.wall.vertices, found.wall.faces) == (1, 2)
+    assert "a handle of the prior was cut" in " ".join(warning.sentence for warning in found.warnings)
