@@ -15,6 +15,7 @@ from ..arrays import Array, Ints
 from ..errors import SolverError
 from ..geometry.closest_point import ClosestPoint
 from ..geometry.components import component_labels, largest_component
+from ..geometry.fairing import flipped, relaxed
 from ..geometry.surface import Surface, interpolated
 from ..levelset.grid.distance import SignedDistance
 from ..levelset.grid.isosurface import zero_set
@@ -64,6 +65,9 @@ def extract(
     clean = _clean(raw, smoothing, keep, LOOSE * smallest)
     if smoothing and self_intersections(clean):  # where two walls are closer than the lattice tells apart
         clean = _clean(raw, 0, keep, LOOSE * smallest)
+    if flipped(clean).any():  # next to cuts, which follow the lattice
+        even = relaxed(clean)
+        clean = clean if self_intersections(even) else even
     shift = ClosestPoint(raw.vertices, raw.faces).distance(clean.vertices)
     return Extraction(clean, float(shift.mean()), float(shift.max()), len(raw.faces))
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..adapters.self_intersections import self_intersections
 from ..arrays import Ints
+from ..geometry.fairing import flipped
 from ..geometry.surface import Surface
 
 Record = dict[str, bool | int | float | None]
@@ -87,8 +88,7 @@ def flipped_faces(surface: Surface) -> int:
     """Faces that look against the mean direction of the surface at their own corners, as folded-over faces
     do.
     """
-    around = surface.vertex_normals[surface.faces].sum(axis=1)
-    return int(((around * surface.face_normals).sum(axis=1) < 0.0).sum())
+    return int(flipped(surface).sum())
 
 
 def _edges(surface: Surface) -> Ints:

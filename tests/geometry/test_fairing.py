@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 import trimesh
 from fields import SIZE, body, wall
+from shapes import meshed, round_distance
 
 from o3dls.arrays import Array
 from o3dls.evaluation.distances import distances
 from o3dls.geometry.differential import vertex_normals
-from o3dls.geometry.fairing import fair, roughness
+from o3dls.geometry.fairing import fair, flipped, relaxed, roughness
 from o3dls.geometry.fold_repair import repair_folds
 from o3dls.geometry.similarity import similarity
 from o3dls.geometry.surface import Surface, outline
@@ -203,3 +204,17 @@ def test_a_prior_is_smoothed_if_the_best_length_gains_three_nats_and_none_loses_
     found = choice.preferred_smoothing(SimpleNamespace(problem=problem, state=None, energy=100.0))  # type: ignore[arg-type]
     assert left == []
     assert (found and found[0]) == (length and pytest.approx(length * problem.size))
+
+
+def test_flipped_faces_are_relaxed_and_nothing_else_moves() -> None:
+    ball = meshed(round_distance(16.0), 20.0)
+    vertices = ball.vertices.copy()
+    folded = int(np.argmax(vertices[:, 0]))
+    vertices[folded] = vertices[folded] + [0.0, 2.5, 0.0]  # over its neighbours
+    bent = ball.with_vertices(vertices)
+    assert flipped(bent).any()
+    even = relaxed(bent)
+    assert not flipped(even).any()
+    far = np.linalg.norm(ball.vertices - ball.vertices[folded], axis=1) > 6.0
+    np.testing.assert_array_equal(even.vertices[far], ball.vertices[far])
+    assert np.abs(np.linalg.norm(even.vertices, axis=1) - 16.0).max() < 0.5
