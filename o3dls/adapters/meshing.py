@@ -15,7 +15,7 @@ from ..arrays import Array, Ints
 from ..errors import SolverError
 from ..geometry.closest_point import ClosestPoint
 from ..geometry.components import component_labels, largest_component
-from ..geometry.fairing import flipped, relaxed
+from ..geometry.flipped_faces import flipped, relaxed
 from ..geometry.surface import Surface, interpolated
 from ..levelset.grid.distance import SignedDistance
 from ..levelset.grid.isosurface import zero_set

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..adapters.self_intersections import self_intersections
 from ..arrays import Ints
-from ..geometry.fairing import flipped
+from ..geometry.flipped_faces import flipped
 from ..geometry.surface import Surface
 
 Record = dict[str, bool | int | float | None]

@@ -13,7 +13,8 @@ from shapes import meshed, round_distance
 from o3dls.arrays import Array
 from o3dls.evaluation.distances import distances
 from o3dls.geometry.differential import vertex_normals
-from o3dls.geometry.fairing import fair, flipped, relaxed, roughness
+from o3dls.geometry.fairing import fair, roughness
+from o3dls.geometry.flipped_faces import flipped, relaxed
 from o3dls.geometry.fold_repair import repair_folds
 from o3dls.geometry.similarity import similarity
 from o3dls.geometry.surface import Surface, outline
