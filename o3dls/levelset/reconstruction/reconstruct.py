@@ -82,6 +82,10 @@ def reconstruct(
     wall = _oriented(points, noise, weights, prior, settings)
     chosen = amplitudes(wall, prior, scale, settings)
     wall = replace(wall, amplitude=chosen.at)
+    # most maps ask for nothing: even points that lay exactly on the new wall would not be evidence enough
+    exact = np.zeros(len(points))
+    if chosen.gain + gain_off_prior(wall, prior, exact, contact, settings) < settings.evidence:
+        return None
     residual = left_out_distances(wall, prior, scale, settings)
     gain = chosen.gain + gain_off_prior(wall, prior, residual, contact, settings)
     if gain < settings.evidence:

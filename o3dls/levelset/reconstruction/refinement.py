@@ -78,7 +78,7 @@ def _removed(parts: int) -> tuple[RunWarning, ...]:
     if not parts:
         return ()
     were = "1 part of the prior was" if parts == 1 else f"{parts} parts of the prior were"
-    why = "hardly a point lies there, and points close the neck"
+    why = "hardly a point lies there, though points close the mouth or lie on nearly all other wall"
     return (RunWarning("topology-changed", f"{were} removed ({why}): check it in the report"),)
 
 
