@@ -47,7 +47,7 @@ def wall(points: Array, **changes: object) -> Data:
     return replace(plain, **changes)
 
 
-def covariance(dimension: int, anchors: int = 0, up: Array | None = None) -> Covariance:
+def covariance(dimension: int, anchors: int = 0) -> Covariance:
     marks = body(dimension).vertices[np.arange(anchors) * 7]
     return Covariance(
         np.full(dimension, 0.5),
@@ -59,7 +59,6 @@ def covariance(dimension: int, anchors: int = 0, up: Array | None = None) -> Cov
         translation=0.2 * SIZE,
         rotation=0.1,
         scale=0.1,
-        up=up,
     )
 
 

@@ -1,12 +1,11 @@
 """Prior covariance of the motion field: what displacements of the prior are likely, before any point is seen.
 
-D(r) = A(r) b + S(r) e + w(r) x (r - centre) + sum_k u_k(r) + N(r) sum_k g_k(r) + sum_L exp(-|r-L|^2 / 2
-l_a^2) c_L at positions r of the posed prior. A b: translation, rotation and scale, nearly free; S e:
-traceless strains; w = B (r - centre) / radius + h tanh((r - centre) . up / radius): a rotation that changes
-over the chamber, so that bending and twisting are cheap, B in any way, h (tilts, where `up` is known) from
-bottom to top, levelling off so that the ends of veins do not whirl; u, g: Matern 5/2 fields, of vectors and
-along the normal N (order >= 2: point data have no hold on rougher fields over a surface); c_L: shifts of
-anchors (vein ostia), each its own.
+D(r) = A(r) b + S(r) e + w(r) x (r - centre) + sum_k u_k(r) + N(r) sum_k g_k(r) + sum_L M(|r-L| / l_a) c_L
+at positions r of the posed prior. A b: translation, rotation and scale, nearly free; S e: traceless strains;
+w = B (r - centre) / radius: a rotation that changes over the chamber, so that bending and twisting are cheap;
+u, g: Matern 5/2 fields, of vectors and along the normal N (order >= 2: point data have no hold on rougher
+fields over a surface); c_L: shifts of anchors (vein ostia), each its own, which M, Matern 5/2 too, carries
+around them.
 """
 
 from __future__ import annotations
@@ -28,12 +27,11 @@ WORTH = 500  # places that are worth a thread
 @dataclass(frozen=True)
 class Covariance:
     """Components of the field's covariance; their standard deviations come as one array: vector, normal,
-    bend, strain, tilt, anchors.
+    bend, strain, anchors.
 
     centre (d,) is the origin of the similarity part, whose own standard deviations are translation (a
     length), rotation (rad) and scale; vector and normal are correlation lengths; a bend is measured by how
-    far one turns over `radius`; a tilt is one along the unit vector up (d,), where there is one; anchors (k,
-    d) reach as far as anchor_length.
+    far one turns over `radius`; shifts of anchors (k, d) are correlated over anchor_length.
     """
 
     centre: Array
@@ -45,7 +43,6 @@ class Covariance:
     translation: float
     rotation: float
     scale: float
-    up: Array | None = None
 
     @property
     def lengths(self) -> Array:
@@ -63,8 +60,8 @@ class Covariance:
         return np.asarray(np.einsum("gij,nj->nig", pose.turns(at.shape[1]), at - self.centre))
 
     def tunable(self, at: Array) -> list[Array]:
-        """Features (n, d, k) of bends, strains and, where there are any, tilts and shifts of the anchors, for
-        unit standard deviations.
+        """Features (n, d, k) of bends, strains and, where there are any, shifts of the anchors, for unit
+        standard deviations.
         """
         x = at - self.centre
         turns = self.turns(at)
@@ -73,8 +70,6 @@ class Covariance:
         )
         strains = np.einsum("gij,nj->nig", pose.traceless(at.shape[1]), x)
         found = [bends, strains]
-        if self.up is not None:
-            found.append(turns * np.tanh(x @ self.up / self.radius)[:, None, None])
         return [*found, self._anchored(at)] if len(self.anchors) else found
 
     def features(self, at: Array) -> list[Array]:
@@ -99,7 +94,7 @@ class Covariance:
 
     def _anchored(self, at: Array) -> Array:
         dim = at.shape[1]
-        reach = np.exp(-0.5 * ((at[:, None] - self.anchors[None]) ** 2).sum(axis=2) / self.anchor_length**2)
+        reach = matern(at, self.anchors, self.anchor_length)
         return np.asarray(np.einsum("nk,ab->nakb", reach, np.eye(dim)).reshape(len(at), dim, -1))
 
 

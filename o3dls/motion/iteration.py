@@ -57,7 +57,6 @@ def begin(problem: MotionProblem) -> State:
     log = expected_scales(problem, settings.noise_fraction)
     fields = len(settings.vector_lengths) + len(settings.normal_lengths)
     anchors = int(len(problem.marks) > 0)
-    modes = 2 + (problem.covariance.up is not None)
     noises = problem.data.groups + anchors
     log_sd = np.repeat(
         [
@@ -66,7 +65,7 @@ def begin(problem: MotionProblem) -> State:
             settings.field_log_sd * settings.anchor_log_sd,
             settings.field_log_sd * settings.noise_log_sd,
         ],
-        [fields, modes, anchors, noises],
+        [fields, 2, anchors, noises],
     )
     least_noise = np.full(noises, np.log(settings.least_noise * problem.size))
     least = np.r_[np.full(len(log) - noises, -np.inf), least_noise]
@@ -127,14 +126,11 @@ def expected_scales(problem: MotionProblem, noise_fraction: float) -> Array:
     rest = 1.0 - min(noise_fraction, s.most_noise_fraction) ** 2
     motion = float(np.sqrt(rest / (1.0 - s.noise_fraction**2)))
     moved = motion * rms
-    upright = problem.covariance.up is not None
     landmarks = len(problem.marks) > 0
     amplitudes = [s.vector_amplitude * moved / 2**k for k in range(len(s.vector_lengths))]
     amplitudes += [s.normal_amplitude * moved / 2**k for k in range(len(s.normal_lengths))]
-    amplitudes += [s.bend_amplitude * moved / problem.size / (1 + upright), s.strain_amplitude * motion]
-    amplitudes += [s.tilt_amplitude * moved / problem.size] * upright + [
-        s.anchor_amplitude * moved
-    ] * landmarks
+    amplitudes += [s.bend_amplitude * moved / problem.size, s.strain_amplitude * motion]
+    amplitudes += [s.anchor_amplitude * moved] * landmarks
     noises = [s.noise_fraction * rms] * problem.data.groups + [s.landmark_noise * problem.size] * landmarks
     return np.asarray(np.log(amplitudes + noises))
 

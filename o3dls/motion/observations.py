@@ -21,9 +21,8 @@ class Data:
     its odds of floating, whether it is known to be inside only; landmarks.
 
     mapping: rows of the mapping points of the case, of which those at one place are one row;
-    duplicate_distance: within what distance they are; up (d,), where it is known: the direction of the prior,
-    in its own frame, along which it bends most; groups: how many noise groups there are; typical_sigma: the
-    `sigma` that relative noise is relative to, where points have one.
+    duplicate_distance: within what distance they are; groups: how many noise groups there are; typical_sigma:
+    the `sigma` that relative noise is relative to, where points have one.
     """
 
     PER_POINT: ClassVar = ("points", "group", "relative", "odds", "inside")
@@ -35,7 +34,6 @@ class Data:
     inside: NDArray[np.bool_]
     marks_prior: Array
     marks_map: Array
-    up: Array | None = None
     groups: int = 1
     mapping: Ints | None = None
     typical_sigma: float | None = None

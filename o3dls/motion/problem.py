@@ -94,7 +94,7 @@ def motion_problem(
     posed = apply(pose, vertices)
     size = rms_radius(posed)
     marks = apply(pose, data.marks_prior)
-    covariance = _covariance(posed, pose, marks, data.up, settings)
+    covariance = _covariance(posed, marks, settings)
     length, at = smoothed or (0.0, posed)
     shortest = min(covariance.lengths)
     nodes = _spaced(at, settings.covariance.node_spacing * shortest)
@@ -117,14 +117,10 @@ def motion_problem(
     )
 
 
-def _covariance(
-    posed: Array, pose: Array, marks: Array, up: Array | None, settings: MotionSettings
-) -> Covariance:
-    """The covariance in lengths of the map; `up` (d,) is a direction of the prior's own frame."""
+def _covariance(posed: Array, marks: Array, settings: MotionSettings) -> Covariance:
+    """The covariance in lengths of the map."""
     chosen = settings.covariance
     size = rms_radius(posed)
-    if up is not None:
-        up = pose[:-1, :-1] @ up / np.linalg.norm(pose[:-1, :-1] @ up)
     return Covariance(
         centre=posed.mean(axis=0),
         vector=tuple(size * x for x in chosen.vector_lengths),
@@ -135,7 +131,6 @@ def _covariance(
         translation=chosen.translation_sd * size,
         rotation=chosen.rotation_sd,
         scale=chosen.scale_sd,
-        up=up,
     )
 
 

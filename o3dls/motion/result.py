@@ -117,7 +117,7 @@ def state_facts(problem: MotionProblem, state: State) -> dict[str, float]:
     covariance = problem.covariance
     landmarks = len(problem.marks) > 0
     names = [f"vector_{x:.3g}" for x in covariance.vector] + [f"normal_{x:.3g}" for x in covariance.normal]
-    names += ["bend", "strain"] + ["tilt"] * (covariance.up is not None) + ["anchors"] * landmarks
+    names += ["bend", "strain"] + ["anchors"] * landmarks
     facts = {f"amplitude_{name}": float(sd) for name, sd in zip(names, state.scales.sds, strict=True)}
     wall = ~problem.data.inside
     facts |= {

@@ -27,16 +27,15 @@ class CovarianceSettings:
     )
     normal_amplitude: float = number(0.25, "rms residuals", "likewise")
     bend_amplitude: float = number(0.3, "rms residuals", "what a rotation that changes moves over a radius")
-    tilt_amplitude: float = number(
-        0.6, "rms residuals", "of one from bottom to top, where that is known; bends are then half as large"
-    )
     strain_amplitude: float = number(
         0.02, "1", "what large strains explain where the points are, they carry to where there are none"
     )
     anchor_amplitude: float = number(
         1.2, "rms residuals", "shift of what lies around a landmark, each its own"
     )
-    anchor_length: float = number(0.38, "rms radii", "how far such a shift reaches: 10 mm, a vein's mouth")
+    anchor_length: float = number(
+        0.46, "rms radii", "correlation length of such a shift: that of the shorter field, 12 mm"
+    )
     translation_sd: float = number(0.2, "rms radii", "nearly free: the start may be off by several mm,")
     rotation_sd: float = number(0.1, "rad", "by several degrees,")
     scale_sd: float = number(0.1, "1", "and by several percent")
@@ -47,7 +46,7 @@ class CovarianceSettings:
     landmark_noise: float = number(0.08, "rms radii", "landmarks are picked to within 2 mm")
     least_noise: float = number(0.01, "rms radii", "no point is better than 0.3 mm")
     field_log_sd: float = number(1.0, "1", "of the fields' amplitudes: a factor of e either way")
-    mode_log_sd: float = number(0.5, "1", "of bends, tilts and strains: one case tells little of few numbers")
+    mode_log_sd: float = number(0.5, "1", "of bends and strains: one case tells little of few numbers")
     anchor_log_sd: float = number(0.3, "1", "of the anchors' amplitude, for the same reason")
     noise_log_sd: float = number(0.5, "1", "of the noise levels")
     normals_length: float = number(0.2, "rms radii", "normals do not follow bumps shorter than this")

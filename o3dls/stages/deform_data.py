@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,7 +14,6 @@ from .deform_parameters import DeformParameters
 if TYPE_CHECKING:
     from ..motion.observations import Data
 
-VEIN = re.compile(r"(?<![A-Z])[LR][SI]PV(?![A-Z])")
 NEVER = 1e-250  # odds of being an outlier that no residual outweighs, and whose logarithm is still a number
 
 
@@ -48,29 +45,11 @@ def observed(case: Case, stage: DeformParameters, before: Data | None = None) ->
         inside=points.type == "inside",
         marks_prior=marks_prior[keep],
         marks_map=marks_map[keep],
-        up=upwards(case.prior_landmarks) if stage.bends == "upright" else None,
         groups=1 + (stage.ablation == "fit"),
         mapping=same[every.type == "eam"],
         typical_sigma=typical,
         duplicate_distance=near,
     )
-
-
-def upwards(landmarks: Mapping[str, Array]) -> Array | None:
-    """Unit vector from the inferior to the superior pulmonary veins by their names (LSPV, LIPV, RSPV, RIPV);
-    None where these are missing.
-
-    The veins of one side are enough, and both sides count equally.
-    """
-    veins = {found[0]: at for name, at in landmarks.items() if (found := VEIN.search(name.upper()))}
-    rises = [
-        veins[f"{side}SPV"] - veins[f"{side}IPV"]
-        for side in "LR"
-        if {f"{side}SPV", f"{side}IPV"} <= set(veins)
-    ]
-    rise = np.sum(rises, axis=0)
-    length = float(np.linalg.norm(rise))
-    return np.asarray(rise / length) if length > 0.0 else None
 
 
 def outlier_odds(points: Points, force: float) -> Array:

@@ -39,13 +39,6 @@ class DeformParameters(Stage):
     ablation: Literal["hold_out", "fit"] = Field(
         "hold_out", description="hold ablation points out, or fit them with their own noise level"
     )
-    bends: Literal["upright", "any"] = Field(
-        "upright",
-        description=(
-            "expect an atrium to bend between its inferior and superior ends, where the names of the veins "
-            "tell these apart, or to bend equally in all directions"
-        ),
-    )
     outliers: Literal["find", "none"] = Field(
         "find", description="find points that do not touch the wall, or assume that every point touches it"
     )

@@ -69,9 +69,12 @@ class ICPParameters(Stage):
     metric: MetricName = Field("point_to_plane", description="what a step minimises")
     scale: bool = Field(True, description="estimate the scale too: a similarity instead of a rigid motion")
     scale_sd: float | None = Field(
-        0.2,
+        0.03,
         ge=1e-6,
-        description="prior standard deviation of the logarithm of the scale; none: no prior",
+        description=(
+            "prior standard deviation of the logarithm of the scale, firm since residuals of neighbours "
+            "are alike; none: no prior"
+        ),
         json_schema_extra=unit("1"),
     )
     scale_min: float = Field(0.5, gt=0.0, le=1.0, description="smallest scale", json_schema_extra=unit("1"))

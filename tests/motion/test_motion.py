@@ -555,9 +555,7 @@ def marked(count: int = 80) -> tuple[Surface, Data]:
     """A bent body, points of it, three landmarks, and which way is up."""
     surface, truth, data = bent(3, count)
     rows = [5, 300, 500]
-    return surface, replace(
-        data, marks_prior=surface.vertices[rows], marks_map=truth[rows], up=np.array([0.0, 0.0, 1.0])
-    )
+    return surface, replace(data, marks_prior=surface.vertices[rows], marks_map=truth[rows])
 
 
 def problem(surface: Surface, data: Data, pose: Array | None = None) -> MotionProblem:
@@ -571,18 +569,8 @@ def test_what_is_expected_before_the_points_are_seen_scales_with_the_lengths() -
     larger = replace(data, points=2.5 * data.points, marks_map=2.5 * data.marks_map)
     here = begin(problem(surface, data)).scales
     there = begin(problem(surface, larger, similarity(np.eye(3), np.zeros(3), 2.5))).scales
-    # fields, shifts of landmarks, noises; but bends, strains and tilts are angles and ratios
-    lengths = [
-        1,
-        1,
-        1,
-        0,
-        0,
-        0,
-        1,
-        1,
-        1,
-    ]
+    # fields, shifts of landmarks, noises; but bends and strains are angles and ratios
+    lengths = [1, 1, 1, 0, 0, 1, 1, 1]
     np.testing.assert_allclose(there.log - here.log, np.log(2.5) * np.array(lengths), atol=1e-9)
     np.testing.assert_allclose(there.least[-2:] - here.least[-2:], np.log(2.5))
 
@@ -591,7 +579,7 @@ def test_facts_name_the_amplitudes_as_they_are() -> None:
     at = problem(*marked())
     facts = state_facts(at, begin(at))
     sds = begin(at).scales.sds
-    assert [facts[f"amplitude_{name}"] for name in ("bend", "strain", "tilt", "anchors")] == sds[-4:].tolist()
+    assert [facts[f"amplitude_{name}"] for name in ("bend", "strain", "anchors")] == sds[-3:].tolist()
     assert facts["amplitude_strain"] == pytest.approx(MotionSettings().covariance.strain_amplitude)
 
 

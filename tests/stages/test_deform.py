@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from chamber import chamber, sampled, tips
+from chamber import sampled
 from fields import bend, body, spots
 from scipy.spatial.transform import Rotation
 from tiny import sphere
@@ -26,7 +26,7 @@ from o3dls.geometry.surface import Surface
 from o3dls.run_warning import RunWarning
 from o3dls.stages.deform import Deform
 from o3dls.stages.deform_checks import alternatives, captured, changed_volume, stretched, swapped_landmarks
-from o3dls.stages.deform_data import observed, upwards
+from o3dls.stages.deform_data import observed
 from o3dls.stages.level_set import LevelSet, observer
 
 NOISE = 0.8
@@ -173,66 +173,6 @@ def test_a_noisy_point_with_its_sigma_known_pulls_less() -> None:
         for c in (worse, with_column(worse, sigma=sigma))
     )
     assert told < blind
-
-
-VEINS = {
-    "LA-LSPV": [20.0, 8.0, 9.0],
-    "LA-LIPV": [20.0, 8.0, -9.0],
-    "rspv os": [-20.0, 8.0, 11.0],
-    "RIPV": [-20.0, 8.0, -7.0],
-    "LAA": [9.0, 0.0, 9.0],
-}
-
-
-@pytest.mark.parametrize(
-    ("names", "found"),
-    [
-        (VEINS, True),
-        (["LA-LSPV", "LA-LIPV"], True),
-        (["LA-LSPV", "RIPV"], False),
-        (["LAA"], False),
-        ([], False),
-    ],
-)
-def test_names_of_veins_tell_what_is_up(names: list[str], found: bool) -> None:
-    up = upwards({name: np.array(VEINS[name]) for name in names})
-    if found:
-        np.testing.assert_allclose(up, [0.0, 0.0, 1.0], atol=1e-12)
-    else:
-        assert up is None
-
-
-@pytest.mark.parametrize(
-    ("along", "least", "most"),
-    [(2, 0.0, 0.85), (1, 1.0, 1.3)],
-    ids=["between bottom and top", "between front and back"],
-)
-def test_a_bend_is_carried_to_where_no_points_are(along: int, least: float, most: float) -> None:
-    """One half of a chamber turned against the other: where veins are named, better between bottom and top,
-    little worse otherwise.
-    """
-    posed = chamber(20)
-    missed = []
-    # up is read in the prior's own frame
-    pose = similarity(Rotation.from_rotvec([0.4, -0.9, 0.3]).as_matrix(), np.array([3.0, 5.0, -2.0]))
-    prior = posed.transformed(np.linalg.inv(pose))
-    x = posed.vertices
-    marks = {name: apply(np.linalg.inv(pose), at[None])[0] for name, at in tips(posed).items()}
-    for seed in range(6):
-        rng = np.random.default_rng(seed)
-        axis = rng.normal(size=3)
-        truth = posed.with_vertices(
-            x + 0.3 * np.tanh(x[:, [along]] / 25.0) * np.cross(axis / np.linalg.norm(axis), x)
-        )
-        points = sampled(truth, 300, seed, NOISE)
-        points = points[points[:, along] < 8.0]
-        case = Case("bent", prior, Points(points, np.full(len(points), "eam")), marks)
-        unseen = x[:, along] > 12.0
-        start = Estimate(posed, pose, "as it stands")
-        found = [Deform(bends=way)(case, start).surface.vertices[unseen] for way in ("upright", "any")]
-        missed.append([distances(at, truth).mean() for at in found])
-    upright, alike = np.mean(missed, axis=0)
-    assert least * alike < upright < most * alike
 
 
 def test_odds_against_motion_hold_the_shape_of_the_prior() -> None:
@@ -751,9 +691,3 @@ def test_an_alternative_is_warned_of_only_where_the_points_hardly_prefer(behind:
     found = alternatives(best, [best], "mm")  # type: ignore[arg-type, list-item]
     assert [one.code for one in found] == ["alternative-points"] * warned
     assert all("without 7 points" in one.sentence for one in found)
-
-
-def test_the_veins_of_one_side_tell_which_way_is_up() -> None:
-    for side in "LR":
-        up = upwards({f"{side}SPV": np.array([-20.0, 8.0, 11.0]), f"{side}IPV": np.array([-20.0, 8.0, -7.0])})
-        np.testing.assert_allclose(up, [0.0, 0.0, 1.0])

@@ -25,6 +25,7 @@ from .moved_prior import MovedPrior
 from .normals import nearest, planes, turned_outward
 from .settings import ReconstructionSettings
 from .splines import SplineField
+from .surplus import surplus
 
 NEAREST = 8  # points whose distance tells how much of the wall a point stands for
 
@@ -84,10 +85,12 @@ def reconstruct(
     wall = replace(wall, amplitude=chosen.at)
     # most maps ask for nothing: even points that lay exactly on the new wall would not be evidence enough
     exact = np.zeros(len(points))
-    if chosen.gain + gain_off_prior(wall, prior, exact, contact, settings) < settings.evidence:
+    touching = wall.of(weights > 0.5)
+    least = chosen.gain + surplus(prior.box, touching, prior, radius, between, settings.surplus)[2]
+    if least + gain_off_prior(wall, prior, exact, contact, settings) < settings.evidence:
         return None
     residual = left_out_distances(wall, prior, scale, settings)
-    gain = chosen.gain + gain_off_prior(wall, prior, residual, contact, settings)
+    gain = least + gain_off_prior(wall, prior, residual, contact, settings)
     if gain < settings.evidence:
         return None
     noise = chosen.noise_factor * noise

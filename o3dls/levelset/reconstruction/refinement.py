@@ -34,7 +34,7 @@ def reconstructed(surface: Surface, believed: Believed, sd: str, limits: Limits)
     found = reconstruct(surface, believed, limits.spacing, settings)
     if found is None:
         return None
-    wall, removed = reconstructed_wall(found, settings)
+    wall, removed, filled = reconstructed_wall(found, settings)
     squared, face, _, weights = found.prior.tree.query(wall.vertices)
     side = np.where(found.prior.at(wall.vertices) < 0.0, -1.0, 1.0)
     corners = surface.faces[face]
@@ -54,12 +54,13 @@ def reconstructed(surface: Surface, believed: Believed, sd: str, limits: Limits)
         sigma=found.sigma,
         status=_sentence(found.gain, len(found.wall.feet)),
         converged=True,
-        warnings=_removed(removed) + _cut(euler),
+        warnings=_removed(removed) + _filled(filled) + _cut(euler),
         facts={
             "evidence_nats": found.gain,
             "amplitude": float(np.median(found.wall.amplitude)),
             "band_nodes": len(phi.band),
             "removed_parts": removed,
+            "filled_pockets": filled,
         },
         weights=found.weights,
         exact=True,
@@ -80,6 +81,15 @@ def _removed(parts: int) -> tuple[RunWarning, ...]:
     were = "1 part of the prior was" if parts == 1 else f"{parts} parts of the prior were"
     why = "hardly a point lies there, though points close the mouth or lie on nearly all other wall"
     return (RunWarning("topology-changed", f"{were} removed ({why}): check it in the report"),)
+
+
+def _filled(pockets: int) -> tuple[RunWarning, ...]:
+    """A warning where pockets of the outside were filled."""
+    if not pockets:
+        return ()
+    were = "1 pocket of the outside was" if pockets == 1 else f"{pockets} pockets of the outside were"
+    why = "hardly a point lies there, though points close the mouth"
+    return (RunWarning("topology-changed", f"{were} filled ({why}): check it in the report"),)
 
 
 def _cut(euler: int) -> tuple[RunWarning, ...]:

@@ -95,10 +95,16 @@ class SurplusSettings:
     covered: float = number(0.05, "1", "cost of new wall that has points, in that of wall without")
     unsupported: float = number(0.3, "1", "cost of the prior's wall without points: it is one already")
     support: float = number(10.0, "1", "cost of giving up wall with points")
-    expected: float = number(10.0, "points", "that a part has room for, if it can lack them")
+    expected: float = number(6.0, "points", "that a part has room for, if it can lack them")
     supported: float = number(0.1, "1", "of its wall: with points on more it is there")
     closed: float = number(0.5, "1", "of its mouth, by points: then it is not there,")
-    elsewhere: float = number(0.05, "1", "or with less of all other wall without points: nothing is unmapped")
+    closed_between: float = number(
+        0.16, "rms radii", "between points, at most, for that: 4 mm, else they close every mouth,"
+    )
+    elsewhere: float = number(
+        0.05, "1", "or with less of all other wall without points: nothing is unmapped,"
+    )
+    even: float = number(1.15, "1", "if points are spread as evenly: 1 at random, 1.2 and more in clusters")
     least_outside: float = number(0.3, "spacings", "of phi where a part was taken away")
 
 

@@ -1,5 +1,5 @@
 """Parts of the moved prior that the wall lacks: hardly a point lies on them, and points close their mouth or
-lie on nearly all other wall.
+lie on nearly all other wall, evenly.
 
 Cut off where that costs least new wall without points (a minimum cut: Greig, Porteous and Seheult 1989).
 """
@@ -7,6 +7,7 @@ Cut off where that costs least new wall without points (a minimum cut: Greig, Po
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,9 +16,13 @@ from scipy.ndimage import distance_transform_edt, label
 from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 
 from ...arrays import Array, Ints
+from .equations import Oriented
+from .moved_prior import MovedPrior
 from .normals import nearest
-from .reconstruct import Reconstruction
 from .settings import SurplusSettings
+
+if TYPE_CHECKING:
+    from .reconstruct import Reconstruction
 
 STEPS = np.vstack([np.eye(3, dtype=np.int64), -np.eye(3, dtype=np.int64)])
 UNITS = 1000.0  # of capacity in the area of one node, since flows are whole numbers
@@ -39,44 +44,81 @@ class _Inside:
 
 def without_surplus(phi: Array, found: Reconstruction, settings: SurplusSettings) -> tuple[Array, int]:
     """phi on the box of the moved prior without such parts, and how many they were."""
-    stride = max(1, round(settings.cell * found.radius / found.prior.spacing))
-    inside = _inside(phi, stride, found, settings)
+    away, parts, _ = surplus(phi, found.wall, found.prior, found.radius, found.between, settings)
+    return np.where(away, np.maximum(-phi, settings.least_outside * found.prior.spacing), phi), parts
+
+
+def surplus(
+    phi: Array, wall: Oriented, prior: MovedPrior, radius: float, between: float, settings: SurplusSettings
+) -> tuple[Mask, int, float]:
+    """Such parts of the inside of phi as a mask of its nodes, how many they are, and how many points they had
+    room for: the nats by which the map is likelier without them.
+    """
+    stride = max(1, round(settings.cell * radius / prior.spacing))
+    inside = _inside(phi, stride, wall, prior, between, settings)
     far = np.zeros(inside.mask.shape, dtype=bool)
     far[inside.mask] = _cut(inside, settings)
-    labels, parts = label(far)
-    room = (stride * found.prior.spacing / found.between) ** 2
-    surplus = [k for k in range(1, parts + 1) if _surplus(labels[inside.mask] == k, inside, room, settings)]
-    if not surplus:
-        return phi, 0
-    away = _on_fine_lattice(np.isin(labels, surplus), inside.mask, stride, phi.shape) & (phi < 0.0)
-    return np.where(away, np.maximum(-phi, settings.least_outside * found.prior.spacing), phi), len(surplus)
+    labels, count = label(far)
+    room = len(wall.feet) / max((inside.wall & inside.near).sum(), 1)
+    parts = [labels[inside.mask] == k for k in range(1, count + 1)]
+    parts = [part for part in parts if _lacks_points(part, inside, room, settings)]
+    other = inside.wall & ~inside.near & ~_union(parts, inside)
+    whole = other.sum() < settings.elsewhere * inside.wall.sum()
+    if parts and not (whole and evenness(wall, prior, settings) < settings.even):
+        resolved = between < settings.closed_between * radius
+        parts = [part for part in parts if resolved and _closed(part, inside) > settings.closed]
+    away = np.zeros(inside.mask.shape, dtype=bool)
+    away[inside.mask] = _union(parts, inside)
+    mask = _on_fine_lattice(away, inside.mask, stride, phi.shape) & (phi < 0.0)
+    return mask, len(parts), room * float((inside.wall & _union(parts, inside)).sum())
 
 
-def _inside(phi: Array, stride: int, found: Reconstruction, settings: SurplusSettings) -> _Inside:
+def evenness(wall: Oriented, prior: MovedPrior, settings: SurplusSettings) -> float:
+    """Mean squared distance of the moved prior's wall from the nearest point on it, where any is near, over
+    that of points spread at random with one density: about 1 for a map that is even, more where it clusters.
+    """
+    corners = prior.surface.vertices[prior.surface.faces]
+    feet = prior.tree.query(wall.feet)[2]
+    squared = nearest(feet, corners.mean(axis=1), 1)[0][:, 0] ** 2
+    areas = prior.surface.face_areas
+    mapped = np.ones(len(areas), dtype=bool)
+    for _ in range(2):  # what has no points is no part of what they are spread over
+        mapped = squared < settings.reach**2 * areas[mapped].sum() / len(feet)
+    return float(np.pi * (areas * squared)[mapped].sum() / areas[mapped].sum() ** 2 * len(feet))
+
+
+def _inside(
+    phi: Array, stride: int, points: Oriented, prior: MovedPrior, between: float, settings: SurplusSettings
+) -> _Inside:
     mask: Mask = phi[::stride, ::stride, ::stride] < 0.0
     nodes = np.argwhere(mask)
     number = np.full(np.add(mask.shape, 2), -1)
     number[1:-1, 1:-1, 1:-1][mask] = np.arange(len(nodes))
     others = np.column_stack([number[tuple((nodes + 1 + step).T)] for step in STEPS])
-    places = np.asarray((nodes * stride + found.prior.low) * found.prior.spacing, dtype=np.float64)
-    gap, rows = nearest(found.wall.feet, places, 1)
-    near: Mask = gap[:, 0] < max(settings.reach * found.between, 1.5 * stride * found.prior.spacing)
-    outward = found.wall.normals[rows[:, 0]] @ STEPS.T > settings.cosine
+    places = np.asarray((nodes * stride + prior.low) * prior.spacing, dtype=np.float64)
+    gap, rows = nearest(points.feet, places, 1)
+    near: Mask = gap[:, 0] < max(settings.reach * between, 1.5 * stride * prior.spacing)
+    outward = points.normals[rows[:, 0]] @ STEPS.T > settings.cosine
     wall = np.asarray((others < 0).any(axis=1))
     return _Inside(mask, others, wall, near, near[:, None] & outward)
 
 
-def _surplus(mine: Mask, inside: _Inside, room: float, settings: SurplusSettings) -> bool:
-    """Whether a part (n,) is not there; room: for points, at a node of the wall."""
+def _union(parts: list[Mask], inside: _Inside) -> Mask:
+    none = np.zeros(len(inside.wall), dtype=bool)
+    return np.asarray(np.any([none, *parts], axis=0))
+
+
+def _lacks_points(mine: Mask, inside: _Inside, room: float, settings: SurplusSettings) -> bool:
+    """Whether a part (n,) has room for points, `room` at a node of the wall, and hardly one lies on it."""
     wall = inside.wall & mine
+    supported = (wall & inside.near).sum() < settings.supported * wall.sum()
+    return bool(supported and room * wall.sum() > settings.expected)
+
+
+def _closed(mine: Mask, inside: _Inside) -> float:
+    """Which share of the mouth of a part (n,) points close."""
     mouth = mine[inside.others] & (inside.others >= 0) & ~mine[:, None]
-    closed = inside.covered[mouth].mean() if mouth.any() else 1.0
-    elsewhere = (inside.wall & ~inside.near & ~mine).sum() / inside.wall.sum()
-    return bool(
-        room * wall.sum() > settings.expected
-        and (wall & inside.near).sum() < settings.supported * wall.sum()
-        and (closed > settings.closed or elsewhere < settings.elsewhere)
-    )
+    return float(inside.covered[mouth].mean()) if mouth.any() else 1.0
 
 
 def _cut(inside: _Inside, settings: SurplusSettings) -> Mask:

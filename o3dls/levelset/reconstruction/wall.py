@@ -19,22 +19,23 @@ from .surplus import without_surplus
 EVEN = 0.8  # area of wall per node on it and squared spacing, for a surface of any direction
 
 
-def reconstructed_wall(found: Reconstruction, settings: ReconstructionSettings) -> tuple[Surface, int]:
-    """The wall of phi, one piece without handles, and how many parts were taken away because points
-    contradict them.
+def reconstructed_wall(found: Reconstruction, settings: ReconstructionSettings) -> tuple[Surface, int, int]:
+    """The wall of phi, one piece without handles; how many parts were taken away, and how many pockets of
+    the outside filled, because points contradict them.
     """
     prior = found.prior
     phi = _on_lattice(found, settings)
     phi, removed = without_pinched_off(phi, found, settings)
     phi, cut = without_surplus(phi, found, settings.surplus)
-    phi = -without_pinched_off(-phi, found, settings)[0]  # and pockets of the outside, in what is inside
+    outside, filled = without_pinched_off(-phi, found, settings)
+    phi = -outside
     phi = without_handles(phi, settings.least_outside * prior.spacing)
     cube = np.ones((3, 3, 3), dtype=bool)
     near = binary_dilation((phi < 0.0) & binary_dilation(phi >= 0.0, cube), cube)
     nodes = np.ascontiguousarray(np.argwhere(near), dtype=np.int32)
     band = Band(prior.spacing, prior.clip, prior.low, phi.shape, nodes)
     vertices, faces = zero_set(band, phi[near])
-    return Surface(vertices, faces), removed + cut
+    return Surface(vertices, faces), removed + cut, filled
 
 
 def _on_lattice(found: Reconstruction, settings: ReconstructionSettings) -> Array:
