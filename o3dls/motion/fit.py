@@ -46,6 +46,15 @@ def fit_motion(
         return _fit_from_nothing(vertices, faces, pose, data, settings or MotionSettings())
 
 
+def trial_fit(vertices: Array, faces: Ints, pose: Array, data: Data, settings: MotionSettings) -> Iterated:
+    """Rounds until the surface stands still, without what `fit_motion` weighs after them: for comparing the
+    energies of one surface and another. Parameters and errors as there.
+    """
+    with one_blas_thread():
+        problem = motion_problem(vertices, faces, pose, data, settings)
+        return _iterate(problem, begin(problem))
+
+
 def _fit_from_nothing(
     vertices: Array, faces: Ints, pose: Array, data: Data, settings: MotionSettings
 ) -> MotionFit:

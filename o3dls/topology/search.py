@@ -14,15 +14,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..arrays import Array
+from ..arrays import Array, Ints
 from ..geometry.components import components_and_euler
 from ..geometry.similarity import apply, rms_radius
 from ..geometry.surface import Surface
 from ..levelset.normal_displacement import Wall
 from ..levelset.observation import Measured, Noise, observe
-from ..motion.fit import fit_motion
+from ..motion.fit import fit_motion, trial_fit
 from ..motion.observations import Data
-from ..motion.result import MotionFit
+from ..motion.result import Iterated, MotionFit
 from ..motion.settings import MotionSettings
 from .change import Change, changed
 from .cuts import removals
@@ -47,7 +47,7 @@ def change_topology(
         best = max(judged, key=lambda change: change.gain, default=None)
         if best is None or best.gain < settings.evidence:
             break
-        fit = search.refitted(fit, search.remade(fit, best), fit.problem.data, fit.problem.settings)
+        fit = fit_motion(*search.anew(fit, search.remade(fit, best), fit.problem.data))
         made.append(best)
     return fit, tuple(made)
 
@@ -98,23 +98,25 @@ class TopologySearch:
         if components_and_euler(unchanged.vertices, unchanged.faces) != _kind(fit):
             return
         part = self._part(fit)
-        settings = fit.problem.settings
-        settings = replace(settings, iteration=replace(settings.iteration, repair_folds=False))
-        whole = self.refitted(fit, unchanged, part, settings).energy
+        whole = trial_fit(*self.anew(fit, unchanged, part)).energy
         for change in changes:
-            after = self.refitted(fit, self.remade(fit, change), part, settings)
+            after = trial_fit(*self.anew(fit, self.remade(fit, change), part))
             if self.explains(change, after):
                 yield replace(change, gain=whole - after.energy - change.price)
 
-    def explains(self, change: Change, after: MotionFit) -> bool:
+    def explains(self, change: Change, after: Iterated) -> bool:
         """Whether the points that ask for a change lie on the new wall, in the median. Points that float in
         the mouth of a part that was never touched gain something by any wall near them, many points gain
         much, and yet it does not run through them.
         """
-        wall = Wall(Surface(after.vertices, after.motion.faces), self.settings.observation)
+        wall = Wall(Surface(after.state.moved, after.problem.faces), self.settings.observation)
         distance = wall.look(change.odd)[0]
         cuts = self.settings.cuts
-        near = float(np.median(np.abs(distance))) < cuts.deep * after.sigma if len(distance) else False
+        near = (
+            float(np.median(np.abs(distance))) < cuts.deep * float(after.state.scales.noises[0])
+            if len(distance)
+            else False
+        )
         return len(distance) >= cuts.witnesses and near
 
     def remade(self, fit: MotionFit, change: Change | None) -> Surface:
@@ -122,12 +124,17 @@ class TopologySearch:
         posed = posed_prior(fit)
         return changed(posed, change, max(self.spacing, _edge(posed)), self.settings.half_band)
 
-    def refitted(self, fit: MotionFit, posed: Surface, data: Data, settings: MotionSettings) -> MotionFit:
-        """The motion of what the prior was made into."""
+    def anew(
+        self, fit: MotionFit, posed: Surface, data: Data
+    ) -> tuple[Array, Ints, Array, Data, MotionSettings]:
+        """What a motion of what the prior was made into is fitted from: vertices (n, d), faces (m, d), pose,
+        data, settings.
+        """
         motion = fit.motion
         prior = apply(np.asarray(np.linalg.inv(motion.T_map_prior)), posed.vertices)
         # in mm: points float as deep in whatever prior
         larger = fit.problem.size / rms_radius(posed.vertices)
+        settings = fit.problem.settings
         contact = settings.contact
         contact = replace(contact, depth=contact.depth * larger, scatter=contact.scatter * larger)
         settings = replace(
@@ -135,7 +142,7 @@ class TopologySearch:
             selection=replace(settings.selection, smoothing_lengths=()),
             contact=contact,
         )
-        return fit_motion(prior, posed.faces, motion.T_map_prior, data, settings)
+        return prior, posed.faces, motion.T_map_prior, data, settings
 
     def _part(self, fit: MotionFit) -> Data:
         """An even part of many points: what changes the topology is no detail."""

@@ -83,15 +83,16 @@ def reconstruct(
     wall = _oriented(points, noise, weights, prior, settings)
     chosen = amplitudes(wall, prior, scale, settings)
     wall = replace(wall, amplitude=chosen.at)
-    # most maps ask for nothing: even points that lay exactly on the new wall would not be evidence enough
-    exact = np.zeros(len(points))
     touching = wall.of(weights > 0.5)
-    least = chosen.gain + surplus(prior.box, touching, prior, radius, between, settings.surplus)[2]
-    if least + gain_off_prior(wall, prior, exact, contact, settings) < settings.evidence:
+    known = chosen.gain + surplus(prior.box, touching, prior, radius, between, settings.surplus)[2]
+    # most maps ask for nothing: even points that lay exactly on the new wall would not be evidence enough
+    exact = gain_off_prior(wall, prior, np.zeros(len(points)), contact, settings)
+    asked = chosen.gain > settings.field_evidence
+    if not asked and known + exact < settings.evidence:
         return None
     residual = left_out_distances(wall, prior, scale, settings)
-    gain = least + gain_off_prior(wall, prior, residual, contact, settings)
-    if gain < settings.evidence:
+    gain = known + gain_off_prior(wall, prior, residual, contact, settings)
+    if not asked and gain < settings.evidence:
         return None
     noise = chosen.noise_factor * noise
     sigma = float(np.median(noise))

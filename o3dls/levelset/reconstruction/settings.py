@@ -115,6 +115,9 @@ class ReconstructionSettings:
     evidence: float = number(
         15.0, "nats", "by which left-out points are predicted better: chance makes up to ten"
     )
+    field_evidence: float = number(
+        5.0, "nats", "or by which those near the moved prior are: chance makes up to four"
+    )
     least_points: int = number(50, "points", "believed: fewer tell no wall by themselves")
     folds: int = number(4, "", "parts of the points that are predicted by the others")
     most_training: int = number(2000, "points", "that predict the others")
