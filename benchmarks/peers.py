@@ -24,7 +24,7 @@ Peer = Callable[..., Surface]
 ROUNDS = 15  # most re-associations of the warp
 STILL = 1e-3  # mean step, in rms distances of the start, at which a warp stands still
 COARSE_FACES = 2000  # nricp solves for the prior decimated to this; its motion is carried to the full mesh
-MOST = 4000  # points: the dense solvers get no more, each the mean of some; so even in the peers' favour
+MOST = 2000  # points: the dense solvers get no more, each the mean of some; so even in the peers' favour
 CPD_MOVING = 1500  # points that it may move: it solves for as many weights in every round
 CPD_NODES = 700  # pycpd is dense: this many vertices of the prior, its motion interpolated by its own kernel
 

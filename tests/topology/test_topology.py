@@ -19,7 +19,7 @@ from o3dls.geometry.similarity import apply, scale_of, similarity
 from o3dls.geometry.surface import Surface
 from o3dls.levelset.normal_displacement import Wall
 from o3dls.levelset.observation import Measured, Noise, observe
-from o3dls.motion.fit import fit_motion
+from o3dls.motion.fit import fit_motion, trial_fit
 from o3dls.motion.result import MotionFit
 from o3dls.topology.change import Change, body_radius, changed
 from o3dls.topology.cuts import removals
@@ -169,7 +169,7 @@ def test_a_smaller_prior_makes_floating_points_no_likelier() -> None:
     """
     fit = bent_fit()
     smaller = surface(fit).with_vertices(0.9 * fit.motion.rest.at)
-    again = SEARCH.refitted(fit, smaller, fit.problem.data, fit.problem.settings)
+    again = trial_fit(*SEARCH.anew(fit, smaller, fit.problem.data))
     assert again.state.contact.depth == pytest.approx(fit.state.contact.depth)
 
 
@@ -264,10 +264,12 @@ def test_a_wall_that_the_lattice_would_tear_is_not_judged_on_it(monkeypatch: pyt
     shell = meshed(
         lambda at: np.maximum(np.abs(np.linalg.norm(at, axis=1) - 16.0) - 0.6, at[:, 0] - 3.3), 18.0, 0.5
     )
-    motion = SimpleNamespace(rest=SimpleNamespace(at=shell.vertices), faces=shell.faces)
+    motion = SimpleNamespace(
+        rest=SimpleNamespace(at=shell.vertices), faces=shell.faces, T_map_prior=np.eye(4)
+    )
     fit = replace(bent_fit(), motion=motion)
     assert components_and_euler(shell.vertices, shell.faces) == (1, 2)
-    monkeypatch.setattr(TopologySearch, "refitted", lambda *_: SimpleNamespace(energy=0.0))
+    monkeypatch.setattr("o3dls.topology.search.trial_fit", lambda *_: SimpleNamespace(energy=0.0))
     monkeypatch.setattr(TopologySearch, "explains", lambda *_: True)
     change = replace(proposed(np.zeros((3, 3))), region=(ball().vertices, ball().faces))
     assert len(list(TopologySearch(0.5, SETTINGS).judged(fit, [change]))) == 1
@@ -306,7 +308,7 @@ def test_a_change_gains_what_the_fit_gains_less_its_price(
 ) -> None:
     energies = iter([100.0, 60.0])  # without the change, with it
     monkeypatch.setattr(TopologySearch, "remade", lambda self, fit, *rest: surface(fit))
-    monkeypatch.setattr(TopologySearch, "refitted", lambda *rest: SimpleNamespace(energy=next(energies)))
+    monkeypatch.setattr("o3dls.topology.search.trial_fit", lambda *_: SimpleNamespace(energy=next(energies)))
     monkeypatch.setattr(TopologySearch, "explains", lambda self, change, after: explained)
     judged = SEARCH.judged(bent_fit(), [proposed(np.zeros((0, 3)), price=7.0)])
     assert [change.gain for change in judged] == gains

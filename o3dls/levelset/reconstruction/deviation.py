@@ -17,18 +17,31 @@ from .splines import correlation
 def deviation(
     vertices: Array, prior_sd: Array, found: Reconstruction, settings: ReconstructionSettings
 ) -> Array:
-    """Standard deviation (v,) of the wall at its vertices: of the field, given the points next to each, and
-    of the motion, prior_sd (v,), as far as no point tells.
+    """Standard deviation (v,) of the wall at its vertices: of the field, given the points next to each; of
+    the motion, prior_sd (v,), as far as no point tells; and, as far as there may be no wall, the distance to
+    the nearest point.
     """
     wall = found.wall
-    near = nearest(wall.feet, vertices, min(settings.deviation_points, len(wall.feet)))[1]
+    gap, near = nearest(wall.feet, vertices, min(settings.deviation_points, len(wall.feet)))
     variance = wall.noise**2 / np.maximum(wall.weights, TINY)
     told = np.zeros(len(vertices))
     lengths = np.asarray(found.lengths)
     shares = settings.splines.falling ** (-2.0 * np.arange(len(lengths)))
     shared = (wall.feet, wall.amplitude, variance, lengths, shares / shares.sum())
     by_rows(_told, WORTH, (vertices, near, told), *shared)
-    return np.asarray(np.sqrt((1.0 - told) * (wall.amplitude[near[:, 0]] ** 2 + prior_sd**2)))
+    smooth = (1.0 - told) * (wall.amplitude[near[:, 0]] ** 2 + prior_sd**2)
+    return np.asarray(np.sqrt(smooth + absent(gap[:, 0], found, settings) * gap[:, 0] ** 2))
+
+
+def absent(gap: Array, found: Reconstruction, settings: ReconstructionSettings) -> Array:
+    """Probability (v,) that there is no wall where the nearest point is `gap` (v,) away.
+
+    On a wall that was visited so large a circle is empty with the probability of a Poisson process, on the
+    part of the wall that was not visited always.
+    """
+    unmapped = float((gap > settings.unmapped * found.between).mean())
+    empty = unmapped + (1.0 - unmapped) * np.exp(-np.pi * (gap / found.between) ** 2)
+    return np.asarray(settings.absent / (settings.absent + (1.0 - settings.absent) * empty))
 
 
 @njit(cache=True, nogil=True)

@@ -89,23 +89,23 @@ class AmplitudeSettings:
 class SurplusSettings:
     """Which parts of the moved prior points show not to be there."""
 
-    cell: float = number(0.08, "rms radii", "of the lattice on which they are cut off: 2 mm")
-    reach: float = number(1.2, "distances between points", "to the nearest point of a wall that has points")
+    cell: float = number(0.04, "rms radii", "of the lattice on which they are cut off: 1 mm")
+    reach: float = number(1.0, "distances between points", "to the nearest point of a wall that has points")
     cosine: float = number(0.5, "1", "of a point's normal with a step that leads through its wall")
     covered: float = number(0.05, "1", "cost of new wall that has points, in that of wall without")
-    unsupported: float = number(0.3, "1", "cost of the prior's wall without points: it is one already")
+    unsupported: float = number(1.0, "1", "cost of wall without points that is there already")
     support: float = number(10.0, "1", "cost of giving up wall with points")
     expected: float = number(6.0, "points", "that a part has room for, if it can lack them")
+    largest: float = number(0.15, "1", "of the wall is such a part, at most: more was not visited")
     supported: float = number(0.1, "1", "of its wall: with points on more it is there")
     closed: float = number(0.5, "1", "of its mouth, by points: then it is not there,")
     closed_between: float = number(
         0.16, "rms radii", "between points, at most, for that: 4 mm, else they close every mouth,"
     )
     elsewhere: float = number(
-        0.05, "1", "or with less of all other wall without points: nothing is unmapped,"
+        0.1, "1", "or with less of all other wall without points (chance: .04): nothing is unmapped,"
     )
     even: float = number(1.15, "1", "if points are spread as evenly: 1 at random, 1.2 and more in clusters")
-    least_outside: float = number(0.3, "spacings", "of phi where a part was taken away")
 
 
 @dataclass(frozen=True)
@@ -116,7 +116,7 @@ class ReconstructionSettings:
         15.0, "nats", "by which left-out points are predicted better: chance makes up to ten"
     )
     field_evidence: float = number(
-        5.0, "nats", "or by which those near the moved prior are: chance makes up to four"
+        10.0, "nats", "or by which those near the moved prior are: chance makes up to seven"
     )
     least_points: int = number(50, "points", "believed: fewer tell no wall by themselves")
     folds: int = number(4, "", "parts of the points that are predicted by the others")
@@ -142,6 +142,8 @@ class ReconstructionSettings:
     )
     least_outside: float = number(0.3, "spacings", "of phi where something was taken away")
     deviation_points: int = number(10, "points", "that the deviation of a vertex is asked of")
+    absent: float = number(0.02, "1", "of the wall that is found, before points are seen, is not there")
+    unmapped: float = number(1.5, "distances between points", "to the nearest one, of wall not visited")
     splines: SplineSettings = field(default_factory=SplineSettings)
     normals: NormalSettings = field(default_factory=NormalSettings)
     amplitude: AmplitudeSettings = field(default_factory=AmplitudeSettings)

@@ -7,7 +7,6 @@ Cut off where that costs least new wall without points (a minimum cut: Greig, Po
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,9 +19,6 @@ from .equations import Oriented
 from .moved_prior import MovedPrior
 from .normals import nearest
 from .settings import SurplusSettings
-
-if TYPE_CHECKING:
-    from .reconstruct import Reconstruction
 
 STEPS = np.vstack([np.eye(3, dtype=np.int64), -np.eye(3, dtype=np.int64)])
 UNITS = 1000.0  # of capacity in the area of one node, since flows are whole numbers
@@ -40,12 +36,6 @@ class _Inside:
     wall: Mask
     near: Mask
     covered: Mask
-
-
-def without_surplus(phi: Array, found: Reconstruction, settings: SurplusSettings) -> tuple[Array, int]:
-    """phi on the box of the moved prior without such parts, and how many they were."""
-    away, parts, _ = surplus(phi, found.wall, found.prior, found.radius, found.between, settings)
-    return np.where(away, np.maximum(-phi, settings.least_outside * found.prior.spacing), phi), parts
 
 
 def surplus(
@@ -111,8 +101,9 @@ def _union(parts: list[Mask], inside: _Inside) -> Mask:
 def _lacks_points(mine: Mask, inside: _Inside, room: float, settings: SurplusSettings) -> bool:
     """Whether a part (n,) has room for points, `room` at a node of the wall, and hardly one lies on it."""
     wall = inside.wall & mine
-    supported = (wall & inside.near).sum() < settings.supported * wall.sum()
-    return bool(supported and room * wall.sum() > settings.expected)
+    bare = (wall & inside.near).sum() < settings.supported * wall.sum()
+    small = wall.sum() < settings.largest * inside.wall.sum()
+    return bool(bare and small and room * wall.sum() > settings.expected)
 
 
 def _closed(mine: Mask, inside: _Inside) -> float:

@@ -14,7 +14,7 @@ from ..grid.isosurface import zero_set
 from .handles import without_handles
 from .reconstruct import Reconstruction
 from .settings import ReconstructionSettings
-from .surplus import without_surplus
+from .surplus import surplus
 
 EVEN = 0.8  # area of wall per node on it and squared spacing, for a surface of any direction
 
@@ -26,7 +26,8 @@ def reconstructed_wall(found: Reconstruction, settings: ReconstructionSettings) 
     prior = found.prior
     phi = _on_lattice(found, settings)
     phi, removed = without_pinched_off(phi, found, settings)
-    phi, cut = without_surplus(phi, found, settings.surplus)
+    away, cut, _ = surplus(phi, found.wall, prior, found.radius, found.between, settings.surplus)
+    phi = np.where(away, np.maximum(-phi, settings.least_outside * prior.spacing), phi)
     outside, filled = without_pinched_off(-phi, found, settings)
     phi = -outside
     phi = without_handles(phi, settings.least_outside * prior.spacing)
