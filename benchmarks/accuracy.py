@@ -60,8 +60,8 @@ from o3dls.pipeline.workers import workers
 Record = dict[str, Any]
 
 
-def ours(case: Any, plan: Path | None) -> Iterator[tuple[str, Any, float]]:
-    """Estimates of a pipeline (the packaged default), and of the level set without the motion: name,
+def ours(case: Any, plan: Path | None, phi_alone: bool) -> Iterator[tuple[str, Any, float]]:
+    """Estimates of a pipeline (the packaged default), and perhaps of the level set without the motion: name,
     estimate, seconds from the start.
     """
     from o3dls.pipeline.file import read_pipeline
@@ -70,7 +70,8 @@ def ours(case: Any, plan: Path | None) -> Iterator[tuple[str, Any, float]]:
     from o3dls.stages.level_set import LevelSet
 
     asked = read_pipeline(plan or pipeline_file("default")).allowed_by(case)
-    pipeline = Pipeline([*asked.stages, LevelSet(as_="phi_only", after="icp")], folds=0)
+    alone = [LevelSet(as_="phi_only", after="icp")] if phi_alone else []
+    pipeline = Pipeline([*asked.stages, *alone], folds=0)
     estimates = pipeline.fit(case)
     for name, estimate in estimates.items():
         if name != "landmarks":
@@ -100,13 +101,15 @@ def peers(case: Any, group: str, icp: Any, icp_seconds: float) -> Iterator[tuple
         yield name, Estimate(surface, icp.T_map_prior, name), icp_seconds + perf_counter() - begin
 
 
-def run(listed: Listed, phantom: Path | None, plan: Path | None, ours_alone: bool) -> list[Record]:
+def run(
+    listed: Listed, phantom: Path | None, plan: Path | None, *, ours_alone: bool, phi_alone: bool
+) -> list[Record]:
     """Records of every method on one case."""
     from benchmarks.bound import MOTION, bound, load
     from benchmarks.scores import scores
 
     case = listed.read()
-    results = list(ours(case, plan))
+    results = list(ours(case, plan, phi_alone))
     icp, seconds = next((estimate, seconds) for name, estimate, seconds in results if name == "icp")
     if not ours_alone:
         results += list(peers(case, listed.group, icp, seconds))
@@ -126,6 +129,7 @@ def main() -> None:
     parser.add_argument("--phantom", type=Path, help="the generator's file, for its bound")
     parser.add_argument("--pipeline", type=Path, help="a pipeline file in place of the default pipeline")
     parser.add_argument("--ours", action="store_true", help="leave the other methods out")
+    parser.add_argument("--no-phi-only", action="store_true", help="leave the level set after icp out")
     parser.add_argument(
         "--records",
         type=Path,
@@ -145,7 +149,14 @@ def main() -> None:
     todo = [listed for listed in find(arguments.folders) if listed.name not in done]
     with workers(arguments.jobs) as pool:
         for found in pool.map(
-            partial(run, phantom=arguments.phantom, plan=arguments.pipeline, ours_alone=arguments.ours), todo
+            partial(
+                run,
+                phantom=arguments.phantom,
+                plan=arguments.pipeline,
+                ours_alone=arguments.ours,
+                phi_alone=not arguments.no_phi_only,
+            ),
+            todo,
         ):
             records += found
             _keep(arguments.records, found)
