@@ -21,20 +21,24 @@ def duplicate_distance(
     chance makes; 0 without any.
 
     Noise scatters points in all directions, so that neighbours at random are rarer than the ring around them
-    has it. Copies, beats of one contact and merged maps are not, and their noise is the same: counted one by
-    one they would make it look small, and all else certain. xyz (n, d), kind (n,): the type of each point;
-    size: rms radius of the prior.
+    has it: by the square of the radius over an area, by the radius itself along contours and a dragged
+    catheter, and the ring's own growth tells which. Copies, beats of one contact and merged maps are not, and
+    their noise is the same: counted one by one they would make it look small, and all else certain. xyz (n,
+    d), kind (n,): the type of each point; size: rms radius of the prior.
     """
     wall = kind != "inside"
     at = _by_type(xyz[wall], kind[wall], settings.ring * settings.distances[0] * size)
     tree = cKDTree(np.unique(at, axis=0))
-    radii = size * np.outer([1.0, settings.ring], settings.distances)
-    pairs = np.empty(2 * len(settings.distances))
+    radii = size * np.outer([1.0, settings.ring**0.5, settings.ring], settings.distances)
+    pairs = np.empty(radii.size)
     order = np.argsort(radii.ravel())
     # of all radii in one pass
     pairs[order] = (tree.count_neighbors(tree, radii.ravel()[order]) - tree.n) / 2.0
-    near, wide = pairs.reshape(radii.shape)
-    by_chance = (wide - near) / (settings.ring ** (xyz.shape[1] - 1) - 1.0)
+    near, middle, wide = pairs.reshape(radii.shape)
+    line, area = settings.ring**0.5, settings.ring ** (0.5 * (xyz.shape[1] - 1))
+    weight = settings.growth_pairs
+    growth = (wide - middle + area * weight) / (middle - near + weight)
+    by_chance = (wide - near) / (np.clip(growth, line, area) ** 2 - 1.0)
     most = settings.excess * by_chance + settings.excess_sd * by_chance**0.5 + settings.excess_pairs
     return float(radii[0, near > most].max(initial=0.0))
 

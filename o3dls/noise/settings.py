@@ -32,7 +32,10 @@ class DuplicateSettings:
     distances: tuple[float, ...] = number(
         (0.06, 0.03, 0.015), "rms radii", "what may be one place: 1.6 mm and less for an atrium"
     )
-    ring: float = number(4.0, "distances", "radius of the ring that tells how many neighbours chance gives")
+    ring: float = number(4.0, "distances", "radius of the ring that tells how many neighbours chance gives,")
+    growth_pairs: float = number(
+        20.0, "pairs", "weight of pairs that grow as over an area against the ring's own: lines grow less"
+    )
     excess: float = number(1.25, "1", "neighbours over those by chance: sites of uneven density stay below")
     excess_sd: float = number(4.0, "sd", "and so many standard deviations of a count by chance above it,")
     excess_pairs: float = number(5.0, "pairs", "and so many pairs, since few pairs tell nothing")

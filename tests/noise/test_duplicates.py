@@ -39,6 +39,26 @@ def test_points_at_random_are_places_of_their_own(count: int, noise: float) -> N
     assert apart(points(mapped(count, noise)), SIZE) == 0.0
 
 
+def contours(noise: float) -> Array:
+    """Points (1000, 3) at random along nine contours of the sphere, displaced by noise."""
+    rng = np.random.default_rng(70_117)
+    height = rng.choice(np.linspace(-0.9, 0.9, 9), 1000)
+    turn = rng.uniform(0.0, 2.0 * np.pi, 1000)
+    flat = np.sqrt(1.0 - height**2)
+    at = np.column_stack([flat * np.cos(turn), flat * np.sin(turn), height])
+    return SIZE * at + noise * rng.normal(size=at.shape)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.3, 1.0])
+def test_points_along_contours_are_places_of_their_own(noise: float) -> None:
+    assert apart(points(contours(noise)), SIZE) == 0.0
+
+
+@pytest.mark.parametrize("noise", [0.3, 1.0])
+def test_copies_of_points_along_contours_are_found(noise: float) -> None:
+    assert apart(points(contours(noise), contours(noise).round(2)), SIZE) > 0.0
+
+
 @pytest.mark.parametrize("copies", ["twice", "some", "contacts"])
 def test_points_closer_than_noise_leaves_them_are_one_place(copies: str) -> None:
     xyz = mapped(250)
