@@ -187,13 +187,16 @@ class LevelSet(Stage):
 
 
 def believed(fit: MotionFit) -> Believed:
-    """The points that may touch the wall as the motion left them."""
-    from ..levelset.reconstruction.reconstruct import Believed
+    """The points that may touch the wall as the motion left them, and those that are known to be inside."""
+    from ..levelset.reconstruction.reconstruct import Believed, Inside
 
     data, state = fit.problem.data, fit.state
     wall = ~data.inside
-    noise = state.scales.noises[data.group[wall]] * data.relative[wall]
-    return Believed(data.points[wall], state.weights[wall], noise, data.odds[wall], state.contact)
+    noise = state.scales.noises[data.group] * data.relative
+    inside = Inside(data.points[~wall], noise[~wall])
+    return Believed(
+        data.points[wall], state.weights[wall], noise[wall], data.odds[wall], state.contact, inside
+    )
 
 
 def _of_mapping(fit: MotionFit | None, weights: Array) -> Array:

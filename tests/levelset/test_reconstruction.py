@@ -24,7 +24,7 @@ from o3dls.levelset.reconstruction.fitting import Scale
 from o3dls.levelset.reconstruction.handles import without_handles
 from o3dls.levelset.reconstruction.moved_prior import MovedPrior
 from o3dls.levelset.reconstruction.normals import nearest, planes, turned_outward
-from o3dls.levelset.reconstruction.reconstruct import Believed, Reconstruction
+from o3dls.levelset.reconstruction.reconstruct import Believed, Inside, Reconstruction
 from o3dls.levelset.reconstruction.refinement import reconstructed
 from o3dls.levelset.reconstruction.settings import ReconstructionSettings
 from o3dls.levelset.reconstruction.splines import SplineField, SplineLattice
@@ -233,7 +233,9 @@ def test_a_pocket_without_points_is_filled_and_one_with_points_is_not() -> None:
     prior = MovedPrior.of(BALL, points, 1.0, 2.5)
     rest = Oriented(points, np.zeros(2000), points / 16.0, *np.ones((3, 2000)))
     lattices = SplineField([], [])
-    found = Reconstruction(prior, lattices, rest, SIGMA, np.ones(2000), 50.0, 16.0, 1.3, [5.0])
+    found = Reconstruction(
+        prior, lattices, rest, SIGMA, np.ones(2000), 50.0, 16.0, 1.3, [5.0], np.zeros((0, 3))
+    )
     at = (np.argwhere(np.ones(prior.box.shape)) + prior.low).astype(np.float64)
     cavity = 6.1 - np.linalg.norm(at, axis=1)
     phi = np.maximum(prior.box, cavity.reshape(prior.box.shape))
@@ -257,3 +259,29 @@ def test_handles_of_the_prior_are_cut_with_a_warning() -> None:
     assert found is not None
     assert components_and_euler(found.wall.vertices, found.wall.faces) == (1, 2)
     assert "a handle of the prior was cut" in " ".join(warning.sentence for warning in found.warnings)
+
+
+def test_points_known_to_be_inside_are_inside_and_keep_the_part_they_lie_in() -> None:
+    """The map lies on the ball alone, evenly: without them the tube is surplus."""
+    points = sampled(BALL, 3000, SIGMA, SEED)
+    points = points[np.linalg.norm(points - [16.0, 0.0, 0.0], axis=1) > 6.0]
+    bump = meshed(lambda at: np.linalg.norm(at - [-14.0, 0.0, 0.0], axis=1) - 7.0, 26.0)
+    extra = sampled(bump, 600, SIGMA, SEED + 1)
+    points = np.vstack([points, extra[np.linalg.norm(extra, axis=1) > 16.0]])
+    along = np.column_stack([np.linspace(18.0, 27.0, 10), np.zeros(10), np.zeros(10)])
+    beyond = np.array([[31.5, 0.0, 0.0]])  # the tube ends at 30
+    prior = replace(TUBED, fields={"sd": np.full(len(TUBED.vertices), 0.5)})
+    tip = TUBED.vertices[TUBED.vertices[:, 0] > 26.0]
+    for inside, kept in ((np.zeros((0, 3)), False), (np.vstack([along, beyond]), True)):
+        known = replace(believed(points), inside=Inside(inside, np.full(len(inside), SIGMA)))
+        found = reconstructed(prior, known, "sd", Limits(1.0))
+        assert found is not None
+        assert (distances(tip, found.wall).max() < 2.0) == kept
+        assert (signed(found.wall, inside) < SIGMA).all()
+
+
+def signed(surface: Surface, points: Array) -> Array:
+    """Signed distance (n,) of points, negative inside."""
+    _, face, feet, _ = ClosestPoint(surface.vertices, surface.faces).query(points)
+    outward = ((points - feet) * surface.face_normals[face]).sum(axis=1)
+    return np.asarray(np.copysign(distances(points, surface), outward))

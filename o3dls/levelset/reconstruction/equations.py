@@ -55,6 +55,11 @@ class OffSurface:
     weights: Array
     amplitude: Array
 
+    def joined(self, other: OffSurface) -> OffSurface:
+        """These places and others."""
+        both = zip(vars(self).values(), vars(other).values(), strict=True)
+        return OffSurface(*(np.concatenate(pair) for pair in both))
+
 
 def turned_off(wall: Oriented, prior: MovedPrior, settings: SplineSettings) -> NDArray[np.bool_]:
     """Which points (n,) have another normal than the moved prior next to them."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...arrays import Array
-from .equations import Oriented, field_through, off_prior, off_surface
+from .equations import OffSurface, Oriented, field_through, off_prior, off_surface
 from .moved_prior import MovedPrior
 from .settings import NormalSettings, ReconstructionSettings, SplineSettings
 from .splines import SplineField
@@ -61,10 +61,17 @@ def turned_along(wall: Oriented, prior: MovedPrior, field: SplineField, settings
     return replace(wall, feet=points - heights[:, None] * normals, heights=heights, normals=normals)
 
 
-def fitted(wall: Oriented, prior: MovedPrior, scale: Scale, settings: ReconstructionSettings) -> SplineField:
-    """The field that the believed points ask for."""
+def fitted(
+    wall: Oriented,
+    prior: MovedPrior,
+    scale: Scale,
+    settings: ReconstructionSettings,
+    known: OffSurface | None = None,
+) -> SplineField:
+    """The field that the believed points ask for, and `known` values of phi elsewhere."""
     chosen = settings.splines
     off = off_prior(wall, prior, chosen)
     constraints = off_surface(wall, off, prior, scale.radius, chosen)
+    constraints = constraints if known is None else constraints.joined(known)
     lengths = scale.lengths(float(np.median(wall.noise)), chosen)
     return field_through(wall, constraints, prior, lengths, chosen)

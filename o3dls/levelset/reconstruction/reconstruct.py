@@ -15,11 +15,11 @@ import numpy as np
 from ...arrays import ROUNDING, Array
 from ...geometry.similarity import rms_radius
 from ...geometry.surface import Surface
-from ...noise.contact import Contact, update_contact
+from ...noise.contact import Contact, inside_point_weights, update_contact
 from ...parallel import one_blas_thread
 from .amplitude import amplitudes
 from .contact import clusters_believed, gain_off_prior, left_out_distances
-from .equations import Oriented
+from .equations import OffSurface, Oriented
 from .fitting import Scale, distance_over, fitted, phi_at, turned_along
 from .moved_prior import MovedPrior
 from .normals import nearest, planes, turned_outward
@@ -34,7 +34,7 @@ NEAREST = 8  # points whose distance tells how much of the wall a point stands f
 class Reconstruction:
     """A field g on the moved prior, the points that it follows, their noise, how likely (n,) each touches,
     and by how many nats it predicts points better than the moved prior alone; rms radius of the prior,
-    distance between points, widths of the field's lattices.
+    distance between points, widths of the field's lattices; points (k, 3) that are known to be inside.
     """
 
     prior: MovedPrior
@@ -46,12 +46,24 @@ class Reconstruction:
     radius: float
     between: float
     lengths: list[float]
+    inside: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Inside:
+    """Points (k, 3) that are known to be inside only, and their noise (k,)."""
+
+    points: Array
+    noise: Array
+
+
+NOTHING_INSIDE = Inside(np.zeros((0, 3)), np.zeros(0))
 
 
 @dataclass(frozen=True, eq=False)
 class Believed:
     """Points (n, 3) as a motion left them: probabilities of contact (n,), noise (n,), factors (n,) on the
-    odds of being an outlier, and the mixture.
+    odds of being an outlier, and the mixture; and those that are known to be inside.
     """
 
     points: Array
@@ -59,6 +71,7 @@ class Believed:
     noise: Array
     odds: Array
     contact: Contact
+    inside: Inside = NOTHING_INSIDE
 
 
 @one_blas_thread()
@@ -83,16 +96,17 @@ def reconstruct(
     wall = _oriented(points, noise, weights, prior, settings)
     chosen = amplitudes(wall, prior, scale, settings)
     wall = replace(wall, amplitude=chosen.at)
-    touching = wall.of(weights > 0.5)
-    known = chosen.gain + surplus(prior.box, touching, prior, radius, between, settings.surplus)[2]
-    # most maps ask for nothing: even points that lay exactly on the new wall would not be evidence enough
-    exact = gain_off_prior(wall, prior, np.zeros(len(points)), contact, settings)
-    asked = chosen.gain > settings.field_evidence
-    if not asked and known + exact < settings.evidence:
-        return None
+    gain = chosen.gain
+    residual = np.zeros(len(points))
+    if gain < settings.field_evidence:
+        touching = wall.of(weights > 0.5)
+        gain += surplus(prior.box, touching, prior, radius, between, settings.surplus)[1]
+        # most maps ask for nothing: even points that lay exactly on the new wall would not be evidence enough
+        if gain + gain_off_prior(wall, prior, residual, contact, settings) < settings.evidence:
+            return None
     residual = left_out_distances(wall, prior, scale, settings)
-    gain = known + gain_off_prior(wall, prior, residual, contact, settings)
-    if not asked and gain < settings.evidence:
+    gain += gain_off_prior(wall, prior, residual, contact, settings)
+    if chosen.gain < settings.field_evidence and gain < settings.evidence:
         return None
     noise = chosen.noise_factor * noise
     sigma = float(np.median(noise))
@@ -112,8 +126,29 @@ def reconstruct(
         touching = turned_along(touching, prior, field, settings.normals)
         touching = touching.nearer(phi_at(touching.feet, prior, field))
         field = fitted(touching, prior, scale, settings)
+    for _ in range(settings.rounds_inside):
+        known = _left_outside(believed.inside, touching, prior, field, contact)
+        if not len(known.at):
+            break
+        field = fitted(touching, prior, scale, settings, known)
     lengths = scale.lengths(float(np.median(touching.noise)), settings.splines)
-    return Reconstruction(prior, field, touching, sigma, weights, gain, radius, between, lengths)
+    inside = believed.inside.points
+    return Reconstruction(prior, field, touching, sigma, weights, gain, radius, between, lengths, inside)
+
+
+def _left_outside(
+    inside: Inside, wall: Oriented, prior: MovedPrior, field: SplineField, contact: Contact
+) -> OffSurface:
+    """Points known to be inside that the wall of a field leaves outside: it goes through them at least."""
+    phi = phi_at(inside.points, prior, field)
+    outside = phi > 0.0
+    radius = rms_radius(prior.surface.vertices)
+    weights = inside_point_weights(inside.points, outside, radius, contact.settings)
+    rows = np.flatnonzero(outside & (weights > 0.0))
+    like = nearest(wall.feet, inside.points[rows], 1)[1][:, 0]
+    at, noise = inside.points[rows], inside.noise[rows]
+    amplitude = np.maximum(wall.amplitude[like], phi[rows])
+    return OffSurface(at, np.zeros(len(rows)), noise, weights[rows], amplitude)
 
 
 def _oriented(

@@ -123,6 +123,7 @@ class ReconstructionSettings:
     most_training: int = number(2000, "points", "that predict the others")
     rounds: int = number(3, "", "of finding who touches the wall")
     turns: int = number(1, "", "of the normals to those of phi")
+    rounds_inside: int = number(3, "", "most of taking in points that are known to be inside")
     cluster: int = number(6, "points", "that together may be a wall that the motion did not believe")
     cluster_reach: float = number(1.5, "distances between points", "between neighbours in a cluster")
     covered: float = number(0.5, "1", "of a cluster in front of wall with points of its own: it is no wall")

@@ -40,9 +40,9 @@ class _Inside:
 
 def surplus(
     phi: Array, wall: Oriented, prior: MovedPrior, radius: float, between: float, settings: SurplusSettings
-) -> tuple[Mask, int, float]:
-    """Such parts of the inside of phi as a mask of its nodes, how many they are, and how many points they had
-    room for: the nats by which the map is likelier without them.
+) -> tuple[Mask, float]:
+    """Such parts of the inside of phi as a mask of its nodes, and how many points they had room for: the nats
+    by which the map is likelier without them.
     """
     stride = max(1, round(settings.cell * radius / prior.spacing))
     inside = _inside(phi, stride, wall, prior, between, settings)
@@ -60,7 +60,7 @@ def surplus(
     away = np.zeros(inside.mask.shape, dtype=bool)
     away[inside.mask] = _union(parts, inside)
     mask = _on_fine_lattice(away, inside.mask, stride, phi.shape) & (phi < 0.0)
-    return mask, len(parts), room * float((inside.wall & _union(parts, inside)).sum())
+    return mask, room * float((inside.wall & _union(parts, inside)).sum())
 
 
 def evenness(wall: Oriented, prior: MovedPrior, settings: SurplusSettings) -> float:

@@ -26,7 +26,11 @@ def reconstructed_wall(found: Reconstruction, settings: ReconstructionSettings) 
     prior = found.prior
     phi = _on_lattice(found, settings)
     phi, removed = without_pinched_off(phi, found, settings)
-    away, cut, _ = surplus(phi, found.wall, prior, found.radius, found.between, settings.surplus)
+    away, _ = surplus(phi, found.wall, prior, found.radius, found.between, settings.surplus)
+    parts, cut = label(away)
+    there = np.unique(parts[tuple(_nodes(found.inside, found).T)])  # what is known to be inside is there
+    away &= ~np.isin(parts, there)
+    cut -= int(np.count_nonzero(there))
     phi = np.where(away, np.maximum(-phi, settings.least_outside * prior.spacing), phi)
     outside, filled = without_pinched_off(-phi, found, settings)
     phi = -outside
@@ -44,7 +48,7 @@ def _on_lattice(found: Reconstruction, settings: ReconstructionSettings) -> Arra
     prior = found.prior
     phi = prior.box.copy()
     marked = np.zeros(phi.shape, dtype=bool)
-    marked[tuple(_nodes(found.wall.feet, found).T)] = True
+    marked[tuple(_nodes(np.vstack([found.wall.feet, found.inside]), found).T)] = True
     reach = max(settings.around * prior.clip, settings.around_between * found.between)
     gap = distance_transform_edt(~marked) * prior.spacing
     near = (np.abs(phi) < prior.clip) | (gap < reach)
@@ -90,6 +94,7 @@ def without_pinched_off(
     walls = np.maximum(np.bincount(part[wall], minlength=parts + 1), 1)
     supported = np.bincount(part[wall & near], minlength=parts + 1) / walls
     expected = areas / found.between**2
+    expected[part[tuple(_nodes(found.inside, found).T)]] = 0.0
     removed = 0
     phi = phi.copy()
     for k in range(1, parts + 1):
