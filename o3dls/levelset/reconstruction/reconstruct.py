@@ -74,6 +74,20 @@ class Believed:
     inside: Inside = NOTHING_INSIDE
 
 
+@dataclass(frozen=True, eq=False)
+class _Given:
+    """What stays fixed: points as the motion left them, the moved prior, lengths, settings."""
+
+    believed: Believed
+    prior: MovedPrior
+    scale: Scale
+    settings: ReconstructionSettings
+
+    def enough(self, weights: Array) -> bool:
+        """Whether as many points are believed, by probabilities (n,), as tell a wall by themselves."""
+        return bool((weights > 0.5).sum() >= self.settings.least_points)
+
+
 @one_blas_thread()
 def reconstruct(
     surface: Surface, believed: Believed, spacing: float, settings: ReconstructionSettings
@@ -83,57 +97,101 @@ def reconstruct(
 
     spacing: of the lattice of phi.
     """
-    points, noise, contact = believed.points, believed.noise, believed.contact
+    points = believed.points
     radius = rms_radius(surface.vertices)
-    between = float(np.sqrt(surface.area / len(points)))
-    scale = Scale(radius, between, spacing)
+    scale = Scale(radius, float(np.sqrt(surface.area / len(points))), spacing)
     prior = MovedPrior.of(surface, points, spacing, settings.splines.clip * radius)
     if not (prior.box < 0.0).any():  # thinner than the lattice: there is no inside to begin with
         return None
-    weights = clusters_believed(points, believed.weights, prior, between, settings)
-    if (weights > 0.5).sum() < settings.least_points:
+    given = _Given(believed, prior, scale, settings)
+    weights = clusters_believed(points, believed.weights, prior, scale.between, settings)
+    if not given.enough(weights):
         return None
-    wall = _oriented(points, noise, weights, prior, settings)
+    wall = _oriented(points, believed.noise, weights, prior, settings)
     chosen = amplitudes(wall, prior, scale, settings)
     wall = replace(wall, amplitude=chosen.at)
-    gain = chosen.gain
-    residual = np.zeros(len(points))
-    if gain < settings.field_evidence:
-        touching = wall.of(weights > 0.5)
-        gain += surplus(prior.box, touching, prior, radius, between, settings.surplus)[1]
+    asked = _asked(given, wall, chosen.gain)
+    if asked is None:
+        return None
+    gain, residual = asked
+    believed_at_last = _who_touches(given, wall, chosen.noise_factor * believed.noise, residual)
+    if believed_at_last is None:
+        return None
+    wall, sigma, contact = believed_at_last
+    touching, field = _followed(given, wall.of(wall.weights > 0.5), contact)
+    lengths = scale.lengths(float(np.median(touching.noise)), settings.splines)
+    return Reconstruction(
+        prior,
+        field,
+        touching,
+        sigma,
+        wall.weights,
+        gain,
+        radius,
+        scale.between,
+        lengths,
+        believed.inside.points,
+    )
+
+
+def _asked(given: _Given, wall: Oriented, field_gain: float) -> tuple[float, Array] | None:
+    """By how many nats points are predicted better than by the moved prior alone, and their signed distances
+    (n,) from the wall that others make; None where that is too little evidence for a reconstruction.
+
+    field_gain: nats of the points near the moved prior.
+    """
+    prior, scale, settings, contact = given.prior, given.scale, given.settings, given.believed.contact
+    gain, enough = field_gain, field_gain >= settings.field_evidence
+    if not enough:
+        touching = wall.of(wall.weights > 0.5)
+        gain += surplus(prior.box, touching, prior, scale.radius, scale.between, settings.surplus)[1]
         # most maps ask for nothing: even points that lay exactly on the new wall would not be evidence enough
-        if gain + gain_off_prior(wall, prior, residual, contact, settings) < settings.evidence:
+        exact = np.zeros(len(wall.feet))
+        if gain + gain_off_prior(wall, prior, exact, contact, settings) < settings.evidence:
             return None
     residual = left_out_distances(wall, prior, scale, settings)
     gain += gain_off_prior(wall, prior, residual, contact, settings)
-    if chosen.gain < settings.field_evidence and gain < settings.evidence:
-        return None
-    noise = chosen.noise_factor * noise
-    sigma = float(np.median(noise))
+    return (gain, residual) if enough or gain >= settings.evidence else None
+
+
+def _who_touches(
+    given: _Given, wall: Oriented, noise: Array, residual: Array
+) -> tuple[Oriented, float, Contact] | None:
+    """The wall of the points that touch, by predictions of each from the others; their noise and the mixture.
+    None where too few are left.
+    """
+    prior, scale, settings, contact = given.prior, given.scale, given.settings, given.believed.contact
+    sigma, weights = float(np.median(noise)), wall.weights
     for _ in range(settings.rounds):
         field = fitted(wall.of(wall.weights > 0.5), prior, scale, settings)
         fit = distance_over(wall, prior, field)
         factor, apart = _noise(fit, residual, noise, weights)
         sigma = factor * float(np.median(noise))
-        weights, contact = update_contact(residual, (factor * noise) ** 2 + apart, believed.odds, contact)
-        if (weights > 0.5).sum() < settings.least_points:
+        variance = (factor * noise) ** 2 + apart
+        weights, contact = update_contact(residual, variance, given.believed.odds, contact)
+        if not given.enough(weights):
             return None
-        wall = _oriented(points, factor * noise, weights, prior, settings, wall)
+        wall = _oriented(given.believed.points, factor * noise, weights, prior, settings, wall)
         residual = left_out_distances(wall, prior, scale, settings)
-    touching = wall.of(wall.weights > 0.5)
+    return wall, sigma, contact
+
+
+def _followed(given: _Given, touching: Oriented, contact: Contact) -> tuple[Oriented, SplineField]:
+    """The points with the normals of the wall that they make, and the field that follows them and leaves no
+    point outside that is known to be inside.
+    """
+    prior, scale, settings = given.prior, given.scale, given.settings
     field = fitted(touching, prior, scale, settings)
     for _ in range(settings.turns):
         touching = turned_along(touching, prior, field, settings.normals)
         touching = touching.nearer(phi_at(touching.feet, prior, field))
         field = fitted(touching, prior, scale, settings)
     for _ in range(settings.rounds_inside):
-        known = _left_outside(believed.inside, touching, prior, field, contact)
+        known = _left_outside(given.believed.inside, touching, prior, field, contact)
         if not len(known.at):
             break
         field = fitted(touching, prior, scale, settings, known)
-    lengths = scale.lengths(float(np.median(touching.noise)), settings.splines)
-    inside = believed.inside.points
-    return Reconstruction(prior, field, touching, sigma, weights, gain, radius, between, lengths, inside)
+    return touching, field
 
 
 def _left_outside(
