@@ -27,6 +27,7 @@ from .settings import ReconstructionSettings
 from .splines import SplineField
 from .surplus import surplus
 
+CHI_SQUARED_MEDIAN = 0.4549  # of one degree of freedom
 NEAREST = 8  # points whose distance tells how much of the wall a point stands for
 
 
@@ -240,10 +241,11 @@ def _noise(fit: Array, residual: Array, noise: Array, weights: Array) -> tuple[f
     """Factor on the noise (n,), and the variance of the wall that others predict.
 
     A linear fit leaves (1 - h) of a residual to the wall without the point, whose variance is 1 / (1 - h) of
-    the noise: their product has the noise as its mean.
+    the noise: their product is that of the noise. Its median counts, since detail finer than the distance
+    between points makes a few products large.
     """
     believed = weights > 0.5
-    squares = (weights * fit * residual / noise**2)[believed].sum() / weights[believed].sum()
-    factor = float(np.sqrt(max(squares, ROUNDING)))
+    middle = float(np.median((fit * residual / noise**2)[believed])) / CHI_SQUARED_MEDIAN
+    factor = float(np.sqrt(max(middle, ROUNDING)))
     whole = (weights * residual**2)[believed].sum() / weights[believed].sum()
     return factor, max(float(whole - np.mean((factor * noise[believed]) ** 2)), 0.0)
