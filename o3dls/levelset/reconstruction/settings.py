@@ -142,6 +142,9 @@ class ReconstructionSettings:
         4, "points", "that lie on the wall around the neck of a part that is taken away"
     )
     least_outside: float = number(0.3, "spacings", "of phi where something was taken away")
+    cut_smoothing: float = number(
+        1.0, "spacings", "sd of the average that takes the lattice's steps off cuts"
+    )
     deviation_points: int = number(10, "points", "that the deviation of a vertex is asked of")
     absent: float = number(0.02, "1", "of the wall that is found, before points are seen, is not there")
     unmapped: float = number(1.5, "distances between points", "to the nearest one, of wall not visited")

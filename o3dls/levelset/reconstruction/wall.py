@@ -5,7 +5,13 @@ handles, and its zero set.
 from __future__ import annotations
 
 import numpy as np
-from scipy.ndimage import binary_dilation, distance_transform_edt, label
+from scipy.ndimage import (
+    binary_dilation,
+    binary_erosion,
+    distance_transform_edt,
+    gaussian_filter,
+    label,
+)
 
 from ...arrays import Array, Ints
 from ...geometry.surface import Surface
@@ -24,7 +30,7 @@ def reconstructed_wall(found: Reconstruction, settings: ReconstructionSettings) 
     the outside filled, because points contradict them.
     """
     prior = found.prior
-    phi = _on_lattice(found, settings)
+    begun = phi = _on_lattice(found, settings)
     phi, removed = without_pinched_off(phi, found, settings)
     away, _ = surplus(phi, found.wall, prior, found.radius, found.between, settings.surplus)
     parts, cut = label(away)
@@ -33,7 +39,7 @@ def reconstructed_wall(found: Reconstruction, settings: ReconstructionSettings) 
     cut -= int(np.count_nonzero(there))
     phi = np.where(away, np.maximum(-phi, settings.least_outside * prior.spacing), phi)
     outside, filled = without_pinched_off(-phi, found, settings)
-    phi = -outside
+    phi = _smooth_cuts(-outside, begun, settings.cut_smoothing)
     phi = without_handles(phi, settings.least_outside * prior.spacing)
     cube = np.ones((3, 3, 3), dtype=bool)
     near = binary_dilation((phi < 0.0) & binary_dilation(phi >= 0.0, cube), cube)
@@ -41,6 +47,14 @@ def reconstructed_wall(found: Reconstruction, settings: ReconstructionSettings) 
     band = Band(prior.spacing, prior.clip, prior.low, phi.shape, nodes)
     vertices, faces = zero_set(band, phi[near])
     return Surface(vertices, faces), removed + cut, filled
+
+
+def _smooth_cuts(phi: Array, before: Array, width: float) -> Array:
+    """phi without the steps of the lattice, averaged over `width` nodes, where its sign was changed."""
+    changed = (phi < 0.0) != (before < 0.0)
+    edge = binary_dilation(changed, iterations=2) & ~binary_erosion(changed, iterations=2)
+    near = 2.0 * np.median(np.abs(phi[edge])) if edge.any() else 0.0
+    return np.where(edge, gaussian_filter(np.clip(phi, -near, near), width), phi)
 
 
 def _on_lattice(found: Reconstruction, settings: ReconstructionSettings) -> Array:
