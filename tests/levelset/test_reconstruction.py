@@ -16,9 +16,11 @@ from o3dls.geometry.closest_point import ClosestPoint
 from o3dls.geometry.components import components_and_euler
 from o3dls.geometry.surface import Surface
 from o3dls.levelset.correction import Limits
+from o3dls.levelset.grid.band import Band
 from o3dls.levelset.grid.isosurface import zero_set
 from o3dls.levelset.reconstruction.amplitude import amplitudes
 from o3dls.levelset.reconstruction.contact import clusters_believed
+from o3dls.levelset.reconstruction.deviation import absent
 from o3dls.levelset.reconstruction.equations import Oriented
 from o3dls.levelset.reconstruction.fitting import Scale
 from o3dls.levelset.reconstruction.handles import without_handles
@@ -28,7 +30,7 @@ from o3dls.levelset.reconstruction.reconstruct import Believed, Inside, Reconstr
 from o3dls.levelset.reconstruction.refinement import reconstructed
 from o3dls.levelset.reconstruction.settings import ReconstructionSettings
 from o3dls.levelset.reconstruction.splines import SplineField, SplineLattice
-from o3dls.levelset.reconstruction.wall import without_pinched_off
+from o3dls.levelset.reconstruction.wall import smooth_cuts, without_pinched_off
 from o3dls.levelset.reconstruction.winding import DipolePlaces
 from o3dls.levelset.refine import Refinement
 from o3dls.noise.contact import Contact
@@ -285,3 +287,37 @@ def signed(surface: Surface, points: Array) -> Array:
     _, face, feet, _ = ClosestPoint(surface.vertices, surface.faces).query(points)
     outward = ((points - feet) * surface.face_normals[face]).sum(axis=1)
     return np.asarray(np.copysign(distances(points, surface), outward))
+
+
+def test_wall_far_from_points_is_probably_not_there_unless_much_was_not_visited() -> None:
+    settings = ReconstructionSettings()
+    gap = np.r_[np.full(97, 0.3), 1.0, 1.4, 3.0]
+    even = absent(gap, 1.0, settings)
+    assert (np.diff(even[96:]) > 0.0).all()
+    assert even[0] < 0.05  # as likely as before, next to a point
+    assert even[-1] > 0.5
+    clustered = absent(np.r_[gap, np.full(40, 5.0)], 1.0, settings)  # a quarter of the wall has no point near
+    assert clustered[-1] < 0.1
+    np.testing.assert_allclose(absent(2.0 * gap, 2.0, settings), even)  # whatever the unit
+
+
+def test_a_cut_does_not_show_the_steps_of_the_lattice() -> None:
+    nodes = np.stack(np.meshgrid(*[np.arange(41.0)] * 3, indexing="ij"), axis=-1) - 20.0
+    ball = np.linalg.norm(nodes, axis=-1) - 16.0
+    oblique = np.array([0.8, 0.5, 0.33]) / np.linalg.norm([0.8, 0.5, 0.33])
+    beyond = nodes @ oblique > 5.0
+    cut = np.where(beyond & (ball < 0.0), np.maximum(-ball, 0.3), ball)
+
+    def roughness(phi: Array) -> float:
+        """Of the cut, away from its rim: rms angle between the wall and the plane."""
+        at = np.ascontiguousarray(np.argwhere(np.ones_like(phi)), dtype=np.int32)
+        wall = Surface(*zero_set(Band(1.0, 9.0, np.full(3, -20), phi.shape, at), phi.ravel()))
+        middle = wall.vertices[wall.faces].mean(axis=1)
+        face = (np.abs(middle @ oblique - 5.0) < 2.0) & (np.linalg.norm(middle, axis=1) < 13.0)
+        cosine = np.abs(wall.face_normals[face] @ oblique)
+        return float(np.sqrt((np.arccos(np.clip(cosine, 0.0, 1.0)) ** 2).mean()))
+
+    smooth = smooth_cuts(cut, ball, 1.5)
+    assert roughness(smooth) < 0.4 * roughness(cut)
+    far = nodes @ oblique < 0.0
+    np.testing.assert_array_equal(smooth[far], cut[far])

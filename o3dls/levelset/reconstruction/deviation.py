@@ -30,17 +30,18 @@ def deviation(
     shared = (wall.feet, wall.amplitude, variance, lengths, shares / shares.sum())
     by_rows(_told, WORTH, (vertices, near, told), *shared)
     smooth = (1.0 - told) * (wall.amplitude[near[:, 0]] ** 2 + prior_sd**2)
-    return np.asarray(np.sqrt(smooth + absent(gap[:, 0], found, settings) * gap[:, 0] ** 2))
+    return np.asarray(np.sqrt(smooth + absent(gap[:, 0], found.between, settings) * gap[:, 0] ** 2))
 
 
-def absent(gap: Array, found: Reconstruction, settings: ReconstructionSettings) -> Array:
-    """Probability (v,) that there is no wall where the nearest point is `gap` (v,) away.
+def absent(gap: Array, between: float, settings: ReconstructionSettings) -> Array:
+    """Probability (v,) that there is no wall where the nearest point is `gap` (v,) away, of points that are
+    `between` apart.
 
     On a wall that was visited so large a circle is empty with the probability of a Poisson process, on the
     part of the wall that was not visited always.
     """
-    unmapped = float((gap > settings.unmapped * found.between).mean())
-    empty = unmapped + (1.0 - unmapped) * np.exp(-np.pi * (gap / found.between) ** 2)
+    unmapped = float((gap > settings.unmapped * between).mean())
+    empty = unmapped + (1.0 - unmapped) * np.exp(-np.pi * (gap / between) ** 2)
     return np.asarray(settings.absent / (settings.absent + (1.0 - settings.absent) * empty))
 
 

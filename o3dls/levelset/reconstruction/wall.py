@@ -39,7 +39,7 @@ def reconstructed_wall(found: Reconstruction, settings: ReconstructionSettings) 
     cut -= int(np.count_nonzero(there))
     phi = np.where(away, np.maximum(-phi, settings.least_outside * prior.spacing), phi)
     outside, filled = without_pinched_off(-phi, found, settings)
-    phi = _smooth_cuts(-outside, begun, settings.cut_smoothing)
+    phi = smooth_cuts(-outside, begun, settings.cut_smoothing)
     phi = without_handles(phi, settings.least_outside * prior.spacing)
     cube = np.ones((3, 3, 3), dtype=bool)
     near = binary_dilation((phi < 0.0) & binary_dilation(phi >= 0.0, cube), cube)
@@ -49,7 +49,7 @@ def reconstructed_wall(found: Reconstruction, settings: ReconstructionSettings) 
     return Surface(vertices, faces), removed + cut, filled
 
 
-def _smooth_cuts(phi: Array, before: Array, width: float) -> Array:
+def smooth_cuts(phi: Array, before: Array, width: float) -> Array:
     """phi without the steps of the lattice, averaged over `width` nodes, where its sign was changed."""
     changed = (phi < 0.0) != (before < 0.0)
     edge = binary_dilation(changed, iterations=2) & ~binary_erosion(changed, iterations=2)
