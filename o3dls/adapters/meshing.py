@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ..arrays import Array, Ints
 from ..errors import SolverError
 from ..geometry.closest_point import ClosestPoint
-from ..geometry.components import component_labels, largest_component
+from ..geometry.components import component_labels, components_and_euler, largest_component
 from ..geometry.flipped_faces import flipped, relaxed
 from ..geometry.surface import Surface, interpolated
 from ..levelset.grid.distance import SignedDistance
@@ -49,15 +49,16 @@ def extract(
     """The surface phi = 0, wound outward. smoothing: Taubin passes; keep: share of the isosurface's faces
     that decimation leaves; islands: whether pieces beside the largest stay; smallest: the smallest of these
     that is meant, in areas of the largest, of which one with less than a tenth is dust; raw: the zero set
-    itself, in place of an isosurface of phi, with three times the faces of one. Smoothing that would make the
-    surface cut itself is left out.
+    itself, with three times the faces, for where an isosurface of phi has another topology. Smoothing that
+    would make the surface cut itself is left out.
 
     Raises SolverError where phi has no zero set.
     """
     if not ((field.phi < 0.0).any() and (field.phi >= 0.0).any()):
         raise SolverError("the level set has no surface: phi does not change its sign")
-    if raw is None:
-        raw = _chosen(*isosurface(field), islands)
+    found = isosurface(field)
+    if raw is None or components_and_euler(*found) == components_and_euler(raw.vertices, raw.faces):
+        raw = _chosen(*found, islands)
     else:
         keep /= ZERO_SET_FACES
     if field.band.dimension == 2:
