@@ -16,6 +16,7 @@ from ...arrays import ROUNDING, Array
 from ...geometry.similarity import rms_radius
 from ...geometry.surface import Surface
 from ...noise.contact import Contact, inside_point_weights, update_contact
+from ...noise.robust import MAD_TO_SD
 from ...parallel import one_blas_thread
 from .amplitude import amplitudes
 from .contact import clusters_believed, gain_off_prior, left_out_distances
@@ -27,7 +28,6 @@ from .settings import ReconstructionSettings
 from .splines import SplineField
 from .surplus import surplus
 
-CHI_SQUARED_MEDIAN = 0.4549  # of one degree of freedom
 NEAREST = 8  # points whose distance tells how much of the wall a point stands for
 
 
@@ -245,7 +245,7 @@ def _noise(fit: Array, residual: Array, noise: Array, weights: Array) -> tuple[f
     between points makes a few products large.
     """
     believed = weights > 0.5
-    middle = float(np.median((fit * residual / noise**2)[believed])) / CHI_SQUARED_MEDIAN
+    middle = MAD_TO_SD**2 * float(np.median((fit * residual / noise**2)[believed]))
     factor = float(np.sqrt(max(middle, ROUNDING)))
     whole = (weights * residual**2)[believed].sum() / weights[believed].sum()
     return factor, max(float(whole - np.mean((factor * noise[believed]) ** 2)), 0.0)

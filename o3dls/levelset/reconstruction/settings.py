@@ -93,7 +93,8 @@ class SurplusSettings:
     reach: float = number(1.0, "distances between points", "to the nearest point of a wall that has points")
     cosine: float = number(0.5, "1", "of a point's normal with a step that leads through its wall")
     covered: float = number(0.05, "1", "cost of new wall that has points, in that of wall without")
-    unsupported: float = number(1.0, "1", "cost of wall without points that is there already")
+    unsupported: float = number(1.0, "1", "cost of wall without points that is there, in an even map")
+    sac: float = number(0.3, "1", "the same where that is asked: only what hangs on a narrow neck goes")
     support: float = number(10.0, "1", "cost of giving up wall with points")
     expected: float = number(6.0, "points", "that a part has room for, if it can lack them")
     largest: float = number(0.15, "1", "of the wall is such a part, at most: more was not visited")
@@ -103,9 +104,9 @@ class SurplusSettings:
         0.16, "rms radii", "between points, at most, for that: 4 mm, else they close every mouth,"
     )
     elsewhere: float = number(
-        0.1, "1", "or with less of all other wall without points (chance: .04): nothing is unmapped,"
+        0.14, "1", "or with less of all wall but sacs without points (chance: .04): nothing is unmapped,"
     )
-    even: float = number(1.15, "1", "if points are spread as evenly: 1 at random, 1.2 and more in clusters")
+    even: float = number(1.08, "1", "if points are spread as evenly: 1 at random, 1.2 and more in clusters")
 
 
 @dataclass(frozen=True)

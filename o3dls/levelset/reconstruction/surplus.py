@@ -46,21 +46,28 @@ def surplus(
     """
     stride = max(1, round(settings.cell * radius / prior.spacing))
     inside = _inside(phi, stride, wall, prior, between, settings)
-    far = np.zeros(inside.mask.shape, dtype=bool)
-    far[inside.mask] = _cut(inside, settings)
-    labels, count = label(far)
     room = len(wall.feet) / max((inside.wall & inside.near).sum(), 1)
-    parts = [labels[inside.mask] == k for k in range(1, count + 1)]
-    parts = [part for part in parts if _lacks_points(part, inside, room, settings)]
-    other = inside.wall & ~inside.near & ~_union(parts, inside)
+    sacs = _parts(inside, settings.sac, room, settings)
+    other = inside.wall & ~inside.near & ~_union(sacs, inside)
     whole = other.sum() < settings.elsewhere * inside.wall.sum()
-    if parts and not (whole and evenness(wall, prior, settings) < settings.even):
+    if whole and evenness(wall, prior, settings) < settings.even:
+        parts = _parts(inside, settings.unsupported, room, settings)
+    else:
         resolved = between < settings.closed_between * radius
-        parts = [part for part in parts if resolved and _closed(part, inside) > settings.closed]
+        parts = [part for part in sacs if resolved and _closed(part, inside) > settings.closed]
     away = np.zeros(inside.mask.shape, dtype=bool)
     away[inside.mask] = _union(parts, inside)
     mask = _on_fine_lattice(away, inside.mask, stride, phi.shape) & (phi < 0.0)
     return mask, room * float((inside.wall & _union(parts, inside)).sum())
+
+
+def _parts(inside: _Inside, unsupported: float, room: float, settings: SurplusSettings) -> list[Mask]:
+    """Parts (n,) that lack points, cut off where wall without points costs `unsupported`."""
+    far = np.zeros(inside.mask.shape, dtype=bool)
+    far[inside.mask] = _cut(inside, unsupported, settings)
+    labels, count = label(far)
+    parts = [labels[inside.mask] == k for k in range(1, count + 1)]
+    return [part for part in parts if _lacks_points(part, inside, room, settings)]
 
 
 def evenness(wall: Oriented, prior: MovedPrior, settings: SurplusSettings) -> float:
@@ -112,7 +119,7 @@ def _closed(mine: Mask, inside: _Inside) -> float:
     return float(inside.covered[mouth].mean()) if mouth.any() else 1.0
 
 
-def _cut(inside: _Inside, settings: SurplusSettings) -> Mask:
+def _cut(inside: _Inside, unsupported: float, settings: SurplusSettings) -> Mask:
     """The nodes (n,) on the far side of the minimum cut between wall with points and wall without any."""
     others, covered = inside.others, inside.covered
     count = len(others)
@@ -123,9 +130,7 @@ def _cut(inside: _Inside, settings: SurplusSettings) -> Mask:
     on, off = np.flatnonzero(inside.wall & inside.near), np.flatnonzero(inside.wall & ~inside.near)
     first = np.concatenate([rows, np.full(len(on), source), off])
     last = np.concatenate([there, on, np.full(len(off), sink)])
-    capacity = np.concatenate(
-        [through, np.full(len(on), settings.support), np.full(len(off), settings.unsupported)]
-    )
+    capacity = np.concatenate([through, np.full(len(on), settings.support), np.full(len(off), unsupported)])
     whole = (UNITS * capacity).astype(np.int32)
     graph = sparse.csr_array((whole, (first, last)), shape=(count + 2, count + 2))
     left = sparse.csr_array(graph - maximum_flow(graph, source, sink).flow)
