@@ -8,7 +8,7 @@ together (`normals`).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -58,9 +58,6 @@ class Inside:
     noise: Array
 
 
-NOTHING_INSIDE = Inside(np.zeros((0, 3)), np.zeros(0))
-
-
 @dataclass(frozen=True, eq=False)
 class Believed:
     """Points (n, 3) as a motion left them: probabilities of contact (n,), noise (n,), factors (n,) on the
@@ -72,7 +69,7 @@ class Believed:
     noise: Array
     odds: Array
     contact: Contact
-    inside: Inside = NOTHING_INSIDE
+    inside: Inside = field(default_factory=lambda: Inside(np.zeros((0, 3)), np.zeros(0)))
 
 
 @dataclass(frozen=True, eq=False)
