@@ -26,7 +26,7 @@ from o3dls.levelset.reconstruction.fitting import Scale
 from o3dls.levelset.reconstruction.handles import without_handles
 from o3dls.levelset.reconstruction.moved_prior import MovedPrior
 from o3dls.levelset.reconstruction.normals import nearest, planes, turned_outward
-from o3dls.levelset.reconstruction.reconstruct import Believed, Inside, Reconstruction
+from o3dls.levelset.reconstruction.reconstruct import Believed, Inside, Reconstruction, oriented_by_others
 from o3dls.levelset.reconstruction.refinement import reconstructed
 from o3dls.levelset.reconstruction.settings import ReconstructionSettings
 from o3dls.levelset.reconstruction.splines import SplineField, SplineLattice
@@ -78,13 +78,29 @@ def test_normals_point_outward_on_a_vein_that_the_prior_lacks() -> None:
     points = sampled(TUBED, 1500, 0.3, SEED)
     settings = ReconstructionSettings().normals
     prior = MovedPrior.of(BALL, points, 1.0, 2.5)
-    normals, middle = planes(points, np.ones(len(points), dtype=bool), 3.0, settings)
+    normals, middle, reach = planes(points, np.ones(len(points), dtype=bool), 3.0, settings)
     areas = np.pi * nearest(points, points, 9)[0][:, -1] ** 2 / 8.0
     outward = turned_outward(points, normals, areas, prior, settings)
     truth = TUBED.face_normals[ClosestPoint(TUBED.vertices, TUBED.faces).query(points)[1]]
     assert ((outward * truth).sum(axis=1) < 0.0).mean() < 0.01
     # the plane is that of the others: it follows the wall, not the noise of the point
     assert np.abs(distances(middle, TUBED)).mean() < 0.3
+    assert 1.0 < np.median(reach) < 3.0  # within the radius that was asked for
+
+
+def test_normals_are_held_uncertain_where_the_wall_turns_between_points_and_nowhere_else() -> None:
+    block = meshed(lambda at: np.max(np.abs(at) - [16.0, 12.0, 8.0], axis=-1), 24.0)
+    points = sampled(block, 800, 0.1, SEED)
+    prior = MovedPrior.of(block, points, 1.0, 2.5)
+    wall = oriented_by_others(points, np.full(800, 0.1), np.full(800, 0.95), prior, ReconstructionSettings())
+    from_face = np.sort(np.abs(np.abs(points) - [16.0, 12.0, 8.0]), axis=1)
+    flat, edge = from_face[:, 1] > 6.0, from_face[:, 1] < 1.0
+    assert np.quantile(wall.tilt[flat], 0.9) < 0.05  # what is usual has a deviation of 0.4
+    assert np.median(wall.tilt[edge]) > 0.2
+    clear = wall.tilt < 0.05
+    truth = block.face_normals[ClosestPoint(block.vertices, block.faces).query(wall.feet)[1]]
+    angle = np.arccos(np.clip((wall.normals * truth).sum(axis=1), -1.0, 1.0))
+    assert np.median(angle[~clear]) > 3.0 * np.median(angle[clear])
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -174,6 +190,7 @@ def oriented(points: Array, prior: Surface) -> Oriented:
         points - heights[:, None] * normals,
         heights,
         normals,
+        np.zeros(count),
         np.full(count, SIGMA),
         np.full(count, 0.95),
         np.zeros(count),
@@ -233,7 +250,7 @@ def test_a_part_without_points_is_surplus_in_a_whole_map_and_unmapped_in_another
 def test_a_pocket_without_points_is_filled_and_one_with_points_is_not() -> None:
     points = sampled(BALL, 2000, 0.0, SEED)
     prior = MovedPrior.of(BALL, points, 1.0, 2.5)
-    rest = Oriented(points, np.zeros(2000), points / 16.0, *np.ones((3, 2000)))
+    rest = Oriented(points, np.zeros(2000), points / 16.0, np.zeros(2000), *np.ones((3, 2000)))
     lattices = SplineField([], [])
     found = Reconstruction(
         prior, lattices, rest, SIGMA, np.ones(2000), 50.0, 16.0, 1.3, [5.0], np.zeros((0, 3))

@@ -53,7 +53,8 @@ def scatter_distance(corners, reach, shape, bits, table, count):  # type: ignore
     block.
 
     A face looks along the rows of its grown box, only where its plane and its bounding sphere are within
-    reach; most of these nodes are turned away by a bound that their best face so far already beats.
+    reach; most of these nodes are turned away by a bound, the distance from the circle around the face, that
+    their best face so far already beats.
     """
     best = np.full((count, 64 << bits), np.float32(np.inf), dtype=np.float32)
     owner = np.full((count, 64 << bits), -1, dtype=np.int32)
@@ -89,8 +90,9 @@ def scatter_distance(corners, reach, shape, bits, table, count):  # type: ignore
                     away = tilt + (k - az) * nz
                     if away * away > limit:
                         continue
-                    excess = np.sqrt(aside2 + (k - cz) ** 2) - radius
-                    if excess > 0.0 and excess * excess > limit:
+                    # the centre lies in the plane: what is along it and outside the circle comes on top
+                    along = np.sqrt(max(aside2 + (k - cz) ** 2 - away * away, 0.0)) - radius
+                    if along > 0.0 and away * away + along * along > limit:
                         continue
                     x, y, z = i - ax, j - ay, k - az
                     gap2 = _segment_gap2(x, y, shape_of) if flat else _triangle_gap2(x, y, z, away, shape_of)

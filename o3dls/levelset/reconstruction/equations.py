@@ -19,8 +19,9 @@ from .splines import VARIANCE, SplineField, SplineLattice, SplineRows
 @dataclass(frozen=True, eq=False)
 class Oriented:
     """Points of a wall as heights (n,) along outward normals (n, 3) over their feet (n, 3), places near the
-    wall; the noise (n,) of each, the probability (n,) that it touches, and the deviation (n,) of the field
-    there before points are seen.
+    wall; by how much each normal may be off (n,) in radians, beyond what is usual; the noise (n,) of each
+    point, the probability (n,) that it touches, and the deviation (n,) of the field there before points are
+    seen.
 
     Noise moves a point along the normal too: a field that is read where the points are follows it.
     """
@@ -28,6 +29,7 @@ class Oriented:
     feet: Array
     heights: Array
     normals: Array
+    tilt: Array
     noise: Array
     weights: Array
     amplitude: Array
@@ -92,7 +94,7 @@ def off_surface(
             kept = rows[clear]
             places.append(at[clear])
             values.append(np.full(len(kept), side * min(offset, prior.clip)))
-            noise.append(wall.noise[kept] + settings.offset_sd * offset)
+            noise.append(wall.noise[kept] + np.hypot(settings.offset_sd, wall.tilt[kept]) * offset)
             weights.append(wall.weights[kept])
             amplitude.append(wall.amplitude[kept])
     return OffSurface(np.vstack(places), *map(np.concatenate, (values, noise, weights, amplitude)))
@@ -124,8 +126,10 @@ def field_through(
     wanted, precision = np.zeros((2, len(places), 4))
     wanted[:, 0] = np.r_[-wall.heights, off.values] - prior.at(places)
     wanted[:count, 1:] = wall.normals - prior.slope(wall.feet)
-    precision[:, 0] = np.r_[wall.weights / wall.noise**2, off.weights / off.noise**2]
-    precision[:count, 1:] = (wall.weights / settings.normal_sd**2)[:, None]
+    # the foot under a tilted normal is that of another place of the wall
+    aside = wall.noise**2 + (wall.tilt * wall.heights) ** 2
+    precision[:, 0] = np.r_[wall.weights / aside, off.weights / off.noise**2]
+    precision[:count, 1:] = (wall.weights / (settings.normal_sd**2 + wall.tilt**2))[:, None]
     found = _solved(rows, scales, wanted, precision, settings)
     return SplineField(lattices, [scale * part for scale, part in zip(scales, found, strict=True)])
 

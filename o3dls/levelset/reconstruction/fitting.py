@@ -58,7 +58,8 @@ def turned_along(wall: Oriented, prior: MovedPrior, field: SplineField, settings
     normals[steep] = slope[steep] / length[steep, None]
     points = wall.feet + wall.heights[:, None] * wall.normals
     heights = ((points - wall.feet) * normals).sum(axis=1)
-    return replace(wall, feet=points - heights[:, None] * normals, heights=heights, normals=normals)
+    feet = points - heights[:, None] * normals
+    return replace(wall, feet=feet, heights=heights, normals=normals, tilt=np.where(steep, 0.0, wall.tilt))
 
 
 def fitted(

@@ -27,9 +27,9 @@ def nearest(points: Array, places: Array, count: int) -> tuple[Array, Ints]:
 
 def planes(
     points: Array, believed: NDArray[np.bool_], radius: float, settings: NormalSettings
-) -> tuple[Array, Array]:
-    """Unit normals (n, 3), of either side, and a place (n, 3) of the plane through the believed points around
-    each point.
+) -> tuple[Array, Array, Array]:
+    """Unit normals (n, 3), of either side, a place (n, 3) of the plane through the believed points around
+    each point, and their mean distance (n,) from there.
     """
     rows = np.flatnonzero(believed)
     chosen = rows[_thinned(points[rows], settings.thinning * radius)]
@@ -44,7 +44,9 @@ def planes(
     middle = np.einsum("nk,nkd->nd", weight, at) / weight.sum(axis=1)[:, None]
     apart = at - middle[:, None, :]
     spread = np.einsum("nk,nka,nkb->nab", weight, apart, apart)
-    return np.linalg.eigh(spread)[1][:, :, 0], middle
+    squares, axes = np.linalg.eigh(spread)
+    reach = np.sqrt(squares.sum(axis=1) / weight.sum(axis=1))
+    return axes[:, :, 0], middle, reach
 
 
 def _thinned(points: Array, width: float) -> Ints:

@@ -105,7 +105,7 @@ def reconstruct(
     weights = clusters_believed(points, believed.weights, prior, scale.between, settings)
     if not given.enough(weights):
         return None
-    wall = _oriented(points, believed.noise, weights, prior, settings)
+    wall = oriented_by_others(points, believed.noise, weights, prior, settings)
     chosen = amplitudes(wall, prior, scale, settings)
     wall = replace(wall, amplitude=chosen.at)
     asked = _asked(given, wall, chosen.gain)
@@ -169,7 +169,7 @@ def _who_touches(
         weights, contact = update_contact(residual, variance, given.believed.odds, contact)
         if not given.enough(weights):
             return None
-        wall = _oriented(given.believed.points, factor * noise, weights, prior, settings, wall)
+        wall = oriented_by_others(given.believed.points, factor * noise, weights, prior, settings, wall)
         residual = left_out_distances(wall, prior, scale, settings)
     return wall, sigma, contact
 
@@ -207,7 +207,7 @@ def _left_outside(
     return OffSurface(at, np.zeros(len(rows)), noise, weights[rows], amplitude)
 
 
-def _oriented(
+def oriented_by_others(
     points: Array,
     noise: Array,
     weights: Array,
@@ -220,7 +220,7 @@ def _oriented(
     chosen = settings.normals
     believed = weights > 0.5
     around = max(chosen.radius * radius, chosen.radius_noise * float(np.median(noise)))
-    normals, middle = planes(points, believed, around, chosen)
+    normals, middle, reach = planes(points, believed, around, chosen)
     gap = nearest(points[believed], points[believed], NEAREST + 1)[0][:, -1]
     areas = np.pi * gap**2 / NEAREST
     areas = np.minimum(areas, settings.normals.largest_area * np.median(areas))
@@ -230,8 +230,11 @@ def _oriented(
     sides = (normals[~believed] * normals[believed][like]).sum(axis=1)
     normals[~believed] *= np.where(sides < 0.0, -1.0, 1.0)[:, None]
     heights = ((points - middle) * normals).sum(axis=1)
+    # a point so far off the plane of the others lies on a wall that turns
+    tilt = np.sqrt(np.maximum(heights**2 - (chosen.height_noise * noise) ** 2, 0.0)) / reach
     amplitude = np.zeros(len(points)) if before is None else before.amplitude
-    return Oriented(points - heights[:, None] * normals, heights, normals, noise, weights, amplitude)
+    feet = points - heights[:, None] * normals
+    return Oriented(feet, heights, normals, tilt, noise, weights, amplitude)
 
 
 def _noise(fit: Array, residual: Array, noise: Array, weights: Array) -> tuple[float, float]:

@@ -49,6 +49,9 @@ class NormalSettings:
     )
     least: int = number(12, "points", "in a neighbourhood, however far")
     most: int = number(64, "points", "in a neighbourhood")
+    height_noise: float = number(
+        1.4, "noise levels", "a point off the plane of the others by more shows that the wall turns there"
+    )
     tree_neighbours: int = number(12, "points", "that a normal may agree with")
     rounds: int = number(10, "", "most of turning normals; it ends when none turns any more")
     rounds_again: int = number(2, "", "most where they were turned before, by other beliefs in the points")
