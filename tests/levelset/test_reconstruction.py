@@ -21,7 +21,7 @@ from o3dls.levelset.grid.isosurface import zero_set
 from o3dls.levelset.reconstruction.amplitude import amplitudes
 from o3dls.levelset.reconstruction.contact import clusters_believed
 from o3dls.levelset.reconstruction.deviation import absent
-from o3dls.levelset.reconstruction.equations import Oriented
+from o3dls.levelset.reconstruction.equations import Oriented, floating
 from o3dls.levelset.reconstruction.fitting import Scale
 from o3dls.levelset.reconstruction.handles import without_handles
 from o3dls.levelset.reconstruction.moved_prior import MovedPrior
@@ -161,6 +161,27 @@ def test_points_that_float_do_not_make_a_wall() -> None:
     assert (found.weights[1500:] < 0.5).mean() > 0.95
     assert (found.weights[:1500] > 0.5).mean() > 0.98
     assert distances(found.wall.vertices, TUBED).mean() < 0.3
+
+
+@pytest.mark.parametrize(
+    ("visited", "share", "float_"),
+    [(True, 1.0, True), (False, 1.0, False), (False, 0.05, True)],
+    ids=["before wall with points", "a dent", "few before unvisited wall"],
+)
+def test_points_inside_are_a_wall_only_where_that_in_front_has_none_and_they_lie_as_close(
+    visited: bool, share: float, float_: bool
+) -> None:
+    settings = ReconstructionSettings()
+    on_wall, inside = sampled(BALL, 3000, 0.1, SEED), sampled(BALL, 3000, 0.1, SEED + 1)
+    chosen = np.random.default_rng(SEED).uniform(size=3000) < share
+    inside = 11.0 / 16.0 * inside[(inside[:, 0] > 12.0) & chosen]
+    points = np.vstack([on_wall if visited else on_wall[on_wall[:, 0] < 12.0], inside])
+    prior = MovedPrior.of(BALL, points, 1.0, 2.5)
+    noise, touch = np.full(len(points), 0.3), np.full(len(points), 0.95)
+    wall = oriented_by_others(points, noise, touch, prior, settings)
+    found = floating(wall, prior, settings.splines)
+    assert not found[: -len(inside)].any()
+    assert abs(found[-len(inside) :].mean() - float_) < 0.1  # at the rim both are near
 
 
 @pytest.mark.parametrize("prior", [BALL, torus()])

@@ -110,7 +110,7 @@ def _likelihoods(
     shares = settings.splines.falling ** (-2.0 * np.arange(len(lengths)))
     count = min(chosen.neighbours + 1, len(known.feet))
     # neighbours on the moved prior: those in space are near because their noise is alike
-    points = known.feet + known.heights[:, None] * known.normals
+    points = known.points
     squared, _, feet, _ = prior.tree.query(points)
     distance = np.where(prior.at(points) < 0.0, -1.0, 1.0) * np.sqrt(squared)
     near = _itself_first(nearest(feet, feet[tested], count)[1], tested)

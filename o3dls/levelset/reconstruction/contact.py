@@ -11,7 +11,7 @@ from scipy.spatial import KDTree
 
 from ...arrays import Array
 from ...noise.contact import Contact, contact_density
-from .equations import Oriented, off_prior
+from .equations import Oriented, floating, off_prior
 from .fitting import Scale, distance_over, fitted
 from .moved_prior import MovedPrior
 from .normals import SEED
@@ -47,7 +47,8 @@ def clusters_believed(
 def left_out_distances(
     wall: Oriented, prior: MovedPrior, scale: Scale, settings: ReconstructionSettings
 ) -> Array:
-    """Signed distance (n,) of each point, negative inside, from the wall that other points make.
+    """Signed distance (n,) of each point, negative inside, from the wall that other points make; of points
+    that float in front of the moved prior's wall, from that, if it is farther.
 
     The points are split into parts; each is predicted by the others, or, of many points, a part predicts the
     rest.
@@ -63,7 +64,11 @@ def left_out_distances(
         field = fitted(wall.of(training), prior, fewer, settings)
         total[tested] += distance_over(wall.of(tested), prior, field)
         times[tested] += 1.0
-    return total / times
+    distance = total / times
+    floats = floating(wall, prior, settings.splines)
+    before = np.sqrt(prior.tree.query(wall.points[floats])[0])
+    distance[floats] = -np.maximum(before, np.abs(distance[floats]))
+    return distance
 
 
 def gain_off_prior(

@@ -15,6 +15,8 @@ from .moved_prior import MovedPrior
 from .settings import SplineSettings
 from .splines import VARIANCE, SplineField, SplineLattice, SplineRows
 
+NEAREST = 8  # points whose distance tells how much of the wall a point stands for
+
 
 @dataclass(frozen=True, eq=False)
 class Oriented:
@@ -33,6 +35,11 @@ class Oriented:
     noise: Array
     weights: Array
     amplitude: Array
+
+    @property
+    def points(self) -> Array:
+        """Where they were measured (n, 3)."""
+        return self.feet + self.heights[:, None] * self.normals
 
     def of(self, rows: NDArray[np.bool_]) -> Oriented:
         """Those of a mask (n,)."""
@@ -69,6 +76,19 @@ def turned_off(wall: Oriented, prior: MovedPrior, settings: SplineSettings) -> N
 
 
 def off_prior(wall: Oriented, prior: MovedPrior, settings: SplineSettings) -> NDArray[np.bool_]:
+    """Which points (n,) show a wall off the moved prior's, or one that looks elsewhere."""
+    off = _apart(wall, prior, settings)
+    return off & ~_floating(wall, off, prior, settings)
+
+
+def floating(wall: Oriented, prior: MovedPrior, settings: SplineSettings) -> NDArray[np.bool_]:
+    """Which points (n,) inside the moved prior show no wall, many as they may be: the wall in front of them
+    has points of its own, or they lie sparser than points of a wall do.
+    """
+    return _floating(wall, _apart(wall, prior, settings), prior, settings)
+
+
+def _apart(wall: Oriented, prior: MovedPrior, settings: SplineSettings) -> NDArray[np.bool_]:
     """Which points (n,) lie off the moved prior's wall, or on one that looks elsewhere, and most of those
     around them too: one alone is rather no point of the wall.
     """
@@ -76,6 +96,24 @@ def off_prior(wall: Oriented, prior: MovedPrior, settings: SplineSettings) -> ND
     off = (np.abs(wall.heights + prior.at(wall.feet)) > settings.offset_noise * wall.noise) | turned
     around = KDTree(wall.feet).query(wall.feet, k=min(settings.offset_neighbours, len(off)))[1]
     return np.asarray(off & (off[around].mean(axis=1) > 0.5))
+
+
+def _floating(
+    wall: Oriented, apart: NDArray[np.bool_], prior: MovedPrior, settings: SplineSettings
+) -> NDArray[np.bool_]:
+    believed = wall.weights > 0.5
+    rows = np.flatnonzero(apart & (prior.at(wall.points) < 0.0))
+    on_prior = wall.feet[believed & ~apart]
+    floats = np.zeros(len(apart), dtype=bool)
+    if len(rows) and len(on_prior):
+        at = wall.points[rows]
+        between = np.sqrt(prior.surface.area / len(apart))
+        covered = KDTree(on_prior).query(prior.tree.query(at)[2])[0] < settings.covered * between
+        others = KDTree(wall.points[believed])
+        gap = others.query(wall.points[believed], k=[NEAREST + 1])[0]
+        sparse_ones = others.query(at, k=[NEAREST + 1])[0] > np.sqrt(settings.sparse) * np.median(gap)
+        floats[rows] = covered | sparse_ones[:, 0]
+    return floats
 
 
 def off_surface(

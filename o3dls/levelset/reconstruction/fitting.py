@@ -56,7 +56,7 @@ def turned_along(wall: Oriented, prior: MovedPrior, field: SplineField, settings
     steep = length > settings.least_slope
     normals = wall.normals.copy()
     normals[steep] = slope[steep] / length[steep, None]
-    points = wall.feet + wall.heights[:, None] * wall.normals
+    points = wall.points
     heights = ((points - wall.feet) * normals).sum(axis=1)
     feet = points - heights[:, None] * normals
     return replace(wall, feet=feet, heights=heights, normals=normals, tilt=np.where(steep, 0.0, wall.tilt))

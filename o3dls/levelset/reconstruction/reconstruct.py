@@ -20,15 +20,13 @@ from ...noise.robust import MAD_TO_SD
 from ...parallel import one_blas_thread
 from .amplitude import amplitudes
 from .contact import clusters_believed, gain_off_prior, left_out_distances
-from .equations import OffSurface, Oriented
+from .equations import NEAREST, OffSurface, Oriented
 from .fitting import Scale, distance_over, fitted, phi_at, turned_along
 from .moved_prior import MovedPrior
 from .normals import nearest, planes, turned_outward
 from .settings import ReconstructionSettings
 from .splines import SplineField
 from .surplus import surplus
-
-NEAREST = 8  # points whose distance tells how much of the wall a point stands for
 
 
 @dataclass(frozen=True, eq=False)

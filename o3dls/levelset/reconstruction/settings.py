@@ -32,6 +32,12 @@ class SplineSettings:
     offset_noise: float = number(2.0, "noise levels", "this far,")
     offset_cosine: float = number(0.5, "1", "or with a normal so unlike the prior's")
     offset_neighbours: int = number(5, "points", "of which most must be so")
+    covered: float = number(
+        1.0, "distances between points", "to one on the wall in front: then points inside it are no wall"
+    )
+    sparse: float = number(
+        4.0, "medians", "of wall that a point stands for: those that lie sparser inside are no wall either"
+    )
     offset_sd: float = number(0.35, "offsets", "how well the distance is known there")
     offset_clear: float = number(0.7, "offsets", "distance to the nearest point that an offset needs")
     tolerance: float = number(1e-3, "1", "relative residual of conjugate gradients: 0.01 mm")
@@ -107,8 +113,9 @@ class SurplusSettings:
         0.16, "rms radii", "between points, at most, for that: 4 mm, else they close every mouth,"
     )
     elsewhere: float = number(
-        0.14, "1", "or with less of all wall but sacs without points (chance: .04): nothing is unmapped,"
+        0.1, "1", "or with less of all wall but sacs without points, beyond chance: nothing is unmapped,"
     )
+    fringe: float = number(0.8, "reaches / rms radius", "or, if it is less, so much: next to what is cut,")
     even: float = number(1.08, "1", "if points are spread as evenly: 1 at random, 1.2 and more in clusters")
 
 

@@ -28,7 +28,8 @@ Mask = NDArray[np.bool_]
 @dataclass(frozen=True, eq=False)
 class _Inside:
     """The nodes of the inside on a coarse lattice (mask): their neighbours (n, 6), -1 where outside is,
-    which are at the wall (n,), which are near points (n,), and which steps lead through points (n, 6).
+    which are at the wall (n,), which are within reach of points (n,), and which steps lead through points
+    (n, 6).
     """
 
     mask: Mask
@@ -36,6 +37,7 @@ class _Inside:
     wall: Mask
     near: Mask
     covered: Mask
+    reach: float
 
 
 def surplus(
@@ -49,7 +51,9 @@ def surplus(
     room = len(wall.feet) / max((inside.wall & inside.near).sum(), 1)
     sacs = _parts(inside, settings.sac, room, settings)
     other = inside.wall & ~inside.near & ~_union(sacs, inside)
-    whole = other.sum() < settings.elsewhere * inside.wall.sum()
+    by_chance = np.exp(-np.pi * (inside.reach / between) ** 2)
+    fringe = min(settings.fringe * inside.reach / radius, settings.elsewhere)
+    whole = other.sum() < (by_chance + fringe) * inside.wall.sum()
     if whole and evenness(wall, prior, settings) < settings.even:
         parts = _parts(inside, settings.unsupported, room, settings)
     else:
@@ -94,10 +98,11 @@ def _inside(
     others = np.column_stack([number[tuple((nodes + 1 + step).T)] for step in STEPS])
     places = np.asarray((nodes * stride + prior.low) * prior.spacing, dtype=np.float64)
     gap, rows = nearest(points.feet, places, 1)
-    near: Mask = gap[:, 0] < max(settings.reach * between, 1.5 * stride * prior.spacing)
+    reach = max(settings.reach * between, 1.5 * stride * prior.spacing)
+    near: Mask = gap[:, 0] < reach
     outward = points.normals[rows[:, 0]] @ STEPS.T > settings.cosine
     wall = np.asarray((others < 0).any(axis=1))
-    return _Inside(mask, others, wall, near, near[:, None] & outward)
+    return _Inside(mask, others, wall, near, near[:, None] & outward, reach)
 
 
 def _union(parts: list[Mask], inside: _Inside) -> Mask:

@@ -17,6 +17,7 @@ from ...arrays import Array, Ints
 from ...geometry.surface import Surface
 from ..grid.band import Band
 from ..grid.isosurface import zero_set
+from .equations import floating
 from .handles import without_handles
 from .reconstruct import Reconstruction
 from .settings import ReconstructionSettings
@@ -32,7 +33,8 @@ def reconstructed_wall(found: Reconstruction, settings: ReconstructionSettings) 
     prior = found.prior
     begun = phi = _on_lattice(found, settings)
     phi, removed = without_pinched_off(phi, found, settings)
-    away, _ = surplus(phi, found.wall, prior, found.radius, found.between, settings.surplus)
+    shown = found.wall.of(~floating(found.wall, prior, settings.splines))
+    away, _ = surplus(phi, shown, prior, found.radius, found.between, settings.surplus)
     parts, cut = label(away)
     there = np.unique(parts[tuple(_nodes(found.inside, found).T)])  # what is known to be inside is there
     away &= ~np.isin(parts, there)
