@@ -113,7 +113,7 @@ class SurplusSettings:
         0.16, "rms radii", "between points, at most, for that: 4 mm, else they close every mouth,"
     )
     elsewhere: float = number(
-        0.1, "1", "or with less of all wall but sacs without points, beyond chance: nothing is unmapped,"
+        0.09, "1", "or with less of all wall but sacs without points, beyond chance: nothing is unmapped,"
     )
     fringe: float = number(0.8, "reaches / rms radius", "or, if it is less, so much: next to what is cut,")
     even: float = number(1.08, "1", "if points are spread as evenly: 1 at random, 1.2 and more in clusters")
