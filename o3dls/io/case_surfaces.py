@@ -19,7 +19,7 @@ def surface_of(folder: Folder, role: str) -> SurfaceFile | None:
     if path is None:
         return None
     choice = {key: folder.settings.get(key) for key in ("label", "part", "box")} if role == "prior" else {}
-    file = in_millimetres(folder, path, read_surface_file(path, **choice))
+    file = in_millimetres(folder, path, read_surface_file(path, units=folder.settings.get("units"), **choice))
     surface = file.surface
     if surface.dimension != folder.dimension:
         hint = f"say dimension = {surface.dimension} in case.toml"
@@ -37,7 +37,9 @@ def phases_of(folder: Folder, space: str) -> tuple[Surface, ...]:
     for path in sorted(
         p for p in (folder.path / "phases").glob("*") if p.is_file() and not p.name.startswith(".")
     ):
-        surface = surface_in_frame(in_millimetres(folder, path, read_surface_file(path)), space)
+        surface = surface_in_frame(
+            in_millimetres(folder, path, read_surface_file(path, units=folder.settings.get("units"))), space
+        )
         if surface.dimension != folder.dimension:
             raise InputError(f"{path}: is {surface.dimension}D, the case is {folder.dimension}D")
         folder.note(path)

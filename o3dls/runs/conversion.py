@@ -88,7 +88,7 @@ def _surface(
     faces: int | None,
     choice: dict[str, Any],
 ) -> list[str]:
-    file = in_millimetres(source, read_surface_file(source, **choice), units)
+    file = in_millimetres(source, read_surface_file(source, units=units, **choice), units)
     surface = file.surface
     space = _settled(source, "frame", file.space, frame)
     done = [

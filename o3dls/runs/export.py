@@ -137,7 +137,7 @@ class Export(Writer):
         self, surface: Surface, path: Path, space: str, units: str, pose: Array, *, turned: bool
     ) -> dict[str, Any]:
         """Write one file of the format; what only this format has to say goes into the sidecar."""
-        from ..io.meshes.registry import read_surface, write_surface
+        from ..io.meshes.registry import read_surface_file, write_surface
         from ..io.transforms import turned as in_other_frame
         from ..io.transforms import write_transform
 
@@ -156,7 +156,7 @@ class Export(Writer):
             )
         write_surface(path, surface, space=space, units=units, format=self.format)
         # a format may hold fewer than the surface has
-        return counts | {"fields": sorted(read_surface(path).fields)}
+        return counts | {"fields": sorted(read_surface_file(path, units="um").surface.fields)}
 
     def _small_enough(self, surface: Surface) -> Surface:
         """Decimated to `faces`, and to what an importing system takes."""

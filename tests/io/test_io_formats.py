@@ -16,6 +16,8 @@ from formats import FIELDS, SPACE, SUFFIX, TOLERANCE, marker, same_body, write_a
 from o3dls.adapters.objects import points_of, surface_of, to_open3d, to_pyvista, to_trimesh
 from o3dls.errors import InputError
 from o3dls.geometry.surface import Surface
+from o3dls.io import case_surfaces
+from o3dls.io.case_settings import MILLIMETRES, Folder
 from o3dls.io.images.registry import read_image
 from o3dls.io.images.volumes import write_volume
 from o3dls.io.markups import Markups, read_markups, write_markups
@@ -306,6 +308,45 @@ def test_files_of_opencarp_have_the_base_that_is_named(tmp_path: Path) -> None:
         (tmp_path / f"la.v2{suffix}").rename(tmp_path / f"LA{suffix.upper()}")
     surface = read_surface(tmp_path / "LA.PTS")
     same_body(surface.vertices, surface.faces, TOLERANCE["opencarp"])
+
+
+def plain_opencarp(folder: Path, unit: float) -> Path:
+    """The marker as openCARP's two files, without our writer; `unit` in mm."""
+    rows = "".join(f"{x} {y} {z}\n" for x, y, z in marker().vertices / unit)
+    (folder / "la.pts").write_text(f"4\n{rows}")
+    (folder / "la.elem").write_text("4\n" + "".join(f"Tr {i} {j} {k} 1\n" for i, j, k in marker().faces))
+    return folder / "la.pts"
+
+
+@pytest.mark.parametrize("units", ["um", "mm", "cm", "m"])
+def test_units_that_are_said_of_opencarp_are_obeyed(units: str, tmp_path: Path) -> None:
+    source = plain_opencarp(tmp_path, MILLIMETRES[units])
+    convert(source, tmp_path / "a.vtp", units=units)
+    np.testing.assert_allclose(read_surface(tmp_path / "a.vtp").vertices, marker().vertices, rtol=1e-6)
+
+
+def test_opencarp_that_is_not_plainly_in_micrometres_is_asked_about(tmp_path: Path) -> None:
+    sentence = r"la.pts: states no units, and extends over 0.0754 mm if it is in um.* over 75.4 mm if in mm"
+    with pytest.raises(InputError, match=sentence + r"; say --units um or --units mm"):
+        convert(plain_opencarp(tmp_path, 1.0), tmp_path / "a.vtp")
+    assert not (tmp_path / "a.vtp").exists()
+    convert(plain_opencarp(tmp_path, MILLIMETRES["um"]), tmp_path / "a.vtp")
+    np.testing.assert_allclose(read_surface(tmp_path / "a.vtp").vertices, marker().vertices, rtol=1e-6)
+
+
+def test_a_prior_of_opencarp_in_a_case_takes_the_units_of_the_case(tmp_path: Path) -> None:
+    for suffix in ("pts", "elem"):
+        plain_opencarp(tmp_path, 1.0).with_suffix(f".{suffix}").rename(tmp_path / f"prior.{suffix}")
+    settings = {"prior": "prior.pts"}
+    with pytest.raises(InputError, match=r"prior\.pts: states no units"):
+        case_surfaces.surface_of(Folder(tmp_path, settings, {}), "prior")
+    prior = case_surfaces.surface_of(Folder(tmp_path, settings | {"units": "mm"}, {}), "prior")
+    np.testing.assert_allclose(prior.surface.vertices, marker().vertices)
+    plain_opencarp(tmp_path, MILLIMETRES["um"]).rename(tmp_path / "prior.pts")
+    with pytest.raises(
+        InputError, match=r"extends over 75418.* mm, as units say, and over 75.4 mm if it is in um"
+    ):
+        case_surfaces.surface_of(Folder(tmp_path, settings | {"units": "mm"}, {}), "prior")
 
 
 @pytest.mark.parametrize("space", ["LPS", "RAS"])

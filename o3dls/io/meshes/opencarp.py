@@ -1,10 +1,11 @@
-"""openCARP meshes: `.pts` (micrometres), `.elem` (triangles, 0-based), `.lon` and one `.dat` file per field,
-under one base name.
+"""openCARP meshes: `.pts` (micrometres by the standard), `.elem` (triangles, 0-based), `.lon` and one `.dat`
+file per field, under one base name.
 """
 
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,7 @@ from ..text import decode, is_count, join_rows, number_rows, read_bytes
 from .surface_file import SurfaceFile, unused
 
 MICROMETRES = 1000.0
+LIKELY = (5.0, 1000.0)  # mm; an extent in micrometres outside is that of a file in another unit
 
 
 def knows(data: bytes) -> bool:
@@ -28,13 +30,16 @@ def knows(data: bytes) -> bool:
     return re.match(rb"\d+[ \t]*\r?\n\s*(" + point + rb"|[A-Z][a-z][ \t]+\d)", data[:400]) is not None
 
 
-def read(path: Path, data: bytes) -> SurfaceFile:
-    """The triangles of a mesh in mm, from either of its two files; fields are the `.dat` files named
+def read(path: Path, data: bytes, units: str | None = None) -> SurfaceFile:
+    """The triangles of a mesh, from either of its two files; fields are the `.dat` files named
     `<base>_<field>.dat`.
+
+    In mm, or as they are in the file where `units` says what that is in. Raises InputError too where nothing
+    is said and the extent is not one in micrometres, as many files are in mm.
     """
     points, elements = _part(path, ".pts"), _part(path, ".elem")
     n, lines = _lines(points)
-    vertices = number_rows(lines[:n], 3, points, range(2, n + 2), "point") / MICROMETRES
+    vertices = number_rows(lines[:n], 3, points, range(2, n + 2), "point")
     m, lines = _lines(elements)
     rows = [line.split() for line in lines[:m]]
     wrong = next((k for k, row in enumerate(rows) if row[0] != "Tr" or len(row) not in (4, 5)), None)
@@ -43,7 +48,30 @@ def read(path: Path, data: bytes) -> SurfaceFile:
         raise InputError(f"{found}: only triangles (Tr i j k [tag]) are read; extract the surface first")
     faces = number_rows([" ".join(row[1:4]) for row in rows], 3, elements, range(2, m + 2), "triangle")
     fields = {name: _values(dat, n) for name, dat in _dats(path).items()}
-    return SurfaceFile.of(elements, vertices, faces, fields, units="mm")
+    file = SurfaceFile.of(elements, vertices, faces, fields, units=units or "mm")
+    _check_units(points, file.surface, units)
+    return file if units else replace(file, surface=file.surface.with_vertices(vertices / MICROMETRES))
+
+
+def _check_units(path: Path, surface: Surface, units: str | None) -> None:
+    """Raise InputError where the extent is not one in micrometres and nothing is said, or is and another unit
+    is said.
+    """
+    with np.errstate(over="ignore"):  # infinite is no likely extent either
+        extent = float(np.linalg.norm(np.ptp(surface.vertices, axis=0)))
+    likely = LIKELY[0] <= extent / MICROMETRES <= LIKELY[1]
+    if not units and not likely:
+        raise InputError(
+            f"{path}: states no units, and extends over {extent / MICROMETRES:.3g} mm if it is in um, the "
+            f"standard of openCARP, over {extent:.3g} mm if in mm; say --units um or --units mm to convert "
+            "or run"
+        )
+    if likely and units not in (None, "um"):
+        raise InputError(
+            f"{path}: extends over {extent:.6g} {units}, as units say, and over "
+            f"{extent / MICROMETRES:.3g} mm if it is in um, the standard of openCARP; say um "
+            "(for this file alone: o3dls convert)"
+        )
 
 
 def _part(path: Path, suffix: str) -> Path:

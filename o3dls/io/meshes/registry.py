@@ -54,7 +54,7 @@ FORMATS = (
         ("label", "part", "box"),
     ),
     Format("off", (".off",), obj.knows_off, obj.read_off, obj.write_off),
-    Format("opencarp", (".pts", ".elem"), opencarp.knows, opencarp.read),
+    Format("opencarp", (".pts", ".elem"), opencarp.knows, opencarp.read, None, ("units",)),
     Format("stl", (".stl",), stl.knows, stl.read, stl.write),
     Format("obj", (".obj",), obj.knows_obj, obj.read_obj, obj.write_obj),
     Format("carto_vtk", (".vtk",), lambda data: False, vtk_legacy.read, import_vtk.write),  # read as any VTK
@@ -71,8 +71,11 @@ IN_MILLIMETRES = (
 WITH_OUTLINES = ("vtk", "vtp")
 
 
-def read_surface_file(path: str | Path, **options: Any) -> SurfaceFile:
+def read_surface_file(path: str | Path, *, units: str | None = None, **options: Any) -> SurfaceFile:
     """A surface with the frame and units that its file states, format told by content.
+
+    `units` are those of the file where it does not state them; only a format that would else take its
+    standard's asks for them here.
 
     Options that are not None: `label`, `part`, `box` say which surface of a file with several is meant;
     `hidden` keeps CARTO's hidden triangles. Raises InputError, also for an option that the format has no use
@@ -82,6 +85,8 @@ def read_surface_file(path: str | Path, **options: Any) -> SurfaceFile:
     data = read_bytes(path)
     given = {name: value for name, value in options.items() if value is not None}
     known = _known(data)
+    if units and known and "units" in known.options:
+        given["units"] = units
     if known is None and path.suffix.lower() != ".csv":
         names = ", ".join(f.name for f in FORMATS)
         raise InputError(
