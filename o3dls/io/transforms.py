@@ -16,6 +16,7 @@ from .text import decode, number_rows, read_bytes
 
 LARGEST = 1e9  # mm; also keeps products finite
 ITK_HEAD = "#Insight Transform File V1.0"
+ITK_AFFINE = re.compile("(AffineTransform|MatrixOffsetTransformBase)_(double|float)_3_3")
 
 
 def turned(matrix: Array) -> Array:
@@ -66,21 +67,16 @@ def read_transform(path: str | Path) -> tuple[Array, str]:
 
 
 def _read_itk(path: Path, text: str) -> Array:
-    kind = re.search(
-        r"^Transform:\s*(AffineTransform|MatrixOffsetTransformBase)_(double|float)_3_3\s*$",
-        text,
-        re.MULTILINE,
-    )
+    kinds = re.findall(r"^Transform:[ \t]*(.*?)[ \t]*$", text.replace("\r", ""), re.MULTILINE)
     parts = {
         key: re.search(rf"^{key}:(.*)$", text, re.MULTILINE) for key in ("Parameters", "FixedParameters")
     }
-    if (
-        kind is None
-        or text.count("#Transform ") > 1
-        or parts["Parameters"] is None
-        or parts["FixedParameters"] is None
-    ):
-        raise InputError(f"{path}: must hold one AffineTransform in 3D with Parameters and FixedParameters")
+    readable = len(kinds) == 1 and ITK_AFFINE.fullmatch(kinds[0])
+    if not readable or parts["Parameters"] is None or parts["FixedParameters"] is None:
+        raise InputError(
+            f"{path}: holds {', '.join(kinds) or 'no transform'}: must hold one AffineTransform in 3D with "
+            "Parameters and FixedParameters"
+        )
     values = number_rows([parts["Parameters"][1]], 12, path, [0], "Parameters")[0]
     centre = number_rows([parts["FixedParameters"][1]], 3, path, [0], "FixedParameters")[0]
     linear = values[:9].reshape(3, 3)

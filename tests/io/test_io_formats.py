@@ -409,6 +409,25 @@ def test_poses_survive_text_and_itk(space: str, tmp_path: Path) -> None:
         write_transform(tmp_path / "a.tfm", POSE, "unknown")
 
 
+@pytest.mark.parametrize("count", ["#Transform {k}", "# Transform"])
+def test_several_itk_transforms_are_refused_by_name(count: str, tmp_path: Path) -> None:
+    kinds = ("AffineTransform_double_3_3", "Euler3DTransform_double_3_3")
+    parts = [
+        f"{count.format(k=k)}\nTransform: {kind}\nParameters: 1 0 0 0 1 0 0 0 1 {k} 0 0\n"
+        "FixedParameters: 0 0 0\n"
+        for k, kind in enumerate((kinds[0], *kinds))
+    ]
+    path = tmp_path / "a.tfm"
+    head = "#Insight Transform File V1.0\n"
+    for chosen, named in (
+        (parts[:2], rf"holds {kinds[0]}, {kinds[0]}: must"),
+        (parts[2:], rf"holds {kinds[1]}: must"),
+    ):
+        path.write_text(head + "".join(chosen))
+        with pytest.raises(InputError, match=named):
+            read_transform(path)
+
+
 def test_itk_resamples_the_prior_into_the_map_by_our_transform(tmp_path: Path) -> None:
     """ITK's transform takes a point of the map to the prior: the inverse of T_map_prior."""
     sitk = pytest.importorskip("SimpleITK")
