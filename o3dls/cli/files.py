@@ -103,7 +103,13 @@ def send(run_folder: Path, **options: Any) -> None:
     """Send a finished run live by OpenIGTLink: surface, landmarks, ablation points and pose, in RAS."""
     from ..runs.live import send as send_run
 
-    click.echo(f"{send_run(run_folder, **options)} bytes sent")
+    count, closed = send_run(run_folder, **options)
+    click.echo(f"{count} bytes sent")
+    if not closed:
+        click.echo(
+            "o3dls: the receiver has not closed the connection, so whether it read them all is not known",
+            err=True,
+        )
 
 
 @click.command("import")

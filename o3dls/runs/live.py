@@ -52,8 +52,8 @@ def messages(folder: str | Path, estimate: str | None = None) -> list[bytes]:
 
 def send(
     folder: str | Path, *, estimate: str | None = None, host: str = "localhost", port: int = igtl.PORT
-) -> int:
-    """Send a finished run to a listening system; the number of bytes. Raises InputError as `messages` does,
-    or where nobody listens.
+) -> tuple[int, bool]:
+    """Send a finished run to a listening system: the number of bytes, and whether it closed in order after
+    them. Raises InputError as `messages` and `igtl.send` do.
     """
     return igtl.send(messages(folder, estimate), host, port)

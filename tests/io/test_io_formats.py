@@ -488,10 +488,11 @@ def test_openigtlink_arrives_over_a_socket() -> None:
 
         listener = threading.Thread(target=listen)
         listener.start()
-        igtl.send(messages, "127.0.0.1", server.getsockname()[1])
+        sent = igtl.send(messages, "127.0.0.1", server.getsockname()[1])
         listener.join(timeout=5)
         port = server.getsockname()[1]
     stream = b"".join(received)
+    assert sent == (len(stream), True)
     kinds = []
     while stream:
         _, kind, _, _, size, crc = igtl.HEADER.unpack(stream[:58])
@@ -504,6 +505,39 @@ def test_openigtlink_arrives_over_a_socket() -> None:
     assert struct.unpack(">12f", kinds[2][1])[9:] == pytest.approx(POSE[:3, 3])
     with pytest.raises(InputError, match="cannot send"):
         igtl.send(messages, "127.0.0.1", port, timeout=0.5)
+
+
+@pytest.mark.parametrize("read", [0, 58], ids=["nothing", "one header"])
+def test_an_openigtlink_receiver_that_closes_early_is_an_error(read: int) -> None:
+    import socket
+    import threading
+
+    from o3dls.io.mapping import igtl
+
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def listen() -> None:
+            connection, _ = server.accept()
+            with connection:
+                if read:
+                    connection.recv(read)
+
+        listener = threading.Thread(target=listen)
+        listener.start()
+        with pytest.raises(InputError, match="the receiver did not read everything"):
+            igtl.send([igtl.transform(POSE)] * 3, "127.0.0.1", server.getsockname()[1])
+        listener.join(timeout=5)
+
+
+def test_an_openigtlink_receiver_that_never_closes_is_not_taken_to_have_read() -> None:
+    import socket
+
+    from o3dls.io.mapping import igtl
+
+    with socket.create_server(("127.0.0.1", 0)) as server:  # which accepts nobody
+        data = igtl.transform(POSE)
+        sent = igtl.send([data], "127.0.0.1", server.getsockname()[1], timeout=0.2)
+    assert sent == (len(data), False)
 
 
 def test_a_run_is_sent_in_ras(tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ import socket
 import struct
 from collections.abc import Sequence
 from functools import cache
+from time import monotonic
 
 import numpy as np
 
@@ -101,19 +102,51 @@ def transform(matrix: Array, name: str = "o3dls") -> bytes:
 
 def send(
     messages: Sequence[bytes], host: str = "localhost", port: int = PORT, *, timeout: float = 5.0
-) -> int:
-    """Send whole messages to a listening system; the number of bytes sent. Raises InputError where nobody
-    listens.
+) -> tuple[int, bool]:
+    """Send whole messages to a listening system: the number of bytes, and whether it closed in order after
+    the last. Raises InputError where nobody listens, or the receiver closed before it had read everything.
 
-    The receiver takes the frame as RAS (Slicer does): turn LPS data first.
+    It has `timeout` seconds to close; the receiver takes the frame as RAS (Slicer does): turn LPS data first.
     """
     try:
-        with socket.create_connection((host, port), timeout=timeout) as connection:
-            for data in messages:
-                connection.sendall(data)
+        connection = socket.create_connection((host, port), timeout=timeout)
     except OSError as error:
         raise InputError(
             f"{host}:{port}: cannot send: {error}; start an OpenIGTLink server there (Slicer: "
             f"OpenIGTLinkIF, port {PORT})"
         ) from None
-    return sum(map(len, messages))
+    with connection:
+        try:
+            for data in messages:
+                connection.sendall(data)
+            return sum(map(len, messages)), _closed(connection, timeout)
+        except OSError as error:
+            raise InputError(
+                f"{host}:{port}: the receiver did not read everything: {error}; is it an OpenIGTLink server "
+                f"(Slicer: OpenIGTLinkIF, port {PORT})?"
+            ) from None
+
+
+def _closed(connection: socket.socket, timeout: float) -> bool:
+    """Whether the receiver closes in answer to the end of the data; what it sends meanwhile is passed over.
+    Raises OSError where it closed before the end.
+    """
+    connection.setblocking(False)
+    try:
+        while connection.recv(65536):
+            pass
+        raise ConnectionError("it closed before the end")  # nothing but the end tells it to
+    except BlockingIOError:
+        connection.shutdown(socket.SHUT_WR)
+    end = monotonic() + timeout
+    while (left := end - monotonic()) > 0.0:
+        connection.settimeout(left)
+        try:
+            data = connection.recv(65536)
+        except TimeoutError:
+            return False
+        if not data:  # in order, unless a reset came with it
+            if code := connection.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR):
+                raise ConnectionError(code, "it closed before the end")
+            return True
+    return False
