@@ -4,6 +4,8 @@ is.
 
 from __future__ import annotations
 
+import io
+import struct
 import unicodedata
 import zipfile
 from pathlib import Path
@@ -505,6 +507,64 @@ def test_an_openep_column_that_is_too_short_is_named(where: str, tmp_path: Path)
         read_study(tmp_path / "s.mat")
 
 
+def mat5_element(kind: int, body: bytes) -> bytes:
+    return struct.pack("<II", kind, len(body)) + body + b"\0" * (-len(body) % 8)
+
+
+def with_object(tree: dict[str, Any], group: str, name: str, of: str) -> bytes:
+    """The .mat file of a tree, in which the text at group.name became a MATLAB object of a class."""
+    from scipy.io import savemat
+
+    buffer = io.BytesIO()
+    savemat(buffer, {"userdata": tree | {group: tree.get(group, {}) | {name: "PUTHERE"}}})
+    data = buffer.getvalue()
+    text = [
+        mat5_element(4, np.array(list(map(ord, "PUTHERE")), "<u2").tobytes()),
+        mat5_element(16, b"PUTHERE"),
+    ]
+    mark = next(part for part in text if part in data)
+    end = data.index(mark) + len(mark)
+    start = data.rindex(struct.pack("<I", 14), 0, end - len(mark))
+    flags = mat5_element(6, struct.pack("<II", 17, 0))
+    texts = b"".join(mat5_element(1, part) for part in (b"", b"MCOS", of.encode()))
+    plain = (
+        flags[:8]
+        + struct.pack("<II", 13, 0)
+        + mat5_element(5, struct.pack("<ii", 1, 1))
+        + mat5_element(1, b"")
+    )
+    put = mat5_element(14, flags + texts + mat5_element(14, plain + mat5_element(6, b"\1\0\0\xdd")))
+    longer = len(put) - (end - start)
+    whole = bytearray(data[:start] + put + data[end:])
+    for at in range(128, start, 4):  # the arrays around it grew by so much
+        kind, size = struct.unpack_from("<II", data, at)
+        if kind == 14 and at + 8 + size >= end:
+            struct.pack_into("<I", whole, at + 4, size + longer)
+    return bytes(whole)
+
+
+def test_a_matlab_object_beside_the_points_is_passed_over(tmp_path: Path) -> None:
+    from scipy.io import loadmat
+
+    path = tmp_path / "s.mat"
+    path.write_bytes(with_object(openep_tree(), "info", "date", "datetime"))
+    assert "datetime" in str(loadmat(path)["userdata"]["info"][0, 0]["date"])
+    (tmp_path / "plain.mat").write_bytes(openep.save(openep_tree()))
+    want = read_study(tmp_path / "plain.mat").points
+    np.testing.assert_array_equal(read_study(path).points.xyz, want.xyz)
+
+
+@pytest.mark.parametrize(
+    ("group", "name", "where"),
+    [("surface", "triRep", "surface.triRep.X"), ("electric", "egmX", "electric.egmX")],
+)
+def test_a_matlab_object_that_is_needed_is_named(group: str, name: str, where: str, tmp_path: Path) -> None:
+    path = tmp_path / "s.mat"
+    path.write_bytes(with_object(openep_tree(), group, name, "TriRep"))
+    with pytest.raises(InputError, match=rf"s\.mat: {where} is, or .* class TriRep, .* as a struct of plain"):
+        read_study(path)
+
+
 def test_matlab_73_is_read_too(tmp_path: Path) -> None:
     h5py = pytest.importorskip("h5py")
     path = tmp_path / "s.mat"
@@ -517,6 +577,18 @@ def test_matlab_73_is_read_too(tmp_path: Path) -> None:
     surface = read_surface(path)
     np.testing.assert_array_equal(surface.vertices, marker().vertices)
     np.testing.assert_array_equal(surface.fields["bipolar"], marker().fields["bipolar"])
+
+
+def test_a_matlab_73_object_is_no_array_of_numbers(tmp_path: Path) -> None:
+    h5py = pytest.importorskip("h5py")
+    path = tmp_path / "s.mat"
+    with h5py.File(path, "w", userblock_size=512) as file:
+        points = file.create_dataset("userdata/electric/egmX", data=np.arange(1, 7, dtype="u4").reshape(3, 2))
+        points.attrs["MATLAB_class"] = np.bytes_("table")
+        points.attrs["MATLAB_object_decode"] = np.int32(3)
+    path.write_bytes(b"MATLAB 7.3 MAT-file".ljust(512, b"\0") + path.read_bytes()[512:])
+    with pytest.raises(InputError, match=r"electric\.egmX is, or lies in, a MATLAB object of class table"):
+        openep.read_points(path, path.read_bytes())
 
 
 def test_an_imported_case_runs_as_one(tmp_path: Path) -> None:

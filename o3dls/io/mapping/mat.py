@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import InputError
-from .mat5 import read_mat5
+from .mat5 import Opaque, read_mat5
 
 HDF5 = b"\x89HDF\r\n\x1a\n"
 LARGEST = 1 << 30  # values in one variable; more cannot be meant
@@ -21,8 +21,8 @@ def knows(data: bytes) -> bool:
 
 
 def load(path: Path, data: bytes) -> dict[str, Any]:
-    """Variables by name; structs are dictionaries, cells of other things lists. Raises InputError where the
-    file is damaged.
+    """Variables by name; structs are dictionaries, cells of other things lists, MATLAB objects `Opaque`.
+    Raises InputError where the file is damaged.
     """
     return _load_hdf5(path, data) if HDF5 in data[:1024] else read_mat5(path, data)
 
@@ -56,6 +56,8 @@ def _plain(node: Any, file: Any) -> Any:
         raise ValueError(f"{node.name} declares {node.size} values")
     if node.attrs.get("MATLAB_empty", 0):
         return np.zeros(0)
+    if "MATLAB_object_decode" in node.attrs:  # the numbers there only point at the object
+        return Opaque(bytes(node.attrs.get("MATLAB_class", b"object")).decode("latin-1"))
     values = np.asarray(node[()]).T
     if values.dtype == h5py.ref_dtype:
         return [_plain(file[reference], file) for reference in values.ravel()]
@@ -65,9 +67,11 @@ def _plain(node: Any, file: Any) -> Any:
 
 
 def at(tree: Mapping[str, Any], where: str) -> Any:
-    """The value at `a.b.c`, or None where a step is missing."""
+    """The value at `a.b.c`, or None where a step is missing; a MATLAB object on the way is the value."""
     value: Any = tree
     for name in where.split("."):
+        if isinstance(value, Opaque):
+            return value
         if not isinstance(value, Mapping) or name not in value:
             return None
         value = value[name]
@@ -81,6 +85,12 @@ def numbers(
     another shape.
     """
     value = at(tree, where)
+    if isinstance(value, Opaque):
+        raise InputError(
+            f"{path}: {where} is, or lies in, a MATLAB object of class {value.of}, which only MATLAB reads; "
+            "save it there as a struct of plain arrays: struct('X', t.X, 'Triangulation', t.Triangulation) "
+            "for a TriRep, double(x) for numbers"
+        )
     if value is None or np.size(value) == 0:
         return None
     try:

@@ -15,10 +15,17 @@ from ...errors import InputError
 NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
 TEXT = {1: "latin-1", 2: "latin-1", 4: "utf-16", 16: "utf-8", 17: "utf-16", 18: "utf-32"}
 MATRIX, PACKED = 14, 15
-CELL, STRUCT, OBJECT, CHAR = 1, 2, 3, 4
+CELL, STRUCT, OBJECT, CHAR, OPAQUE = 1, 2, 3, 4, 17
 NUMERIC = range(6, 16)
 DEEPEST = 40
 LARGEST = 1 << 31
+
+
+@dataclass(frozen=True)
+class Opaque:
+    """An object of a MATLAB class (string, datetime, TriRep): its data have no documented layout."""
+
+    of: str
 
 
 @dataclass
@@ -107,12 +114,13 @@ def read_mat5(path: Path, data: bytes) -> dict[str, Any]:
 
 
 def _matrix(run: Elements) -> tuple[str, Any]:
-    """Name and value of one array; None for kinds that OpenEP does not use (sparse, functions, objects of
-    newer classes).
-    """
+    """Name and value of one array; None for kinds that OpenEP does not use (sparse, functions)."""
     if not run.left:
         return "", np.zeros(0)
     flags = run.numbers()
+    if len(flags) and int(flags[0]) & 0xFF == OPAQUE:  # has no dimensions
+        name, _, of = run.text(), run.text(), run.text()
+        return name, Opaque(of)
     dims = run.numbers().astype(np.int64)
     name = run.text()
     if len(flags) == 0 or len(dims) < 2 or dims.min() < 0 or float(np.prod(dims.astype(float))) > LARGEST:

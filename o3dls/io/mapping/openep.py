@@ -16,6 +16,7 @@ from ...errors import InputError
 from ...geometry.surface import Surface
 from ..meshes.surface_file import SurfaceFile
 from . import mat
+from .mat5 import Opaque
 
 knows = mat.knows
 SURFACE_MAPS = {"act_bip": ("lat", "bipolar"), "uni_imp_frc": ("unipolar", "impedance", "force")}
@@ -25,6 +26,10 @@ NOTE = "written by o3dls, research software, not for clinical use"
 def userdata(path: Path, data: bytes) -> Mapping[str, Any]:
     """The one variable of an OpenEP file. Raises InputError where it is not there."""
     found = mat.load(path, data).get("userdata")
+    if isinstance(found, Opaque):
+        raise InputError(
+            f"{path}: userdata is a MATLAB object of class {found.of}; save it as a struct of plain arrays"
+        )
     if not isinstance(found, Mapping):
         raise InputError(f"{path}: holds no struct 'userdata'; it is not an OpenEP data set")
     return found
