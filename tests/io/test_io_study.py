@@ -423,6 +423,23 @@ def test_ensite_map_takes_utilised_points_at_the_electrode(tmp_path: Path) -> No
         ensite.read_map(Path("a.csv"), DXL.replace("B,4,5,", "B,4,5x,").encode())
 
 
+def test_ensite_x_shell_and_labels_are_those_of_the_contact_mapping_model(tmp_path: Path) -> None:
+    shell, other = dif.encode(marker()), dif.encode(marker().with_vertices(2 * marker().vertices))
+    label = b'number="1"><Label name="LSPV">1 2 3</Label>'
+    (tmp_path / "Contact_Mapping").mkdir()
+    (tmp_path / "Contact_Mapping/Map_PP_bi.csv").write_text(DXL)
+    (tmp_path / "Contact_Mapping_Model.xml").write_bytes(shell.replace(b'number="0">tag', label))
+    for name in ("Model_Groups.xml", "dif001.xml"):
+        (tmp_path / name).write_bytes(other)
+    found = read_study(tmp_path)
+    assert found.shell is not None
+    np.testing.assert_allclose(found.shell.surface.vertices, marker().vertices, atol=1e-4)
+    np.testing.assert_array_equal(found.landmarks["LSPV"], [1, 2, 3])
+    assert {"Model_Groups.xml", "dif001.xml"} <= set(found.left)
+    (tmp_path / "Contact_Mapping_Model_2.xml").write_bytes(other)
+    assert read_study(tmp_path).shell is None  # which of the two is the map's is not known
+
+
 def test_ensite_files_of_one_map_must_agree(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text(DXL)
     (tmp_path / "b.csv").write_text(DXL.replace("9,1,0.5,1", "9,1,0.6,1"))

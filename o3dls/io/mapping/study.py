@@ -16,6 +16,7 @@ from .archive import Archive
 from .imported import Imported, joined
 
 VOLUME_TOLERANCE = 2e-4
+MAP_SHELLS = ("landmarkgeo", "contact_mapping_model")  # of EnSite Precision, and of EnSite X
 
 
 def read_study(study: str | Path, map_name: str | None = None) -> Imported:
@@ -132,9 +133,12 @@ def _same_points(first: Points, second: Points) -> bool:
 
 
 def _take_dif(archive: Archive, found: Imported) -> None:
-    """The shell of the map, from the DIF file that EnSite calls so, else from the only one."""
+    """The shell of the map with its labels, from the one DIF file that EnSite calls so, else from the only
+    one; model groups and imported segmentations (difNNN.xml) are others.
+    """
     shells = [name for name in archive.named(".xml") if dif.knows(archive.read(name)[:2000])]
-    named = [name for name in shells if "landmarkgeo" in name.lower()] or shells
+    called = ([name for name in shells if sign in Path(name).name.lower()] for sign in MAP_SHELLS)
+    named = next((names for names in called if names), shells)
     if len(named) == 1:
         found.shell = dif.read(archive.where(named[0]), archive.read(named[0]))
         found.landmarks |= ensite.landmarks_of(found.shell)
