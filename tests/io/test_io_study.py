@@ -440,6 +440,18 @@ def test_ensite_x_shell_and_labels_are_those_of_the_contact_mapping_model(tmp_pa
     assert read_study(tmp_path).shell is None  # which of the two is the map's is not known
 
 
+def test_ensite_points_that_do_not_say_whether_they_are_utilised_are_refused(tmp_path: Path) -> None:
+    for change, sentence in (
+        (DXL.replace("9,1,0.5,", "9,,0.5,"), r"line 10: 'utilized' is blank, in 1 of 3 rows: must be 1 or 0"),
+        (DXL.replace(",9,1,", ",9,0,"), "none of its points is utilised"),
+    ):
+        (tmp_path / "a.csv").write_text(change)
+        with pytest.raises(InputError, match=sentence):
+            read_study(tmp_path)
+    (tmp_path / "a.csv").write_text(DXL.replace("utilized", "other"))
+    assert len(read_study(tmp_path).points) == 3
+
+
 def test_ensite_files_of_one_map_must_agree(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text(DXL)
     (tmp_path / "b.csv").write_text(DXL.replace("9,1,0.5,1", "9,1,0.6,1"))

@@ -121,11 +121,23 @@ def read_map(path: Path, data: bytes) -> tuple[Points, dict[str, str]]:
     places = ("roving x", "roving y", "roving z")
     export = parse(path, data, places)
     xyz = export.xyz(places)
-    used = export.numbers("utilized") == 1 if "utilized" in export.header else np.ones(len(xyz), dtype=bool)
+    used = _utilised(export) if "utilized" in export.header else np.ones(len(xyz), dtype=bool)
     columns = _values(export)
     if "force (g)" in export.header:
         columns["force"] = export.numbers("force (g)")
     return Points(xyz, np.full(len(xyz), "eam"), columns).select(used), export.preamble
+
+
+def _utilised(export: Export) -> NDArray[np.bool_]:
+    """The rows that the map uses. Raises InputError where a row does not say."""
+    marks = export.numbers("utilized")
+    blank = np.flatnonzero(np.isnan(marks))
+    if len(blank):
+        raise InputError(
+            f"{export.path}: line {export.rows[blank[0]][0]}: 'utilized' is blank, in {len(blank)} of "
+            f"{len(marks)} rows: must be 1 or 0; without the column every point is taken"
+        )
+    return marks == 1
 
 
 def _values(export: Export) -> dict[str, NDArray[Any]]:

@@ -103,6 +103,10 @@ def _from_ensite(archive: Archive, maps: list[str], map_name: str | None) -> Imp
         if not _same_points(points, read[name][0]):
             raise InputError(f"{archive.path}: several maps fit; say which file with --map: {listed}")
         points = Points(points.xyz, points.type, {**points.columns, **read[name][0].columns})
+    if len(points) == 0:
+        raise InputError(
+            f"{archive.where(chosen[0])}: none of its points is utilised; must hold some: there are {listed}"
+        )
     found = Imported(
         points,
         vendor=f"EnSite, field scaling {preamble.get('Field Scaling', 'not stated')}",
