@@ -452,6 +452,19 @@ def test_ensite_points_that_do_not_say_whether_they_are_utilised_are_refused(tmp
     assert len(read_study(tmp_path).points) == 3
 
 
+def test_an_ensite_file_without_eof_is_whole_where_its_count_of_points_says_so() -> None:
+    counted = DXL.replace("***\n", "# mapping pts:,3,(sorted in order of acceptance)\n***\n").encode()
+    whole = counted.replace(b"EOF\n", b"")
+    assert len(ensite.read_map(Path("a.csv"), whole)[0]) == 2
+    for cut, sentence in (
+        (whole[: whole.index(b"C,7")], "ends without EOF, after 2 of 3 points; the file is truncated"),
+        (whole[:-1], "ends without EOF, after 3 of 3 points"),  # its last number may have lost digits
+        (DXL.replace("EOF\n", "").encode(), "after 3 of an unknown number of points"),
+    ):
+        with pytest.raises(InputError, match=sentence):
+            ensite.read_map(Path("a.csv"), cut)
+
+
 def test_ensite_files_of_one_map_must_agree(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text(DXL)
     (tmp_path / "b.csv").write_text(DXL.replace("9,1,0.5,1", "9,1,0.6,1"))

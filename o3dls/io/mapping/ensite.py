@@ -96,8 +96,14 @@ def parse(path: Path, data: bytes, required: Sequence[str]) -> Export:
                 )
             rows.append((number, cells + [""] * (len(header) - len(cells))))
     else:
-        if "Export File Version" in preamble:
-            raise InputError(f"{path}: line {len(lines)}: ends without EOF; the file is truncated")
+        stated = preamble.get("# mapping pts", "")
+        # the count tells as surely as EOF does, where the last line has its end
+        whole = stated == str(len(rows)) and data.endswith((b"\n", b"\r"))
+        if "Export File Version" in preamble and not whole:
+            raise InputError(
+                f"{path}: line {len(lines)}: ends without EOF, after {len(rows)} of "
+                f"{stated or 'an unknown number of'} points; the file is truncated: export it again"
+            )
     return Export(path, preamble, header, rows)
 
 
@@ -137,7 +143,7 @@ def _utilised(export: Export) -> NDArray[np.bool_]:
             f"{export.path}: line {export.rows[blank[0]][0]}: 'utilized' is blank, in {len(blank)} of "
             f"{len(marks)} rows: must be 1 or 0; without the column every point is taken"
         )
-    return marks == 1
+    return np.asarray(marks == 1)
 
 
 def _values(export: Export) -> dict[str, NDArray[Any]]:
