@@ -465,6 +465,14 @@ def test_an_ensite_file_without_eof_is_whole_where_its_count_of_points_says_so()
             ensite.read_map(Path("a.csv"), cut)
 
 
+def test_an_ensite_case_is_named_after_the_map_else_after_the_file(tmp_path: Path) -> None:
+    (tmp_path / "Map_PP_bi.csv").write_text(DXL)
+    assert import_study(tmp_path / "Map_PP_bi.csv", None, tmp_path / "case").name == "lab"
+    assert 'name = "lab"' in (tmp_path / "case/case.toml").read_text()
+    (tmp_path / "Map_PP_bi.csv").write_text(DXL.replace("Map name:,lab", "Map name:,"))
+    assert read_study(tmp_path / "Map_PP_bi.csv").name == "Map_PP_bi"
+
+
 def test_ensite_files_of_one_map_must_agree(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text(DXL)
     (tmp_path / "b.csv").write_text(DXL.replace("9,1,0.5,1", "9,1,0.6,1"))

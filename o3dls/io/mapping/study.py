@@ -110,7 +110,7 @@ def _from_ensite(archive: Archive, maps: list[str], map_name: str | None) -> Imp
     found = Imported(
         points,
         vendor=f"EnSite, field scaling {preamble.get('Field Scaling', 'not stated')}",
-        name=Path(chosen[0]).stem,
+        name=preamble.get("Map name", "").strip() or Path(chosen[0]).stem,
     )
     found.took.append(f"{len(points)} utilised points of {', '.join(chosen)} (roving electrode, mm)")
     found.left += [name for name in maps if name not in chosen]
