@@ -473,6 +473,32 @@ def test_an_ensite_case_is_named_after_the_map_else_after_the_file(tmp_path: Pat
     assert read_study(tmp_path / "Map_PP_bi.csv").name == "Map_PP_bi"
 
 
+def numbered(kind: str, columns: str, *rows: str) -> str:
+    """An export of the map `lab` with rows `number,x,y,z,utilized,value,valid`."""
+    head = f"Export File Version: 11\nMap name:,lab\nMap type:,{kind}\n"
+    return head + f"(Point #),roving x,roving y,roving z,utilized,{columns}\n" + "\n".join((*rows, "EOF\n"))
+
+
+def test_ensite_files_of_one_map_are_joined_by_the_number_of_the_point(tmp_path: Path) -> None:
+    voltage = ("3,7,8,9,1,0.3,1", "1,1,2,3,1,0.1,1", "2,4,5,6,0,0.2,1")
+    times = ("1,1,2,3,0,-10,1", "2,4,5,6,1,-20,1", "3,7,8,9,1,-30,1")
+    (tmp_path / "a.csv").write_text(numbered("PP_bi", "P-P,P-P valid", *voltage))
+    (tmp_path / "b.csv").write_text(numbered("LAT_bi", "LAT,LAT valid", *times))
+    points = read_study(tmp_path).points
+    np.testing.assert_array_equal(points.xyz, [[1, 2, 3], [4, 5, 6], [7, 8, 9]])
+    np.testing.assert_array_equal(points.columns["bipolar"], [0.1, np.nan, 0.3])
+    np.testing.assert_array_equal(points.columns["lat"], [np.nan, -20, -30])
+    assert set(points.columns) == {"bipolar", "lat"}
+    other_map = numbered("LAT_bi", "LAT,LAT valid", *times).replace("lab", "other")
+    moved = numbered("LAT_bi", "LAT,LAT valid", *times[:2], "3,7,8,9.5,1,-30,1")
+    twice = numbered("LAT_bi", "LAT,LAT valid", *times, times[2])
+    apart = numbered("LAT_bi", "LAT,LAT valid", *times[:2])  # no point is in both
+    for doubtful in (other_map, moved, twice, apart):
+        (tmp_path / "b.csv").write_text(doubtful)
+        with pytest.raises(InputError, match="several maps fit; say which file with --map"):
+            read_study(tmp_path)
+
+
 def test_ensite_files_of_one_map_must_agree(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text(DXL)
     (tmp_path / "b.csv").write_text(DXL.replace("9,1,0.5,1", "9,1,0.6,1"))

@@ -19,12 +19,14 @@ from ...case import Points
 from ...errors import InputError
 from ..meshes.surface_file import SurfaceFile
 from ..text import check_numbers, decode
+from .imported import joined
 
 # first part of the map type -> columns that hold its value
 VALUES = {
     "PP": ("P-P",),
     "LAT": ("LAT", "adjTime (ms)"),
 }
+NUMBER = "(Point #)"
 LESION_XYZ = (("x", "y", "z"), ("X", "Y", "Z"))
 LESION_VALUES = {
     "Avg Contact Force (g)": "force",
@@ -129,9 +131,33 @@ def read_map(path: Path, data: bytes) -> tuple[Points, dict[str, str]]:
     xyz = export.xyz(places)
     used = _utilised(export) if "utilized" in export.header else np.ones(len(xyz), dtype=bool)
     columns = _values(export)
+    if NUMBER in export.header:
+        columns[NUMBER] = export.numbers(NUMBER)
     if "force (g)" in export.header:
         columns["force"] = export.numbers("force (g)")
     return Points(xyz, np.full(len(xyz), "eam"), columns).select(used), export.preamble
+
+
+def by_number(first: Points, second: Points) -> Points | None:
+    """The points of two exports of one map, which need not use the same rows, joined by their numbers; a
+    value that only one has is NaN elsewhere. None where a number is missing or comes twice, none is in both,
+    or one that is in both differs.
+    """
+    numbers = [points.columns.get(NUMBER, np.full(len(points), np.nan)) for points in (first, second)]
+    if any(np.isnan(n).any() or len(np.unique(n)) < len(n) for n in numbers):
+        return None
+    _, one, other = np.intersect1d(numbers[0], numbers[1], assume_unique=True, return_indices=True)
+    shared = first.columns.keys() & second.columns.keys()
+    alike = np.array_equal(first.xyz[one], second.xyz[other]) and all(
+        np.array_equal(first.columns[name][one], second.columns[name][other], equal_nan=True)
+        for name in shared
+    )
+    if len(one) == 0 or not alike:
+        return None
+    both = joined(first, second.select(~np.isin(numbers[1], numbers[0])))
+    for name in second.columns.keys() - first.columns.keys():
+        both.columns[name][one] = second.columns[name][other]
+    return both.select(np.argsort(both.columns[NUMBER]))
 
 
 def _utilised(export: Export) -> NDArray[np.bool_]:

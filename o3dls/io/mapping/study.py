@@ -100,15 +100,21 @@ def _from_ensite(archive: Archive, maps: list[str], map_name: str | None) -> Imp
         raise InputError(f"{archive.path}: no map '{map_name}': there are {listed}")
     points, preamble = read[chosen[0]]
     for name in chosen[1:]:  # one map is exported once per kind of value
-        if not _same_points(points, read[name][0]):
+        more, its = read[name]
+        both = ensite.by_number(points, more) if its.get("Map name") == preamble.get("Map name") else None
+        if both is None and _same_points(points, more):
+            both = Points(points.xyz, points.type, {**points.columns, **more.columns})
+        if both is None:
             raise InputError(f"{archive.path}: several maps fit; say which file with --map: {listed}")
-        points = Points(points.xyz, points.type, {**points.columns, **read[name][0].columns})
+        points = both
     if len(points) == 0:
         raise InputError(
             f"{archive.where(chosen[0])}: none of its points is utilised; must hold some: there are {listed}"
         )
+    # the number has joined the files, and is no value of a point
+    values = {name: column for name, column in points.columns.items() if name != ensite.NUMBER}
     found = Imported(
-        points,
+        Points(points.xyz, points.type, values),
         vendor=f"EnSite, field scaling {preamble.get('Field Scaling', 'not stated')}",
         name=preamble.get("Map name", "").strip() or Path(chosen[0]).stem,
     )
