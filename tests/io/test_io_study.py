@@ -631,14 +631,32 @@ def test_a_matlab_object_beside_the_points_is_passed_over(tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize(
-    ("group", "name", "where"),
-    [("surface", "triRep", "surface.triRep.X"), ("electric", "egmX", "electric.egmX")],
+    ("group", "name", "where", "read"),
+    [
+        ("surface", "triRep", "surface.triRep.X", read_surface),
+        ("electric", "egmX", "electric.egmX", read_study),
+    ],
 )
-def test_a_matlab_object_that_is_needed_is_named(group: str, name: str, where: str, tmp_path: Path) -> None:
+def test_a_matlab_object_that_is_needed_is_named(
+    group: str, name: str, where: str, read: Any, tmp_path: Path
+) -> None:
     path = tmp_path / "s.mat"
     path.write_bytes(with_object(openep_tree(), group, name, "TriRep"))
     with pytest.raises(InputError, match=rf"s\.mat: {where} is, or .* class TriRep, .* as a struct of plain"):
-        read_study(path)
+        read(path)
+
+
+def test_openep_points_are_taken_without_a_shell_that_is_an_object(tmp_path: Path) -> None:
+    path = tmp_path / "s.mat"
+    path.write_bytes(with_object(openep_tree(), "surface", "triRep", "TriRep"))
+    found = import_study(path, None, tmp_path / "case")
+    points = read_points(tmp_path / "case/points.csv")
+    np.testing.assert_array_equal(points.type, ["eam", "eam", "ablation", "ablation"])
+    np.testing.assert_array_equal(points.xyz[:2], [[0, 1, 2], [6, 7, 8]])
+    assert any(
+        line.startswith("the shell: surface.triRep is a MATLAB object of class TriRep") for line in found.left
+    )
+    assert not (tmp_path / "case/map.ply").exists()
 
 
 def test_matlab_73_is_read_too(tmp_path: Path) -> None:

@@ -54,6 +54,12 @@ def read(path: Path, data: bytes) -> SurfaceFile:
     return SurfaceFile.of(path, vertices, triangles - 1, fields, units="mm")
 
 
+def shell_class(path: Path, data: bytes) -> str | None:
+    """The class of the MATLAB object that stands in place of the shell's arrays; None where none does."""
+    found = (mat.at(userdata(path, data), f"surface.triRep.{name}") for name in ("X", "Triangulation"))
+    return next((value.of for value in found if isinstance(value, Opaque)), None)
+
+
 def read_points(path: Path, data: bytes) -> Points:
     """Included electrode positions with bipolar, unipolar (mV) and lat (ms), and the ablation sites. Raises
     InputError without any.

@@ -162,7 +162,14 @@ def _from_openep(archive: Archive, files: list[str], map_name: str | None) -> Im
         raise InputError(f"{archive.path}: say which data set with --map: there are {', '.join(files)}")
     where, data = archive.where(chosen[0]), archive.read(chosen[0])
     points = openep.read_points(where, data)
-    found = Imported(points, shell=openep.read(where, data), vendor="OpenEP", name=Path(chosen[0]).stem)
+    found = Imported(points, vendor="OpenEP", name=Path(chosen[0]).stem)
+    if (of := openep.shell_class(where, data)) is None:
+        found.shell = openep.read(where, data)
+    else:
+        found.left.append(
+            f"the shell: surface.triRep is a MATLAB object of class {of}, which only MATLAB reads; "
+            "for map.ply save it there as struct('X', t.X, 'Triangulation', t.Triangulation)"
+        )
     found.took += [
         f"{(points.type == kind).sum()} points of type {kind} (mm)" for kind in np.unique(points.type)
     ]
