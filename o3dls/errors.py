@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 
 class O3dlsError(Exception):
     """Base of every error that o3dls raises on purpose; the command line turns it into one line and exit code
@@ -32,3 +34,12 @@ def did_you_mean(word: str, known: list[str]) -> str:
 
     close = get_close_matches(word, known, n=1)
     return f": did you mean '{close[0]}'?" if close else f"; there are: {', '.join(sorted(known))}"
+
+
+# what a terminal obeys, what ends a line, and what turns the direction of the text around it
+CONTROL = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069]")
+
+
+def escaped(text: str) -> str:
+    """The text on one line that says what it holds: control characters as in a literal of Python."""
+    return CONTROL.sub(lambda found: found[0].encode("unicode_escape").decode(), text)

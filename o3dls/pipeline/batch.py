@@ -5,9 +5,10 @@ from __future__ import annotations
 import logging
 import os
 import traceback
-from collections.abc import Sequence
-from concurrent.futures import Future
+from collections.abc import Generator, Sequence
+from concurrent.futures import Future, as_completed
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -62,26 +63,34 @@ def run_cohort(
     """Run the pipeline on every case folder into `out/<name of the folder>` and write `out/cohort.csv`.
 
     trim: leave out what a case does not allow, as for the default pipeline. A case that fails does not stop
-    the others. Raises InputError before any work where two cases have one name, or a run folder or the table
-    exists.
+    the others, and the table is there from the first case on. Raises InputError before any work where a case
+    has the name of another or of the table, or a run folder or the table exists.
     """
     names = [folder.resolve().name for folder in folders]
-    for name in names:
+    for folder, name in zip(folders, names, strict=True):
         if names.count(name) > 1:
             raise InputError(f"two case folders are named '{name}': their runs would have one folder")
+        if name.casefold() == COHORT:
+            raise InputError(f"{folder}: '{name}' is the name of the batch's table; rename the case folder")
         check_free(out / name, force, "run", folders)
-    if (out / COHORT).exists() and not force:
-        raise InputError(f"{out / COHORT}: exists already; name another folder or use --force")
-    outcomes = _outcomes(
-        [
-            _Job(folder, pipeline, out / name, trim, force)
-            for folder, name in zip(folders, names, strict=True)
-        ],
-        jobs,
-    )
-    out.mkdir(parents=True, exist_ok=True)
-    write_rows(out / COHORT, [row for outcome in outcomes for row in cohort_rows(outcome)])
-    return outcomes
+    _check_table(out / COHORT, force)
+    work = [
+        _Job(folder, pipeline, out / name, trim, force) for folder, name in zip(folders, names, strict=True)
+    ]
+    found: dict[_Job, Outcome] = {}
+    with closing(_outcomes(work, jobs)) as outcomes:  # an interruption ends the processes at once
+        for job, outcome in outcomes:
+            found[job] = outcome
+            rows = [row for job in work if job in found for row in cohort_rows(found[job])]
+            write_rows(out / COHORT, rows)
+    return [found[job] for job in work]
+
+
+def _check_table(path: Path, force: bool) -> None:
+    if path.is_dir():
+        raise InputError(f"{path}: is a folder, and the batch writes its table there; name another folder")
+    if path.exists() and not force:
+        raise InputError(f"{path}: exists already; name another folder or use --force")
 
 
 def cohort_rows(outcome: Outcome) -> list[dict[str, Any]]:
@@ -94,7 +103,7 @@ def cohort_rows(outcome: Outcome) -> list[dict[str, Any]]:
     return [head | row for row in outcome.rows] or [head]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Job:
     """One case, what to do with it, and where its run goes."""
 
@@ -131,15 +140,22 @@ class _Job:
         )
 
 
-def _outcomes(work: Sequence[_Job], jobs: int) -> list[Outcome]:
-    """Do the jobs, so many at one time.
+def _outcomes(work: Sequence[_Job], jobs: int) -> Generator[tuple[_Job, Outcome], None, None]:
+    """Do the jobs, so many at one time; each with its outcome, as they end.
 
     Once a process was ended from outside, those that are left one by one: memory may be short.
     """
+    left = []
     with workers(jobs) as pool:
-        futures = [pool.submit(job) for job in work]
-        found = [_outcome(future) for future in futures]
-    return [outcome or _alone(job) for job, outcome in zip(work, found, strict=True)]
+        futures = {pool.submit(job): job for job in work}
+        for future in as_completed(futures):
+            if outcome := _outcome(future):
+                yield futures[future], outcome
+            else:
+                left.append(futures[future])
+    for job in work:
+        if job in left:
+            yield job, _alone(job)
 
 
 def _alone(job: _Job) -> Outcome:

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..arrays import Array
 from ..case import Case
-from ..errors import InputError
+from ..errors import InputError, escaped
 from ..estimate import Estimate
 from ..geometry.surface import Surface
 from ..io.meshes.registry import read_surface, write_surface
@@ -55,7 +55,9 @@ def _warning(found: Mapping[str, str]) -> RunWarning:
 
 
 def write_rows(path: Path, rows: Any) -> None:
-    """Rows of records as a table; a value that a row has not is an empty cell."""
+    """Rows of records as a table; a value that a row has not is an empty cell, a line break in a text is
+    escaped.
+    """
     names = dict.fromkeys(key for row in rows for key in row)
     if names:
         write_table(
@@ -66,7 +68,7 @@ def write_rows(path: Path, rows: Any) -> None:
 def _cell(value: Any) -> Any:
     if isinstance(value, str):
         # names of folders may hold bytes that are no text
-        return value.encode("utf-8", "replace").decode("utf-8")
+        return escaped(value.encode("utf-8", "replace").decode("utf-8"))
     return "" if value is None else value.item() if isinstance(value, np.generic) else value
 
 

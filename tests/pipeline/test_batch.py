@@ -21,6 +21,7 @@ from o3dls.case import Case
 from o3dls.errors import InputError
 from o3dls.estimate import Estimate
 from o3dls.io.case_writer import write_case
+from o3dls.pipeline import batch
 from o3dls.pipeline.batch import run_cohort
 from o3dls.pipeline.pipeline import Pipeline
 from o3dls.plugins.stage import Stage
@@ -39,6 +40,17 @@ class Careless(Nudge):
         if len(case.points.of("eam")) < 40:
             raise IndexError("too short")
         return replace(super().__call__(case, start), warnings=(RunWarning("other", "the map is not sure"),))
+
+
+class Talkative(Nudge):
+    """Refuses a case of few points in more than one line."""
+
+    name: ClassVar[str] = "talkative"
+
+    def __call__(self, case: Case, start: Estimate) -> Estimate:
+        if len(case.points.of("eam")) < 40:
+            raise InputError("first line\nsecond\u2028third")
+        return super().__call__(case, start)
 
 
 class Killed(Nudge):
@@ -115,6 +127,45 @@ def test_a_table_of_another_batch_is_only_replaced_when_told(tmp_path: Path) -> 
     assert not (out / "second").exists()
     run_cohort([second], pipeline, out, force=True)
     assert "second" in (out / "cohort.csv").read_text()
+
+
+def test_a_line_break_in_a_name_or_an_error_does_not_cost_the_table(tmp_path: Path) -> None:
+    folders = cases(tmp_path, **{"one\ntwo": 60, "three": 30})
+    run_cohort(folders, Pipeline([Talkative()], folds=0), tmp_path / "runs")
+    with (tmp_path / "runs/cohort.csv").open(newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert {row["case"]: row["error"] for row in rows} == {
+        "one\\ntwo": "",
+        "three": "first line\\nsecond\\u2028third",
+    }
+
+
+@pytest.mark.parametrize("name", ["cohort.csv", "Cohort.CSV"])
+def test_a_case_with_the_name_of_the_table_is_refused_before_any_work(name: str, tmp_path: Path) -> None:
+    folders = cases(tmp_path, **{"one": 60, name: 60})
+    with pytest.raises(InputError, match=f"'{name}' is the name of the batch's table; rename the case"):
+        run_cohort(folders, Pipeline([Nudge()], folds=0), tmp_path / "runs")
+    assert not (tmp_path / "runs").exists()
+
+
+def test_a_folder_in_the_place_of_the_table_is_named_before_any_work(tmp_path: Path) -> None:
+    (tmp_path / "runs/cohort.csv").mkdir(parents=True)
+    with pytest.raises(InputError, match=r"cohort\.csv: is a folder"):
+        run_cohort(cases(tmp_path, one=60), Pipeline([Nudge()], folds=0), tmp_path / "runs", force=True)
+    assert not (tmp_path / "runs/one").exists()
+
+
+def test_the_table_holds_the_cases_that_are_done(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    seen = []
+    written = batch.write_rows
+
+    def spied(path: Path, rows: Any) -> None:
+        written(path, rows)
+        seen.append([row["case"] for row in csv.DictReader(path.read_text().splitlines())])
+
+    monkeypatch.setattr(batch, "write_rows", spied)
+    run_cohort(cases(tmp_path, one=60, two=60), Pipeline([Nudge()], folds=0), tmp_path / "runs")
+    assert [sorted(set(names)) for names in seen] == [["one"], ["one", "two"]]
 
 
 def test_a_batch_never_replaces_its_cases(tmp_path: Path) -> None:
