@@ -14,7 +14,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from tempfile import mkdtemp
 
-from ..errors import InputError
+from ..errors import InputError, escaped
+from .manifest import foreign
 
 # the file that tells each kind of folder of ours
 MARKS = {
@@ -74,7 +75,7 @@ def check_free(
     out: str | Path, force: bool = False, kind: str | None = None, reads: Sequence[Path] = ()
 ) -> None:
     """Raise InputError unless the folder `out` may be written: it is not there, is empty, or is our own of
-    that kind and `force` is set.
+    that kind and `force` is set. A run folder is our own where it holds nothing that o3dls did not write.
 
     kind: run, case or paper, any where it is None; reads: files and folders that the work reads, which must
     not be replaced by it.
@@ -97,6 +98,12 @@ def _check_replaceable(out: Path, kind: str | None, reads: Sequence[Path]) -> No
     if _kind(out) not in ([kind] if kind else MARKS):
         raise InputError(
             f"{out}: is no {kind or ' or '.join(MARKS)}, so it is not ours to replace; name another folder"
+        )
+    if _kind(out) == "run" and (found := foreign(out)):
+        more = f" and {len(found) - 1} more" if found[1:] else ""
+        raise InputError(
+            f"{out}: holds {escaped(found[0])}{more}, which o3dls did not write and would remove; move it "
+            "away, or name another folder"
         )
     for source in reads:
         if _real(source).is_relative_to(_real(out)):

@@ -55,18 +55,20 @@ def write_report(
     page.
     """
     from ..io.atomic import staged_file
+    from ..io.manifest import noted
     from .page import report_page
     from .subject import read_subject
 
     subject = read_subject([Path(folder) for folder in folders], compare)
     path = _page(out or subject.folders[0] / REPORT)
-    with staged_file(path) as staged:
-        staged.write_text(report_page(subject), encoding="utf-8", errors="replace")
-    if slides:
-        from .drawing.slides import write_slides
+    with noted(subject.folders[0]):
+        with staged_file(path) as staged:
+            staged.write_text(report_page(subject), encoding="utf-8", errors="replace")
+        if slides:
+            from .drawing.slides import write_slides
 
-        figures = FIGURES if path.name == REPORT else f"{path.stem}_{FIGURES}"
-        write_slides(subject, path.parent / figures, path.with_suffix(".pdf"))
+            figures = FIGURES if path.name == REPORT else f"{path.stem}_{FIGURES}"
+            write_slides(subject, path.parent / figures, path.with_suffix(".pdf"))
     return path
 
 

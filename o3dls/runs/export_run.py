@@ -23,6 +23,7 @@ def export_run(
     `out` is a file, by default in the run's export folder. Further options as for `Export`. Raises InputError
     where the run, the estimate or the format is not there.
     """
+    from ..io.manifest import noted
     from ..io.meshes.registry import FORMATS, check_suffix
     from .folder import check_not_of_a_run, read_run
 
@@ -42,5 +43,6 @@ def export_run(
         raise InputError(f"{folder}: {why}")
     path = path or Path(folder) / "export" / file_name(name, format)
     check_not_of_a_run(path)
-    writer.write(run.estimates[name].surface, run, name, path)
+    with noted(folder):
+        writer.write(run.estimates[name].surface, run, name, path)
     return path

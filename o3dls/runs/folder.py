@@ -10,12 +10,13 @@ from typing import Any
 from ..case import Case
 from ..errors import InputError
 from ..io.case_reader import read_case
+from ..io.manifest import MANIFEST
 from ..io.points import read_points
 from .estimate_files import read_estimate
 from .run import SCHEMA, Run, plain
 
 # what a run is; the rest can be made again
-OWN = ("run.json", "scores.csv", "points.csv", "held_out.csv", "case", "estimates")
+OWN = ("run.json", MANIFEST, "scores.csv", "points.csv", "held_out.csv", "case", "estimates")
 
 
 def read_record(folder: str | Path) -> dict[str, Any]:

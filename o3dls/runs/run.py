@@ -18,6 +18,7 @@ from ..estimate import Estimate
 from ..evaluation.validity import faults
 from ..io.atomic import staged_folder
 from ..io.case_writer import write_case
+from ..io.manifest import write_manifest
 from ..io.points import write_points
 from .estimate_files import write_estimate, write_rows
 from .tables import ScoreLine, score_rows, score_table
@@ -93,7 +94,8 @@ class Run:
     def write(self, folder: str | Path | None = None, *, force: bool = False) -> Path:
         """Write the run folder, whole or not at all.
 
-        run.json, scores.csv, points.csv, the case, the estimates, and what the writers of the pipeline make.
+        run.json, scores.csv, points.csv, the case, the estimates, what the writers of the pipeline make, and
+        the manifest of it all.
         Raises InputError where it exists.
         """
         out = folder or self.out
@@ -118,6 +120,7 @@ class Run:
         for addition in self.additions:
             log.info("writing %s", addition.name)
             addition(self, folder)
+        write_manifest(folder)
 
 
 def record(run: Run) -> dict[str, Any]:

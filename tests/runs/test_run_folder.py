@@ -24,6 +24,7 @@ from o3dls.pipeline.pipeline import Pipeline
 from o3dls.plugins.stage import Stage
 from o3dls.report.writer import compare, write_report
 from o3dls.run_warning import RunWarning
+from o3dls.runs.export_run import export_run
 from o3dls.runs.folder import read_run
 from o3dls.runs.log import log_of_failure
 from o3dls.runs.run import record
@@ -378,3 +379,51 @@ def test_the_deviation_in_the_files_is_that_of_the_estimate(tmp_path: Path) -> N
     folder = run.write(tmp_path / "run")
     written = read_surface(folder / "estimates/deform/surface.ply").fields["sd_mm"]
     np.testing.assert_allclose(written, run.estimates["deform"].surface.fields["sd_mm"], rtol=1e-5)
+
+
+def a_run(folder: Path) -> Path:
+    run = Pipeline([Nudge()], [Note()], folds=0).run(ball_case())
+    return run.write(folder)
+
+
+@pytest.mark.parametrize("name", ["thesis.docx", "export/thesis.docx", "case2/points.csv", "case/notes.txt"])
+@pytest.mark.parametrize("manifest", [True, False])
+def test_a_run_with_a_file_that_is_not_ours_is_not_replaced(
+    name: str, manifest: bool, tmp_path: Path
+) -> None:
+    out = a_run(tmp_path / "run")
+    if not manifest:
+        (out / "manifest.txt").unlink()  # as of an older version, and those have no note.txt
+        (out / "note.txt").unlink()
+    (out / name).parent.mkdir(exist_ok=True)
+    (out / name).write_text("keep me")
+    with pytest.raises(InputError, match=f"run: holds {name}, which o3dls did not write and would remove"):
+        Pipeline([Nudge()], folds=0).run(ball_case()).write(out, force=True)
+    assert (out / name).read_text() == "keep me"
+    assert [path.name for path in tmp_path.iterdir()] == ["run"]
+    (out / name).unlink()
+    (out / ".DS_Store").write_text("")
+    (out / "empty").mkdir()
+    Pipeline([Nudge()], folds=0).run(ball_case()).write(out, force=True)
+    assert not (out / "note.txt").exists()
+
+
+def test_a_link_in_a_run_folder_is_not_ours_either(tmp_path: Path) -> None:
+    (tmp_path / "there").mkdir()
+    out = a_run(tmp_path / "run")
+    (out / "link").symlink_to(tmp_path / "there")
+    (out / "thesis.docx").write_text("")
+    with pytest.raises(InputError, match=r"run: holds link and 1 more, which"):
+        Pipeline([Nudge()], folds=0).run(ball_case()).write(out, force=True)
+
+
+def test_what_report_and_export_add_to_a_run_is_replaced_with_it(tmp_path: Path) -> None:
+    out = a_run(tmp_path / "run")
+    export_run(out, format="stl")
+    write_report([out], out / "another.html", slides=True)
+    files = {path.relative_to(out).as_posix() for path in out.rglob("*") if path.is_file()}
+    listed = [json.loads(line) for line in (out / "manifest.txt").read_text().splitlines()]
+    assert {"export/nudge.stl", "export/nudge.stl.json", "another.html", "another.pdf", "note.txt"} < files
+    assert sorted(listed) == sorted(files - {"manifest.txt"})
+    Pipeline([Nudge()], folds=0).run(ball_case()).write(out, force=True)
+    assert not (out / "export").exists()

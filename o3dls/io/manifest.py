@@ -1,0 +1,71 @@
+"""The manifest of a run folder: the names of the files that o3dls wrote there, so that nothing else is ever
+removed with it.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+MANIFEST = "manifest.txt"
+IGNORED = (".DS_Store", "Thumbs.db", "desktop.ini")  # what file browsers leave in any folder
+SURFACE = r"\.(ply|csv)"
+# all that a run could hold before there was a manifest
+WRITTEN = re.compile(
+    r"run\.json|scores\.csv|points\.csv|held_out\.csv|report\.(html|pdf)|figures/[^/]+\.png"
+    r"|estimates/[^/]+/(surface\.(ply|vtp|csv)|trace\.csv|weights\.csv)"
+    r"|export/[^/]+\.(ply|stl|obj|off|vtk|vtp|mesh|mat|pts|elem|lon|dat|xml|nrrd|nii\.gz|tfm|txt)(\.json)?"
+    r"|case/(case\.toml|(points|prior_landmarks|init|held_out|correspondence|outliers)\.csv)"
+    rf"|case/(prior|truth|phases/\d+){SURFACE}"
+)
+
+
+def write_manifest(folder: Path) -> None:
+    """Name every file of a folder as ours, one a line, as a string of JSON."""
+    _append(folder, _files(folder))
+
+
+@contextmanager
+def noted(folder: str | Path) -> Iterator[None]:
+    """Name the files that the block adds to a run folder as ours; nothing where it has no manifest."""
+    folder = Path(folder)
+    if not (folder / MANIFEST).is_file():
+        yield
+        return
+    before = set(_files(folder))
+    try:
+        yield
+    finally:
+        _append(folder, [name for name in _files(folder) if name not in before])
+
+
+def foreign(folder: Path) -> list[str]:
+    """The files in a run folder that o3dls did not write, by their paths in it."""
+    if not (folder / MANIFEST).is_file():
+        return [name for name in _files(folder) if not WRITTEN.fullmatch(name)]
+    listed = set((folder / MANIFEST).read_text(encoding="utf-8", errors="replace").split("\n"))
+    return [name for name in _files(folder) if json.dumps(name) not in listed]
+
+
+def _append(folder: Path, names: list[str]) -> None:
+    with (folder / MANIFEST).open("a", encoding="utf-8", newline="\n") as file:
+        file.writelines(f"{json.dumps(name)}\n" for name in names)
+
+
+def _files(folder: Path) -> list[str]:
+    """Paths of the files and links below a folder, without the manifest. Raises OSError where a folder cannot
+    be listed.
+    """
+    found = []
+    for place, folders, files in os.walk(folder, onerror=_raise):
+        links = [name for name in folders if (Path(place) / name).is_symlink()]
+        found += [(Path(place) / name).relative_to(folder).as_posix() for name in (*links, *files)]
+    return sorted(name for name in found if name != MANIFEST and name.split("/")[-1] not in IGNORED)
+
+
+def _raise(error: OSError) -> None:
+    raise error
