@@ -23,7 +23,7 @@ MARKS = {
     "case": "case.toml",
     "paper": "paper_results.json",
 }
-FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # disk, quota, limit of size: the system names no file
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)  # disk, quota, limit: the system names no file
 log = logging.getLogger("o3dls")
 
 
@@ -66,9 +66,29 @@ def staged_file(path: str | Path) -> Iterator[Path]:
     try:
         with _named(path):
             yield staged
+            _settle(staged)
         os.replace(staged, _real(path))
     finally:
         staged.unlink(missing_ok=True)
+
+
+def write_file(path: str | Path, content: str | bytes) -> None:
+    """Write a file, whole or not at all; text as UTF-8.
+
+    Raises InputError where the disk has no room, or keeps something else than what was written.
+    """
+    # names of folders may hold bytes that are no text
+    data = content.encode("utf-8", "replace") if isinstance(content, str) else content
+    with staged_file(path) as staged:
+        staged.write_bytes(data)
+        if (kept := staged.read_bytes()) != data:
+            raise InputError(f"{path}: cannot be written: the disk kept {len(kept)} of {len(data)} bytes")
+
+
+def _settle(path: Path) -> None:
+    """Wait until a file is on the disk: some systems say only then that there is no room for it."""
+    with path.open("rb+") as file:
+        os.fsync(file.fileno())
 
 
 def check_free(

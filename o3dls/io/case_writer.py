@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from ..case import Case
-from .atomic import staged_folder
+from .atomic import staged_folder, write_file
 from .case_settings import toml_lines
 from .case_truth import write_truth
 from .meshes.registry import write_surface
@@ -27,7 +27,7 @@ def write_case(folder: str | Path, case: Case, *, force: bool = False) -> None:
             "dimension": case.dimension,
         }
         settings["notes"] = case.notes
-        (out / "case.toml").write_text(toml_lines(settings), encoding="utf-8")
+        write_file(out / "case.toml", toml_lines(settings))
         write_surface(out / f"prior.{suffix}", case.prior, units=case.units)
         write_points(out / "points.csv", case.points)
         if case.prior_landmarks:
@@ -35,9 +35,8 @@ def write_case(folder: str | Path, case: Case, *, force: bool = False) -> None:
             xyz = np.array(list(case.prior_landmarks.values()))
             write_table(out / "prior_landmarks.csv", {"name": names, **dict(zip(axes, xyz.T, strict=True))})
         if case.init is not None:
-            (out / "init.csv").write_text(
-                "\n".join(",".join(map(repr, row)) for row in case.init.tolist()) + "\n"
-            )
+            rows = case.init.tolist()
+            write_file(out / "init.csv", "".join(",".join(map(repr, row)) + "\n" for row in rows))
         if case.phases:
             (out / "phases").mkdir()
         for k, phase in enumerate(case.phases, 1):

@@ -15,7 +15,7 @@ import numpy as np
 from ..arrays import Array
 from ..errors import InputError
 from ..geometry.similarity import TURN, apply
-from .atomic import staged_file
+from .atomic import write_file
 from .text import check_numbers, decode, read_bytes
 
 SCHEMA = "https://raw.githubusercontent.com/slicer/slicer/master/Modules/Loadable/Markups/Resources/Schema/markups-schema-v1.0.3.json#"
@@ -160,8 +160,5 @@ def write_markups(path: str | Path, markups: Markups) -> None:
         "locked": False,
         "labelFormat": "%N-%d",
     }
-    with staged_file(path) as staged:
-        staged.write_text(
-            json.dumps({"@schema": SCHEMA, "markups": [{**item, "controlPoints": points}]}, indent=1) + "\n",
-            encoding="utf-8",
-        )
+    whole = {"@schema": SCHEMA, "markups": [{**item, "controlPoints": points}]}
+    write_file(path, json.dumps(whole, indent=1) + "\n")

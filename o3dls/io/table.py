@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ..arrays import Array
 from ..case import SPACES
 from ..errors import InputError
-from .atomic import staged_file
+from .atomic import write_file
 from .text import LARGEST_WHOLE, decode, number, read_bytes
 
 
@@ -157,15 +157,11 @@ def write_table(
     """Write equal-length columns as CSV; numbers keep all their digits, NaN becomes an empty cell. Raises
     InputError for line breaks.
     """
-    with staged_file(path) as staged, staged.open("w", newline="", encoding="utf-8") as file:
-        if notes:
-            file.write("# " + " ".join(f"{key}={value}" for key, value in notes.items()) + "\n")
-        file.write(_line(columns))
-        cells = (
-            [_cell(v, f"{path}: column '{name}'") for v in values.tolist()]
-            for name, values in columns.items()
-        )
-        file.writelines(_line(row) for row in zip(*cells, strict=True))
+    note = "# " + " ".join(f"{key}={value}" for key, value in notes.items()) + "\n" if notes else ""
+    cells = (
+        [_cell(v, f"{path}: column '{name}'") for v in values.tolist()] for name, values in columns.items()
+    )
+    write_file(path, note + _line(columns) + "".join(_line(row) for row in zip(*cells, strict=True)))
 
 
 def _line(cells: Iterable[str]) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 from ..arrays import Array
 from ..errors import InputError
 from ..geometry.similarity import TURN, similarity
-from .atomic import staged_file
+from .atomic import write_file
 from .meshes.surface_file import NOTICE
 from .text import decode, number_rows, read_bytes
 
@@ -40,8 +40,7 @@ def write_transform(path: str | Path, T_map_prior: Array, space: str) -> None:
         text = _itk_text(path, T_map_prior, space)
     else:
         raise InputError(f"{path}: transforms are written as .txt (4x4) or .tfm (ITK, Slicer)")
-    with staged_file(path) as staged:
-        staged.write_text(text)
+    write_file(path, text)
 
 
 def _itk_text(path: Path, T_map_prior: Array, space: str) -> str:

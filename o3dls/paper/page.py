@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ..io.atomic import staged_file
+from ..io.atomic import write_file
 from ..report.markup import Html, join, tag
 from . import atrium, formulation, noise, real, related, temporal
 from .blocks import Block, Command, Figure, Heading, Text
@@ -27,15 +27,13 @@ def write_page(results: Results, folder: Path) -> Path:
     (folder / "figures").mkdir(exist_ok=True)
     for block in blocks:
         if isinstance(block, Figure):
-            with staged_file(folder / block.file) as staged:
-                staged.write_bytes(block.png)
+            write_file(folder / block.file, block.png)
     texts = {
         "index.md": "\n\n".join(block.markdown() for block in blocks) + "\n",
         "index.html": _html(blocks),
     }
     for name, text in texts.items():
-        with staged_file(folder / name) as staged:
-            staged.write_text(text, encoding="utf-8")
+        write_file(folder / name, text)
     return folder / "index.html"
 
 

@@ -15,6 +15,7 @@ import numpy as np
 from ..arrays import Array
 from ..errors import InputError
 from ..geometry.surface import Surface
+from ..io.atomic import staged_file, write_file
 from .experiment import SEEDS, Outcome, Row, Scope
 
 SCHEMA = "o3dls-paper/1"
@@ -68,7 +69,7 @@ def write_results(
         "left_out": dict(left_out),
         "rows": rows,
     }
-    (folder / RESULTS).write_text(json.dumps(whole, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    write_file(folder / RESULTS, json.dumps(whole, indent=1, allow_nan=False) + "\n")
     for experiment, found in outcomes.items():
         for name, shape in ((n, s) for outcome in found for n, s in outcome.shapes.items()):
             _write_shape(folder / SHAPES / experiment / f"{name}.npz", shape)
@@ -86,12 +87,13 @@ def read_results(folder: Path) -> Results:
 
 
 def _write_shape(path: Path, shape: Surface | Array) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
     if isinstance(shape, Surface):
-        fields = {
+        arrays: dict[str, Any] = {
             f"field_{key}": np.asarray(values, dtype=np.float32) for key, values in shape.fields.items()
         }
-        fields["vertices"] = shape.vertices.astype(np.float32)
-        np.savez_compressed(path, faces=shape.faces.astype(np.int32), **fields)  # type: ignore[arg-type]
+        arrays["vertices"] = shape.vertices.astype(np.float32)
+        arrays["faces"] = shape.faces.astype(np.int32)
     else:
-        np.savez_compressed(path, values=np.asarray(shape, dtype=np.float32))
+        arrays = {"values": np.asarray(shape, dtype=np.float32)}
+    with staged_file(path) as staged:
+        np.savez_compressed(staged, **arrays)

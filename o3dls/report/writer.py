@@ -54,7 +54,7 @@ def write_report(
     in one folder. Raises InputError where a folder is no run, the cases differ, or `out` is no name for a
     page.
     """
-    from ..io.atomic import staged_file
+    from ..io.atomic import write_file
     from ..io.manifest import noted
     from .page import report_page
     from .subject import read_subject
@@ -62,8 +62,7 @@ def write_report(
     subject = read_subject([Path(folder) for folder in folders], compare)
     path = _page(out or subject.folders[0] / REPORT)
     with noted(subject.folders[0]):
-        with staged_file(path) as staged:
-            staged.write_text(report_page(subject), encoding="utf-8", errors="replace")
+        write_file(path, report_page(subject))
         if slides:
             from .drawing.slides import write_slides
 
@@ -78,17 +77,12 @@ def compare(folders: Sequence[str | Path], out: str | Path = "compare.html") -> 
 
     Raises InputError where a folder is no run, or `out` is no name for a page.
     """
-    from ..io.atomic import staged_file
+    from ..io.atomic import write_file
     from .cohort import cohort_page
     from .subject import read_subject
 
     path = _page(out)
-    with staged_file(path) as staged:
-        staged.write_text(
-            cohort_page([read_subject([Path(folder)]) for folder in folders], path),
-            encoding="utf-8",
-            errors="replace",
-        )
+    write_file(path, cohort_page([read_subject([Path(folder)]) for folder in folders], path))
     return path
 
 

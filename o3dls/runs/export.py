@@ -13,6 +13,7 @@ from ..arrays import Array
 from ..errors import PipelineError
 from ..geometry.similarity import TURN
 from ..geometry.surface import Surface
+from ..io.atomic import write_file
 from .export_formats import NEED_FRAME, FormatName, FrameName, file_name
 from .export_volume import spacing_mistake, write_enclosed_volume
 from .writers import Writer
@@ -129,9 +130,7 @@ class Export(Writer):
             run.estimates[name].T_map_prior,
             turned=space != run.case.frame,
         )
-        path.with_name(path.name + ".json").write_text(
-            json.dumps(facts, indent=1, allow_nan=False) + "\n", encoding="utf-8"
-        )
+        write_file(path.with_name(path.name + ".json"), json.dumps(facts, indent=1, allow_nan=False) + "\n")
 
     def _write(
         self, surface: Surface, path: Path, space: str, units: str, pose: Array, *, turned: bool
@@ -173,21 +172,17 @@ class Export(Writer):
         return decimated(surface, most) if most < len(surface.faces) else surface
 
     def _write_carto(self, surface: Surface, path: Path) -> dict[str, Any]:
-        from ..io.atomic import staged_file
         from ..io.meshes.carto.import_vtk import encode, map_field
 
         limits = None if self.vmin is None or self.vmax is None else (self.vmin, self.vmax)
         scalar = map_field(surface, self.field, limits)
-        with staged_file(path) as staged:
-            staged.write_bytes(encode(surface, scalar.values))
+        write_file(path, encode(surface, scalar.values))
         return dict(scalar.meaning)
 
     def _write_dif(self, surface: Surface, path: Path) -> dict[str, Any]:
-        from ..io.atomic import staged_file
         from ..io.meshes.dif import encode
 
-        with staged_file(path) as staged:
-            staged.write_bytes(encode(surface, field=self.field))
+        write_file(path, encode(surface, field=self.field))
         missing = 0 if self.field is None else int((~np.isfinite(surface.fields[self.field])).sum())
         return {"field": self.field, "values": "as they are", "missing_vertices_unsampled": missing}
 

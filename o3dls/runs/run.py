@@ -16,7 +16,7 @@ from ..case import Case, Points
 from ..errors import InputError
 from ..estimate import Estimate
 from ..evaluation.validity import faults
-from ..io.atomic import staged_folder
+from ..io.atomic import staged_folder, write_file
 from ..io.case_writer import write_case
 from ..io.manifest import write_manifest
 from ..io.points import write_points
@@ -116,7 +116,7 @@ class Run:
         for name, estimate in self.estimates.items():
             write_estimate(folder / "estimates" / name, self.case, estimate, self.fitted.get(name, ()))
         text = json.dumps(record(self), indent=1, allow_nan=False) + "\n"
-        (folder / "run.json").write_text(text, encoding="utf-8")
+        write_file(folder / "run.json", text)
         for addition in self.additions:
             log.info("writing %s", addition.name)
             addition(self, folder)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ...arrays import Array
 from ...errors import InputError
 from ...geometry.similarity import TURN
-from ..atomic import staged_file
+from ..atomic import write_file
 from ..meshes.surface_file import NOTICE
 
 NRRD_TYPES = {"u1": "uchar", "f4": "float"}
@@ -45,8 +45,7 @@ def write_volume(
         content = gzip.compress(content, 6, mtime=0) if name.endswith(".gz") else content
     else:
         raise InputError(f"{path}: volumes are written as .nrrd, .nii or .nii.gz")
-    with staged_file(path) as staged:
-        staged.write_bytes(content)
+    write_file(path, content)
 
 
 def _nrrd(data: NDArray[Any], spacing: float, origin: Array, space: str) -> bytes:

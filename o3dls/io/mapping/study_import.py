@@ -10,7 +10,7 @@ import numpy as np
 from ...arrays import Array
 from ...case import Points
 from ...errors import InputError
-from ..atomic import check_free, staged_folder
+from ..atomic import check_free, staged_folder, write_file
 from ..case_settings import MILLIMETRES, toml_lines
 from ..markups import Markups, read_markups
 from ..meshes.registry import read_surface_file, write_surface
@@ -59,7 +59,7 @@ def import_study(
         if landmarks is not None:
             _write_landmarks(folder, Path(landmarks), found, space)
         settings = {"name": found.name, "frame": found.space, "notes": f"imported from {found.vendor}"}
-        (folder / "case.toml").write_text(toml_lines(settings), encoding="utf-8")
+        write_file(folder / "case.toml", toml_lines(settings))
     return found
 
 
@@ -80,9 +80,8 @@ def _write_map(folder: Path, found: Imported) -> None:
         write_surface(folder / f"{_stem(name)}_shell.ply", shell.surface, space=shell.space)
     for name, matrix in found.registrations.items():
         rows = np.reshape(matrix, (4, 4)).tolist()
-        (folder / f"{_stem(name)}_vendor_registration.txt").write_text(
-            "".join(" ".join(map(repr, row)) + "\n" for row in rows)
-        )
+        text = "".join(" ".join(map(repr, row)) + "\n" for row in rows)
+        write_file(folder / f"{_stem(name)}_vendor_registration.txt", text)
 
 
 def _stem(name: str) -> str:
@@ -108,9 +107,7 @@ def _registered_shell(found: Imported) -> tuple[str, Array] | None:
 def _write_registered(folder: Path, name: str, pose: Array, found: Imported) -> str:
     shell = found.shells[name]
     write_surface(folder / "prior.ply", shell.surface, space=shell.space, units="mm")
-    (folder / "init.csv").write_text(
-        "".join(",".join(map(repr, row)) + "\n" for row in pose.tolist()), encoding="utf-8"
-    )
+    write_file(folder / "init.csv", "".join(",".join(map(repr, row)) + "\n" for row in pose.tolist()))
     found.took.append(
         f"prior {name}, registered by the system itself: init.csv, in the direction that brings it to "
         "the points"

@@ -13,7 +13,7 @@ import numpy as np
 from ...arrays import Array
 from ...errors import InputError
 from ...geometry.surface import Surface
-from ..atomic import staged_file
+from ..atomic import write_file
 from ..text import decode, is_count, join_rows, number_rows, read_bytes
 from .surface_file import SurfaceFile, unused
 
@@ -142,8 +142,7 @@ def write_mesh(path: Path, surface: Surface) -> None:
         _part(path, ".lon"): "1\n" + "1.000000 0.000000 0.000000\n" * m,
     }
     for target, text in (texts | dats).items():
-        with staged_file(target) as staged:
-            staged.write_text(text)
+        write_file(target, text)
 
 
 def _writable(surface: Surface) -> dict[str, Array]:

@@ -9,7 +9,7 @@ from typing import Any
 
 from ...errors import InputError
 from ...geometry.surface import Surface
-from ..atomic import staged_file
+from ..atomic import write_file
 from ..images import labels
 from ..mapping import openep
 from ..text import read_bytes
@@ -146,8 +146,7 @@ def write_surface(
     if known.write is None:  # several files
         opencarp.write_mesh(path, surface)
         return
-    with staged_file(path) as staged:
-        staged.write_bytes(known.write(SurfaceFile(surface, space, units)))
+    write_file(path, known.write(SurfaceFile(surface, space, units)))
 
 
 def _format_for(path: Path, format: str | None) -> Format:

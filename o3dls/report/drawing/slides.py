@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...io.atomic import staged_file
+from ...io.atomic import write_file
 from ..sections.outlines import named_outlines
 from ..sections.scores import mean_table
 from ..subject import SETS, Subject
@@ -34,10 +34,8 @@ def write_slides(subject: Subject, folder: Path, pdf: Path) -> None:
     summary, page = _summary(subject)
     pictures = {"summary.png": summary, "distances.png": _distances_png(subject), **_surface_pngs(subject)}
     for name, data in pictures.items():
-        with staged_file(folder / name) as staged:
-            staged.write_bytes(data)
-    with staged_file(pdf) as staged:
-        staged.write_bytes(page)
+        write_file(folder / name, data)
+    write_file(pdf, page)
 
 
 def _surface_pngs(subject: Subject) -> dict[str, bytes]:
