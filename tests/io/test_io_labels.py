@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 from pathlib import Path
 
 import numpy as np
@@ -174,6 +175,53 @@ def test_voxels_behind_another_header_are_found(tmp_path: Path) -> None:
         (tmp_path / "b.mhd").write_text(text.replace(old, new))
         with pytest.raises(InputError, match=sentence):
             read_surface_file(tmp_path / "b.mhd")
+
+
+@pytest.mark.parametrize(
+    ("said", "before"),
+    [
+        (b"byte skip: 7", b"comment"),
+        (b"byteskip: 7", b"comment"),  # the alias that other readers honour: voxels were shifted
+        (b"byte skip: -1", b"whatever stands before"),
+        (b"line skip: 2", b"one\ntwo\n"),
+        (b"lineskip: 1\nbyte skip: 3", b"one\nabc"),
+    ],
+)
+@pytest.mark.parametrize("encoding", ["raw", "gzip"])
+def test_what_a_nrrd_file_has_before_its_voxels_is_skipped(
+    said: bytes, before: bytes, encoding: str, tmp_path: Path
+) -> None:
+    mask = Chamber(np.eye(3)).mask().astype(np.uint8)
+    sizes = " ".join(map(str, mask.shape[::-1]))
+    head = (
+        f"NRRD0004\ntype: uint8\ndimension: 3\nsizes: {sizes}\nspace: LPS\nspace directions: (1,0,0) (0,1,0) "
+        f"(0,0,1)\nspace origin: (0,0,0)\nencoding: {encoding}\n"
+    ).encode()
+    raw = mask.tobytes()
+    if encoding == "gzip":  # lines come before what is compressed, bytes are counted in what was
+        line, _, rest = before.rpartition(b"\n")
+        body = (line + b"\n" if line else b"") + gzip.compress(rest + raw)
+    else:
+        body = before + raw
+    (tmp_path / "a.nrrd").write_bytes(head + said + b"\n\n" + body)
+    (tmp_path / "b.nrrd").write_bytes(head.replace(b"gzip", b"raw") + b"\n" + raw)
+    if encoding == "gzip" and b"-1" in said:
+        with pytest.raises(InputError, match="'byte skip: -1' must go with raw encoding, not gzip"):
+            read_surface_file(tmp_path / "a.nrrd")
+        return
+    np.testing.assert_array_equal(
+        read_surface_file(tmp_path / "a.nrrd").surface.vertices,
+        read_surface_file(tmp_path / "b.nrrd").surface.vertices,
+    )
+
+
+def test_a_grey_image_is_no_label_volume(tmp_path: Path) -> None:
+    image = np.random.default_rng(3).integers(0, 832, (20, 20, 20)).astype(np.int16)
+    sitk.WriteImage(sitk.GetImageFromArray(image), str(tmp_path / "grey.nrrd"))
+    with pytest.raises(
+        InputError, match=r"rather a grey image than a label volume: segment the chamber first"
+    ):
+        read_surface_file(tmp_path / "grey.nrrd")
 
 
 def test_nrrd_units_become_millimetres_and_unknown_ones_are_refused(tmp_path: Path) -> None:

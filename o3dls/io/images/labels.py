@@ -20,6 +20,7 @@ from .voxels import Image
 
 __all__ = ["knows", "mask_surface", "read"]
 # of the coarsest spacing: takes the steps off the surface; what that shrinks is measured in the tests
+MANY_LABELS = 200  # in one volume: an atlas of the whole body has some hundred
 BLUR = 0.6
 Box = tuple[float, float, float, float, float, float]
 
@@ -85,8 +86,14 @@ def _chosen(path: Path, image: Image, label: int | None, part: str | None) -> tu
         f" or --part ({', '.join(segments)})" if segments else ""
     )
     if label is None:
-        if sum(map(len, found.values())) != 1:
-            raise InputError(f"{path}: holds {sum(map(len, found.values()))} labels" + hint)
+        number = sum(map(len, found.values()))
+        if number > MANY_LABELS and not segments:
+            raise InputError(
+                f"{path}: holds {number} different values, rather a grey image than a label volume: segment "
+                "the chamber first and save its labels; if these are labels, say --label"
+            )
+        if number != 1:
+            raise InputError(f"{path}: holds {number} labels" + hint)
         label = next(iter(known))
     if label not in known:
         raise InputError(f"{path}: has no label {label}" + hint)

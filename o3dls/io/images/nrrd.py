@@ -121,17 +121,31 @@ def _values(path: Path, header: Mapping[str, str], body: bytes, sizes: list[int]
         raise InputError(
             f"{path}: NRRD type '{header.get('type', '')[:40]}' must be one of {', '.join(sorted(TYPES))}"
         )
-    skip = {key: header.get(key, "0") for key in ("line skip", "byte skip")}
-    if set(skip.values()) != {"0"}:
-        raise InputError(f"{path}: NRRD with {skip} is not read; save it with the data in one piece")
     n = count(path, sizes)
     encoding = header.get("encoding", "").lower()
     dtype = np.dtype((">" if header.get("endian", "little") == "big" else "<") + kind)
+    lines, skipped = _skip(path, header, "line skip"), _skip(path, header, "byte skip")
+    body = body.split(b"\n", lines)[-1] if body.count(b"\n") >= lines else b""
+    if skipped < 0:  # the data are the last bytes of the file
+        if encoding != "raw":
+            raise InputError(f"{path}: NRRD 'byte skip: -1' must go with raw encoding, not {encoding[:20]}")
+        skipped = max(len(body) - n * dtype.itemsize, 0)
     if encoding in ("gzip", "gz"):
-        body = inflate(path, body, n * dtype.itemsize)
-    elif encoding in ("ascii", "txt", "text"):
+        body = inflate(path, body, skipped + n * dtype.itemsize)
+    body = body[skipped:]
+    if encoding in ("ascii", "txt", "text"):
         numbers = flat_numbers(body.decode("ascii", errors="replace"), n, f"{path}: data")
         return numbers.reshape(sizes[::-1])
-    elif encoding != "raw":
+    if encoding not in ("gzip", "gz", "raw"):
         raise InputError(f"{path}: NRRD encoding '{encoding[:20]}': must be raw, gzip or ascii")
     return shaped(path, body, dtype.str, sizes)
+
+
+def _skip(path: Path, header: Mapping[str, str], key: str) -> int:
+    """Lines or bytes before the data, under either spelling of the key; of bytes, -1: all but the data."""
+    words = [header[name] for name in (key, key.replace(" ", "")) if name in header]
+    if not all(is_count(word) or (word == "-1" and key == "byte skip") for word in words):
+        raise InputError(f"{path}: NRRD '{key}: {words[0][:20]}' must be a whole number from 0")
+    if len(set(words)) > 1:
+        raise InputError(f"{path}: NRRD has '{key}' twice, {' and '.join(words)}")
+    return int(words[0]) if words else 0
