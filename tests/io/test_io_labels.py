@@ -215,6 +215,20 @@ def test_what_a_nrrd_file_has_before_its_voxels_is_skipped(
     )
 
 
+def test_a_nifti_whose_sform_contradicts_its_voxel_sizes_is_refused(tmp_path: Path) -> None:
+    chamber = Chamber(np.eye(3))
+    sitk.WriteImage(chamber.image(chamber.mask().astype(int)), str(tmp_path / "a.nii"))
+    data = bytearray((tmp_path / "a.nii").read_bytes())
+    sizes = np.frombuffer(bytes(data), "<f4", 3, 80)
+    data[80:92] = (sizes * np.float32(1.005)).tobytes()  # rounded
+    (tmp_path / "b.nii").write_bytes(data)
+    assert len(read_surface_file(tmp_path / "b.nii").surface.faces) > 100
+    data[80:92] = (sizes * [1.0, 1.0, 20.0]).astype("<f4").tobytes()
+    (tmp_path / "b.nii").write_bytes(data)
+    with pytest.raises(InputError, match=r"its sform has voxels of .* its pixdim of .*: make them agree"):
+        read_surface_file(tmp_path / "b.nii")
+
+
 def test_a_grey_image_is_no_label_volume(tmp_path: Path) -> None:
     image = np.random.default_rng(3).integers(0, 832, (20, 20, 20)).astype(np.int16)
     sitk.WriteImage(sitk.GetImageFromArray(image), str(tmp_path / "grey.nrrd"))

@@ -24,6 +24,7 @@ TYPES = {
     1024: "i8",
     1280: "u8",
 }
+SAME_SIZE = 0.01  # of a voxel's size: headers are rounded
 UNITS = {0: 1.0, 1: 1000.0, 2: 1.0, 3: 0.001}
 
 
@@ -68,6 +69,7 @@ def _affine(path: Path, header: bytes, order: str) -> Array:
     affine = np.eye(4)
     if sform > 0:
         affine[:3] = np.frombuffer(header, order + "f4", 12, 280).reshape(3, 4)
+        _agree(path, affine, np.frombuffer(header, order + "f4", 3, 80).astype(float))
     elif qform > 0:
         pixdim = np.frombuffer(header, order + "f4", 4, 76).astype(float)
         b, c, d, *origin = np.frombuffer(header, order + "f4", 6, 256).astype(float).tolist()
@@ -83,6 +85,21 @@ def _affine(path: Path, header: bytes, order: str) -> Array:
     if not (np.abs(affine) < LARGEST).all():
         raise InputError(f"{path}: its axes and origin must be finite and below {LARGEST:g}")
     return affine
+
+
+def _agree(path: Path, affine: Array, pixdim: Array) -> None:
+    """Refuse a sform whose voxels have other sizes than the header's pixdim (3,): one of them is wrong, or
+    the sform leads to another body, as to a standard brain.
+    """
+    sizes = np.linalg.norm(affine[:3, :3], axis=0)
+    said = np.abs(pixdim)
+    stated = np.isfinite(said) & (said > 0.0)
+    if (np.abs(sizes - said)[stated] > SAME_SIZE * said[stated]).any():
+        ours, theirs = (" x ".join(f"{size:.4g}" for size in three) for three in (sizes, said))
+        raise InputError(
+            f"{path}: its sform has voxels of {ours}, its pixdim of {theirs}: make them agree, with the "
+            "sizes that the scanner had"
+        )
 
 
 def _rotation(b: float, c: float, d: float) -> Array:
