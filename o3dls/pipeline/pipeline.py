@@ -23,7 +23,7 @@ from ..runs.run import Run
 from ..runs.scoring import scored
 from ..runs.writers import Writer
 from .cross_validation import cross_validate, too_many
-from .start import components_without_points, doubtful_pose, misfit, start_estimate
+from .start import components_without_points, doubtful_pose, misfit, pose_unknown, start_estimate
 
 START = "start"
 MOST_FOLDS = 50
@@ -162,14 +162,23 @@ class Pipeline:
         return not any(stage.finds_pose for stage in self.stages)
 
     def allowed_by(self, case: Case) -> Self:
-        """The pipeline without the stages and writers that cannot work on the case.
+        """The pipeline without the stages and writers that cannot work on the case, and beginning with
+        `global_pose` where nothing else gives the pose.
 
-        The log names each one that is skipped.
+        The log names each one that is skipped or added.
         """
         for plugin in (*self.stages, *self.writes):
             if why := plugin.obstacle(case):
                 log.info("Skipping '%s': %s", plugin.name, why)
         stages = [stage for stage in self.stages if not stage.obstacle(case)]
+        if self._knows_pose and pose_unknown(case):
+            from ..stages.global_pose import GlobalPose
+
+            log.info(
+                "Adding 'global_pose': neither 3 landmark pairs nor an init matrix give a start, and the "
+                "points do not lie on the prior"
+            )
+            stages = [GlobalPose(), *stages]
         return replace(
             self, stages=stages, writes=[writer for writer in self.writes if not writer.obstacle(case)]
         )

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ..arrays import Array
 from ..case import FITTED_TYPES, Case
+from ..errors import SolverError
 from ..estimate import Estimate
 from ..evaluation.distances import landmark_errors
 from ..geometry.similarity import fit_similarity
@@ -61,14 +62,38 @@ def misfit(case: Case, start: Estimate, *, pose_is_known: bool) -> list[str]:
     return [found] if found else []
 
 
+def pose_unknown(case: Case) -> bool:
+    """Whether the pose of the prior has to be searched: neither landmarks nor `init` give it, and another
+    pose fits the points clearly better than the one that ICP finds from the prior as it is given.
+    """
+    start = start_estimate(case)
+    if case.init is not None or _fixed_by(*case.landmark_pairs()[1:]):
+        return False
+    if misfit(case, start, pose_is_known=False):
+        return False  # no pose helps, and the run is refused with the reason
+    if _far(case, start, case.points.of("eam").xyz):
+        return True
+    try:
+        return bool(_better_pose(case, start))
+    except SolverError:  # ICP finds nothing near the prior
+        return True
+
+
 def doubtful_pose(case: Case, start: Estimate) -> list[RunWarning]:
     """A warning where no landmarks determine the start pose and the points fit the prior clearly better in
     another one: an `init` of another frame leads to a surface that looks right, since a motion can make up
     for a turned chamber.
     """
-    _, prior, measured = case.landmark_pairs()
-    if _fixed_by(prior, measured):
+    if _fixed_by(*case.landmark_pairs()[1:]):
         return []
+    better = _better_pose(case, start)
+    return [RunWarning("start-pose-doubtful", f"the start may be wrong: {better}")] if better else []
+
+
+def _better_pose(case: Case, start: Estimate) -> str:
+    """A sentence where the points fit the prior, or its mirror image, clearly better in another pose than in
+    the one that ICP finds from the start.
+    """
     from ..registration.match import SurfaceMatcher
     from ..stages.icp import ICP, fitted_points
     from ..stages.pose_checks import better_pose
@@ -77,8 +102,7 @@ def doubtful_pose(case: Case, start: Estimate) -> list[RunWarning]:
     points = fitted_points(case)
     surface = SurfaceMatcher(case.prior)
     aligned = icp.aligned(points, surface, start.T_map_prior)
-    better = better_pose(case.units, points, surface, aligned, scale=icp.scale)
-    return [RunWarning("start-pose-doubtful", f"the start may be wrong: {better}")] if better else []
+    return better_pose(case.units, points, surface, aligned, scale=icp.scale)
 
 
 def components_without_points(case: Case, T_map_prior: Array) -> list[RunWarning]:

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from ..registration.match import SurfaceMatcher
 
 STARTS = 800  # rotations that a search tries
+MATERIAL = 0.01  # rms radii: poses whose points lie closer to the wall than this fit it alike
 CERTAIN = 0.99  # confidence from which on a prior is refused as mirrored: a refusal must not be a mistake
 
 
@@ -34,7 +35,14 @@ def better_pose(unit: str, points: Array, surface: SurfaceMatcher, found: Alignm
     """A sentence where a search of all rotations finds a pose, or a mirror image, that fits points (n, d)
     clearly better than the pose that ICP found.
     """
-    from ..registration.global_pose import Candidate, angle_of, candidates, confidence, mirrored
+    from ..registration.global_pose import (
+        Candidate,
+        angle_of,
+        candidates,
+        confidence,
+        mirrored,
+        robust_costs,
+    )
     from ..registration.search import APART
 
     own = Candidate.of(found, surface.radius)
@@ -43,7 +51,9 @@ def better_pose(unit: str, points: Array, surface: SurfaceMatcher, found: Alignm
     if better := better_mirrored(unit, points, best, other_hand):
         return better
     away = angle_of(own.T_map_prior, best.T_map_prior)
-    if away <= APART or confidence(best.costs, own.costs, points) <= CERTAIN:
+    gain = float((own.costs - best.costs).mean())
+    least = float(robust_costs(np.array([MATERIAL * surface.radius]), surface.radius)[0])
+    if away <= APART or gain < least or confidence(best.costs, own.costs, points) <= CERTAIN:
         return ""
     turned = f"ICP ended {np.degrees(away):.0f} degrees from a pose that fits the points clearly better"
     return f"{turned}: check the frame of the start, begin with the stage global_pose, or give landmarks"

@@ -15,6 +15,7 @@ from o3dls.case import Case
 from o3dls.errors import InputError
 from o3dls.estimate import Estimate
 from o3dls.geometry.surface import Surface
+from o3dls.pipeline.file import default_pipeline
 from o3dls.pipeline.pipeline import Pipeline
 from o3dls.registration.global_pose import angle_of, confidence
 from o3dls.registration.lattice import sample, signed_lattice
@@ -101,6 +102,18 @@ def test_a_run_says_that_the_prior_may_be_mirrored(caplog: pytest.LogCaptureFixt
     assert "the points fit the mirror image" in warning.sentence
     logged = next(record.getMessage() for record in caplog.records if record.levelname == "WARNING")
     assert logged == warning.sentence
+
+
+@pytest.mark.parametrize("start", ["as given", "turned", "far away", "landmarks", "init"])
+def test_the_default_searches_the_pose_where_nothing_else_gives_it(start: str) -> None:
+    case = replace(measured(PRIOR, np.eye(4), noise=0.5), init=None)
+    moved = {"turned": pose(120.0, 30.0), "far away": pose(20.0, 2500.0)}.get(start, np.eye(4))
+    if start != "landmarks":
+        case = replace(case, prior_landmarks={}, init=pose(150.0, 0.0) if start == "init" else None)
+    allowed = default_pipeline().allowed_by(replace(case, prior=PRIOR.transformed(moved)))
+    searched = start in ("turned", "far away")
+    first = "global_pose" if searched else "landmarks" if start == "landmarks" else "icp"
+    assert allowed.stages[0].name == first
 
 
 def test_a_rigid_search_keeps_the_scale() -> None:
