@@ -136,7 +136,8 @@ class Case:
     prior_landmarks: Mapping[str, Array] = field(default_factory=dict)
     init: Array | None = None
     units: str = "mm"
-    frame: str = "unknown"
+    frame: str = "unknown"  # of the points
+    prior_frame: str = "unknown"
     notes: str = ""
     files: Mapping[str, str] = field(default_factory=dict)  # file name -> sha256
     truth: Truth | None = None
@@ -153,8 +154,9 @@ class Case:
                 f"case {self.name}: units = '{self.units}': lengths of a case are in "
                 f"{' or '.join(UNITS)}; scale them first"
             )
-        if self.frame not in SPACES:
-            raise InputError(f"case {self.name}: frame = '{self.frame}': must be one of {', '.join(SPACES)}")
+        for key, frame in (("frame", self.frame), ("prior_frame", self.prior_frame)):
+            if frame not in SPACES:
+                raise InputError(f"case {self.name}: {key} = '{frame}': must be one of {', '.join(SPACES)}")
         if self.init is not None and not is_pose(self.init, self.dimension):
             raise InputError(
                 f"case {self.name}: init is no pose: it must be a rotation, a shift and one scale"

@@ -81,3 +81,10 @@ def same_body(
         rtol=0,
         atol=max(tolerance, 1e-12),
     )
+
+
+def lattice(spacing: float, origin: np.ndarray) -> np.ndarray:
+    """The affine matrix of voxels along the axes, the first at `origin`."""
+    affine = np.diag([spacing, spacing, spacing, 1.0])
+    affine[:3, 3] = origin
+    return affine

@@ -59,7 +59,15 @@ def compare(runs: tuple[Path, ...], out: Path) -> None:
 )
 @click.option("--estimate", help="estimate to write; default: the last")
 @click.option("--out", type=FILE, help="file to write; default: in the run's folder export/")
-@click.option("--frame", help="frame to write in, LPS or RAS; default: the frame of the case")
+@click.option(
+    "--on",
+    type=click.Choice(["map", "prior"]),
+    default="map",
+    show_default=True,
+    help="on the map, or on the prior's own surface in its own frame: the patient's image",
+)
+@click.option("--grid", type=FILE, help="mask: image whose voxels it takes, such as the prior's")
+@click.option("--frame", help="frame to write in, LPS or RAS; default: that of the map or the prior")
 @click.option("--field", help="carto_vtk: the field that becomes its one scalar")
 @click.option("--vmin", type=float, help="carto_vtk: value at the lower end of the colours")
 @click.option("--vmax", type=float, help="carto_vtk: value at the upper end of the colours")
@@ -97,6 +105,13 @@ def convert(source: Path, target: Path, **options: Any) -> None:
 @click.command()
 @click.argument("run_folder", metavar="RUN", type=FOLDER)
 @click.option("--estimate", help="estimate to send; default: the last")
+@click.option(
+    "--on",
+    type=click.Choice(["map", "prior"]),
+    default="map",
+    show_default=True,
+    help="on the map, or on the prior's own surface in its own frame",
+)
 @click.option("--host", default="localhost", show_default=True, help="where the receiver listens")
 @click.option("--port", default=18944, show_default=True, help="its port; this is Slicer's")
 def send(run_folder: Path, **options: Any) -> None:

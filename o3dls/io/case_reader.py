@@ -50,6 +50,7 @@ def read_case(
         init=_init(opened),
         units=opened.units,
         frame=frame,
+        prior_frame=prior.space,
         notes=opened.settings.get("notes", ""),
         files=opened.hashes,
         truth=truth_of(opened, prior.space, frame),

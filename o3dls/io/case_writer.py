@@ -28,7 +28,7 @@ def write_case(folder: str | Path, case: Case, *, force: bool = False) -> None:
         }
         settings["notes"] = case.notes
         write_file(out / "case.toml", toml_lines(settings))
-        write_surface(out / f"prior.{suffix}", case.prior, units=case.units)
+        write_surface(out / f"prior.{suffix}", case.prior, space=case.prior_frame, units=case.units)
         write_points(out / "points.csv", case.points)
         if case.prior_landmarks:
             names = np.array(list(case.prior_landmarks))

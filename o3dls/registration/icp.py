@@ -129,7 +129,7 @@ def _weights(factors: Factors, rules: tuple[Rule, ...], belief: Belief, loosenin
         raise SolverError(
             f"icp: the rejection rules keep {keep.sum()} of {len(keep)} pairs (closest "
             f"{pairs.distances.min():.3g}): "
-            "loosen them or begin nearer"
+            "loosen them, or begin nearer, such as with the stage global_pose"
         )
     return keep * belief(factors, loosening)
 

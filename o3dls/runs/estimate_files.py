@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -17,6 +18,9 @@ from ..io.meshes.registry import read_surface, write_surface
 from ..io.table import read_table, write_table
 from ..run_warning import CODES, RunWarning
 
+if TYPE_CHECKING:
+    from ..motion.recorded import RecordedMotion
+
 
 def write_estimate(folder: Path, case: Case, estimate: Estimate, fitted: Collection[str]) -> None:
     from .surface_fields import with_fields  # compiled code is not for those who only check a file
@@ -26,24 +30,51 @@ def write_estimate(folder: Path, case: Case, estimate: Estimate, fitted: Collect
     names = ("surface.csv",) if case.dimension == 2 else ("surface.ply", "surface.vtp")
     for name in names:
         write_surface(folder / name, surface, space=case.frame, units=case.units)
+    if estimate.motion is not None:
+        _write_motion(folder / f"moved_prior.{'csv' if case.dimension == 2 else 'ply'}", case, estimate)
     write_rows(folder / "trace.csv", estimate.trace)
     if estimate.weights is not None:
         write_table(folder / "weights.csv", {"weight": estimate.weights})
 
 
-def read_estimate(folder: Path, found: Mapping[str, Any], unit: str) -> Estimate:
+def read_estimate(folder: Path, found: Mapping[str, Any], case: Case) -> Estimate:
     surface: Surface = read_surface(
         folder / ("surface.ply" if (folder / "surface.ply").is_file() else "surface.csv")
     )
     return Estimate(
         surface=surface,
         T_map_prior=np.array(found["T_map_prior"]),
-        sigma=found[f"sigma_{unit}"],
+        sigma=found[f"sigma_{case.units}"],
         weights=_column(folder / "weights.csv", "weight"),
+        motion=_read_motion(folder, case, np.array(found["T_map_prior"])),
         trace=_read_trace(folder / "trace.csv"),
         warnings=tuple(_warning(warning) for warning in found["warnings"]),
         **{key: found[key] for key in ("status", "converged", "seconds", "iterations", "facts")},
     )
+
+
+def _write_motion(path: Path, case: Case, estimate: Estimate) -> None:
+    """The prior where the motion brought it, vertex by vertex, with its deviation along the normals."""
+    if estimate.motion is None:
+        return
+    moved = case.prior.with_vertices(estimate.motion(case.prior.vertices))
+    deviation = estimate.motion.sd(case.prior.vertices, moved.vertex_normals)
+    moved = replace(moved, fields={f"sd_{case.units}": deviation})
+    write_surface(path, moved, space=case.frame, units=case.units)
+
+
+def _read_motion(folder: Path, case: Case, T_map_prior: Array) -> RecordedMotion | None:
+    """The motion as far as a run folder holds it. Raises InputError where it is of another prior."""
+    from ..motion.recorded import RecordedMotion
+
+    path = folder / f"moved_prior.{'csv' if case.dimension == 2 else 'ply'}"
+    if not path.is_file():
+        return None
+    moved = read_surface(path)
+    if not np.array_equal(moved.faces, case.prior.faces):
+        raise InputError(f"{path}: has other faces than the prior of the run's case; run it again")
+    deviation = moved.fields.get(f"sd_{case.units}", np.full(len(moved.vertices), np.nan))
+    return RecordedMotion(case.prior, moved, T_map_prior, deviation)
 
 
 def _warning(found: Mapping[str, str]) -> RunWarning:

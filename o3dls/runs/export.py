@@ -9,13 +9,12 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from pydantic import Field, model_validator
 
-from ..arrays import Array
 from ..errors import PipelineError
-from ..geometry.similarity import TURN
 from ..geometry.surface import Surface
 from ..io.atomic import write_file
 from .export_formats import NEED_FRAME, FormatName, FrameName, file_name
-from .export_volume import spacing_mistake, write_enclosed_volume
+from .export_volume import spacing_mistake, write_enclosed_volume, write_labels_like
+from .placed import On, Placed, frame_of, placed, unknown_frame
 from .writers import Writer
 
 if TYPE_CHECKING:
@@ -32,7 +31,13 @@ class Export(Writer):
     name: ClassVar = "export"
     estimate: str | None = Field(None, description="estimate to write; default: the last")
     format: FormatName = Field("ply", description="file format")
-    frame: FrameName | None = Field(None, description="frame to write in; default: the frame of the case")
+    on: On = Field(
+        "map",
+        description="where: on the map; or on the prior's own surface in its own frame, the patient's image",
+    )
+    frame: FrameName | None = Field(
+        None, description="frame to write in; default: that of the map or the prior"
+    )
     field: str | None = Field(
         None, description="carto_vtk, dif: the field that becomes its one scalar; default: none"
     )
@@ -49,6 +54,9 @@ class Export(Writer):
     )
     spacing: float = Field(
         1.0, gt=0.0, description="phi and mask: size of a voxel", json_schema_extra={"unit": "mm"}
+    )
+    grid: Path | None = Field(
+        None, description="mask: image whose voxels it takes, with the wall labelled apart"
     )
 
     @model_validator(mode="after")
@@ -69,6 +77,10 @@ class Export(Writer):
             raise PipelineError(f"export: vmin = {self.vmin:g} must be below vmax = {self.vmax:g}")
         if self.format == "dif" and self.frame == "RAS":
             raise PipelineError("export: DIF files are in LPS by definition; leave frame away")
+        if self.grid is not None and not self.format.startswith("mask"):
+            raise PipelineError(
+                f"export: grid belongs to the formats mask_nrrd and mask_nifti, not {self.format}"
+            )
         if self.field is None and self.vmin is not None:
             raise PipelineError("export: vmin and vmax are limits of a field, and none is named; say field")
         return self
@@ -78,7 +90,7 @@ class Export(Writer):
         return (self.estimate,) if self.estimate else ()
 
     def target(self, final: str) -> tuple[str, ...]:
-        return (self.name, self.estimate or final, self.format)
+        return (self.name, self.estimate or final, self.format, self.on)
 
     def mistake(self, case: Case) -> str | None:
         """The result is about as large as the prior."""
@@ -89,18 +101,15 @@ class Export(Writer):
 
         if case.dimension == 2:
             return "the case is 2D, and its outlines are in estimates/ as csv already"
-        if self.frame and case.frame == "unknown":
-            return (
-                f'frame = {self.frame!r}: the frame of the case is unknown; say frame = "LPS" or '
-                '"RAS" in its case.toml'
-            )
+        unknown = frame_of(case, self.on) == "unknown" and unknown_frame(self.on)
+        if self.frame and unknown:
+            return f"frame = {self.frame!r}: {unknown}"
         if self.format in (*IN_MILLIMETRES, *NEED_FRAME) and case.units != "mm":
             return f"format = {self.format!r} is in mm by definition, and the case is in {case.units}"
-        if self.format in NEED_FRAME and case.frame == "unknown":
-            return (
-                f"format = {self.format!r} lies in LPS or RAS by definition, and the frame of the "
-                "case is unknown; say it in its case.toml"
-            )
+        if self.format in NEED_FRAME and unknown:
+            return f"format = {self.format!r} lies in LPS or RAS by definition, and {unknown}"
+        if self.grid and unknown:
+            return f"grid = '{self.grid}': {unknown}"
         return None
 
     def __call__(self, run: Run, folder: Path) -> None:
@@ -109,40 +118,37 @@ class Export(Writer):
         name = self.estimate or run.final
         # with the fields that the run has just computed
         surface = read_surface(folder / "estimates" / name / "surface.ply")
-        self.write(surface, run, name, folder / "export" / file_name(name, self.format))
+        self.write(surface, run, name, folder / "export" / file_name(name, self.format, self.on))
 
     def write(self, surface: Surface, run: Run, name: str, path: Path) -> None:
         """Write an estimate's surface with its fields to a file, and its facts to `<file>.json` beside it.
 
         The facts are frame, units, pose and meaning of values.
         """
-        space = self.frame or run.case.frame
-        space = "LPS" if self.format == "dif" and space == "RAS" else space  # which DIF is by definition
-        if space != run.case.frame:
-            surface = surface.transformed(TURN)
-        facts = _facts(run, name, self.format, space)
+        # LPS is what DIF is by definition
+        frame = "LPS" if self.format == "dif" and frame_of(run.case, self.on) == "RAS" else self.frame
+        what = placed(run, name, surface, self.on, frame)
+        facts = _facts(run, name, self.format, self.on, what.frame)
         path.parent.mkdir(parents=True, exist_ok=True)
-        facts |= self._write(
-            surface,
-            path,
-            space,
-            run.case.units,
-            run.estimates[name].T_map_prior,
-            turned=space != run.case.frame,
-        )
+        facts |= self._write(what, path, run.case.units)
         write_file(path.with_name(path.name + ".json"), json.dumps(facts, indent=1, allow_nan=False) + "\n")
 
-    def _write(
-        self, surface: Surface, path: Path, space: str, units: str, pose: Array, *, turned: bool
-    ) -> dict[str, Any]:
+    def _write(self, what: Placed, path: Path, units: str) -> dict[str, Any]:
         """Write one file of the format; what only this format has to say goes into the sidecar."""
         from ..io.meshes.registry import read_surface_file, write_surface
-        from ..io.transforms import turned as in_other_frame
+        from ..io.points import write_points
         from ..io.transforms import write_transform
 
         if self.format in ("tfm", "txt"):
-            write_transform(path, in_other_frame(pose) if turned else pose, space)
-            return {}
+            # where one side's frame is unknown, its coordinates count as the other's
+            write_transform(path, what.pose, what.frame)
+            return {"moves": "the prior onto the map" if self.on == "map" else "the map onto the prior"}
+        if self.format == "csv":
+            write_points(path, what.points, space=what.frame, units=units)
+            return {"points": len(what.points)}
+        surface = what.surface
+        if self.grid is not None:
+            return write_labels_like(path, surface, self.grid, what.frame)
         surface = self._small_enough(surface)
         counts = {"vertices": len(surface.vertices), "triangles": len(surface.faces)}
         if self.format == "carto_vtk":
@@ -151,9 +157,9 @@ class Export(Writer):
             return counts | {"scalar": self._write_dif(surface, path)}
         if self.format.startswith(("phi", "mask")):
             return write_enclosed_volume(
-                path, surface, self.spacing, space, distance=self.format.startswith("phi")
+                path, surface, self.spacing, what.frame, distance=self.format.startswith("phi")
             )
-        write_surface(path, surface, space=space, units=units, format=self.format)
+        write_surface(path, surface, space=what.frame, units=units, format=self.format)
         # a format may hold fewer than the surface has
         return counts | {"fields": sorted(read_surface_file(path, units="um").surface.fields)}
 
@@ -187,7 +193,7 @@ class Export(Writer):
         return {"field": self.field, "values": "as they are", "missing_vertices_unsampled": missing}
 
 
-def _facts(run: Run, name: str, format: str, space: str) -> dict[str, Any]:
+def _facts(run: Run, name: str, format: str, on: str, space: str) -> dict[str, Any]:
     """What a reader of the file must know and the file cannot say.
 
     No name of a case: it may be a patient's.
@@ -199,10 +205,12 @@ def _facts(run: Run, name: str, format: str, space: str) -> dict[str, Any]:
         "notice": NOTICE,
         "estimate": name,
         "format": format,
+        "on": on,
         "frame": space,
         "units": run.case.units,
         "T_map_prior": estimate.T_map_prior.tolist(),
         "T_map_prior_frame": run.case.frame,
+        "prior_frame": run.case.prior_frame,
         "status": estimate.status,
         "versions": dict(run.provenance["versions"]),
     }

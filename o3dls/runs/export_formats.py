@@ -22,6 +22,7 @@ FormatName = Literal[
     "mask_nifti",
     "tfm",
     "txt",
+    "csv",
 ]
 FrameName = Literal["LPS", "RAS"]
 SUFFIXES = {
@@ -34,18 +35,22 @@ SUFFIXES = {
     "phi_nifti": "phi.nii.gz",
     "mask_nrrd": "mask.nrrd",
     "mask_nifti": "mask.nii.gz",
+    "csv": "points.csv",
 }
-VOLUMES_AND_POSES = {
+NO_SURFACE = {
     "phi_nrrd": (".nrrd",),
     "mask_nrrd": (".nrrd",),
     "phi_nifti": (".nii", ".nii.gz"),
     "mask_nifti": (".nii", ".nii.gz"),
     "tfm": (".tfm",),
     "txt": (".txt",),
+    "csv": (".csv",),
 }
 NEED_FRAME = ("phi_nifti", "mask_nifti", "tfm")  # formats that say LPS or RAS by definition
 
 
-def file_name(estimate: str, format: str) -> str:
-    """Name of an exported file; the CARTO dialect is told from plain VTK."""
-    return f"{estimate}.{SUFFIXES.get(format, format)}"
+def file_name(estimate: str, format: str, on: str = "map") -> str:
+    """Name of an exported file; the CARTO dialect is told from plain VTK, and what lies on the prior is named
+    so.
+    """
+    return f"{estimate}{'_on_prior' if on == 'prior' else ''}.{SUFFIXES.get(format, format)}"

@@ -7,7 +7,7 @@ from typing import Any, get_args
 
 from ..errors import InputError, did_you_mean
 from .export import Export
-from .export_formats import VOLUMES_AND_POSES, FormatName, file_name
+from .export_formats import NO_SURFACE, FormatName, file_name
 
 
 def export_run(
@@ -31,9 +31,7 @@ def export_run(
         raise InputError(f"export: no format '{format}'{did_you_mean(format, list(get_args(FormatName)))}")
     path = Path(out) if out else None
     if path:
-        check_suffix(
-            path, format, ({known.name: known.suffixes for known in FORMATS} | VOLUMES_AND_POSES)[format]
-        )
+        check_suffix(path, format, ({known.name: known.suffixes for known in FORMATS} | NO_SURFACE)[format])
     writer = Export(**options | {"estimate": estimate, "format": format})
     run = read_run(folder)
     name = estimate or run.final
@@ -41,7 +39,9 @@ def export_run(
         raise InputError(f"{folder}: no estimate '{name}'{did_you_mean(name, list(run.estimates))}")
     if why := writer.obstacle(run.case):
         raise InputError(f"{folder}: {why}")
-    path = path or Path(folder) / "export" / file_name(name, format)
+    if writer.grid is not None and not writer.grid.is_file():
+        raise InputError(f"{writer.grid}: no such image")
+    path = path or Path(folder) / "export" / file_name(name, format, writer.on)
     check_not_of_a_run(path)
     with noted(folder):
         writer.write(run.estimates[name].surface, run, name, path)

@@ -49,13 +49,12 @@ def read_run(folder: str | Path) -> Run:
 
 
 def _run_of(folder: Path, found: Mapping[str, Any]) -> Run:
-    unit = found["case"]["units"]
     held_out = folder / "held_out.csv"
-    case = read_case(folder / "case")
     kept = found["estimates"]
+    case = read_case(folder / "case")
     return Run(
         case=case,
-        estimates={name: read_estimate(folder / "estimates" / name, one, unit) for name, one in kept.items()},
+        estimates={name: read_estimate(folder / "estimates" / name, one, case) for name, one in kept.items()},
         fitted={},
         scores={name: one["scores"] for name, one in kept.items()},
         validity={name: one["validity"] for name, one in kept.items()},

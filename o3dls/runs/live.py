@@ -9,14 +9,13 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import InputError, did_you_mean
-from ..geometry.similarity import TURN, apply
 from ..io.mapping import igtl
-from ..io.transforms import turned
+from .placed import On, frame_of, placed, unknown_frame
 
 
-def messages(folder: str | Path, estimate: str | None = None) -> list[bytes]:
-    """POLYDATA, POINT and TRANSFORM messages of an estimate (default: the last), in RAS, which is what
-    receivers take them for.
+def messages(folder: str | Path, estimate: str | None = None, on: On = "map") -> list[bytes]:
+    """POLYDATA, POINT and TRANSFORM messages of an estimate (default: the last), on the map or on the prior,
+    in RAS, which is what receivers take them for.
 
     Raises InputError where the run or the estimate is not there, or the case does not state its frame.
     """
@@ -27,33 +26,36 @@ def messages(folder: str | Path, estimate: str | None = None) -> list[bytes]:
     name = estimate or run.final
     if name not in run.estimates:
         raise InputError(f"{folder}: no estimate '{name}'" + did_you_mean(name, list(run.estimates)))
-    if run.case.frame not in ("LPS", "RAS") or run.case.dimension != 3:
-        raise InputError(
-            f"{folder}: the frame of its case is {run.case.frame}: must be LPS or RAS (and 3D) to be "
-            "sent; say it in case.toml"
-        )
-    to_ras = TURN if run.case.frame == "LPS" else np.eye(4)
-    surface = read_surface(Path(folder) / "estimates" / name / "surface.ply").transformed(to_ras)
-    pose = run.estimates[name].T_map_prior
+    if run.case.dimension != 3:
+        raise InputError(f"{folder}: its case is 2D: must be 3D to be sent")
+    if frame_of(run.case, on) == "unknown":
+        raise InputError(f"{folder}: {unknown_frame(on)}; without it nothing can be sent")
+    surface = read_surface(Path(folder) / "estimates" / name / "surface.ply")
+    what = placed(run, name, surface, on, "RAS")
     sent = [
-        igtl.polydata(surface, name),
-        igtl.transform(turned(pose) if run.case.frame == "LPS" else pose, "T_map_prior"),
+        igtl.polydata(what.surface, name),
+        igtl.transform(what.pose, "T_map_prior" if on == "map" else "T_prior_map"),
     ]
-    marks = run.case.points.of("landmark", "ablation")
+    marks = what.points.of("landmark", "ablation")
     if len(marks):
         names = marks.columns.get("name", np.full(len(marks), ""))
         labels = [
             str(label) or f"{kind} {k}"
             for k, (label, kind) in enumerate(zip(names, marks.type, strict=True), 1)
         ]
-        sent.append(igtl.points(labels, apply(to_ras, marks.xyz), "points"))
+        sent.append(igtl.points(labels, marks.xyz, "points"))
     return sent
 
 
 def send(
-    folder: str | Path, *, estimate: str | None = None, host: str = "localhost", port: int = igtl.PORT
+    folder: str | Path,
+    *,
+    estimate: str | None = None,
+    on: On = "map",
+    host: str = "localhost",
+    port: int = igtl.PORT,
 ) -> tuple[int, bool]:
     """Send a finished run to a listening system: the number of bytes, and whether it closed in order after
     them. Raises InputError as `messages` and `igtl.send` do.
     """
-    return igtl.send(messages(folder, estimate), host, port)
+    return igtl.send(messages(folder, estimate, on), host, port)

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from formats import FIELDS, SPACE, SUFFIX, TOLERANCE, marker, same_body, write_as
+from formats import FIELDS, SPACE, SUFFIX, TOLERANCE, lattice, marker, same_body, write_as
 
 from o3dls.adapters.objects import points_of, surface_of, to_open3d, to_pyvista, to_trimesh
 from o3dls.errors import InputError
@@ -255,7 +255,7 @@ def test_volumes_lie_where_other_libraries_find_them(tmp_path: Path) -> None:
     origin = np.array([-10.0, 20.0, 5.0])
     place = origin + 1.5 * np.array([1, 2, 3])
     for name in ("a.nrrd", "a.nii.gz", "a.nii"):
-        write_volume(tmp_path / name, values, 1.5, origin, space="LPS")
+        write_volume(tmp_path / name, values, lattice(1.5, origin), space="LPS")
         image = sitk.ReadImage(str(tmp_path / name))
         np.testing.assert_allclose(image.TransformIndexToPhysicalPoint((1, 2, 3)), place, atol=1e-5)
         assert image[1, 2, 3] == 9.0
@@ -266,11 +266,11 @@ def test_volumes_lie_where_other_libraries_find_them(tmp_path: Path) -> None:
     assert data[1, 2, 3] == 9.0
     assert header["space"] == "left-posterior-superior"
     np.testing.assert_allclose(header["space origin"] + header["space directions"].T @ [1, 2, 3], place)
-    write_volume(tmp_path / "m.nrrd", values > 0, 1.5, origin, space="unknown")
+    write_volume(tmp_path / "m.nrrd", values > 0, lattice(1.5, origin), space="unknown")
     assert nrrd.read(str(tmp_path / "m.nrrd"))[0].dtype == np.uint8
     assert read_image(tmp_path / "m.nrrd", (tmp_path / "m.nrrd").read_bytes()).space == "unknown"
     with pytest.raises(InputError, match="NIfTI is RAS by definition"):
-        write_volume(tmp_path / "u.nii", values, 1.5, origin, space="unknown")
+        write_volume(tmp_path / "u.nii", values, lattice(1.5, origin), space="unknown")
 
 
 def test_opencarp_word_for_word(tmp_path: Path) -> None:
@@ -703,7 +703,7 @@ def test_capital_suffixes_mean_the_same(tmp_path: Path) -> None:
     np.testing.assert_array_equal(read_markups(tmp_path / "b.MRK.JSON").xyz, marks.xyz)
     (tmp_path / "o.CSV").write_text("x,y\n0,0\n9,0\n9,7\n")
     assert read_surface(tmp_path / "o.CSV").dimension == 2
-    write_volume(tmp_path / "v.NRRD", np.ones((3, 3, 3)), 1.0, np.zeros(3), space="LPS")
+    write_volume(tmp_path / "v.NRRD", np.ones((3, 3, 3)), lattice(1.0, np.zeros(3)), space="LPS")
     assert read_image(tmp_path / "v.NRRD", (tmp_path / "v.NRRD").read_bytes()).values.shape == (3, 3, 3)
 
 

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from formats import TOLERANCE, write_as
+from formats import TOLERANCE, lattice, write_as
 
 from o3dls.case import Points
 from o3dls.errors import InputError
@@ -207,7 +207,7 @@ def test_label_volumes(suffix: str, tmp_path: Path) -> None:
     if suffix == "mha":
         sitk.WriteImage(sitk.GetImageFromArray(mask.astype(np.uint8)), str(path))
     else:
-        write_volume(path, mask, 1.5, np.zeros(3), space="LPS")
+        write_volume(path, mask, lattice(1.5, np.zeros(3)), space="LPS")
     check(suffix, path, path.read_bytes(), read_surface_file)
 
 

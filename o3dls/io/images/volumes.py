@@ -24,32 +24,30 @@ NRRD_SPACES = {
 NIFTI_TYPES = {"u1": (2, 8), "f4": (16, 32)}
 
 
-def write_volume(
-    path: str | Path, values: NDArray[Any], spacing: float, origin: Array, *, space: str
-) -> None:
-    """Write values (nx, ny, nz) whose first voxel's centre lies at `origin` (mm), axes along the frame
+def write_volume(path: str | Path, values: NDArray[Any], affine: Array, *, space: str) -> None:
+    """Write values (nx, ny, nz); `affine` (4, 4) takes an index, a voxel centre, to mm in the frame
     `space`.
 
-    Bool becomes uint8, all else float32. `.nrrd` takes any frame; `.nii` and `.nii.gz` are RAS by definition.
-    Raises InputError.
+    Bool becomes uint8 and uint8 stays, all else becomes float32. `.nrrd` takes any frame; `.nii` and
+    `.nii.gz` are RAS by definition. Raises InputError.
     """
     path = Path(path)
-    data = np.asarray(values, dtype="<u1" if values.dtype == bool else "<f4")
+    data = np.asarray(values, dtype="<u1" if values.dtype in (bool, np.uint8) else "<f4")
     if data.ndim != 3:
         raise InputError(f"{path}: volumes are written in 3D; these values are {data.ndim}D")
     name = path.name.lower()
     if name.endswith(".nrrd"):
-        content = _nrrd(data, spacing, origin, space)
+        content = _nrrd(data, affine, space)
     elif name.endswith((".nii", ".nii.gz")):
-        content = _nifti(path, data, spacing, origin, space)
+        content = _nifti(path, data, affine, space)
         content = gzip.compress(content, 6, mtime=0) if name.endswith(".gz") else content
     else:
         raise InputError(f"{path}: volumes are written as .nrrd, .nii or .nii.gz")
     write_file(path, content)
 
 
-def _nrrd(data: NDArray[Any], spacing: float, origin: Array, space: str) -> bytes:
-    axes = " ".join(f"({','.join(repr(spacing * (i == k)) for i in range(3))})" for k in range(3))
+def _nrrd(data: NDArray[Any], affine: Array, space: str) -> bytes:
+    axes = " ".join(f"({','.join(map(repr, axis))})" for axis in affine[:3, :3].T.tolist())
     lines = [
         "NRRD0004",
         f"# {NOTICE}",
@@ -61,19 +59,18 @@ def _nrrd(data: NDArray[Any], spacing: float, origin: Array, space: str) -> byte
         "kinds: domain domain domain",
         "endian: little",
         "encoding: gzip",
-        f"space origin: ({','.join(map(repr, np.asarray(origin, dtype=float).tolist()))})",
+        f"space origin: ({','.join(map(repr, affine[:3, 3].tolist()))})",
     ]
     return ("\n".join(lines) + "\n\n").encode() + gzip.compress(data.tobytes(order="F"), 6, mtime=0)
 
 
-def _nifti(path: Path, data: NDArray[Any], spacing: float, origin: Array, space: str) -> bytes:
+def _nifti(path: Path, data: NDArray[Any], affine: Array, space: str) -> bytes:
     """NIfTI-1 with an sform in scanner coordinates, which are RAS."""
     if space not in ("LPS", "RAS"):
         raise InputError(
             f"{path}: NIfTI is RAS by definition and the frame is '{space}'; state LPS or RAS, or write .nrrd"
         )
-    turn = TURN.diagonal()[:3] if space == "LPS" else np.ones(3)
-    affine = np.column_stack([np.diag(turn * spacing), turn * origin])
+    affine = (TURN @ affine if space == "LPS" else affine)[:3]
     code, bits = NIFTI_TYPES[data.dtype.str[1:]]
     header = np.zeros(1, dtype=NIFTI)
     for name, value in {
@@ -81,7 +78,7 @@ def _nifti(path: Path, data: NDArray[Any], spacing: float, origin: Array, space:
         "dim": [3, *data.shape, 1, 1, 1, 1],
         "datatype": code,
         "bitpix": bits,
-        "pixdim": [1, *[spacing] * 3, 0, 0, 0, 0],
+        "pixdim": [1, *np.linalg.norm(affine[:, :3], axis=0), 0, 0, 0, 0],
         "vox_offset": 352,
         "scl_slope": 1,
         "xyzt_units": 2,

@@ -1,0 +1,61 @@
+"""A motion known by where it brought the vertices of the prior, as run folders keep it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from ..arrays import Array
+from ..geometry.closest_point import ClosestPoint
+from ..geometry.surface import Surface
+
+
+@dataclass(frozen=True, eq=False)
+class RecordedMotion:
+    """A motion, prior frame to map frame, by the prior and the same surface after it (interface.Motion).
+
+    A place beside the surface keeps its offset from the nearest place on it, turned and scaled by the
+    similarity `T_map_prior` (d+1, d+1). deviation (n,) is that of each vertex along its moved normal.
+    """
+
+    prior: Surface
+    moved: Surface
+    T_map_prior: Array
+    deviation: Array
+
+    def __call__(self, points: Array) -> Array:
+        at, offset = _carried(self._on_prior, self.moved, points)
+        return at + offset @ self.T_map_prior[:-1, :-1].T
+
+    def inverse(self, points: Array) -> Array:
+        """Places (n, d) of the prior frame that came to lie at points (n, d) of the map frame."""
+        at, offset = _carried(self._on_moved, self.prior, points)
+        return at + offset @ np.linalg.inv(self.T_map_prior[:-1, :-1]).T
+
+    def inverted(self, surface: Surface) -> Surface:
+        """A surface of the map frame where it lay in the prior frame."""
+        return replace(surface, vertices=self.inverse(surface.vertices))
+
+    def sd(self, points: Array, normals: Array) -> Array:
+        """Standard deviation (n,) at the nearest place of the prior; normals count as those of the wall."""
+        _, face, _, weights = self._on_prior.query(points)
+        return np.asarray((self.deviation[self.prior.faces[face]] * weights).sum(axis=1))
+
+    @cached_property
+    def _on_prior(self) -> ClosestPoint:
+        return ClosestPoint(self.prior.vertices, self.prior.faces)
+
+    @cached_property
+    def _on_moved(self) -> ClosestPoint:
+        return ClosestPoint(self.moved.vertices, self.moved.faces)
+
+
+def _carried(tree: ClosestPoint, other: Surface, points: Array) -> tuple[Array, Array]:
+    """Where the surface of the tree has its nearest place to points (n, d), as a place of a surface with the
+    same faces, and the offset of the points from it.
+    """
+    _, face, foot, weights = tree.query(np.asarray(points, dtype=np.float64))
+    at = np.einsum("nk,nkd->nd", weights, other.vertices[other.faces[face]])
+    return at, points - foot
