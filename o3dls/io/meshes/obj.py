@@ -10,7 +10,8 @@ import numpy as np
 from ...arrays import Array, Ints
 from ...errors import InputError
 from ..text import decode, is_count, join_rows, number_rows, rectangle
-from .surface_file import NOTICE, SurfaceFile, check_end, triangulate
+from .surface_file import NOTICE, SurfaceFile, check_end
+from .triangulation import triangulate
 
 
 def knows_obj(data: bytes) -> bool:
@@ -37,7 +38,7 @@ def read_obj(path: Path, data: bytes) -> SurfaceFile:
     )
     header = "\n".join(line for line in lines[:50] if line.startswith("#"))
     check_end(path, data, header)
-    triangles = triangulate(vertices, *polygons)
+    triangles, _ = triangulate(vertices, *polygons)
     for what, found in (("vertices", len(vertices)), ("triangles", len(triangles))):
         stated = re.search(rf"number of {what}: (\d{{1,12}})\b", header)
         if stated and int(stated[1]) != found:
@@ -116,7 +117,8 @@ def read_off(path: Path, data: bytes) -> SurfaceFile:
     header = "\n".join(line for line in text.splitlines()[:20] if line.startswith("#"))
     check_end(path, data, header)
     vertices = vertices[:, :3]
-    return SurfaceFile.of(path, vertices, triangulate(vertices, *_off_polygons(path, faces)), header=header)
+    triangles, _ = triangulate(vertices, *_off_polygons(path, faces))
+    return SurfaceFile.of(path, vertices, triangles, header=header)
 
 
 def _off_polygons(path: Path, rows: list[tuple[int, str]]) -> list[Array]:

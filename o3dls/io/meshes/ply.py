@@ -12,7 +12,8 @@ from ...arrays import Array
 from ...errors import InputError
 from ..text import is_count
 from .ply_rows import Columns, Element, Property, ascii_rows, binary_rows, truncated
-from .surface_file import NOTICE, SurfaceFile, check_end, flatten_fields, gather_fields, triangulate
+from .surface_file import NOTICE, SurfaceFile, check_end, flatten_fields, gather_fields
+from .triangulation import triangulate
 
 TYPES = {
     **dict.fromkeys(("char", "int8"), "i1"),
@@ -61,7 +62,8 @@ def read(path: Path, data: bytes) -> SurfaceFile:
         raise InputError(
             f"{path}: has no faces (element 'face' with a list 'vertex_indices'); a surface needs triangles"
         )
-    return SurfaceFile.of(path, vertices, triangulate(vertices, *_blocks(polygons)), fields, header=comments)
+    triangles, _ = triangulate(vertices, *_blocks(polygons))
+    return SurfaceFile.of(path, vertices, triangles, fields, header=comments)
 
 
 def _parse_header(path: Path, lines: list[str]) -> tuple[str, list[Element]]:

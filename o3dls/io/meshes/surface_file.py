@@ -18,7 +18,6 @@ from ...geometry.surface import Surface
 from ..text import is_count
 
 NOTICE = "o3dls, research software, not for clinical use"
-STARTS = 16  # corners that are tried as the first of a fan
 # programs that end their last line, as not all do
 END_LINES = re.compile(f"{NOTICE}|Open3D|VTK generated|VCGLIB generated")
 
@@ -105,43 +104,6 @@ def check_end(path: Path, data: bytes, header: str) -> None:
             f"{path}: the last line has no end, and the program that wrote it ends every line: the file "
             "is truncated"
         )
-
-
-def strips(blocks: Iterable[Array]) -> list[Array]:
-    """Triangles of blocks of triangle strips; every second one is turned."""
-    parts = []
-    for block in blocks:
-        for k in range(block.shape[1] - 2):
-            parts.append(block[:, [k, k + 1, k + 2] if k % 2 == 0 else [k + 1, k, k + 2]])
-    return parts
-
-
-def triangulate(vertices: Array, *polygons: Array | Ints) -> Ints:
-    """Triangles (m, 3) of blocks of polygons, each block (k, n) with n corners; polygons are cut as fans."""
-    polygons = tuple(
-        _well_begun(vertices, block) if block.shape[1] > 3 and len(vertices) else block for block in polygons
-    )
-    fans = [
-        np.stack([block[:, [0, k, k + 1]] for k in range(1, block.shape[1] - 1)], axis=1)
-        for block in polygons
-        if block.shape[1] > 2
-    ]
-    return np.concatenate([fan.reshape(-1, 3) for fan in fans]) if fans else np.zeros((0, 3), dtype=np.int64)
-
-
-def _well_begun(vertices: Array, polygons: Array | Ints) -> Array | Ints:
-    """The polygons (k, n), begun at a corner from where a fan folds nowhere, if one is found: at a reflex
-    corner, not beside it.
-    """
-    polygons, left = polygons.copy(), np.arange(len(polygons))
-    for _ in range(min(polygons.shape[1], STARTS)):
-        with np.errstate(all="ignore"):  # what is no index or not finite is refused where the surface is made
-            corners = vertices.take(polygons[left].astype(np.int64), axis=0, mode="clip")
-            spokes = corners[:, 1:] - corners[:, :1]
-            areas = np.cross(spokes[:, :-1], spokes[:, 1:])
-            left = left[((areas * areas.sum(axis=1, keepdims=True)).sum(axis=2) < 0.0).any(axis=1)]
-        polygons[left] = np.roll(polygons[left], -1, axis=1)
-    return polygons
 
 
 def flatten_fields(fields: Mapping[str, Array], reserved: Collection[str] = ()) -> dict[str, Array]:

@@ -10,7 +10,8 @@ from urllib.parse import quote, unquote
 import numpy as np
 
 from ...arrays import Array, Ints
-from .surface_file import NOTICE, SurfaceFile, strips, triangulate
+from .surface_file import NOTICE, SurfaceFile
+from .triangulation import strips, triangulate
 from .vtk_cursor import Cursor
 
 WIDTHS = {"NORMALS": 3, "VECTORS": 3, "TENSORS": 9, "GLOBAL_IDS": 1, "PEDIGREE_IDS": 1}
@@ -57,7 +58,7 @@ def read(path: Path, data: bytes) -> SurfaceFile:
                 found = _attribute(cursor, words, rows)
                 fields |= _complete(cursor, found, len(vertices)) if on_points else {}
     return SurfaceFile.of(
-        path, vertices, triangulate(vertices, *polygons), fields, header=title, metadata={"title": title}
+        path, vertices, triangulate(vertices, *polygons)[0], fields, header=title, metadata={"title": title}
     )
 
 

@@ -15,7 +15,8 @@ import numpy as np
 from ...arrays import Array, Ints
 from ...errors import InputError
 from ..text import integers
-from .surface_file import NOTICE, SurfaceFile, strips, triangulate
+from .surface_file import NOTICE, SurfaceFile
+from .triangulation import strips, triangulate
 from .vtp_arrays import Arrays, open_xml
 
 
@@ -62,7 +63,7 @@ def read(path: Path, data: bytes) -> SurfaceFile:
     notes = {name: arrays.text(root, name) for name in ("SPACE", "UNITS")}
     xyz = np.concatenate(vertices)
     return SurfaceFile.of(
-        path, xyz, triangulate(xyz, *polygons), joined, space=notes["SPACE"], units=notes["UNITS"]
+        path, xyz, triangulate(xyz, *polygons)[0], joined, space=notes["SPACE"], units=notes["UNITS"]
     )
 
 

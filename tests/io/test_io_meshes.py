@@ -1,0 +1,60 @@
+"""What mesh files of other programs hold beyond triangles with values at their vertices."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from o3dls.io.meshes.registry import read_surface
+
+ROUNDING = 1e-12  # relative: of a sum of areas
+
+
+def shoelace(xy: np.ndarray) -> float:
+    x, y = xy.T
+    return 0.5 * float((x * np.roll(y, -1) - y * np.roll(x, -1)).sum())
+
+
+def spiral() -> np.ndarray:
+    """A band of one and a half turns, (80, 2), counter-clockwise."""
+    angle = np.linspace(0.0, 3.0 * np.pi, 40)
+    along = np.column_stack([np.cos(angle), np.sin(angle)])
+    return np.vstack([(10 + angle[:, None]) * along, ((8 + angle[:, None]) * along)[::-1]])
+
+
+POLYGONS = {
+    "star": np.array([(1 + 9 * (k % 2)) * np.array([np.cos(k / 5), np.sin(k / 5)]) for k in range(31)]),
+    "comb": np.array(
+        [(0, -1), (20, -1), *((20 - k, 0 if k % 2 else 10) for k in range(21))], dtype=np.float64
+    ),
+    "spiral": spiral(),
+    # a square with a square hole, to which a cut leads and back
+    "hole": np.array(
+        [(0, 0), (9, 0), (9, 9), (0, 9), (0, 0), (3, 3), (3, 6), (6, 6), (6, 3), (3, 3)], dtype=np.float64
+    ),
+}
+
+
+@pytest.mark.parametrize("name", list(POLYGONS))
+@pytest.mark.parametrize("first", [0, 7])
+def test_strongly_concave_polygons_are_cut_inside(name: str, first: int, tmp_path: Path) -> None:
+    ring = np.roll(POLYGONS[name], -first, axis=0)
+    tilt = np.linalg.qr(np.random.default_rng(88_213).normal(size=(3, 3)))[0]
+    places = np.column_stack([ring, np.zeros(len(ring))]) @ tilt
+    rows = "".join("{:.17g} {:.17g} {:.17g}\n".format(*place) for place in places)
+    path = tmp_path / "polygon.off"
+    path.write_text(f"OFF\n{len(ring)} 1 0\n{rows}{len(ring)} {' '.join(map(str, range(len(ring))))}\n")
+    surface = read_surface(path)
+    assert surface.area == pytest.approx(abs(shoelace(ring)), rel=ROUNDING * len(ring))
+    assert len(surface.faces) == len(ring) - 2
+    normals = surface.face_normals[surface.face_areas > ROUNDING * surface.area]
+    np.testing.assert_allclose(normals, np.broadcast_to(normals[0], normals.shape), atol=1e-9)
+
+
+def test_a_polygon_that_crosses_itself_stays_the_fold_that_it_is(tmp_path: Path) -> None:
+    # one that no triangles fit, from any corner, does not hold up the others
+    path = tmp_path / "bow.off"
+    path.write_text("OFF\n5 2 0\n0 0 0\n1 0 0\n0 1.5 0\n1 1 0\n5 5 0\n4 0 1 2 3\n3 0 1 4\n")
+    assert len(read_surface(path).faces) == 3
