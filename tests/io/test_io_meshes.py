@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from o3dls.errors import InputError
 from o3dls.io.meshes.registry import read_surface
 
 ROUNDING = 1e-12  # relative: of a sum of areas
@@ -58,3 +59,19 @@ def test_a_polygon_that_crosses_itself_stays_the_fold_that_it_is(tmp_path: Path)
     path = tmp_path / "bow.off"
     path.write_text("OFF\n5 2 0\n0 0 0\n1 0 0\n0 1.5 0\n1 1 0\n5 5 0\n4 0 1 2 3\n3 0 1 4\n")
     assert len(read_surface(path).faces) == 3
+
+
+CONTINUED = "# made in C:\\models\\\nv 0 0 0\nv 1 0 \\\n0\nv 1 \\\r\n 1 \\\n0\nv 0 1 0\nf 1 2 \\\n 3 4\n"
+
+
+def test_obj_lines_go_on_behind_a_backslash(tmp_path: Path) -> None:
+    path = tmp_path / "a.obj"
+    path.write_text(CONTINUED)
+    surface = read_surface(path)
+    assert (len(surface.vertices), surface.area) == (4, 1.0)
+    path.write_text(CONTINUED + "f 1 2 \\\nx\n")  # the line that the statement begins in
+    with pytest.raises(InputError, match=r"a\.obj: line 11: face 'x' is not a number"):
+        read_surface(path)
+    path.write_text(CONTINUED + "f 1 2 4\\\n")
+    with pytest.raises(InputError, match=r"line 11: ends in a backslash, and no line follows"):
+        read_surface(path)

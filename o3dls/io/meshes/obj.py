@@ -20,7 +20,7 @@ def knows_obj(data: bytes) -> bool:
 
 def read_obj(path: Path, data: bytes) -> SurfaceFile:
     """Decode an OBJ file; normals, textures and groups are ignored. Raises InputError naming the line."""
-    lines = [line.lstrip() for line in decode(data, path).splitlines()]
+    lines = _whole_lines(path, [line.strip() for line in decode(data, path).splitlines()])
     rows = [k for k, line in enumerate(lines) if line.startswith(("v ", "v\t"))]
     widths = {len(lines[k].split()) for k in rows}
     if not widths <= {4, 5, 7, 8}:
@@ -46,6 +46,28 @@ def read_obj(path: Path, data: bytes) -> SurfaceFile:
                 f"{path}: its header states {stated[1]} {what}, there are {found}: the file is truncated"
             )
     return SurfaceFile.of(path, vertices, triangles, header=header)
+
+
+def _whole_lines(path: Path, lines: list[str]) -> list[str]:
+    """Lines with those that a backslash at the end continues; these stay as empty ones, so that the count of
+    lines holds. In a comment it is a part of a name.
+
+    Raises InputError where the last line is to be continued.
+    """
+    start = -1
+    for k, line in enumerate(lines):
+        if start >= 0:
+            lines[start] = f"{lines[start][:-1]} {line}"
+            lines[k] = ""
+        if not line.endswith("\\") or (start < 0 and line.startswith("#")):
+            start = -1
+        elif start < 0:
+            start = k
+    if start >= 0:
+        raise InputError(
+            f"{path}: line {len(lines)}: ends in a backslash, and no line follows: the file is truncated"
+        )
+    return lines
 
 
 def _polygons(path: Path, lines: list[str], numbers: list[int], before: Ints) -> list[Array]:
