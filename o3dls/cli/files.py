@@ -149,7 +149,12 @@ def import_(study: Path, out: Path, map_name: str | None, **options: Any) -> Non
     found = import_study(study, map_name, out, **options)
     click.echo(
         "\n".join(
-            [*(f"took {line}" for line in found.took), *(f"left {line}" for line in found.left), str(out)]
+            [
+                *(f"took {line}" for line in found.took),
+                *(f"left {line}" for line in found.left),
+                *found.notes,
+                str(out),
+            ]
         )
     )
 

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 from ..errors import InputError
 from ..geometry.surface import Surface
@@ -12,6 +15,8 @@ from .meshes.registry import read_surface_file
 from .meshes.repair import closed_outward
 from .meshes.surface_file import SurfaceFile
 
+log = logging.getLogger("o3dls")
+
 
 def surface_of(folder: Folder, role: str) -> SurfaceFile | None:
     """The surface of a role in mm, None where there is no such file; the prior is closed and outward."""
@@ -19,7 +24,7 @@ def surface_of(folder: Folder, role: str) -> SurfaceFile | None:
     if path is None:
         return None
     choice = {key: folder.settings.get(key) for key in ("label", "part", "box")} if role == "prior" else {}
-    file = in_millimetres(folder, path, read_surface_file(path, units=folder.settings.get("units"), **choice))
+    file = _read(folder, path, **choice)
     surface = file.surface
     if surface.dimension != folder.dimension:
         hint = f"say dimension = {surface.dimension} in case.toml"
@@ -31,15 +36,21 @@ def surface_of(folder: Folder, role: str) -> SurfaceFile | None:
     return replace(file, surface=closed_outward(surface, str(path), cap=folder.settings.get("cap", False)))
 
 
+def _read(folder: Folder, path: Path, **choice: Any) -> SurfaceFile:
+    """The surface of a file in mm; what of the file is not in it goes to the log."""
+    file = read_surface_file(path, units=folder.settings.get("units"), **choice)
+    for note in file.notes:
+        log.info("%s: %s", path, note)
+    return in_millimetres(folder, path, file)
+
+
 def phases_of(folder: Folder, space: str) -> tuple[Surface, ...]:
     """The surfaces in the folder phases/, in the order of their names and in the prior's frame `space`."""
     found = []
     for path in sorted(
         p for p in (folder.path / "phases").glob("*") if p.is_file() and not p.name.startswith(".")
     ):
-        surface = surface_in_frame(
-            in_millimetres(folder, path, read_surface_file(path, units=folder.settings.get("units"))), space
-        )
+        surface = surface_in_frame(_read(folder, path), space)
         if surface.dimension != folder.dimension:
             raise InputError(f"{path}: is {surface.dimension}D, the case is {folder.dimension}D")
         folder.note(path)

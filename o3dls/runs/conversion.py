@@ -93,7 +93,8 @@ def _surface(
     space = _settled(source, "frame", file.space, frame)
     done = [
         f"{source}: {len(surface.vertices)} vertices, {len(surface.faces)} faces, frame {space}, units "
-        f"{file.units}"
+        f"{file.units}",
+        *(f"{source}: {note}" for note in file.notes),
     ]
     if dropped := file.metadata.get("voxels_of_smaller_pieces"):
         done.append(f"{source}: {dropped} voxels of smaller pieces are left out")

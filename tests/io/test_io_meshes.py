@@ -6,9 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from formats import TOLERANCE, same_body, write_as
 
 from o3dls.errors import InputError
 from o3dls.io.meshes.registry import read_surface
+from o3dls.runs.conversion import convert
 
 ROUNDING = 1e-12  # relative: of a sum of areas
 
@@ -75,3 +77,30 @@ def test_obj_lines_go_on_behind_a_backslash(tmp_path: Path) -> None:
     path.write_text(CONTINUED + "f 1 2 4\\\n")
     with pytest.raises(InputError, match=r"line 11: ends in a backslash, and no line follows"):
         read_surface(path)
+
+
+@pytest.mark.parametrize("behind", [b"\0", b"made by a scanner", bytes(428), b"\n\0 \xff" * 40])
+def test_stl_may_go_on_behind_its_triangles(behind: bytes, tmp_path: Path) -> None:
+    path = write_as("stl", tmp_path)
+    path.write_bytes(path.read_bytes() + behind)
+    sentences = convert(path, tmp_path / "a.ply", units="mm")
+    assert f"{path}: {len(behind)} bytes behind the last triangle are left out" in sentences
+    surface = read_surface(tmp_path / "a.ply")
+    same_body(surface.vertices, surface.faces, TOLERANCE["stl"])
+
+
+def test_stl_with_more_triangles_than_it_states_is_refused(tmp_path: Path) -> None:
+    path = write_as("stl", tmp_path)
+    data = path.read_bytes()
+    path.write_bytes(data + data[84:134] + b"end")
+    with pytest.raises(InputError, match=r"stl\.stl: states 4 triangles, and another follows"):
+        read_surface(path)
+
+
+def test_other_binary_files_are_not_taken_for_stl(tmp_path: Path) -> None:
+    path = tmp_path / "a.stl"
+    noise = np.random.default_rng(40_129)
+    for _ in range(20):
+        path.write_bytes(noise.bytes(80) + np.uint32(3).tobytes() + noise.bytes(500))
+        with pytest.raises(InputError, match="no surface file that o3dls knows"):
+            read_surface(path)

@@ -14,7 +14,7 @@ from ..meshes.surface_file import SurfaceFile
 
 @dataclass
 class Imported:
-    """What a study gives, with sentences on what was taken and left.
+    """What a study gives, with sentences on what was taken and left, and notes on the files.
 
     Points with landmarks in the map frame, and the system's own shell.
     """
@@ -29,6 +29,7 @@ class Imported:
     name: str = "map"
     took: list[str] = field(default_factory=list)
     left: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
 
 
 def joined(first: Points, second: Points) -> Points:

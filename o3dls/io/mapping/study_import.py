@@ -126,6 +126,7 @@ def _write_prior(folder: Path, prior: Path, found: Imported, choice: dict[str, A
         f"prior {prior.name}, {surface.volume / 1000:.1f} "
         f"ml{'' if file.units == 'mm' else ' if its units are mm'}"
     )
+    found.notes += [f"{prior}: {note}" for note in file.notes]
     return file.space
 
 

@@ -5,9 +5,12 @@ the header.
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...arrays import Array
 from ...errors import InputError
@@ -17,6 +20,7 @@ from .repair import welded
 from .surface_file import SurfaceFile
 
 TRIANGLE = np.dtype([("normal", "<f4", (3,)), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+UNIT = 0.01  # programs round their normals
 
 
 def knows(data: bytes) -> bool:
@@ -27,19 +31,58 @@ def knows(data: bytes) -> bool:
 
 
 def _is_binary(data: bytes) -> bool:
-    return len(data) > 84 and len(data) == 84 + 50 * int(np.frombuffer(data, "<u4", 1, 80)[0])
+    """Whether the stated triangles fill the file, or their rows look as facets do and something follows."""
+    if len(data) <= 84:
+        return False
+    n = _stated(data)
+    size = 84 + TRIANGLE.itemsize * n
+    return len(data) == size or (n > 0 and len(data) > size and bool(_facets(_rows(data, n)).all()))
+
+
+def _stated(data: bytes) -> int:
+    return int(np.frombuffer(data, "<u4", 1, 80)[0])
+
+
+def _rows(data: bytes, n: int, first: int = 0) -> NDArray[Any]:
+    return np.frombuffer(data, TRIANGLE, n, 84 + TRIANGLE.itemsize * first)
+
+
+def _facets(rows: NDArray[Any]) -> NDArray[np.bool_]:
+    """Mask (n,) of rows that can be triangles: normals of length 1, or 0 as some programs write, and finite
+    corners.
+    """
+    with np.errstate(all="ignore"):  # the bytes may be anything
+        length = np.linalg.norm(rows["normal"].astype(np.float64), axis=1)
+    unit = (np.abs(length - 1.0) < UNIT) | (length == 0.0)
+    return np.asarray(unit & np.isfinite(rows["corners"]).all(axis=(1, 2)))
 
 
 def read(path: Path, data: bytes) -> SurfaceFile:
-    """Decode an STL file. Raises InputError where a triangle is incomplete."""
+    """Decode an STL file. Raises InputError where a triangle is incomplete, or there are more than stated."""
+    notes = []
     if _is_binary(data):
-        corners = np.frombuffer(data, TRIANGLE, offset=84)["corners"].reshape(-1, 3).astype(np.float64)
+        n = _stated(data)
+        corners = _rows(data, n)["corners"].reshape(-1, 3).astype(np.float64)
         header = data[:80].decode("ascii", errors="replace")
+        if behind := len(data) - 84 - TRIANGLE.itemsize * n:
+            _check_behind(path, data, n)
+            notes.append(f"{behind} bytes behind the last triangle are left out")
     else:
         corners, header = _read_ascii(path, data)
     faces = np.arange(len(corners)).reshape(-1, 3)
-    file = SurfaceFile.of(path, corners, faces, header=header)
-    return SurfaceFile(welded(file.surface), file.space, file.units)
+    file = SurfaceFile.of(path, corners, faces, header=header, notes=notes)
+    return replace(file, surface=welded(file.surface))
+
+
+def _check_behind(path: Path, data: bytes, n: int) -> None:
+    """Raise InputError where what follows the stated triangles is one more of them."""
+    if len(data) < 84 + TRIANGLE.itemsize * (n + 1):
+        return
+    row = _rows(data, 1, n)
+    if _facets(row)[0] and np.ptp(row["corners"], axis=1).any():  # zeros that fill up a block are none
+        raise InputError(
+            f"{path}: states {n} triangles, and another follows: the count is wrong, or two files were joined"
+        )
 
 
 def _read_ascii(path: Path, data: bytes) -> tuple[Array, str]:

@@ -25,13 +25,14 @@ END_LINES = re.compile(f"{NOTICE}|Open3D|VTK generated|VCGLIB generated")
 @dataclass(frozen=True, eq=False)
 class SurfaceFile:
     """A surface in mm where the format or its author names the units; `space` and `units` are 'unknown' where
-    nothing is said.
+    nothing is said. `notes` are sentences on what of the file is not in the surface as it stands there.
     """
 
     surface: Surface
     space: str = "unknown"
     units: str = "unknown"
     metadata: Mapping[str, Any] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
 
     @classmethod
     def of(
@@ -45,14 +46,15 @@ class SurfaceFile:
         space: str | None = None,
         units: str | None = None,
         metadata: Mapping[str, Any] | None = None,
+        notes: Iterable[str] = (),
     ) -> SurfaceFile:
         """A checked surface; frame and units as given, else from `SPACE=` and `UNITS=` in the header text.
 
         Raises InputError naming the file and the row where a vertex, an index or a triangle cannot be.
         """
-        notes = dict(re.findall(r"\b(SPACE|UNITS)=(\w+)", header))
-        space = space or notes.get("SPACE", "unknown")
-        units = units or notes.get("UNITS", "unknown").lower()
+        stated = dict(re.findall(r"\b(SPACE|UNITS)=(\w+)", header))
+        space = space or stated.get("SPACE", "unknown")
+        units = units or stated.get("UNITS", "unknown").lower()
         spaces = {known.lower(): known for known in SPACES}
         if len(vertices) == 0 or len(faces) == 0:
             raise InputError(
@@ -65,7 +67,7 @@ class SurfaceFile:
             )
         check_faces(path, faces, len(vertices))
         surface = Surface(vertices, faces[~collapsed(faces)].astype(np.int64), fields or {})
-        return cls(surface, spaces.get(space.lower(), "unknown"), units, metadata or {})
+        return cls(surface, spaces.get(space.lower(), "unknown"), units, metadata or {}, tuple(notes))
 
 
 def check_faces(path: Path, faces: Array | Ints, n: int) -> None:
