@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from pathlib import Path
 
 import numpy as np
@@ -104,3 +105,49 @@ def test_other_binary_files_are_not_taken_for_stl(tmp_path: Path) -> None:
         path.write_bytes(noise.bytes(80) + np.uint32(3).tobytes() + noise.bytes(500))
         with pytest.raises(InputError, match="no surface file that o3dls knows"):
             read_surface(path)
+
+
+PLY = """ply
+format ascii 1.0
+element vertex 4
+property float x
+property float y
+property float z
+property list uchar int near
+property list uchar float shift
+property float bipolar
+element face 2
+property list uchar int vertex_indices
+end_header
+0 0 0 2 7 8 2 3 4 0.5
+1 0 0 0 2 5 6 0.25
+1 1 0 1 9 2 7 8 nan
+0 1 0 2 3 4 2 9 1 2
+3 0 1 2
+3 0 2 3
+"""
+
+
+def binary(ply: str) -> bytes:
+    """The file above in binary, little-endian."""
+    head, body = ply.split("end_header\n")
+    rows = [line.split() for line in body.splitlines()]
+    packed = [
+        struct.pack(f"<3fB{len(r) - 8}iB3f", *map(float, r[:3]), *map(int, r[3:-3]), *map(float, r[-3:]))
+        for r in rows[:4]
+    ]
+    packed += [struct.pack("<B3i", *map(int, r)) for r in rows[4:]]
+    return head.replace("ascii", "binary_little_endian").encode() + b"end_header\n" + b"".join(packed)
+
+
+@pytest.mark.parametrize("data", [PLY.encode(), binary(PLY)], ids=["ascii", "binary"])
+def test_a_list_property_of_ply_does_not_take_the_scalars_with_it(data: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "a.ply"
+    path.write_bytes(data)
+    sentences = convert(path, tmp_path / "a.vtp", units="mm")
+    said = "list property 'near' of the vertices is left out: its lists differ in length"
+    assert f"{path}: {said}" in sentences
+    fields = read_surface(tmp_path / "a.vtp").fields
+    assert list(fields) == ["shift", "bipolar"]
+    np.testing.assert_array_equal(fields["shift"], [[3, 4], [5, 6], [7, 8], [9, 1]])
+    np.testing.assert_array_equal(fields["bipolar"], [0.5, 0.25, np.nan, 2])

@@ -53,17 +53,19 @@ def read(path: Path, data: bytes) -> SurfaceFile:
         if order
         else _ascii_tables(path, elements, body, len(header) + 2)
     )
-    vertices, fields = _vertices(path, tables.get("vertex", {}))
+    vertices = _vertices(path, tables.get("vertex", {}))
+    fields, notes = _fields(tables["vertex"], "vertices")
+    faces = tables.get("face", {})
     lists = {
         element.name: [prop.name for prop in element.properties if prop.count] for element in elements
     }.get("face", [])
-    polygons = next((tables["face"][k] for k in ("vertex_indices", "vertex_index") if k in lists), None)
-    if polygons is None:
+    corners = next((name for name in ("vertex_indices", "vertex_index") if name in lists), None)
+    if corners is None:
         raise InputError(
             f"{path}: has no faces (element 'face' with a list 'vertex_indices'); a surface needs triangles"
         )
-    triangles, _ = triangulate(vertices, *_blocks(polygons))
-    return SurfaceFile.of(path, vertices, triangles, fields, header=comments)
+    triangles, _ = triangulate(vertices, *_blocks(faces[corners]))
+    return SurfaceFile.of(path, vertices, triangles, fields, header=comments, notes=notes)
 
 
 def _parse_header(path: Path, lines: list[str]) -> tuple[str, list[Element]]:
@@ -118,18 +120,24 @@ def _blocks(polygons: Any) -> list[Any]:
     return [np.array([p for p in polygons if len(p) == n]) for n in sorted(set(map(len, polygons)))]
 
 
-def _vertices(path: Path, columns: Columns) -> tuple[Array, dict[str, Array]]:
+def _vertices(path: Path, columns: Columns) -> Array:
     missing = [axis for axis in "xyz" if axis not in columns]
     if missing:
         raise InputError(f"{path}: PLY vertices have no property '{missing[0]}'")
+    return np.column_stack([np.asarray(columns[axis], dtype=np.float64) for axis in "xyz"])
+
+
+def _fields(columns: Columns, of: str) -> tuple[dict[str, Array], list[str]]:
+    """Columns other than geometry, and a sentence for each that has no place: lists that differ in length."""
+    uneven = [name for name, values in columns.items() if isinstance(values, list)]
     fields = {
-        k: np.asarray(v, dtype=np.float64)
-        for k, v in columns.items()
-        if k not in GEOMETRY and not isinstance(v, list)
+        name: np.asarray(values, dtype=np.float64)
+        for name, values in columns.items()
+        if name not in (*GEOMETRY, *uneven) and np.size(values)  # lists may all be empty
     }
-    return np.column_stack([np.asarray(columns[axis], dtype=np.float64) for axis in "xyz"]), gather_fields(
-        fields
-    )
+    return gather_fields(fields), [
+        f"list property '{name}' of the {of} is left out: its lists differ in length" for name in uneven
+    ]
 
 
 def write(file: SurfaceFile) -> bytes:

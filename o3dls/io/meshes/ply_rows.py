@@ -71,7 +71,15 @@ def ascii_rows(path: Path, element: Element, lines: Sequence[tuple[int, str]]) -
             return columns
     cells = (number_rows([line], len(line.split()), path, [k], what)[0] for k, line in lines)
     rows = [dict(_named(element, row, f"{path}: line {k}")) for (k, _), row in zip(lines, cells, strict=True)]
-    return {prop.name: [row[prop.name] for row in rows] for prop in element.properties}
+    return _joined(element, {prop.name: [row[prop.name] for row in rows] for prop in element.properties})
+
+
+def _joined(element: Element, rows: Mapping[str, list[Any]]) -> Columns:
+    """Columns out of rows: arrays but for lists that differ in length."""
+    uneven = {
+        prop.name for prop in element.properties if prop.count and len(set(map(len, rows[prop.name]))) != 1
+    }
+    return {name: values if name in uneven else np.array(values) for name, values in rows.items()}
 
 
 def _named(element: Element, cells: NDArray[Any], where: str) -> Iterator[tuple[str, Any]]:
@@ -173,4 +181,4 @@ def _row_by_row(path: Path, element: Element, body: memoryview, order: str) -> t
                 columns[prop.name].append(values if prop.count else values[0])
         except EOFError:
             raise truncated(path, element, row) from None
-    return columns, body[take.at :]
+    return _joined(element, columns), body[take.at :]
