@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import re
 import warnings
 from collections.abc import Sequence
@@ -15,11 +16,12 @@ from ..arrays import Array, Ints
 from ..errors import InputError
 
 LARGEST_WHOLE = 1 << 53
+LARGEST_FILE = 1 << 31  # bytes: it is held in memory, and more than once
 
 
-def read_bytes(path: str | Path) -> bytes:
-    """The content of a file. Raises InputError where it is missing, a folder, a pipe, empty or not
-    readable.
+def read_bytes(path: str | Path, most: int = LARGEST_FILE) -> bytes:
+    """The content of a file. Raises InputError where it is missing, a folder, a pipe, empty, larger than
+    `most` bytes or not readable.
     """
     path = Path(path)
     if not path.exists():
@@ -29,6 +31,8 @@ def read_bytes(path: str | Path) -> bytes:
     if not path.is_file():  # what can be read once only, or never ends
         raise InputError(f"{path}: is a pipe or a device, no regular file; save it as a file first")
     try:
+        if (size := path.stat().st_size) > most:
+            raise InputError(f"{path}: has {size} bytes: must be at most {most}")
         data = path.read_bytes()
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from error
@@ -45,6 +49,14 @@ def decode(data: bytes, path: str | Path) -> str:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError:
         return data.decode("cp1252", errors="replace")
+
+
+def cells_of(line: str, delimiter: str, where: str) -> list[str]:
+    """The cells of one line of CSV. Raises InputError, which begins with `where`."""
+    try:
+        return next(csv.reader([line], delimiter=delimiter))
+    except csv.Error as error:  # such as a cell of more than 131072 letters
+        raise InputError(f"{where}: is no line of cells: {error}") from None
 
 
 def number_rows(lines: Sequence[str], columns: int, path: str | Path, at: Sequence[int], what: str) -> Array:

@@ -44,7 +44,7 @@ def read_estimate(folder: Path, found: Mapping[str, Any], case: Case) -> Estimat
     return Estimate(
         surface=surface,
         T_map_prior=np.array(found["T_map_prior"]),
-        sigma=found[f"sigma_{case.units}"],
+        sigma=found.get(f"sigma_{case.units}"),
         weights=_column(folder / "weights.csv", "weight"),
         motion=_read_motion(folder, case, np.array(found["T_map_prior"])),
         trace=_read_trace(folder / "trace.csv"),

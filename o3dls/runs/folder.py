@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -10,48 +9,45 @@ from typing import Any
 from ..case import Case
 from ..errors import InputError
 from ..io.case_reader import read_case
+from ..io.documents import read_json
 from ..io.manifest import MANIFEST
 from ..io.points import read_points
 from .estimate_files import read_estimate
-from .run import SCHEMA, Run, plain
+from .record_check import check_record
+from .run import Run, plain
 
 # what a run is; the rest can be made again
 OWN = ("run.json", MANIFEST, "scores.csv", "points.csv", "held_out.csv", "case", "estimates")
 
 
 def read_record(folder: str | Path) -> dict[str, Any]:
-    """The content of a folder's run.json. Raises InputError where it is none."""
+    """The content of a folder's run.json. Raises InputError where it is none, or was damaged."""
     path = Path(folder) / "run.json"
     if not path.is_file():
         raise InputError(f"{folder}: is no run folder: it has no run.json")
-    try:
-        found = json.loads(path.read_text(encoding="utf-8"))
-    except ValueError as error:
-        raise InputError(f"{path}: {error}") from None
-    if not isinstance(found, dict) or found.get("schema") != SCHEMA:
-        said = repr(found.get("schema")) if isinstance(found, dict) else "not there"
-        raise InputError(f"{path}: schema is {said}: must be '{SCHEMA}'")
-    return found
+    return check_record(read_json(path), str(path))
 
 
 def read_run(folder: str | Path) -> Run:
-    """A run from its folder: everything but motions and level sets.
+    """A run from its folder: everything but level sets; motions as far as the prior moved.
 
     Raises InputError where the folder holds no finished run.
     """
-    folder, found = Path(folder), read_record(folder)
-    try:
-        return _run_of(folder, found)
-    except KeyError as error:
-        raise InputError(
-            f"{folder / 'run.json'}: has no {error}, so it is no finished run; run it again"
-        ) from None
+    return _run_of(Path(folder), read_record(folder))
 
 
 def _run_of(folder: Path, found: Mapping[str, Any]) -> Run:
     held_out = folder / "held_out.csv"
     kept = found["estimates"]
     case = read_case(folder / "case")
+    points = read_points(folder / "points.csv", case.dimension)
+    for name in kept:
+        values = points.columns.get(f"distance_{name}_{case.units}")
+        if values is None or values.dtype.kind != "f":
+            raise InputError(
+                f"{folder / 'points.csv'}: has no column 'distance_{name}_{case.units}' of numbers, so it "
+                "is not as the run wrote it; run it again"
+            )
     return Run(
         case=case,
         estimates={name: read_estimate(folder / "estimates" / name, one, case) for name, one in kept.items()},
@@ -59,7 +55,7 @@ def _run_of(folder: Path, found: Mapping[str, Any]) -> Run:
         scores={name: one["scores"] for name, one in kept.items()},
         validity={name: one["validity"] for name, one in kept.items()},
         provenance={key: found[key] for key in ("pipeline", "versions", "seeds", "threads", "seconds")},
-        points=read_points(folder / "points.csv", case.dimension),
+        points=points,
         held_out=read_points(held_out, case.dimension) if held_out.is_file() else None,
     )
 

@@ -21,9 +21,9 @@ from ..io.case_writer import write_case
 from ..io.manifest import write_manifest
 from ..io.points import write_points
 from .estimate_files import write_estimate, write_rows
+from .record_check import SCHEMA
 from .tables import ScoreLine, score_rows, score_table
 
-SCHEMA = "o3dls/run/2"
 log = logging.getLogger("o3dls")
 Record = dict[str, Any]
 

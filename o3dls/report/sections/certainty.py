@@ -12,7 +12,7 @@ import numpy as np
 from ...arrays import Array
 from ..drawing.charts import STYLES, Series, axis_over, grouped, line_chart
 from ..drawing.display import TRUTH
-from ..markup import Child, Html, join, table, tag
+from ..markup import Child, Html, join, millimetres, table, tag
 from ..subject import Subject
 from .section import Section
 
@@ -47,7 +47,7 @@ def _direction(name: str, one: Mapping[str, Any]) -> list[Child]:
     return [
         name,
         str(one["meaning"]),
-        f"{one['sd']:.2f}",
+        millimetres(one["sd"]),
         f"{shift:.2f}",
         f"{turn:.2f}",
         f"{100 * abs(one['log_scale']):.2f}",
