@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,8 +11,9 @@ from typing import Any
 
 from ..case import SPACES
 from ..errors import InputError, did_you_mean
+from .documents import read_toml
 from .table import Table, read_table
-from .text import decode, read_bytes
+from .text import read_bytes
 
 MILLIMETRES = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "um": 0.001, "in": 25.4, "px": 1.0}
 FILES = ("prior", "points", "prior_landmarks", "init", "truth", "held_out", "correspondence", "outliers")
@@ -92,10 +92,7 @@ def open_folder(path: Path, overrules: Mapping[str, str]) -> Folder:
         raise InputError(f"{path}: no such case folder")
     folder = Folder(path, {}, {})
     if (toml := folder.find("case")) is not None:
-        try:
-            folder.settings = tomllib.loads(decode(read_bytes(toml), toml))
-        except tomllib.TOMLDecodeError as error:
-            raise InputError(f"{toml}: {error}") from None
+        folder.settings = read_toml(toml)
         for key, value in folder.settings.items():
             _check_setting(f"{toml}: {key}", key, value)
     for key, value in overrules.items():

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 import re
 from collections.abc import Mapping
@@ -16,7 +15,8 @@ from ..arrays import Array
 from ..errors import InputError
 from ..geometry.similarity import TURN, apply
 from .atomic import write_file
-from .text import check_numbers, decode, read_bytes
+from .documents import parse_json
+from .text import cells_of, check_numbers, decode, read_bytes
 
 SCHEMA = "https://raw.githubusercontent.com/slicer/slicer/master/Modules/Loadable/Markups/Resources/Schema/markups-schema-v1.0.3.json#"
 MILLIMETRES = {"mm": 1.0, "um": 0.001, "cm": 10.0, "m": 1000.0}
@@ -48,10 +48,7 @@ def read_markups(path: str | Path) -> Markups:
 
 
 def _read_json(path: Path, text: str) -> Markups:
-    try:
-        tree = json.loads(text)
-    except (json.JSONDecodeError, RecursionError) as error:
-        raise InputError(f"{path}: is no JSON: {error}") from None
+    tree = parse_json(text, str(path))
     lists = tree.get("markups") if isinstance(tree, dict) else None
     if not isinstance(lists, list) or not lists or not all(isinstance(item, dict) for item in lists):
         raise InputError(f"{path}: has no list 'markups'; it is no Slicer markups file")
@@ -115,7 +112,7 @@ def _read_fcsv(path: Path, text: str) -> Markups:
     for number, line in enumerate(text.splitlines(), 1):
         if not line.strip() or line.startswith("#"):
             continue
-        cells = next(csv.reader([line]))
+        cells = cells_of(line, ",", f"{path}: line {number}")
         if len(cells) < len(header):
             raise InputError(f"{path}: line {number} has {len(cells)} cells: the columns are {len(header)}")
         row = dict(zip(header, cells, strict=False))

@@ -20,6 +20,10 @@ from ..errors import InputError
 from .atomic import write_file
 from .text import LARGEST_WHOLE, decode, number, read_bytes
 
+LARGEST_TABLE = 1 << 26  # bytes: half a million points; a table takes ten times as much memory
+LONGEST_LINE = 1 << 16  # letters: fewer than the CSV reader takes of one cell
+MOST_COLUMNS = 1000  # an export has fifty, and a run adds two for each estimate
+
 
 @dataclass(frozen=True)
 class Table:
@@ -95,8 +99,11 @@ def read_table(path: str | Path, required: Iterable[str], aliases: Mapping[str, 
     fit.
     """
     path = Path(path)
-    text = decode(read_bytes(path), path)
+    text = decode(read_bytes(path, LARGEST_TABLE), path)
     lines = [(at, line) for at, line in enumerate(text.splitlines(), 1) if line.strip()]
+    for at, line in lines:
+        if len(line) > LONGEST_LINE:
+            raise InputError(f"{path}: line {at} has {len(line)} letters: must have at most {LONGEST_LINE}")
     top = next((k for k, (_, line) in enumerate(lines) if not line.lstrip().startswith("#")), len(lines))
     body = lines[top:]
     if not body:
@@ -139,6 +146,8 @@ def _notes(path: Path, comments: Sequence[str]) -> dict[str, str]:
 def _header(
     cells: Sequence[str], path: Path, line: int, required: Iterable[str], aliases: Mapping[str, str]
 ) -> list[str]:
+    if len(cells) > MOST_COLUMNS:
+        raise InputError(f"{path}: line {line}: names {len(cells)} columns: at most {MOST_COLUMNS}")
     header = [aliases.get(cell.lower(), cell) for cell in cells]
     for name in required:
         if name not in header:

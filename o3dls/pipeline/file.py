@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from ..errors import O3dlsError, PipelineError, did_you_mean
+from ..errors import InputError, O3dlsError, PipelineError, did_you_mean
 from ..io.atomic import check_free
 from ..io.case_reader import read_case
+from ..io.documents import LARGEST_TOML, parse_toml
 from ..io.text import decode, read_bytes
 from ..plugins.plugin import Plugin, load
 from ..resources import pipeline_file
@@ -30,11 +30,11 @@ def read_pipeline(path: str | Path, settings: Iterable[str] = ()) -> Pipeline:
     the file cannot be read.
     """
     path = Path(path)
+    text = decode(read_bytes(path, LARGEST_TOML), path)
     try:
-        tables = tomllib.loads(decode(read_bytes(path), path))
-        return pipeline_from(overridden(tables, settings), path.parent)
-    except tomllib.TOMLDecodeError as error:
-        raise PipelineError(f"{path}: {error}") from None
+        return pipeline_from(overridden(parse_toml(text, str(path)), settings), path.parent)
+    except InputError as error:
+        raise PipelineError(str(error)) from None
     except PipelineError as error:
         raise PipelineError(*(f"{path}: {mistake}" for mistake in error.args)) from None
 
@@ -178,11 +178,11 @@ def _table(tables: Tables, owner: str, setting: str) -> Tables:
 def _value(text: str) -> Any:
     """A value as TOML writes it, or a number or True and False as Python does; a bare word is a text."""
     readers = (
-        lambda: tomllib.loads(f"value = {text}")["value"],
+        lambda: parse_toml(f"value = {text}", text)["value"],
         lambda: {"True": True, "False": False}[text],
         lambda: float(text),
     )
     for read in readers:
-        with suppress(ValueError, KeyError):
+        with suppress(InputError, ValueError, KeyError):
             return read()
     return text

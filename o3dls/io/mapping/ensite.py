@@ -4,7 +4,6 @@ shell.
 
 from __future__ import annotations
 
-import csv
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,7 +17,7 @@ from ...arrays import Array
 from ...case import Points
 from ...errors import InputError
 from ..meshes.surface_file import SurfaceFile
-from ..text import check_numbers, decode
+from ..text import cells_of, check_numbers, decode
 from .imported import joined
 
 # first part of the map type -> columns that hold its value
@@ -81,7 +80,7 @@ def parse(path: Path, data: bytes, required: Sequence[str]) -> Export:
     InputError.
     """
     lines = decode(data, path).splitlines()
-    start, header, comma = _header(lines, required)
+    start, header, comma = _header(path, lines, required)
     if start is None:
         raise InputError(f"{path}: has no line with the columns {', '.join(required)}")
     found = (re.match(rf"\s*([^:*{comma}]+?)\s*:\s*{comma}?\s*([^{comma}]*)", line) for line in lines[:start])
@@ -91,7 +90,7 @@ def parse(path: Path, data: bytes, required: Sequence[str]) -> Export:
         if line.strip().rstrip(comma) == "EOF":
             break
         if line.strip():
-            cells = next(csv.reader([line], delimiter=comma))
+            cells = cells_of(line, comma, f"{path}: line {number}")
             if len(cells) < len(header) - 1:  # the last name often stands for any number of ticks
                 raise InputError(
                     f"{path}: line {number} has {len(cells)} cells: the columns are {len(header)}"
@@ -109,14 +108,14 @@ def parse(path: Path, data: bytes, required: Sequence[str]) -> Export:
     return Export(path, preamble, header, rows)
 
 
-def _header(lines: Sequence[str], required: Sequence[str]) -> tuple[int | None, list[str], str]:
+def _header(path: Path, lines: Sequence[str], required: Sequence[str]) -> tuple[int | None, list[str], str]:
     """The first line that has all the columns, with its names stripped, and what parts them; a name that
     comes again counts once.
     """
     for number, line in enumerate(lines[:2000]):
         if required[0] in line:
             comma = max(",;", key=line.count)  # spreadsheets write semicolons in some countries
-            names = [cell.strip() for cell in next(csv.reader([line], delimiter=comma))]
+            names = [cell.strip() for cell in cells_of(line, comma, f"{path}: line {number + 1}")]
             if set(required) <= set(names):
                 return number, names, comma
     return None, [], ","
@@ -194,7 +193,7 @@ def _values(export: Export) -> dict[str, NDArray[Any]]:
 def read_lesions(path: Path, data: bytes) -> Points:
     """Ablation points of Lesions.csv or AutoMark_Data.csv. Raises InputError."""
     for places in LESION_XYZ:
-        if _header(decode(data, path).splitlines(), places)[0] is not None:
+        if _header(path, decode(data, path).splitlines(), places)[0] is not None:
             export = parse(path, data, places)
             xyz = export.xyz(places)
             columns: dict[str, NDArray[Any]] = {
