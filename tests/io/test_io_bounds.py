@@ -4,14 +4,20 @@ second of reading and half a gigabyte of memory.
 
 from __future__ import annotations
 
+import gzip
 import subprocess
 import sys
+import zipfile
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from o3dls.errors import InputError
 from o3dls.io.documents import parse_toml
+from o3dls.io.images.volumes import NIFTI
+from o3dls.io.images.voxels import inflate
+from o3dls.io.mapping.archive import Archive
 from o3dls.io.mapping.ensite import parse
 from o3dls.io.markups import read_markups
 from o3dls.io.points import read_points
@@ -32,6 +38,8 @@ except O3dlsError as error:
 """
 PIPELINE = ("from o3dls.pipeline.file import read_pipeline", "read_pipeline(sys.argv[1])")
 POINTS = ("from o3dls.io.points import read_points", "read_points(sys.argv[1])")
+SURFACE = ("from o3dls.io.meshes.registry import read_surface", "read_surface(sys.argv[1])")
+STUDY = ("from o3dls.io.mapping.study import read_study", "read_study(sys.argv[1], None)")
 
 
 def refusal(reader: tuple[str, str], path: Path) -> str:
@@ -114,3 +122,73 @@ def test_a_table_of_many_columns_is_read(tmp_path: Path) -> None:
     extra = [f"c{k}" for k in range(900)]
     path.write_text(",".join(["x", "y", "z", *extra]) + "\n" + ",".join(["1"] * 903) + "\n")
     assert len(read_points(path).columns) == 900
+
+
+def packed_zeros(gigabytes: int) -> bytes:
+    """Gzip data that unpack to so many zeros; the same part over and over."""
+    return gzip.compress(bytes(1 << 26), mtime=0) * (16 * gigabytes)
+
+
+def nifti(shape: tuple[int, int, int], code: int) -> bytes:
+    header = np.zeros(1, dtype=NIFTI)
+    fields = {"sizeof_hdr": 348, "dim": [3, *shape, 1, 1, 1, 1], "datatype": code, "pixdim": np.ones(8)}
+    for name, value in {**fields, "vox_offset": 352, "sform_code": 1, "magic": b"n+1"}.items():
+        header[name] = value
+    header["srow"] = np.eye(4)[:3]
+    return header.tobytes() + bytes(4)
+
+
+@pytest.mark.parametrize(
+    ("shape", "code", "sentence"),
+    [
+        ((1024, 1024, 1024), 64, "has size [1024, 1024, 1024]: must be positive, at most 268435456 values"),
+        ((512, 512, 1024), 64, "values of float64 take 2147483648 bytes: at most 1073741824; save labels as"),
+        ((100, 100, 100), 2, "holds 0 labels"),
+    ],
+)
+def test_a_nifti_that_unpacks_to_eight_gigabytes(
+    shape: tuple[int, int, int], code: int, sentence: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "la.nii.gz"
+    path.write_bytes(gzip.compress(nifti(shape, code)) + packed_zeros(8))
+    assert sentence in refusal(SURFACE, path)
+
+
+@pytest.mark.parametrize("more", ["", "byte skip: 999999999999\n"])
+@pytest.mark.parametrize("sizes", ["1000 1000 1000", "10 10 10"])
+def test_an_nrrd_that_unpacks_to_gigabytes(more: str, sizes: str, tmp_path: Path) -> None:
+    path = tmp_path / "la.nrrd"
+    head = (
+        f"NRRD0004\ntype: uchar\ndimension: 3\nspace: LPS\nsizes: {sizes}\nencoding: gzip\n{more}"
+        "space directions: (1,0,0) (0,1,0) (0,0,1)\nspace origin: (0,0,0)\n\n"
+    )
+    path.write_bytes(head.encode() + packed_zeros(8))
+    said = refusal(SURFACE, path)
+    large = "at most 268435456 values together; cut larger volumes to the heart"
+    assert (large if sizes != "10 10 10" else "truncated" if more else "holds 0 labels") in said
+
+
+def test_packed_data_in_very_many_parts(tmp_path: Path) -> None:
+    data = gzip.compress(b"", mtime=0) * 50_000 + gzip.compress(b"wall")
+    assert inflate(tmp_path, data, 100) == b"wall"
+
+
+def zipped(path: Path, name: str, content: bytes) -> Path:
+    with (
+        zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as file,
+        file.open(name, "w") as out,
+    ):
+        for k in range(0, len(content), 1 << 24):
+            out.write(content[k : k + (1 << 24)])
+    return path
+
+
+@pytest.mark.parametrize("name", ["Study 1.xml", "Export/map.csv", "inner.zip"])
+def test_a_zip_of_a_gigabyte_of_line_breaks(name: str, tmp_path: Path) -> None:
+    path = zipped(tmp_path / "study.zip", name, b"\n" * 250_000_000)
+    assert "to 250000000 bytes, as no file of a study does" in refusal(STUDY, path)
+
+
+def test_a_large_file_of_a_study_is_read(tmp_path: Path) -> None:
+    text = b"".join(b"%d,%d\n" % (k, k * k) for k in range(600_000))
+    assert Archive.open(zipped(tmp_path / "study.zip", "waves.csv", text)).read("waves.csv") == text

@@ -11,7 +11,7 @@ import numpy as np
 from ...arrays import Array
 from ...errors import InputError
 from ..text import integers, number_rows
-from .voxels import LARGEST, Image, beside, count, inflate, shaped
+from .voxels import LARGEST, Image, beside, inflate, shaped, size_of
 
 TYPES = {
     "CHAR": "i1",
@@ -59,7 +59,7 @@ def read_meta(path: Path, data: bytes) -> Image:
         else "<"
     )
     file = end[1].decode("utf-8", errors="replace").strip()
-    need = count(path, sizes) * np.dtype(TYPES[kind]).itemsize
+    need = size_of(path, sizes, TYPES[kind])
     body = _body(path, header, file, data[end.end() :], need)
     if header.get("CompressedData", "").lower() == "true":
         body = inflate(path, body, need)

@@ -10,7 +10,7 @@ import numpy as np
 from ...arrays import Array
 from ...errors import InputError
 from ...geometry.similarity import TURN
-from .voxels import LARGEST, Image, count, inflate, shaped
+from .voxels import LARGEST, Image, inflate, shaped, size_of
 
 TYPES = {
     2: "u1",
@@ -54,7 +54,7 @@ def read_nifti(path: Path, data: bytes) -> Image:
         raise InputError(f"{path}: has {dim[0]} axes of {dim[1:]}: must be one volume in 3D")
     if kind not in TYPES or not 348 <= offset < 1e6:
         raise InputError(f"{path}: has data type {kind} at byte {offset}: must be one of {sorted(TYPES)}")
-    size = count(path, dim[1:4]) * np.dtype(TYPES[kind]).itemsize
+    size = size_of(path, dim[1:4], TYPES[kind])
     raw = inflate(path, data, int(offset) + size) if data[:2] == b"\x1f\x8b" else data
     values = shaped(path, raw[int(offset) :], order + TYPES[kind], dim[1:4])
     if np.isfinite([slope, shift]).all() and slope != 0 and (slope, shift) != (1.0, 0.0):

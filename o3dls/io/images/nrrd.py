@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ...arrays import Array
 from ...errors import InputError
 from ..text import flat_numbers, is_count
-from .voxels import LARGEST, Image, beside, count, inflate, shaped
+from .voxels import LARGEST, Image, beside, count, inflate, shaped, size_of
 
 TYPES = {
     **dict.fromkeys(("signed char", "int8", "int8_t"), "i1"),
@@ -37,6 +37,7 @@ SPACES = {
 }
 UNITS = {"mm": 1.0, "millimeter": 1.0, "millimetre": 1.0, "um": 0.001, "µm": 0.001, "cm": 10.0, "m": 1000.0}
 UNITS[""] = 1.0  # says nothing, as no line does
+LONGEST_SKIP = 1 << 20  # bytes of packed data: a header of another format
 VECTOR = r"\(([^)]*)\)|\bnone\b"
 
 
@@ -131,7 +132,7 @@ def _values(path: Path, header: Mapping[str, str], body: bytes, sizes: list[int]
             raise InputError(f"{path}: NRRD 'byte skip: -1' must go with raw encoding, not {encoding[:20]}")
         skipped = max(len(body) - n * dtype.itemsize, 0)
     if encoding in ("gzip", "gz"):
-        body = inflate(path, body, skipped + n * dtype.itemsize)
+        body = inflate(path, body, min(skipped, LONGEST_SKIP) + size_of(path, sizes, dtype.str))
     body = body[skipped:]
     if encoding in ("ascii", "txt", "text"):
         numbers = flat_numbers(body.decode("ascii", errors="replace"), n, f"{path}: data")

@@ -15,7 +15,9 @@ from ...arrays import Array
 from ...errors import InputError
 from ..text import read_bytes
 
-MOST_VOXELS = 1 << 30
+MOST_VOXELS = 1 << 28  # 1000 slices of 512 x 512: twice the largest CT of a heart
+MOST_BYTES = 1 << 30  # of the voxels, which are held in memory twice
+PIECE = 1 << 16  # packed bytes unpacked at one time
 LARGEST = 1e6  # mm
 
 
@@ -40,17 +42,19 @@ class Image:
 
 
 def inflate(path: Path, data: bytes, limit: int) -> bytes:
-    """At most `limit` bytes of gzip or zlib data, which may come in several parts."""
+    """At most `limit` bytes of gzip or zlib data, which may come in several parts. Raises InputError."""
     out = []
-    left = limit
-    while data and left > 0:
+    left, at = limit, 0
+    while at < len(data) and left > 0:
         packer = zlib.decompressobj(wbits=47)  # 47: gzip or zlib, as the head says
-        try:
-            out.append(packer.decompress(data, left))
-        except zlib.error as error:
-            raise InputError(f"{path}: its packed data are damaged: {error}") from None
-        left -= len(out[-1])
-        data = packer.unused_data
+        while at < len(data) and left > 0 and not packer.eof:
+            piece = data[at : at + PIECE]
+            try:
+                out.append(packer.decompress(piece, left))
+            except zlib.error as error:
+                raise InputError(f"{path}: its packed data are damaged: {error}") from None
+            left -= len(out[-1])
+            at += len(piece) - len(packer.unused_data)
     return b"".join(out)
 
 
@@ -58,7 +62,7 @@ def shaped(path: Path, data: bytes, dtype: str, sizes: list[int]) -> NDArray[Any
     """An array whose first axis runs fastest in the file, with the axes turned around. Raises InputError
     where bytes are missing.
     """
-    need = count(path, sizes) * np.dtype(dtype).itemsize
+    need = size_of(path, sizes, dtype)
     if len(data) < need:
         raise InputError(
             f"{path}: {sizes} values of {np.dtype(dtype).name} need {need} bytes, {len(data)} are there: "
@@ -70,8 +74,24 @@ def shaped(path: Path, data: bytes, dtype: str, sizes: list[int]) -> NDArray[Any
 def count(path: Path, sizes: list[int]) -> int:
     """Number of values. Raises InputError for sizes that cannot be."""
     if not sizes or min(sizes) < 1 or float(np.prod([float(n) for n in sizes])) > MOST_VOXELS:
-        raise InputError(f"{path}: has size {sizes}: must be positive, at most {MOST_VOXELS} values together")
+        raise InputError(
+            f"{path}: has size {sizes}: must be positive, at most {MOST_VOXELS} values together; cut "
+            "larger volumes to the heart"
+        )
     return int(np.prod(sizes))
+
+
+def size_of(path: Path, sizes: list[int], dtype: str) -> int:
+    """Number of bytes of the voxels, by what the header says. Raises InputError, before anything is unpacked,
+    where they are too many.
+    """
+    size = count(path, sizes) * np.dtype(dtype).itemsize
+    if size > MOST_BYTES:
+        raise InputError(
+            f"{path}: {sizes} values of {np.dtype(dtype).name} take {size} bytes: at most {MOST_BYTES}; "
+            "save labels as whole numbers of 1 or 2 bytes, or cut the volume to the heart"
+        )
+    return size
 
 
 def beside(path: Path, name: str) -> bytes:

@@ -16,6 +16,8 @@ from ..text import read_bytes
 LARGEST = 1 << 31  # bytes of one file
 SEVEN_ZIP = b"7z\xbc\xaf\x27\x1c"
 MOST_FILES = 1_000_000
+# how many times larger than packed a file may be, from this size on: text of studies packs to a tenth or so
+MOST_PACKED, LARGE = 200, 1 << 22
 
 
 @dataclass(frozen=True)
@@ -77,6 +79,11 @@ class Archive:
         file, info = self.zipped[name]
         if info.file_size > LARGEST:
             raise InputError(f"{self.path}: {name} unpacks to more than {LARGEST} bytes")
+        if info.file_size > max(LARGE, MOST_PACKED * info.compress_size):
+            raise InputError(
+                f"{self.path}: {name} unpacks from {info.compress_size} to {info.file_size} bytes, as no "
+                "file of a study does; if it is one, unpack the zip and name the folder"
+            )
         try:
             return file.read(info)
         except NotImplementedError as error:  # a RuntimeError too
