@@ -12,6 +12,8 @@ from ..levelset.grid.distance import signed_distance
 from ..levelset.grid.isosurface import zero_set
 from ..levelset.grid.operators import combine
 
+LEAST_COMPACT = 0.25  # radius over the d-th root of the volume: atria with veins .31 to .49, a ball .62
+
 
 @dataclass(frozen=True, eq=False)
 class Change:
@@ -49,5 +51,8 @@ def changed(surface: Surface, change: Change | None, spacing: float, half_band: 
 
 
 def body_radius(surface: Surface) -> float:
-    """d * volume / area: the radius of a ball, the half width of a thick body."""
-    return surface.dimension * surface.volume / surface.area
+    """d * volume / area: the radius of a ball, the half width of a thick body; at least that of the least
+    compact body, since roughness multiplies an area.
+    """
+    least = LEAST_COMPACT * surface.volume ** (1.0 / surface.dimension)
+    return max(surface.dimension * surface.volume / surface.area, least)

@@ -190,6 +190,17 @@ def test_radius_of_a_ball_is_its_radius() -> None:
     assert body_radius(ball()) == pytest.approx(16.0, rel=0.01)
 
 
+def test_the_radius_of_a_rough_body_is_that_of_a_body() -> None:
+    """Its area is many times that of what it encloses, and lattices follow the radius: a prior with 2 mm of
+    noise on every vertex took minutes.
+    """
+    smooth = ball()
+    noise = np.random.default_rng(5).normal(0.0, 4.0, smooth.vertices.shape)
+    rough = smooth.with_vertices(smooth.vertices + noise)
+    assert 3.0 * rough.volume / rough.area < 5.0
+    assert 5.0 < body_radius(rough) < 16.0
+
+
 def test_cone_is_a_distance_where_it_is_a_cylinder() -> None:
     tube = np.array([0.0, 0.0, 0.0, 10.0, 0.0, 0.0, np.log(2.0), np.log(2.0)])
     at = np.array([[5.0, 3.0, 4.0], [13.0, 0.0, 0.0], [-4.0, 0.0, 3.0], [5.0, 0.0, 0.0]])
