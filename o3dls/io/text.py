@@ -152,3 +152,11 @@ def integers(values: Array, where: str) -> Ints:
     if bad.any():
         raise InputError(f"{where}: {values[bad][0]:g} must be a whole number")
     return values.astype(np.int64)
+
+
+def typed(values: Array, kind: str) -> NDArray[Any]:
+    """Numbers that a file declares as of numpy's type `kind`: int64 where that is of whole numbers and they
+    are, by which labels are told from measurements.
+    """
+    whole = kind[0] in "iu" and (np.abs(values) < LARGEST_WHOLE).all() and (values == np.floor(values)).all()
+    return values.astype(np.int64) if whole else values

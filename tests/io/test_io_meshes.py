@@ -4,13 +4,19 @@ from __future__ import annotations
 
 import struct
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
-from formats import TOLERANCE, same_body, write_as
+from formats import TOLERANCE, marker, same_body, write_as
+from test_io_study import carto_folder
 
 from o3dls.errors import InputError
-from o3dls.io.meshes.registry import read_surface
+from o3dls.geometry.face_values import at_vertices
+from o3dls.io.case_settings import Folder
+from o3dls.io.case_surfaces import surface_of
+from o3dls.io.mapping.study_import import import_study
+from o3dls.io.meshes.registry import read_surface, read_surface_file
 from o3dls.runs.conversion import convert
 
 ROUNDING = 1e-12  # relative: of a sum of areas
@@ -145,9 +151,111 @@ def test_a_list_property_of_ply_does_not_take_the_scalars_with_it(data: bytes, t
     path = tmp_path / "a.ply"
     path.write_bytes(data)
     sentences = convert(path, tmp_path / "a.vtp", units="mm")
-    said = "list property 'near' of the vertices is left out: its lists differ in length"
+    said = "list property 'near' of element 'vertex' is left out: its lists differ in length"
     assert f"{path}: {said}" in sentences
     fields = read_surface(tmp_path / "a.vtp").fields
     assert list(fields) == ["shift", "bipolar"]
     np.testing.assert_array_equal(fields["shift"], [[3, 4], [5, 6], [7, 8], [9, 1]])
     np.testing.assert_array_equal(fields["bipolar"], [0.5, 0.25, np.nan, 2])
+
+
+SCAR = np.array([0.5, np.nan, 2.25, 4.0])
+REGION = np.array([7, 7, 3, 12], dtype=np.int32)
+FIBRES = np.array([[1.0, 0, 0], [0, 1, 0], [0.6, 0.8, 0], [0, 0, 1]])
+
+
+def with_cell_data() -> Any:
+    """The marker as pyvista's object; VTK orders a vertex and a line before its triangles."""
+    pyvista = pytest.importorskip("pyvista")
+    faces = np.column_stack([np.full(4, 3), marker().faces]).ravel()
+    mesh = pyvista.PolyData(marker().vertices, faces=faces, lines=np.array([2, 0, 1]), verts=np.array([1, 3]))
+    assert mesh.n_cells == 6
+    mesh.point_data["depth"] = np.arange(4.0)
+    mesh.cell_data["scar"] = np.append([100.0, 100.0], SCAR)
+    mesh.cell_data["region"] = np.append(np.array([90, 91], dtype=np.int32), REGION)
+    mesh.cell_data["fibres"] = np.vstack([np.zeros((2, 3)), FIBRES])
+    mesh.cell_data["depth"] = np.arange(6.0)
+    return mesh
+
+
+def saved(mesh: Any, path: Path, form: str) -> Path:
+    """A data set as VTK itself writes it."""
+    vtk = pytest.importorskip("vtk")
+    kind, mode = form.split()
+    grid = mesh.GetClassName() == "vtkUnstructuredGrid"
+    if kind == "xml":
+        writer = vtk.vtkXMLUnstructuredGridWriter() if grid else vtk.vtkXMLPolyDataWriter()
+        getattr(writer, f"SetDataModeTo{mode}")()
+    else:
+        writer = vtk.vtkUnstructuredGridWriter() if grid else vtk.vtkPolyDataWriter()
+        writer.SetFileVersion(int(kind))
+        getattr(writer, f"SetFileTypeTo{mode}")()
+    writer.SetInputData(mesh)
+    writer.SetFileName(str(path))
+    assert writer.Write() == 1
+    return path
+
+
+FORMS = ["42 ASCII", "42 Binary", "51 ASCII", "51 Binary", "xml Ascii", "xml Binary", "xml Appended"]
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_cell_data_of_vtk_are_carried_to_the_points(form: str, tmp_path: Path) -> None:
+    path = saved(with_cell_data(), tmp_path / "a.vtk", form)
+    file = read_surface_file(path)
+    expected = {name: at_vertices(marker(), values) for name, values in (("scar", SCAR), ("fibres", FIBRES))}
+    for name, values in {**expected, "depth": np.arange(4.0)}.items():
+        np.testing.assert_allclose(file.surface.fields[name], values, rtol=1e-6)  # text has so many digits
+    np.testing.assert_array_equal(file.surface.fields["region"], at_vertices(marker(), REGION))
+    assert set(file.notes) == {
+        "2 cells that are points or lines are left out",
+        "cell data 'scar' are carried to the points: the mean, weighted by area, of the cells around each",
+        "cell data 'region' are carried to the points: the label with the largest area around each",
+        "cell data 'fibres' are carried to the points: the mean, weighted by area, of the cells around each",
+        "cell data 'depth' are left out: the points have a field of that name",
+    }
+
+
+@pytest.mark.parametrize("form", ["42 ASCII", "xml Binary"])
+def test_cell_data_of_strips_and_polygons_belong_to_their_triangles(form: str, tmp_path: Path) -> None:
+    pyvista = pytest.importorskip("pyvista")
+    places = np.array([(x, y, 0.0) for x in range(4) for y in range(2)])
+    mesh = pyvista.PolyData(places, faces=np.array([4, 0, 2, 3, 1]), strips=np.array([4, 2, 4, 3, 5]))
+    mesh.cell_data["region"] = np.array([5, 8], dtype=np.int64)
+    surface = read_surface(saved(mesh, tmp_path / "a.vtk", form))
+    np.testing.assert_array_equal(surface.fields["region"][[0, 1, 4, 5]], [5, 5, 8, 8])
+    assert (surface.face_normals[:, 2] > 0).all()
+
+
+def test_fibres_that_oppose_each_other_are_said(tmp_path: Path) -> None:
+    mesh = with_cell_data()
+    mesh.cell_data["fibres"] = np.vstack([np.zeros((2, 3)), np.eye(3)[[0, 0, 0, 0]] * [[1], [-1], [1], [-1]]])
+    said = read_surface_file(saved(mesh, tmp_path / "a.vtp", "xml Binary")).notes
+    assert any("cell data 'fibres' oppose each other around" in sentence for sentence in said)
+
+
+def test_values_per_face_of_ply_are_carried_too(tmp_path: Path) -> None:
+    path = tmp_path / "a.ply"
+    faces = "property list uchar int vertex_indices\nproperty uchar region\nproperty float scar\nend_header"
+    rows = PLY.replace("property list uchar int vertex_indices\nend_header", faces).replace(
+        "\n3 0 1 2\n", "\n4 0 1 2 3 4 0.5\n"
+    )
+    path.write_text(rows.replace("\n3 0 2 3\n", "\n3 0 2 1 9 1.5\n"))
+    fields = read_surface(path).fields
+    np.testing.assert_array_equal(fields["region"], [4, 4, 4, 4])
+    np.testing.assert_allclose(fields["scar"], [2.5 / 3, 1.0, 2.5 / 3, 0.5])
+
+
+def test_cell_data_reach_every_door(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    path = saved(with_cell_data(), tmp_path / "prior.vtp", "xml Binary")
+    scar = at_vertices(marker(), SCAR)
+    said = "cell data 'scar' are carried to the points: the mean, weighted by area, of the cells around each"
+    assert f"{path}: {said}" in convert(path, tmp_path / "a.ply", units="mm")
+    np.testing.assert_array_equal(read_surface(tmp_path / "a.ply").fields["scar"], scar)
+    with caplog.at_level("INFO", "o3dls"):
+        prior = surface_of(Folder(tmp_path, {"units": "mm"}, {}), "prior")
+    np.testing.assert_array_equal(prior.surface.fields["scar"], scar)
+    assert f"{path}: {said}" in caplog.messages
+    found = import_study(carto_folder(tmp_path / "study"), "1-Map", tmp_path / "case", prior=path)
+    assert f"{path}: {said}" in found.notes
+    np.testing.assert_array_equal(read_surface(tmp_path / "case/prior.ply").fields["scar"], scar)

@@ -288,14 +288,15 @@ TRIANGLE = (
 COUNTED = "FIELD f 1\ndepth 1 2 float\n1 2\n"
 
 
-def test_point_data_of_another_length_are_refused(tmp_path: Path) -> None:
+def test_point_and_cell_data_of_another_length_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "a.vtk"
     for content in (POINT_DATA.format(n=2, values="1 2"), f"POINT_DATA 3\n{COUNTED}"):
         path.write_text(TRIANGLE + content)
         with pytest.raises(InputError, match=r"line 1\d: point data 'depth' have 2 rows: there are 3 points"):
             read_surface(path)
     path.write_text(TRIANGLE + POINT_DATA.format(n=3, values="1 2 3") + f"CELL_DATA 2\n{COUNTED}")
-    np.testing.assert_array_equal(read_surface(path).fields["depth"], [1, 2, 3])
+    with pytest.raises(InputError, match=r"line 18: cell data 'depth' have 2 rows: there are 1 cells"):
+        read_surface(path)
 
 
 def test_stl_vertices_are_merged(tmp_path: Path) -> None:

@@ -7,10 +7,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ...arrays import Array
+from ...arrays import Array, Ints
 from ...errors import InputError
-from ..text import is_count
+from ..text import is_count, typed
 from .ply_rows import Columns, Element, Property, ascii_rows, binary_rows, truncated
 from .surface_file import NOTICE, SurfaceFile, check_end, flatten_fields, gather_fields
 from .triangulation import triangulate
@@ -25,6 +26,7 @@ TYPES = {
     **dict.fromkeys(("float", "float32"), "f4"),
     **dict.fromkeys(("double", "float64"), "f8"),
 }
+CORNERS = ("vertex_indices", "vertex_index")
 GEOMETRY = ("x", "y", "z", "nx", "ny", "nz")
 ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">", "ascii": ""}
 
@@ -54,18 +56,21 @@ def read(path: Path, data: bytes) -> SurfaceFile:
         else _ascii_tables(path, elements, body, len(header) + 2)
     )
     vertices = _vertices(path, tables.get("vertex", {}))
-    fields, notes = _fields(tables["vertex"], "vertices")
-    faces = tables.get("face", {})
-    lists = {
-        element.name: [prop.name for prop in element.properties if prop.count] for element in elements
-    }.get("face", [])
-    corners = next((name for name in ("vertex_indices", "vertex_index") if name in lists), None)
+    named = {element.name: element for element in elements}
+    lists = [prop.name for prop in named["face"].properties if prop.count] if "face" in named else []
+    corners = next((name for name in CORNERS if name in lists), None)
     if corners is None:
         raise InputError(
             f"{path}: has no faces (element 'face' with a list 'vertex_indices'); a surface needs triangles"
         )
-    triangles, _ = triangulate(vertices, *_blocks(faces[corners]))
-    return SurfaceFile.of(path, vertices, triangles, fields, header=comments, notes=notes)
+    blocks, rows = _blocks(tables["face"][corners])
+    triangles, owner = triangulate(vertices, *blocks)
+    fields, notes = _fields(named["vertex"], tables["vertex"])
+    values, more = _fields(named["face"], tables["face"])
+    cells = {name: array[rows[owner]] for name, array in values.items()}
+    return SurfaceFile.of(
+        path, vertices, triangles, fields, cells=cells, header=comments, notes=[*notes, *more]
+    )
 
 
 def _parse_header(path: Path, lines: list[str]) -> tuple[str, list[Element]]:
@@ -113,11 +118,13 @@ def _ascii_tables(path: Path, elements: list[Element], body: memoryview, first: 
     return tables
 
 
-def _blocks(polygons: Any) -> list[Any]:
-    """Polygons of equal size together, (k, n) each."""
+def _blocks(polygons: Any) -> tuple[list[Any], Ints]:
+    """Polygons of equal size together, (k, n) each, and the rows of all."""
     if not isinstance(polygons, list):
-        return [polygons]
-    return [np.array([p for p in polygons if len(p) == n]) for n in sorted(set(map(len, polygons)))]
+        return [polygons], np.arange(len(polygons))
+    sizes = np.array([len(polygon) for polygon in polygons])
+    rows = [np.flatnonzero(sizes == size) for size in np.unique(sizes)]
+    return [np.array([polygons[k] for k in mine]) for mine in rows], np.concatenate(rows)
 
 
 def _vertices(path: Path, columns: Columns) -> Array:
@@ -127,17 +134,21 @@ def _vertices(path: Path, columns: Columns) -> Array:
     return np.column_stack([np.asarray(columns[axis], dtype=np.float64) for axis in "xyz"])
 
 
-def _fields(columns: Columns, of: str) -> tuple[dict[str, Array], list[str]]:
+def _fields(element: Element, columns: Columns) -> tuple[dict[str, NDArray[Any]], list[str]]:
     """Columns other than geometry, and a sentence for each that has no place: lists that differ in length."""
-    uneven = [name for name, values in columns.items() if isinstance(values, list)]
-    fields = {
-        name: np.asarray(values, dtype=np.float64)
-        for name, values in columns.items()
-        if name not in (*GEOMETRY, *uneven) and np.size(values)  # lists may all be empty
-    }
-    return gather_fields(fields), [
-        f"list property '{name}' of the {of} is left out: its lists differ in length" for name in uneven
-    ]
+    found, said = dict[str, NDArray[Any]](), []
+    for prop in element.properties:
+        values = columns[prop.name]
+        if prop.name in (*GEOMETRY, *CORNERS):
+            continue
+        if isinstance(values, list):
+            said.append(
+                f"list property '{prop.name}' of element '{element.name}' is left out: its lists differ in "
+                "length"
+            )
+        elif np.size(values):  # lists may all be empty
+            found[prop.name] = typed(np.asarray(values, dtype=np.float64), prop.kind)
+    return gather_fields(found), said
 
 
 def write(file: SurfaceFile) -> bytes:

@@ -32,7 +32,7 @@ def welded(surface: Surface) -> Surface:
     """Vertices at one place made one, as formats without sharing (STL) need it; triangles that vanish are
     dropped.
     """
-    _, first, inverse = np.unique(_place_keys(surface.vertices), return_index=True, return_inverse=True)
+    _, first, inverse = np.unique(place_keys(surface.vertices), return_index=True, return_inverse=True)
     if len(first) == len(surface.vertices):
         return surface
     order = np.argsort(first)  # keep the order of first appearance
@@ -46,7 +46,7 @@ def welded(surface: Surface) -> Surface:
     )
 
 
-def _place_keys(vertices: Array) -> Ints:
+def place_keys(vertices: Array) -> Ints:
     """One whole number per place: the ranks of its coordinates, put together. Three times as fast as sorting
     rows.
     """

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,11 +13,13 @@ from numpy.typing import NDArray
 
 from ...arrays import Array, Ints
 from ...case import SPACES
-from ...errors import InputError
+from ...errors import InputError, escaped
+from ...geometry.face_values import at_vertices
 from ...geometry.surface import Surface
 from ..text import is_count
 
 NOTICE = "o3dls, research software, not for clinical use"
+OPPOSED = 0.5  # of their length: what is left of vectors at right angles is more
 # programs that end their last line, as not all do
 END_LINES = re.compile(f"{NOTICE}|Open3D|VTK generated|VCGLIB generated")
 
@@ -40,8 +42,9 @@ class SurfaceFile:
         path: Path,
         vertices: Array,
         faces: Array | Ints,
-        fields: Mapping[str, Array] | None = None,
+        fields: Mapping[str, NDArray[Any]] | None = None,
         *,
+        cells: Mapping[str, NDArray[Any]] | None = None,
         header: str = "",
         space: str | None = None,
         units: str | None = None,
@@ -49,6 +52,7 @@ class SurfaceFile:
         notes: Iterable[str] = (),
     ) -> SurfaceFile:
         """A checked surface; frame and units as given, else from `SPACE=` and `UNITS=` in the header text.
+        `cells` are values per face, (m,) or (m, k), which are carried to the vertices.
 
         Raises InputError naming the file and the row where a vertex, an index or a triangle cannot be.
         """
@@ -66,8 +70,37 @@ class SurfaceFile:
                 f"{path}: vertex {bad[0]} is not finite: {vertices[bad[0]]}; {len(bad)} such vertices"
             )
         check_faces(path, faces, len(vertices))
-        surface = Surface(vertices, faces[~collapsed(faces)].astype(np.int64), fields or {})
-        return cls(surface, spaces.get(space.lower(), "unknown"), units, metadata or {}, tuple(notes))
+        whole = ~collapsed(faces)
+        numbers = {name: np.asarray(values, dtype=np.float64) for name, values in (fields or {}).items()}
+        surface = Surface(vertices, faces[whole].astype(np.int64), numbers)
+        surface, said = _carried(surface, {name: values[whole] for name, values in (cells or {}).items()})
+        return cls(surface, spaces.get(space.lower(), "unknown"), units, metadata or {}, (*notes, *said))
+
+
+def _carried(surface: Surface, cells: Mapping[str, NDArray[Any]]) -> tuple[Surface, list[str]]:
+    """The surface with values per face carried to its vertices, and a sentence on each."""
+    fields, said = dict(surface.fields), []
+    for name, values in cells.items():
+        what = f"cell data '{escaped(name)}'"
+        if name in surface.fields:
+            said.append(f"{what} are left out: the points have a field of that name")
+            continue
+        fields[name] = at_vertices(surface, values)
+        labels = values.dtype.kind in "iu"
+        how = "the label with the largest area" if labels else "the mean, weighted by area, of the cells"
+        said.append(f"{what} are carried to the points: {how} around each")
+        if not labels and values.shape[1:] == (3,):
+            said += _cancelled(surface, what, values, fields[name])
+    return replace(surface, fields=fields), said
+
+
+def _cancelled(surface: Surface, what: str, vectors: Array, means: Array) -> list[str]:
+    """A sentence where the mean of vectors is short since they oppose each other, as fibres may that have no
+    sense.
+    """
+    lengths = at_vertices(surface, np.linalg.norm(vectors, axis=1))
+    short = int((np.linalg.norm(means, axis=1) < OPPOSED * lengths).sum())
+    return [f"{what} oppose each other around {short} points, where their mean is short"] if short else []
 
 
 def check_faces(path: Path, faces: Array | Ints, n: int) -> None:

@@ -1,19 +1,27 @@
-"""Legacy VTK files, versions 1.0 to 5.1, ascii and binary: triangles of POLYDATA and UNSTRUCTURED_GRID with
-their point data.
+"""Legacy VTK files, versions 1.0 to 5.1, ascii and binary: surfaces of POLYDATA and UNSTRUCTURED_GRID with
+their point and cell data.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 from urllib.parse import quote, unquote
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...arrays import Array, Ints
+from ..text import typed
+from .cells import POLYGON, STRIP, Cells, surface_of
 from .surface_file import NOTICE, SurfaceFile
-from .triangulation import strips, triangulate
-from .vtk_cursor import Cursor
+from .vtk_cursor import TYPES, Cursor
 
+Fields = dict[str, NDArray[Any]]
+# sections of cells in the order of their data, with VTK's number of their kind; for CELLS it follows
+KINDS = {"VERTICES": 2, "LINES": 4, "POLYGONS": POLYGON, "TRIANGLE_STRIPS": STRIP, "CELLS": 0}
 WIDTHS = {"NORMALS": 3, "VECTORS": 3, "TENSORS": 9, "GLOBAL_IDS": 1, "PEDIGREE_IDS": 1}
 
 
@@ -22,8 +30,8 @@ def knows(data: bytes) -> bool:
 
 
 def read(path: Path, data: bytes) -> SurfaceFile:
-    """Decode a legacy VTK file; polygons and strips become triangles, cell data is dropped. Raises InputError
-    naming the place.
+    """Decode a legacy VTK file; polygons and strips become triangles, solids their boundary, cell data are
+    carried to the points. Raises InputError naming the place.
     """
     cursor = Cursor(path, data)
     cursor.line()
@@ -31,63 +39,62 @@ def read(path: Path, data: bytes) -> SurfaceFile:
     cursor.binary = cursor.choice("ASCII", "BINARY") == "BINARY"
     cursor.choice("DATASET POLYDATA", "DATASET UNSTRUCTURED_GRID")
     vertices = np.zeros((0, 3))
-    polygons = list[Array]()
-    fields: dict[str, Array] = {}
-    on_points, rows = False, 0
+    parts: dict[str, Cells] = {}
+    data_of: dict[str, Fields] = {"POINT_DATA": {}, "CELL_DATA": {}, "": {}}
+    where, rows = "", 0
     while words := cursor.words():
         match [words[0].upper(), *words[1:]]:
             case ["POINTS", n, kind]:
                 vertices = cursor.numbers(cursor.count(n) * 3, kind).reshape(-1, 3)
-            case ["POLYGONS" | "CELLS" | "TRIANGLE_STRIPS" | "LINES" | "VERTICES" as what, n, size]:
-                cells = _cells(cursor, cursor.count(n), cursor.count(size))
-                polygons += (
-                    strips(cells)
-                    if what == "TRIANGLE_STRIPS"
-                    else cells
-                    if what in ("POLYGONS", "CELLS")
-                    else []
-                )
+            case [what, n, size] if what in KINDS:
+                if what in parts:
+                    raise cursor.error(f"{what} are there twice")
+                parts[what] = _cells(cursor, cursor.count(n), cursor.count(size), KINDS[what])
             case ["CELL_TYPES", n]:
-                _check_types(cursor, cursor.integers(cursor.count(n), "int"))
+                types = cursor.integers(cursor.count(n), "int")
+                parts["CELLS"] = _of_types(cursor, parts, types)
             case ["POINT_DATA" | "CELL_DATA" as where, n]:
-                on_points = where == "POINT_DATA"
                 rows = cursor.count(n)
             case ["METADATA"]:
                 cursor.skip_block()
             case _:
                 found = _attribute(cursor, words, rows)
-                fields |= _complete(cursor, found, len(vertices)) if on_points else {}
-    return SurfaceFile.of(
-        path, vertices, triangulate(vertices, *polygons)[0], fields, header=title, metadata={"title": title}
+                there = len(vertices) if where == "POINT_DATA" else sum(map(len, parts.values()))
+                data_of[where] |= _complete(cursor, found, where, there)
+    cells = Cells.joined([parts[what] for what in KINDS if what in parts])
+    if (cells.types == KINDS["CELLS"]).any():
+        raise cursor.error("the kinds of the CELLS are not stated: CELL_TYPES must follow them")
+    return surface_of(
+        path,
+        vertices,
+        cells,
+        data_of["POINT_DATA"],
+        data_of["CELL_DATA"],
+        header=title,
+        metadata={"title": title},
     )
 
 
-def _cells(cursor: Cursor, n: int, size: int) -> list[Array]:
-    """Cells as blocks of equal size: rows `k i j ...` up to version 4.2, offsets and connectivity from 5.0
-    on.
-    """
+def _cells(cursor: Cursor, n: int, size: int, kind: int) -> Cells:
+    """Cells of one kind: rows `k i j ...` up to version 4.2, offsets and connectivity from 5.0 on."""
     place = cursor.at
     words = cursor.words()
     if words[:1] == ["OFFSETS"]:
         offsets = cursor.integers(n, words[-1])
         corners = cursor.integers(size, cursor.expect("CONNECTIVITY")[-1])
-        lengths = np.diff(offsets)
-    else:
-        cursor.at = place
-        flat = cursor.integers(size, "int")
-        if size == 4 * n and (flat[::4] == 3).all():  # nearly every file
-            return [flat.reshape(n, 4)[:, 1:].astype(np.float64)]
-        offsets, corners, lengths = _unroll(cursor, flat, n)
-    if len(offsets) and ((lengths < 0).any() or offsets[0] != 0 or offsets[-1] > len(corners)):
-        raise cursor.error("cell offsets do not fit their connectivity")
-    return [
-        corners[offsets[:-1][lengths == k, None] + np.arange(k)].astype(np.float64)
-        for k in np.unique(lengths)
-    ]
+        sizes = np.diff(offsets)
+        if len(offsets) and ((sizes < 0).any() or offsets[0] != 0 or offsets[-1] != len(corners)):
+            raise cursor.error("cell offsets do not fit their connectivity")
+        return Cells.of(sizes, corners, kind)
+    cursor.at = place
+    flat = cursor.integers(size, "int")
+    if size == 4 * n and (flat[::4] == 3).all():  # nearly every file
+        return Cells.of(np.full(n, 3), flat.reshape(n, 4)[:, 1:].ravel(), kind)
+    return Cells.of(*_unroll(cursor, flat, n), kind)
 
 
-def _unroll(cursor: Cursor, flat: Ints, n: int) -> tuple[Ints, Ints, Ints]:
-    """Offsets, connectivity and lengths of rows `k i j ...`."""
+def _unroll(cursor: Cursor, flat: Ints, n: int) -> tuple[Ints, Ints]:
+    """Lengths and corners of rows `k i j ...`."""
     starts = np.zeros(n + 1, dtype=np.int64)
     for row in range(n):
         if starts[row] >= len(flat) or flat[starts[row]] < 0:
@@ -95,27 +102,27 @@ def _unroll(cursor: Cursor, flat: Ints, n: int) -> tuple[Ints, Ints, Ints]:
         starts[row + 1] = starts[row] + flat[starts[row]] + 1
     if starts[-1] != len(flat):
         raise cursor.error(f"{n} cells take {starts[-1]} numbers: {len(flat)} are declared")
-    return starts - np.arange(n + 1), np.delete(flat, starts[:-1]), np.diff(starts) - 1
+    return np.diff(starts) - 1, np.delete(flat, starts[:-1])
 
 
-def _check_types(cursor: Cursor, types: Ints) -> None:
-    wrong = sorted(set(types.tolist()) - {5, 7, 9})
-    if wrong:
-        raise cursor.error(
-            f"cells of type {wrong[0]}: only triangles (5), polygons (7) and quads (9) are read; extract "
-            "the surface first"
-        )
+def _of_types(cursor: Cursor, parts: Mapping[str, Cells], types: Ints) -> Cells:
+    """The cells of an unstructured grid with the kinds that the file states behind them."""
+    cells = parts.get("CELLS", Cells.joined([]))
+    if len(types) != len(cells):
+        raise cursor.error(f"there are {len(types)} CELL_TYPES and {len(cells)} CELLS")
+    return replace(cells, types=types)
 
 
-def _complete(cursor: Cursor, found: dict[str, Array], n: int) -> dict[str, Array]:
-    """Point data as they are. Raises InputError where an array is longer or shorter than the points."""
+def _complete(cursor: Cursor, found: Fields, where: str, n: int) -> Fields:
+    """Data as they are. Raises InputError where an array is longer or shorter than the points or cells."""
+    what = where.replace("_", " ").lower()
     for name, values in found.items():
-        if len(values) != n:
-            raise cursor.error(f"point data '{name}' have {len(values)} rows: there are {n} points")
+        if where and len(values) != n:
+            raise cursor.error(f"{what} '{name}' have {len(values)} rows: there are {n} {what.split()[0]}s")
     return found
 
 
-def _attribute(cursor: Cursor, words: list[str], n: int) -> dict[str, Array]:
+def _attribute(cursor: Cursor, words: list[str], n: int) -> Fields:
     """The arrays that one attribute keyword brings; tables and texture coordinates are read over."""
     match [words[0].upper(), *words[1:]]:
         case ["SCALARS", name, kind, *rest]:
@@ -123,10 +130,10 @@ def _attribute(cursor: Cursor, words: list[str], n: int) -> dict[str, Array]:
             place = cursor.at
             if cursor.words()[:1] != ["LOOKUP_TABLE"]:
                 cursor.at = place
-            return _named(name, cursor.numbers(n * width, kind), width)
+            return _named(name, cursor.numbers(n * width, kind), width, kind)
         case ["NORMALS" | "VECTORS" | "TENSORS" | "GLOBAL_IDS" | "PEDIGREE_IDS" as what, name, kind]:
             return (
-                _named(name, cursor.numbers(n * WIDTHS[what], kind), WIDTHS[what])
+                _named(name, cursor.numbers(n * WIDTHS[what], kind), WIDTHS[what], kind)
                 if what != "NORMALS"
                 else _drop(cursor, n * 3, kind)
             )
@@ -135,7 +142,8 @@ def _attribute(cursor: Cursor, words: list[str], n: int) -> dict[str, Array]:
         case ["COLOR_SCALARS", name, width]:
             values = cursor.numbers(n * cursor.count(width), "unsigned_char" if cursor.binary else "float")
             # ascii counts to 1
-            return _named(name, values if cursor.binary else np.rint(255.0 * values), cursor.count(width))
+            values = values if cursor.binary else np.rint(255.0 * values)
+            return _named(name, values, cursor.count(width), "unsigned_char")
         case ["LOOKUP_TABLE", _, size]:
             return _drop(cursor, 4 * cursor.count(size), "unsigned_char" if cursor.binary else "float")
         case ["FIELD", _, arrays]:
@@ -143,17 +151,18 @@ def _attribute(cursor: Cursor, words: list[str], n: int) -> dict[str, Array]:
     raise cursor.error(f"'{' '.join(words)[:60]}' is no VTK keyword that is known here")
 
 
-def _drop(cursor: Cursor, count: int, kind: str) -> dict[str, Array]:
+def _drop(cursor: Cursor, count: int, kind: str) -> Fields:
     cursor.numbers(count, kind)
     return {}
 
 
-def _named(name: str, values: Array, width: int) -> dict[str, Array]:
-    return {unquote(name): values if width == 1 else values.reshape(-1, max(width, 1))}
+def _named(name: str, values: Array, width: int, kind: str) -> Fields:
+    numbers = typed(values, TYPES[kind])
+    return {unquote(name): numbers if width == 1 else numbers.reshape(-1, max(width, 1))}
 
 
-def _field(cursor: Cursor, arrays: int) -> dict[str, Array]:
-    found: dict[str, Array] = {}
+def _field(cursor: Cursor, arrays: int) -> Fields:
+    found: Fields = {}
     while arrays > 0:
         words = cursor.words()
         if words[:1] == ["METADATA"]:
@@ -168,7 +177,7 @@ def _field(cursor: Cursor, arrays: int) -> dict[str, Array]:
         if kind == "string":
             cursor.skip_strings(width * rows)
         else:
-            found |= _named(name, cursor.numbers(width * rows, kind), width)
+            found |= _named(name, cursor.numbers(width * rows, kind), width, kind)
         arrays -= 1
     return found
 

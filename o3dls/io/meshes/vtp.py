@@ -1,23 +1,31 @@
-"""VTP (XML PolyData) without vtk: ascii, base64 and raw data, plain or compressed; frame and units as field
-data.
+"""VTP and VTU (XML PolyData and UnstructuredGrid) without vtk: ascii, base64 and raw data, plain or
+compressed; frame and units as field data. Only VTP is written.
 """
 
 from __future__ import annotations
 
 import base64
 import zlib
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...arrays import Array, Ints
 from ...errors import InputError
 from ..text import integers
+from .cells import POLYGON, STRIP, Cells, surface_of
 from .surface_file import NOTICE, SurfaceFile
-from .triangulation import strips, triangulate
 from .vtp_arrays import Arrays, open_xml
+
+Fields = dict[str, NDArray[Any]]
+# elements of a piece in the order of the cell data, with VTK's number of their kind; `Cells` states its own
+KINDS = {"Verts": 2, "Lines": 4, "Polys": POLYGON, "Strips": STRIP, "Cells": 0}
 
 
 def knows(data: bytes) -> bool:
@@ -25,73 +33,99 @@ def knows(data: bytes) -> bool:
 
 
 def read(path: Path, data: bytes) -> SurfaceFile:
-    """Decode a VTP file; pieces are joined, polygons become triangles. Raises InputError naming the array
-    that does not fit.
+    """Decode a VTP or VTU file; pieces are joined, polygons become triangles, solids their boundary, cell
+    data are carried to the points. Raises InputError naming the array that does not fit.
     """
     root, appended = open_xml(path, data)
-    if root.get("type") != "PolyData":
-        raise InputError(f"{path}: is a VTK file of type {root.get('type')}: must be PolyData")
+    kind = root.get("type")
+    if kind not in ("PolyData", "UnstructuredGrid"):
+        raise InputError(f"{path}: is a VTK file of type {kind}: must be PolyData or UnstructuredGrid")
     arrays = Arrays.of(path, root, appended)
-    pieces = root.findall("PolyData/Piece")
+    pieces = [_Piece.of(path, arrays, piece) for piece in root.findall(f"{kind}/Piece")]
     if not pieces:
-        raise InputError(f"{path}: has no <Piece> of <PolyData>")
-    vertices = []
-    polygons = list[Array]()
-    fields = list[dict[str, Array]]()
-    start = 0
-    for piece in pieces:
+        raise InputError(f"{path}: has no <Piece> of <{kind}>")
+    first = np.cumsum([0, *(len(piece.vertices) for piece in pieces)])
+    cells = [
+        replace(piece.cells, corners=piece.cells.corners + start)
+        for piece, start in zip(pieces, first, strict=False)
+    ]
+    notes = {name: arrays.text(root, name) for name in ("SPACE", "UNITS")}
+    return surface_of(
+        path,
+        np.concatenate([piece.vertices for piece in pieces]),
+        Cells.joined(cells),
+        _joined([piece.point_data for piece in pieces]),
+        _joined([piece.cell_data for piece in pieces]),
+        space=notes["SPACE"],
+        units=notes["UNITS"],
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Piece:
+    """One piece of a data set."""
+
+    vertices: Array
+    cells: Cells
+    point_data: Fields
+    cell_data: Fields
+
+    @classmethod
+    def of(cls, path: Path, arrays: Arrays, piece: ElementTree.Element) -> _Piece:
         n = arrays.count(piece, "NumberOfPoints")
-        vertices.append(
-            arrays.numbers(_only(path, piece, "Points/DataArray"), 3 * n).reshape(-1, 3)
-            if n
-            else np.zeros((0, 3))
+        points = piece.find("Points/DataArray")
+        if points is None:
+            raise InputError(f"{path}: <Piece> has no <Points><DataArray>")
+        vertices = arrays.numbers(points, 3 * n).reshape(-1, 3) if n else np.zeros((0, 3))
+        cells = Cells.joined([_cells(path, arrays, piece, name) for name in KINDS])
+        return cls(
+            vertices,
+            cells,
+            _data(arrays, piece, "PointData", n),
+            _data(arrays, piece, "CellData", len(cells)),
         )
-        cells = [*_cells(path, arrays, piece, "Polys"), *strips(_cells(path, arrays, piece, "Strips"))]
-        polygons += [block + start for block in cells]
-        found = [
-            (array.get("Name", f"array_{k}"), arrays.tuples(array, n))
-            for k, array in enumerate(piece.findall("PointData/DataArray"))
-        ]
-        fields.append({name: values for name, values in found if name != "Normals"})
-        start += n
+
+
+def _data(arrays: Arrays, piece: ElementTree.Element, where: str, n: int) -> Fields:
+    """The arrays of a piece, n rows each."""
+    found = {
+        array.get("Name", f"array_{k}"): arrays.tuples(array, n)
+        for k, array in enumerate(piece.findall(f"{where}/DataArray"))
+    }
+    return {name: values for name, values in found.items() if name != "Normals"}
+
+
+def _joined(parts: Sequence[Fields]) -> Fields:
+    """Arrays that all pieces have, one behind the other."""
     names = [
         name
-        for name in fields[0]
-        if all(name in f and f[name].shape[1:] == fields[0][name].shape[1:] for f in fields)
+        for name, values in parts[0].items()
+        if all(name in part and part[name].shape[1:] == values.shape[1:] for part in parts)
     ]
-    joined = {name: np.concatenate([f[name] for f in fields]) for name in names}
-    notes = {name: arrays.text(root, name) for name in ("SPACE", "UNITS")}
-    xyz = np.concatenate(vertices)
-    return SurfaceFile.of(
-        path, xyz, triangulate(xyz, *polygons)[0], joined, space=notes["SPACE"], units=notes["UNITS"]
-    )
+    return {name: np.concatenate([part[name] for part in parts]) for name in names}
 
 
-def _only(path: Path, piece: ElementTree.Element, where: str) -> ElementTree.Element:
-    found = piece.find(where)
-    if found is None:
-        raise InputError(f"{path}: <Piece> has no <{where.replace('/', '><')}>")
-    return found
-
-
-def _cells(path: Path, arrays: Arrays, piece: ElementTree.Element, kind: str) -> list[Array]:
-    """Blocks of Polys or Strips of equal size."""
-    n = arrays.count(piece, f"NumberOf{kind}")
+def _cells(path: Path, arrays: Arrays, piece: ElementTree.Element, name: str) -> Cells:
+    """The cells of one element of a piece; of several kinds in an unstructured grid."""
+    n = arrays.count(piece, f"NumberOf{name}")
     if n == 0:
-        return []
-    parts = {array.get("Name"): array for array in piece.findall(f"{kind}/DataArray")}
-    if not {"connectivity", "offsets"} <= parts.keys():
-        raise InputError(f"{path}: <{kind}> must hold the arrays connectivity and offsets")
-    offsets = integers(
-        np.concatenate([[0.0], arrays.numbers(parts["offsets"], n)]), f"{path}: <{kind}> offsets"
-    )
-    lengths = np.diff(offsets)
-    if (lengths < 0).any():
+        return Cells.joined([])
+    parts = {array.get("Name"): array for array in piece.findall(f"{name}/DataArray")}
+    needed = ["connectivity", "offsets", *(["types"] if name == "Cells" else [])]
+    if not parts.keys() >= set(needed):
+        raise InputError(f"{path}: <{name}> must hold the arrays {', '.join(needed)}")
+
+    def whole(array: str, count: int) -> Ints:
+        return integers(arrays.numbers(parts[array], count), f"{path}: <{name}> {array}")
+
+    offsets = np.concatenate([[0], whole("offsets", n)])
+    sizes = np.diff(offsets)
+    if (sizes < 0).any():
         raise InputError(
-            f"{path}: <{kind}> offsets fall at cell {int(np.flatnonzero(lengths < 0)[0])}; they must rise"
+            f"{path}: <{name}> offsets fall at cell {int(np.flatnonzero(sizes < 0)[0])}; they must rise"
         )
-    corners = arrays.numbers(parts["connectivity"], int(offsets[-1]))
-    return [corners[offsets[:-1][lengths == k, None] + np.arange(k)] for k in np.unique(lengths)]
+    cells = Cells.of(sizes, whole("connectivity", int(offsets[-1])), KINDS[name])
+    return replace(cells, types=whole("types", n)) if name == "Cells" else cells
 
 
 def write(file: SurfaceFile) -> bytes:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from ...arrays import Array
 from ...errors import InputError
-from ..text import flat_numbers, is_count
+from ..text import flat_numbers, is_count, typed
 
 TYPES = {
     f"{sign}Int{bits}": f"{'u' if sign else 'i'}{bits // 8}" for sign in ("", "U") for bits in (8, 16, 32, 64)
@@ -82,7 +82,7 @@ class Arrays:
 
     def text(self, root: ElementTree.Element, name: str) -> str | None:
         """A string of the field data, stored as character codes that end with 0; None where there is none."""
-        array = root.find(f"PolyData/FieldData/*[@Name='{name}']")
+        array = root.find(f"*/FieldData/*[@Name='{name}']")
         if array is None:
             return None
         if array.get("format") == "ascii":
@@ -93,10 +93,10 @@ class Arrays:
             codes = self._bytes(array, LONGEST_TEXT)
         return codes.split(b"\0")[0].decode("utf-8", errors="replace")
 
-    def tuples(self, array: ElementTree.Element, n: int) -> Array:
-        """Values per point, (n,) or (n, k)."""
+    def tuples(self, array: ElementTree.Element, n: int) -> NDArray[Any]:
+        """Values per point or cell, (n,) or (n, k); int64 where they are of an integer type."""
         width = self.count(array, "NumberOfComponents") or 1
-        values = self.numbers(array, n * width)
+        values = typed(self.numbers(array, n * width), TYPES.get(array.get("type", ""), "f8"))
         return values if width == 1 else values.reshape(n, width)
 
     def numbers(self, array: ElementTree.Element, count: int) -> Array:

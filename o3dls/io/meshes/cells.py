@@ -1,0 +1,160 @@
+"""Cells of VTK files, legacy and XML: the triangles that they become, and the cell data of these."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...arrays import Array, Ints
+from ...errors import InputError
+from .repair import place_keys
+from .surface_file import SurfaceFile
+from .triangulation import Indices, strips, triangulate
+
+# numbers that VTK gives to the kinds of cells
+POINTS_AND_LINES = (1, 2, 3, 4)
+STRIP = 6
+POLYGON = 7
+POLYGONS = (5, POLYGON, 9)  # triangles and quads are polygons too
+# corners of the faces of tetrahedra, hexahedra, wedges and pyramids
+SOLIDS = {
+    10: ((0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2)),
+    12: ((0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)),
+    13: ((0, 1, 2), (3, 5, 4), (0, 3, 4, 1), (1, 4, 5, 2), (2, 5, 3, 0)),
+    14: ((0, 3, 2, 1), (0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4)),
+}
+# cells of one size: their corners (k, n) and their rows (k,) in the cell data
+Block = tuple[Indices, Ints]
+
+
+@dataclass(frozen=True, eq=False)
+class Cells:
+    """Cells in the order of their data: how many corners each has (n,), these one cell behind another, and
+    VTK's number of its kind (n,).
+    """
+
+    sizes: Ints
+    corners: Ints
+    types: Ints
+
+    @classmethod
+    def of(cls, sizes: Ints, corners: Ints, kind: int) -> Cells:
+        """Cells of one kind."""
+        return cls(sizes, corners, np.full(len(sizes), kind))
+
+    @classmethod
+    def joined(cls, parts: Sequence[Cells]) -> Cells:
+        """All cells, in order."""
+        none = np.zeros(0, dtype=np.int64)
+        sizes, corners, types = (
+            np.concatenate([none, *(getattr(part, name) for part in parts)])
+            for name in ("sizes", "corners", "types")
+        )
+        return cls(sizes, corners, types)
+
+    def __len__(self) -> int:
+        return len(self.sizes)
+
+    def blocks(self, *kinds: int) -> list[Block]:
+        """Cells of these kinds, those of equal size together."""
+        starts = np.cumsum(self.sizes) - self.sizes
+        chosen = np.isin(self.types, kinds)
+        rows = [np.flatnonzero(chosen & (self.sizes == size)) for size in np.unique(self.sizes[chosen])]
+        return [(self.corners[starts[r, None] + np.arange(self.sizes[r[0]])], r) for r in rows]
+
+    def count(self, *kinds: int) -> int:
+        return int(np.isin(self.types, kinds).sum())
+
+
+def surface_of(
+    path: Path,
+    vertices: Array,
+    cells: Cells,
+    fields: Mapping[str, NDArray[Any]],
+    cell_data: Mapping[str, NDArray[Any]],
+    **facts: Any,
+) -> SurfaceFile:
+    """The surface that cells bound or are, with point data and with cell data carried to the points.
+
+    Where there are solids it is their boundary: the faces that one of them has alone. Raises InputError for
+    kinds of cells that are not read, and as `SurfaceFile.of`, which takes the facts.
+    """
+    known = (*POINTS_AND_LINES, STRIP, *POLYGONS, *SOLIDS)
+    if unknown := set(cells.types.tolist()) - set(known):
+        raise InputError(
+            f"{path}: holds cells of VTK's type {min(unknown)}: only triangles (5), strips (6), polygons "
+            "(7), quads (9), tetrahedra (10), hexahedra (12), wedges (13) and pyramids (14) are read; "
+            "extract the surface first"
+        )
+    solid = cells.count(*SOLIDS) > 0
+    blocks = _boundary(path, vertices, cells) if solid else _polygons(cells)
+    triangles, owner = triangulate(vertices, *(corners for corners, _ in blocks))
+    rows = np.concatenate([np.zeros(0, dtype=np.int64), *(rows for _, rows in blocks)])[owner]
+    on_faces = {name: values[rows] for name, values in cell_data.items()}
+    file = SurfaceFile.of(
+        path, vertices, triangles, fields, cells=on_faces, notes=_notes(cells, solid), **facts
+    )
+    return replace(file, surface=file.surface.without_unused()) if solid else file
+
+
+def _notes(cells: Cells, solid: bool) -> list[str]:
+    """What of the cells is not in the surface."""
+    beside, lines = cells.count(STRIP, *POLYGONS), cells.count(*POINTS_AND_LINES)
+    said = [f"of {cells.count(*SOLIDS)} solid cells their boundary is taken"] if solid else []
+    said += [f"{beside} faces beside the solid cells are left out"] if solid and beside else []
+    return [*said, f"{lines} cells that are points or lines are left out"] if lines else said
+
+
+def _polygons(cells: Cells) -> list[Block]:
+    blocks = cells.blocks(*POLYGONS)
+    for corners, rows in cells.blocks(STRIP):
+        blocks += [(part, rows) for part in strips([corners])]
+    return blocks
+
+
+def _boundary(path: Path, vertices: Array, cells: Cells) -> list[Block]:
+    """Faces that one solid has alone, wound outward. Vertices at one place are one: pieces meet in them."""
+    wrong = np.flatnonzero((cells.corners < 0) | (cells.corners >= len(vertices)))
+    if len(wrong):
+        name = cells.corners[wrong[0]]
+        raise InputError(f"{path}: a cell names vertex {name}: there are {len(vertices)}, counted from 0")
+    places = np.unique(place_keys(vertices), return_inverse=True)[1].ravel()
+    faces: dict[int, list[Block]] = {}
+    for kind, sides in SOLIDS.items():
+        for corners, rows in cells.blocks(kind):
+            needed = max(map(max, sides)) + 1
+            if corners.shape[1] != needed:
+                raise InputError(
+                    f"{path}: cell {rows[0]} of VTK's type {kind} has {corners.shape[1]} corners: must be "
+                    f"{needed}"
+                )
+            for side in sides:
+                turned = _outward(vertices, corners[:, side], corners)
+                faces.setdefault(len(side), []).append((turned, rows))
+    found = []
+    for parts in faces.values():
+        corners, rows = (np.concatenate(column) for column in zip(*parts, strict=True))
+        alone = _alone(np.sort(places[corners], axis=1))
+        found.append((corners[alone], rows[alone]))
+    return found
+
+
+def _outward(vertices: Array, side: Ints, cell: Ints) -> Ints:
+    """Faces (k, n) of convex cells (k, c), turned to look away from the middles of these."""
+    with np.errstate(all="ignore"):  # what is not finite is refused where the surface is made
+        places = vertices[side]
+        normal = np.cross(places[:, 1] - places[:, 0], places[:, -1] - places[:, 0])
+        out = ((places.mean(axis=1) - vertices[cell].mean(axis=1)) * normal).sum(axis=1)
+    return np.where((out < 0.0)[:, None], side[:, ::-1], side)
+
+
+def _alone(keys: Ints) -> Ints:
+    """Rows (n, k) that are there once, in order."""
+    order = np.lexsort(keys.T)
+    differ = (keys[order][1:] != keys[order][:-1]).any(axis=1)
+    return np.sort(order[np.append(True, differ) & np.append(differ, True)])

@@ -1,0 +1,75 @@
+"""Values of faces at the vertices: the mean of measurements, the label of most of the area."""
+
+import numpy as np
+import pytest
+
+from o3dls.arrays import Array
+from o3dls.geometry.face_values import at_vertices
+from o3dls.geometry.surface import Surface, outline
+
+ROUNDING = 1e-12  # relative: of sums over a few faces
+
+
+@pytest.fixture(scope="module")
+def ball() -> Surface:
+    import trimesh
+
+    mesh = trimesh.creation.icosphere(subdivisions=2, radius=25.0)
+    noise = np.random.default_rng(61_408).normal(size=mesh.vertices.shape)  # no two areas are equal
+    vertices = np.vstack([mesh.vertices + noise, [[0.0, 0.0, 0.0]]])  # the last one is of no face
+    return Surface(vertices, mesh.faces)
+
+
+def mean_by_loop(surface: Surface, values: Array) -> Array:
+    total = np.zeros((len(surface.vertices), *values.shape[1:]))
+    weight = np.zeros(len(surface.vertices))
+    for face, area, value in zip(surface.faces, surface.face_areas, values, strict=True):
+        for vertex in face:
+            total[vertex] += area * value
+            weight[vertex] += area
+    with np.errstate(invalid="ignore"):
+        return total / weight.reshape(-1, *[1] * (values.ndim - 1))
+
+
+@pytest.mark.parametrize("shape", [(), (3,)])
+def test_measurements_become_their_mean_weighted_by_area(ball: Surface, shape: tuple[int, ...]) -> None:
+    values = np.random.default_rng(30_317).normal(size=(len(ball.faces), *shape))
+    found = at_vertices(ball, values)
+    np.testing.assert_allclose(found, mean_by_loop(ball, values), atol=ROUNDING)
+    assert np.isnan(found[-1]).all()
+
+
+def test_missing_values_have_no_say(ball: Surface) -> None:
+    values = np.where((ball.faces == 5).any(axis=1), np.nan, 7.25)
+    found = at_vertices(ball, values)
+    assert np.flatnonzero(np.isnan(found)).tolist() == [5, len(ball.vertices) - 1]
+    np.testing.assert_allclose(found[~np.isnan(found)], 7.25, rtol=ROUNDING)
+
+
+def test_labels_become_the_one_of_most_area_and_no_other(ball: Surface) -> None:
+    labels = np.random.default_rng(77_041).choice([-3, 11, 40], len(ball.faces))
+    found = at_vertices(ball, labels)
+    for vertex in range(len(ball.vertices) - 1):
+        mine = (ball.faces == vertex).any(axis=1)
+        area = {label: ball.face_areas[mine & (labels == label)].sum() for label in set(labels[mine])}
+        assert found[vertex] == max(area, key=lambda label: area[label])
+    assert np.isnan(found[-1])
+
+
+def test_equal_areas_give_the_least_label_and_rows_are_one_label() -> None:
+    square = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
+    surface = Surface(square, np.array([[0, 1, 2], [0, 2, 3]]))
+    np.testing.assert_array_equal(at_vertices(surface, np.array([9, 4])), [4, 9, 4, 4])
+    colours = np.array([[255, 0], [0, 255]])
+    np.testing.assert_array_equal(at_vertices(surface, colours), [[0, 255], [255, 0], [0, 255], [0, 255]])
+
+
+def test_faces_without_area_speak_where_there_is_no_other() -> None:
+    flat = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [2, 0, 0]])
+    surface = Surface(flat, np.array([[0, 1, 2], [0, 1, 3]]))
+    np.testing.assert_allclose(at_vertices(surface, np.array([1.5, 8.0])), [1.5, 1.5, 1.5, 8.0])
+
+
+def test_outlines_weigh_by_length() -> None:
+    surface = outline(np.array([[0.0, 0], [3, 0], [3, 1], [0, 1]]))
+    np.testing.assert_allclose(at_vertices(surface, np.array([1.0, 5, 1, 5])), [2, 2, 2, 2])
