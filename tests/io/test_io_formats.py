@@ -124,11 +124,7 @@ def test_we_read_every_vtp_of_vtk(mode: str, packer: str | None, tmp_path: Path)
     writer.SetByteOrderToBigEndian()
     writer.Write()
     if packer == "vtkLZ4DataCompressor":
-        with pytest.raises(
-            InputError, match="packed by vtkLZ4DataCompressor: must be zlib, lzma or unpacked"
-        ):
-            read_surface(tmp_path / "a.vtp")
-        return
+        pytest.importorskip("lz4")
     surface = read_surface(tmp_path / "a.vtp")
     same_body(surface.vertices, surface.faces, 1e-12 if mode != "Ascii" else 1e-4)
     np.testing.assert_array_equal(surface.fields["bipolar"], marker().fields["bipolar"])

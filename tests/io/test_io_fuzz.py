@@ -166,7 +166,11 @@ def sound(result: object) -> None:
 @pytest.mark.parametrize("name", [*TOLERANCE, "ascii ply", "ascii stl", "ascii vtk", "raw vtp"])
 def test_surfaces(name: str, tmp_path: Path) -> None:
     path = write_as(name.split()[-1], tmp_path, body())
-    data = other_encoding(name, path) if " " in name else path.read_bytes()
+    check_reader(name, path, other_encoding(name, path) if " " in name else path.read_bytes())
+
+
+def check_reader(name: str, path: Path, data: bytes) -> None:
+    """Damage a surface's file, read by its content and by the format that the name ends in."""
     known = {f.name: f for f in FORMATS}[name.split()[-1]]
     check(name, path, data, read_surface_file)
     # as if the first bytes were always in order
@@ -196,6 +200,47 @@ def other_encoding(name: str, path: Path) -> bytes:
         writer.SetEncodeAppendedData(False)
     writer.Write()
     return path.read_bytes()
+
+
+def test_text_that_goes_on_in_another_line_or_with_lists(tmp_path: Path) -> None:
+    from test_io_meshes import PLY, binary
+
+    text = write_as("obj", tmp_path, body()).read_text()
+    check_reader("continued obj", tmp_path / "a.obj", text.replace(" ", " \\\n").encode())
+    check_reader("lists ply", tmp_path / "a.ply", PLY.encode())
+    check_reader("binary lists ply", tmp_path / "b.ply", binary(PLY))
+
+
+def test_triangles_with_something_behind(tmp_path: Path) -> None:
+    data = write_as("stl", tmp_path, body()).read_bytes()
+    check_reader("filled stl", tmp_path / "a.stl", data + bytes(428))
+
+
+@pytest.mark.parametrize("form", ["42 ASCII", "51 Binary", "xml Ascii", "xml Appended"])
+@pytest.mark.parametrize("what", ["cells", "solids"])
+def test_cells_of_vtk(what: str, form: str, tmp_path: Path) -> None:
+    from test_io_meshes import saved, with_cell_data
+    from test_io_solids import ball
+
+    path = saved(with_cell_data() if what == "cells" else ball(), tmp_path / "a.vtk", form)
+    check_reader(f"{what} {form} {'vtp' if form.startswith('xml') else 'vtk'}", path, path.read_bytes())
+
+
+def test_lz4(tmp_path: Path) -> None:
+    vtk = pytest.importorskip("vtk")
+    pytest.importorskip("lz4")
+    from o3dls.adapters.objects import to_pyvista
+
+    writer = vtk.vtkXMLPolyDataWriter()
+    writer.SetCompressor(vtk.vtkLZ4DataCompressor())
+    writer.SetBlockSize(256)  # several blocks, the last one not full
+    writer.SetInputData(to_pyvista(body()))
+    writer.SetFileName(str(tmp_path / "a.vtp"))
+    writer.Write()
+    np.testing.assert_array_equal(
+        read_surface_file(tmp_path / "a.vtp").surface.fields["depth"], body().fields["depth"]
+    )
+    check_reader("lz4 vtp", tmp_path / "a.vtp", (tmp_path / "a.vtp").read_bytes())
 
 
 @pytest.mark.parametrize("suffix", ["nii", "nii.gz", "nrrd", "mha"])

@@ -16,6 +16,7 @@ from o3dls.geometry.face_values import at_vertices
 from o3dls.io.case_settings import Folder
 from o3dls.io.case_surfaces import surface_of
 from o3dls.io.mapping.study_import import import_study
+from o3dls.io.meshes import vtp_arrays
 from o3dls.io.meshes.registry import read_surface, read_surface_file
 from o3dls.runs.conversion import convert
 
@@ -259,3 +260,21 @@ def test_cell_data_reach_every_door(tmp_path: Path, caplog: pytest.LogCaptureFix
     found = import_study(carto_folder(tmp_path / "study"), "1-Map", tmp_path / "case", prior=path)
     assert f"{path}: {said}" in found.notes
     np.testing.assert_array_equal(read_surface(tmp_path / "case/prior.ply").fields["scar"], scar)
+
+
+def test_without_its_package_lz4_is_asked_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    vtk = pytest.importorskip("vtk")
+    writer = vtk.vtkXMLPolyDataWriter()
+    writer.SetCompressor(vtk.vtkLZ4DataCompressor())
+    writer.SetInputData(with_cell_data())
+    writer.SetFileName(str(tmp_path / "a.vtp"))
+    writer.Write()
+    monkeypatch.setattr(vtp_arrays, "find_spec", lambda name: None)
+    with pytest.raises(
+        InputError, match=r"a\.vtp: is packed by LZ4, .* pip install lz4, or save it with zlib"
+    ):
+        read_surface(tmp_path / "a.vtp")
+    text = (tmp_path / "a.vtp").read_text().replace("LZ4", "Snappy")
+    (tmp_path / "a.vtp").write_text(text)
+    with pytest.raises(InputError, match="packed by vtkSnappyDataCompressor: must be zlib, lz4, lzma"):
+        read_surface(tmp_path / "a.vtp")

@@ -9,6 +9,7 @@ import re
 import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -25,8 +26,24 @@ TYPES = {
 }
 TYPES |= {"Float32": "f4", "Float64": "f8"}
 LONGEST_TEXT = 10_000
+LZ4 = "vtkLZ4DataCompressor"
+LZ4_RATIO = 255  # the most that its blocks can grow, so a wrong size takes no memory
+
+
+def _unpack_lz4(packed: bytes, size: int) -> bytes:
+    """A block of LZ4, of `size` bytes at most. Raises ValueError where it is damaged."""
+    from lz4 import block  # type: ignore[import-untyped]
+
+    try:
+        room = max(min(size, LZ4_RATIO * len(packed)), 0)
+        return bytes(block.decompress(packed, uncompressed_size=room))
+    except block.LZ4BlockError as error:
+        raise ValueError(str(error)) from None
+
+
 UNPACK: dict[str, Callable[[bytes, int], bytes]] = {
     "vtkZLibDataCompressor": lambda packed, size: zlib.decompressobj().decompress(packed, size),
+    LZ4: _unpack_lz4,
     "vtkLZMADataCompressor": lambda packed, size: lzma.LZMADecompressor().decompress(packed, size),
 }
 
@@ -65,8 +82,12 @@ class Arrays:
         compressor = root.get("compressor")
         if compressor and compressor not in UNPACK:
             raise InputError(
-                f"{path}: is packed by {compressor}: must be zlib, lzma or unpacked; save it with "
+                f"{path}: is packed by {compressor}: must be zlib, lz4, lzma or unpacked; save it with "
                 "another compressor"
+            )
+        if compressor == LZ4 and find_spec("lz4") is None:
+            raise InputError(
+                f"{path}: is packed by LZ4, which needs a package: pip install lz4, or save it with zlib"
             )
         order = ">" if root.get("byte_order") == "BigEndian" else "<"
         head = np.dtype(order + TYPES.get(root.get("header_type", "UInt32"), "u4"))
