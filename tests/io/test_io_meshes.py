@@ -71,6 +71,15 @@ def test_a_polygon_that_crosses_itself_stays_the_fold_that_it_is(tmp_path: Path)
     assert len(read_surface(path).faces) == 3
 
 
+def test_polygons_without_any_vertex_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "none.off"
+    path.write_text("OFF\n0 2 0\n3 0 1 2\n4 0 1 2 3\n")
+    with pytest.raises(
+        InputError, match=r"none\.off: holds 0 vertices and 3 triangles; a surface needs both"
+    ):
+        read_surface(path)
+
+
 CONTINUED = "# made in C:\\models\\\nv 0 0 0\nv 1 0 \\\n0\nv 1 \\\r\n 1 \\\n0\nv 0 1 0\nf 1 2 \\\n 3 4\n"
 
 

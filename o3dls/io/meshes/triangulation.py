@@ -33,7 +33,7 @@ def triangulate(vertices: Array, *polygons: Indices) -> tuple[Indices, Ints]:
     for block in polygons:
         size = block.shape[1] - 2
         if size > 0:
-            cut = _cut(vertices, block) if size > 1 and len(vertices) else block
+            cut = _cut(vertices, block) if size > 1 else block
             triangles.append(cut.reshape(-1, 3))
             owners.append(first + np.repeat(np.arange(len(block)), size))
         first += len(block)
@@ -44,7 +44,8 @@ def _cut(vertices: Array, polygons: Indices) -> Indices:
     """Triangles (k, n - 2, 3) of polygons (k, n): fans, begun at a corner from where they fold nowhere; where
     every fan folds, ears.
     """
-    polygons, left = polygons.copy(), np.arange(len(polygons))
+    polygons = polygons.copy()
+    left = np.arange(len(polygons) if len(vertices) else 0)
     n = polygons.shape[1]
     for _ in range(min(n, STARTS)):
         left = left[_folds(_places(vertices, polygons[left]))]
