@@ -107,13 +107,14 @@ def _surface(
     if faces is not None and faces < len(surface.faces):
         surface = decimated(surface, faces)
     space = to or space
-    write_surface(target, surface, space=space, units=file.units, format=format)
+    losses = write_surface(target, surface, space=space, units=file.units, format=format)
     # DIF's by definition: it has been turned
     space = "LPS" if space == "RAS" and target.suffix.lower() == ".xml" else space
     return [
         *done,
         f"{target}: {len(surface.vertices)} vertices, {len(surface.faces)} faces, frame {space}, units "
         f"{file.units}",
+        *(f"{target}: {loss}" for loss in losses),
     ]
 
 

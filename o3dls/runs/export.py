@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import logging
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -20,6 +22,9 @@ from .writers import Writer
 if TYPE_CHECKING:
     from ..case import Case
     from .run import Run
+
+
+log = logging.getLogger("o3dls")
 
 
 class Export(Writer):
@@ -159,7 +164,7 @@ class Export(Writer):
             return write_enclosed_volume(
                 path, surface, self.spacing, what.frame, distance=self.format.startswith("phi")
             )
-        write_surface(path, surface, space=what.frame, units=units, format=self.format)
+        _say(path, write_surface(path, surface, space=what.frame, units=units, format=self.format))
         # a format may hold fewer than the surface has
         return counts | {"fields": sorted(read_surface_file(path, units="um").surface.fields)}
 
@@ -182,7 +187,8 @@ class Export(Writer):
 
         limits = None if self.vmin is None or self.vmax is None else (self.vmin, self.vmax)
         scalar = map_field(surface, self.field, limits)
-        write_file(path, encode(surface, scalar.values))
+        write_file(path, encode(surface, scalar))
+        _say(path, scalar.notes)
         return dict(scalar.meaning)
 
     def _write_dif(self, surface: Surface, path: Path) -> dict[str, Any]:
@@ -191,6 +197,12 @@ class Export(Writer):
         write_file(path, encode(surface, field=self.field))
         missing = 0 if self.field is None else int((~np.isfinite(surface.fields[self.field])).sum())
         return {"field": self.field, "values": "as they are", "missing_vertices_unsampled": missing}
+
+
+def _say(path: Path, sentences: Iterable[str]) -> None:
+    """What a file does not keep goes to the log."""
+    for sentence in sentences:
+        log.info("%s: %s", path, sentence)
 
 
 def _facts(run: Run, name: str, format: str, on: str, space: str) -> dict[str, Any]:

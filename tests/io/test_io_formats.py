@@ -279,8 +279,10 @@ def test_opencarp_word_for_word(tmp_path: Path) -> None:
     assert base.with_suffix(".elem").read_text() == "4\nTr 0 2 1 1\nTr 0 1 3 1\nTr 1 2 3 1\nTr 0 3 2 1\n"
     assert base.with_suffix(".lon").read_text() == "1\n" + "1.000000 0.000000 0.000000\n" * 4
     assert (tmp_path / "opencarp_depth.dat").read_text() == "1\n2\n3\n4.5\n"
-    # it has a missing value, for which the format has no word
-    assert not (tmp_path / "opencarp_bipolar.dat").exists()
+    # it has a missing value, for which the format has no word: a mask says where
+    assert (tmp_path / "opencarp_bipolar.dat").read_text() == "0.125\n-10000\n2.5\n1.25\n"
+    assert (tmp_path / "opencarp_bipolar_known.dat").read_text() == "1\n0\n1\n1\n"
+    assert not (tmp_path / "opencarp_depth_known.dat").exists()
 
 
 def test_fields_of_opencarp_belong_to_their_mesh(tmp_path: Path) -> None:
@@ -299,7 +301,8 @@ def test_fields_of_opencarp_belong_to_their_mesh(tmp_path: Path) -> None:
 
 def test_files_of_opencarp_have_the_base_that_is_named(tmp_path: Path) -> None:
     write_mesh(tmp_path / "la.v2", marker())
-    assert {p.name for p in tmp_path.iterdir()} == {"la.v2.pts", "la.v2.elem", "la.v2.lon", "la.v2_depth.dat"}
+    ends = (".pts", ".elem", ".lon", "_depth.dat", "_bipolar.dat", "_bipolar_known.dat")
+    assert {p.name for p in tmp_path.iterdir()} == {f"la.v2{end}" for end in ends}
     for suffix in (".pts", ".elem"):
         (tmp_path / f"la.v2{suffix}").rename(tmp_path / f"LA{suffix.upper()}")
     surface = read_surface(tmp_path / "LA.PTS")

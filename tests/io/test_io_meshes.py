@@ -8,16 +8,17 @@ from typing import Any
 
 import numpy as np
 import pytest
-from formats import TOLERANCE, marker, same_body, write_as
+from formats import SUFFIX, TOLERANCE, marker, same_body, write_as
 from test_io_study import carto_folder
 
 from o3dls.errors import InputError
 from o3dls.geometry.face_values import at_vertices
+from o3dls.geometry.surface import Surface
 from o3dls.io.case_settings import Folder
 from o3dls.io.case_surfaces import surface_of
 from o3dls.io.mapping.study_import import import_study
 from o3dls.io.meshes import vtp_arrays
-from o3dls.io.meshes.registry import read_surface, read_surface_file
+from o3dls.io.meshes.registry import read_surface, read_surface_file, write_surface
 from o3dls.runs.conversion import convert
 
 ROUNDING = 1e-12  # relative: of a sum of areas
@@ -287,3 +288,61 @@ def test_without_its_package_lz4_is_asked_for(tmp_path: Path, monkeypatch: pytes
     (tmp_path / "a.vtp").write_text(text)
     with pytest.raises(InputError, match="packed by vtkSnappyDataCompressor: must be zlib, lz4, lzma"):
         read_surface(tmp_path / "a.vtp")
+
+
+def test_missing_values_survive_opencarp_with_their_masks(tmp_path: Path) -> None:
+    fields = {
+        "bipolar": np.array([0.5, np.nan, -10_000.0, np.inf]),
+        "lat": np.arange(4.0),
+        "lat_known": np.array([0.0, 1, 1, 0]),
+    }
+    surface = Surface(marker().vertices, marker().faces, fields | {"shift": np.zeros((4, 3))})
+    assert write_surface(tmp_path / "la.pts", surface) == [
+        "2 of 4 vertices have no 'bipolar': they are -10000 there, and 0 in a mask, the .dat file of the "
+        "same name with _known",
+        "the format has no room for: shift",
+    ]
+    back = read_surface(tmp_path / "la.pts").fields
+    assert set(back) == set(fields)
+    np.testing.assert_array_equal(back["bipolar"], [0.5, np.nan, -10_000, np.nan])
+    for name in ("lat", "lat_known"):  # which are no field and its mask
+        np.testing.assert_array_equal(back[name], fields[name])
+
+
+def test_a_mask_takes_no_name_that_is_there(tmp_path: Path) -> None:
+    fields = {"lat_known": np.array([5.0, 6, 7, 8]), "lat": np.array([1.0, np.nan, 2, 3])}
+    write_surface(tmp_path / "la.pts", Surface(marker().vertices, marker().faces, fields))
+    back = read_surface(tmp_path / "la.pts").fields
+    np.testing.assert_array_equal(back["lat_known"], fields["lat_known"])
+    np.testing.assert_array_equal(back["lat_"], fields["lat"])
+
+
+LOSSES = {
+    "ply": "",
+    "vtk": "",
+    "vtp": "",
+    "stl": "bipolar, depth",
+    "obj": "bipolar, depth",
+    "off": "bipolar, depth",
+    "carto_mesh": "depth",
+    "dif": "depth",
+    "openep": "depth",
+    "opencarp": "",
+    "carto_vtk": "depth",
+}
+
+
+def test_the_losses_of_every_format_are_tested() -> None:
+    assert LOSSES.keys() == TOLERANCE.keys()
+
+
+@pytest.mark.parametrize("name", list(LOSSES))
+def test_conversion_says_what_the_format_does_not_keep(name: str, tmp_path: Path) -> None:
+    target = tmp_path / f"out.{SUFFIX.get(name, name)}"
+    sentences = convert(write_as("ply", tmp_path), target, format=name)
+    said = [sentence for sentence in sentences if "has no room" in sentence]
+    assert said == ([f"{target}: the format has no room for: {LOSSES[name]}"] if LOSSES[name] else [])
+    missing = [sentence for sentence in sentences if "1 of 4 vertices have no 'bipolar'" in sentence]
+    assert len(missing) == (name in ("opencarp", "carto_vtk"))
+    left = {word for word in LOSSES[name].split(", ") if word}
+    assert not left & read_surface(target).fields.keys()

@@ -13,7 +13,7 @@ from hypothesis.extra.numpy import arrays
 
 from o3dls.errors import InputError
 from o3dls.geometry.surface import Surface, outline
-from o3dls.io.meshes.carto.import_vtk import map_field
+from o3dls.io.meshes.carto.import_vtk import encode, map_field
 from o3dls.io.meshes.registry import FORMATS, read_surface, read_surface_file, write_surface
 
 TEXT_DIGITS = 1e-8  # relative: text formats keep nine digits
@@ -334,24 +334,72 @@ def test_carto_dialect_word_for_word(tmp_path: Path) -> None:
     ]
     assert lines[9:12] == ["", "POLYGONS 4 16", "3 0 2 1"]
     assert lines[15:19] == ["", "POINT_DATA 4", "SCALARS scalars float", "LOOKUP_TABLE lookup_table"]
-    assert lines[19:23] == ["0.0000", "0.0000", "1.0000", "0.4792"]
-    assert lines[23:26] == ["", "LOOKUP_TABLE lookup_table 256", "0.0400 0.2100 0.2500 1.0"]
+    assert lines[19:23] == ["0.0078", "0.0000", "1.0000", "0.4832"]  # the second is missing
+    assert lines[23:25] == ["", "LOOKUP_TABLE lookup_table 256"]
+    assert lines[25:27] == ["0.5000 0.5000 0.5000 1.0", "0.0400 0.2100 0.2500 1.0"]
     assert len(lines) == 25 + 256 + 1
 
 
 def test_carto_scalar_mapping_says_what_it_did() -> None:
     mapped = map_field(marker(), "bipolar", (0.0, 2.0))
-    np.testing.assert_allclose(mapped.values, [0.05, 0.0, 1.0, 0.625])
+    least = 2 / 256
+    np.testing.assert_allclose(
+        mapped.values, [least + (1 - least) * 0.05, 0.0, 1.0, least + (1 - least) * 0.625]
+    )
     assert mapped.meaning == {
         "field": "bipolar",
-        "value_at_0": 0.0,
-        "value_at_1": 2.0,
-        "missing_vertices_at_0": 1,
+        "values": [0.0, 2.0],
+        "at": [least, 1.0],
+        "missing_vertices": 1,
+        "missing_at": 0.0,
     }
+    assert mapped.notes == (
+        "1 of 4 vertices have no 'bipolar': they are 0, grey in the file's table of colours, and values "
+        "begin at 0.0078",
+    )
     with pytest.raises(InputError, match="did you mean 'bipolar'"):
         map_field(marker(), "bipolr")
     with pytest.raises(InputError, match="must be below"):
         map_field(marker(), "bipolar", (2.0, 0.5))
+    with pytest.raises(InputError, match="must be below"):
+        map_field(marker(), "bipolar", (2.0, 2.0))
+
+
+def test_without_missing_values_the_carto_scalar_fills_its_range() -> None:
+    surface = Surface(marker().vertices, marker().faces, {"depth": np.array([1.0, 2.0, 5.0, 9.0])})
+    mapped = map_field(surface, "depth")
+    np.testing.assert_allclose(mapped.values, [0.0, 0.125, 0.5, 1.0])
+    assert mapped.meaning == {"field": "depth", "values": [1.0, 9.0], "at": [0.0, 1.0], "missing_vertices": 0}
+    assert not mapped.notes
+    assert b"LOOKUP_TABLE lookup_table 256\n0.0400 0.2100 0.2500 1.0\n" in encode(surface, mapped)
+
+
+@pytest.mark.parametrize("limits", [None, (0.0, 6.0)])
+@pytest.mark.parametrize("missing", [False, True])
+def test_a_carto_scalar_of_one_value_is_told_from_missing_ones(
+    limits: tuple[float, float] | None, missing: bool
+) -> None:
+    values = np.array([3.0, np.nan if missing else 3.0, 3.0, 3.0])
+    mapped = map_field(Surface(marker().vertices, marker().faces, {"lat": values}), "lat", limits)
+    expected = 1.0 if limits is None else 0.5 + missing / 256
+    np.testing.assert_allclose(mapped.values, [expected, 0.0 if missing else expected, expected, expected])
+    assert ("'lat' is 3 everywhere, and is written as 1" in mapped.notes) == (limits is None)
+
+
+def test_vtk_paints_missing_values_of_a_carto_scalar_grey_and_the_least_one_not(tmp_path: Path) -> None:
+    vtk = pytest.importorskip("vtk")
+    reader = vtk.vtkPolyDataReader()
+    reader.SetFileName(str(written("carto_vtk", marker(), tmp_path)))
+    reader.Update()
+    scalars = reader.GetOutput().GetPointData().GetScalars()
+    table = scalars.GetLookupTable()
+    colours = np.zeros((4, 3))
+    for k, colour in enumerate(colours):
+        table.GetColor(scalars.GetValue(k), colour)
+    one_of_255 = 1 / 255
+    np.testing.assert_allclose(colours[1], [0.5, 0.5, 0.5], atol=one_of_255)
+    np.testing.assert_allclose(colours[0], [0.04, 0.21, 0.25], atol=one_of_255)
+    np.testing.assert_allclose(colours[2], [0.90, 0.11, 0.14], atol=one_of_255)
 
 
 @pytest.mark.parametrize("name", ["ply", "stl", "obj", "off"])

@@ -16,6 +16,7 @@ from o3dls.io.meshes.registry import read_surface, read_surface_file
 from o3dls.runs.export import Export
 from o3dls.runs.export_formats import file_name
 from o3dls.runs.export_run import export_run
+from o3dls.runs.folder import read_run
 from tests.finished import bulged_case, finished, finished_2d
 
 
@@ -34,9 +35,9 @@ def test_writers_leave_files_with_sidecars(run: Path) -> None:
     facts = json.loads((run / "export/level_set.carto.vtk.json").read_text())
     assert facts["scalar"] == {
         "field": "sd_mm",
-        "value_at_0": 0.0,
-        "value_at_1": 2.0,
-        "missing_vertices_at_0": 0,
+        "values": [0.0, 2.0],
+        "at": [0.0, 1.0],
+        "missing_vertices": 0,
     }
     assert facts["frame"] == "LPS"
     assert facts["units"] == "mm"
@@ -73,8 +74,6 @@ def test_a_volume_that_holds_nothing_or_fills_the_memory_is_refused(
 
 
 def test_dif_is_in_lps_whatever_the_frame_of_the_case(run: Path, tmp_path: Path) -> None:
-    from o3dls.runs.folder import read_run
-
     found = read_run(run)
     ras = replace(found, case=replace(found.case, frame="RAS"))
     for case, expected in ((found, 1.0), (ras, -1.0)):
@@ -143,6 +142,22 @@ def test_the_sidecar_names_the_fields_that_the_file_has_room_for(run: Path, tmp_
     assert not has["stl"]
     for format in ("openep", "carto_mesh"):  # they know electrical values only
         assert has[format] <= {"lat", "bipolar", "unipolar", "impedance", "force"}
+
+
+@pytest.mark.parametrize("format", ["carto_vtk", "opencarp"])
+def test_what_an_export_does_not_keep_is_said(
+    run: Path, tmp_path: Path, format: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    found = read_run(run)
+    shell = found.estimates[found.final].surface
+    lat = np.where(np.arange(len(shell.vertices)) < 5, np.nan, 1.0 * np.arange(len(shell.vertices)))
+    path = tmp_path / file_name("a", format)
+    field = {"field": "lat"} if format == "carto_vtk" else {}
+    with caplog.at_level("INFO", "o3dls"):
+        Export(format=format, **field).write(replace(shell, fields={"lat": lat}), found, found.final, path)
+    said = f"{path}: 5 of {len(lat)} vertices have no 'lat': they are "
+    assert [line for line in caplog.messages if line.startswith(said)]
+    assert path.with_name(f"{path.name}.json").is_file()
 
 
 def test_dif_is_anonymous_and_small_enough(run: Path, tmp_path: Path) -> None:

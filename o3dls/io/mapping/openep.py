@@ -14,7 +14,7 @@ from ...arrays import Array
 from ...case import Points
 from ...errors import InputError
 from ...geometry.surface import Surface
-from ..meshes.surface_file import SurfaceFile
+from ..meshes.surface_file import SurfaceFile, left_out
 from . import mat
 from .mat5 import Opaque
 
@@ -140,6 +140,14 @@ def write(file: SurfaceFile) -> bytes:
 def _scalar(surface: Surface, name: str, n: int) -> Array:
     values = surface.fields.get(name)
     return np.full(n, np.nan) if values is None or values.ndim > 1 else values
+
+
+def losses(surface: Surface) -> list[str]:
+    """Sentences on what `write` does not keep."""
+    columns = {column for columns in SURFACE_MAPS.values() for column in columns}
+    return left_out(
+        surface, [name for name in columns if surface.fields.get(name, np.zeros((1, 1))).ndim == 1]
+    )
 
 
 def save(tree: Mapping[str, Any]) -> bytes:

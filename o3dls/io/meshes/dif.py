@@ -18,7 +18,7 @@ from ...errors import InputError, did_you_mean
 from ...geometry.similarity import TURN
 from ...geometry.surface import Surface
 from ..text import flat_numbers, join_rows
-from .surface_file import SurfaceFile
+from .surface_file import SurfaceFile, left_out
 
 # of the importing system, as MUSIC's authors found in 2016
 LIMITS = {
@@ -169,10 +169,16 @@ def write(file: SurfaceFile) -> bytes:
     """Encode with the first scalar field (version 5.0), or the bare shell (version 3.0, which the system
     imports).
     """
-    fields = [
-        name for name, values in file.surface.fields.items() if values.ndim == 1 and name != "map_status"
-    ]
-    return encode(file.surface, field=fields[0] if fields else None, space=file.space)
+    return encode(file.surface, field=_first(file.surface), space=file.space)
+
+
+def _first(surface: Surface) -> str | None:
+    return next((k for k, values in surface.fields.items() if values.ndim == 1 and k != "map_status"), None)
+
+
+def losses(surface: Surface) -> list[str]:
+    """Sentences on what `write` does not keep; where values are missing the status says so."""
+    return left_out(surface, (_first(surface), "map_status"))
 
 
 def encode(surface: Surface, *, field: str | None = None, name: str = "surface", space: str = "LPS") -> bytes:

@@ -11,13 +11,15 @@ from pathlib import Path
 import numpy as np
 
 from ...arrays import Array
-from ...errors import InputError
+from ...errors import InputError, escaped
 from ...geometry.surface import Surface
 from ..atomic import write_file
 from ..text import decode, is_count, join_rows, number_rows, read_bytes
-from .surface_file import SurfaceFile, unused
+from .surface_file import SurfaceFile, left_out, unused
 
 MICROMETRES = 1000.0
+MISSING = -10_000.0  # CARTO's too: no voltage, time or force is near it
+KNOWN = "_known"  # ends the name of the mask that says where a field has values
 LIKELY = (5.0, 1000.0)  # mm; an extent in micrometres outside is that of a file in another unit
 
 
@@ -47,10 +49,21 @@ def read(path: Path, data: bytes, units: str | None = None) -> SurfaceFile:
         found = f"{elements}: line {wrong + 2}: '{lines[wrong][:40]}'"
         raise InputError(f"{found}: only triangles (Tr i j k [tag]) are read; extract the surface first")
     faces = number_rows([" ".join(row[1:4]) for row in rows], 3, elements, range(2, m + 2), "triangle")
-    fields = {name: _values(dat, n) for name, dat in _dats(path).items()}
+    fields = _unmasked({name: _values(dat, n) for name, dat in _dats(path).items()})
     file = SurfaceFile.of(elements, vertices, faces, fields, units=units or "mm")
     _check_units(points, file.surface, units)
     return file if units else replace(file, surface=file.surface.with_vertices(vertices / MICROMETRES))
+
+
+def _unmasked(fields: dict[str, Array]) -> dict[str, Array]:
+    """Fields with NaN where the mask beside them, as we write it, says that there is no value."""
+    for name in [name for name in fields if name + KNOWN in fields]:
+        mask = fields[name + KNOWN]
+        absent = mask == 0.0
+        if absent.any() and np.isin(mask, (0.0, 1.0)).all() and (fields[name][absent] == MISSING).all():
+            fields[name] = np.where(absent, np.nan, fields[name])
+            del fields[name + KNOWN]
+    return fields
 
 
 def _check_units(path: Path, surface: Surface, units: str | None) -> None:
@@ -118,7 +131,7 @@ def _values(path: Path, n: int) -> Array:
 
 def write_mesh(path: Path, surface: Surface) -> None:
     """Write `.pts`, `.elem`, `.lon` (the fibre direction 1 0 0 that openCARP must have) and a `.dat` per
-    scalar field.
+    scalar field, with a mask where values are missing.
 
     Raises InputError where `.dat` files of an earlier mesh of this name would pass for fields of this one.
     """
@@ -145,12 +158,32 @@ def write_mesh(path: Path, surface: Surface) -> None:
         write_file(target, text)
 
 
+def losses(surface: Surface) -> list[str]:
+    """Sentences on what `write_mesh` does not keep as it is."""
+    scalars = {name: values for name, values in surface.fields.items() if values.ndim == 1}
+    lost = {name: int((~np.isfinite(values)).sum()) for name, values in scalars.items()}
+    return [
+        *(
+            f"{count} of {len(surface.vertices)} vertices have no '{escaped(name)}': they are {MISSING:g} "
+            f"there, and 0 in a mask, the .dat file of the same name with {KNOWN}"
+            for name, count in lost.items()
+            if count
+        ),
+        *left_out(surface, scalars),
+    ]
+
+
 def _writable(surface: Surface) -> dict[str, Array]:
-    """Scalar fields without missing values, for which a .dat file has no word, under names that can stand in
-    a file's name.
+    """Scalar fields under names that can stand in a file's name; one with missing values has a mask beside
+    it, 1 where there is a value, since a .dat file has no word for none.
     """
     found: dict[str, Array] = {}
     for name, values in surface.fields.items():
-        if values.ndim == 1 and np.isfinite(values).all():
-            found[unused(re.sub(r"[^A-Za-z0-9_.-]", "_", name), found)] = values
+        if values.ndim == 1:
+            known = np.isfinite(values)
+            ends = ("",) if known.all() else ("", KNOWN)
+            stem = unused(re.sub(r"[^A-Za-z0-9_.-]", "_", name), found, ends)
+            found[stem] = np.where(known, values, MISSING)
+            if not known.all():
+                found[stem + KNOWN] = known.astype(np.float64)
     return found

@@ -15,7 +15,7 @@ from ..mapping import openep
 from ..text import read_bytes
 from . import dif, obj, opencarp, ply, polyline, stl, vtk_legacy, vtp
 from .carto import import_vtk, mesh_file
-from .surface_file import SurfaceFile
+from .surface_file import SurfaceFile, left_out
 
 Reader = Callable[..., SurfaceFile]
 Writer = Callable[[SurfaceFile], bytes]
@@ -25,7 +25,8 @@ Writer = Callable[[SurfaceFile], bytes]
 class Format:
     """One family of surface files.
 
-    How to know it by its bytes, how to read and write it, and which options its reader takes.
+    How to know it by its bytes, how to read and write it, which options its reader takes, and in sentences
+    what of a surface its writer does not keep.
     """
 
     name: str
@@ -34,6 +35,7 @@ class Format:
     read: Reader
     write: Writer | None = None
     options: tuple[str, ...] = ()
+    losses: Callable[[Surface], list[str]] = lambda surface: []
 
 
 # The one place where formats are known; the first that knows the bytes reads them, so the surest signs come
@@ -41,10 +43,18 @@ class Format:
 FORMATS = (
     Format("ply", (".ply",), ply.knows, ply.read, ply.write),
     Format("vtk", (".vtk",), vtk_legacy.knows, vtk_legacy.read, vtk_legacy.write),
-    Format("carto_mesh", (".mesh",), mesh_file.knows, mesh_file.read, mesh_file.write, ("hidden",)),
+    Format(
+        "carto_mesh",
+        (".mesh",),
+        mesh_file.knows,
+        mesh_file.read,
+        mesh_file.write,
+        ("hidden",),
+        mesh_file.losses,
+    ),
     Format("vtp", (".vtp",), vtp.knows, vtp.read, vtp.write),
-    Format("dif", (".xml", ".dif"), dif.knows, dif.read, dif.write, ("part",)),
-    Format("openep", (".mat",), openep.knows, openep.read, openep.write),
+    Format("dif", (".xml", ".dif"), dif.knows, dif.read, dif.write, ("part",), dif.losses),
+    Format("openep", (".mat",), openep.knows, openep.read, openep.write, (), openep.losses),
     Format(
         "labels",
         (".nii", ".nii.gz", ".nrrd", ".mha"),
@@ -53,11 +63,14 @@ FORMATS = (
         None,
         ("label", "part", "box"),
     ),
-    Format("off", (".off",), obj.knows_off, obj.read_off, obj.write_off),
-    Format("opencarp", (".pts", ".elem"), opencarp.knows, opencarp.read, None, ("units",)),
-    Format("stl", (".stl",), stl.knows, stl.read, stl.write),
-    Format("obj", (".obj",), obj.knows_obj, obj.read_obj, obj.write_obj),
-    Format("carto_vtk", (".vtk",), lambda data: False, vtk_legacy.read, import_vtk.write),  # read as any VTK
+    Format("off", (".off",), obj.knows_off, obj.read_off, obj.write_off, (), left_out),
+    Format("opencarp", (".pts", ".elem"), opencarp.knows, opencarp.read, None, ("units",), opencarp.losses),
+    Format("stl", (".stl",), stl.knows, stl.read, stl.write, (), left_out),
+    Format("obj", (".obj",), obj.knows_obj, obj.read_obj, obj.write_obj, (), left_out),
+    # read as any VTK
+    Format(
+        "carto_vtk", (".vtk",), lambda data: False, vtk_legacy.read, import_vtk.write, (), import_vtk.losses
+    ),
 )
 
 # by definition: they have no word for another unit
@@ -123,8 +136,8 @@ def write_surface(
     space: str = "unknown",
     units: str = "mm",
     format: str | None = None,
-) -> None:
-    """Write a surface in the format of the suffix, or the named one.
+) -> list[str]:
+    """Write a surface in the format of the suffix, or the named one; gives sentences on what is not kept.
 
     `space` and `units` are stated where the format can. Raises InputError where the suffix is another
     format's, or the format has no room for the dimension or the units.
@@ -132,7 +145,7 @@ def write_surface(
     path = Path(path)
     if path.suffix.lower() == ".csv" and format is None:
         polyline.write_polyline(path, surface)
-        return
+        return left_out(surface, [name for name, values in surface.fields.items() if values.ndim == 1])
     known = _format_for(path, format)
     if surface.dimension != 3 and known.name not in WITH_OUTLINES:
         raise InputError(
@@ -145,8 +158,9 @@ def write_surface(
         )
     if known.write is None:  # several files
         opencarp.write_mesh(path, surface)
-        return
-    write_file(path, known.write(SurfaceFile(surface, space, units)))
+    else:
+        write_file(path, known.write(SurfaceFile(surface, space, units)))
+    return known.losses(surface)
 
 
 def _format_for(path: Path, format: str | None) -> Format:

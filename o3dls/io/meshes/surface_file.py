@@ -141,6 +141,12 @@ def check_end(path: Path, data: bytes, header: str) -> None:
         )
 
 
+def left_out(surface: Surface, kept: Collection[str | None] = ()) -> list[str]:
+    """A sentence on the fields that a format has no room for, where there are any."""
+    names = [escaped(name) for name in surface.fields if name not in kept]
+    return [f"the format has no room for: {', '.join(names)}"] if names else []
+
+
 def flatten_fields(fields: Mapping[str, Array], reserved: Collection[str] = ()) -> dict[str, Array]:
     """Scalar columns for formats without vectors: (n, k) fields become `name_0` ... `name_k-1`; names get no
     white space.

@@ -12,25 +12,31 @@ from typing import Any
 import numpy as np
 
 from ....arrays import Array
-from ....errors import InputError, did_you_mean
+from ....errors import InputError, did_you_mean, escaped
 from ....geometry.surface import Surface
 from ...text import join_rows
-from ..surface_file import SurfaceFile
+from ..surface_file import SurfaceFile, left_out
 
 ANONYMOUS = "Anon Anon 00000000"
 COLOURS = np.array([(0.04, 0.21, 0.25), (0.94, 0.47, 0.12), (0.90, 0.11, 0.14)])
+GREY = (0.5, 0.5, 0.5)
 TABLE_SIZE = 256
+# where the least value is put if some are missing: above their entry of the table, for readers that round too
+LEAST = 2.0 / TABLE_SIZE
 
 
 @dataclass(frozen=True)
 class Mapped:
     """One field brought to [0, 1].
 
-    `meaning` says how, for a sidecar, since the file itself loses the unit.
+    `meaning` says how, for a sidecar, since the file itself loses the unit; `notes` are sentences on what a
+    reader of the file would not expect; `missing` is whether 0 stands for no value.
     """
 
     values: Array
     meaning: Mapping[str, Any]
+    notes: tuple[str, ...] = ()
+    missing: bool = False
 
 
 def map_field(
@@ -38,8 +44,8 @@ def map_field(
 ) -> Mapped:
     """Clip a field to limits (default: its least and largest value) and map it to [0, 1].
 
-    Missing values take the lowest. No field gives ones everywhere. Raises InputError for an unknown field or
-    limits that are no interval.
+    Where values are missing these are 0, and the least is above. A field of one value, and no field, give
+    ones everywhere. Raises InputError for an unknown field or limits that are no interval.
     """
     if field is None:
         return Mapped(np.ones(len(surface.vertices)), {"field": None})
@@ -48,19 +54,27 @@ def map_field(
     values = surface.fields[field]
     if values.ndim != 1 or not np.isfinite(values).any():
         raise InputError(f"field '{field}' must hold one finite number per vertex to be exported as a scalar")
-    low, high = limits or (float(np.nanmin(values)), float(np.nanmax(values)))
-    if not low <= high or (limits and low == high):
+    known = np.isfinite(values)
+    low, high = limits or (float(values[known].min()), float(values[known].max()))
+    if limits and not low < high:
         raise InputError(f"limits {low:g} to {high:g} of field '{field}': the first must be below the second")
-    missing = ~np.isfinite(values)
-    scaled = np.clip((np.where(missing, low, values) - low) / ((high - low) or 1.0), 0.0, 1.0)
-    return Mapped(
-        scaled,
-        {"field": field, "value_at_0": low, "value_at_1": high, "missing_vertices_at_0": int(missing.sum())},
-    )
+    least = 1.0 if low == high else 0.0 if known.all() else LEAST
+    share = np.clip((np.where(known, values, low) - low) / ((high - low) or 1.0), 0.0, 1.0)
+    lost = int((~known).sum())
+    meaning = {"field": field, "values": [low, high], "at": [least, 1.0], "missing_vertices": lost}
+    notes = [f"'{escaped(field)}' is {low:g} everywhere, and is written as 1"] if low == high else []
+    if lost:
+        meaning["missing_at"] = 0.0
+        notes.append(
+            f"{lost} of {len(values)} vertices have no '{escaped(field)}': they are 0, grey in the file's "
+            f"table of colours, and values begin at {least:.4f}"
+        )
+    scaled = np.where(known, least + (1.0 - least) * share, 0.0)
+    return Mapped(scaled, meaning, tuple(notes), missing=lost > 0)
 
 
-def encode(surface: Surface, values: Array, patient: str = ANONYMOUS) -> bytes:
-    """The file: mm, 0-based triangles, values in [0, 1].
+def encode(surface: Surface, scalar: Mapped, patient: str = ANONYMOUS) -> bytes:
+    """The file: mm, 0-based triangles, one scalar in [0, 1] and its colours.
 
     Raises InputError for 2D surfaces and titles over 255 characters.
     """
@@ -77,26 +91,38 @@ def encode(surface: Surface, values: Array, patient: str = ANONYMOUS) -> bytes:
             f"\nPOLYGONS {m} {4 * m}\n",
             join_rows("3 %d %d %d\n", surface.faces),
             f"\nPOINT_DATA {n}\nSCALARS scalars float\nLOOKUP_TABLE lookup_table\n",
-            join_rows("%.4f\n", values),
+            join_rows("%.4f\n", scalar.values),
             f"\nLOOKUP_TABLE lookup_table {TABLE_SIZE}\n",
-            join_rows("%.4f %.4f %.4f 1.0\n", _colour_table()),
+            join_rows("%.4f %.4f %.4f 1.0\n", _colour_table(scalar.missing)),
         ]
     ).encode("ascii")
 
 
-def _colour_table() -> Array:
-    at = np.linspace(0.0, len(COLOURS) - 1.0, TABLE_SIZE)
-    return np.column_stack([np.interp(at, np.arange(len(COLOURS)), channel) for channel in COLOURS.T])
+def _colour_table(missing: bool) -> Array:
+    """Colours (256, 3) from the least value to the largest; grey for 0 where that stands for none."""
+    at = np.linspace(0.0, 1.0, TABLE_SIZE)
+    share = (at - LEAST) / (1.0 - LEAST) if missing else at
+    stops = np.linspace(0.0, 1.0, len(COLOURS))
+    table = np.column_stack([np.interp(share, stops, channel) for channel in COLOURS.T])
+    if missing:
+        table[0] = GREY
+    return table
 
 
 def write(file: SurfaceFile) -> bytes:
     """Encode with the first scalar field, if there is one, at its own limits."""
-    field = next(
-        (
-            name
-            for name, values in file.surface.fields.items()
-            if values.ndim == 1 and np.isfinite(values).any()
-        ),
+    return encode(file.surface, map_field(file.surface, _first(file.surface)))
+
+
+def losses(surface: Surface) -> list[str]:
+    """Sentences on what `write` does not keep as it is."""
+    field = _first(surface)
+    kept = {field} - {None}
+    return [*map_field(surface, field).notes, *left_out(surface, kept)]
+
+
+def _first(surface: Surface) -> str | None:
+    return next(
+        (name for name, values in surface.fields.items() if values.ndim == 1 and np.isfinite(values).any()),
         None,
     )
-    return encode(file.surface, map_field(file.surface, field).values)

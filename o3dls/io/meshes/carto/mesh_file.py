@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from ....errors import InputError
-from ..surface_file import SurfaceFile
+from ....geometry.surface import Surface
+from ..surface_file import SurfaceFile, left_out
 from .encoder import encode
 from .mesh import MISSING, CartoMesh, present
 from .parser import parse
@@ -106,3 +107,10 @@ def write(file: SurfaceFile) -> bytes:
         attributes=np.column_stack(flags).astype(np.int64) if coloured else np.zeros((0, 2), dtype=np.int64),
     )
     return encode(mesh)
+
+
+def losses(surface: Surface) -> list[str]:
+    """Sentences on what `write` does not keep."""
+    colours = {OUR_NAMES.get(name, name) for name in COLOURS}
+    kept = {name for name, values in surface.fields.items() if name in colours and values.ndim == 1}
+    return left_out(surface, kept | {"Scar", "EML"} if colours & surface.fields.keys() else ())
