@@ -20,7 +20,8 @@ def at_vertices(surface: Surface, values: NDArray[Any]) -> Array:
     """
     corners = surface.faces.ravel()
     owner = np.repeat(np.arange(len(surface.faces)), surface.dimension)
-    areas = np.maximum(surface.face_areas, TINY)[owner]  # faces without area speak where there is no other
+    with np.errstate(over="ignore", invalid="ignore"):  # an area may be beyond all numbers
+        areas = np.maximum(surface.face_areas, TINY)[owner]  # faces without speak where there is no other
     rows = values.reshape(len(values), -1)
     n = len(surface.vertices)
     carry = _largest if values.dtype.kind in "iu" else _mean

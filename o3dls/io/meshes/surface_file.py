@@ -98,8 +98,9 @@ def _cancelled(surface: Surface, what: str, vectors: Array, means: Array) -> lis
     """A sentence where the mean of vectors is short since they oppose each other, as fibres may that have no
     sense.
     """
-    lengths = at_vertices(surface, np.linalg.norm(vectors, axis=1))
-    short = int((np.linalg.norm(means, axis=1) < OPPOSED * lengths).sum())
+    with np.errstate(over="ignore", invalid="ignore"):  # a file may hold any number
+        lengths = at_vertices(surface, np.linalg.norm(vectors, axis=1))
+        short = int((np.linalg.norm(means, axis=1) < OPPOSED * lengths).sum())
     return [f"{what} oppose each other around {short} points, where their mean is short"] if short else []
 
 
