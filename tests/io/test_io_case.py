@@ -382,7 +382,8 @@ def test_incomplete_cases_are_refused(name: str, sentence: str, tmp_path: Path) 
 
 def test_open_priors_are_refused_or_capped(tmp_path: Path) -> None:
     box = cube()
-    opened = Surface(box.vertices, box.faces[2:], {"sd": np.arange(8.0)})
+    region = np.array([7.0, 2, 7, 4, 1, 1, 1, 1])
+    opened = Surface(box.vertices, box.faces[2:], {"sd": np.arange(8.0) + 0.5, "region": region})
     write_case(tmp_path / "c", replace(case(), prior=opened, truth=replace(case().truth, surface=opened)))
     with pytest.raises(InputError, match=r"prior.ply: is open \(4 edges .* --cap.* cap = true"):
         read_case(tmp_path / "c")
@@ -392,6 +393,7 @@ def test_open_priors_are_refused_or_capped(tmp_path: Path) -> None:
     assert closed.watertight
     assert closed.volume == pytest.approx(box.volume)
     assert capped(opened).fields["sd"][-1] == pytest.approx(opened.fields["sd"][[0, 1, 2, 3]].mean())
+    assert capped(opened).fields["region"][-1] == 7.0  # a label, of which there is no mean
 
 
 def test_winding_is_mended_and_what_has_no_inside_is_refused() -> None:

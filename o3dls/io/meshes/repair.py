@@ -119,7 +119,9 @@ def _turned(left: Ints, right: Ints, opposed: Array, n: int, where: str) -> Arra
 
 
 def capped(surface: Surface, where: str = "surface") -> Surface:
-    """Every opening closed by a fan around its centre; the new vertices take the mean of the rim's fields."""
+    """Every opening closed by a fan around its centre; the new vertices take the mean of the rim's fields,
+    and of labels (fields of whole numbers) the one that is there most often.
+    """
     edges = boundary_edges(surface.faces, len(surface.vertices))
     if len(np.unique(edges[:, 0])) < len(edges) or not np.array_equal(
         np.sort(edges[:, 0]), np.sort(edges[:, 1])
@@ -134,7 +136,15 @@ def capped(surface: Surface, where: str = "surface") -> Surface:
         vertices.append(surface.vertices[rim].mean(axis=0, keepdims=True))
         faces.append(np.column_stack([np.roll(rim, -1), rim, np.full(len(rim), centre)]))
         for name, values in surface.fields.items():
-            fields[name].append(values[rim].mean(axis=0, keepdims=True))
+            fields[name].append(_at_centre(values, rim))
     return Surface(
         np.concatenate(vertices), np.concatenate(faces), {k: np.concatenate(v) for k, v in fields.items()}
     )
+
+
+def _at_centre(values: Array, rim: Ints) -> Array:
+    """The value (1, ...) of a field in the middle of a rim."""
+    if (values == np.round(values))[np.isfinite(values)].all():
+        labels, count = np.unique(values[rim], axis=0, return_counts=True)
+        return np.asarray(labels[[count.argmax()]])
+    return np.asarray(values[rim].mean(axis=0, keepdims=True))
