@@ -346,3 +346,22 @@ def test_conversion_says_what_the_format_does_not_keep(name: str, tmp_path: Path
     assert len(missing) == (name in ("opencarp", "carto_vtk"))
     left = {word for word in LOSSES[name].split(", ") if word}
     assert not left & read_surface(target).fields.keys()
+
+
+def test_regions_of_opencarp_are_carried_where_they_differ(tmp_path: Path) -> None:
+    path = write_as("opencarp", tmp_path)
+    elements = path.with_suffix(".elem")
+    whole = elements.read_text()
+    assert "tag" not in read_surface(path).fields
+    rows = [f"{line[:-1]}{tag}\n" for line, tag in zip(whole.splitlines()[1:], REGION.tolist(), strict=True)]
+    elements.write_text("".join(["4\n", *rows]))
+    file = read_surface_file(path)
+    np.testing.assert_array_equal(file.surface.fields["tag"], at_vertices(marker(), REGION))
+    assert (
+        "cell data 'tag' are carried to the points: the label with the largest area around each" in file.notes
+    )
+    elements.write_text(whole.replace("3 1\n", "3 1.5\n"))
+    with pytest.raises(InputError, match=r"opencarp\.elem: tag: 1\.5 must be a whole number"):
+        read_surface(path)
+    elements.write_text(whole.replace(" 1\n", "\n"))  # an element may have none
+    assert "tag" not in read_surface(path).fields

@@ -10,11 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
-from ...arrays import Array
+from ...arrays import Array, Ints
 from ...errors import InputError, escaped
 from ...geometry.surface import Surface
 from ..atomic import write_file
-from ..text import decode, is_count, join_rows, number_rows, read_bytes
+from ..text import decode, integers, is_count, join_rows, number_rows, read_bytes
 from .surface_file import SurfaceFile, left_out, unused
 
 MICROMETRES = 1000.0
@@ -34,7 +34,7 @@ def knows(data: bytes) -> bool:
 
 def read(path: Path, data: bytes, units: str | None = None) -> SurfaceFile:
     """The triangles of a mesh, from either of its two files; fields are the `.dat` files named
-    `<base>_<field>.dat`.
+    `<base>_<field>.dat`, and `tag` the regions of the triangles, carried to the points.
 
     In mm, or as they are in the file where `units` says what that is in. Raises InputError too where nothing
     is said and the extent is not one in micrometres, as many files are in mm.
@@ -50,9 +50,19 @@ def read(path: Path, data: bytes, units: str | None = None) -> SurfaceFile:
         raise InputError(f"{found}: only triangles (Tr i j k [tag]) are read; extract the surface first")
     faces = number_rows([" ".join(row[1:4]) for row in rows], 3, elements, range(2, m + 2), "triangle")
     fields = _unmasked({name: _values(dat, n) for name, dat in _dats(path).items()})
-    file = SurfaceFile.of(elements, vertices, faces, fields, units=units or "mm")
+    tags = _tags(elements, rows)
+    file = SurfaceFile.of(elements, vertices, faces, fields, cells=tags, units=units or "mm")
     _check_units(points, file.surface, units)
     return file if units else replace(file, surface=file.surface.with_vertices(vertices / MICROMETRES))
+
+
+def _tags(path: Path, rows: list[list[str]]) -> dict[str, Ints]:
+    """The regions of the triangles, where these differ: one tag for all says nothing."""
+    tags = [row[4] for row in rows if len(row) == 5]
+    if len(tags) < len(rows) or len(set(tags)) == 1:
+        return {}
+    numbers = number_rows(tags, 1, path, range(2, len(rows) + 2), "tag")[:, 0]
+    return {"tag": integers(numbers, f"{path}: tag")}
 
 
 def _unmasked(fields: dict[str, Array]) -> dict[str, Array]:
