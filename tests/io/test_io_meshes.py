@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import struct
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -365,3 +367,20 @@ def test_regions_of_opencarp_are_carried_where_they_differ(tmp_path: Path) -> No
         read_surface(path)
     elements.write_text(whole.replace(" 1\n", "\n"))  # an element may have none
     assert "tag" not in read_surface(path).fields
+
+
+def test_the_command_line_says_what_was_carried_and_left(tmp_path: Path) -> None:
+    def said(*arguments: object) -> str:
+        command = [sys.executable, "-m", "o3dls", *map(str, arguments)]
+        done = subprocess.run(command, capture_output=True, text=True, check=True)
+        return done.stdout + done.stderr
+
+    path = saved(with_cell_data(), tmp_path / "prior.vtp", "xml Binary")
+    carried = f"{path}: cell data 'scar' are carried to the points: the mean, weighted by area"
+    text = said("convert", path, tmp_path / "a.stl", "--units", "mm")
+    assert carried in text
+    assert f"{tmp_path / 'a.stl'}: the format has no room for: depth, scar, region, fibres" in text
+    text = said(
+        "import", carto_folder(tmp_path / "study"), tmp_path / "case", "--map", "1-Map", "--prior", path
+    )
+    assert carried in text
