@@ -240,6 +240,16 @@ def test_cell_data_of_strips_and_polygons_belong_to_their_triangles(form: str, t
     assert (surface.face_normals[:, 2] > 0).all()
 
 
+@pytest.mark.parametrize("form", FORMS)
+def test_text_at_points_and_cells_is_left_out_and_said(form: str, tmp_path: Path) -> None:
+    mesh = with_cell_data()
+    mesh.point_data["who"] = np.array(["a", "b c", "", "d"])
+    mesh.cell_data["vein"] = np.array(["x", "y", "LSPV", "LIPV", "RSPV", "RIPV"])
+    file = read_surface_file(saved(mesh, tmp_path / "a.vtk", form))
+    assert {"text 'who' is left out", "text 'vein' is left out"} <= set(file.notes)
+    assert set(file.surface.fields) == {"depth", "scar", "region", "fibres"}
+
+
 def test_fibres_that_oppose_each_other_are_said(tmp_path: Path) -> None:
     mesh = with_cell_data()
     mesh.cell_data["fibres"] = np.vstack([np.zeros((2, 3)), np.eye(3)[[0, 0, 0, 0]] * [[1], [-1], [1], [-1]]])

@@ -11,11 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...arrays import Array, Ints
-from ...errors import InputError
+from ...errors import InputError, escaped
 from .repair import place_keys
 from .surface_file import SurfaceFile
 from .triangulation import Indices, strips, triangulate
 
+TEXT = "U"  # numpy's kind of array, whose letters do not matter here
 # numbers that VTK gives to the kinds of cells
 POINTS_AND_LINES = (1, 2, 3, 4)
 STRIP = 6
@@ -79,7 +80,8 @@ def surface_of(
     cell_data: Mapping[str, NDArray[Any]],
     **facts: Any,
 ) -> SurfaceFile:
-    """The surface that cells bound or are, with point data and with cell data carried to the points.
+    """The surface that cells bound or are, with point data and with cell data carried to the points; text
+    among them is left out.
 
     Where there are solids it is their boundary: the faces that one of them has alone. Raises InputError for
     kinds of cells that are not read, and as `SurfaceFile.of`, which takes the facts.
@@ -95,10 +97,11 @@ def surface_of(
     blocks = _boundary(path, vertices, cells) if solid else _polygons(cells)
     triangles, owner = triangulate(vertices, *(corners for corners, _ in blocks))
     rows = np.concatenate([np.zeros(0, dtype=np.int64), *(rows for _, rows in blocks)])[owner]
-    on_faces = {name: values[rows] for name, values in cell_data.items()}
-    file = SurfaceFile.of(
-        path, vertices, triangles, fields, cells=on_faces, notes=_notes(cells, solid), **facts
-    )
+    text = [name for name, values in (*fields.items(), *cell_data.items()) if values.dtype.kind == TEXT]
+    notes = [*_notes(cells, solid), *(f"text '{escaped(name)}' is left out" for name in text)]
+    on_points = {name: values for name, values in fields.items() if values.dtype.kind != TEXT}
+    on_faces = {name: values[rows] for name, values in cell_data.items() if values.dtype.kind != TEXT}
+    file = SurfaceFile.of(path, vertices, triangles, on_points, cells=on_faces, notes=notes, **facts)
     return replace(file, surface=file.surface.without_unused()) if solid else file
 
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ...arrays import Array, Ints
 from ..text import typed
-from .cells import POLYGON, STRIP, Cells, surface_of
+from .cells import POLYGON, STRIP, TEXT, Cells, surface_of
 from .surface_file import NOTICE, SurfaceFile
 from .vtk_cursor import TYPES, Cursor
 
@@ -176,6 +176,7 @@ def _field(cursor: Cursor, arrays: int) -> Fields:
         kind = words[3]
         if kind == "string":
             cursor.skip_strings(width * rows)
+            found[unquote(name)] = np.zeros(rows, dtype=TEXT)
         else:
             found |= _named(name, cursor.numbers(width * rows, kind), width, kind)
         arrays -= 1

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from ...arrays import Array, Ints
 from ...errors import InputError
 from ..text import integers
-from .cells import POLYGON, STRIP, Cells, surface_of
+from .cells import POLYGON, STRIP, TEXT, Cells, surface_of
 from .surface_file import NOTICE, SurfaceFile
 from .vtp_arrays import Arrays, open_xml
 
@@ -92,7 +92,8 @@ def _data(arrays: Arrays, piece: ElementTree.Element, where: str, n: int) -> Fie
         array.get("Name", f"array_{k}"): arrays.tuples(array, n)
         for k, array in enumerate(piece.findall(f"{where}/DataArray"))
     }
-    return {name: values for name, values in found.items() if name != "Normals"}
+    text = {array.get("Name", ""): np.zeros(n, dtype=TEXT) for array in piece.findall(f"{where}/Array")}
+    return {name: values for name, values in (found | text).items() if name != "Normals"}
 
 
 def _joined(parts: Sequence[Fields]) -> Fields:
