@@ -1,4 +1,4 @@
-"""Poses from and to files: 4x4 text, and ITK `.tfm` as Slicer reads it."""
+"""Poses from and to files: 4x4 text, and ITK's transforms as Slicer and ANTs write them."""
 
 from __future__ import annotations
 
@@ -9,14 +9,12 @@ import numpy as np
 
 from ..arrays import Array
 from ..errors import InputError
-from ..geometry.similarity import TURN, similarity
+from ..geometry.similarity import TURN
 from .atomic import write_file
+from .itk_transforms import HEAD, LARGEST, read_itk_mat, read_itk_text
+from .mapping.mat4 import first_name, is_itk
 from .meshes.surface_file import NOTICE
 from .text import decode, number_rows, read_bytes
-
-LARGEST = 1e9  # mm; also keeps products finite
-ITK_HEAD = "#Insight Transform File V1.0"
-ITK_AFFINE = re.compile("(AffineTransform|MatrixOffsetTransformBase)_(double|float)_3_3")
 
 
 def turned(matrix: Array) -> Array:
@@ -51,37 +49,32 @@ def _itk_text(path: Path, T_map_prior: Array, space: str) -> str:
     inverse = np.linalg.inv(T_map_prior if space == "LPS" else turned(T_map_prior))
     numbers = " ".join(map(repr, [*inverse[:3, :3].ravel().tolist(), *inverse[:3, 3].tolist()]))
     return (
-        f"{ITK_HEAD}\n#Transform 0\nTransform: AffineTransform_double_3_3\nParameters: "
+        f"{HEAD}\n#Transform 0\nTransform: AffineTransform_double_3_3\nParameters: "
         f"{numbers}\nFixedParameters: 0 0 0\n"
     )
 
 
+def is_transform(path: str | Path) -> bool:
+    """Whether a file is a pose by its suffix `.tfm` or `.txt`, or a MATLAB 4 file with a transform of ITK.
+
+    Raises InputError where it cannot be read at all.
+    """
+    name = first_name(read_bytes(path))
+    return Path(path).suffix.lower() in (".tfm", ".txt") or (name is not None and is_itk(name))
+
+
 def read_transform(path: str | Path) -> tuple[Array, str]:
-    """T_map_prior (4, 4) and its frame (`unknown` for plain text that does not state it). Raises
-    InputError.
+    """T_map_prior (4, 4) and its frame (`unknown` for plain text that does not state it); ITK's linear
+    transforms, by their content, are in LPS and from map to prior. Raises InputError.
     """
     path = Path(path)
-    text = decode(read_bytes(path), path)
-    return (_read_itk(path, text), "LPS") if text.startswith(ITK_HEAD) else _read_rows(path, text)
-
-
-def _read_itk(path: Path, text: str) -> Array:
-    kinds = re.findall(r"^Transform:[ \t]*(.*?)[ \t]*$", text.replace("\r", ""), re.MULTILINE)
-    parts = {
-        key: re.search(rf"^{key}:(.*)$", text, re.MULTILINE) for key in ("Parameters", "FixedParameters")
-    }
-    readable = len(kinds) == 1 and ITK_AFFINE.fullmatch(kinds[0])
-    if not readable or parts["Parameters"] is None or parts["FixedParameters"] is None:
-        raise InputError(
-            f"{path}: holds {', '.join(kinds) or 'no transform'}: must hold one AffineTransform in 3D with "
-            "Parameters and FixedParameters"
-        )
-    values = number_rows([parts["Parameters"][1]], 12, path, [0], "Parameters")[0]
-    centre = number_rows([parts["FixedParameters"][1]], 3, path, [0], "FixedParameters")[0]
-    linear = values[:9].reshape(3, 3)
-    if not (np.abs([*values, *centre]) < LARGEST).all():
-        raise InputError(f"{path}: its parameters must be finite and below {LARGEST:g}")
-    return _inverse(path, similarity(linear, values[9:] + centre - linear @ centre))
+    data = read_bytes(path)
+    if first_name(data):
+        return _inverse(path, read_itk_mat(path, data)), "LPS"
+    text = decode(data, path)
+    if text.startswith(HEAD):
+        return _inverse(path, read_itk_text(path, text)), "LPS"
+    return _read_rows(path, text)
 
 
 def _inverse(path: Path, matrix: Array) -> Array:

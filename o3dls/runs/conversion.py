@@ -25,10 +25,9 @@ from ..io.meshes.repair import closed_outward, welded
 from ..io.meshes.surface_file import SurfaceFile
 from ..io.points import points_of, read_points_table, scaled
 from ..io.table import write_table
-from ..io.transforms import read_transform, turned, write_transform
+from ..io.transforms import is_transform, read_transform, turned, write_transform
 
 MARKUPS = (".json", ".fcsv")
-TRANSFORMS = (".tfm", ".txt")
 TABLES = (".csv", ".tsv")
 
 
@@ -62,17 +61,17 @@ def convert(
             raise InputError(f"{name} = '{value}': must be one of {', '.join(allowed)}")
     if is_surface(source):
         return _surface(source, target, format, units, frame, to, cap=cap, faces=faces, choice=choice)
-    suffix = source.suffix.lower()
-    if suffix not in (*TABLES, *MARKUPS, *TRANSFORMS):
+    suffix, pose = source.suffix.lower(), is_transform(source)
+    if suffix not in (*TABLES, *MARKUPS) and not pose:
         raise InputError(
             f"{source}: is no surface, points (.csv), named places (.mrk.json, .fcsv) or pose (.tfm, "
-            ".txt) that o3dls knows; is it damaged?"
+            ".txt, .mat) that o3dls knows; is it damaged?"
         )
     if cap or faces is not None or format or any(value is not None for value in choice.values()):
         raise InputError(
             f"{source}: is no surface, so cap, faces, format, label, part, box and hidden mean nothing for it"
         )
-    write = _transform if suffix in TRANSFORMS else _markups if suffix in MARKUPS else _points
+    write = _transform if pose else _markups if suffix in MARKUPS else _points
     return write(source, target, units, frame, to)
 
 

@@ -410,7 +410,7 @@ def test_poses_survive_text_and_itk(space: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("count", ["#Transform {k}", "# Transform"])
 def test_several_itk_transforms_are_refused_by_name(count: str, tmp_path: Path) -> None:
-    kinds = ("AffineTransform_double_3_3", "Euler3DTransform_double_3_3")
+    kinds = ("AffineTransform_double_3_3", "ThinPlateSplineKernelTransform_double_3_3")
     parts = [
         f"{count.format(k=k)}\nTransform: {kind}\nParameters: 1 0 0 0 1 0 0 0 1 {k} 0 0\n"
         "FixedParameters: 0 0 0\n"

@@ -332,6 +332,20 @@ def test_markups_and_poses(tmp_path: Path) -> None:
         check(suffix, path, path.read_bytes(), read_transform)
 
 
+@pytest.mark.parametrize("suffix", ["tfm", "mat"])
+def test_transforms_of_itk(suffix: str, tmp_path: Path) -> None:
+    sitk = pytest.importorskip("SimpleITK")
+    turn = sitk.Euler3DTransform((1, 2, 3), 0.1, 0.2, 0.3, (4, 5, 6))
+    several = sitk.CompositeTransform([turn, sitk.TranslationTransform(3, (1, 2, 3))])
+    path = tmp_path / f"itk.{suffix}"
+    sitk.WriteTransform(several if suffix == "tfm" else turn, str(path))
+    check(f"itk {suffix}", path, path.read_bytes(), lambda p: finite(read_transform(p)[0]))
+
+
+def finite(matrix: np.ndarray) -> None:
+    assert np.isfinite(matrix).all()
+
+
 def test_case_toml(tmp_path: Path) -> None:
     from test_io_case import case
 

@@ -1,4 +1,4 @@
-"""MATLAB files as nested dictionaries of arrays: version 7.3 needs h5py."""
+"""MATLAB files of versions 5 and 7.3 (which needs h5py) as nested dictionaries of arrays."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import InputError
+from .mat4 import first_name, is_itk
 from .mat5 import Opaque, read_mat5
 
 HDF5 = b"\x89HDF\r\n\x1a\n"
@@ -17,13 +18,22 @@ LARGEST = 1 << 30  # values in one variable; more cannot be meant
 
 
 def knows(data: bytes) -> bool:
-    return data[:10] == b"MATLAB 5.0" or data[:10] == b"MATLAB 7.3" or data[:8] == HDF5
+    """Whether the bytes begin a MATLAB file; one of version 4 may also be a transform of ITK, and is none
+    then.
+    """
+    name = first_name(data)
+    return data[:10] in (b"MATLAB 5.0", b"MATLAB 7.3") or data[:8] == HDF5 or bool(name and not is_itk(name))
 
 
 def load(path: Path, data: bytes) -> dict[str, Any]:
     """Variables by name; structs are dictionaries, cells of other things lists, MATLAB objects `Opaque`.
-    Raises InputError where the file is damaged.
+    Raises InputError where the file is damaged, or of version 4.
     """
+    if name := first_name(data):
+        raise InputError(
+            f"{path}: is a MATLAB version 4 file ({name}, ...), which has no structs and so no OpenEP data "
+            "set; save it with -v7"
+        )
     return _load_hdf5(path, data) if HDF5 in data[:1024] else read_mat5(path, data)
 
 
