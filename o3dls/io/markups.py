@@ -40,11 +40,13 @@ class Markups:
         return Markups(self.names, apply(TURN, self.xyz), space)
 
 
-def read_markups(path: str | Path) -> Markups:
-    """Defined control points of a `.mrk.json` or `.fcsv` file, told by content. Raises InputError."""
+def read_markups(path: str | Path, frame: str | None = None) -> Markups:
+    """Defined control points of a `.mrk.json` or `.fcsv` file, told by content; `frame` is that of an old
+    `.fcsv`, which states none. Raises InputError.
+    """
     path = Path(path)
     text = decode(read_bytes(path), path)
-    return _read_json(path, text) if text.lstrip().startswith("{") else _read_fcsv(path, text)
+    return _read_json(path, text) if text.lstrip().startswith("{") else _read_fcsv(path, text, frame)
 
 
 def _read_json(path: Path, text: str) -> Markups:
@@ -98,12 +100,25 @@ def _json_points(path: Path, item: Mapping[str, Any]) -> Markups:
     return Markups(tuple(names), np.array(rows, dtype=np.float64).reshape(-1, 3) * MILLIMETRES[units], space)
 
 
-def _read_fcsv(path: Path, text: str) -> Markups:
-    frame = re.search(r"^#\s*CoordinateSystem\s*=\s*(\w+)", text, re.MULTILINE)
-    if frame is None or frame[1] not in OLD_FRAMES:
+def _fcsv_frame(path: Path, text: str, frame: str | None) -> str:
+    stated = re.search(r"^#\s*CoordinateSystem\s*=[ \t]*(\w*)", text, re.MULTILINE)
+    if stated is None and frame in ("LPS", "RAS"):
+        return frame
+    if stated is None:
         raise InputError(
-            f"{path}: states no '# CoordinateSystem = LPS' or RAS; without it left and right cannot be told"
+            f"{path}: states no '# CoordinateSystem = LPS' or RAS, and without it left and right cannot be "
+            "told; state it with o3dls convert --frame (Slicer wrote RAS before it stated any)"
         )
+    if stated[1] not in OLD_FRAMES:
+        raise InputError(
+            f"{path}: CoordinateSystem = '{stated[1]}': must be one of {', '.join(OLD_FRAMES)} (0 is "
+            "RAS, 1 LPS)"
+        )
+    return OLD_FRAMES[stated[1]]
+
+
+def _read_fcsv(path: Path, text: str, frame: str | None) -> Markups:
+    space = _fcsv_frame(path, text, frame)
     columns = re.search(r"^#\s*columns\s*=\s*(.+)$", text, re.MULTILINE)
     header = [name.strip() for name in columns[1].split(",")] if columns else []
     if not {"x", "y", "z", "label"} <= set(header):
@@ -125,7 +140,7 @@ def _read_fcsv(path: Path, text: str) -> Markups:
         raise InputError(
             f"{path}: point '{names[int(np.flatnonzero(~np.isfinite(xyz).all(axis=1))[0])]}' is not finite"
         )
-    return Markups(tuple(names), xyz, OLD_FRAMES[frame[1]])
+    return Markups(tuple(names), xyz, space)
 
 
 def write_markups(path: str | Path, markups: Markups) -> None:

@@ -203,7 +203,7 @@ def _markups(source: Path, target: Path, units: str | None, frame: str | None, t
     """Slicer's named places to Slicer's file or to a table `name,x,y,z`."""
     if units:
         raise InputError(f"{source}: Slicer's markups state their units; leave --units away")
-    marks = read_markups(source)
+    marks = read_markups(source, frame)
     _settled(source, "frame", marks.space, frame)
     return _write_places(source, target, marks.in_space(to) if to else marks)
 

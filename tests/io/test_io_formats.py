@@ -374,7 +374,12 @@ def test_markups_of_old_and_new_slicer_are_the_same_places(shared_data: Path) ->
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        ("# columns = id,x,y,z,label\n1,2,3,4,A\n", "states no '# CoordinateSystem"),
+        ("# columns = id,x,y,z,label\n1,2,3,4,A\n", "states no '# CoordinateSystem.* o3dls convert --frame"),
+        (
+            "# CoordinateSystem = 2\n# columns = x,y,z,label\n",
+            "CoordinateSystem = '2': must be one of 0, 1, RAS",
+        ),
+        ("# CoordinateSystem =\n# columns = x,y,z,label\n", "CoordinateSystem = '': must be one of"),
         (
             "# CoordinateSystem = LPS\n# columns = id,x,y,z,label\n1,2,x,4,A\n",
             "line 3: coordinate 'x' is not a number",
@@ -395,6 +400,25 @@ def test_wrong_markups_are_refused(text: str, sentence: str, tmp_path: Path) -> 
     (tmp_path / "a.fcsv").write_text(text)
     with pytest.raises(InputError, match=sentence):
         read_markups(tmp_path / "a.fcsv")
+
+
+@pytest.mark.parametrize(("frame", "sign"), [("LPS", 1.0), ("RAS", -1.0)])
+def test_the_frame_of_markups_of_slicer_3_is_the_one_that_is_given(
+    frame: str, sign: float, tmp_path: Path
+) -> None:
+    path = tmp_path / "a.fcsv"
+    path.write_text("# Fiducial List file a.fcsv\n# columns = label,x,y,z,sel,vis\nLSPV,1.5,2,3,1,1\n")
+    with pytest.raises(InputError, match=r"a\.fcsv: states no '# CoordinateSystem"):
+        convert(path, tmp_path / "a.csv")
+    convert(path, tmp_path / "a.csv", frame=frame, to="LPS")
+    table = read_points_table(tmp_path / "a.csv")
+    np.testing.assert_array_equal([table.numbers(axis)[0] for axis in "xyz"], [sign * 1.5, sign * 2, 3])
+    for number, stated in (("0", "RAS"), ("1", "LPS")):
+        path.write_text(f"# CoordinateSystem = {number}\n# columns = label,x,y,z\nLSPV,1.5,2,3\n")
+        assert read_markups(path).space == stated
+        if frame != stated:
+            with pytest.raises(InputError, match=f"states frame {stated}, and {frame} was given"):
+                convert(path, tmp_path / "a.csv", frame=frame)
 
 
 @pytest.mark.parametrize("space", ["LPS", "RAS"])

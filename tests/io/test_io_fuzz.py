@@ -324,6 +324,8 @@ def test_markups_and_poses(tmp_path: Path) -> None:
         b"id,x,y,z,label\n1,1.5,2,3,A\n2,4,5,6.5,B\n"
     )
     check("fcsv", path, text, read_markups)
+    old = text.replace(b"# CoordinateSystem = LPS\n", b"")
+    check("old fcsv", path, old, lambda p: read_markups(p, "RAS"))
     for suffix in ("txt", "tfm"):
         path = tmp_path / f"pose.{suffix}"
         write_transform(path, np.eye(4) + 0.25, "LPS") if suffix == "txt" else write_transform(
