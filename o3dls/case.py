@@ -16,6 +16,7 @@ from .arrays import Array
 from .errors import InputError, did_you_mean
 from .geometry.similarity import is_pose
 from .geometry.surface import Surface
+from .registration.landmark_names import partners
 
 UNITS = ("mm", "px")
 SPACES = ("LPS", "RAS", "unknown")
@@ -184,15 +185,23 @@ class Case:
     def dimension(self) -> int:
         return self.prior.dimension
 
-    def landmark_pairs(self) -> tuple[list[str], Array, Array]:
-        """Names and positions (prior frame, map frame) of the landmarks that both sides have, in the points'
-        order.
+    def landmark_partners(self) -> dict[int, str]:
+        """Row of each landmark among the points that has a partner on the prior -> the partner's name, in the
+        points' order. Names need not be equal: `registration/landmark_names.py` says which mean one place.
         """
-        marks = self.points.of("landmark")
-        names = [str(n) for n in marks.columns.get("name", np.zeros(0, dtype=str))]
-        rows = [i for i, n in enumerate(names) if n in self.prior_landmarks]
-        prior = np.array([self.prior_landmarks[names[i]] for i in rows]).reshape(-1, self.dimension)
-        return [names[i] for i in rows], prior, marks.xyz[rows]
+        rows = np.flatnonzero(self.points.type == "landmark").tolist()
+        named = self.points.columns.get("name", np.full(len(self.points), ""))
+        prior = list(self.prior_landmarks)
+        return {rows[i]: prior[j] for i, j in partners([str(named[k]) for k in rows], prior).items()}
+
+    def landmark_pairs(self) -> tuple[list[str], Array, Array]:
+        """Names among the points and positions (prior frame, map frame) of the landmarks that both sides
+        have, in the points' order.
+        """
+        pairs = self.landmark_partners()
+        names = [str(self.points.columns["name"][k]) for k in pairs]
+        prior = np.array([self.prior_landmarks[name] for name in pairs.values()])
+        return names, prior.reshape(-1, self.dimension), self.points.xyz[list(pairs)]
 
     def visible(self, types: tuple[str, ...] = FITTED_TYPES) -> Case:
         """What a stage may see: points of the given types and the landmarks; no truth, no held-out data."""

@@ -145,7 +145,7 @@ def _check(case: Case, folder: Folder) -> None:
             raise InputError(
                 f"{folder.path}: two landmarks of the points are named '{name}'; each needs a name of its own"
             )
-    if names and case.prior_landmarks and not set(names) & set(case.prior_landmarks):
+    if names and case.prior_landmarks and not case.landmark_partners():
         raise InputError(
             f"{folder.path}: no landmark of the points ({', '.join(names)}) has its pair in "
             "prior_landmarks.csv "

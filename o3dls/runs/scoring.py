@@ -60,8 +60,7 @@ def _with_distances(case: Case, estimates: Mapping[str, Estimate], left_out: Map
     """The case's points with their distance to every estimate; a landmark's is that to its moved partner."""
     columns = dict(case.points.columns)
     marks, eam = case.points.type == "landmark", case.points.type == "eam"
-    names = columns.get("name", np.full(len(case.points), "")).tolist()
-    paired = [k for k, name in enumerate(names) if marks[k] and name in case.prior_landmarks]
+    paired = list(case.landmark_partners())
     for name, estimate in estimates.items():
         gap = distances(case.points.xyz, estimate.surface)
         gap[marks] = np.nan

@@ -280,6 +280,30 @@ def test_landmarks_are_brought_to_the_frame_of_the_prior_from_either_kind_of_fil
         )
 
 
+def test_an_import_names_the_landmarks_without_a_partner(tmp_path: Path) -> None:
+    study = carto_folder(tmp_path / "s")
+    xml = study / "Study 1.xml"
+    text = xml.read_text(encoding="cp1252")
+    text = text.replace(
+        '<Tag ID="9"', '<Tag ID="7" Short_Name="LAA" /><Tag ID="8" Short_Name="Roof" /><Tag ID="9"'
+    )
+    xml.write_text(
+        text.replace('<Point Id="3" />', '<Point Id="3"><Tags>7 8</Tags></Point>'), encoding="cp1252"
+    )
+    prior = write_as("ply", tmp_path)
+    marks = ("left upper pulmonary vein", "MA")
+    write_markups(tmp_path / "a.mrk.json", Markups(marks, np.array([[1.0, 2, 3], [4, 5, 6]]), "LPS"))
+    found = import_study(study, "1-Map", tmp_path / "case", prior=prior, landmarks=tmp_path / "a.mrk.json")
+    assert list(found.landmarks) == ["LAA", "LSPV"]
+    assert "landmark LSPV of the map is left upper pulmonary vein of the prior" in found.took
+    assert [line for line in found.left if line.startswith("landmarks of")] == [
+        f"landmarks of the map without a partner: LAA; there are {', '.join(marks)} on the other side",
+        "landmarks of the prior without a partner: MA; there are LAA, LSPV on the other side",
+    ]
+    found = import_study(study, "1-Map", tmp_path / "case", prior=prior, force=True)
+    assert any(line.startswith("landmarks LAA, LSPV: have no partners, as no places") for line in found.left)
+
+
 def test_what_is_said_of_a_prior_needs_one(tmp_path: Path) -> None:
     folder = carto_folder(tmp_path / "s")
     with pytest.raises(InputError, match="cap, label: means nothing without a prior"):

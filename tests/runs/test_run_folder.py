@@ -238,6 +238,17 @@ def test_points_carry_their_distance_to_every_estimate(tmp_path: Path) -> None:
     assert marks.columns["distance_nudge_mm"].mean() == pytest.approx(
         run.scores["nudge"]["landmarks"]["mean_mm"]
     )
+    # a partner of another name is one as well
+    case = ball_case()
+    ours = {"": "", "a": "LSPV", "b": "RSPV", "c": "septum"}
+    names = np.array([ours[name] for name in case.points.columns["name"]])
+    theirs = {"a": "left upper PV", "b": "RUPV", "c": "roof"}
+    prior = {theirs[name]: at for name, at in case.prior_landmarks.items()}
+    case = replace(case, points=replace(case.points, columns={"name": names}), prior_landmarks=prior)
+    synonyms = Pipeline([Nudge()]).run(case).points.of("landmark")
+    np.testing.assert_allclose(
+        synonyms.columns["distance_nudge_mm"], [*marks.columns["distance_nudge_mm"][:2], np.nan]
+    )
     held_out = read_points(tmp_path / "run/held_out.csv")
     assert held_out.columns["distance_nudge_mm"].max() == pytest.approx(
         run.scores["nudge"]["held_out"]["max_mm"]

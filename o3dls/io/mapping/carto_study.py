@@ -17,6 +17,7 @@ from ...arrays import Array
 from ...case import Points
 from ...errors import InputError
 from ...geometry.similarity import apply, is_pose
+from ...registration.landmark_names import is_known
 from ..meshes.carto import mesh_file
 from ..meshes.dif import parse_xml
 from ..meshes.surface_file import SurfaceFile
@@ -28,7 +29,6 @@ ABLATION_TAG = "Ablation"
 CLEARLY_CLOSER = 0.5  # median gap to the points against that of the other direction
 BEGINNING = re.compile(rb"(\xef\xbb\xbf)?\s*(<\?xml[^>]*>\s*)?(?><!--.*?-->\s*)*<Study\b", re.DOTALL)
 OF_POINTS = ("_point_export.xml", "_points_export.xml")  # there are thousands, which need not be read
-LANDMARK = re.compile(r"^(LIPV|LSPV|RIPV|RSPV|LCPV|RMPV|MA|TA|IVC|SVC|CS)( OS)?$")
 
 
 @dataclass(frozen=True)
@@ -154,7 +154,7 @@ def read_shell(study: Study, name: str) -> SurfaceFile:
 def read_map_points(study: Study, wanted: Map) -> tuple[Points, dict[str, Array]]:
     """Measured points of a map with their tags, and the landmarks.
 
-    These are the places tagged as a vein or a valve, the mean where there are several.
+    These are the places tagged by a known name (veins, valves, LAA), the mean where there are several.
     """
     name = study.archive.find(study.folder, f"{wanted.name}_car.txt")
     if name is None:
@@ -164,7 +164,7 @@ def read_map_points(study: Study, wanted: Map) -> tuple[Points, dict[str, Array]
         )
     points, ids = read_car(study.archive.where(name), study.archive.read(name))
     tags = [wanted.tags.get(int(k), []) for k in ids]
-    marks = {tag for row in tags for tag in row if LANDMARK.match(tag)}
+    marks = {tag for row in tags for tag in row if is_known(tag)}
     landmarks = {mark: points.xyz[[mark in row for row in tags]].mean(axis=0) for mark in sorted(marks)}
     kinds = (
         np.where([ABLATION_TAG in row or "ABL" in row for row in tags], "ablation", "eam")

@@ -10,6 +10,7 @@ import numpy as np
 from ...arrays import Array
 from ...case import Points
 from ...errors import InputError
+from ...registration.landmark_names import alone, partners
 from ..atomic import check_free, staged_folder, write_file
 from ..case_settings import MILLIMETRES, toml_lines
 from ..markups import Markups, read_markups
@@ -57,7 +58,13 @@ def import_study(
                 "prior.ply: no prior was given; put the MRI or CT surface there before o3dls run"
             )
         if landmarks is not None:
-            _write_landmarks(folder, Path(landmarks), found, space)
+            names = _write_landmarks(folder, Path(landmarks), found, space)
+            _say_partners(found, names)
+        elif found.landmarks:
+            found.left.append(
+                f"landmarks {', '.join(found.landmarks)}: have no partners, as no places on the prior were "
+                "given; name them with --landmarks"
+            )
         settings = {"name": found.name, "frame": found.space, "notes": f"imported from {found.vendor}"}
         write_file(folder / "case.toml", toml_lines(settings))
     return found
@@ -130,8 +137,11 @@ def _write_prior(folder: Path, prior: Path, found: Imported, choice: dict[str, A
     return file.space
 
 
-def _write_landmarks(folder: Path, path: Path, found: Imported, space: str) -> None:
-    """Places named on the prior, turned into the prior's frame where both frames are known."""
+def _write_landmarks(folder: Path, path: Path, found: Imported, space: str) -> tuple[str, ...]:
+    """Places named on the prior, turned into the prior's frame where both frames are known.
+
+    Gives the names.
+    """
     marks, units = _read_places(path)
     if "unknown" not in (space, marks.space):
         marks = marks.in_space(space)
@@ -141,6 +151,22 @@ def _write_landmarks(folder: Path, path: Path, found: Imported, space: str) -> N
         f"{len(marks.names)} landmarks of the prior, in frame "
         f"{marks.space}{'' if units else ' if their units are mm'}"
     )
+    return marks.names
+
+
+def _say_partners(found: Imported, prior: tuple[str, ...]) -> None:
+    """Which names of the map and of the prior are taken for one place, and which have no partner."""
+    ours = tuple(found.landmarks)
+    pairs = [(ours[i], prior[j]) for i, j in partners(ours, prior).items()]
+    found.took += [
+        f"landmark {mark} of the map is {name} of the prior" for mark, name in pairs if mark != name
+    ]
+    for side, names, others in (("map", ours, prior), ("prior", prior, ours)):
+        if left := alone(names, others):
+            found.left.append(
+                f"landmarks of the {side} without a partner: {', '.join(left)}; there are "
+                f"{', '.join(others) or 'none'} on the other side"
+            )
 
 
 def _read_places(path: Path) -> tuple[Markups, dict[str, str]]:
