@@ -20,7 +20,7 @@ from .placed import On, Placed, frame_of, placed, unknown_frame
 from .writers import Writer
 
 if TYPE_CHECKING:
-    from ..case import Case
+    from ..case import Case, Points
     from .run import Run
 
 
@@ -155,7 +155,7 @@ class Export(Writer):
         if self.grid is not None:
             return write_labels_like(path, surface, self.grid, what.frame)
         surface = self._small_enough(surface)
-        counts = {"vertices": len(surface.vertices), "triangles": len(surface.faces)}
+        counts: dict[str, Any] = {"vertices": len(surface.vertices), "triangles": len(surface.faces)}
         if self.format == "carto_vtk":
             return counts | {"scalar": self._write_carto(surface, path)}
         if self.format == "dif":
@@ -164,7 +164,10 @@ class Export(Writer):
             return write_enclosed_volume(
                 path, surface, self.spacing, what.frame, distance=self.format.startswith("phi")
             )
-        _say(path, write_surface(path, surface, space=what.frame, units=units, format=self.format))
+        if self.format == "openep":
+            counts |= _write_openep(surface, path, what.points)
+        else:
+            _say(path, write_surface(path, surface, space=what.frame, units=units, format=self.format))
         # a format may hold fewer than the surface has
         return counts | {"fields": sorted(read_surface_file(path, units="um").surface.fields)}
 
@@ -203,6 +206,17 @@ def _say(path: Path, sentences: Iterable[str]) -> None:
     """What a file does not keep goes to the log."""
     for sentence in sentences:
         log.info("%s: %s", path, sentence)
+
+
+def _write_openep(surface: Surface, path: Path, points: Points) -> dict[str, Any]:
+    """The surface with the measured points, which OpenEP's tools interpolate."""
+    from ..io.mapping.openep import encode, losses
+    from ..io.mapping.openep_points import SIGNALS
+
+    write_file(path, encode(surface, points))
+    _say(path, losses(surface))
+    kinds = {kind: int((points.type == kind).sum()) for kind in ("eam", "ablation")}
+    return {"points": kinds, "electrograms": SIGNALS}
 
 
 def _facts(run: Run, name: str, format: str, on: str, space: str) -> dict[str, Any]:

@@ -54,5 +54,5 @@ def body_radius(surface: Surface) -> float:
     """d * volume / area: the radius of a ball, the half width of a thick body; at least that of the least
     compact body, since roughness multiplies an area.
     """
-    least = LEAST_COMPACT * surface.volume ** (1.0 / surface.dimension)
+    least = LEAST_COMPACT * float(surface.volume ** (1.0 / surface.dimension))
     return max(surface.dimension * surface.volume / surface.area, least)

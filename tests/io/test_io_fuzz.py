@@ -11,6 +11,7 @@ import re
 import time
 import zlib
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -272,7 +273,7 @@ def test_points(tmp_path: Path) -> None:
     assert points.NUMBERS
 
 
-@pytest.mark.parametrize("name", ["car", "sites", "dxl", "lesions", "openep"])
+@pytest.mark.parametrize("name", ["car", "sites", "dxl", "lesions", "openep", "openep export"])
 def test_points_of_the_systems(name: str, tmp_path: Path) -> None:
     from test_io_study import DXL, SITES
 
@@ -291,6 +292,10 @@ def test_points_of_the_systems(name: str, tmp_path: Path) -> None:
             lambda p: ensite.read_lesions(p, p.read_bytes()),
         ),
         "openep": (openep.save({"electric": electric}), lambda p: openep.read_points(p, p.read_bytes())),
+        "openep export": (
+            openep.encode(body(), replace(measured, columns=measured.columns | {"lat": rng.normal(size=20)})),
+            lambda p: openep.read_points(p, p.read_bytes()),
+        ),
     }[name]
     check(name, tmp_path / f"{name}.bin", data, read)
 

@@ -12,7 +12,9 @@ import numpy as np
 import pytest
 
 from o3dls.errors import InputError, PipelineError
+from o3dls.io.mapping import openep
 from o3dls.io.meshes.registry import read_surface, read_surface_file
+from o3dls.io.points import read_points
 from o3dls.runs.export import Export
 from o3dls.runs.export_formats import file_name
 from o3dls.runs.export_run import export_run
@@ -158,6 +160,22 @@ def test_what_an_export_does_not_keep_is_said(
     said = f"{path}: 5 of {len(lat)} vertices have no 'lat': they are "
     assert [line for line in caplog.messages if line.startswith(said)]
     assert path.with_name(f"{path.name}.json").is_file()
+
+
+def test_openep_holds_the_points_in_the_frame_of_the_surface(run: Path, tmp_path: Path) -> None:
+    known = read_points(run / "points.csv")
+    for frame, sign in (("LPS", 1.0), ("RAS", -1.0)):
+        path = export_run(run, tmp_path / f"{frame}.mat", format="openep", frame=frame)
+        found = openep.read_points(path, path.read_bytes())
+        for kind in ("eam", "ablation"):
+            np.testing.assert_allclose(found.of(kind).xyz, known.of(kind).xyz * [sign, sign, 1], atol=1e-12)
+        facts = json.loads(path.with_name(f"{path.name}.json").read_text())
+        assert facts["points"] == {kind: len(known.of(kind)) for kind in ("eam", "ablation")}
+        assert "no electrograms" in facts["electrograms"]
+    for name in {"bipolar", "lat"} & known.columns.keys():
+        np.testing.assert_allclose(
+            found.of("eam").columns[name], known.of("eam").columns[name], rtol=0, atol=0.005
+        )
 
 
 def test_dif_is_anonymous_and_small_enough(run: Path, tmp_path: Path) -> None:

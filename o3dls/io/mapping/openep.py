@@ -14,9 +14,11 @@ from ...arrays import Array
 from ...case import Points
 from ...errors import InputError
 from ...geometry.surface import Surface
+from ..meshes.carto.mesh import MISSING
 from ..meshes.surface_file import SurfaceFile, left_out
 from . import mat
 from .mat5 import Opaque
+from .openep_points import SIGNALS, electric_of, rfindex_of
 
 knows = mat.knows
 SURFACE_MAPS = {"act_bip": ("lat", "bipolar"), "uni_imp_frc": ("unipolar", "impedance", "force")}
@@ -82,17 +84,20 @@ def read_points(path: Path, data: bytes) -> Points:
 
 
 def _values(path: Path, tree: Mapping[str, Any], n: int) -> list[tuple[str, Array]]:
-    """Columns of the measured points; the activation time is counted from the reference annotation."""
+    """Columns of the measured points that hold any value; the activation time is counted from the reference
+    annotation.
+    """
     found = [(name, _rows(path, tree, f"electric.voltages.{name}", n)) for name in ("bipolar", "unipolar")]
     marks, reference = (
         _rows(path, tree, f"electric.annotations.{name}", n) for name in ("mapAnnot", "referenceAnnot")
     )
     rate = mat.numbers(path, tree, "electric.sampleFrequency")
     if marks is not None and reference is not None:
+        marks = np.where(marks == MISSING, np.nan, marks)
         found.append(
             ("lat", (marks - reference) * 1000.0 / (rate[0] if rate is not None and rate[0] > 0 else 1000.0))
         )
-    return [(name, values) for name, values in found if values is not None]
+    return [(name, values) for name, values in found if values is not None and np.isfinite(values).any()]
 
 
 def _rows(path: Path, tree: Mapping[str, Any], where: str, n: int, width: int | None = None) -> Array | None:
@@ -110,29 +115,26 @@ def _rows(path: Path, tree: Mapping[str, Any], where: str, n: int, width: int | 
 
 
 def write(file: SurfaceFile) -> bytes:
-    """Encode a shell with its maps; the electric structs that OpenEP's readers ask for are there, and
-    empty.
+    """Encode a shell with its maps, and no points."""
+    return encode(file.surface, None)
+
+
+def encode(surface: Surface, points: Points | None) -> bytes:
+    """A shell with its maps, and measured points and ablation sites in its frame, all in mm; what OpenEP's
+    readers ask for and is not known is there, and empty.
     """
-    surface = file.surface
-    n = len(file.surface.vertices)
+    n = len(surface.vertices)
     maps = {
         name: np.column_stack([_scalar(surface, column, n) for column in columns])
         for name, columns in SURFACE_MAPS.items()
     }
     shell = {"X": surface.vertices, "Triangulation": surface.faces + 1.0}
-    empty = np.zeros((0, 0))
-    electric = {
-        "tags": np.zeros((0, 1), dtype=object),
-        "names": np.zeros((0, 1), dtype=object),
-        "egm": empty,
-        "egmUni": empty,
-        "egmX": empty,
-    }
     tree = {
-        "notes": NOTE,
+        "notes": NOTE if points is None else f"{NOTE}; {SIGNALS}",
         "surface": {"triRep": shell, "isVertexAtRim": np.zeros((n, 1)), **maps},
-        "electric": electric | {"impedances": {"time": empty, "value": empty}},
-        "rf": {"originaldata": {"ablparams": {"time": empty}}},
+        "electric": electric_of(points),
+        "rf": {"originaldata": {"ablparams": {"time": np.zeros((0, 0))}}},
+        **rfindex_of(points),
     }
     return save(tree)
 
