@@ -1,5 +1,5 @@
 """CSV tables whose columns are known by name: commas, semicolons or tabs, decimal points, `# key=value`
-comment lines above the header.
+comment lines above the header. A text that a spreadsheet would run as a formula has an apostrophe before it.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from ..errors import InputError
 from .atomic import write_file
 from .text import LARGEST_WHOLE, decode, number, read_bytes
 
+FORMULA = re.compile("'*[=+@-]")
 LARGEST_TABLE = 1 << 26  # bytes: half a million points; a table takes ten times as much memory
 LONGEST_LINE = 1 << 16  # letters: fewer than the CSV reader takes of one cell
 MOST_COLUMNS = 1000  # an export has fifty, and a run adds two for each estimate
@@ -108,9 +109,11 @@ def read_table(path: str | Path, required: Iterable[str], aliases: Mapping[str, 
     body = lines[top:]
     if not body:
         raise InputError(f"{path}: has no header line: must name the columns {', '.join(required)}")
-    delimiter = next((d for d in ";\t" if d in body[0][1]), ",")
+    unquoted = re.sub('"[^"]*"', "", body[0][1])
+    delimiter = next((d for d in ";\t" if d in unquoted), ",")
     cells = [
-        [cell.strip() for cell in row] for row in csv.reader((line for _, line in body), delimiter=delimiter)
+        [_without_mark(cell.strip()) for cell in row]
+        for row in csv.reader((line for _, line in body), delimiter=delimiter)
     ]
     if len(cells) != len(body):
         raise InputError(f"{path}: a quoted cell runs over several lines; close the quotes on each line")
@@ -170,15 +173,17 @@ def write_table(
     cells = (
         [_cell(v, f"{path}: column '{name}'") for v in values.tolist()] for name, values in columns.items()
     )
-    write_file(path, note + _line(columns) + "".join(_line(row) for row in zip(*cells, strict=True)))
+    write_file(
+        path, note + _line(map(_marked, columns)) + "".join(_line(row) for row in zip(*cells, strict=True))
+    )
 
 
 def _line(cells: Iterable[str]) -> str:
-    """Cells as one line of CSV; in quotes where a comma, a quote or a # at the beginning, as of a comment,
-    would be misread.
+    """Cells as one line of CSV; in quotes where a comma, a semicolon, a quote or a # at the beginning, as of
+    a comment, would be misread.
     """
     line = ",".join(
-        '"' + c.replace('"', '""') + '"' if c[:1] == "#" or "," in c or '"' in c else c for c in cells
+        '"' + c.replace('"', '""') + '"' if c[:1] == "#" or re.search('[,;"]', c) else c for c in cells
     )
     return (line or '""') + "\n"  # an empty line would be no row
 
@@ -189,4 +194,13 @@ def _cell(value: Any, where: str) -> str:
     text = str(value)
     if len(f"{text}.".splitlines()) > 1:
         raise InputError(f"{where}: {text!r} holds a line break, which a cell cannot; take it out first")
-    return text
+    return _marked(text)
+
+
+def _marked(text: str) -> str:
+    """The text as a spreadsheet shows it and does not run it; a number, such as -1, is none that runs."""
+    return f"'{text}" if FORMULA.match(text) and not _is_number(text) else text
+
+
+def _without_mark(cell: str) -> str:
+    return cell[1:] if cell[:1] == "'" and FORMULA.match(cell) else cell
