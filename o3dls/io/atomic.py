@@ -12,7 +12,7 @@ import shutil
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from tempfile import mkdtemp
+from tempfile import TemporaryDirectory, mkdtemp
 
 from ..errors import InputError, escaped
 from .manifest import foreign
@@ -60,8 +60,7 @@ def staged_file(path: str | Path) -> Iterator[Path]:
     file.
     """
     path = Path(path)
-    if path.exists() and not path.is_file():
-        raise InputError(f"{path}: is a {'folder' if path.is_dir() else 'pipe or a device'}; name a file")
+    _check_file(path)
     staged = _sibling(path)
     try:
         with _named(path):
@@ -70,6 +69,28 @@ def staged_file(path: str | Path) -> Iterator[Path]:
         os.replace(staged, _real(path))
     finally:
         staged.unlink(missing_ok=True)
+
+
+def _check_file(path: Path) -> None:
+    if path.exists() and not path.is_file():
+        raise InputError(f"{path}: is a {'folder' if path.is_dir() else 'pipe or a device'}; name a file")
+
+
+@contextmanager
+def staged_files(path: str | Path) -> Iterator[Path]:
+    """Yield the name of `path` in a hidden folder beside it: the files that the block writes there, which
+    belong together, come to stand beside `path` when it ends, and none of them when it fails.
+    """
+    path = Path(path)
+    _check_file(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with TemporaryDirectory(prefix=".", dir=path.parent) as staged:
+        try:
+            yield Path(staged) / path.name
+        except InputError as error:  # speaks of a folder that is no more
+            raise InputError(str(error).replace(staged, str(path.parent))) from error
+        for file in Path(staged).iterdir():
+            os.replace(file, _real(path.parent / file.name))
 
 
 def write_file(path: str | Path, content: str | bytes) -> None:

@@ -61,13 +61,14 @@ def write_report(
 
     subject = read_subject([Path(folder) for folder in folders], compare)
     path = _page(out or subject.folders[0] / REPORT)
+    text = report_page(subject)
     with noted(subject.folders[0]):
-        write_file(path, report_page(subject))
         if slides:
             from .drawing.slides import write_slides
 
             figures = FIGURES if path.name == REPORT else f"{path.stem}_{FIGURES}"
             write_slides(subject, path.parent / figures, path.with_suffix(".pdf"))
+        write_file(path, text)  # nothing takes time any more: whoever interrupts it finds all or nothing
     return path
 
 

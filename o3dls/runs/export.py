@@ -13,7 +13,7 @@ from pydantic import Field, model_validator
 
 from ..errors import PipelineError
 from ..geometry.surface import Surface
-from ..io.atomic import write_file
+from ..io.atomic import staged_files, write_file
 from .export_formats import NEED_FRAME, FormatName, FrameName, file_name
 from .export_volume import spacing_mistake, write_enclosed_volume, write_labels_like
 from .placed import On, Placed, frame_of, placed, unknown_frame
@@ -134,9 +134,15 @@ class Export(Writer):
         frame = "LPS" if self.format == "dif" and frame_of(run.case, self.on) == "RAS" else self.frame
         what = placed(run, name, surface, self.on, frame)
         facts = _facts(run, name, self.format, self.on, what.frame)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        facts |= self._write(what, path, run.case.units)
-        write_file(path.with_name(path.name + ".json"), json.dumps(facts, indent=1, allow_nan=False) + "\n")
+        if self.format == "opencarp":
+            from ..io.meshes.opencarp import check_fields
+
+            # the files beside `path` are not beside where it is written first
+            check_fields(path, self._small_enough(what.surface))
+        with staged_files(path) as staged:
+            facts |= self._write(what, staged, run.case.units)
+            sidecar = staged.with_name(staged.name + ".json")
+            write_file(sidecar, json.dumps(facts, indent=1, allow_nan=False) + "\n")
 
     def _write(self, what: Placed, path: Path, units: str) -> dict[str, Any]:
         """Write one file of the format; what only this format has to say goes into the sidecar."""
@@ -205,7 +211,7 @@ class Export(Writer):
 def _say(path: Path, sentences: Iterable[str]) -> None:
     """What a file does not keep goes to the log."""
     for sentence in sentences:
-        log.info("%s: %s", path, sentence)
+        log.info("%s: %s", path.name, sentence)
 
 
 def _write_openep(surface: Surface, path: Path, points: Points) -> dict[str, Any]:

@@ -67,18 +67,20 @@ def test_convert_keeps_the_old_file_where_the_new_one_does_not_fit(
 
 
 @pytest.mark.parametrize("how", ["at once", "never"])
-def test_export_keeps_the_old_sidecar_whole(
+def test_export_writes_file_and_sidecar_or_neither(
     how: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     run = finished(tmp_path / "run")
     out = tmp_path / "out" / "a.stl"
     assert answer(["export", str(run), "--format", "stl", "--out", str(out)]) == 0
     sidecar = out.with_name("a.stl.json")
-    before = sidecar.read_bytes()
+    sidecar.write_bytes(b"of an earlier export")
+    out.write_bytes(b"an earlier export")
     fill(monkeypatch, how, ".json")
     assert answer(["export", str(run), "--format", "stl", "--out", str(out)]) == 2
-    assert "a.stl.json: cannot be written" in capsys.readouterr().err
-    assert sidecar.read_bytes() == before
+    assert f"{sidecar}: cannot be written" in capsys.readouterr().err
+    assert out.read_bytes() == b"an earlier export"
+    assert sidecar.read_bytes() == b"of an earlier export"
     assert sorted(path.name for path in out.parent.iterdir()) == ["a.stl", "a.stl.json"]
 
 

@@ -157,7 +157,7 @@ def test_what_an_export_does_not_keep_is_said(
     field = {"field": "lat"} if format == "carto_vtk" else {}
     with caplog.at_level("INFO", "o3dls"):
         Export(format=format, **field).write(replace(shell, fields={"lat": lat}), found, found.final, path)
-    said = f"{path}: 5 of {len(lat)} vertices have no 'lat': they are "
+    said = f"{path.name}: 5 of {len(lat)} vertices have no 'lat': they are "
     assert [line for line in caplog.messages if line.startswith(said)]
     assert path.with_name(f"{path.name}.json").is_file()
 

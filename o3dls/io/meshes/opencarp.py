@@ -13,7 +13,7 @@ import numpy as np
 from ...arrays import Array, Ints
 from ...errors import InputError, escaped
 from ...geometry.surface import Surface
-from ..atomic import write_file
+from ..atomic import staged_files, write_file
 from ..text import decode, integers, is_count, join_rows, number_rows, read_bytes
 from .surface_file import SurfaceFile, left_out, unused
 
@@ -143,29 +143,39 @@ def write_mesh(path: Path, surface: Surface) -> None:
     """Write `.pts`, `.elem`, `.lon` (the fibre direction 1 0 0 that openCARP must have) and a `.dat` per
     scalar field, with a mask where values are missing.
 
-    Raises InputError where `.dat` files of an earlier mesh of this name would pass for fields of this one.
+    Raises InputError as check_fields does.
     """
     if surface.dimension != 3:
         raise InputError(f"{path}: openCARP meshes are written in 3D")
-    base = _part(path, "")
+    check_fields(path, surface)
     m = len(surface.faces)
-    dats = {
-        base.with_name(f"{base.name}_{field}.dat"): join_rows("%.9g\n", values)
-        for field, values in _writable(surface).items()
+    texts = {
+        ".pts": f"{len(surface.vertices)}\n" + join_rows("%.6f %.6f %.6f\n", surface.vertices * MICROMETRES),
+        ".elem": f"{m}\n" + join_rows("Tr %d %d %d 1\n", surface.faces),
+        ".lon": "1\n" + "1.000000 0.000000 0.000000\n" * m,
     }
-    if earlier := sorted(set(_dats(path).values()) - dats.keys()):
+    with staged_files(path) as staged:
+        for suffix, text in texts.items():
+            write_file(_part(staged, suffix), text)
+        for field, values in _writable(surface).items():
+            write_file(_dat(staged, field), join_rows("%.9g\n", values))
+
+
+def check_fields(path: Path, surface: Surface) -> None:
+    """Raise InputError where `.dat` files of an earlier mesh of this name would pass for fields of this
+    surface.
+    """
+    own = {_dat(path, field) for field in _writable(surface)}
+    if earlier := sorted(set(_dats(path).values()) - own):
         raise InputError(
             f"{earlier[0]}: is a field of an earlier mesh of this name; remove it, or write under "
             "another name"
         )
-    texts = {
-        _part(path, ".pts"): f"{len(surface.vertices)}\n"
-        + join_rows("%.6f %.6f %.6f\n", surface.vertices * MICROMETRES),
-        _part(path, ".elem"): f"{m}\n" + join_rows("Tr %d %d %d 1\n", surface.faces),
-        _part(path, ".lon"): "1\n" + "1.000000 0.000000 0.000000\n" * m,
-    }
-    for target, text in (texts | dats).items():
-        write_file(target, text)
+
+
+def _dat(path: Path, field: str) -> Path:
+    base = _part(path, "")
+    return base.with_name(f"{base.name}_{field}.dat")
 
 
 def losses(surface: Surface) -> list[str]:
