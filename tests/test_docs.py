@@ -16,7 +16,7 @@ from click.testing import CliRunner
 from conftest import ROOT
 from test_layers import LAYERS
 
-from o3dls.cli.main import cli
+from o3dls.cli.commands import cli
 from o3dls.cli.settings import CLASSES, tables
 
 DOCS = ROOT / "docs"

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from click.testing import CliRunner
 
-from o3dls.cli.main import cli
+from o3dls.cli.commands import cli
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "method.md"
 MARKED = re.compile(r"<!-- o3dls (?P<command>.+?) -->\n.*?<!-- end -->", re.DOTALL)

@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from .words import DONE, FILE, FOLDER, NOT_VALID
+from .words import DONE, FILE, FOLDER, NOT_VALID, complain, say, say_lines
 
 
 @click.command()
@@ -31,7 +31,7 @@ def report(runs: tuple[Path, ...], out: Path | None, compare: tuple[str, ...], s
     """Write the report on a finished run, or on several runs of one case."""
     from ..report.writer import write_report
 
-    click.echo(write_report(runs, out, compare=compare, slides=slides))
+    say(write_report(runs, out, compare=compare, slides=slides))
 
 
 @click.command()
@@ -45,8 +45,8 @@ def compare(runs: tuple[Path, ...], out: Path) -> None:
     from ..runs.comparison import comparison
     from ..runs.folder import read_run
 
-    click.echo(comparison({str(folder): read_run(folder) for folder in runs}))
-    click.echo(write_comparison(runs, out))
+    say_lines(comparison({str(folder): read_run(folder) for folder in runs}))
+    say(write_comparison(runs, out))
 
 
 @click.command()
@@ -77,7 +77,7 @@ def export(run_folder: Path, out: Path | None, **options: Any) -> None:
     """
     from ..runs.export_run import export_run
 
-    click.echo(export_run(run_folder, out, **options))
+    say(export_run(run_folder, out, **options))
 
 
 @click.command()
@@ -99,7 +99,7 @@ def convert(source: Path, target: Path, **options: Any) -> None:
     from ..runs.conversion import convert as convert_file
 
     for sentence in convert_file(source, target, **options):
-        click.echo(sentence)
+        say(sentence)
 
 
 @click.command()
@@ -119,12 +119,9 @@ def send(run_folder: Path, **options: Any) -> None:
     from ..runs.live import send as send_run
 
     count, closed = send_run(run_folder, **options)
-    click.echo(f"{count} bytes sent")
+    say(f"{count} bytes sent")
     if not closed:
-        click.echo(
-            "o3dls: the receiver has not closed the connection, so whether it read them all is not known",
-            err=True,
-        )
+        complain("the receiver has not closed the connection, so whether it read them all is not known")
 
 
 @click.command("import")
@@ -147,16 +144,9 @@ def import_(study: Path, out: Path, map_name: str | None, **options: Any) -> Non
     from ..io.mapping.study_import import import_study
 
     found = import_study(study, map_name, out, **options)
-    click.echo(
-        "\n".join(
-            [
-                *(f"took {line}" for line in found.took),
-                *(f"left {line}" for line in found.left),
-                *found.notes,
-                str(out),
-            ]
-        )
-    )
+    lines = [*(f"took {line}" for line in found.took), *(f"left {line}" for line in found.left)]
+    for line in (*lines, *found.notes, out):
+        say(line)
 
 
 @click.command()
@@ -166,7 +156,7 @@ def doctor() -> int:
 
     checks = diagnose()
     for check in checks:
-        click.echo(check)
+        say_lines(check)
     return DONE if all(check.ok for check in checks if check.needed) else NOT_VALID
 
 

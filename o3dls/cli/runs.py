@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from .words import DONE, FILE, FOLDER, NOT_VALID, WRONG_INPUT
+from .words import DONE, FILE, FOLDER, NOT_VALID, WRONG_INPUT, complain, say, say_lines
 
 
 @click.command()
@@ -84,9 +84,9 @@ def check(pipeline: Path, case: Path | None) -> int:
 
     mistakes = all_mistakes(pipeline, case)
     for mistake in mistakes:
-        click.echo(f"o3dls: {' '.join(mistake.split())}", err=True)
+        complain(mistake)
     if not mistakes:
-        click.echo(f"{pipeline}: no mistakes")
+        say(f"{pipeline}: no mistakes")
     return WRONG_INPUT if mistakes else DONE
 
 
@@ -98,9 +98,9 @@ def stages(name: str | None, markdown: bool) -> None:
     from ..plugins.catalogue import listing, sheet, table, tables
 
     if markdown:
-        click.echo(table(name) if name else tables())
+        say_lines(table(name) if name else tables())
     else:
-        click.echo(sheet(name) if name else listing())
+        say_lines(sheet(name) if name else listing())
 
 
 @click.command()
@@ -141,8 +141,8 @@ def batch(
     plan = read_pipeline(pipeline, settings) if pipeline else default_pipeline(settings)
     outcomes = run_cohort(cases, plan, out, jobs=jobs, trim=not pipeline, force=force)
     for outcome in outcomes:
-        click.echo(f"{outcome.case}: {outcome.error or '; '.join(outcome.faults) or 'done'}")
-    click.echo(f"{out / 'cohort.csv'}")
+        say(f"{outcome.case}: {outcome.error or '; '.join(outcome.faults) or 'done'}")
+    say(f"{out / 'cohort.csv'}")
     if any(outcome.error for outcome in outcomes):
         return WRONG_INPUT
     return NOT_VALID if any(outcome.faults for outcome in outcomes) else DONE
@@ -163,7 +163,7 @@ def paper(out: Path, quick: bool, force: bool) -> None:
     """
     from ..paper.compute import make
 
-    click.echo(make(out, quick=quick, force=force))
+    say(make(out, quick=quick, force=force))
 
 
 def _needed(value: Path | None, option: str) -> Path:
@@ -174,7 +174,8 @@ def _needed(value: Path | None, option: str) -> Path:
 
 def _told(result: Any, out: Path) -> int:
     """Print the scores of a finished run and where it is; say what is not valid."""
-    click.echo(f"{result}\n{out}")
+    say_lines(result)
+    say(out)
     for fault in result.faults:
-        click.echo(f"o3dls: the result is not valid: {result.final}: {fault}", err=True)
+        complain(f"the result is not valid: {result.final}: {fault}")
     return NOT_VALID if result.faults else DONE

@@ -11,6 +11,7 @@ import click
 
 from ..errors import InputError, did_you_mean
 from ..settings import Number, numbers
+from .words import say_lines
 
 # By package, in its module `settings`; each holds the smaller ones of its parts.
 CLASSES = {
@@ -25,7 +26,7 @@ CLASSES = {
 @click.argument("package", required=False)
 def settings(package: str | None) -> None:
     """Print the numbers of the method with unit and reason: all, or those of PACKAGE (noise, motion, ...)."""
-    click.echo("\n\n".join(tables(name) for name in ([package] if package else CLASSES)))
+    say_lines("\n\n".join(tables(name) for name in ([package] if package else CLASSES)))
 
 
 def tables(package: str) -> str:

@@ -1,4 +1,4 @@
-"""What all commands speak: exit codes and kinds of arguments."""
+"""What all commands speak: exit codes, kinds of arguments, and how text reaches the terminal."""
 
 from __future__ import annotations
 
@@ -6,6 +6,29 @@ from pathlib import Path
 
 import click
 
+from ..errors import escaped, escaped_lines
+
 DONE, NOT_VALID, WRONG_INPUT, INTERNAL = 0, 1, 2, 3
 INTERRUPTED, UNREAD = 130, 141  # as shells say it: by Ctrl-C, and for a stdout that nobody reads any more
+MOST_LETTERS = 4000  # of a sentence: two paths of the greatest length would fit
 FILE = FOLDER = click.Path(path_type=Path)
+
+
+def say(sentence: object, *, error: bool = False) -> None:
+    """Print one line; what of it comes out of files is shown and not obeyed."""
+    click.echo(escaped(str(sentence)), err=error)
+
+
+def say_lines(text: object, *, error: bool = False) -> None:
+    """Print a text of several lines likewise."""
+    click.echo(escaped_lines(str(text)), err=error)
+
+
+def complain(sentence: str) -> None:
+    """Print what is wrong: one line on stderr."""
+    say(f"o3dls: {' '.join(shortened(sentence).split())}", error=True)
+
+
+def shortened(sentence: str) -> str:
+    """A sentence as long as people read; what is quoted in it may be of any length."""
+    return sentence if len(sentence) <= MOST_LETTERS else sentence[: MOST_LETTERS - 1] + "…"

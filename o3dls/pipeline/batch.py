@@ -146,7 +146,7 @@ def _outcomes(work: Sequence[_Job], jobs: int) -> Generator[tuple[_Job, Outcome]
     Once a process was ended from outside, those that are left one by one: memory may be short.
     """
     left = []
-    with workers(jobs) as pool:
+    with workers(max(1, min(jobs, len(work)))) as pool:
         futures = {pool.submit(job): job for job in work}
         for future in as_completed(futures):
             if outcome := _outcome(future):

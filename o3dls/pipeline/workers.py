@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from threading import Thread
+from typing import Any
 
 from ..parallel import limit_threads
 
@@ -31,11 +32,29 @@ def workers(processes: int) -> Iterator[Executor]:
         ProcessPoolExecutor(processes, spawn, initializer=_begin, initargs=(processes, theirs)) as pool,
     ):
         try:
+            with _unheard():
+                for _ in range(processes):
+                    pool.submit(int)  # begins a process
             yield pool
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             ours.close()
             raise
+
+
+@contextmanager
+def _unheard() -> Iterator[None]:
+    """A process that begins within this never hears of Ctrl-C, which would end it in its imports with a
+    traceback; this one hears of it afterwards.
+    """
+    if sys.platform == "win32":
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _begin(processes: int, parent: Connection) -> None:
@@ -44,8 +63,16 @@ def _begin(processes: int, parent: Connection) -> None:
     """
     limit_threads(processes)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # reaches all processes of a terminal; the parent decides
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
+    signal.signal(signal.SIGTERM, _told)
     Thread(target=_end_with, args=(parent,), daemon=True).start()
+
+
+def _told(*_: Any) -> None:
+    """End, with what is half made removed, and without a word: what an interrupted library says of it, such
+    as that it cannot be imported, is no news.
+    """
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
+    sys.exit(1)
 
 
 def _end_with(parent: Connection) -> None:

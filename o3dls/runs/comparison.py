@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from ..errors import InputError
+from ..errors import InputError, escaped
 from .run import Run
 from .tables import score_table
 
@@ -22,7 +22,7 @@ def comparison(runs: Mapping[str, Run]) -> str:
             "one table"
         )
     lines = [
-        replace(line, label=f"{label} {run.case.name} {line.label}")
+        replace(line, label=escaped(f"{label} {run.case.name} {line.label}"))
         for label, run in runs.items()
         for line in run.score_lines
     ]

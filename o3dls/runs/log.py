@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from ..errors import O3dlsError
+from ..errors import O3dlsError, escaped_lines
 
 log = logging.getLogger("o3dls")
 
@@ -55,7 +55,7 @@ def log_of_failure(out: Path) -> Iterator[None]:
             )
             with suppress(OSError):  # what went wrong is said, whether or not there is room for a log of it
                 path.parent.mkdir(parents=True, exist_ok=True)
-                path.write_text("\n".join(lines) + "\n", encoding="utf-8", errors="replace")
+                path.write_text(escaped_lines("\n".join(lines)) + "\n", encoding="utf-8", errors="replace")
             raise
     with suppress(OSError):
         path.unlink(missing_ok=True)

@@ -13,7 +13,7 @@ from typing import Any, ClassVar, Protocol
 import numpy as np
 
 from ..case import Case, Points
-from ..errors import InputError
+from ..errors import InputError, escaped
 from ..estimate import Estimate
 from ..evaluation.validity import faults
 from ..io.atomic import staged_folder, write_file
@@ -89,7 +89,7 @@ class Run:
         ]
 
     def __str__(self) -> str:
-        return f"{self.case.name}: mean distances in {self.unit}\n{score_table(self.score_lines)}"
+        return f"{escaped(self.case.name)}: mean distances in {self.unit}\n{score_table(self.score_lines)}"
 
     def write(self, folder: str | Path | None = None, *, force: bool = False) -> Path:
         """Write the run folder, whole or not at all.

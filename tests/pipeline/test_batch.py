@@ -234,7 +234,7 @@ def test_a_run_that_is_told_to_end_removes_what_it_has_half_written(tmp_path: Pa
         assert process.stdout.readline() == "begun\n"
         process.terminate()
         assert "interrupted" in process.communicate(timeout=ENDED)[1]
-    assert process.returncode == 130
+    assert process.returncode == 143
     assert [path.name for path in out.iterdir()] == ["run.failed.log"]
 
 

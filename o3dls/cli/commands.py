@@ -1,0 +1,58 @@
+"""The command `o3dls` with all its commands, and what becomes of their errors."""
+
+from __future__ import annotations
+
+import click
+
+from .. import __version__
+from ..errors import O3dlsError, SolverError
+from . import files as cli_files
+from . import runs as cli_runs
+from . import settings as cli_settings
+from .interrupts import heeded
+from .memory import check_memory
+from .words import DONE, INTERNAL, INTERRUPTED, UNREAD, WRONG_INPUT, complain, say_lines
+
+
+def run_command(arguments: list[str]) -> int:
+    """Run a command: its exit code. Errors become one line on stderr, only what is our own mistake shows a
+    traceback. Raises Interrupted.
+    """
+    try:
+        with heeded():
+            return cli.main(arguments or ["--help"], prog_name="o3dls", standalone_mode=False) or DONE
+    except click.ClickException as error:
+        return _failed(error.format_message(), WRONG_INPUT)
+    except click.exceptions.Abort:
+        return _failed("interrupted", INTERRUPTED)
+    except SystemExit:  # so click answers a closed stdout
+        return UNREAD
+    except SolverError as error:
+        return _failed(str(error), INTERNAL)
+    except (O3dlsError, OSError) as error:
+        return _failed(str(error), WRONG_INPUT)
+    except MemoryError:
+        return _failed("there is too little memory; close other programs, or take less data", WRONG_INPUT)
+    except Exception as error:
+        import traceback
+
+        say_lines(traceback.format_exc().rstrip(), error=True)
+        return _failed(f"internal error, please report it: {type(error).__name__}: {error}", INTERNAL)
+
+
+def _failed(sentence: str, code: int) -> int:
+    complain(sentence)
+    return code
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120})
+@click.version_option(__version__, prog_name="o3dls")
+def cli() -> None:
+    """Fuse an atrium's prior surface with electroanatomic points. Research software, not for clinical use."""
+    check_memory()
+
+
+for module in (cli_runs, cli_settings, cli_files):
+    for command in vars(module).values():
+        if isinstance(command, click.Command):
+            cli.add_command(command)

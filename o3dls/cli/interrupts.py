@@ -1,0 +1,80 @@
+"""Ctrl-C and being told to end: both become one exception, so that what is half made is removed, and said."""
+
+from __future__ import annotations
+
+import atexit
+import os
+import signal
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from threading import Timer
+from typing import Any
+
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
+LATER = 0.05  # seconds
+_heard: list[int] = []  # numbers of the signals that came, in their order
+
+
+class Interrupted(BaseException):
+    """The process shall end; `code` is its exit code, as shells say it. No KeyboardInterrupt, to which
+    libraries have answers of their own.
+    """
+
+    @property
+    def code(self) -> int:
+        return 128 + _heard[0]
+
+
+def listen() -> None:
+    """From now on signals raise Interrupted."""
+    for number in SIGNALS:
+        signal.signal(number, _raise)
+    sys.unraisablehook = _again
+    atexit.register(_end)  # the first to be registered is the last to be called
+
+
+def _end() -> None:
+    """End at once: a library that was interrupted in its import may not end in order."""
+    if _heard:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(128 + _heard[0])
+
+
+def _raise(number: int, _: Any) -> None:
+    """Raise, unless it is raised already, and what is half made is being removed."""
+    _heard.append(number)
+    if not isinstance(sys.exc_info()[1], Interrupted):
+        raise Interrupted
+
+
+def _again(lost: Any) -> None:
+    """Raise once more, a little later, what ended in a place that no exception leaves, such as a
+    destructor.
+    """
+    if isinstance(lost.exc_value, Interrupted):
+        Timer(LATER, os.kill, [os.getpid(), _heard[0]]).start()
+    else:
+        sys.__unraisablehook__(lost)
+
+
+@contextmanager
+def heeded() -> Iterator[None]:
+    """Once a signal came, the block ends as interrupted, whatever became of the exception on its way: some
+    libraries make another one of it, or none.
+    """
+    try:
+        yield
+    except BaseException as error:
+        if _heard:
+            raise Interrupted from error
+        raise
+    if _heard:
+        raise Interrupted
+
+
+def too_late() -> None:
+    """From now on signals change nothing: what was to be done is done, and said."""
+    for number in SIGNALS:
+        signal.signal(number, signal.SIG_IGN)

@@ -1,0 +1,39 @@
+"""How text reaches the terminal: the log's lines, and letters that its encoding has not."""
+
+from __future__ import annotations
+
+import codecs
+import io
+import logging
+import sys
+
+from ..errors import escaped
+
+
+class Lines(logging.Formatter):
+    """Progress as plain lines; what is wrong says so first."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        said = escaped(record.getMessage())
+        return said if record.levelno <= logging.INFO else f"{record.levelname.lower()}: {said}"
+
+
+def prepare() -> None:
+    """Set up the log and stdout."""
+    handler = logging.StreamHandler()
+    handler.setFormatter(Lines())
+    logging.basicConfig(handlers=[handler], level=logging.WARNING)
+    logging.getLogger("o3dls").setLevel(logging.INFO)
+    codecs.register_error("o3dls", _written)
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="o3dls")
+
+
+def _written(error: UnicodeError) -> tuple[str | bytes, int]:
+    """Names of folders may hold bytes that are no text: they go out as they came in; letters that the
+    terminal does not know as in a literal of Python.
+    """
+    try:
+        return codecs.lookup_error("surrogateescape")(error)
+    except UnicodeError:
+        return codecs.backslashreplace_errors(error)
