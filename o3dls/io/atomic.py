@@ -24,6 +24,9 @@ MARKS = {
     "paper": "paper_results.json",
 }
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)  # disk, quota, limit: the system names no file
+SHOWN = 40  # letters of a name in that of its temporary file
+# as long as paths in our folders, such as estimates/NAME/surface.ply: systems limit the whole path
+LONGEST = Path("x" * 80) / ("x" * 120)
 log = logging.getLogger("o3dls")
 
 
@@ -33,12 +36,12 @@ def _real(path: str | Path) -> Path:
 
 
 def _sibling(path: Path) -> Path:
-    """A name nobody else uses beside what `path` stands for; keeps the suffix, since writers choose their
-    format by it.
+    """A name nobody else uses beside what `path` stands for, and not longer than a system takes; keeps the
+    suffix, since writers choose their format by it.
     """
     folder = _real(path).parent
     folder.mkdir(parents=True, exist_ok=True)
-    return folder / f".{path.stem}.partial-{secrets.token_hex(4)}{path.suffix}"
+    return folder / f".{path.stem[:SHOWN]}.partial-{secrets.token_hex(4)}{path.suffix[:12]}"
 
 
 @contextmanager
@@ -71,7 +74,14 @@ def staged_file(path: str | Path) -> Iterator[Path]:
         staged.unlink(missing_ok=True)
 
 
+def _check_link(path: Path) -> None:
+    real = _real(path)
+    if any(place.is_symlink() for place in (real, *real.parents)):  # no link is left but one of a circle
+        raise InputError(f"{path}: is a link that leads to itself, or lies in one; name another")
+
+
 def _check_file(path: Path) -> None:
+    _check_link(path)
     if path.exists() and not path.is_file():
         raise InputError(f"{path}: is a {'folder' if path.is_dir() else 'pipe or a device'}; name a file")
 
@@ -116,13 +126,13 @@ def check_free(
     out: str | Path, force: bool = False, kind: str | None = None, reads: Sequence[Path] = ()
 ) -> None:
     """Raise InputError unless the folder `out` may be written: it is not there, is empty, or is our own of
-    that kind and `force` is set. A run folder is our own where it holds nothing that o3dls did not write.
+    that kind and `force` is set. A folder is our own where it holds nothing that o3dls did not write.
 
     kind: run, case or paper, any where it is None; reads: files and folders that the work reads, which must
     not be replaced by it.
     """
     out = Path(out)
-    if out.exists() and not out.is_dir():
+    if _exists(out) and not out.is_dir():
         raise InputError(f"{out}: is a file; name a folder")
     if out.exists() and Path.cwd().is_relative_to(_real(out)):
         raise InputError(
@@ -135,22 +145,33 @@ def check_free(
     _check_writable(out)
 
 
+def _exists(path: Path) -> bool:
+    """Whether a path is there. Raises InputError for one that cannot be, such as a name that is too long."""
+    if "\0" in str(path):
+        raise InputError(f"{path}: cannot be a path: it holds a byte of zero; name another")
+    try:
+        return path.exists()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be made: {error.strerror}; name another") from None
+
+
 def _check_replaceable(out: Path, kind: str | None, reads: Sequence[Path]) -> None:
-    if _kind(out) not in ([kind] if kind else MARKS):
+    there = _kind(out)
+    if there is None or there != (kind or there):
         raise InputError(
             f"{out}: is no {kind or ' or '.join(MARKS)}, so it is not ours to replace; name another folder"
-        )
-    if _kind(out) == "run" and (found := foreign(out)):
-        more = f" and {len(found) - 1} more" if found[1:] else ""
-        raise InputError(
-            f"{out}: holds {escaped(found[0])}{more}, which o3dls did not write and would remove; move it "
-            "away, or name another folder"
         )
     for source in reads:
         if _real(source).is_relative_to(_real(out)):
             raise InputError(
                 f"{out}: is or holds {source}, which is read, and would be replaced; name another folder"
             )
+    if found := foreign(out, there):
+        more = f" and {len(found) - 1} more" if found[1:] else ""
+        raise InputError(
+            f"{out}: holds {escaped(found[0])}{more}, which o3dls did not write and would remove; move it "
+            "away, or name another folder"
+        )
 
 
 def _kind(folder: Path) -> str | None:
@@ -160,12 +181,18 @@ def _kind(folder: Path) -> str | None:
 
 
 def _check_writable(out: Path) -> None:
-    """Raise InputError where nothing can be made beside `out`: only trying tells, and better before the work
-    than after it.
+    """Raise InputError where the folder `out` cannot be made, with names in it as long as ours: only trying
+    tells, and better before the work than after it.
     """
-    there = next(folder for folder in _real(out).parents if folder.exists())
+    real = _real(out)
+    _check_link(out)
+    there = next(folder for folder in real.parents if folder.exists())
     try:
-        os.rmdir(mkdtemp(prefix=".", dir=there))
+        trial = Path(mkdtemp(prefix=".", dir=there))
+        try:
+            (trial / real.relative_to(there) / LONGEST).mkdir(parents=True)
+        finally:
+            shutil.rmtree(trial, ignore_errors=True)
     except OSError as error:
         raise InputError(f"{out}: cannot be made: {there}: {error.strerror}; name another folder") from None
 

@@ -1,5 +1,5 @@
-"""The manifest of a run folder: the names of the files that o3dls wrote there, so that nothing else is ever
-removed with it.
+"""The manifest of a folder of ours: the names of the files that o3dls wrote there, so that nothing else is
+ever removed with it.
 """
 
 from __future__ import annotations
@@ -14,14 +14,16 @@ from pathlib import Path
 MANIFEST = "manifest.txt"
 IGNORED = (".DS_Store", "Thumbs.db", "desktop.ini")  # what file browsers leave in any folder
 SURFACE = r"\.(ply|csv)"
-# all that a run could hold before there was a manifest
-WRITTEN = re.compile(
+# all that a folder could hold before there was a manifest; a case may be made by hand, under the same names
+RUN = (
     r"run\.json|scores\.csv|points\.csv|held_out\.csv|report\.(html|pdf)|figures/[^/]+\.png"
     r"|estimates/[^/]+/(surface\.(ply|vtp|csv)|trace\.csv|weights\.csv)"
     r"|export/[^/]+\.(ply|stl|obj|off|vtk|vtp|mesh|mat|pts|elem|lon|dat|xml|nrrd|nii\.gz|tfm|txt)(\.json)?"
     r"|case/(case\.toml|(points|prior_landmarks|init|held_out|correspondence|outliers)\.csv)"
     rf"|case/(prior|truth|phases/\d+){SURFACE}"
 )
+PAPER = r"paper_results\.json|index\.(html|md)|figures/[^/]+\.png|shapes/.+\.npz"
+WRITTEN = {"run": re.compile(RUN), "paper": re.compile(PAPER)}
 
 
 def write_manifest(folder: Path) -> None:
@@ -43,10 +45,10 @@ def noted(folder: str | Path) -> Iterator[None]:
         _append(folder, [name for name in _files(folder) if name not in before])
 
 
-def foreign(folder: Path) -> list[str]:
-    """The files in a run folder that o3dls did not write, by their paths in it."""
+def foreign(folder: Path, kind: str) -> list[str]:
+    """The files in a folder of a kind (run, case, paper) that o3dls did not write, by their paths in it."""
     if not (folder / MANIFEST).is_file():
-        return [name for name in _files(folder) if not WRITTEN.fullmatch(name)]
+        return [n for n in _files(folder) if kind not in WRITTEN or not WRITTEN[kind].fullmatch(n)]
     listed = set((folder / MANIFEST).read_text(encoding="utf-8", errors="replace").split("\n"))
     return [name for name in _files(folder) if json.dumps(name) not in listed]
 

@@ -8,6 +8,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from ..io.atomic import check_free, staged_folder
+from ..io.manifest import write_manifest
 from ..pipeline.workers import workers
 from .experiment import Outcome, Scope, Task
 from .page import EXPERIMENTS, write_page
@@ -30,6 +31,7 @@ def make(out: Path, *, quick: bool = False, force: bool = False) -> Path:
     with staged_folder(out, force) as folder:
         write_results(folder, outcomes, left_out(scope), scope)
         shown(folder)
+        write_manifest(folder)
     return out / "index.html"
 
 

@@ -17,7 +17,7 @@ from ..errors import InputError, escaped
 from ..estimate import Estimate
 from ..evaluation.validity import faults
 from ..io.atomic import staged_folder, write_file
-from ..io.case_writer import write_case
+from ..io.case_writer import write_case_files
 from ..io.manifest import write_manifest
 from ..io.points import write_points
 from .estimate_files import write_estimate, write_rows
@@ -108,7 +108,7 @@ class Run:
         return Path(out)
 
     def _write_into(self, folder: Path) -> None:
-        write_case(folder / "case", self.case)
+        write_case_files(folder / "case", self.case)
         write_points(folder / "points.csv", self.points)
         if self.held_out:
             write_points(folder / "held_out.csv", self.held_out)

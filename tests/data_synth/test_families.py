@@ -200,7 +200,7 @@ def test_an_open_surface_is_no_wall(rest: Surface, tmp_path: Path) -> None:
         read_wall(tmp_path / "open.ply")
 
 
-FILES = {"case.toml", "prior.ply", "truth.ply", "points.csv", "held_out.csv", "outliers.csv"}
+FILES = {"manifest.txt", "case.toml", "prior.ply", "truth.ply", "points.csv", "held_out.csv", "outliers.csv"}
 
 
 @pytest.mark.parametrize(

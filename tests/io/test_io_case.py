@@ -27,6 +27,7 @@ from o3dls.io.atomic import check_free, staged_file, staged_folder
 from o3dls.io.case_reader import read_case
 from o3dls.io.case_settings import toml_lines
 from o3dls.io.case_writer import write_case
+from o3dls.io.manifest import write_manifest
 from o3dls.io.meshes.registry import write_surface
 from o3dls.io.meshes.repair import capped, closed_outward, welded
 from o3dls.io.points import read_points, write_points
@@ -476,12 +477,13 @@ def test_staged_folder_appears_whole_and_replaces_only_our_own(tmp_path: Path) -
 def test_a_folder_is_only_replaced_by_one_of_its_kind(there: str, new: str, tmp_path: Path) -> None:
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / there).write_text("")
+    write_manifest(tmp_path / "out")
     with (
         pytest.raises(InputError, match="so it is not ours to replace"),
         staged_folder(tmp_path / "out", force=True) as folder,
     ):
         (folder / new).write_text("")
-    assert [path.name for path in (tmp_path / "out").iterdir()] == [there]
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {there, "manifest.txt"}
 
 
 @pytest.mark.parametrize("read", ["out", "out/case"])
@@ -502,6 +504,44 @@ def test_a_place_that_cannot_be_written_is_named_before_any_work(tmp_path: Path)
         check_free(tmp_path / "file" / "run")
     check_free(tmp_path / "deep" / "run")
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+@pytest.mark.parametrize("name", ["a" * 255, "é" * 120 + ".run", "deep/" * 10 + "b" * 250])
+def test_long_names_of_folders_and_files_are_written(name: str, tmp_path: Path) -> None:
+    with staged_folder(tmp_path / name) as folder:
+        (folder / "run.json").write_text("{}")
+    assert (tmp_path / name / "run.json").is_file()
+    with staged_file(tmp_path / "files" / name) as file:
+        file.write_text("new")
+    assert (tmp_path / "files" / name).read_text() == "new"
+
+
+@pytest.mark.parametrize(
+    "name", ["a" * 256, "é" * 130, "new/" + "b" * 300, "/".join(["c" * 200] * 20), "a\0b"]
+)
+def test_names_and_paths_that_are_too_long_are_named_before_any_work(name: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="cannot be"):
+        check_free(tmp_path / name)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_path_with_no_room_for_the_files_of_a_run_is_named_before_any_work(tmp_path: Path) -> None:
+    left = os.pathconf(tmp_path, "PC_PATH_MAX") - len(str(tmp_path)) - 150  # of the files of a run
+    parts = ["c" * 200] * (left // 201) + ["d" * (left % 201)] * (left % 201 > 0)
+    with pytest.raises(InputError, match=r"cannot be made: .*File name too long; name another folder"):
+        check_free(tmp_path / "/".join(parts))
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("name", ["loop", "one", "loop/run"])
+def test_a_link_that_leads_to_itself_is_named_before_any_work(name: str, tmp_path: Path) -> None:
+    (tmp_path / "loop").symlink_to("loop")
+    (tmp_path / "one").symlink_to("other")
+    (tmp_path / "other").symlink_to("one")
+    with pytest.raises(InputError, match="is a link that leads to itself, or lies in one; name another"):
+        check_free(tmp_path / name)
+    with pytest.raises(InputError, match="is a link that leads to itself"), staged_file(tmp_path / name):
+        pass
 
 
 def test_an_old_folder_that_cannot_be_removed_does_not_spoil_the_new(

@@ -304,6 +304,27 @@ def test_an_import_names_the_landmarks_without_a_partner(tmp_path: Path) -> None
     assert any(line.startswith("landmarks LAA, LSPV: have no partners, as no places") for line in found.left)
 
 
+@pytest.mark.parametrize("name", ["prior.ply", "thesis.docx", "phases/01.ply"])
+def test_an_import_replaces_only_what_an_import_wrote(name: str, tmp_path: Path) -> None:
+    study, out = carto_folder(tmp_path / "s"), tmp_path / "case"
+    import_study(study, "1-Map", out)
+    import_study(study, "1-Map", out, force=True)
+    (out / name).parent.mkdir(exist_ok=True)
+    (out / name).write_text("mine")
+    with pytest.raises(InputError, match=f"case: holds {name}, which o3dls did not write and would remove"):
+        import_study(study, "1-Map", out, force=True)
+    assert (out / name).read_text() == "mine"
+
+
+def test_an_import_does_not_replace_a_case_made_by_hand(tmp_path: Path) -> None:
+    study, out = carto_folder(tmp_path / "s"), tmp_path / "case"
+    out.mkdir()
+    for name in ("case.toml", "points.csv", "prior.ply"):
+        (out / name).write_text("mine")
+    with pytest.raises(InputError, match=r"case: holds case\.toml and 2 more, which o3dls did not write"):
+        import_study(study, "1-Map", out, force=True)
+
+
 def test_what_is_said_of_a_prior_needs_one(tmp_path: Path) -> None:
     folder = carto_folder(tmp_path / "s")
     with pytest.raises(InputError, match="cap, label: means nothing without a prior"):

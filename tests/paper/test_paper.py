@@ -131,6 +131,22 @@ def test_a_folder_that_is_not_ours_is_not_replaced(tmp_path: Path) -> None:
         make(tmp_path, quick=True, force=True)
 
 
+@pytest.mark.parametrize("manifest", [True, False])
+def test_a_page_with_a_file_that_is_not_ours_is_not_replaced(manifest: bool, tmp_path: Path) -> None:
+    from o3dls.io.atomic import check_free
+    from o3dls.io.manifest import write_manifest
+
+    for name in ("paper_results.json", "index.html", "index.md", "figures/noise.png", "shapes/noise/a.npz"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text("")
+    if manifest:
+        write_manifest(tmp_path)
+    check_free(tmp_path, True, "paper")
+    (tmp_path / "figures/letter.txt").write_text("keep me")
+    with pytest.raises(InputError, match=r"holds figures/letter\.txt, which o3dls did not write"):
+        check_free(tmp_path, True, "paper")
+
+
 def test_a_folder_without_results_is_named(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=RESULTS):
         shown(tmp_path)

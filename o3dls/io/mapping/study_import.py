@@ -13,6 +13,7 @@ from ...errors import InputError
 from ...registration.landmark_names import alone, partners
 from ..atomic import check_free, staged_folder, write_file
 from ..case_settings import MILLIMETRES, toml_lines
+from ..manifest import write_manifest
 from ..markups import Markups, read_markups
 from ..meshes.registry import read_surface_file, write_surface
 from ..meshes.repair import closed_outward
@@ -67,6 +68,7 @@ def import_study(
             )
         settings = {"name": found.name, "frame": found.space, "notes": f"imported from {found.vendor}"}
         write_file(folder / "case.toml", toml_lines(settings))
+        write_manifest(folder)
     return found
 
 
