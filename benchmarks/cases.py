@@ -52,7 +52,7 @@ class Listed:
         own = case.points.type == "ablation"
         xyz = np.vstack([noisy.points.xyz[keep], case.points.xyz[own]])
         kind = np.concatenate([noisy.points.type[keep], case.points.type[own]])
-        return replace(noisy, points=replace(noisy.points, xyz=xyz, type=kind, columns=columns))
+        return replace(noisy, points=replace(noisy.points, xyz=xyz, type=kind, columns=columns, order=None))
 
 
 def tuned_as(group: str) -> str:

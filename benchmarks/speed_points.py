@@ -60,7 +60,9 @@ def _kit(data: Path, count: int, seed: int) -> Any:
     every = sample(case.truth.surface, 20_000)
     at = every[rng.permutation(len(every))[:count]]
     marks = case.points.of("landmark")
-    fresh = replace(case.points, xyz=at + rng.normal(size=at.shape), type=np.full(count, "eam"), columns={})
+    fresh = replace(
+        case.points, xyz=at + rng.normal(size=at.shape), type=np.full(count, "eam"), columns={}, order=None
+    )
     return replace(case, points=_with_landmarks(fresh, marks))
 
 

@@ -37,7 +37,7 @@ BEST = 0.02
 @dataclass(frozen=True, eq=False)
 class Points:
     """Measured points: xyz (n, d) in the map frame, type (n,), further columns (n,) by name (numbers, NaN =
-    missing, or text).
+    missing, or text); order (n,): when each was taken: as they come, and the same when some are left out.
 
     Raises InputError where lengths do not fit, a type is unknown or a place is not finite.
     """
@@ -45,6 +45,7 @@ class Points:
     xyz: Array
     type: NDArray[np.str_]
     columns: Mapping[str, NDArray[Any]] = field(default_factory=dict)
+    order: Array | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "xyz", np.asarray(self.xyz, dtype=np.float64))
@@ -72,11 +73,17 @@ class Points:
 
     def select(self, rows: NDArray[Any]) -> Points:
         """The rows named by an index or mask."""
-        return Points(self.xyz[rows], self.type[rows], {k: v[rows] for k, v in self.columns.items()})
+        columns = {k: v[rows] for k, v in self.columns.items()}
+        return Points(self.xyz[rows], self.type[rows], columns, self.taken[rows])
 
     def of(self, *types: str) -> Points:
         """The points of the given types, in file order."""
         return self.select(np.isin(self.type, types))
+
+    @property
+    def taken(self) -> Array:
+        """When each point (n,) was taken: its place in the order of all of them."""
+        return np.arange(float(len(self))) if self.order is None else self.order
 
     @cached_property
     def typical_sigma(self) -> float | None:

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from .arrays import Array
+from .case import Case
 from .geometry.similarity import scale_of
 from .geometry.surface import Surface
 from .motion.interface import Motion
@@ -15,6 +18,9 @@ from .run_warning import RunWarning
 if TYPE_CHECKING:
     from .levelset.grid.distance import SignedDistance
     from .motion.result import MotionFit
+    from .noise.shifted_part import MapShift
+
+SHIFTED = "shifted"  # column of the points that an offset was taken out of
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,7 +30,7 @@ class Estimate:
     T_map_prior (d+1, d+1) is the similarity part; sigma the noise level found (case units); weights (k,) in
     [0, 1] are the probabilities that each mapping point touches the wall; trace holds one record per
     iteration; phi is the level set where there is one; fit is the motion's fit, which Deform.update and the
-    stage `topology` go on from.
+    stage `topology` go on from; map_shift is the offset of a part of the map that the estimate is free of.
     """
 
     surface: Surface
@@ -38,6 +44,7 @@ class Estimate:
     motion: Motion | None = None
     phi: SignedDistance | None = None
     fit: MotionFit | None = None
+    map_shift: MapShift | None = None
     trace: tuple[Mapping[str, float], ...] = ()
     warnings: tuple[RunWarning, ...] = ()
     facts: Mapping[str, Any] = field(default_factory=dict)  # further results of the stage, JSON-ready
@@ -45,3 +52,15 @@ class Estimate:
     @property
     def scale(self) -> float:
         return scale_of(self.T_map_prior)
+
+    def corrected(self, case: Case) -> Case:
+        """The case as the estimate sees it: without the offset of a part of its points, which get the column
+        `shifted` (1 for those of the part); the same one where no offset was taken out.
+        """
+        if self.map_shift is None:
+            return case
+        points = case.points
+        shift = self.map_shift
+        xyz = shift.without(points.xyz, points.taken, points.type == "landmark")
+        columns = {**points.columns, SHIFTED: (xyz != points.xyz).any(axis=1).astype(np.float64)}
+        return replace(case, points=replace(points, xyz=xyz, columns=columns))

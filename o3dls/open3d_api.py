@@ -75,7 +75,7 @@ def register(
     )
     run = pipeline.run(case)
     estimate = run.estimates[run.final]
-    gap = distances(case.points.of("eam").xyz, estimate.surface)
+    gap = distances(run.case.points.of("eam").xyz, estimate.surface)
     noise = estimate.sigma or robust_sd(gap)
     near = gap <= (REACH * noise if max_correspondence_distance is None else max_correspondence_distance)
     return Registration(

@@ -50,8 +50,12 @@ def trial_fit(vertices: Array, faces: Ints, pose: Array, data: Data, settings: M
     """Rounds until the surface stands still, without what `fit_motion` weighs after them: for comparing the
     energies of one surface and another. Parameters and errors as there.
     """
+    return settled(motion_problem(vertices, faces, pose, data, settings))
+
+
+def settled(problem: MotionProblem) -> Iterated:
+    """Rounds of a problem from nothing until the surface stands still. Raises SolverError as `fit_motion`."""
     with one_blas_thread():
-        problem = motion_problem(vertices, faces, pose, data, settings)
         return _iterate(problem, begin(problem))
 
 

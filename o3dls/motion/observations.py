@@ -22,7 +22,8 @@ class Data:
 
     mapping: rows of the mapping points of the case, of which those at one place are one row;
     duplicate_distance: within what distance they are; groups: how many noise groups there are; typical_sigma:
-    the `sigma` that relative noise is relative to, where points have one.
+    the `sigma` that relative noise is relative to, where points have one; order (n,): when each point was
+    taken, if not as they come.
     """
 
     PER_POINT: ClassVar = ("points", "group", "relative", "odds", "inside")
@@ -38,6 +39,7 @@ class Data:
     mapping: Ints | None = None
     typical_sigma: float | None = None
     duplicate_distance: float = 0.0
+    order: Array | None = None
 
     @property
     def trusted(self) -> Array:
@@ -54,7 +56,8 @@ class Data:
 
     def at(self, which: slice | Ints) -> Data:
         """Some of the points, all of the landmarks."""
-        return replace(self, **{name: getattr(self, name)[which] for name in self.PER_POINT})
+        order = None if self.order is None else self.order[which]
+        return replace(self, order=order, **{name: getattr(self, name)[which] for name in self.PER_POINT})
 
     def differs(self, other: Data) -> NDArray[np.bool_]:
         """Which points (n,) are not the same in other data of as many."""

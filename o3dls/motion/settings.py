@@ -127,6 +127,29 @@ class LeverageSettings:
 
 
 @dataclass(frozen=True)
+class MapShiftSettings:
+    """When one part of the map is shifted against the others, and no motion of the wall."""
+
+    offset_sd: float = number(0.4, "rms radii", "of an offset along each axis: 10 mm for an atrium")
+    least_part: float = number(0.1, "1", "of the points, in the order in which they were taken")
+    order_cuts: int = number(17, "", "between that part and the rest that are tried")
+    least_side: float = number(0.25, "1", "of the points, on a side of a plane: less is a bump of the wall")
+    plane_cuts: int = number(7, "", "along each direction; the best one is moved to where it fits best")
+    first_evidence: float = number(
+        2.0, "nats", "in closed form, before a motion is fitted without the offset"
+    )
+    first_offset: float = number(0.12, "rms radii", "that is worth such a fit")
+    evidence_order: float = number(10.0, "nats", "of a part in time: 3 is the most of maps that are whole")
+    evidence_side: float = number(12.0, "nats", "of one side of a plane: a bend resembles an offset,")
+    least_offset: float = number(
+        0.15, "rms radii", "and moves one side by as much as 3.6 mm in a map that is whole"
+    )
+    rounds: int = number(5, "", "most, of a fit without the offset and the offset again")
+    settled: float = number(0.1, "noise levels", "change of the offset that ends them")
+    most_points: int = number(500, "points", "of more of a kind, an even part is asked")
+
+
+@dataclass(frozen=True)
 class MotionSettings:
     """All numbers of the motion, and of who touches the wall."""
 
@@ -135,6 +158,7 @@ class MotionSettings:
     selection: SelectionSettings = field(default_factory=SelectionSettings)
     leverage: LeverageSettings = field(default_factory=LeverageSettings)
     contact: ContactSettings = field(default_factory=ContactSettings)
+    map_shift: MapShiftSettings = field(default_factory=MapShiftSettings)
     inflation: float = number(
         1.3, "1", "on the deviation, which takes feet, normals and amplitudes as known: by development seeds"
     )

@@ -25,7 +25,7 @@ Fit = Callable[[Case], Mapping[str, Estimate]]
 
 def cross_validate(fit: Fit, case: Case, folds: int) -> dict[str, Array]:
     """Distances (k,) of the case's eam points to the estimates fitted without their block, by estimate, in
-    file order.
+    file order; without the offset of a part of the map where the fold's last estimate took one out.
     """
     rows = np.flatnonzero(case.points.type == "eam")
     of = fold_of(case.points.xyz[rows], folds)
@@ -40,9 +40,11 @@ def cross_validate(fit: Fit, case: Case, folds: int) -> dict[str, Array]:
             raise type(error)(
                 f"in {where}, with {len(away)} points left out: {error}; folds = 0 leaves it away"
             ) from error
+        last = list(estimates.values())[-1]
+        left = last.corrected(case).points.xyz[away]
         for name, estimate in estimates.items():
             gaps = left_out.setdefault(name, np.zeros(len(rows)))
-            gaps[of == fold] = distances(case.points.xyz[away], estimate.surface)
+            gaps[of == fold] = distances(left, estimate.surface)
     return left_out
 
 

@@ -101,7 +101,7 @@ class Pipeline:
             cross_validate(lambda part: self.fit(part, logging.DEBUG), case, self.folds) if self.folds else {}
         )
         run = scored(
-            case,
+            estimates[self.names[-1]].corrected(case),
             estimates,
             fitted={name: self.fitted(name) for name in estimates},
             left_out=left_out,
@@ -118,7 +118,8 @@ class Pipeline:
         estimates = {START: start_estimate(case.visible())}
         for stage in self.stages:
             begin, name = perf_counter(), stage.estimate_name
-            estimate = stage(case.visible(stage.fits), estimates[self.sources[name]])
+            source = estimates[self.sources[name]]
+            estimate = stage(source.corrected(case).visible(stage.fits), source)
             if not np.isfinite(estimate.T_map_prior).all():
                 raise SolverError(f"{name}: the pose found is not finite")
             seconds = perf_counter() - begin

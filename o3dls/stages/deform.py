@@ -17,13 +17,21 @@ from ..geometry.similarity import fit_similarity
 from ..geometry.surface import Surface
 from ..registration.landmarks import determined
 from ..run_warning import RunWarning, of_stage
-from .deform_checks import POINT_CODES, alternatives, case_warnings, motion_warnings, point_warnings
+from .deform_checks import (
+    POINT_CODES,
+    alternatives,
+    case_warnings,
+    motion_warnings,
+    point_warnings,
+    shifted,
+)
 from .deform_data import differences, observed
 from .deform_parameters import DeformParameters
 
 if TYPE_CHECKING:
     from ..motion.observations import Data
     from ..motion.result import MotionFit
+    from ..noise.shifted_part import MapShift
 
 
 class Deform(DeformParameters):
@@ -39,9 +47,16 @@ class Deform(DeformParameters):
             raise InputError(f"deform: case {case.name} has no points of type eam")
         fits = [self._fit(case, pose, data) for pose in self._poses(case, start)]
         best = min(fits, key=lambda fit: fit.energy)
-        found = _estimate(case, best, len(data.points))
+        shift, pose = self._shift(best, start)
+        taken_out = shift is not None and self.map_shift == "fit"
+        if taken_out:
+            case = replace(start, map_shift=shift).corrected(case)
+            fits = [best := self._fit(case, pose, observed(case, self))]
+        found = _estimate(case, best, len(best.problem.data.points))
+        found = _with_shift(found, start, shift, taken_out=taken_out)
         warnings = [
-            *point_warnings(best, len(data.points), found.status, case.units),
+            *point_warnings(best, len(best.problem.data.points), found.status, case.units),
+            *shifted(shift, case.units, taken_out=taken_out),
             *motion_warnings(best, start.surface, found.surface, case.units),
             *self._single_start(case),
             *alternatives(best, fits, case.units),
@@ -60,13 +75,14 @@ class Deform(DeformParameters):
         not one of this stage, or prior, landmarks, parameters or the points of before have changed.
         """
         earlier, tuned_on = _own_fit(case, estimate)
+        case = estimate.corrected(case)
         data = observed(case.visible(self.fits), self, earlier.problem.data)
         if self.settings() != earlier.problem.settings:
             raise InputError("update: the stage has other parameters than the one that made the estimate")
         if changed := differences(data, earlier.problem.data):
             raise InputError(f"update: {changed}")
         fit = self._fit(case, estimate.T_map_prior, data, earlier)
-        found = _estimate(case, fit, tuned_on)
+        found = replace(_estimate(case, fit, tuned_on), map_shift=estimate.map_shift)
         kept = (one for one in estimate.warnings if not self._judges_points(one))
         warnings = point_warnings(fit, tuned_on, found.status, case.units)
         return replace(found, warnings=(*kept, *of_stage(warnings, self.estimate_name)))
@@ -75,6 +91,15 @@ class Deform(DeformParameters):
         from ..motion.fit import fit_motion
 
         return fit_motion(case.prior.vertices, case.prior.faces, pose, data, self.settings(), earlier)
+
+    def _shift(self, fit: MotionFit, start: Estimate) -> tuple[MapShift | None, Array]:
+        """The part of the map that is shifted, unless nobody asks or an earlier stage has taken it out; and
+        the pose without it.
+        """
+        from ..motion.map_shift import find_map_shift
+
+        asked = self.map_shift != "ignore" and start.map_shift is None
+        return (asked and find_map_shift(fit)) or (None, fit.problem.pose)
 
     def _poses(self, case: Case, start: Estimate) -> list[Array]:
         """The start pose and, where several are asked for, those of the landmarks."""
@@ -116,6 +141,17 @@ def _estimate(case: Case, fit: MotionFit, tuned_on: int) -> Estimate:
         facts={**fit.facts, "tuned_on": tuned_on},
         fit=fit,
     )
+
+
+def _with_shift(found: Estimate, start: Estimate, shift: MapShift | None, *, taken_out: bool) -> Estimate:
+    """The estimate with what is known of a shifted part of the map."""
+    if shift is None:
+        return replace(found, map_shift=start.map_shift)
+    facts = {**found.facts, "map_shift": shift.record() | {"taken_out": taken_out}}
+    if not taken_out:
+        return replace(found, facts=facts)
+    status = f"{found.status}; an offset was taken out of {shift.points} of {shift.total} points"
+    return replace(found, facts=facts, status=status, map_shift=shift)
 
 
 def _own_fit(case: Case, estimate: Estimate) -> tuple[MotionFit, int]:

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from ..motion.observations import Data
     from ..motion.problem import MotionProblem
     from ..motion.result import MotionFit
+    from ..noise.shifted_part import MapShift
 
 NO_WALL = 0.95  # fraction of outliers that leaves no wall
 MANY = 0.5  # fraction of outliers that is worth a warning
@@ -60,6 +61,15 @@ def point_warnings(fit: MotionFit, tuned_on: int, status: str, unit: str) -> lis
 def motion_warnings(fit: MotionFit, start: Surface, found: Surface, unit: str) -> list[RunWarning]:
     """On a motion that can hardly be right. Raises SolverError where it turns the surface inside out."""
     return [*changed_volume(start, found), *captured(fit), *stretched(fit, found, unit)]
+
+
+def shifted(shift: MapShift | None, unit: str, *, taken_out: bool) -> list[RunWarning]:
+    """On a part of the map that is shifted, and what was done with its offset."""
+    if shift is None:
+        return []
+    done = "the offset was taken out" if taken_out else 'deform.map_shift = "fit" takes the offset out'
+    sentence = f"{shift.sentence(unit)}: did the patient move, or the reference slip? {done}"
+    return [RunWarning("map-shift", sentence)]
 
 
 def alternatives(best: MotionFit, fits: Sequence[MotionFit], unit: str) -> list[RunWarning]:

@@ -49,6 +49,7 @@ def observed(case: Case, stage: DeformParameters, before: Data | None = None) ->
         mapping=same[every.type == "eam"],
         typical_sigma=typical,
         duplicate_distance=near,
+        order=points.taken,
     )
 
 

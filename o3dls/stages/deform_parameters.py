@@ -69,6 +69,13 @@ class DeformParameters(Stage):
         "smooth",
         description="smooth a prior that the points show to be rougher than the wall, or keep its detail",
     )
+    map_shift: Literal["report", "fit", "ignore"] = Field(
+        "report",
+        description=(
+            "warn where the points of one part of the map carry one offset, as if the patient had moved; or "
+            "estimate that offset and take it out of these points; or do not ask"
+        ),
+    )
     starts: Literal["given", "several"] = Field(
         "given",
         description=(
