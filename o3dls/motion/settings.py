@@ -132,21 +132,22 @@ class MapShiftSettings:
 
     offset_sd: float = number(0.4, "rms radii", "of an offset along each axis: 10 mm for an atrium")
     least_part: float = number(0.1, "1", "of the points, in the order in which they were taken")
-    order_cuts: int = number(17, "", "between that part and the rest that are tried")
-    least_side: float = number(0.25, "1", "of the points, on a side of a plane: less is a bump of the wall")
-    plane_cuts: int = number(7, "", "along each direction; the best one is moved to where it fits best")
+    least_side: float = number(0.2, "1", "of the points, on a side of a plane: less is a bump of the wall")
+    most_cuts: int = number(
+        128, "", "of a kind that are tried: a few points on the wrong side hide an offset"
+    )
     first_evidence: float = number(
-        2.0, "nats", "in closed form, before a motion is fitted without the offset"
+        4.0, "nats", "in closed form, before a motion is fitted without the offset"
     )
     first_offset: float = number(0.12, "rms radii", "that is worth such a fit")
-    evidence_order: float = number(10.0, "nats", "of a part in time: 3 is the most of maps that are whole")
-    evidence_side: float = number(12.0, "nats", "of one side of a plane: a bend resembles an offset,")
-    least_offset: float = number(
-        0.15, "rms radii", "and moves one side by as much as 3.6 mm in a map that is whole"
-    )
+    rivals: int = number(2, "", "offsets that are: the best one in closed form is not always the best")
     rounds: int = number(5, "", "most, of a fit without the offset and the offset again")
     settled: float = number(0.1, "noise levels", "change of the offset that ends them")
-    most_points: int = number(500, "points", "of more of a kind, an even part is asked")
+    evidence_order: float = number(10.0, "nats", "of a part in time: 3 is the most of maps that are whole")
+    evidence_side: float = number(15.0, "nats", "of one side of a plane, which a bend resembles,")
+    evidence_per_point: float = number(0.07, "nats", "and of many points more: what they show they share")
+    least_offset: float = number(0.15, "rms radii", "of one side of a plane: bends move it by as much")
+    over_motion: float = number(2.5, "1", "that offset over the rms motion: of two patients it is 1")
 
 
 @dataclass(frozen=True)

@@ -96,7 +96,7 @@ class Deform(DeformParameters):
         """The part of the map that is shifted, unless nobody asks or an earlier stage has taken it out; and
         the pose without it.
         """
-        from ..motion.map_shift import find_map_shift
+        from ..motion.map_shift.search import find_map_shift
 
         asked = self.map_shift != "ignore" and start.map_shift is None
         return (asked and find_map_shift(fit)) or (None, fit.problem.pose)

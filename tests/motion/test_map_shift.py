@@ -12,7 +12,7 @@ from fields import SIZE, bend, body
 from o3dls.arrays import Array
 from o3dls.geometry.surface import Surface
 from o3dls.motion.fit import fit_motion
-from o3dls.motion.map_shift import find_map_shift
+from o3dls.motion.map_shift.search import find_map_shift
 from o3dls.motion.observations import Data
 from o3dls.motion.result import MotionFit
 from o3dls.noise.shifted_part import MapPart, MapShift

@@ -1,0 +1,157 @@
+"""Offsets of a part of the points, in closed form.
+
+Around a motion that was found the points are a linear Gaussian model, and an offset of a part of them is a
+few more columns: what evidence these gain is known for every cut, in the order of the points or by a plane.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import solve_triangular
+
+from ...arrays import Array, Ints
+from ...noise.shifted_part import MapPart
+from ..covariance import grams
+from ..iteration import State, find_feet, gather_rows
+from ..marginal_likelihood import assemble, laplace_correction, solve
+from ..observations import Data
+from ..problem import MotionProblem
+
+
+class Offset(NamedTuple):
+    """An offset (d,) of a part of the points, its covariance (d, d), and the nats that it gains."""
+
+    part: MapPart
+    offset: Array
+    covariance: Array
+    nats: float
+
+    @property
+    def length(self) -> float:
+        return float(np.linalg.norm(self.offset))
+
+
+@dataclass(frozen=True, eq=False)
+class OffsetModel:
+    """The linear Gaussian model of points around the surface that a fit has come to, each with a row of its
+    own: directions (k, d) of the rows, their residuals (k,), the inverse (k, k) of the Cholesky factor of
+    their covariance, and Laplace's correction to the free energy.
+    """
+
+    problem: MotionProblem
+    directions: Array
+    residual: Array
+    whitening: Array
+    correction: float
+
+
+def offset_model(problem: MotionProblem, state: State) -> OffsetModel:
+    """The model of a problem's points, no more than may have rows of their own, where a fit has come to."""
+    rows = gather_rows(problem, find_feet(problem, state), replace(state, patches=None))
+    fixed, parts = grams(problem.covariance, rows.observed)
+    matrix, _ = assemble(state.scales.log, fixed, parts, rows)
+    factor = solve(matrix, rows.residual)[0].factor
+    whitening = solve_triangular(factor, np.eye(len(factor)), lower=True, check_finite=False)
+    correction = laplace_correction(state.scales, fixed, parts, rows)
+    return OffsetModel(problem, rows.observed.directions, rows.residual, whitening, correction)
+
+
+def best_offsets(model: OffsetModel, data: Data, taken_out: Offset | None = None) -> list[Offset]:
+    """The offset that gains most in the order of the points and across each direction, best first.
+
+    data: the points as they were measured, of which the model may have had an offset taken out.
+    """
+    residual = model.residual
+    if taken_out is not None:
+        residual = residual + _columns(data, taken_out.part, model.directions) @ taken_out.offset
+    found = _offsets(model, data, model.whitening @ residual)
+    return sorted(found, key=lambda one: one.nats, reverse=True)
+
+
+def price(model: OffsetModel, data: Data, found: Offset) -> float:
+    """Nats that an offset costs: all those that it could have been."""
+    variance = (model.problem.settings.map_shift.offset_sd * model.problem.size) ** 2
+    columns = model.whitening @ _columns(data, found.part, model.directions)
+    known = np.linalg.slogdet(np.eye(columns.shape[1]) + variance * columns.T @ columns)[1]
+    return 0.5 * float(known + found.offset @ found.offset / variance)
+
+
+def order_of(data: Data) -> Array:
+    """When each point (n,) was taken: as they come, if nothing else is known."""
+    return np.arange(float(len(data.points))) if data.order is None else data.order
+
+
+def between(key: Array, rows: Ints, cut: int) -> float:
+    """The middle between two neighbours in sorted order."""
+    return 0.5 * float(key[rows[cut - 1]] + key[rows[cut]])
+
+
+def _offsets(model: OffsetModel, data: Data, residual: Array) -> Iterator[Offset]:
+    """The best cut in the order of the points and across each direction, for whitened residuals (k,)."""
+    settings = model.problem.settings.map_shift
+    count, dimension = data.points.shape
+    columns = model.whitening[:, :, None] * model.directions
+    of_points = columns[:, :count]
+    of_marks = columns[:, count:].reshape(len(columns), -1, dimension, dimension).sum(axis=2)
+    for direction in (None, *_directions(dimension)):
+        part = MapPart(direction, 0.0)
+        key = part.key(data.points, order_of(data))
+        rows = np.argsort(key, kind="stable")
+        least = settings.least_part if direction is None else settings.least_side
+        few = max(int(least * count), 1)
+        cuts = np.arange(few, count - few + 1, max(count // settings.most_cuts, 1))
+        beyond = np.cumsum(of_points[:, rows[::-1]], axis=1)[:, ::-1][:, cuts]
+        parts = [replace(part, beyond=between(key, rows, cut)) for cut in cuts]
+        choices = _with_landmarks(parts, len(data.marks_map) > 0)
+        yield max(
+            (_likeliest(model, some, beyond + _moved(some, data, of_marks), residual) for some in choices),
+            key=lambda one: one.nats,
+        )
+
+
+def _likeliest(model: OffsetModel, parts: list[MapPart], columns: Array, residual: Array) -> Offset:
+    """The part whose offset gains most, by their whitened columns (k, parts, d) and residuals (k,)."""
+    dimension = columns.shape[2]
+    precision = (model.problem.settings.map_shift.offset_sd * model.problem.size) ** -2
+    information = np.einsum("kpi,kpj->pij", columns, columns) + precision * np.eye(dimension)
+    pulls = np.einsum("kpi,k->pi", columns, residual)
+    covariances = np.linalg.inv(information)
+    offsets = np.einsum("pij,pj->pi", covariances, pulls)
+    prices = 0.5 * np.linalg.slogdet(information / precision)[1]
+    nats = 0.5 * (pulls * offsets).sum(axis=1) - prices
+    best = int(np.argmax(nats))
+    return Offset(parts[best], offsets[best], covariances[best], float(nats[best]))
+
+
+def _directions(dimension: int) -> Iterator[Array]:
+    """Axes and diagonals, one of each two opposite ones."""
+    signs = [np.array(one) for one in product((-1.0, 0.0, 1.0), repeat=dimension)]
+    for sign in signs[len(signs) // 2 + 1 :]:
+        yield sign / np.linalg.norm(sign)
+
+
+def _with_landmarks(parts: list[MapPart], marks: bool) -> Iterator[list[MapPart]]:
+    """The parts with all that landmarks may do."""
+    yield parts
+    if marks:
+        yield [replace(part, landmarks="move") for part in parts]
+    if marks and parts[0].direction is not None:
+        yield [replace(part, landmarks="part") for part in parts]
+
+
+def _moved(parts: list[MapPart], data: Data, of_marks: Array) -> Array:
+    """What the landmarks of each part add to its columns (k, parts, d)."""
+    held = np.array([part.holds_marks(data.marks_map) for part in parts])
+    return np.asarray(np.einsum("kmd,pm->kpd", of_marks, held))
+
+
+def _columns(data: Data, part: MapPart, directions: Array) -> Array:
+    """What an offset of a part changes of the residuals: (k, d), of points and landmarks."""
+    marks = np.repeat(part.holds_marks(data.marks_map), data.points.shape[1])
+    member = np.r_[part.holds(data.points, order_of(data)), marks]
+    return np.asarray(member[:, None] * directions)

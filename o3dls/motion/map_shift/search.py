@@ -1,0 +1,184 @@
+"""Find the part of a map that is shifted: two maps in one, whose frames differ by an offset.
+
+Where an offset gains evidence in closed form (`offset_model`), a motion is fitted without it, and judged by
+its free energy; offset and cut follow anew until they stay. Reasons and numbers: docs/method.md.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...arrays import ROUNDING, Array
+from ...geometry.differential import unit_mean, vertex_normals
+from ...geometry.similarity import apply, fit_similarity
+from ...noise.contact import contact_density
+from ...noise.shifted_part import MapShift
+from ...parallel import one_blas_thread
+from ..fit import settled
+from ..iteration import State
+from ..observations import Data
+from ..problem import MotionProblem, motion_problem
+from ..result import Iterated, MotionFit
+from .offset_model import Offset, OffsetModel, best_offsets, between, offset_model, order_of, price
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """A motion fitted without an offset, and the nats by which both explain the points better than a motion
+    alone.
+    """
+
+    found: Offset
+    run: Iterated
+    model: OffsetModel
+    evidence: float
+
+    @property
+    def problem(self) -> MotionProblem:
+        return self.run.problem
+
+
+def find_map_shift(fit: MotionFit) -> tuple[MapShift, Array] | None:
+    """The part of the map that one offset explains better than any motion does, and the pose (d+1, d+1) that
+    the prior comes to without the offset; None where there is no such part.
+    """
+    with one_blas_thread():
+        trial = _search(fit)
+    if trial is None or not _stands_out(trial):
+        return None
+    found, data = trial.found, fit.problem.data
+    mapping = (data.group == 0) & ~data.inside if data.mapping is None else data.mapping
+    held = found.part.holds(data.points, order_of(data))[mapping]
+    sd = fit.problem.settings.inflation * np.sqrt(np.diag(found.covariance))
+    shift = MapShift(found.part, found.offset, sd, trial.evidence, int(held.sum()), len(held))
+    pose = _posed(trial.run).pose
+    if not _seen_from_the_wrong_side(shift, len(data.marks_map) > 0):
+        return shift, pose
+    pose[:-1, -1] += shift.offset
+    return shift.other_side(), pose
+
+
+def _search(fit: MotionFit) -> Trial | None:
+    """The offset that explains the points best, after as many rounds as it and its cut need to stay; None
+    where none is worth them.
+    """
+    settings = fit.problem.settings.map_shift
+    problem, state, energy = _asked(fit)
+    here, measured = offset_model(problem, state), problem.data
+    worth = [one for one in best_offsets(here, measured)[: settings.rivals] if _worth_a_fit(here, one)]
+    if not worth:
+        return None
+    if energy is None:
+        run = settled(problem)
+        here, energy = offset_model(problem, run.state), run.energy
+    alone = energy + here.correction
+    trial = max((_without(problem, measured, one, alone) for one in worth), key=lambda one: one.evidence)
+    for _ in range(1, settings.rounds):
+        again = _sharpened(trial, measured, best_offsets(trial.model, measured, trial.found)[0])
+        still = settings.settled * float(trial.run.state.scales.noises[0])
+        if np.linalg.norm(again.offset - trial.found.offset) < still:
+            break
+        trial = _without(_posed(trial.run), measured, again, alone)
+        if trial.evidence < settings.first_evidence or again.length < settings.first_offset * problem.size:
+            return None
+    return trial
+
+
+def _asked(fit: MotionFit) -> tuple[MotionProblem, State, float | None]:
+    """Problem and state of the points that are asked, an even part of more than may have rows of their own;
+    their free energy if it is known.
+    """
+    problem, state = fit.problem, fit.state
+    data = replace(problem.data, order=order_of(problem.data))
+    kinds = len(np.unique(2 * data.group + data.inside))
+    some = data.part(problem.settings.iteration.most_rows // kinds)
+    every = len(some) == len(data.points)
+    state = replace(state, weights=state.weights[some], patches=None)
+    return replace(problem, data=data.at(some)), state, fit.energy if every else None
+
+
+def _worth_a_fit(model: OffsetModel, found: Offset) -> bool:
+    settings = model.problem.settings.map_shift
+    least = settings.first_offset * model.problem.size
+    return found.nats >= settings.first_evidence and found.length >= least
+
+
+def _without(problem: MotionProblem, measured: Data, found: Offset, alone: float) -> Trial:
+    """The trial of an offset of the points as they were measured; alone: free energy of a motion alone."""
+    run = settled(replace(problem, data=_taken_out(measured, found)))
+    model = offset_model(run.problem, run.state)
+    evidence = alone - run.energy - model.correction - price(model, measured, found)
+    return Trial(found, run, model, evidence)
+
+
+def _stands_out(trial: Trial) -> bool:
+    """Whether an offset has the evidence that it needs; one by a plane must also be longer than the motions
+    are that resemble it.
+    """
+    settings = trial.problem.settings.map_shift
+    if trial.found.part.direction is None:
+        return trial.evidence >= settings.evidence_order
+    enough = max(settings.evidence_side, settings.evidence_per_point * len(trial.problem.data.points))
+    rest, moved = trial.problem.rest.at, trial.run.state.moved
+    motion = moved - apply(fit_similarity(rest, moved), rest)
+    usual = settings.over_motion * float(np.sqrt((motion**2).sum(axis=1).mean()))
+    long = trial.found.length >= max(settings.least_offset * trial.problem.size, usual)
+    return trial.evidence >= enough and long
+
+
+def _posed(run: Iterated) -> MotionProblem:
+    """The problem of a run in the pose that it came to: the one before was found with the offset."""
+    problem = run.problem
+    moved = fit_similarity(problem.rest.at, run.state.moved)
+    length = problem.smoothing_length
+    smoothed = (length, apply(moved, problem.rest.at)) if length else None
+    return motion_problem(
+        problem.vertices, problem.faces, moved @ problem.pose, problem.data, problem.settings, smoothed
+    )
+
+
+def _sharpened(trial: Trial, measured: Data, found: Offset) -> Offset:
+    """The same offset with the cut where the points are likeliest to have it or not, by their distances from
+    the surface.
+    """
+    settings = trial.problem.settings.map_shift
+    key = found.part.key(measured.points, order_of(measured))
+    gain = _log_likelihood(trial, measured.points - found.offset) - _log_likelihood(trial, measured.points)
+    rows = np.argsort(key, kind="stable")
+    beyond = np.cumsum((gain * ~measured.inside)[rows][::-1])[::-1]
+    few = max(int(settings.least_part * len(rows)), 1)
+    cut = few + int(np.argmax(beyond[few : len(rows) - few]))
+    return found._replace(part=replace(found.part, beyond=between(key, rows, cut)))
+
+
+def _log_likelihood(trial: Trial, points: Array) -> Array:
+    """Of points (n, d): on the wall, or outliers."""
+    problem, state = trial.problem, trial.run.state
+    _, face, foot, bary = problem.tree.at(state.moved).query(points)
+    normals = unit_mean(vertex_normals(state.moved, problem.faces), problem.faces[face], bary)
+    outward = ((points - foot) * normals).sum(axis=1)
+    noise = state.scales.noises[problem.data.group] * problem.data.relative
+    fraction = state.contact.outlier_fraction
+    density = (1.0 - fraction) * contact_density(outward, noise**2)
+    return np.asarray(np.log(density + fraction * state.contact.outlier_density(outward) + ROUNDING))
+
+
+def _taken_out(data: Data, found: Offset) -> Data:
+    """The points, and the landmarks that move along, without the offset of a part."""
+    held = found.part.holds(data.points, order_of(data))[:, None]
+    marks = found.part.holds_marks(data.marks_map)[:, None]
+    return replace(
+        data, points=data.points - held * found.offset, marks_map=data.marks_map - marks * found.offset
+    )
+
+
+def _seen_from_the_wrong_side(shift: MapShift, marks: bool) -> bool:
+    """Whether it is the other side of a plane that is shifted: the one that has not the landmarks or, where
+    these are on both, the smaller one.
+    """
+    part = shift.part
+    if part.direction is None or (marks and part.landmarks == "stay"):
+        return False
+    return part.landmarks == "move" or 2 * shift.points > shift.total
