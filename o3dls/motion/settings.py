@@ -143,6 +143,7 @@ class MapShiftSettings:
     rivals: int = number(2, "", "offsets that are: the best one in closed form is not always the best")
     rounds: int = number(5, "", "most, of a fit without the offset and the offset again")
     settled: float = number(0.1, "noise levels", "change of the offset that ends them")
+    hopeless: float = number(0.5, "1", "share of what an offset needs below which no further round helps it")
     evidence_order: float = number(10.0, "nats", "of a part in time: 3 is the most of maps that are whole")
     evidence_side: float = number(15.0, "nats", "of one side of a plane, which a bend resembles,")
     evidence_per_point: float = number(0.07, "nats", "and of many points more: what they show they share")

@@ -86,9 +86,13 @@ def order_of(data: Data) -> Array:
     return np.arange(float(len(data.points))) if data.order is None else data.order
 
 
-def between(key: Array, rows: Ints, cut: int) -> float:
-    """The middle between two neighbours in sorted order."""
-    return 0.5 * float(key[rows[cut - 1]] + key[rows[cut]])
+def cut_at(part: MapPart, key: Array, rows: Ints, cut: int) -> MapPart:
+    """The part that begins with the point of a row in sorted order: just before it in time, or in the middle
+    to its neighbour.
+    """
+    first = float(key[rows[cut]])
+    before = first - 1.0 if part.direction is None else float(key[rows[cut - 1]])
+    return replace(part, beyond=0.5 * (before + first))
 
 
 def _offsets(model: OffsetModel, data: Data, residual: Array) -> Iterator[Offset]:
@@ -106,7 +110,7 @@ def _offsets(model: OffsetModel, data: Data, residual: Array) -> Iterator[Offset
         few = max(int(least * count), 1)
         cuts = np.arange(few, count - few + 1, max(count // settings.most_cuts, 1))
         beyond = np.cumsum(of_points[:, rows[::-1]], axis=1)[:, ::-1][:, cuts]
-        parts = [replace(part, beyond=between(key, rows, cut)) for cut in cuts]
+        parts = [cut_at(part, key, rows, cut) for cut in cuts]
         choices = _with_landmarks(parts, len(data.marks_map) > 0)
         yield max(
             (_likeliest(model, some, beyond + _moved(some, data, of_marks), residual) for some in choices),

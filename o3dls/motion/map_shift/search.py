@@ -6,6 +6,7 @@ its free energy; offset and cut follow anew until they stay. Reasons and numbers
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,7 +22,7 @@ from ..iteration import State
 from ..observations import Data
 from ..problem import MotionProblem, motion_problem
 from ..result import Iterated, MotionFit
-from .offset_model import Offset, OffsetModel, best_offsets, between, offset_model, order_of, price
+from .offset_model import Offset, OffsetModel, best_offsets, cut_at, offset_model, order_of, price
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,9 +46,10 @@ def find_map_shift(fit: MotionFit) -> tuple[MapShift, Array] | None:
     the prior comes to without the offset; None where there is no such part.
     """
     with one_blas_thread():
-        trial = _search(fit)
-    if trial is None or not _stands_out(trial):
+        trials = [trial for trial in _trials(fit) if _stands_out(trial)]
+    if not trials:
         return None
+    trial = max(trials, key=lambda one: one.evidence)
     found, data = trial.found, fit.problem.data
     mapping = (data.group == 0) & ~data.inside if data.mapping is None else data.mapping
     held = found.part.holds(data.points, order_of(data))[mapping]
@@ -60,29 +62,35 @@ def find_map_shift(fit: MotionFit) -> tuple[MapShift, Array] | None:
     return shift.other_side(), pose
 
 
-def _search(fit: MotionFit) -> Trial | None:
-    """The offset that explains the points best, after as many rounds as it and its cut need to stay; None
-    where none is worth them.
-    """
+def _trials(fit: MotionFit) -> Iterator[Trial]:
+    """Motions without the offsets that are worth a fit."""
     settings = fit.problem.settings.map_shift
     problem, state, energy = _asked(fit)
     here, measured = offset_model(problem, state), problem.data
     worth = [one for one in best_offsets(here, measured)[: settings.rivals] if _worth_a_fit(here, one)]
-    if not worth:
-        return None
-    if energy is None:
+    if worth and energy is None:
         run = settled(problem)
         here, energy = offset_model(problem, run.state), run.energy
-    alone = energy + here.correction
-    trial = max((_without(problem, measured, one, alone) for one in worth), key=lambda one: one.evidence)
+    for one in worth:
+        assert energy is not None
+        yield _settled(problem, measured, one, energy + here.correction)
+
+
+def _settled(problem: MotionProblem, measured: Data, found: Offset, alone: float) -> Trial:
+    """The trial of an offset after as many rounds as it and its cut need to stay, or as it is worth.
+
+    measured: the points with the offset in them; alone: free energy of a motion alone.
+    """
+    settings = problem.settings.map_shift
+    trial = _without(problem, measured, found, alone)
     for _ in range(1, settings.rounds):
         again = _sharpened(trial, measured, best_offsets(trial.model, measured, trial.found)[0])
         still = settings.settled * float(trial.run.state.scales.noises[0])
         if np.linalg.norm(again.offset - trial.found.offset) < still:
             break
         trial = _without(_posed(trial.run), measured, again, alone)
-        if trial.evidence < settings.first_evidence or again.length < settings.first_offset * problem.size:
-            return None
+        if not _stands_out(trial, settings.hopeless):
+            break
     return trial
 
 
@@ -106,26 +114,25 @@ def _worth_a_fit(model: OffsetModel, found: Offset) -> bool:
 
 
 def _without(problem: MotionProblem, measured: Data, found: Offset, alone: float) -> Trial:
-    """The trial of an offset of the points as they were measured; alone: free energy of a motion alone."""
     run = settled(replace(problem, data=_taken_out(measured, found)))
     model = offset_model(run.problem, run.state)
     evidence = alone - run.energy - model.correction - price(model, measured, found)
     return Trial(found, run, model, evidence)
 
 
-def _stands_out(trial: Trial) -> bool:
-    """Whether an offset has the evidence that it needs; one by a plane must also be longer than the motions
-    are that resemble it.
+def _stands_out(trial: Trial, share: float = 1.0) -> bool:
+    """Whether an offset has the evidence that it needs, or a share of it; one by a plane must also be longer
+    than the motions are that resemble it.
     """
     settings = trial.problem.settings.map_shift
     if trial.found.part.direction is None:
-        return trial.evidence >= settings.evidence_order
+        return trial.evidence >= share * settings.evidence_order
     enough = max(settings.evidence_side, settings.evidence_per_point * len(trial.problem.data.points))
     rest, moved = trial.problem.rest.at, trial.run.state.moved
     motion = moved - apply(fit_similarity(rest, moved), rest)
     usual = settings.over_motion * float(np.sqrt((motion**2).sum(axis=1).mean()))
-    long = trial.found.length >= max(settings.least_offset * trial.problem.size, usual)
-    return trial.evidence >= enough and long
+    long = max(settings.least_offset * trial.problem.size, usual)
+    return trial.evidence >= share * enough and trial.found.length >= share * long
 
 
 def _posed(run: Iterated) -> MotionProblem:
@@ -150,7 +157,7 @@ def _sharpened(trial: Trial, measured: Data, found: Offset) -> Offset:
     beyond = np.cumsum((gain * ~measured.inside)[rows][::-1])[::-1]
     few = max(int(settings.least_part * len(rows)), 1)
     cut = few + int(np.argmax(beyond[few : len(rows) - few]))
-    return found._replace(part=replace(found.part, beyond=between(key, rows, cut)))
+    return found._replace(part=cut_at(found.part, key, rows, cut))
 
 
 def _log_likelihood(trial: Trial, points: Array) -> Array:
