@@ -99,9 +99,9 @@ def _offsets(model: OffsetModel, data: Data, residual: Array) -> Iterator[Offset
     """The best cut in the order of the points and across each direction, for whitened residuals (k,)."""
     settings = model.problem.settings.map_shift
     count, dimension = data.points.shape
-    columns = model.whitening[:, :, None] * model.directions
-    of_points = columns[:, :count]
-    of_marks = columns[:, count:].reshape(len(columns), -1, dimension, dimension).sum(axis=2)
+    columns = model.whitening.T[:, :, None] * model.directions[:, None]
+    of_points = columns[:count]
+    of_marks = columns[count:].reshape(-1, dimension, *columns.shape[1:]).sum(axis=1)
     for direction in (None, *_directions(dimension)):
         part = MapPart(direction, 0.0)
         key = part.key(data.points, order_of(data))
@@ -109,7 +109,7 @@ def _offsets(model: OffsetModel, data: Data, residual: Array) -> Iterator[Offset
         least = settings.least_part if direction is None else settings.least_side
         few = max(int(least * count), 1)
         cuts = np.arange(few, count - few + 1, max(count // settings.most_cuts, 1))
-        beyond = np.cumsum(of_points[:, rows[::-1]], axis=1)[:, ::-1][:, cuts]
+        beyond = np.cumsum(of_points[rows[::-1]], axis=0)[::-1][cuts]
         parts = [cut_at(part, key, rows, cut) for cut in cuts]
         choices = _with_landmarks(parts, len(data.marks_map) > 0)
         yield max(
@@ -119,13 +119,13 @@ def _offsets(model: OffsetModel, data: Data, residual: Array) -> Iterator[Offset
 
 
 def _likeliest(model: OffsetModel, parts: list[MapPart], columns: Array, residual: Array) -> Offset:
-    """The part whose offset gains most, by their whitened columns (k, parts, d) and residuals (k,)."""
+    """The part whose offset gains most, by their whitened columns (parts, k, d) and residuals (k,)."""
     dimension = columns.shape[2]
     precision = (model.problem.settings.map_shift.offset_sd * model.problem.size) ** -2
-    information = np.einsum("kpi,kpj->pij", columns, columns) + precision * np.eye(dimension)
-    pulls = np.einsum("kpi,k->pi", columns, residual)
+    information = columns.transpose(0, 2, 1) @ columns + precision * np.eye(dimension)
+    pulls = residual @ columns
     covariances = np.linalg.inv(information)
-    offsets = np.einsum("pij,pj->pi", covariances, pulls)
+    offsets = (covariances @ pulls[:, :, None])[:, :, 0]
     prices = 0.5 * np.linalg.slogdet(information / precision)[1]
     nats = 0.5 * (pulls * offsets).sum(axis=1) - prices
     best = int(np.argmax(nats))
@@ -149,9 +149,9 @@ def _with_landmarks(parts: list[MapPart], marks: bool) -> Iterator[list[MapPart]
 
 
 def _moved(parts: list[MapPart], data: Data, of_marks: Array) -> Array:
-    """What the landmarks of each part add to its columns (k, parts, d)."""
+    """What the landmarks of each part add to its columns (parts, k, d)."""
     held = np.array([part.holds_marks(data.marks_map) for part in parts])
-    return np.asarray(np.einsum("kmd,pm->kpd", of_marks, held))
+    return np.tensordot(held, of_marks, axes=1)
 
 
 def _columns(data: Data, part: MapPart, directions: Array) -> Array:

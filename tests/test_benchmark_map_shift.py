@@ -1,0 +1,43 @@
+"""The benchmark of shifted maps: it shifts what it says, and a shifted phantom is named and comes back."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.map_shift import deformed, named, off, shifted
+from o3dls.case import Case
+from o3dls.io.case_reader import read_case
+
+
+def phantom(name: str) -> Case:
+    """A phantom atrium of the shared data."""
+    folder = Path(os.environ.get("O3DLS_DATA", "")) / "phantom" / name
+    if not folder.is_dir():
+        pytest.skip("O3DLS_DATA names no folder with phantom/la_02")
+    return read_case(folder)
+
+
+def test_half_of_the_points_move_and_landmarks_stay() -> None:
+    case = phantom("la_02")
+    offset = np.array([0.0, 10.0, 0.0])
+    for part in ("left", "later"):
+        moved = (shifted(case, part, offset).points.xyz - case.points.xyz)[:, 1] > 0.0
+        assert moved[case.points.type == "eam"].mean() == 0.5
+        assert not moved[case.points.type == "landmark"].any()
+
+
+@pytest.mark.parametrize("part", ["left", "later"])
+def test_a_shifted_phantom_is_named_and_comes_back(part: str) -> None:
+    case = phantom("la_02")
+    found = deformed(shifted(case, part, np.array([0.0, 0.0, 10.0])), "fit")
+    assert "of 250 points" in named(found)
+    # mm, of 1.9 and more with the offset in it: what the noise of 1.4 mm leaves of an offset of half the map
+    assert off(case, found) < off(case, deformed(case, "ignore")) + 0.15
+
+
+def test_a_phantom_that_is_whole_is_not_named() -> None:
+    assert not named(deformed(phantom("la_02"), "report"))
