@@ -92,6 +92,7 @@ def export(run_folder: Path, out: Path | None, **options: Any) -> None:
 @click.option("--label", type=int, help="label volumes: the label to take")
 @click.option("--part", help="the named segment or volume to take")
 @click.option("--box", type=float, nargs=6, help="label volumes: cut to least x y z, most x y z (mm, LPS)")
+@click.option("--layer", "--phase", "layer", type=int, help="4D volumes: the layer or phase, from 0")
 def convert(source: Path, target: Path, **options: Any) -> None:
     """Write a surface, points, named places or a pose in another format; frame and units are said on both
     sides.
@@ -136,6 +137,8 @@ def send(run_folder: Path, **options: Any) -> None:
 @click.option("--label", type=int, help="label volume: the label to take")
 @click.option("--part", help="the named segment or volume of the prior")
 @click.option("--box", type=float, nargs=6, help="label volume: cut to least x y z, most x y z (mm, LPS)")
+@click.option("--layer", "--phase", "layer", type=int, help="4D volume: the layer or phase, from 0")
+@click.option("--frame", help="frame of the prior where it does not state it: LPS or RAS")
 @click.option("--force", is_flag=True, help="replace the folder if it is a case")
 def import_(study: Path, out: Path, map_name: str | None, **options: Any) -> None:
     """Make a case folder of a CARTO 3, EnSite or OpenEP study (folder, zip or file), and say what was taken

@@ -16,10 +16,13 @@ from .table import Table, read_table
 from .text import read_bytes
 
 MILLIMETRES = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "um": 0.001, "in": 25.4, "px": 1.0}
+# files of voxels alone, which a header beside them describes
+VOXELS = (".img", ".img.gz", ".raw", ".raw.gz", ".zraw")
 FILES = ("prior", "points", "prior_landmarks", "init", "truth", "held_out", "correspondence", "outliers")
 KEYS = dict.fromkeys(("name", "units", "frame", "notes", "part", *FILES), str) | {
     "dimension": int,
     "label": int,
+    "layer": int,
     "cap": bool,
     "box": list,
 }
@@ -63,7 +66,11 @@ class Folder:
             if not path.is_file():
                 raise InputError(f"{self.path / 'case.toml'}: {role} = '{self.settings[role]}': no such file")
         else:
-            found = sorted(p for p in self.path.glob(f"{role}.*") if p.is_file())
+            there = sorted(p for p in self.path.glob(f"{role}.*") if p.is_file())
+            voxels = [p for p in there if p.name.lower().endswith(VOXELS)]
+            found = [p for p in there if p not in voxels] or voxels
+            for data in voxels:
+                self.note(data)
             if len(found) > 1:
                 raise InputError(
                     f"{self.path}: both {found[0].name} and {found[1].name}; say in case.toml which is "

@@ -15,6 +15,7 @@ from .meshes.registry import read_surface_file
 from .meshes.repair import closed_outward
 from .meshes.surface_file import SurfaceFile
 
+CHOICE = ("label", "part", "box", "layer")  # which surface of the prior's file is meant
 log = logging.getLogger("o3dls")
 
 
@@ -23,7 +24,7 @@ def surface_of(folder: Folder, role: str) -> SurfaceFile | None:
     path = folder.find(role)
     if path is None:
         return None
-    choice = {key: folder.settings.get(key) for key in ("label", "part", "box")} if role == "prior" else {}
+    choice = {key: folder.settings.get(key) for key in CHOICE} if role == "prior" else {}
     file = _read(folder, path, **choice)
     surface = file.surface
     if surface.dimension != folder.dimension:
@@ -38,10 +39,15 @@ def surface_of(folder: Folder, role: str) -> SurfaceFile | None:
 
 def _read(folder: Folder, path: Path, **choice: Any) -> SurfaceFile:
     """The surface of a file in mm; what of the file is not in it goes to the log."""
-    file = read_surface_file(path, units=folder.settings.get("units"), **choice)
+    file = read_surface_file(path, **_stated(folder), **choice)
     for note in file.notes:
         log.info("%s: %s", path, note)
     return in_millimetres(folder, path, file)
+
+
+def _stated(folder: Folder) -> dict[str, str | None]:
+    """What the case says of files that do not say it themselves."""
+    return {key: folder.settings.get(key) for key in ("units", "frame")}
 
 
 def phases_of(folder: Folder, space: str) -> tuple[Surface, ...]:

@@ -47,9 +47,9 @@ def convert(
 
     The format of the one is told by its content, of the other by its suffix (or `format`). units, frame: what
     the source is in where it does not say so itself. to: the frame to write, LPS or RAS. cap: close openings.
-    faces: decimate to so many. choice: label, part, box, hidden of the reader. Gives sentences on what was
-    done. Raises InputError where something contradicts the file, is missing, or means nothing for the kind of
-    file.
+    faces: decimate to so many. choice: label, part, box, layer, hidden of the reader. Gives sentences on what
+    was done. Raises InputError where something contradicts the file, is missing, or means nothing for the
+    kind of file.
     """
     source, target = Path(source), Path(target)
     for name, value, allowed in (
@@ -69,7 +69,8 @@ def convert(
         )
     if cap or faces is not None or format or any(value is not None for value in choice.values()):
         raise InputError(
-            f"{source}: is no surface, so cap, faces, format, label, part, box and hidden mean nothing for it"
+            f"{source}: is no surface, so cap, faces, format, label, part, box, layer and hidden mean "
+            "nothing for it"
         )
     write = _transform if pose else _markups if suffix in MARKUPS else _points
     return write(source, target, units, frame, to)
@@ -87,7 +88,7 @@ def _surface(
     faces: int | None,
     choice: dict[str, Any],
 ) -> list[str]:
-    file = in_millimetres(source, read_surface_file(source, units=units, **choice), units)
+    file = in_millimetres(source, read_surface_file(source, units=units, frame=frame, **choice), units)
     surface = file.surface
     space = _settled(source, "frame", file.space, frame)
     done = [

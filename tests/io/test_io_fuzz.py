@@ -246,15 +246,38 @@ def test_lz4(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("suffix", ["nii", "nii.gz", "nrrd", "mha"])
 def test_label_volumes(suffix: str, tmp_path: Path) -> None:
-    sitk = pytest.importorskip("SimpleITK")
-    mask = np.zeros((9, 10, 11), bool)
-    mask[2:7, 3:8, 2:8] = True
     path = tmp_path / f"labels.{suffix}"
     if suffix == "mha":
-        sitk.WriteImage(sitk.GetImageFromArray(mask.astype(np.uint8)), str(path))
+        sitk = pytest.importorskip("SimpleITK")
+        sitk.WriteImage(sitk.GetImageFromArray(block().astype(np.uint8)), str(path))
     else:
-        write_volume(path, mask, lattice(1.5, np.zeros(3)), space="LPS")
+        write_volume(path, block(), lattice(1.5, np.zeros(3)), space="LPS")
     check(suffix, path, path.read_bytes(), read_surface_file)
+
+
+@pytest.mark.parametrize("name", ["Nifti2Image", "Nifti1Pair", "no form", "cine", "spacings"])
+def test_label_volumes_of_other_kinds(name: str, tmp_path: Path) -> None:
+    nibabel = pytest.importorskip("nibabel")
+    path = tmp_path / ("labels.hdr" if name == "Nifti1Pair" else "labels.nii")
+    values = np.stack([block()] * 3, axis=-1) if name == "cine" else block()
+    image = getattr(nibabel, name if name.startswith("N") else "Nifti1Image")(
+        values.astype(np.uint8), np.eye(4)
+    )
+    if name == "no form":
+        image.header.set_sform(None)
+    nibabel.save(image, path)
+    data = path.read_bytes()
+    if name == "spacings":
+        head = b"NRRD0004\ntype: uchar\ndimension: 3\nsizes: 9 10 11\nspacings: 1.5 1.5 2\nencoding: raw\n\n"
+        data = head + block().tobytes(order="F")
+    choice = {"layer": 1} if name == "cine" else {}
+    check(name, path, data, lambda p: read_surface_file(p, frame="RAS", **choice))
+
+
+def block() -> np.ndarray:
+    mask = np.zeros((9, 10, 11), bool)
+    mask[2:7, 3:8, 2:8] = True
+    return mask
 
 
 def test_points(tmp_path: Path) -> None:

@@ -125,7 +125,7 @@ def test_slicer_segments_are_found_by_name(tmp_path: Path) -> None:
         for name in ("LA", "LV")
     )
     np.testing.assert_allclose(second - first, [0, 0, 4 * SPACING[2]], atol=1e-3)
-    with pytest.raises(InputError, match=r"say --label .* or --part \(LA, LV\)"):
+    with pytest.raises(InputError, match=r"in 2 layers; say --layer \(0 to 1\) or --part \(LA, LV\)"):
         read_surface_file(tmp_path / "a.seg.nrrd")
 
 
@@ -326,3 +326,204 @@ def test_the_oblique_sample_is_one_body_in_three_formats(shared_data: Path) -> N
     assert len(found) == 3
     for other in found[1:]:
         np.testing.assert_allclose(other.vertices, found[0].vertices, atol=1e-3)
+
+
+def nifti_of(values: np.ndarray, path: Path, kind: str = "Nifti1Image", code: int = 1) -> Path:
+    """Labels (nx, ny, nz[, layers]) as nibabel writes them: RAS, voxels of 1 x 1 x 2 mm."""
+    nibabel = pytest.importorskip("nibabel")
+    image = getattr(nibabel, kind)(values.astype(np.uint8), np.diag([1.0, 1, 2, 1]))
+    image.header.set_xyzt_units("mm")
+    image.set_sform(image.affine, code=code)
+    image.set_qform(image.affine, code=0)
+    nibabel.save(image, path)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("kind", "name"),
+    [
+        ("Nifti2Image", "b.nii"),
+        ("Nifti2Image", "b.nii.gz"),
+        ("Nifti1Pair", "b.hdr"),
+        ("Nifti2Pair", "b.hdr"),
+    ],
+)
+def test_nifti_2_and_pairs_lie_where_nifti_1_lies(kind: str, name: str, tmp_path: Path) -> None:
+    known = read_surface_file(nifti_of(body(), tmp_path / "a.nii")).surface
+    file = read_surface_file(nifti_of(body(), tmp_path / name, kind))
+    np.testing.assert_array_equal(file.surface.vertices, known.vertices)
+    # 3 to 7 along i, 5 to 8 along k: RAS to LPS turns x and y
+    middle = (known.vertices.min(axis=0) + known.vertices.max(axis=0)) / 2
+    np.testing.assert_allclose(middle, [-5.0, -6.0, 13.0], atol=0.05)
+    assert file.space == "LPS"
+
+
+def test_a_pair_without_its_voxels_is_refused(tmp_path: Path) -> None:
+    path = nifti_of(body(), tmp_path / "b.hdr", "Nifti1Pair")
+    for content in (b"short", b""):
+        (tmp_path / "b.img").write_bytes(content)
+        with pytest.raises(InputError, match=r"b\.hdr: .* the file is truncated|b\.img: is empty"):
+            read_surface_file(path)
+    (tmp_path / "b.img").unlink()
+    with pytest.raises(InputError, match=r"its data file 'b\.img' is not beside it"):
+        read_surface_file(path)
+
+
+def test_a_nifti_without_a_form_asks_how_its_axes_lie(tmp_path: Path) -> None:
+    path = nifti_of(body(), tmp_path / "b.nii", code=0)
+    with pytest.raises(InputError, match=r"neither qform nor sform.*say --frame RAS where i, j and k run to"):
+        read_surface_file(path)
+    middles = {}
+    for frame in ("LPS", "RAS"):
+        told = convert(path, tmp_path / "b.ply", frame=frame, to="LPS")
+        assert f"frame {frame}" in told[0]
+        vertices = read_surface_file(tmp_path / "b.ply").surface.vertices
+        middles[frame] = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
+    np.testing.assert_allclose(middles["LPS"], [5.0, 6.0, 13.0], atol=0.05)
+    np.testing.assert_allclose(middles["RAS"], [-5.0, -6.0, 13.0], atol=0.05)
+
+
+def test_a_case_says_the_frame_of_a_prior_without_a_form(tmp_path: Path) -> None:
+    values = np.zeros((30, 30, 30))
+    values[5:25, 5:25, 5:25] = 1
+    nifti_of(values, tmp_path / "prior.hdr", "Nifti1Pair", code=0)
+    (tmp_path / "points.csv").write_text("x,y,z\n" + "".join(f"{k},{k * 9},3\n" for k in range(12)))
+    with pytest.raises(InputError, match="say --frame"):
+        read_case(tmp_path)
+    case = read_case(tmp_path, frame="LPS")
+    assert case.prior.vertices.max(axis=0) == pytest.approx([24.5, 24.5, 49], abs=0.1)
+    assert {"prior.hdr", "prior.img"} <= case.files.keys()
+
+
+@pytest.mark.parametrize("code, message", [(1, "metres"), (3, "micrometres")])  # noqa: PT006
+def test_lengths_of_a_nifti_in_other_units_become_millimetres(
+    code: int, message: str, tmp_path: Path
+) -> None:
+    data = bytearray(nifti_of(body(), tmp_path / "a.nii").read_bytes())
+    data[123] = code
+    factor = {1: 1000.0, 3: 0.001}[code]
+    known = read_surface_file(tmp_path / "a.nii").surface.vertices
+    (tmp_path / "b.nii").write_bytes(data)
+    np.testing.assert_allclose(
+        read_surface_file(tmp_path / "b.nii").surface.vertices, known * factor, rtol=1e-6
+    )
+
+
+def cine(moves: int = 3) -> np.ndarray:
+    """Phases (nx, ny, nz, t) of one body that moves by a voxel along i."""
+    return np.stack([np.roll(body(), k, axis=0) for k in range(moves)], axis=-1)
+
+
+def as_list(name: str, first: bool, values: np.ndarray, folder: Path) -> Path:
+    """A 4D NRRD whose list axis comes first or last."""
+    axes = "(1,0,0) (0,1,0) (0,0,2)"
+    axes = f"none {axes}" if first else f"{axes} none"
+    values = np.moveaxis(values, -1, 0) if first else values
+    head = (
+        f"NRRD0004\ntype: uint8\ndimension: 4\nsizes: {' '.join(map(str, values.shape))}\nspace: RAS\n"
+        f"space directions: {axes}\nspace origin: (0,0,0)\nencoding: raw\n\n"
+    )
+    (folder / name).write_bytes(head.encode() + values.astype(np.uint8).tobytes(order="F"))
+    return folder / name
+
+
+@pytest.mark.parametrize("kind", ["nii", "first.nrrd", "last.nrrd"])
+def test_a_phase_or_layer_is_chosen_by_its_number(kind: str, tmp_path: Path) -> None:
+    known = read_surface_file(nifti_of(body(), tmp_path / "one.nii")).surface.vertices
+    path = (
+        nifti_of(cine(), tmp_path / "a.nii")
+        if kind == "nii"
+        else as_list(kind, kind == "first.nrrd", cine(), tmp_path)
+    )
+    with pytest.raises(InputError, match=r"label 1 is in 3 layers; say --layer \(0 to 2\)$"):
+        read_surface_file(path)
+    with pytest.raises(InputError, match="there is no layer 3: there are 3, counted from 0"):
+        read_surface_file(path, layer=3)
+    for layer in range(3):
+        vertices = read_surface_file(path, layer=layer).surface.vertices
+        np.testing.assert_allclose(vertices, known - [layer, 0, 0], atol=1e-4)
+    with pytest.raises(InputError, match="part 'LA' and layer 1 are both given"):
+        read_surface_file(path, part="LA", layer=1)
+
+
+def test_a_case_and_the_command_line_choose_a_phase(tmp_path: Path) -> None:
+    from click.testing import CliRunner
+
+    from o3dls.cli.main import cli
+
+    nifti_of(cine(), tmp_path / "cine.nii.gz")
+    done = CliRunner().invoke(
+        cli, ["convert", str(tmp_path / "cine.nii.gz"), str(tmp_path / "prior.ply"), "--phase", "2"]
+    )
+    assert done.exit_code == 0, done.output
+    converted = read_surface_file(tmp_path / "prior.ply").surface
+    (tmp_path / "points.csv").write_text("x,y,z\n" + "".join(f"{k},{k * 9},3\n" for k in range(12)))
+    (tmp_path / "case.toml").write_text('prior = "cine.nii.gz"\nlayer = 2\n')
+    np.testing.assert_allclose(read_case(tmp_path).prior.vertices, converted.vertices, atol=1e-5)
+
+
+def test_labels_of_a_cine_are_named_once(tmp_path: Path) -> None:
+    path = nifti_of(np.where(cine() > 0, 1, 0) + 2 * (np.roll(cine(), 5, axis=1) > 0), tmp_path / "a.nii")
+    with pytest.raises(InputError, match=r"holds \d labels; say --label \(there are 1, 2(, 3)?\)$"):
+        read_surface_file(path)
+
+
+@pytest.mark.parametrize("damage", ["checksum", "end"])
+def test_packed_voxels_must_agree_with_their_checksum(damage: str, tmp_path: Path) -> None:
+    path = nifti_of(body(), tmp_path / "a.nii.gz")
+    data = bytearray(path.read_bytes())
+    data[-8] ^= 1  # the checksum of gzip, then the length
+    path.write_bytes(data if damage == "checksum" else data[:-4])
+    with pytest.raises(InputError, match=r"packed data (are damaged|have no end: the file is truncated)"):
+        read_surface_file(path)
+
+
+def test_a_nifti_that_claims_more_than_it_holds_takes_no_memory(tmp_path: Path) -> None:
+    """nibabel itself takes what the header claims, here 216 MB, before it looks."""
+    import tracemalloc
+
+    data = bytearray(nifti_of(body(), tmp_path / "a.nii").read_bytes())
+    data[42:48] = np.array([600, 600, 600], "<i2").tobytes()
+    (tmp_path / "a.nii").write_bytes(data)
+    tracemalloc.start()
+    with pytest.raises(InputError, match="the file is truncated"):
+        read_surface_file(tmp_path / "a.nii")
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 50e6  # bytes; the import of nibabel included
+
+
+@pytest.mark.parametrize("layers", [0, 3])
+def test_a_nrrd_with_spacings_alone_asks_how_its_axes_lie(layers: int, tmp_path: Path) -> None:
+    values = cine(layers) if layers else body()
+    known = read_surface_file(nifti_of(body(), tmp_path / "one.nii")).surface.vertices
+    head = (
+        f"NRRD0004\ntype: uint8\ndimension: {values.ndim}\nsizes: {' '.join(map(str, values.shape))}\n"
+        f"encoding: raw\nspacings: 0.1 0.1 0.2{' nan' if layers else ''}\n"
+        f'units: "cm" "cm" "cm"{" " + chr(34) + "ms" + chr(34) if layers else ""}\n'
+    )
+    content = values.astype(np.uint8).tobytes(order="F")
+    path = tmp_path / "a.nrrd"
+    path.write_bytes(head.encode() + b"\n" + content)
+    choice = {"layer": 0} if layers else {}
+    with pytest.raises(InputError, match=r"spacings and no space directions, .* say --frame RAS where"):
+        read_surface_file(path, **choice)
+    file = read_surface_file(path, frame="RAS", **choice)
+    np.testing.assert_allclose(file.surface.vertices, known * [-1, -1, 1], atol=1e-5)
+    assert (file.space, file.units) == ("RAS", "mm")
+    for line, sentence in (
+        (f"spacings: 0.1 0.1 -0.2{' nan' if layers else ''}", "must be three above 0"),
+        ("spacings: 0.1 0.1", "must be"),
+        ("axis mins: 3 3 3", "NRRD has 'axis mins' beside 'spacings'"),
+    ):
+        kept = [old for old in head.splitlines() if not old.startswith(line.split(":")[0])]
+        path.write_bytes("\n".join([*kept, line, "", ""]).encode() + content)
+        with pytest.raises(InputError, match=sentence):
+            read_surface_file(path, frame="RAS", **choice)
+
+
+def test_analyze_is_told_from_nifti_and_refused(tmp_path: Path) -> None:
+    path = nifti_of(body(), tmp_path / "b.hdr", "Nifti1Pair")
+    path.write_bytes(path.read_bytes()[:344] + bytes(4))
+    with pytest.raises(InputError, match=r"b\.hdr: is Analyze 7.5, which does not say left from right"):
+        read_surface_file(path)

@@ -25,17 +25,28 @@ BLUR = 0.6
 Box = tuple[float, float, float, float, float, float]
 
 
-def read(
-    path: Path, data: bytes, *, label: int | None = None, part: str | None = None, box: Box | None = None
+def read(path: Path, data: bytes, *, frame: str | None = None, **choice: Any) -> SurfaceFile:
+    """As `surface_of`, of a file; `frame` is that of its axes where the file does not say how they lie."""
+    return surface_of(read_image(path, data, frame), str(path), **choice)
+
+
+def surface_of(
+    image: Image,
+    path: str,
+    *,
+    label: int | None = None,
+    part: str | None = None,
+    box: Box | None = None,
+    layer: int | None = None,
 ) -> SurfaceFile:
     """The closed surface of one label, or of the segment named `part`; everything outside `box` (x, y, z
-    least, then most) is cut off.
+    least, then most) is cut off. `layer` is the index of the one that is meant of a volume with several, such
+    as the phases of a cine; `path` names the image in errors.
 
     Only the largest connected piece is taken. Raises InputError where the label is not there, or must be
     said.
     """
-    image = read_image(path, data)
-    values, label = _chosen(path, image, label, part)
+    values, label = _chosen(path, image, label, part, layer)
     mask = np.asarray(values == label)
     if box is not None:
         mask &= _inside(mask.shape, image.affine, box)
@@ -63,46 +74,61 @@ def _segments(notes: Mapping[str, str]) -> dict[str, tuple[int, int]]:
     return found
 
 
-def _chosen(path: Path, image: Image, label: int | None, part: str | None) -> tuple[NDArray[Any], int]:
+def _chosen(
+    path: str, image: Image, label: int | None, part: str | None, layer: int | None
+) -> tuple[NDArray[Any], int]:
     """The layer and the label in it that are meant; where nothing is said there must be one only."""
     layers = image.values if image.values.ndim == 4 else image.values[..., None]
     segments = _segments(image.notes)
-    if label is not None and part is not None:
-        raise InputError(f"{path}: label {label} and part '{part}' are both given; say the one that is meant")
+    given = [f"{k} {v!r}" for k, v in (("label", label), ("part", part), ("layer", layer)) if v is not None]
+    if part is not None and len(given) > 1:
+        raise InputError(f"{path}: {' and '.join(given)} are both given; say the one that is meant")
     if part is not None:
         if part not in segments:
             raise InputError(
                 f"{path}: has no segment '{part}'" + (did_you_mean(part, list(segments)) if segments else "")
             )
         layer, label = segments[part]
-        if layer >= layers.shape[-1]:
-            raise InputError(
-                f"{path}: segment '{part}' is in layer {layer}: there are {layers.shape[-1]}, counted from 0"
-            )
-        return layers[..., layer], label
-    found = {k: _labels(path, layers[..., k]) for k in range(layers.shape[-1])}
-    known = {value: k for k, values in found.items() for value in values}
-    hint = f"; say --label (there are {', '.join(map(str, sorted(known)))})" + (
-        f" or --part ({', '.join(segments)})" if segments else ""
+        return layers[..., _there(path, layer, layers.shape[-1], f"segment '{part}' is in")], label
+    numbers = (
+        range(layers.shape[-1]) if layer is None else [_there(path, layer, layers.shape[-1], "there is no")]
     )
+    found = {k: _labels(path, layers[..., k]) for k in numbers}
+    labels = sorted({value for values in found.values() for value in values})
+    hint = _hint(segments, f"--label (there are {', '.join(map(str, labels))})")
     if label is None:
-        number = sum(map(len, found.values()))
-        if number > MANY_LABELS and not segments:
+        if len(labels) > MANY_LABELS and not segments:
             raise InputError(
-                f"{path}: holds {number} different values, rather a grey image than a label volume: segment "
-                "the chamber first and save its labels; if these are labels, say --label"
+                f"{path}: holds {len(labels)} different values, rather a grey image than a label volume: "
+                "segment the chamber first and save its labels; if these are labels, say --label"
             )
-        if number != 1:
-            raise InputError(f"{path}: holds {number} labels" + hint)
-        label = next(iter(known))
-    if label not in known:
+        if len(labels) != 1:
+            raise InputError(f"{path}: holds {len(labels)} labels" + hint)
+        (label,) = labels
+    layers_of = [k for k, values in found.items() if label in values]
+    if len(layers_of) > 1:
+        raise InputError(
+            f"{path}: label {label} is in {len(layers_of)} layers"
+            + _hint(segments, f"--layer ({layers_of[0]} to {layers_of[-1]})")
+        )
+    if not layers_of:
         raise InputError(f"{path}: has no label {label}" + hint)
-    if sum(label in values for values in found.values()) > 1:
-        raise InputError(f"{path}: label {label} is in several layers" + hint)
-    return layers[..., known[label]], label
+    return layers[..., layers_of[0]], label
 
 
-def _labels(path: Path, values: NDArray[Any]) -> list[int]:
+def _there(path: str, layer: int, number: int, what: str) -> int:
+    if not 0 <= layer < number:
+        raise InputError(f"{path}: {what} layer {layer}: there are {number}, counted from 0")
+    return layer
+
+
+def _hint(segments: Mapping[str, Any], option: str) -> str:
+    """The options that say which label or layer is meant: the one named, or a segment of those there are."""
+    parts = [f"--part ({', '.join(segments)})"] if segments else []
+    return "; say " + " or ".join([option, *parts])
+
+
+def _labels(path: str, values: NDArray[Any]) -> list[int]:
     """Labels other than 0. Raises InputError for an image of grey values."""
     whole = (
         values if values.dtype.kind in "iu" else np.where(np.abs(values) < 1e9, values, 0.5).astype(np.int64)

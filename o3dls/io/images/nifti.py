@@ -1,93 +1,156 @@
-"""NIfTI-1 volumes as they are read; RAS by definition, brought to LPS."""
+"""NIfTI-1 and NIfTI-2 volumes, in one file or as a pair .hdr and .img; RAS by definition, brought to LPS.
+
+nibabel reads the header. The voxels are read here, since it takes the memory that a damaged header claims.
+"""
 
 from __future__ import annotations
 
+import re
 import zlib
 from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
 
 from ...arrays import Array
 from ...errors import InputError
 from ...geometry.similarity import TURN
-from .voxels import LARGEST, Image, inflate, shaped, size_of
+from .voxels import Image, along_axes, beside, check_affine, inflate, packed, shaped, size_of
 
-TYPES = {
-    2: "u1",
-    4: "i2",
-    8: "i4",
-    16: "f4",
-    64: "f8",
-    256: "i1",
-    512: "u2",
-    768: "u4",
-    1024: "i8",
-    1280: "u8",
+# class of the header by its size, where its magic word stands, and what that is in one file and in a pair
+HEADERS = {
+    348: ("Nifti1Header", 344, b"n+1\0", b"ni1\0"),
+    540: ("Nifti2Header", 4, b"n+2\0\r\n\x1a\n", b"ni2\0\r\n\x1a\n"),
 }
+LONGEST_HEADER = 1e6  # bytes, with its extensions
 SAME_SIZE = 0.01  # of a voxel's size: headers are rounded
-UNITS = {0: 1.0, 1: 1000.0, 2: 1.0, 3: 0.001}
+ORDERS: tuple[Literal["little", "big"], ...] = ("little", "big")
+UNITS = {1: 1000.0, 3: 0.001}  # metres and micrometres; without a word it is mm
 
 
 def knows(data: bytes) -> bool:
-    return _header(data) is not None
+    start = _start(data)
+    return _kind(start) is not None or _analyze(start)
 
 
-def _header(data: bytes) -> bytes | None:
-    """The 348 bytes of a NIfTI-1 header, gzipped or not; None for other files."""
-    if data[:2] == b"\x1f\x8b":
-        try:
-            data = zlib.decompressobj(wbits=31).decompress(data[:20_000], 352)
-        except zlib.error:
-            return None
-    return data[:348] if data[344:348] in (b"n+1\0", b"ni1\0") else None
+def _start(data: bytes) -> bytes:
+    """As many bytes as the longest header has, unpacked."""
+    if not packed(data):
+        return data[: max(HEADERS)]
+    try:
+        return zlib.decompressobj(wbits=31).decompress(data[:20_000], max(HEADERS))
+    except zlib.error:
+        return b""
 
 
-def read_nifti(path: Path, data: bytes) -> Image:
-    header = _header(data)
-    if header is None or header[344:348] != b"n+1\0":
-        raise InputError(f"{path}: must be NIfTI-1 in one file (.nii or .nii.gz)")
-    order = "<" if header[:4] == (348).to_bytes(4, "little") else ">"
-    dim = np.frombuffer(header, order + "i2", 8, 40).tolist()
-    (kind,) = np.frombuffer(header, order + "i2", 1, 70).tolist()
-    offset, slope, shift = np.frombuffer(header, order + "f4", 3, 108).astype(float).tolist()
-    if not 3 <= dim[0] <= 7 or any(n > 1 for n in dim[4 : dim[0] + 1]):
-        raise InputError(f"{path}: has {dim[0]} axes of {dim[1:]}: must be one volume in 3D")
-    if kind not in TYPES or not 348 <= offset < 1e6:
-        raise InputError(f"{path}: has data type {kind} at byte {offset}: must be one of {sorted(TYPES)}")
-    size = size_of(path, dim[1:4], TYPES[kind])
-    raw = inflate(path, data, int(offset) + size) if data[:2] == b"\x1f\x8b" else data
-    values = shaped(path, raw[int(offset) :], order + TYPES[kind], dim[1:4])
-    if np.isfinite([slope, shift]).all() and slope != 0 and (slope, shift) != (1.0, 0.0):
-        values = values * slope + shift
-    factor = UNITS.get(header[123] & 7, 1.0)
-    return Image(values, TURN @ np.diag([factor, factor, factor, 1.0]) @ _affine(path, header, order))
+def _kind(start: bytes) -> tuple[int, bool] | None:
+    """Size of the header, and whether the voxels are in the same file; None for other files."""
+    for size, (_, at, single, pair) in HEADERS.items():
+        if start[at : at + len(single)] in (single, pair) and len(start) >= size:
+            return size, start[at : at + len(single)] == single
+    return None
 
 
-def _affine(path: Path, header: bytes, order: str) -> Array:
-    """Index to RAS: the sform if there is one, else the qform."""
-    qform, sform = np.frombuffer(header, order + "i2", 2, 252).tolist()
-    affine = np.eye(4)
-    if sform > 0:
-        affine[:3] = np.frombuffer(header, order + "f4", 12, 280).reshape(3, 4)
-        _agree(path, affine, np.frombuffer(header, order + "f4", 3, 80).astype(float))
-    elif qform > 0:
-        pixdim = np.frombuffer(header, order + "f4", 4, 76).astype(float)
-        b, c, d, *origin = np.frombuffer(header, order + "f4", 6, 256).astype(float).tolist()
-        if not np.isfinite([b, c, d]).all() or b * b + c * c + d * d > 1.0001:
-            raise InputError(f"{path}: its qform is no rotation: {b}, {c}, {d}")
-        affine[:3, :3] = _rotation(b, c, d) * [*pixdim[1:3], pixdim[3] * (-1.0 if pixdim[0] < 0 else 1.0)]
-        affine[:3, 3] = origin
-    else:
+def _analyze(start: bytes) -> bool:
+    """Whether a file is a header of Analyze 7.5, which has the size of NIfTI's and no magic word."""
+    return (
+        len(start) == 348 and not any(start[344:]) and 348 in (int.from_bytes(start[:4], o) for o in ORDERS)
+    )
+
+
+@np.errstate(over="ignore", invalid="ignore")  # numbers that overflow are refused where they are checked
+def read_nifti(path: Path, data: bytes, frame: str | None = None) -> Image:
+    """The volume, 3D or with layers (phases in time); `frame` is that of its axes where no form says it."""
+    start = _start(data)
+    kind = _kind(start)
+    if kind is None:
+        raise InputError(f"{path}: is Analyze 7.5, which does not say left from right: save it as NIfTI")
+    size, single = kind
+    header = _header(path, start[:size])
+    sizes, dtype, offset, scaling = _voxels(path, header)
+    if offset < (size if single else 0):
+        raise InputError(f"{path}: has its voxels at byte {offset}, within the header of {size} bytes")
+    body = data if single else beside(path, _image_name(path))
+    if packed(body):
+        body = inflate(path, body, offset + size_of(path, sizes, dtype.str))
+    values = shaped(path, body[offset:], dtype.str, sizes)
+    if scaling is not None and scaling != (1.0, 0.0):
+        values = values * scaling[0] + scaling[1]
+    return Image(np.moveaxis(values, 0, -1) if values.ndim == 4 else values, *place(header, str(path), frame))
+
+
+def _image_name(path: Path) -> str:
+    """The file of a pair that holds the voxels."""
+    stem = re.sub(r"\.hdr(\.gz)?$", "", path.name, flags=re.IGNORECASE)
+    names = [stem + ".img", stem + ".img.gz", stem + ".IMG"]
+    return next((name for name in names if (path.parent / name).is_file()), names[0])
+
+
+def _header(path: Path, block: bytes) -> Any:
+    """nibabel's header of the bytes as they are: what its own checks repair is refused below."""
+    import nibabel
+
+    order = next((o for o in ORDERS if int.from_bytes(block[:4], o) == len(block)), None)
+    if order is None:
         raise InputError(
-            f"{path}: its header has neither qform nor sform, so it does not say how it lies in space; "
-            "set one first"
+            f"{path}: its header says {block[:4]!r} for its own size of {len(block)} bytes: is damaged"
         )
-    if not (np.abs(affine) < LARGEST).all():
-        raise InputError(f"{path}: its axes and origin must be finite and below {LARGEST:g}")
-    return affine
+    return getattr(nibabel, HEADERS[len(block)][0])(block, endianness=order, check=False)
 
 
-def _agree(path: Path, affine: Array, pixdim: Array) -> None:
+def _voxels(path: Path, header: Any) -> tuple[list[int], np.dtype[Any], int, tuple[float, float] | None]:
+    """Sizes of the axes, four where there are layers; type and first byte of the voxels; slope and intercept,
+    or None.
+    """
+    from nibabel.spatialimages import HeaderDataError
+
+    try:
+        shape, dtype = header.get_data_shape(), header.get_data_dtype()
+        offset = int(header["vox_offset"])
+        slope, intercept = header.get_slope_inter()
+    except (HeaderDataError, ArithmeticError, KeyError, ValueError) as error:
+        raise InputError(f"{path}: its header is damaged: {error}") from None
+    sizes = [*map(int, shape[:3]), *(int(n) for n in shape[3:] if n != 1)]
+    if len(shape) < 3 or len(sizes) > 4:
+        raise InputError(f"{path}: has axes of {sizes}: must be one volume in 3D, or several along one axis")
+    if dtype.kind not in "iuf" or offset > LONGEST_HEADER:
+        raise InputError(f"{path}: has voxels of {dtype} at byte {offset}: must be whole or real numbers")
+    return sizes, dtype, offset, None if slope is None else (slope, intercept)
+
+
+@np.errstate(over="ignore", invalid="ignore")
+def place(header: Any, where: str, frame: str | None) -> tuple[Array, str]:
+    """Index to mm, and the frame, by a header of nibabel: its sform if there is one, else its qform.
+
+    Without either, the axes run along those of `frame`. Raises InputError where that is not said, and where
+    the header contradicts itself.
+    """
+    factor = UNITS.get(int(header["xyzt_units"]) & 7, 1.0)
+    pixdim = np.asarray(header["pixdim"], dtype=np.float64)
+    if int(header["sform_code"]) > 0:
+        affine = np.asarray(header.get_sform(), dtype=np.float64)
+        _agree(where, affine, pixdim[1:4])
+    elif int(header["qform_code"]) > 0:
+        affine = _qform(header, where)
+    else:
+        return along_axes(
+            where, "its header has neither qform nor sform", np.abs(pixdim[1:4]) * factor, frame
+        )
+    return check_affine(where, TURN @ np.diag([factor, factor, factor, 1.0]) @ affine), "LPS"
+
+
+def _qform(header: Any, where: str) -> Array:
+    from nibabel.spatialimages import HeaderDataError
+
+    header = header.copy()
+    header["pixdim"][0] = -1.0 if header["pixdim"][0] < 0 else 1.0  # as it is meant where it is 0
+    try:
+        return np.asarray(header.get_qform(), dtype=np.float64)
+    except (HeaderDataError, ValueError) as error:
+        raise InputError(f"{where}: its qform is no rotation: {error}") from None
+
+
+def _agree(where: str, affine: Array, pixdim: Array) -> None:
     """Refuse a sform whose voxels have other sizes than the header's pixdim (3,): one of them is wrong, or
     the sform leads to another body, as to a standard brain.
     """
@@ -97,18 +160,6 @@ def _agree(path: Path, affine: Array, pixdim: Array) -> None:
     if (np.abs(sizes - said)[stated] > SAME_SIZE * said[stated]).any():
         ours, theirs = (" x ".join(f"{size:.4g}" for size in three) for three in (sizes, said))
         raise InputError(
-            f"{path}: its sform has voxels of {ours}, its pixdim of {theirs}: make them agree, with the "
+            f"{where}: its sform has voxels of {ours}, its pixdim of {theirs}: make them agree, with the "
             "sizes that the scanner had"
         )
-
-
-def _rotation(b: float, c: float, d: float) -> Array:
-    """The rotation of a unit quaternion whose real part is not stored."""
-    a = np.sqrt(max(1.0 - b * b - c * c - d * d, 0.0))
-    return np.array(
-        [
-            [a * a + b * b - c * c - d * d, 2 * (b * c - a * d), 2 * (b * d + a * c)],
-            [2 * (b * c + a * d), a * a + c * c - b * b - d * d, 2 * (c * d - a * b)],
-            [2 * (b * d - a * c), 2 * (c * d + a * b), a * a + d * d - b * b - c * c],
-        ]
-    )

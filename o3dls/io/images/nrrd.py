@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ...arrays import Array
 from ...errors import InputError
 from ..text import flat_numbers, is_count
-from .voxels import LARGEST, Image, beside, count, inflate, shaped, size_of
+from .voxels import Image, along_axes, beside, check_affine, count, inflate, shaped, size_of
 
 TYPES = {
     **dict.fromkeys(("signed char", "int8", "int8_t"), "i1"),
@@ -45,8 +45,11 @@ def knows(data: bytes) -> bool:
     return data[:4] == b"NRRD"
 
 
-def read_nrrd(path: Path, data: bytes) -> Image:
-    """The volume, one layer or several. Raises InputError naming the header's line that cannot be used."""
+def read_nrrd(path: Path, data: bytes, frame: str | None = None) -> Image:
+    """The volume, one layer or several; `frame` is that of its axes where only their spacings are said.
+
+    Raises InputError naming the header's line that cannot be used.
+    """
     end = re.search(rb"\r?\n\r?\n", data[:1_000_000])
     head = data[: end.start()] if end else data[:1_000_000]
     lines = [
@@ -66,23 +69,28 @@ def read_nrrd(path: Path, data: bytes) -> Image:
     if len(sizes) not in (3, 4) or header.get("dimension") != str(len(sizes)):
         raise InputError(
             f"{path}: NRRD has dimension {header.get('dimension')} and sizes {header.get('sizes')}: must "
-            "be 3, or 4 with layers first"
+            "be 3, or 4 with an axis of layers"
         )
-    affine, space = _place(path, header, len(sizes))
+    affine, space, listed = _place(path, header, len(sizes), frame)
     values = _values(path, header, beside(path, file) if file else data[end.end() if end else 0 :], sizes)
-    return Image(values, affine, space, notes)  # the first axis runs fastest, so layers come out last
+    if listed is not None:  # the axes come out turned around, since the first one runs fastest
+        values = np.moveaxis(values, 3 - listed, -1)
+    return Image(values, affine, space, notes)
 
 
-def _place(path: Path, header: Mapping[str, str], axes: int) -> tuple[Array, str]:
-    """Index to mm in LPS; a file that names no space stays in its own, which is unknown."""
+def _place(
+    path: Path, header: Mapping[str, str], axes: int, frame: str | None
+) -> tuple[Array, str, int | None]:
+    """Index to mm in LPS, the frame, and which axis is that of the layers.
+
+    A file that names no space stays in its own, which is unknown.
+    """
+    if "space directions" not in header and "spacings" in header:
+        return _spaced(path, header, axes, frame)
     vectors = [match[1] for match in re.finditer(VECTOR, header.get("space directions", ""))]
-    if (
-        len(vectors) != axes
-        or sum(vector is not None for vector in vectors) != 3
-        or (axes == 4 and vectors[0] is not None)
-    ):
+    if len(vectors) != axes or sum(vector is not None for vector in vectors) != 3:
         raise InputError(
-            f"{path}: NRRD 'space directions' must hold three vectors, after 'none' where layers come first"
+            f"{path}: NRRD 'space directions' must hold three vectors, and 'none' for an axis of layers"
         )
     affine = np.eye(4)
     for k, vector in enumerate(v for v in vectors if v is not None):
@@ -91,29 +99,54 @@ def _place(path: Path, header: Mapping[str, str], axes: int) -> tuple[Array, str
     if origin is None or origin[1] is None:
         raise InputError(f"{path}: NRRD 'space origin' must be a vector")
     affine[:3, 3] = flat_numbers(origin[1].replace(",", " "), 3, f"{path}: space origin")
-    affine[:3] *= _millimetres(path, header)[:, None]
-    if not (np.abs(affine) < LARGEST).all():
-        raise InputError(
-            f"{path}: NRRD 'space directions' and 'space origin' must be finite and below {LARGEST:g}"
-        )
+    affine[:3] *= _millimetres(path, header, "space units", [0, 1, 2])[:, None]
+    check_affine(f"{path}: NRRD 'space directions' and 'space origin'", affine)
+    listed = vectors.index(None) if axes == 4 else None
     name = header.get("space", "").lower()
     if not name:
-        return affine, "unknown"
+        return affine, "unknown", listed
     if name not in SPACES:
         raise InputError(f"{path}: NRRD space '{name[:40]}': must be one of {', '.join(SPACES)}")
-    return np.diag([*SPACES[name], 1.0, 1.0]) @ affine, "LPS"
+    return np.diag([*SPACES[name], 1.0, 1.0]) @ affine, "LPS", listed
 
 
-def _millimetres(path: Path, header: Mapping[str, str]) -> Array:
-    """Factors to mm along the axes of space. Raises InputError for units that are not known."""
-    stated = header.get("space units", '"mm" "mm" "mm"')
-    words = [quoted or bare for quoted, bare in re.findall(r'"([^"]*)"|([^\s"]+)', stated)]
-    if len(words) < 3 or any(words[3:]) or not set(words[:3]) <= UNITS.keys():
+def _spaced(
+    path: Path, header: Mapping[str, str], axes: int, frame: str | None
+) -> tuple[Array, str, int | None]:
+    """As `_place`, of a file that has sizes of voxels alone; an axis of layers has none (nan)."""
+    for key in ("space", "space origin", "axis mins", "axismins"):
+        if header.get(key):
+            raise InputError(
+                f"{path}: NRRD has '{key}' beside 'spacings': write 'space directions' and 'space origin'"
+            )
+    sizes = flat_numbers(header["spacings"], axes, f"{path}: spacings")
+    spatial = np.flatnonzero(np.isfinite(sizes)).tolist()
+    if len(spatial) != 3 or not (sizes[spatial] > 0.0).all():
         raise InputError(
-            f"{path}: NRRD space units {stated[:60]}: must be three of {', '.join(filter(None, UNITS))}, "
+            f"{path}: NRRD spacings {header['spacings'][:60]}: must be three above 0, and nan for an axis of "
+            "layers"
+        )
+    spacing = sizes[spatial] * _millimetres(path, header, "units", spatial)
+    listed = ({*range(axes)} - {*spatial}).pop() if axes == 4 else None
+    return *along_axes(str(path), "it has spacings and no space directions", spacing, frame), listed
+
+
+def _millimetres(path: Path, header: Mapping[str, str], key: str, axes: list[int]) -> Array:
+    """Factors to mm along three axes, by a line of units. Raises InputError for units that are not known."""
+    stated = header.get(key, '"" ' * (max(axes) + 1))
+    words = [quoted or bare for quoted, bare in re.findall(r'"([^"]*)"|([^\s"]+)', stated)]
+    others = [word for k, word in enumerate(words) if k not in axes]
+    # units of the layers, such as ms, are of no length; behind the units of space none may stand
+    if (
+        len(words) <= max(axes)
+        or (key == "space units" and any(others))
+        or not {words[k] for k in axes} <= UNITS.keys()
+    ):
+        raise InputError(
+            f"{path}: NRRD {key} {stated[:60]}: must be three of {', '.join(filter(None, UNITS))}, "
             "each in quotes"
         )
-    return np.array([UNITS[word] for word in words[:3]])
+    return np.array([UNITS[words[k]] for k in axes])
 
 
 def _values(path: Path, header: Mapping[str, str], body: bytes, sizes: list[int]) -> NDArray[Any]:

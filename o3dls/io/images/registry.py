@@ -1,4 +1,4 @@
-"""Image volumes of any format, told by content. Own readers, since ITK crashes on damaged files."""
+"""Image volumes of any format, told by content; docs/files.md says what reads each, and why."""
 
 from __future__ import annotations
 
@@ -17,22 +17,25 @@ def knows(data: bytes) -> bool:
     return nrrd.knows(data) or metaimage.knows(data) or nifti.knows(data)
 
 
-def read_image(path: Path, data: bytes) -> Image:
-    """The volume in a file. Raises InputError where it is damaged or does not say how it lies in space."""
-    read = (
-        nrrd.read_nrrd
-        if nrrd.knows(data)
-        else metaimage.read_meta
-        if metaimage.knows(data)
-        else nifti.read_nifti
-    )
-    image = read(path, data)
+def read_image(path: Path, data: bytes, frame: str | None = None) -> Image:
+    """The volume in a file; `frame` is that of its axes where the file does not say how they lie. Raises
+    InputError where it is damaged or does not lie anywhere.
+    """
+    if nrrd.knows(data):
+        return checked(nrrd.read_nrrd(path, data, frame), str(path))
+    if metaimage.knows(data):
+        return checked(metaimage.read_meta(path, data), str(path))
+    return checked(nifti.read_nifti(path, data, frame), str(path))
+
+
+def checked(image: Image, where: str) -> Image:
+    """The same image. Raises InputError where its voxels are of no size that a scanner has."""
     affine = image.affine
     if abs(np.linalg.det(affine)) < 1e-9:
-        raise InputError(f"{path}: its axes span no volume: {affine[:3].round(6).tolist()}")
+        raise InputError(f"{where}: its axes span no volume: {affine[:3].round(6).tolist()}")
     if image.spacing.max() > LONGEST_VOXEL * image.spacing.min():
         raise InputError(
-            f"{path}: its voxels measure {image.spacing.round(4).tolist()} mm: must not be "
+            f"{where}: its voxels measure {image.spacing.round(4).tolist()} mm: must not be "
             f"{LONGEST_VOXEL:g} times longer than wide"
         )
     return image

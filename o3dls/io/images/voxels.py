@@ -41,20 +41,52 @@ class Image:
         return np.asarray(np.linalg.norm(self.affine[:3, :3], axis=0))
 
 
+def along_axes(where: str, fault: str, spacing: Array, frame: str | None) -> tuple[Array, str]:
+    """Index to mm where a file says the sizes of its voxels (3,) and not how its axes lie: along those of
+    `frame`, from its origin on.
+
+    Raises InputError with the `fault` where the frame is not said.
+    """
+    if frame not in ("LPS", "RAS"):
+        raise InputError(
+            f"{where}: {fault}, so it does not say how its axes lie in the body; look at it, and say "
+            "--frame RAS where i, j and k run to the right, the front and the head, --frame LPS where they "
+            "run to the left, the back and the head; else orient it first, as in 3D Slicer"
+        )
+    return check_affine(where, np.diag([*spacing, 1.0])), frame
+
+
+def check_affine(where: str, affine: Array) -> Array:
+    """The same affine. Raises InputError where it is not finite or leads far away."""
+    if not (np.abs(affine) < LARGEST).all():
+        raise InputError(f"{where}: its axes and origin must be finite and below {LARGEST:g}")
+    return affine
+
+
+def packed(data: bytes) -> bool:
+    """Whether the bytes are gzip's."""
+    return data[:2] == b"\x1f\x8b"
+
+
 def inflate(path: Path, data: bytes, limit: int) -> bytes:
-    """At most `limit` bytes of gzip or zlib data, which may come in several parts. Raises InputError."""
+    """At most `limit` bytes of gzip or zlib data, which may come in several parts; a checksum that stands
+    right behind them is compared. Raises InputError.
+    """
     out = []
     left, at = limit, 0
     while at < len(data) and left > 0:
         packer = zlib.decompressobj(wbits=47)  # 47: gzip or zlib, as the head says
-        while at < len(data) and left > 0 and not packer.eof:
-            piece = data[at : at + PIECE]
-            try:
+        try:
+            while at < len(data) and left > 0 and not packer.eof:
+                piece = data[at : at + PIECE]
                 out.append(packer.decompress(piece, left))
-            except zlib.error as error:
-                raise InputError(f"{path}: its packed data are damaged: {error}") from None
-            left -= len(out[-1])
-            at += len(piece) - len(packer.unused_data)
+                left -= len(out[-1])
+                at += len(piece) - len(packer.unused_data)
+            further = packer.eof or packer.decompress(packer.unconsumed_tail + data[at : at + PIECE], 1)
+        except zlib.error as error:
+            raise InputError(f"{path}: its packed data are damaged: {error}") from None
+        if not packer.eof and not further:
+            raise InputError(f"{path}: its packed data have no end: the file is truncated")
     return b"".join(out)
 
 

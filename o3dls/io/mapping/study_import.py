@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ...arrays import Array
-from ...case import Points
+from ...case import SPACES, Points
 from ...errors import InputError
 from ...registration.landmark_names import alone, partners
 from ..atomic import check_free, staged_folder, write_file
@@ -40,7 +40,7 @@ def import_study(
     (the system's shell with its colours, for looking at) and what was given as prior. Without one, a single
     closed shell that the system had registered itself is the prior, and its registration init.csv, for stage
     `recorded` to compare with; where there is none the case is not complete, and the result says so. `choice`
-    is of the prior (cap, label, part, box). Raises InputError.
+    is of the prior (cap, label, part, box, layer, and frame where it does not state it). Raises InputError.
     """
     given = [name for name, value in choice.items() if value is not None and value is not False]
     if prior is None and given:
@@ -129,14 +129,24 @@ def _write_prior(folder: Path, prior: Path, found: Imported, choice: dict[str, A
     """The prior, closed and outward; gives its frame."""
     cap = bool(choice.pop("cap", False))
     file = read_surface_file(prior, **choice)
+    space = _settled_frame(prior, file.space, choice.get("frame"))
     surface = closed_outward(file.surface, str(prior), cap=cap)
-    write_surface(folder / "prior.ply", surface, space=file.space, units=file.units)
+    write_surface(folder / "prior.ply", surface, space=space, units=file.units)
     found.took.append(
         f"prior {prior.name}, {surface.volume / 1000:.1f} "
         f"ml{'' if file.units == 'mm' else ' if its units are mm'}"
     )
     found.notes += [f"{prior}: {note}" for note in file.notes]
-    return file.space
+    return space
+
+
+def _settled_frame(prior: Path, stated: str, given: str | None) -> str:
+    """The frame that the prior states, else the one that is given. Raises InputError where they differ."""
+    if given not in (*SPACES, None):
+        raise InputError(f"frame = '{given}': must be one of {', '.join(SPACES)}")
+    if given is not None and stated not in ("unknown", given):
+        raise InputError(f"{prior}: states frame {stated}, and {given} was given; leave --frame away")
+    return stated if given is None else given
 
 
 def _write_landmarks(folder: Path, path: Path, found: Imported, space: str) -> tuple[str, ...]:

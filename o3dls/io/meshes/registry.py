@@ -57,11 +57,11 @@ FORMATS = (
     Format("openep", (".mat",), openep.knows, openep.read, openep.write, (), openep.losses),
     Format(
         "labels",
-        (".nii", ".nii.gz", ".nrrd", ".mha"),
+        (".nii", ".nii.gz", ".hdr", ".nrrd", ".mha"),
         labels.knows,
         labels.read,
         None,
-        ("label", "part", "box"),
+        ("label", "part", "box", "layer", "frame"),
     ),
     Format("off", (".off",), obj.knows_off, obj.read_off, obj.write_off, (), left_out),
     Format("opencarp", (".pts", ".elem"), opencarp.knows, opencarp.read, None, ("units",), opencarp.losses),
@@ -84,22 +84,25 @@ IN_MILLIMETRES = (
 WITH_OUTLINES = ("vtk", "vtp")
 
 
-def read_surface_file(path: str | Path, *, units: str | None = None, **options: Any) -> SurfaceFile:
+def read_surface_file(
+    path: str | Path, *, units: str | None = None, frame: str | None = None, **options: Any
+) -> SurfaceFile:
     """A surface with the frame and units that its file states, format told by content.
 
-    `units` are those of the file where it does not state them; only a format that would else take its
-    standard's asks for them here.
+    `units` and `frame` are those of the file where it does not state them; only a format that would else take
+    its standard's, or cannot be read without, asks for them here.
 
-    Options that are not None: `label`, `part`, `box` say which surface of a file with several is meant;
-    `hidden` keeps CARTO's hidden triangles. Raises InputError, also for an option that the format has no use
-    for.
+    Options that are not None: `label`, `part`, `box`, `layer` say which surface of a file with several is
+    meant; `hidden` keeps CARTO's hidden triangles. Raises InputError, also for an option that the format has
+    no use for.
     """
     path = Path(path)
     data = read_bytes(path)
     given = {name: value for name, value in options.items() if value is not None}
     known = _known(data)
-    if units and known and "units" in known.options:
-        given["units"] = units
+    for name, value in (("units", units), ("frame", frame)):
+        if value and known and name in known.options:
+            given[name] = value
     if known is None and path.suffix.lower() != ".csv":
         names = ", ".join(f.name for f in FORMATS)
         raise InputError(
