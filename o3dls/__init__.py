@@ -44,6 +44,8 @@ PUBLIC = {
     "Report": "report.writer",
     "Export": "runs.export",
     "register": "open3d_api",
+    "case_of": "adapters.case",
+    "surface_of": "adapters.objects",
 }
 
 

@@ -153,6 +153,12 @@ class Case:
     phases: tuple[Surface, ...] = ()
 
     def __post_init__(self) -> None:
+        for what, kind in (("prior", Surface), ("points", Points)):
+            if not isinstance(thing := getattr(self, what), kind):
+                raise InputError(
+                    f"case {self.name}: {what} of type {type(thing).__name__}: must be {kind.__name__}; "
+                    "o3dls.case_of takes meshes, clouds and images of other libraries"
+                )
         if self.points.xyz.shape[1:] != (self.dimension,):
             raise InputError(
                 f"case {self.name}: points are {self.points.xyz.shape[1]}D, the prior is {self.dimension}D"

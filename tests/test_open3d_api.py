@@ -69,7 +69,7 @@ def test_landmarks_and_init_set_the_start() -> None:
 
 def test_metres_are_refused() -> None:
     mesh, cloud = (thing.scale(1e-3, np.zeros(3)) for thing in objects("legacy"))
-    with pytest.raises(InputError, match=r"prior: extends over 0.0\d+ mm.*must be in mm"):
+    with pytest.raises(InputError, match=r"prior: extends over 0.0\d+ mm; if its units are m, say units = m"):
         o3dls.register(mesh, cloud, stages=[Nudge()])
 
 
@@ -96,8 +96,9 @@ def test_arguments_of_another_kind_are_refused_in_words() -> None:
     shear = np.eye(4)
     shear[0, 1] = 0.7
     for arguments, options, sentence in (
-        ((cloud, mesh), {}, "prior: is PointCloud: must be an Open3D TriangleMesh"),
-        ((mesh, np.zeros((20, 3))), {}, "points: is ndarray: must be an Open3D PointCloud"),
+        ((cloud, mesh), {}, "prior: an object of type .*PointCloud is no surface: must be a mesh of Open3D"),
+        ((mesh, mesh), {}, "points: an object of type .*TriangleMesh holds no points: must be a cloud of"),
+        ((mesh, "points.csv"), {}, "points: an object of type builtins.str holds no points"),
         ((mesh, cloud), {"init": np.eye(3)}, "init is no pose"),
         ((mesh, cloud), {"init": shear}, "init is no pose"),
         ((mesh, cloud), {"max_correspondence_distance": np.nan}, "must be above 0"),

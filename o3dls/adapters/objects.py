@@ -1,100 +1,142 @@
-"""Surfaces and points as objects of Open3D, trimesh and pyvista, and back; per-vertex fields travel where the
-library keeps them.
+"""Surfaces and points as objects of other libraries, and back: the one place where these are converted.
+
+An object is known by the name of its class, so that no library is imported that is not in use already.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ..arrays import Array
-from ..errors import InputError
+from ..case import Points
+from ..errors import InputError, did_you_mean
+from ..geometry.similarity import TURN
 from ..geometry.surface import Surface
+from ..io.images import labels
+from ..io.images.registry import checked
+from ..io.meshes.surface_file import SurfaceFile, flatten_fields
+from ..io.points import points_from
+from .images import IMAGES
+from .meshes import MESHES, POINT_READERS, to_meshio, to_open3d, to_pyvista, to_trimesh
+
+__all__ = [
+    "points_of",
+    "stated_surface",
+    "surface_of",
+    "to",
+    "to_meshio",
+    "to_open3d",
+    "to_pyvista",
+    "to_trimesh",
+]
+
+KINDS: Mapping[str, Callable[[Surface], Any]] = {
+    "open3d": to_open3d,
+    "trimesh": to_trimesh,
+    "pyvista": to_pyvista,
+    "meshio": to_meshio,
+}
+SURFACES = (
+    "a mesh of Open3D (legacy or tensor), trimesh, pyvista, vtk (vtkPolyData) or meshio, a pair of arrays "
+    "(vertices, faces), a Surface of o3dls, or a label volume of SimpleITK or nibabel (NIfTI)"
+)
+CLOUDS = (
+    "a cloud of Open3D (legacy or tensor), trimesh, pyvista, vtk (vtkPolyData) or meshio, an array (n, 3), a "
+    "mapping of columns with x, y and z, or Points of o3dls"
+)
 
 
-def to_open3d(surface: Surface) -> Any:
-    """An `open3d.t.geometry.TriangleMesh` with float64 positions and every field as a vertex attribute;
-    `.to_legacy()` drops those.
+def to(surface: Surface, kind: str) -> Any:
+    """The surface as an object of open3d (tensor), trimesh, pyvista or meshio, with its fields as values per
+    point. Raises InputError for another kind, in 2D, and where the library is not installed.
     """
-    import open3d as o3d
-
-    surface = _copied(surface)
-    tensor = o3d.core.Tensor.from_numpy
-    mesh = o3d.t.geometry.TriangleMesh(tensor(surface.vertices), tensor(surface.faces))
-    for name, values in surface.fields.items():
-        mesh.vertex[name] = tensor(np.ascontiguousarray(values.reshape(len(values), -1)))
-    return mesh
+    if kind not in KINDS:
+        raise InputError(f"no kind of mesh '{kind}'" + did_you_mean(kind, list(KINDS)))
+    return KINDS[kind](surface)
 
 
-def to_trimesh(surface: Surface) -> Any:
-    """A `trimesh.Trimesh` that keeps the vertices' order; fields are its vertex attributes."""
-    import trimesh
+def surface_of(thing: Any, *, frame: str | None = None, **choice: Any) -> Surface:
+    """The surface of a mesh, of arrays (vertices, faces), or of a label volume, with its fields: `SURFACES`.
 
-    surface = _copied(surface)
-    return trimesh.Trimesh(
-        surface.vertices, surface.faces, process=False, vertex_attributes=dict(surface.fields)
-    )
-
-
-def to_pyvista(surface: Surface) -> Any:
-    """A `pyvista.PolyData` with the fields as point data. Raises InputError where pyvista is not
-    installed.
+    choice: `label`, `part`, `box`, `layer` of a label volume, which comes in LPS unless `frame` is RAS.
+    Raises InputError for anything else.
     """
-    try:
-        import pyvista
-    except ImportError as error:
-        raise InputError("pyvista is not installed: pip install pyvista") from error
-    surface = _copied(surface)
-    mesh = pyvista.PolyData(
-        surface.vertices, np.column_stack([np.full(len(surface.faces), 3), surface.faces]).ravel()
-    )
-    for name, values in surface.fields.items():
-        mesh.point_data[name] = values
-    return mesh
+    return stated_surface(thing, "mesh", frame=frame, **choice).surface
 
 
-def _copied(surface: Surface) -> Surface:
-    """The surface in memory of its own: the libraries share what they are given, and a mesh is there to be
-    edited. InputError in 2D.
+def stated_surface(thing: Any, where: str, *, frame: str | None = None, **choice: Any) -> SurfaceFile:
+    """As `surface_of`, with the frame and units where the object states them, as label volumes do; `where`
+    names it in errors.
     """
-    if surface.dimension != 3:
-        raise InputError("mesh objects of Open3D, trimesh and pyvista are 3D; this surface is 2D")
-    return Surface(
-        surface.vertices.copy(),
-        surface.faces.copy(),
-        {name: np.array(values) for name, values in surface.fields.items()},
-    )
-
-
-def surface_of(mesh: Any) -> Surface:
-    """The surface of an Open3D mesh (legacy or tensor), a trimesh or a pyvista PolyData. Raises InputError
-    for anything else.
-    """
-    read = _reader(READERS, mesh)
+    given = {name: value for name, value in choice.items() if value is not None}
+    if (image := _reader(IMAGES, thing)) is not None:
+        file = labels.surface_of(checked(image(thing, where, frame), where), where, **given)
+        if {file.space, frame} == {"LPS", "RAS"}:
+            return SurfaceFile(file.surface.transformed(TURN), str(frame), file.units, file.metadata)
+        return file
+    if given:
+        raise InputError(
+            f"{where}: '{next(iter(given))}' means nothing for {_kind(thing)}, only for label volumes"
+        )
+    if isinstance(thing, Surface):
+        return SurfaceFile(thing)
+    read = _pair if isinstance(thing, tuple | list) and len(thing) == 2 else _reader(MESHES, thing)
     if read is None:
-        raise InputError(f"an object of type {_kind(mesh)} is no mesh of {', '.join(READERS)}")
-    return _copied(read(mesh))
+        raise InputError(f"{where}: an object of type {_kind(thing)} is no surface: must be {SURFACES}")
+    vertices, faces, fields = read(thing, where)
+    if (
+        vertices.ndim != 2
+        or vertices.shape[1] not in (2, 3)
+        or faces.ndim != 2
+        or faces.shape[1] != vertices.shape[1]
+    ):
+        raise InputError(
+            f"{where}: vertices have shape {vertices.shape} and faces {faces.shape}: must be (n, 3) and "
+            "(m, 3), in the plane (n, 2) and (m, 2)"
+        )
+    # copies: a library shares its memory, and a mesh is there to be edited
+    copies = {name: np.array(values, dtype=np.float64) for name, values in fields.items()}
+    return SurfaceFile.of(Path(where), np.array(vertices, dtype=np.float64), faces, copies)
 
 
-def points_of(cloud: Any) -> Array:
-    """Positions (n, 3) of an Open3D point cloud (legacy or tensor), a trimesh or pyvista object, or an array.
-    Raises InputError.
-    """
+def _pair(thing: Any, where: str) -> tuple[Array, Any, dict[str, Any]]:
     try:
-        xyz = np.array((_reader(POINT_READERS, cloud) or np.asarray)(cloud), dtype=np.float64)
+        return np.asarray(thing[0], dtype=np.float64), np.asarray(thing[1], dtype=np.float64), {}
+    except (TypeError, ValueError):
+        raise InputError(f"{where}: a pair must hold vertices and faces as arrays of numbers") from None
+
+
+def points_of(thing: Any, where: str = "points") -> Points:
+    """Points of type eam, or of the types in a column `type`, with the values that the object (`CLOUDS`) has
+    per point, by the names that files use (`bipolar`, `lat`, `sigma`, ...). Raises InputError.
+    """
+    if isinstance(thing, Points):
+        return thing
+    if isinstance(thing, Mapping):
+        return points_from(thing, where)
+    read = _reader(POINT_READERS, thing)
+    if read is None and not isinstance(thing, np.ndarray | tuple | list):
+        raise InputError(f"{where}: an object of type {_kind(thing)} holds no points: must be {CLOUDS}")
+    try:
+        xyz, values = read(thing) if read else (thing, {})
+        xyz = np.array(xyz, dtype=np.float64)
     except (KeyError, TypeError, ValueError):
         raise InputError(
-            f"an object of type {_kind(cloud)} holds no points: must be of {', '.join(POINT_READERS)} or "
-            "an array"
+            f"{where}: an object of type {_kind(thing)} holds no points: must be {CLOUDS}"
         ) from None
     if xyz.ndim != 2 or xyz.shape[1] not in (2, 3):
-        raise InputError(f"points have shape {xyz.shape}: must be (n, 3), or (n, 2) in the plane")
-    return xyz
+        raise InputError(f"{where}: have shape {xyz.shape}: must be (n, 3), or (n, 2) in the plane")
+    clash = sorted(set("xyz") & values.keys())
+    if clash:
+        raise InputError(f"{where}: values per point are named '{clash[0]}', as a coordinate is; rename them")
+    return points_from({**dict(zip("xyz", xyz.T, strict=False)), **flatten_fields(values)}, where)
 
 
-def _reader(readers: Mapping[str, Callable[[Any], Any]], thing: Any) -> Callable[[Any], Any] | None:
+def _reader(readers: Mapping[str, Callable[..., Any]], thing: Any) -> Callable[..., Any] | None:
     """The reader of an object's class, or of a class that it derives from."""
     kinds = (f"{kind.__module__.partition('.')[0]}.{kind.__name__}" for kind in type(thing).__mro__)
     return next((readers[kind] for kind in kinds if kind in readers), None)
@@ -102,54 +144,3 @@ def _reader(readers: Mapping[str, Callable[[Any], Any]], thing: Any) -> Callable
 
 def _kind(thing: Any) -> str:
     return f"{type(thing).__module__}.{type(thing).__name__}"
-
-
-def _tensor(thing: Any) -> bool:
-    """Whether an Open3D object is one of the tensor interface."""
-    return ".t." in type(thing).__module__
-
-
-def _from_open3d(mesh: Any) -> Surface:
-    if not _tensor(mesh):
-        return Surface(np.asarray(mesh.vertices), np.asarray(mesh.triangles))
-    if "positions" not in mesh.vertex or "indices" not in mesh.triangle:
-        raise InputError("the Open3D mesh is empty: it must have vertex positions and triangle indices")
-    fields = {
-        name: _flat(mesh.vertex[name].numpy())
-        for name in mesh.vertex
-        if name not in ("positions", "normals", "colors")
-    }
-    return Surface(mesh.vertex.positions.numpy(), mesh.triangle.indices.numpy(), fields)
-
-
-def _from_trimesh(mesh: Any) -> Surface:
-    fields = {name: np.asarray(values, dtype=float) for name, values in mesh.vertex_attributes.items()}
-    return Surface(np.asarray(mesh.vertices), np.asarray(mesh.faces), fields)
-
-
-def _from_pyvista(mesh: Any) -> Surface:
-    cells = np.asarray(mesh.faces)
-    if mesh.n_strips or len(cells) % 4 or (cells[::4] != 3).any():
-        mesh = mesh.triangulate()
-        cells = np.asarray(mesh.faces)
-    names = mesh.point_data.keys()  # point_data is no mapping: iterating over it gives arrays
-    fields = {name: np.asarray(mesh.point_data[name], dtype=float) for name in names if name != "Normals"}
-    return Surface(np.asarray(mesh.points), cells.reshape(-1, 4)[:, 1:], fields)
-
-
-def _flat(values: Any) -> Array:
-    return np.asarray(values[:, 0] if values.ndim == 2 and values.shape[1] == 1 else values, dtype=np.float64)
-
-
-READERS: Mapping[str, Callable[[Any], Surface]] = {
-    "open3d.TriangleMesh": _from_open3d,
-    "trimesh.Trimesh": _from_trimesh,
-    "pyvista.PolyData": _from_pyvista,
-}
-POINT_READERS: Mapping[str, Callable[[Any], Any]] = {
-    "open3d.PointCloud": lambda cloud: cloud.point.positions.numpy() if _tensor(cloud) else cloud.points,
-    "trimesh.PointCloud": lambda cloud: cloud.vertices,
-    "trimesh.Path": lambda path: path.vertices,
-    "trimesh.Trimesh": lambda mesh: mesh.vertices,
-    "pyvista.DataSet": lambda cloud: cloud.points,
-}

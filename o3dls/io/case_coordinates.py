@@ -59,11 +59,11 @@ def coordinates(folder: Folder, table: Table, names: Sequence[str], space: str) 
     return in_frame(xyz, table.notes.get("space"), space)
 
 
-def check_scale(path: Path, xyz: Array, smallest: float = 5.0) -> None:
+def check_scale(path: Path | str, xyz: Array, smallest: float = 5.0, option: str = "--units ") -> None:
     """Raise InputError where the extent of undeclared units is not that of a heart in mm (atria: 60 to 160).
 
     Extents that might be either are let pass. `smallest`: extent from which, up to 18, centimetres are
-    likely.
+    likely. `option` is how the units are said.
     """
     diagonal = float(np.linalg.norm(np.ptp(xyz, axis=0)))
     inches = 1 <= diagonal < 5
@@ -81,6 +81,6 @@ def check_scale(path: Path, xyz: Array, smallest: float = 5.0) -> None:
     )
     if likely:
         raise InputError(
-            f"{path}: extends over {diagonal:.3g} mm; if its units are {likely}, say --units {likely}, "
-            "else --units mm"
+            f"{path}: extends over {diagonal:.3g} mm; if its units are {likely}, say {option}{likely}, "
+            f"else {option}mm"
         )

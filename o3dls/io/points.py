@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from ..arrays import Array
 from ..case import POINT_TYPES, Points
 from ..errors import InputError, did_you_mean
 from .table import Table, read_table, write_table
@@ -54,21 +56,22 @@ def _column(table: Table, name: str) -> NDArray[Any]:
     if name == "name":
         return np.array(table.columns[name], dtype=str)
     if name in NUMBERS:
-        values = table.numbers(name, missing=True)
-        if name == "sigma" and (values <= 0.0).any():
-            row = int(np.argmax(values <= 0.0))
-            raise InputError(
-                f"{table.where(row, name)}: a noise level must be above 0, not {values[row]:g}; leave it "
-                "empty where it is unknown"
-            )
-        if name == "force" and (values <= NO_FORCE).any():
-            row = int(np.argmax(values <= NO_FORCE))
-            raise InputError(
-                f"{table.where(row, name)}: {values[row]:g} is no force; leave it empty where none was "
-                "measured"
-            )
-        return values
+        return _measured(name, table.numbers(name, missing=True), lambda row: table.where(row, name))
     return table.values(name)
+
+
+def _measured(name: str, values: Array, where: Callable[[int], str]) -> Array:
+    """The same values. Raises InputError for what cannot have been measured."""
+    if name == "sigma" and (values <= 0.0).any():
+        row = int(np.argmax(values <= 0.0))
+        raise InputError(
+            f"{where(row)}: a noise level must be above 0, not {values[row]:g}; leave it empty where it is "
+            "unknown"
+        )
+    if name == "force" and (values <= NO_FORCE).any():
+        row = int(np.argmax(values <= NO_FORCE))
+        raise InputError(f"{where(row)}: {values[row]:g} is no force; leave it empty where none was measured")
+    return values
 
 
 def _types(table: Table) -> NDArray[np.str_]:
@@ -82,6 +85,47 @@ def _types(table: Table) -> NDArray[np.str_]:
                 + did_you_mean(kind, list(POINT_TYPES))
             )
     return np.array(table.columns["type"], dtype=str)
+
+
+def points_from(columns: Mapping[str, ArrayLike], where: str) -> Points:
+    """Points from arrays by column, named and checked as those of a file are; missing numbers are NaN.
+
+    `where` names them in errors. Raises InputError.
+    """
+    named = [
+        (NAMES.get(str(name).lower(), str(name)), _array(values, where)) for name, values in columns.items()
+    ]
+    found = dict(named)
+    axes = [axis for axis in "xyz" if axis in found]
+    if axes[:2] != ["x", "y"] or len(found) < len(named):
+        raise InputError(
+            f"{where}: columns are {', '.join(map(str, columns))}: there must be x, y, z, and each name once"
+        )
+    shapes = [found[axis].shape for axis in axes]
+    if len(set(shapes)) > 1 or len(shapes[0]) != 1:
+        raise InputError(f"{where}: {', '.join(axes)} have shapes {shapes}: must be columns of one length")
+    for name in found.keys() & {*axes, *NUMBERS}:
+        found[name] = _numbers(name, found[name], where)
+    bad = int((~np.isfinite([found[axis] for axis in axes]).all(axis=0)).sum())
+    if bad:
+        raise InputError(f"{where}: {bad} points are not finite; remove them")
+    kinds = found.pop("type", np.full(len(found["x"]), "eam"))
+    return Points(np.column_stack([found.pop(axis) for axis in axes]), kinds, found)
+
+
+def _array(values: ArrayLike, where: str) -> NDArray[Any]:
+    try:
+        return np.array(values)
+    except ValueError as error:  # rows of several lengths
+        raise InputError(f"{where}: a column is no array: {error}") from None
+
+
+def _numbers(name: str, values: NDArray[Any], where: str) -> Array:
+    try:
+        numbers = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f"{where}: column '{name}' holds {values.dtype}: must be numbers") from None
+    return _measured(name, numbers, lambda row: f"{where}: row {row}, column '{name}'")
 
 
 def scaled(points: Points, factor: float) -> Points:

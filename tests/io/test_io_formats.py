@@ -589,17 +589,17 @@ def test_objects_of_other_libraries_and_back() -> None:
         same_body(surface.vertices, surface.faces, 0.0)
         np.testing.assert_array_equal(surface.fields["bipolar"], marker().fields["bipolar"])
         np.testing.assert_array_equal(
-            points_of(made) if "open3d" not in type(made).__module__ else made.vertex.positions.numpy(),
+            points_of(made).xyz if "open3d" not in type(made).__module__ else made.vertex.positions.numpy(),
             marker().vertices,
         )
     legacy = to_open3d(marker()).to_legacy()
     same_body(surface_of(legacy).vertices, surface_of(legacy).faces, 0.0)
     cloud = o3d.geometry.PointCloud(legacy.vertices)
-    np.testing.assert_array_equal(points_of(cloud), marker().vertices)
+    np.testing.assert_array_equal(points_of(cloud).xyz, marker().vertices)
     np.testing.assert_array_equal(
-        points_of(o3d.t.geometry.PointCloud.from_legacy(cloud)), marker().vertices.astype(np.float32)
+        points_of(o3d.t.geometry.PointCloud.from_legacy(cloud)).xyz, marker().vertices.astype(np.float32)
     )
-    with pytest.raises(InputError, match="is no mesh of open3d"):
+    with pytest.raises(InputError, match="is no surface: must be a mesh of Open3D"):
         surface_of("mesh")
 
 
@@ -635,7 +635,7 @@ def test_objects_that_are_no_mesh_are_refused() -> None:
         cloud,
         trimesh.Scene(cloud),
     ):
-        with pytest.raises(InputError, match=r"is no mesh of open3d|mesh is empty"):
+        with pytest.raises(InputError, match=r"is no surface|mesh is empty"):
             surface_of(thing)
     assert surface_of(trimesh.primitives.Box()).area == pytest.approx(6.0)
     for thing in (tensor.PointCloud(), trimesh.Scene(), "points"):

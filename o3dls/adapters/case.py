@@ -1,0 +1,114 @@
+"""A case out of what people hold in memory, checked as strictly as a case folder is."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..arrays import Array
+from ..case import SPACES, Case, Points
+from ..errors import InputError
+from ..geometry.surface import Surface
+from ..io.case_coordinates import check_scale
+from ..io.case_reader import FEWEST_POINTS
+from ..io.case_settings import MILLIMETRES
+from ..io.mapping.imported import joined
+from ..io.meshes.repair import closed_outward
+from ..io.meshes.surface_file import SurfaceFile
+from ..io.points import scaled
+from .objects import points_of, stated_surface
+
+Landmarks = Mapping[str, tuple[ArrayLike, ArrayLike]]
+
+
+def case_of(
+    prior: Any,
+    points: Any,
+    *,
+    name: str = "memory",
+    landmarks: Landmarks | None = None,
+    init: ArrayLike | None = None,
+    phases: Sequence[Any] = (),
+    units: str | None = None,
+    frame: str = "unknown",
+    cap: bool = False,
+    **choice: Any,
+) -> Case:
+    """A case of objects of other libraries: whatever `surface_of` and `points_of` take (adapters/objects.py).
+
+    landmarks: name -> (position on the prior, position among the points); init: rough pose (4, 4), prior to
+    points; phases: further surfaces of the prior; units: those of all lengths, but for label volumes, which
+    state them (default mm, if that can be meant); frame: LPS or RAS, that of all coordinates, into which
+    label volumes are turned (unknown: they stay in LPS); cap: close the openings of the prior; choice: label,
+    part, box, layer of a label volume. Raises InputError for what cannot be used.
+    """
+    for key, value, allowed in (("units", units, MILLIMETRES), ("frame", frame, SPACES)):
+        if value is not None and value not in allowed:
+            raise InputError(f"{key} = '{value}': must be one of {', '.join(allowed)}")
+    factor = MILLIMETRES[units or "mm"]
+    file = stated_surface(prior, "prior", frame=frame, **choice)
+    surface = _in_mm(file, "prior", units)
+    pose = None if init is None else np.array(init, dtype=np.float64)
+    if pose is not None and pose.ndim == 2:
+        pose[:-1, -1] *= factor
+    return Case(
+        name=name,
+        prior=closed_outward(surface, "prior", cap=cap),
+        points=_points(points, landmarks or {}, units),
+        prior_landmarks={
+            str(name): _place(name, "on the prior", at, surface.dimension) * factor
+            for name, (at, _) in (landmarks or {}).items()
+        },
+        init=pose,
+        units="px" if units == "px" else "mm",
+        frame=frame,
+        prior_frame=frame if file.space == "unknown" else file.space,
+        phases=tuple(
+            _in_mm(stated_surface(phase, f"phase {k}", frame=frame), f"phase {k}", units)
+            for k, phase in enumerate(phases, 1)
+        ),
+    )
+
+
+def _in_mm(file: SurfaceFile, where: str, units: str | None) -> Surface:
+    """Raises InputError where nobody says the units, and mm cannot be meant."""
+    if file.units == "mm":
+        return file.surface
+    if units is None and file.surface.dimension == 3:
+        check_scale(where, file.surface.vertices, option="units = ")
+    return file.surface.with_vertices(file.surface.vertices * MILLIMETRES[units or "mm"])
+
+
+def _points(thing: Any, landmarks: Landmarks, units: str | None) -> Points:
+    """The points in mm, and behind them the landmarks."""
+    points = points_of(thing)
+    if not len(points):
+        raise InputError(
+            "points: the cloud has none; Open3D gives such a cloud where it could not read a file"
+        )
+    fitted = int((points.type == "eam").sum())
+    if fitted < FEWEST_POINTS:
+        raise InputError(
+            f"points: {fitted} points of type eam: at least {FEWEST_POINTS} are needed to fit a surface"
+        )
+    if units is None and points.xyz.shape[1] == 3:
+        check_scale("points", points.xyz, np.inf, option="units = ")  # a few points may lie close together
+    if landmarks:
+        places = [
+            _place(name, "among the points", at, points.xyz.shape[1]) for name, (_, at) in landmarks.items()
+        ]
+        names = {"name": np.array([str(name) for name in landmarks])}
+        points = joined(points, Points(np.array(places), np.full(len(places), "landmark"), names))
+    return scaled(points, MILLIMETRES[units or "mm"])
+
+
+def _place(name: str, where: str, at: ArrayLike, dimension: int) -> Array:
+    place = np.asarray(at, dtype=np.float64)
+    if place.shape != (dimension,) or not np.isfinite(place).all():
+        raise InputError(
+            f"landmarks: the position of '{name}' {where} is {at!r}: must be {dimension} finite numbers"
+        )
+    return place

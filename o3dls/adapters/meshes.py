@@ -1,0 +1,205 @@
+"""Meshes and clouds of Open3D, trimesh, pyvista and vtk, and meshio: each read to arrays, and made."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arrays import Array
+from ..errors import InputError
+from ..geometry.surface import Surface
+from ..io.meshes.triangulation import triangulate
+
+Parts = tuple[Array, NDArray[Any], dict[str, NDArray[Any]]]  # vertices, faces, values per vertex
+NO_FIELDS = ("positions", "normals", "colors")  # what Open3D keeps beside values per vertex
+VOLUMES = ("tetra", "hexahedron", "wedge", "pyramid")  # cells of meshio that have an inside
+
+
+def to_open3d(surface: Surface) -> Any:
+    """An `open3d.t.geometry.TriangleMesh` with float64 positions and every field as a vertex attribute;
+    `.to_legacy()` drops those.
+    """
+    import open3d as o3d
+
+    surface = _copied(surface)
+    tensor = o3d.core.Tensor.from_numpy
+    mesh = o3d.t.geometry.TriangleMesh(tensor(surface.vertices), tensor(surface.faces))
+    for name, values in surface.fields.items():
+        mesh.vertex[name] = tensor(np.ascontiguousarray(values.reshape(len(values), -1)))
+    return mesh
+
+
+def open3d_like(surface: Surface, other: Any) -> Any:
+    """An Open3D mesh with normals: of the precision of another one of the tensor interface, else legacy."""
+    import open3d as o3d
+
+    mesh = to_open3d(Surface(surface.vertices, surface.faces)).to_legacy()
+    mesh.compute_vertex_normals()
+    if not isinstance(other, o3d.t.geometry.TriangleMesh):
+        return mesh
+    return o3d.t.geometry.TriangleMesh.from_legacy(
+        mesh, other.vertex.positions.dtype, other.triangle.indices.dtype
+    )
+
+
+def to_trimesh(surface: Surface) -> Any:
+    """A `trimesh.Trimesh` that keeps the vertices' order; fields are its vertex attributes."""
+    import trimesh
+
+    surface = _copied(surface)
+    return trimesh.Trimesh(
+        surface.vertices, surface.faces, process=False, vertex_attributes=dict(surface.fields)
+    )
+
+
+def to_pyvista(surface: Surface) -> Any:
+    """A `pyvista.PolyData` with the fields as point data. Raises InputError where pyvista is not
+    installed.
+    """
+    pyvista = _library("pyvista")
+    surface = _copied(surface)
+    mesh = pyvista.PolyData(
+        surface.vertices, np.column_stack([np.full(len(surface.faces), 3), surface.faces]).ravel()
+    )
+    for name, values in surface.fields.items():
+        mesh.point_data[name] = values
+    return mesh
+
+
+def to_meshio(surface: Surface) -> Any:
+    """A `meshio.Mesh` of triangles with the fields as point data. Raises InputError where meshio is not
+    installed.
+    """
+    meshio = _library("meshio")
+    surface = _copied(surface)
+    return meshio.Mesh(surface.vertices, [("triangle", surface.faces)], point_data=dict(surface.fields))
+
+
+def _library(name: str) -> Any:
+    try:
+        return import_module(name)
+    except ImportError as error:
+        raise InputError(f"{name} is not installed: pip install {name}") from error
+
+
+def _copied(surface: Surface) -> Surface:
+    """The surface in memory of its own: the libraries share what they are given, and a mesh is there to be
+    edited. InputError in 2D.
+    """
+    if surface.dimension != 3:
+        raise InputError("mesh objects of Open3D, trimesh, pyvista and meshio are 3D; this surface is 2D")
+    return Surface(
+        surface.vertices.copy(),
+        surface.faces.copy(),
+        {name: np.array(values) for name, values in surface.fields.items()},
+    )
+
+
+def _tensor(thing: Any) -> bool:
+    """Whether an Open3D object is one of the tensor interface."""
+    return ".t." in type(thing).__module__
+
+
+def _from_open3d(mesh: Any, where: str) -> Parts:
+    hint = "; Open3D gives such a mesh where it could not read a file"
+    if _tensor(mesh):
+        if "positions" not in mesh.vertex or "indices" not in mesh.triangle:
+            raise InputError(f"{where}: the mesh is empty: has no vertex positions or no triangles{hint}")
+        return mesh.vertex.positions.numpy(), mesh.triangle.indices.numpy(), _values(mesh.vertex)
+    if len(mesh.triangles) == 0:
+        raise InputError(f"{where}: the mesh is empty: {len(mesh.vertices)} vertices, no triangles{hint}")
+    return np.asarray(mesh.vertices), np.asarray(mesh.triangles), {}
+
+
+def _values(attributes: Any) -> dict[str, NDArray[Any]]:
+    """Values per vertex of a tensor object; a column of them is flat."""
+    arrays = {name: attributes[name].numpy() for name in attributes if name not in NO_FIELDS}
+    return {
+        name: values[:, 0] if values.ndim == 2 and values.shape[1] == 1 else values
+        for name, values in arrays.items()
+    }
+
+
+def _from_trimesh(mesh: Any, where: str) -> Parts:
+    return np.asarray(mesh.vertices), np.asarray(mesh.faces), dict(mesh.vertex_attributes)
+
+
+def _from_vtk(mesh: Any, where: str) -> Parts:
+    """A vtkPolyData, as pyvista's is too; polygons and strips become triangles."""
+    from vtkmodules.vtkFiltersCore import vtkTriangleFilter
+
+    if mesh.GetNumberOfPolys() + mesh.GetNumberOfStrips() == 0:
+        raise InputError(
+            f"{where}: has {mesh.GetNumberOfPoints()} points and no polygons: a surface needs both"
+        )
+    triangles = vtkTriangleFilter()
+    triangles.SetInputData(mesh)
+    triangles.PassVertsOff()
+    triangles.PassLinesOff()
+    triangles.Update()
+    faces = _vtk_array(triangles.GetOutput().GetPolys().GetConnectivityArray()).reshape(-1, 3)
+    fields = {name: values for name, values in _vtk_values(mesh).items() if values.dtype.kind in "iufb"}
+    return _vtk_array(mesh.GetPoints().GetData()), faces, fields
+
+
+def _vtk_array(array: Any) -> NDArray[Any]:
+    numpy_support: Any = import_module("vtkmodules.util.numpy_support")
+    return np.asarray(numpy_support.vtk_to_numpy(array))
+
+
+def _vtk_values(mesh: Any) -> dict[str, NDArray[Any]]:
+    """Numbers and words per point, without normals."""
+    data = mesh.GetPointData()
+    found = {}
+    for k in range(data.GetNumberOfArrays()):
+        array = data.GetAbstractArray(k)
+        name = array.GetName()
+        if data.GetArray(k) is not None and name not in (None, "Normals"):
+            found[name] = _vtk_array(array)
+        elif array.IsA("vtkStringArray") and name:
+            found[name] = np.array([array.GetValue(i) for i in range(array.GetNumberOfValues())])
+    return found
+
+
+def _from_meshio(mesh: Any, where: str) -> Parts:
+    kinds = {block.type for block in mesh.cells}
+    if inside := sorted(kind for kind in kinds if kind.startswith(VOLUMES)):
+        raise InputError(
+            f"{where}: is a volume mesh with cells of {inside[0]}: give its surface, of triangles"
+        )
+    flat = [block.data for block in mesh.cells if block.type in ("triangle", "quad", "polygon")]
+    if not flat:
+        raise InputError(
+            f"{where}: has cells of {', '.join(sorted(kinds)) or 'no kind'}: must be triangles or quads"
+        )
+    vertices = np.asarray(mesh.points, dtype=np.float64)
+    return vertices, triangulate(vertices, *map(np.asarray, flat))[0], dict(mesh.point_data)
+
+
+# by the package and the class
+MESHES: Mapping[str, Callable[[Any, str], Parts]] = {
+    "open3d.TriangleMesh": _from_open3d,
+    "trimesh.Trimesh": _from_trimesh,
+    "vtkmodules.vtkPolyData": _from_vtk,
+    "meshio.Mesh": _from_meshio,
+}
+# positions and values per point
+POINT_READERS: Mapping[str, Callable[[Any], tuple[Any, dict[str, Any]]]] = {
+    "open3d.PointCloud": lambda cloud: (
+        (cloud.point.positions.numpy(), _values(cloud.point)) if _tensor(cloud) else (cloud.points, {})
+    ),
+    "trimesh.PointCloud": lambda cloud: (cloud.vertices, {}),
+    "trimesh.Path": lambda path: (path.vertices, {}),
+    "trimesh.Trimesh": lambda mesh: (mesh.vertices, dict(mesh.vertex_attributes)),
+    "vtkmodules.vtkPointSet": lambda cloud: (_vtk_positions(cloud), _vtk_values(cloud)),
+    "meshio.Mesh": lambda mesh: (mesh.points, dict(mesh.point_data)),
+}
+
+
+def _vtk_positions(cloud: Any) -> Array:
+    points = cloud.GetPoints()
+    return np.zeros((0, 3)) if points is None else _vtk_array(points.GetData())
