@@ -274,6 +274,15 @@ def test_label_volumes_of_other_kinds(name: str, tmp_path: Path) -> None:
     check(name, path, data, lambda p: read_surface_file(p, frame="RAS", **choice))
 
 
+@pytest.mark.parametrize("kind", ["BINARY", "LABELMAP"])
+def test_dicom_segmentations(kind: str, tmp_path: Path) -> None:
+    pytest.importorskip("highdicom")
+    from test_io_dicom import labels, segmentation, series
+
+    path = segmentation(tmp_path / "seg.dcm", labels(), ["LA", "LV"], series(np.eye(3)), kind)
+    check(kind, path, path.read_bytes(), lambda p: read_surface_file(p, part="LA"))
+
+
 def block() -> np.ndarray:
     mask = np.zeros((9, 10, 11), bool)
     mask[2:7, 3:8, 2:8] = True

@@ -7,20 +7,22 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import InputError
-from . import metaimage, nifti, nrrd
+from . import dicom, metaimage, nifti, nrrd
 from .voxels import Image
 
 LONGEST_VOXEL = 20.0  # times its width
 
 
 def knows(data: bytes) -> bool:
-    return nrrd.knows(data) or metaimage.knows(data) or nifti.knows(data)
+    return dicom.knows(data) or nrrd.knows(data) or metaimage.knows(data) or nifti.knows(data)
 
 
 def read_image(path: Path, data: bytes, frame: str | None = None) -> Image:
     """The volume in a file; `frame` is that of its axes where the file does not say how they lie. Raises
     InputError where it is damaged or does not lie anywhere.
     """
+    if dicom.knows(data):
+        return checked(dicom.read_dicom(path, data), str(path))
     if nrrd.knows(data):
         return checked(nrrd.read_nrrd(path, data, frame), str(path))
     if metaimage.knows(data):

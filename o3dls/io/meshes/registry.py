@@ -10,7 +10,7 @@ from typing import Any
 from ...errors import InputError
 from ...geometry.surface import Surface
 from ..atomic import write_file
-from ..images import labels
+from ..images import dicom, labels
 from ..mapping import openep
 from ..text import read_bytes
 from . import dif, obj, opencarp, ply, polyline, stl, vtk_legacy, vtp
@@ -57,7 +57,7 @@ FORMATS = (
     Format("openep", (".mat",), openep.knows, openep.read, openep.write, (), openep.losses),
     Format(
         "labels",
-        (".nii", ".nii.gz", ".hdr", ".nrrd", ".mha"),
+        (".nii", ".nii.gz", ".hdr", ".nrrd", ".mha", ".dcm"),
         labels.knows,
         labels.read,
         None,
@@ -97,7 +97,7 @@ def read_surface_file(
     no use for.
     """
     path = Path(path)
-    data = read_bytes(path)
+    data = _content(path)
     given = {name: value for name, value in options.items() if value is not None}
     known = _known(data)
     for name, value in (("units", units), ("frame", frame)):
@@ -114,6 +114,11 @@ def read_surface_file(
     return known.read(path, data, **given) if known else polyline.read_polyline(path)
 
 
+def _content(path: Path) -> bytes:
+    dicom.check_no_series(path)
+    return read_bytes(path)
+
+
 def _known(data: bytes) -> Format | None:
     return next((f for f in FORMATS if f.knows(data)), None)
 
@@ -123,7 +128,7 @@ def is_surface(path: str | Path) -> bool:
 
     Raises InputError where it cannot be read at all.
     """
-    data = read_bytes(path)
+    data = _content(Path(path))
     return _known(data) is not None or (Path(path).suffix.lower() == ".csv" and polyline.knows(data))
 
 

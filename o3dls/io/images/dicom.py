@@ -1,0 +1,139 @@
+"""DICOM segmentations (SEG), by highdicom; images and contours of DICOM are no labels, and are told so."""
+
+from __future__ import annotations
+
+import warnings
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import InputError
+from .voxels import Image, check_affine, count
+
+SEGMENTATIONS = ("1.2.840.10008.5.1.4.1.1.66.4", "1.2.840.10008.5.1.4.1.1.66.7")  # in bits, and as labels
+SEGMENT_FIRST = (
+    "segment the left atrium first, for example in 3D Slicer (Segment Editor) or with TotalSegmentator, "
+    "and save the labels as NRRD, NIfTI or DICOM SEG"
+)
+PIXELS = 0x7FE00010
+MAY_FOLLOW = (b"\xfa\xff\xfa\xff", b"\xfc\xff\xfc\xff")  # tags of signatures and of padding
+FIRST_FILES = 50  # of a folder, that are looked at
+OCCUPIED = 0.5  # share of a voxel, or probability, from which it is inside
+
+
+def knows(data: bytes) -> bool:
+    return data[128:132] == b"DICM"
+
+
+def check_no_series(folder: Path) -> None:
+    """Raise InputError where a path is a folder of DICOM files, with what would be right."""
+    files = sorted(folder.glob("*"))[:FIRST_FILES] if folder.is_dir() else []
+    if any(_is_dicom(path) for path in files):
+        raise InputError(
+            f"{folder}: is a folder of DICOM files; a segmentation (SEG) is one of them: name it. Slices of "
+            f"CT or MR are no segmentation: {SEGMENT_FIRST}"
+        )
+
+
+def _is_dicom(path: Path) -> bool:
+    if not path.is_file():
+        return False
+    try:
+        with path.open("rb") as file:
+            return knows(file.read(132))
+    except OSError:
+        return False
+
+
+def read_dicom(path: Path, data: bytes) -> Image:
+    """A segmentation: its segments are labels by their numbers and parts by their names, in layers where they
+    overlap. Voxels lie where the functional groups of its frames say, in LPS.
+
+    Raises InputError for any other DICOM file, and where highdicom is not installed.
+    """
+    try:
+        import highdicom
+        import pydicom
+    except ImportError:
+        raise InputError(
+            f"{path}: is DICOM: to read a segmentation (SEG) install highdicom, pip install 'o3dls[dicom]'; "
+            f"if it is an image, {SEGMENT_FIRST}"
+        ) from None
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of values that are longer or odder than DICOM allows
+        try:
+            dataset = pydicom.dcmread(BytesIO(data))
+            _check_kind(path, dataset)
+            _check_end(path, dataset, data)
+            return _image(path, highdicom.seg.Segmentation.from_dataset(dataset, copy=False))
+        except InputError:
+            raise
+        except Exception as error:  # of a damaged file both raise whatever their code comes upon
+            sentence = " ".join(str(error).split())[:200]
+            raise InputError(
+                f"{path}: cannot be read as a DICOM segmentation: {type(error).__name__}: {sentence}"
+            ) from None
+
+
+def _check_kind(path: Path, header: Any) -> None:
+    if (kind := str(header.get("SOPClassUID", ""))) in SEGMENTATIONS:
+        return
+    name, modality = getattr(header.get("SOPClassUID"), "name", kind), header.get("Modality", "none")
+    raise InputError(
+        f"{path}: is DICOM of modality {modality} ({name}), and no segmentation (SEG): {SEGMENT_FIRST}"
+    )
+
+
+def _check_end(path: Path, dataset: Any, data: bytes) -> None:
+    """Raise InputError where bytes follow the voxels that do not belong there: some within are too many, and
+    the voxels behind them shifted.
+    """
+    voxels = dataset.get_item(PIXELS)
+    syntax = dataset.file_meta.TransferSyntaxUID
+    if voxels is None or syntax.is_compressed or syntax.is_deflated:
+        return
+    end = voxels.value_tell + voxels.length
+    if end < len(data) and data[end : end + 4] not in MAY_FOLLOW:
+        raise InputError(
+            f"{path}: {len(data) - end} bytes follow its voxels that do not belong there: is damaged"
+        )
+
+
+def _image(path: Path, segmentation: Any) -> Image:
+    geometry = segmentation.get_volume_geometry()
+    if geometry is None:
+        raise InputError(
+            f"{path}: its frames are no parallel slices at equal distances: resample it, as in 3D Slicer"
+        )
+    count(path, [int(n) for n in geometry.spatial_shape])
+    numbers = [int(number) for number in segmentation.segment_numbers]
+    values, layers = _labels(path, segmentation, numbers)
+    names = [str(segmentation.get_segment_description(number).segment_label).strip() for number in numbers]
+    notes: dict[str, str] = {}
+    for k, (number, name) in enumerate(zip(numbers, names, strict=True)):
+        own = name if names.count(name) == 1 else f"{name} ({number})"
+        notes |= {
+            f"Segment{k}_Name": own,
+            f"Segment{k}_LabelValue": str(number),
+            f"Segment{k}_Layer": str(layers[k]),
+        }
+    # highdicom counts slice, row, column
+    affine = np.asarray(geometry.affine, dtype=np.float64)[:, [2, 1, 0, 3]]
+    return Image(values, check_affine(str(path), affine), "LPS", notes)
+
+
+def _labels(path: Path, segmentation: Any, numbers: list[int]) -> tuple[NDArray[Any], list[int]]:
+    """Numbers of the segments (nz, ny, nx), or (nz, ny, nx, layers) where they overlap; the layer of each."""
+    kind = segmentation.segmentation_type.value
+    if kind != "FRACTIONAL":
+        try:
+            return segmentation.get_volume(combine_segments=True).array, [0] * len(numbers)
+        except RuntimeError:  # they overlap
+            pass
+    shape = [int(n) for n in segmentation.get_volume_geometry().spatial_shape]
+    count(path, [*shape, len(numbers)])
+    inside = segmentation.get_volume().array >= OCCUPIED
+    return inside * np.array(numbers, dtype=np.uint16), list(range(len(numbers)))
