@@ -13,7 +13,18 @@ from importlib.metadata import PackageNotFoundError, version
 
 from ..errors import O3dlsError
 
-MODULES = ("numpy", "scipy", "numba", "open3d", "pymeshlab", "trimesh", "pydantic", "click", "matplotlib")
+MODULES = (
+    "numpy",
+    "scipy",
+    "numba",
+    "open3d",
+    "pymeshlab",
+    "trimesh",
+    "nibabel",
+    "pydantic",
+    "click",
+    "matplotlib",
+)
 
 FILTERS = (  # of pymeshlab, all that o3dls calls; a test looks for others in the source
     "apply_coord_taubin_smoothing",

@@ -251,6 +251,15 @@ def test_phases_of_a_cine_in_memory_are_chosen_by_number() -> None:
             o3dls.surface_of(thing, label=7)
 
 
+def test_segments_of_slicer_keep_their_names_in_memory() -> None:
+    image = sitk_image(volume())
+    for k, (name, label) in enumerate((("LA", 1), ("core", 7))):
+        for key, value in (("Name", name), ("LabelValue", str(label)), ("Layer", "0")):
+            image.SetMetaData(f"Segment{k}_{key}", value)
+    core = o3dls.surface_of(image, part="core")
+    np.testing.assert_array_equal(core.vertices, o3dls.surface_of(image, label=7).vertices)
+
+
 def test_a_nifti_in_memory_without_a_form_asks_for_the_frame() -> None:
     nibabel = pytest.importorskip("nibabel")
     image = nibabel.Nifti1Image(volume(), None)

@@ -255,7 +255,7 @@ def test_label_volumes(suffix: str, tmp_path: Path) -> None:
     check(suffix, path, path.read_bytes(), read_surface_file)
 
 
-@pytest.mark.parametrize("name", ["Nifti2Image", "Nifti1Pair", "no form", "cine", "spacings"])
+@pytest.mark.parametrize("name", ["Nifti2Image", "Nifti1Pair", "no form", "cine", "spacings", "series"])
 def test_label_volumes_of_other_kinds(name: str, tmp_path: Path) -> None:
     nibabel = pytest.importorskip("nibabel")
     path = tmp_path / ("labels.hdr" if name == "Nifti1Pair" else "labels.nii")
@@ -267,10 +267,15 @@ def test_label_volumes_of_other_kinds(name: str, tmp_path: Path) -> None:
         image.header.set_sform(None)
     nibabel.save(image, path)
     data = path.read_bytes()
+    if name == "series":
+        sitk = pytest.importorskip("SimpleITK")
+        phase = sitk.GetImageFromArray(block().astype(np.uint8))
+        sitk.WriteImage(sitk.JoinSeries([phase] * 3), str(tmp_path / "made.mha"))
+        data = (tmp_path / "made.mha").read_bytes()
     if name == "spacings":
         head = b"NRRD0004\ntype: uchar\ndimension: 3\nsizes: 9 10 11\nspacings: 1.5 1.5 2\nencoding: raw\n\n"
         data = head + block().tobytes(order="F")
-    choice = {"layer": 1} if name == "cine" else {}
+    choice = {"layer": 1} if name in ("cine", "series") else {}
     check(name, path, data, lambda p: read_surface_file(p, frame="RAS", **choice))
 
 

@@ -364,6 +364,8 @@ def test_a_pair_without_its_voxels_is_refused(tmp_path: Path) -> None:
         (tmp_path / "b.img").write_bytes(content)
         with pytest.raises(InputError, match=r"b\.hdr: .* the file is truncated|b\.img: is empty"):
             read_surface_file(path)
+    with pytest.raises(InputError, match=r"b\.img: holds voxels alone: name its header, b\.hdr"):
+        convert(tmp_path / "b.img", tmp_path / "a.ply")
     (tmp_path / "b.img").unlink()
     with pytest.raises(InputError, match=r"its data file 'b\.img' is not beside it"):
         read_surface_file(path)
@@ -427,14 +429,26 @@ def as_list(name: str, first: bool, values: np.ndarray, folder: Path) -> Path:
     return folder / name
 
 
-@pytest.mark.parametrize("kind", ["nii", "first.nrrd", "last.nrrd"])
+def as_meta(joined: str, folder: Path) -> Path:
+    """The phases as a fourth axis or as channels of a MetaImage."""
+    images = [sitk.GetImageFromArray(cine()[..., k].T.astype(np.uint8)) for k in range(3)]
+    for image in images:
+        image.SetSpacing([1.0, 1.0, 2.0])
+        image.SetDirection(np.diag([-1.0, -1, 1]).ravel())
+    whole = sitk.JoinSeries(images) if joined == "series" else sitk.Compose(images)
+    sitk.WriteImage(whole, str(folder / "a.mha"), useCompression=True)
+    return folder / "a.mha"
+
+
+@pytest.mark.parametrize("kind", ["nii", "first.nrrd", "last.nrrd", "series", "channels"])
 def test_a_phase_or_layer_is_chosen_by_its_number(kind: str, tmp_path: Path) -> None:
     known = read_surface_file(nifti_of(body(), tmp_path / "one.nii")).surface.vertices
-    path = (
-        nifti_of(cine(), tmp_path / "a.nii")
-        if kind == "nii"
-        else as_list(kind, kind == "first.nrrd", cine(), tmp_path)
-    )
+    if kind == "nii":
+        path = nifti_of(cine(), tmp_path / "a.nii")
+    elif kind.endswith("nrrd"):
+        path = as_list(kind, kind == "first.nrrd", cine(), tmp_path)
+    else:
+        path = as_meta(kind, tmp_path)
     with pytest.raises(InputError, match=r"label 1 is in 3 layers; say --layer \(0 to 2\)$"):
         read_surface_file(path)
     with pytest.raises(InputError, match="there is no layer 3: there are 3, counted from 0"):

@@ -13,12 +13,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from formats import marker, write_as
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from o3dls.case import Points
+from o3dls.cli.main import cli
 from o3dls.errors import InputError
 from o3dls.geometry.similarity import apply, similarity
 from o3dls.geometry.surface import Surface
@@ -32,7 +34,7 @@ from o3dls.io.markups import Markups, write_markups
 from o3dls.io.meshes import dif
 from o3dls.io.meshes.carto import encoder, mesh_file, parser
 from o3dls.io.meshes.carto.mesh import CartoMesh
-from o3dls.io.meshes.registry import read_surface
+from o3dls.io.meshes.registry import read_surface, read_surface_file
 from o3dls.io.meshes.surface_file import SurfaceFile
 from o3dls.io.points import read_points
 from o3dls.io.table import read_table
@@ -323,6 +325,41 @@ def test_an_import_does_not_replace_a_case_made_by_hand(tmp_path: Path) -> None:
         (out / name).write_text("mine")
     with pytest.raises(InputError, match=r"case: holds case\.toml and 2 more, which o3dls did not write"):
         import_study(study, "1-Map", out, force=True)
+
+
+def test_phase_and_frame_of_a_prior_are_those_that_are_said(tmp_path: Path) -> None:
+    nibabel = pytest.importorskip("nibabel")
+    values = np.zeros((12, 13, 14, 2), np.uint8)
+    values[3:8, 4:9, 5:9, 0] = values[4:9, 4:9, 5:9, 1] = 1
+    image = nibabel.Nifti1Image(values, np.eye(4))
+    image.set_sform(None)
+    nibabel.save(image, tmp_path / "cine.nii")
+    folder = carto_folder(tmp_path / "s")
+    command = [
+        "import",
+        str(folder),
+        str(tmp_path / "case"),
+        "--map",
+        "1-Map",
+        "--prior",
+        str(tmp_path / "cine.nii"),
+    ]
+    done = CliRunner().invoke(cli, command)
+    assert isinstance(done.exception, InputError)
+    assert "neither qform nor sform" in str(done.exception)
+    done = CliRunner().invoke(cli, [*command, "--frame", "RAS", "--phase", "1"])
+    assert done.exit_code == 0, done.output
+    prior = read_surface_file(tmp_path / "case/prior.ply")
+    assert prior.space == "RAS"
+    assert prior.surface.vertices[:, 0].min() == pytest.approx(3.5, abs=0.1)
+    for frame, sentence in (
+        ("RAS", "states frame LPS, and RAS was given"),
+        ("ras", "frame = 'ras': must be one"),
+    ):
+        with pytest.raises(InputError, match=sentence):
+            import_study(
+                folder, "1-Map", tmp_path / "case", prior=write_as("ply", tmp_path), frame=frame, force=True
+            )
 
 
 def test_what_is_said_of_a_prior_needs_one(tmp_path: Path) -> None:

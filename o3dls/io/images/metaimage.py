@@ -10,7 +10,7 @@ import numpy as np
 
 from ...arrays import Array
 from ...errors import InputError
-from ..text import integers, number_rows
+from ..text import integers, is_count, number_rows
 from .voxels import LARGEST, Image, beside, inflate, shaped, size_of
 
 TYPES = {
@@ -34,8 +34,8 @@ def knows(data: bytes) -> bool:
 
 
 def read_meta(path: Path, data: bytes) -> Image:
-    """MetaImage: its matrix is in LPS, and its AnatomicalOrientation is not believed, since ITK writes one
-    that means something else.
+    """MetaImage, with layers along a fourth axis or as channels: its matrix is in LPS, and its
+    AnatomicalOrientation is not believed, since ITK writes one that means something else.
     """
     end = re.search(rb"^ElementDataFile\s*=\s*([^\r\n]+)\r?\n?", data[:100_000], re.MULTILINE)
     if end is None:
@@ -45,14 +45,9 @@ def read_meta(path: Path, data: bytes) -> Image:
     )
     header = {key.strip(): value.strip() for key, _, value in pairs}
     kind = header.get("ElementType", "").removeprefix("MET_")
-    if header.get("NDims") != "3" or kind not in TYPES or header.get("ElementNumberOfChannels", "1") != "1":
-        raise InputError(
-            f"{path}: must have NDims = 3, one channel and an ElementType of {', '.join(TYPES)}; it is "
-            f"'{kind}'"
-        )
-    sizes = [
-        int(n) if n == int(n) and abs(n) < 1e9 else -1 for n in _numbers(path, header, ("DimSize",), 3, None)
-    ]
+    if kind not in TYPES:
+        raise InputError(f"{path}: has ElementType '{kind[:40]}': must be one of {', '.join(TYPES)}")
+    n, sizes = _sizes(path, header)
     order = (
         ">"
         if "true" in (header.get(k, "").lower() for k in ("BinaryDataByteOrderMSB", "ElementByteOrderMSB"))
@@ -63,13 +58,36 @@ def read_meta(path: Path, data: bytes) -> Image:
     body = _body(path, header, file, data[end.end() :], need)
     if header.get("CompressedData", "").lower() == "true":
         body = inflate(path, body, need)
+    values = shaped(path, body, order + TYPES[kind], sizes)  # channels come out last, a fourth axis first
+    return Image(np.moveaxis(values, 0, -1) if n == 4 else values, _affine(path, header, n))
+
+
+def _sizes(path: Path, header: Mapping[str, str]) -> tuple[int, list[int]]:
+    """Number of axes, and their sizes with that of several channels in front, as they stand in the file."""
+    axes, channels = header.get("NDims", ""), header.get("ElementNumberOfChannels", "1")
+    if axes not in ("3", "4") or not is_count(channels) or (axes == "4" and channels != "1"):
+        raise InputError(
+            f"{path}: has NDims = {axes[:20]} and {channels[:20]} channels: must be a volume in 3D, or "
+            "several along a fourth axis or as channels"
+        )
+    sizes = _numbers(path, header, ("DimSize",), int(axes), None)
+    whole = [int(size) if size == int(size) and abs(size) < 1e9 else -1 for size in sizes]
+    return int(axes), whole if channels == "1" else [int(channels), *whole]
+
+
+def _affine(path: Path, header: Mapping[str, str], n: int) -> Array:
+    """Index to LPS; of a fourth axis nothing is asked but to be apart from those of space."""
+    names = ("TransformMatrix", "Rotation", "Orientation")
+    rows = _numbers(path, header, names, n * n, np.eye(n).ravel()).reshape(n, n)
+    if rows[:3, 3:].any() or rows[3:, :3].any():
+        raise InputError(
+            f"{path}: the fourth axis of its TransformMatrix runs through space: must be time alone"
+        )
     affine = np.eye(4)
-    rows = _numbers(
-        path, header, ("TransformMatrix", "Rotation", "Orientation"), 9, np.eye(3).ravel()
-    ).reshape(3, 3)
-    affine[:3, :3] = rows.T * _numbers(path, header, ("ElementSpacing", "ElementSize"), 3, np.ones(3))
-    affine[:3, 3] = _numbers(path, header, ("Offset", "Position", "Origin"), 3, np.zeros(3))
-    return Image(shaped(path, body, order + TYPES[kind], sizes), affine)
+    spacing = _numbers(path, header, ("ElementSpacing", "ElementSize"), n, np.ones(n))
+    affine[:3, :3] = rows[:3, :3].T * spacing[:3]
+    affine[:3, 3] = _numbers(path, header, ("Offset", "Position", "Origin"), n, np.zeros(n))[:3]
+    return affine
 
 
 def _body(path: Path, header: Mapping[str, str], file: str, local: bytes, need: int) -> bytes:

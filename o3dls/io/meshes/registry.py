@@ -115,7 +115,12 @@ def read_surface_file(
 
 
 def _content(path: Path) -> bytes:
+    """The bytes of a file. Raises InputError also where another one beside it is meant."""
     dicom.check_no_series(path)
+    headers = [path.with_suffix(suffix) for suffix in (".hdr", ".nhdr", ".mhd")]
+    header = next((header for header in headers if header.is_file()), None)
+    if path.suffix.lower() in (".img", ".raw", ".zraw") and header is not None:
+        raise InputError(f"{path}: holds voxels alone: name its header, {header.name}")
     return read_bytes(path)
 
 
