@@ -5,13 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 
 from ..io.atomic import write_file
-from ..report.markup import Html, join, tag
+from ..report.document import document
+from ..report.markup import join
 from . import atrium, formulation, noise, real, related, temporal
 from .blocks import Block, Command, Figure, Heading, Text
 from .claims import claims
 from .results import Results
 
 EXPERIMENTS = (noise, atrium, real, formulation, related, temporal)
+TITLE = "o3dls: the paper's experiments"
 STYLE = """body{font:16px/1.5 system-ui,sans-serif;max-width:62rem;margin:2rem auto;padding:0 1rem;
 color:#16191d;background:#fff}
 table{border-collapse:collapse;font-size:.9rem}td,th{padding:.2rem .6rem;
@@ -30,7 +32,7 @@ def write_page(results: Results, folder: Path) -> Path:
             write_file(folder / block.file, block.png)
     texts = {
         "index.md": "\n\n".join(block.markdown() for block in blocks) + "\n",
-        "index.html": _html(blocks),
+        "index.html": document(TITLE, STYLE, join(*(block.html() for block in blocks))),
     }
     for name, text in texts.items():
         write_file(folder / name, text)
@@ -52,17 +54,3 @@ def page(results: Results) -> list[Block]:
     for section in EXPERIMENTS:
         blocks += section.blocks(results)
     return blocks
-
-
-def _html(blocks: list[Block]) -> str:
-    head = tag(
-        "head",
-        tag("meta", charset="utf-8"),
-        tag("title", "o3dls: the paper's experiments"),
-        tag("style", Html(STYLE)),
-    )
-    return (
-        "<!doctype html>\n"
-        + tag("html", head, tag("body", join(*(block.html() for block in blocks))), lang="en")
-        + "\n"
-    )

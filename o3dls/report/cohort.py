@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
+from urllib.parse import quote
 
 import numpy as np
 
@@ -131,9 +132,8 @@ def _row(one: Entry, out: Path) -> list[Child]:
     report = one.folder / "report.html"
     name: Child = one.name
     if report.is_file():
-        name = tag(
-            "a", one.name, href=Path(os.path.relpath(report.resolve(), out.resolve().parent)).as_posix()
-        )
+        path = Path(os.path.relpath(report.resolve(), out.resolve().parent)).as_posix()
+        name = tag("a", one.name, href=quote(os.fsencode(path)))  # a folder may be named `javascript:`
     verdict = tag("strong", "no") if not one.valid else "yes"
     tail: list[Child] = [verdict, one.warnings or "–", f"{one.seconds:.1f}", one.folder.name]
     if one.gain is None:

@@ -3,9 +3,15 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Sequence
 from html import escape
 from typing import Any
+
+LINKS = ("href", "src")
+GAPS = re.compile("[\x00-\x20]")  # browsers leave them out of an address
+# what has no scheme, or one that runs nothing
+SAFE = re.compile(r"[^:]*$|[^:/?#]*[/?#]|https?:|data:image/(png|jpeg);", re.IGNORECASE)
 
 
 class Html(str):
@@ -43,6 +49,8 @@ def join(*children: Child) -> Html:
 def _attribute(key: str, value: Child) -> str:
     if value is None or value is False:
         return ""
+    if key in LINKS and not SAFE.match(GAPS.sub("", str(value))):
+        raise ValueError(f"{key} = {str(value)[:60]!r}: must be relative, begin with # or lead to https")
     return f" {key}" if value is True else f' {key}="{escape(str(value))}"'
 
 

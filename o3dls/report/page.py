@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from .document import document
 from .markup import Html, join, tag
-from .page_parts import asset
+from .page_parts import asset, viewer_code
 from .sections.order import SECTIONS
 from .sections.section import Section, plugin_sections
 from .subject import Subject
 from .verdict import verdict, warnings
 
-# nothing is ever fetched
-POLICY = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:"
 NOTICE = "Research use only. Not for clinical use."
 
 
@@ -27,17 +26,10 @@ def report_page(subject: Subject) -> str:
 
 def page(title: str, body: Html) -> str:
     """A complete HTML document with the styles and the notice that every page of ours carries."""
-    head = join(
-        tag("meta", charset="utf-8"),
-        tag("meta", name="viewport", content="width=device-width, initial-scale=1"),
-        tag("meta", http_equiv="Content-Security-Policy", content=POLICY),
-        tag("title", title),
-        tag("style", Html(asset("report.css"))),
-    )
-    script = tag("script", Html(f'"use strict";\n{asset("page.js")}'))
+    script = f'"use strict";\n{asset("page.js")}'
     footer = tag("footer", tag("p", f"Made by o3dls, an open research tool. {NOTICE}"))
-    page = tag("html", tag("head", head), tag("body", tag("main", body), footer, script), lang="en")
-    return f"<!doctype html>\n{page}\n"
+    whole = join(tag("main", body), footer, tag("script", Html(script)))
+    return document(title, asset("report.css"), whole, [script, *viewer_code()])
 
 
 def _head(subject: Subject) -> Html:

@@ -15,19 +15,19 @@ def asset(name: str, folder: str = "static") -> str:
     return (files("o3dls.report") / folder / name).read_text(encoding="utf-8")
 
 
-def viewer_scripts(scene: object) -> Html:
-    """The 3D viewer's markup, its data, three.js, and our scripts in one scope."""
+def viewer_code() -> tuple[str, str]:
+    """The scripts of the 3D viewer: three.js, and ours in one scope."""
     ours = "\n".join(asset(name) for name in SCRIPTS)
     library = f"/* three.js\n{asset('three.LICENSE.txt', 'vendor')}*/\n{asset('three.min.js', 'vendor')}"
     # without WebGL the static pictures stay
     guard = "if (document.createElement('canvas').getContext('webgl2')) "
-    code = f'"use strict";\n{guard}(() => {{\n{ours}\n}})();'
-    return join(
-        Html(asset("viewer.html")),
-        data_block("scene", scene),
-        tag("script", Html(library)),
-        tag("script", Html(code)),
-    )
+    return library, f'"use strict";\n{guard}(() => {{\n{ours}\n}})();'
+
+
+def viewer_scripts(scene: object) -> Html:
+    """The 3D viewer's markup, its data, and its scripts."""
+    code = (tag("script", Html(text)) for text in viewer_code())
+    return join(Html(asset("viewer.html")), data_block("scene", scene), *code)
 
 
 def image(png: bytes, description: str, *, class_: str | None = "static") -> Html:

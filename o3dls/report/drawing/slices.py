@@ -80,7 +80,7 @@ def drawing(
     ]
     inside = np.all((points >= frame.low) & (points <= frame.high), axis=1).tolist()
     dots = [
-        tag("circle", cx=f"{x:.1f}", cy=f"{y:.1f}", r="3.5", style=f"fill:{colour}", class_="dot")
+        tag("circle", cx=f"{x:.1f}", cy=f"{y:.1f}", r="3.5", fill=colour, class_="dot")
         for (x, y), colour, keep in zip(frame.place(points), colours, inside, strict=True)
         if keep
     ]
