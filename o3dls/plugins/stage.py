@@ -11,6 +11,8 @@ from ..case import FITTED_TYPES, Case
 from ..estimate import Estimate
 from .plugin import Plugin
 
+FINEST = 1e-3  # mm: no image and no surface of a heart has detail of a micrometre
+
 
 class Stage(Plugin):
     """One step of a pipeline. `as_` names its estimate (default: the stage's name); `after` names the
@@ -25,7 +27,7 @@ class Stage(Plugin):
     as_: str | None = Field(
         None,
         alias="as",
-        pattern=r"^[A-Za-z][A-Za-z0-9_-]*$",
+        pattern=r"^[A-Za-z][A-Za-z0-9_-]{0,59}$",  # it names files too, and systems take 255 bytes
         description="name of the estimate; default: the stage's name",
     )
     after: str | None = Field(None, description="estimate to start from; default: the stage before")

@@ -14,6 +14,7 @@ from pydantic import Field, model_validator
 from ..errors import PipelineError
 from ..geometry.surface import Surface
 from ..io.atomic import staged_files, write_file
+from ..plugins.stage import FINEST
 from .export_formats import NEED_FRAME, FormatName, FrameName, file_name
 from .export_volume import spacing_mistake, write_enclosed_volume, write_labels_like
 from .placed import On, Placed, frame_of, placed, unknown_frame
@@ -58,7 +59,7 @@ class Export(Writer):
         None, ge=4, description="most triangles, by decimation; default: the limit of the system, else all"
     )
     spacing: float = Field(
-        1.0, gt=0.0, description="phi and mask: size of a voxel", json_schema_extra={"unit": "mm"}
+        1.0, ge=FINEST, description="phi and mask: size of a voxel", json_schema_extra={"unit": "mm"}
     )
     grid: Path | None = Field(
         None, description="mask: image whose voxels it takes, with the wall labelled apart"

@@ -21,11 +21,13 @@ class DeformParameters(Stage):
     vector: tuple[float, ...] = Field(
         (1.15, 0.46),
         min_length=1,
+        max_length=10,  # each is a field with its own amplitude, and points tell few apart
         description="correlation lengths of the vector field",
         json_schema_extra={"unit": "rms radii"},
     )
     normal: tuple[float, ...] = Field(
         (0.46,),
+        max_length=10,
         description="correlation lengths of the field along the normal",
         json_schema_extra={"unit": "rms radii"},
     )
@@ -83,7 +85,10 @@ class DeformParameters(Stage):
         ),
     )
     iterations: int = Field(
-        25, ge=15, description="most iterations; the evidence sets the amplitudes three times in the first 14"
+        25,
+        ge=15,
+        le=1000,  # what has not converged by then does not
+        description="most iterations; the evidence sets the amplitudes three times in the first 14",
     )
 
     @field_validator("vector", "normal")

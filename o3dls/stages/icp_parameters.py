@@ -129,7 +129,10 @@ class ICPParameters(Stage):
         json_schema_extra=unit("rad"),
     )
     neighbours: int = Field(
-        12, ge=3, description="points that the normal of a point is estimated from, where one is needed"
+        12,
+        ge=3,
+        le=1000,  # more points than a map has in one place
+        description="points that the normal of a point is estimated from, where one is needed",
     )
     thickness: float = Field(
         0.05,
@@ -151,14 +154,15 @@ class ICPParameters(Stage):
         description="factor on all thresholds and widths at the first iteration",
         json_schema_extra=unit("1"),
     )
-    anneal: int = Field(5, ge=0, description="iterations over which that factor falls to 1")
+    anneal: int = Field(5, ge=0, le=10_000, description="iterations over which that factor falls to 1")
     tolerance: float = Field(
         5e-3,
         ge=0.0,
         description="converged when no foot point moves farther in one step",
         json_schema_extra=unit("mm"),
     )
-    iterations: int = Field(100, ge=1, description="most iterations")
+    # what has not converged by then does not
+    iterations: int = Field(100, ge=1, le=10_000, description="most iterations")
     verify: bool = Field(
         False,
         description=(

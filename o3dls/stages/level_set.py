@@ -18,8 +18,8 @@ from ..estimate import Estimate
 from ..geometry.similarity import rms_radius
 from ..geometry.surface import Surface
 from ..plugins.parameters import unfitting
-from ..plugins.stage import Stage
-from .level_set_checks import check_mesh, check_spacing, lost_parts
+from ..plugins.stage import FINEST, Stage
+from .level_set_checks import SCALED, check_mesh, check_spacing, lost_parts, spacing_mistake
 
 if TYPE_CHECKING:
     from ..adapters.meshing import Extraction
@@ -47,7 +47,7 @@ class LevelSet(Stage):
         description="ours, or equations 8-16 of the paper with the least repairs that make them computable",
     )
     spacing: float = Field(
-        1.0, gt=0.0, description="distance between grid nodes", json_schema_extra={"unit": "mm"}
+        1.0, ge=FINEST, description="distance between grid nodes", json_schema_extra={"unit": "mm"}
     )
     evidence: float = Field(
         3.0,
@@ -67,8 +67,12 @@ class LevelSet(Stage):
     data: float = Field(10.0, ge=0.0, description="paper: weight of the data term, over the squared noise")
     area: float = Field(0.2, ge=0.0, description="paper: weight of the area term")
     shape: float = Field(0.3, ge=0.0, description="paper: weight of the shape term")
-    iterations: int = Field(20, ge=1, description="most iterations per level; paper: most reinitialisations")
-    smoothing: int = Field(3, ge=0, description="Taubin passes on the extracted mesh")
+    # what has not converged by then does not
+    iterations: int = Field(
+        20, ge=1, le=1000, description="most iterations per level; paper: most reinitialisations"
+    )
+    # a hundred leave no detail
+    smoothing: int = Field(3, ge=0, le=100, description="Taubin passes on the extracted mesh")
     keep: float = Field(
         0.5, gt=0.0, le=1.0, description="fraction of the isosurface's faces that decimation keeps"
     )
@@ -79,6 +83,9 @@ class LevelSet(Stage):
         for parameter in PAPER_ONLY if other == "paper" else DEFAULT_ONLY:
             unfitting(self, parameter, f'unless formulation = "{other}"')
         return self
+
+    def mistake(self, case: Case) -> str | None:
+        return spacing_mistake(self.spacing, case.prior, case.units, SCALED)
 
     def __call__(self, case: Case, start: Estimate) -> Estimate:
         from ..adapters.self_intersections import crossing

@@ -8,27 +8,35 @@ from ..run_warning import RunWarning
 
 COARSEST = 0.1  # spacing over the surface's diagonal: such a grid cuts off a fifth of an atrium
 MOST_NODES = 1e7  # of the narrow band: 4 GB; an atrium has so many at a spacing of 0.07 mm
+SCALED = 2.0  # how much larger or smaller than the prior what is moved may be
 LOST = 2.0  # spacings: a sharp edge that the grid rounds off is nearer to what it leaves
 NOTHING = 8.0  # grid cells: less is no surface
 UNLIKE = 0.25  # relative difference in volume from what was to be meshed that accuracy does not explain
 
 
 def check_spacing(spacing: float, surface: Surface, unit: str) -> None:
-    """Raise InputError where a grid cannot hold the surface, as when lengths are not in mm, or would fill the
-    memory.
+    """Raise InputError where there is a mistake in the spacing for the surface."""
+    if why := spacing_mistake(spacing, surface, unit):
+        raise InputError(f"level_set.{why}")
+
+
+def spacing_mistake(spacing: float, surface: Surface, unit: str, times: float = 1.0) -> str | None:
+    """Why a grid cannot hold the surface, as when lengths are not in mm, or would fill the memory; None where
+    it can. The surface may still become so many times larger or smaller.
     """
     from ..levelset.settings import LatticeSettings
 
     d, size = surface.dimension, surface.diagonal
     # two digits round by up to a twentieth: the spacing that the sentence suggests must not be refused
-    given = f"level_set.spacing = {spacing:g} {unit}: the surface is {size:.3g} {unit} across"
-    if spacing > COARSEST * size:
+    given = f"spacing = {spacing:g} {unit}: the surface is {size:.3g} {unit} across"
+    if spacing > COARSEST * size * times:
         most = f"{0.94 * COARSEST * size:.2g} {unit}"
-        raise InputError(f"{given}; take at most {most}, or check that its lengths are in {unit}")
+        return f"{given}; take at most {most}, or check that its lengths are in {unit}"
     least = (2.0 * LatticeSettings().half_band * surface.area / MOST_NODES) ** (1.0 / (d - 1))
-    if spacing < least:
+    if spacing < least / times:
         enough = f"{1.06 * least:.2g} {unit}"
-        raise InputError(f"{given}, and the grid too large for the memory; take at least {enough}")
+        return f"{given}, and the grid too large for the memory; take at least {enough}"
+    return None
 
 
 def check_mesh(mesh: Surface, wall: Surface, spacing: float, keep: float, unit: str) -> None:

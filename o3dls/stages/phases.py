@@ -42,7 +42,8 @@ class Phases(Stage):
         description="how far the pose of the start may be off: phases and prior share one frame",
         json_schema_extra={"unit": "mm"},
     )
-    iterations: int = Field(50, ge=1, description="most iterations of the search for the phase")
+    # what has not converged by then does not
+    iterations: int = Field(50, ge=1, le=10_000, description="most iterations of the search for the phase")
 
     deform: Deform = Field(default_factory=Deform, description="the deformation from the phase that is found")
 

@@ -13,7 +13,7 @@ from pydantic import Field
 from ..case import Case
 from ..estimate import Estimate
 from ..geometry.surface import Surface
-from ..plugins.stage import Stage
+from ..plugins.stage import FINEST, Stage
 from ..run_warning import RunWarning
 
 if TYPE_CHECKING:
@@ -36,13 +36,17 @@ class Topology(Stage):
     )
     spacing: float = Field(
         1.0,
-        gt=0.0,
+        ge=FINEST,
         description="distance between nodes of the grid the prior is changed on, or its mean edge length",
         json_schema_extra={"unit": "mm"},
     )
-    most_changes: int = Field(4, ge=1, description="most changes of one prior")
+    # each fits the motion again, and no heart is so many veins away from another
+    most_changes: int = Field(4, ge=1, le=100, description="most changes of one prior")
     most_points: int = Field(
-        2000, ge=1, description="of more, level_set reconstructs the wall with its topology in less time"
+        2000,
+        ge=1,
+        le=100_000,  # far more than can be fitted again
+        description="of more, level_set reconstructs the wall with its topology in less time",
     )
 
     def __call__(self, case: Case, start: Estimate) -> Estimate:

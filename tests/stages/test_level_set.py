@@ -244,7 +244,7 @@ def test_folded_prior_comes_out_without_folds() -> None:
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        ({"spacing": 0.0}, r"level_set.spacing = 0.0 mm: must be a number within \(0, inf\) mm"),
+        ({"spacing": 0.0}, r"level_set.spacing = 0.0 mm: must be a number within \[0.001, inf\) mm"),
         ({"keep": 1.5}, r"level_set.keep = 1.5: must be a number within \(0, 1\]"),
         ({"formulation": "papre"}, "did you mean 'paper'"),
         ({"area": 5.0}, 'level_set.area = 5.0: has no effect unless formulation = "paper"'),
