@@ -144,11 +144,11 @@ class MapShiftSettings:
     rounds: int = number(5, "", "most, of a fit without the offset and the offset again")
     settled: float = number(0.1, "noise levels", "change of the offset that ends them")
     hopeless: float = number(0.5, "1", "share of what an offset needs below which no further round helps it")
-    evidence_order: float = number(10.0, "nats", "of a part in time: 3 is the most of maps that are whole")
-    evidence_side: float = number(15.0, "nats", "of one side of a plane, which a bend resembles,")
-    evidence_per_point: float = number(0.07, "nats", "and of many points more: what they show they share")
+    landmark_odds: float = number(6.0, "nats", "against landmarks that move along: they are taken first")
+    evidence: float = number(10.0, "nats", "of a shifted part; in time, whole maps have 3 at most,")
+    evidence_per_point: float = number(0.04, "nats", "and of many points more: what they show they share")
     least_offset: float = number(0.15, "rms radii", "of one side of a plane: bends move it by as much")
-    over_motion: float = number(2.5, "1", "that offset over the rms motion: of two patients it is 1")
+    over_motion: float = number(3.2, "1", "that offset over the rms motion: 2.9 in a map that is whole")
 
 
 @dataclass(frozen=True)

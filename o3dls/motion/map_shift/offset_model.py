@@ -74,11 +74,16 @@ def best_offsets(model: OffsetModel, data: Data, taken_out: Offset | None = None
 
 
 def price(model: OffsetModel, data: Data, found: Offset) -> float:
-    """Nats that an offset costs: all those that it could have been."""
+    """Nats that an offset costs: all those that it could have been, and what its landmarks do."""
     variance = (model.problem.settings.map_shift.offset_sd * model.problem.size) ** 2
     columns = model.whitening @ _columns(data, found.part, model.directions)
     known = np.linalg.slogdet(np.eye(columns.shape[1]) + variance * columns.T @ columns)[1]
-    return 0.5 * float(known + found.offset @ found.offset / variance)
+    return 0.5 * float(known + found.offset @ found.offset / variance) + _odds_against(model, found.part)
+
+
+def _odds_against(model: OffsetModel, part: MapPart) -> float:
+    """Nats against what landmarks do, before points are seen: they are taken first, and mostly stay."""
+    return 0.0 if part.landmarks == "stay" else model.problem.settings.map_shift.landmark_odds
 
 
 def order_of(data: Data) -> Array:
@@ -126,7 +131,7 @@ def _likeliest(model: OffsetModel, parts: list[MapPart], columns: Array, residua
     pulls = residual @ columns
     covariances = np.linalg.inv(information)
     offsets = (covariances @ pulls[:, :, None])[:, :, 0]
-    prices = 0.5 * np.linalg.slogdet(information / precision)[1]
+    prices = 0.5 * np.linalg.slogdet(information / precision)[1] + _odds_against(model, parts[0])
     nats = 0.5 * (pulls * offsets).sum(axis=1) - prices
     best = int(np.argmax(nats))
     return Offset(parts[best], offsets[best], covariances[best], float(nats[best]))

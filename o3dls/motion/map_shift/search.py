@@ -125,14 +125,14 @@ def _stands_out(trial: Trial, share: float = 1.0) -> bool:
     than the motions are that resemble it.
     """
     settings = trial.problem.settings.map_shift
-    if trial.found.part.direction is None:
-        return trial.evidence >= share * settings.evidence_order
-    enough = max(settings.evidence_side, settings.evidence_per_point * len(trial.problem.data.points))
+    enough = max(settings.evidence, settings.evidence_per_point * len(trial.problem.data.points))
+    if trial.evidence < share * enough or trial.found.part.direction is None:
+        return trial.evidence >= share * enough
     rest, moved = trial.problem.rest.at, trial.run.state.moved
     motion = moved - apply(fit_similarity(rest, moved), rest)
     usual = settings.over_motion * float(np.sqrt((motion**2).sum(axis=1).mean()))
     long = max(settings.least_offset * trial.problem.size, usual)
-    return trial.evidence >= share * enough and trial.found.length >= share * long
+    return trial.found.length >= share * long
 
 
 def _posed(run: Iterated) -> MotionProblem:
