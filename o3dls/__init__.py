@@ -42,7 +42,7 @@ PUBLIC = {
     "LevelSet": "stages.level_set",
     "Phases": "stages.phases",
     "Report": "report.writer",
-    "Export": "runs.export",
+    "Export": "runs.export.writer",
     "register": "open3d_api",
     "case_of": "adapters.case",
     "surface_of": "adapters.objects",

@@ -75,7 +75,7 @@ def export(run_folder: Path, out: Path | None, **options: Any) -> None:
     """Write a surface of a finished run for other programs, with a sidecar that says frame, units and what
     the values mean.
     """
-    from ..runs.export_run import export_run
+    from ..runs.export.finished import export_run
 
     say(export_run(run_folder, out, **options))
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..errors import InputError, did_you_mean
 from ..io.mapping import igtl
-from .placed import On, frame_of, placed, unknown_frame
+from .export.placed import On, frame_of, placed, unknown_frame
 
 
 def messages(folder: str | Path, estimate: str | None = None, on: On = "map") -> list[bytes]:

@@ -12,8 +12,6 @@ from ..levelset.grid.distance import signed_distance
 from ..levelset.grid.isosurface import zero_set
 from ..levelset.grid.operators import combine
 
-LEAST_COMPACT = 0.25  # radius over the d-th root of the volume: atria with veins .31 to .49, a ball .62
-
 
 @dataclass(frozen=True, eq=False)
 class Change:
@@ -50,9 +48,10 @@ def changed(surface: Surface, change: Change | None, spacing: float, half_band: 
     return Surface(evened(vertices, faces), faces)
 
 
-def body_radius(surface: Surface) -> float:
+def body_radius(surface: Surface, least_compact: float = 0.25) -> float:
     """d * volume / area: the radius of a ball, the half width of a thick body; at least that of the least
-    compact body, since roughness multiplies an area.
+    compact body, since roughness multiplies an area. least_compact: radius over the d-th root of the volume,
+    .31 to .49 for atria with veins, .62 for a ball.
     """
-    least = LEAST_COMPACT * float(surface.volume ** (1.0 / surface.dimension))
+    least = least_compact * float(surface.volume ** (1.0 / surface.dimension))
     return max(surface.dimension * surface.volume / surface.area, least)

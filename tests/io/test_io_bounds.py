@@ -22,18 +22,21 @@ from o3dls.io.mapping.ensite import parse
 from o3dls.io.markups import read_markups
 from o3dls.io.points import read_points
 
-# seconds of reading, and bytes of the whole process with its libraries: what is refused costs no more
+# seconds of the processor, and bytes of the whole process with its libraries: what is refused costs no more
 SLOWEST, MOST_MEMORY = 1.0, 500e6
 READ = """
 import resource, sys, time
 from pathlib import Path
 from o3dls.errors import O3dlsError
 {imports}
-begun = time.perf_counter()
+begun = time.process_time()
 try:
     {call}
 except O3dlsError as error:
-    print(time.perf_counter() - begun, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024)
+    seconds, peak = time.process_time() - begun, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    status = Path("/proc/self/status")  # where there is none, the peak may be that of the calling process
+    lines = status.read_text().splitlines() if status.is_file() else []
+    print(seconds, next((int(line.split()[1]) for line in lines if line.startswith("VmHWM")), peak) * 1024)
     print(error)
 """
 PIPELINE = ("from o3dls.pipeline.file import read_pipeline", "read_pipeline(sys.argv[1])")

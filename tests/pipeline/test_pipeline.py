@@ -20,7 +20,7 @@ from o3dls.geometry.similarity import similarity
 from o3dls.geometry.surface import Surface
 from o3dls.pipeline.file import pipeline_from, read_pipeline
 from o3dls.pipeline.pipeline import Pipeline
-from o3dls.runs.export import Export
+from o3dls.runs.export.writer import Export
 from o3dls.runs.run import Run
 from o3dls.runs.writers import Writer
 

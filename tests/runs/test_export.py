@@ -15,9 +15,9 @@ from o3dls.errors import InputError, PipelineError
 from o3dls.io.mapping import openep
 from o3dls.io.meshes.registry import read_surface, read_surface_file
 from o3dls.io.points import read_points
-from o3dls.runs.export import Export
-from o3dls.runs.export_formats import file_name
-from o3dls.runs.export_run import export_run
+from o3dls.runs.export.finished import export_run
+from o3dls.runs.export.formats import file_name
+from o3dls.runs.export.writer import Export
 from o3dls.runs.folder import read_run
 from tests.finished import bulged_case, finished, finished_2d
 

@@ -23,8 +23,8 @@ from o3dls.io.transforms import read_transform
 from o3dls.motion.recorded import RecordedMotion
 from o3dls.pipeline.pipeline import Pipeline
 from o3dls.plugins.stage import Stage
-from o3dls.runs.export import Export
-from o3dls.runs.export_run import export_run
+from o3dls.runs.export.finished import export_run
+from o3dls.runs.export.writer import Export
 from o3dls.runs.folder import read_run
 from o3dls.runs.live import messages
 from tests.finished import Bulge, bulged_case

@@ -24,7 +24,7 @@ from o3dls.pipeline.pipeline import Pipeline
 from o3dls.plugins.stage import Stage
 from o3dls.report.writer import compare, write_report
 from o3dls.run_warning import RunWarning
-from o3dls.runs.export_run import export_run
+from o3dls.runs.export.finished import export_run
 from o3dls.runs.folder import read_run
 from o3dls.runs.log import log_of_failure
 from o3dls.runs.run import record

@@ -32,7 +32,7 @@ LZ4_RATIO = 255  # the most that its blocks can grow, so a wrong size takes no m
 
 def _unpack_lz4(packed: bytes, size: int) -> bytes:
     """A block of LZ4, of `size` bytes at most. Raises ValueError where it is damaged."""
-    from lz4 import block  # type: ignore[import-untyped]
+    from lz4 import block
 
     try:
         room = max(min(size, LZ4_RATIO * len(packed)), 0)

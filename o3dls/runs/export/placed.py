@@ -7,16 +7,16 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from ..arrays import Array
-from ..case import Case, Points
-from ..errors import InputError
-from ..geometry.similarity import TURN, apply
-from ..geometry.surface import Surface
+from ...arrays import Array
+from ...case import Case, Points
+from ...errors import InputError
+from ...geometry.similarity import TURN, apply
+from ...geometry.surface import Surface
 
 if TYPE_CHECKING:
-    from ..estimate import Estimate
-    from ..motion.recorded import RecordedMotion
-    from .run import Run
+    from ...estimate import Estimate
+    from ...motion.recorded import RecordedMotion
+    from ..run import Run
 
 On = Literal["map", "prior"]
 
@@ -75,8 +75,8 @@ def unknown_frame(on: On) -> str:
 
 def recorded(case: Case, estimate: Estimate) -> RecordedMotion:
     """The motion of an estimate, with its inverse, by where it brought the prior's vertices."""
-    from ..evaluation.distances import moved
-    from ..motion.recorded import RecordedMotion
+    from ...evaluation.distances import moved
+    from ...motion.recorded import RecordedMotion
 
     if isinstance(estimate.motion, RecordedMotion):
         return estimate.motion
@@ -89,8 +89,8 @@ def _on_prior(case: Case, motion: RecordedMotion, surface: Surface) -> Surface:
     """The prior with the fields of the surface that its vertices came to lie on, NaN where none is near, and
     their distance from it.
     """
-    from ..evaluation.projection import project
-    from ..evaluation.transfer import between
+    from ...evaluation.projection import project
+    from ...evaluation.transfer import between
 
     found = between(surface, case.prior, target_motion=motion)
     gap = project(motion.moved.vertices, surface).distance

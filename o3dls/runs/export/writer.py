@@ -11,18 +11,18 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from pydantic import Field, model_validator
 
-from ..errors import PipelineError
-from ..geometry.surface import Surface
-from ..io.atomic import staged_files, write_file
-from ..plugins.stage import FINEST
-from .export_formats import NEED_FRAME, FormatName, FrameName, file_name
-from .export_volume import spacing_mistake, write_enclosed_volume, write_labels_like
+from ...errors import PipelineError
+from ...geometry.surface import Surface
+from ...io.atomic import staged_files, write_file
+from ...plugins.stage import FINEST
+from ..writers import Writer
+from .formats import NEED_FRAME, FormatName, FrameName, file_name
 from .placed import On, Placed, frame_of, placed, unknown_frame
-from .writers import Writer
+from .volume import spacing_mistake, write_enclosed_volume, write_labels_like
 
 if TYPE_CHECKING:
-    from ..case import Case, Points
-    from .run import Run
+    from ...case import Case, Points
+    from ..run import Run
 
 
 log = logging.getLogger("o3dls")
@@ -96,14 +96,15 @@ class Export(Writer):
         return (self.estimate,) if self.estimate else ()
 
     def target(self, final: str) -> tuple[str, ...]:
-        return (self.name, self.estimate or final, self.format, self.on)
+        on = ("on prior",) if self.on == "prior" else ()
+        return (self.name, self.estimate or final, self.format, *on)
 
     def mistake(self, case: Case) -> str | None:
         """The result is about as large as the prior."""
         return spacing_mistake(case.prior, self.spacing) if self.format.startswith(("phi", "mask")) else None
 
     def obstacle(self, case: Case) -> str | None:
-        from ..io.meshes.registry import IN_MILLIMETRES
+        from ...io.meshes.registry import IN_MILLIMETRES
 
         if case.dimension == 2:
             return "the case is 2D, and its outlines are in estimates/ as csv already"
@@ -119,7 +120,7 @@ class Export(Writer):
         return None
 
     def __call__(self, run: Run, folder: Path) -> None:
-        from ..io.meshes.registry import read_surface
+        from ...io.meshes.registry import read_surface
 
         name = self.estimate or run.final
         # with the fields that the run has just computed
@@ -136,7 +137,7 @@ class Export(Writer):
         what = placed(run, name, surface, self.on, frame)
         facts = _facts(run, name, self.format, self.on, what.frame)
         if self.format == "opencarp":
-            from ..io.meshes.opencarp import check_fields
+            from ...io.meshes.opencarp import check_fields
 
             # the files beside `path` are not beside where it is written first
             check_fields(path, self._small_enough(what.surface))
@@ -147,9 +148,9 @@ class Export(Writer):
 
     def _write(self, what: Placed, path: Path, units: str) -> dict[str, Any]:
         """Write one file of the format; what only this format has to say goes into the sidecar."""
-        from ..io.meshes.registry import read_surface_file, write_surface
-        from ..io.points import write_points
-        from ..io.transforms import write_transform
+        from ...io.meshes.registry import read_surface_file, write_surface
+        from ...io.points import write_points
+        from ...io.transforms import write_transform
 
         if self.format in ("tfm", "txt"):
             # where one side's frame is unknown, its coordinates count as the other's
@@ -180,8 +181,8 @@ class Export(Writer):
 
     def _small_enough(self, surface: Surface) -> Surface:
         """Decimated to `faces`, and to what an importing system takes."""
-        from ..io.meshes.dif import LIMITS
-        from .conversion import decimated
+        from ...io.meshes.dif import LIMITS
+        from ..conversion import decimated
 
         most = min(
             self.faces or len(surface.faces),
@@ -193,7 +194,7 @@ class Export(Writer):
         return decimated(surface, most) if most < len(surface.faces) else surface
 
     def _write_carto(self, surface: Surface, path: Path) -> dict[str, Any]:
-        from ..io.meshes.carto.import_vtk import encode, map_field
+        from ...io.meshes.carto.import_vtk import encode, map_field
 
         limits = None if self.vmin is None or self.vmax is None else (self.vmin, self.vmax)
         scalar = map_field(surface, self.field, limits)
@@ -202,7 +203,7 @@ class Export(Writer):
         return dict(scalar.meaning)
 
     def _write_dif(self, surface: Surface, path: Path) -> dict[str, Any]:
-        from ..io.meshes.dif import encode
+        from ...io.meshes.dif import encode
 
         write_file(path, encode(surface, field=self.field))
         missing = 0 if self.field is None else int((~np.isfinite(surface.fields[self.field])).sum())
@@ -217,8 +218,8 @@ def _say(path: Path, sentences: Iterable[str]) -> None:
 
 def _write_openep(surface: Surface, path: Path, points: Points) -> dict[str, Any]:
     """The surface with the measured points, which OpenEP's tools interpolate."""
-    from ..io.mapping.openep import encode, losses
-    from ..io.mapping.openep_points import SIGNALS
+    from ...io.mapping.openep import encode, losses
+    from ...io.mapping.openep_points import SIGNALS
 
     write_file(path, encode(surface, points))
     _say(path, losses(surface))
@@ -231,7 +232,7 @@ def _facts(run: Run, name: str, format: str, on: str, space: str) -> dict[str, A
 
     No name of a case: it may be a patient's.
     """
-    from ..io.meshes.surface_file import NOTICE
+    from ...io.meshes.surface_file import NOTICE
 
     estimate = run.estimates[name]
     return {

@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, get_args
 
-from ..errors import InputError, did_you_mean
-from .export import Export
-from .export_formats import NO_SURFACE, FormatName, file_name
+from ...errors import InputError, did_you_mean
+from .formats import NO_SURFACE, FormatName, file_name
+from .writer import Export
 
 
 def export_run(
@@ -23,9 +23,9 @@ def export_run(
     `out` is a file, by default in the run's export folder. Further options as for `Export`. Raises InputError
     where the run, the estimate or the format is not there.
     """
-    from ..io.manifest import noted
-    from ..io.meshes.registry import FORMATS, check_suffix
-    from .folder import check_not_of_a_run, read_run
+    from ...io.manifest import noted
+    from ...io.meshes.registry import FORMATS, check_suffix
+    from ..folder import check_not_of_a_run, read_run
 
     if format not in get_args(FormatName):
         raise InputError(f"export: no format '{format}'{did_you_mean(format, list(get_args(FormatName)))}")

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InputError
-from ..geometry.similarity import TURN, apply
-from ..geometry.surface import Surface
+from ...errors import InputError
+from ...geometry.similarity import TURN, apply
+from ...geometry.surface import Surface
 
 FEWEST_ACROSS, MOST_VOXELS = 10.0, 1e8  # of a volume, over the diagonal and in all
 CHAMBER, MAPPED, PRIOR_ONLY = 1, 2, 3  # labels on the grid of an image
@@ -25,8 +25,8 @@ def write_enclosed_volume(
 
     The distance is in mm, negative inside, and cut at four voxels outside. Gives facts for the sidecar.
     """
-    from ..io.images.volumes import write_volume
-    from ..levelset.grid.distance import filled_distance
+    from ...io.images.volumes import write_volume
+    from ...levelset.grid.distance import filled_distance
 
     if why := spacing_mistake(surface, spacing):
         raise InputError(f"export: {why}")
@@ -48,9 +48,9 @@ def write_labels_like(path: Path, surface: Surface, grid: Path, space: str) -> d
 
     Raises InputError where the image is none, or does not hold the surface.
     """
-    from ..io.images.registry import knows, read_image
-    from ..io.images.volumes import write_volume
-    from ..io.text import read_bytes
+    from ...io.images.registry import knows, read_image
+    from ...io.images.volumes import write_volume
+    from ...io.text import read_bytes
 
     data = read_bytes(grid)
     if not knows(data):
@@ -81,7 +81,7 @@ def _labels(surface: Surface, affine: NDArray[Any], shape: tuple[int, ...]) -> N
     from scipy.ndimage import binary_erosion
     from scipy.spatial import cKDTree
 
-    from ..levelset.grid.winding import winding
+    from ...levelset.grid.winding import winding
 
     labels = np.zeros(shape, dtype=np.uint8)
     local = apply(np.linalg.inv(affine), surface.vertices)
