@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from ..arrays import Array
 from ..errors import InputError
 from ..geometry.surface import Surface
-from ..io.images.labels import mask_surface
+from ..io.images.wall import mask_surface
 
 NECK = 3.0  # mm: what hangs on the chamber by less than twice this is another part
 
@@ -26,7 +26,7 @@ def segmented(scan: NDArray[np.float32], affine: Array, inside: Array) -> tuple[
         spacing[::-1],
         np.round((inside - affine[:3, 3]) / spacing)[::-1].astype(int),
     )
-    return mask_surface(mask, affine, spacing), mask
+    return mask_surface(mask, affine), mask
 
 
 def threshold(values: NDArray[np.float32], bins: int = 256) -> float:

@@ -9,7 +9,7 @@ from tiny import sphere
 from o3dls.adapters.self_intersections import self_intersections
 from o3dls.evaluation.validity import components, euler, faults, flipped_faces, validity
 from o3dls.geometry.surface import Surface, outline
-from o3dls.io.images.labels import mask_surface
+from o3dls.io.images.wall import mask_surface
 
 CLEAN = {"watertight": True, "components": 1, "euler": 2, "self_intersections": 0, "flipped_faces": 0}
 
@@ -103,9 +103,7 @@ def test_handles_that_the_prior_has_not_are_a_fault_unless_points_asked_for_them
 
 def test_faces_side_by_side_in_one_plane_do_not_cross_however_they_are_turned() -> None:
     """The slanting sides of a label volume's surface."""
-    octahedron = mask_surface(
-        np.abs(np.indices((24, 24, 24)) - 11.5).sum(axis=0) < 10.0, np.eye(4), np.ones(3)
-    )
+    octahedron = mask_surface(np.abs(np.indices((24, 24, 24)) - 11.5).sum(axis=0) < 10.0, np.eye(4))
     for seed in range(6):
         turn = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))[0]
         assert self_intersections(octahedron.with_vertices(octahedron.vertices @ turn + 50.0)) == 0

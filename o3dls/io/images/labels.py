@@ -11,17 +11,15 @@ from numpy.typing import NDArray
 
 from ...arrays import Array
 from ...errors import InputError, did_you_mean
-from ...geometry.similarity import apply
-from ...geometry.surface import Surface
 from ..meshes.surface_file import SurfaceFile
 from ..text import is_count
+from .pieces import joined
 from .registry import knows, read_image
 from .voxels import Image
+from .wall import mask_surface, slices_first
 
-__all__ = ["knows", "mask_surface", "read"]
-# of the coarsest spacing: takes the steps off the surface; what that shrinks is measured in the tests
+__all__ = ["knows", "read"]
 MANY_LABELS = 200  # in one volume: an atlas of the whole body has some hundred
-BLUR = 0.6
 Box = tuple[float, float, float, float, float, float]
 
 
@@ -43,8 +41,8 @@ def surface_of(
     least, then most) is cut off. `layer` is the index of the one that is meant of a volume with several, such
     as the phases of a cine; `path` names the image in errors.
 
-    Only the largest connected piece is taken. Raises InputError where the label is not there, or must be
-    said.
+    Only the largest connected piece is taken, and what goes on from it obliquely through thick slices
+    (`pieces.py`). Raises InputError where the label is not there, or must be said.
     """
     values, label = _chosen(path, image, label, part, layer)
     mask = np.asarray(values == label)
@@ -54,9 +52,16 @@ def surface_of(
         raise InputError(
             f"{path}: no voxel of label {label} {'is there' if box is None else 'lies in the box'}"
         )
-    mask, dropped = _largest(mask)
-    surface = mask_surface(mask, image.affine, image.spacing, f"{path}: label {label}")
-    facts = {"label": label, "voxels": int(mask.sum()), "voxels_of_smaller_pieces": dropped}
+    mask, affine, spacing = slices_first(mask, image.affine)
+    chamber, bridges = joined(mask, spacing)
+    surface = mask_surface(chamber, affine, f"{path}: label {label}")
+    voxels = int(chamber.sum())
+    facts = {
+        "label": label,
+        "voxels": voxels,
+        "voxels_of_smaller_pieces": int(mask.sum()) - voxels,
+        "joined_pieces": len(bridges),
+    }
     return SurfaceFile(surface, image.space, "mm", facts)
 
 
@@ -151,40 +156,3 @@ def _inside(shape: tuple[int, ...], affine: Array, box: Box) -> NDArray[np.bool_
         position = affine[axis, 0] * i + affine[axis, 1] * j + affine[axis, 2] * k + affine[axis, 3]
         inside &= (position >= box[axis]) & (position <= box[axis + 3])
     return inside
-
-
-def _largest(mask: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], int]:
-    """The largest piece, connected over faces, and how many voxels the others had."""
-    from scipy.ndimage import label as connected
-
-    pieces, _ = connected(mask)
-    sizes = np.bincount(pieces.ravel())
-    sizes[0] = 0
-    return pieces == sizes.argmax(), int(sizes.sum() - sizes.max())
-
-
-def mask_surface(mask: NDArray[np.bool_], affine: Array, spacing: Array, name: str = "mask") -> Surface:
-    """Closed surface between the voxels of a mask (nz, ny, nx): the half-way level of the mask blurred just
-    enough to hide its steps.
-
-    Voxel centres are at whole indices. The mask is padded, so what leaves the volume is closed by a flat cap.
-    Raises InputError where the mask is so thin that the blur leaves nothing.
-    """
-    import open3d as o3d
-    from scipy.ndimage import gaussian_filter
-
-    sigma = BLUR * spacing.max() / spacing[::-1]
-    pad = int(np.ceil(3 * sigma.max())) + 1
-    low = np.maximum([axis.min() for axis in np.nonzero(mask)], 0)
-    high = np.array([axis.max() for axis in np.nonzero(mask)]) + 1
-    part = np.pad(mask[tuple(map(slice, low, high))], pad).astype(np.float32)
-    smooth = np.ascontiguousarray(gaussian_filter(part, sigma))
-    if smooth.max() <= 0.5:
-        raise InputError(
-            f"{name}: its {int(mask.sum())} voxels are too few or lie too thin to enclose anything"
-        )
-    mesh = o3d.t.geometry.TriangleMesh.create_isosurfaces(o3d.core.Tensor.from_numpy(smooth), [0.5])
-    indices = mesh.vertex.positions.numpy().astype(np.float64) + low[::-1] - pad
-    surface = Surface(apply(affine, indices), mesh.triangle.indices.numpy())
-    # a mirroring affine turns it
-    return surface if surface.volume > 0 else Surface(surface.vertices, surface.faces[:, ::-1])
