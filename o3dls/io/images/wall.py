@@ -150,21 +150,21 @@ def _between_slices(values: Field, parts: int) -> Field:
 
 
 def _unite(field: Field, bridge: Bridge, parts: int, spacing: Array) -> None:
-    """Unite the field with a tube from slice to slice: both sections slide to where they cover each other,
-    and one becomes the other on the way.
+    """Unite the field with a tube from slice to slice: the piece's section slides to where the chamber's
+    covers it best, and becomes what is common to both on the way.
     """
     from scipy.ndimage import shift
 
     piece, chamber = (_to_other_side(section, spacing[1:]) for section in (bridge.piece, bridge.chamber))
-    chamber = np.maximum(chamber, piece.min())  # the tube need not grow as wide
     centre = np.unravel_index(piece.argmin(), piece.shape)
     offset = np.stack([axis - at for axis, at in zip(np.indices(piece.shape), centre, strict=True)])
     way = np.linalg.norm(offset * spacing[1:, None, None], axis=0)
-    target = np.argmin(np.where(bridge.chamber, way + 2.0 * (chamber - piece.min()), np.inf))
+    target = np.argmin(np.where(bridge.chamber, way + 2.0 * np.maximum(chamber - piece.min(), 0.0), np.inf))
     move = offset.reshape(2, -1)[:, target]
+    common = np.maximum(chamber, shift(piece, move, order=1, mode="nearest"))
     for k in range(1, parts):
         t = k / parts
         tube = (1.0 - t) * shift(piece, t * move, order=1, mode="nearest")
-        tube += t * shift(chamber, (t - 1.0) * move, order=1, mode="nearest")
+        tube += t * shift(common, (t - 1.0) * move, order=1, mode="nearest")
         level = field[bridge.start * parts + (bridge.end - bridge.start) * k]
         np.minimum(level, tube, out=level)
