@@ -10,11 +10,12 @@ from numpy.typing import ArrayLike
 
 from ..arrays import Array
 from ..case import SPACES, Case, Points
-from ..errors import InputError
+from ..errors import InputError, did_you_mean
 from ..geometry.surface import Surface
 from ..io.case_coordinates import check_scale
 from ..io.case_reader import FEWEST_POINTS
 from ..io.case_settings import MILLIMETRES
+from ..io.case_surfaces import CHOICE
 from ..io.mapping.imported import joined
 from ..io.meshes.repair import closed_outward
 from ..io.meshes.surface_file import SurfaceFile
@@ -45,6 +46,9 @@ def case_of(
     label volumes are turned (unknown: they stay in LPS); cap: close the openings of the prior; choice: label,
     part, box, layer of a label volume. Raises InputError for what cannot be used.
     """
+    known = [*CHOICE, *(case_of.__kwdefaults__ or {})]
+    if unknown := sorted(choice.keys() - known):
+        raise InputError(f"no setting '{unknown[0]}' of a case{did_you_mean(unknown[0], known)}")
     for key, value, allowed in (("units", units, MILLIMETRES), ("frame", frame, SPACES)):
         if value is not None and value not in allowed:
             raise InputError(f"{key} = '{value}': must be one of {', '.join(allowed)}")

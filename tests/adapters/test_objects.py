@@ -168,6 +168,8 @@ def test_what_stands_in_memory_is_checked_as_a_file_is() -> None:
             case_of(prior, points)
     with pytest.raises(InputError, match=r"'label' means nothing for .*Surface, only for label volumes"):
         case_of(PRIOR, XYZ, label=1)
+    with pytest.raises(InputError, match="no setting 'unit' of a case: did you mean 'units'"):
+        o3dls.register(PRIOR, XYZ, unit="m")
     with pytest.raises(
         InputError, match=r"prior of type TriangleMesh: must be Surface; o3dls\.case_of takes"
     ):

@@ -108,7 +108,7 @@ def count(path: Path, sizes: list[int]) -> int:
     if not sizes or min(sizes) < 1 or float(np.prod([float(n) for n in sizes])) > MOST_VOXELS:
         raise InputError(
             f"{path}: has size {sizes}: must be positive, at most {MOST_VOXELS} values together; cut "
-            "larger volumes to the heart"
+            "larger volumes to the heart, and save the phases of a cine one by one"
         )
     return int(np.prod(sizes))
 
