@@ -142,8 +142,7 @@ def _from_vtk(mesh: Any, where: str) -> Parts:
     triangles.PassLinesOff()
     triangles.Update()
     faces = _vtk_array(triangles.GetOutput().GetPolys().GetConnectivityArray()).reshape(-1, 3)
-    fields = {name: values for name, values in _vtk_values(mesh).items() if values.dtype.kind in "iufb"}
-    return _vtk_array(mesh.GetPoints().GetData()), faces, fields
+    return _vtk_array(mesh.GetPoints().GetData()), faces, _vtk_values(mesh)
 
 
 def _vtk_array(array: Any) -> NDArray[Any]:

@@ -98,8 +98,9 @@ def stated_surface(thing: Any, where: str, *, frame: str | None = None, **choice
             f"{where}: vertices have shape {vertices.shape} and faces {faces.shape}: must be (n, 3) and "
             "(m, 3), in the plane (n, 2) and (m, 2)"
         )
-    # copies: a library shares its memory, and a mesh is there to be edited
-    copies = {name: np.array(values, dtype=np.float64) for name, values in fields.items()}
+    # copies: a library shares its memory, and a mesh is there to be edited; words are no field of a surface
+    arrays = {name: np.asarray(values) for name, values in fields.items()}
+    copies = {name: np.array(v, dtype=np.float64) for name, v in arrays.items() if v.dtype.kind in "iufb"}
     return SurfaceFile.of(Path(where), np.array(vertices, dtype=np.float64), faces, copies)
 
 

@@ -134,6 +134,18 @@ def test_quads_and_strips_become_triangles() -> None:
         o3dls.surface_of(meshio.Mesh(corners, [("tetra", [[0, 1, 2, 4]])]))
 
 
+@pytest.mark.parametrize("kind", ["trimesh", "pyvista", "meshio"])
+def test_words_on_a_mesh_are_no_fields(kind: str) -> None:
+    pytest.importorskip(kind)
+    mesh = objects.to(PRIOR, kind)
+    words = np.array(["wall"] * len(TAG))
+    if kind == "trimesh":
+        mesh.vertex_attributes["word"] = words
+    else:
+        mesh.point_data["word"] = words
+    assert o3dls.surface_of(mesh).fields.keys() == {"tag"}
+
+
 def test_what_stands_in_memory_is_checked_as_a_file_is() -> None:
     faces = PRIOR.faces
     broken = XYZ.copy()
