@@ -463,7 +463,7 @@ def test_a_phase_or_layer_is_chosen_by_its_number(kind: str, tmp_path: Path) -> 
 def test_a_case_and_the_command_line_choose_a_phase(tmp_path: Path) -> None:
     from click.testing import CliRunner
 
-    from o3dls.cli.main import cli
+    from o3dls.cli.commands import cli
 
     nifti_of(cine(), tmp_path / "cine.nii.gz")
     done = CliRunner().invoke(

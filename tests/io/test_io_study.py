@@ -20,7 +20,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from o3dls.case import Points
-from o3dls.cli.main import cli
+from o3dls.cli.commands import cli
 from o3dls.errors import InputError
 from o3dls.geometry.similarity import apply, similarity
 from o3dls.geometry.surface import Surface
