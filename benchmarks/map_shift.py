@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from o3dls.case import Case
     from o3dls.estimate import Estimate
 
-NEAR = 0.15  # mm from the result of the map that is whole
+NEAR = 0.15  # mm: no farther from the true wall than the result of the map that is whole by more
 DIRECTIONS = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0), "xyz": (1.0, 1.0, 1.0)}
 
 
@@ -67,8 +67,8 @@ def named(estimate: Estimate) -> str:
 
 
 def rows(case: Case, lengths: list[float], directions: list[str]) -> Iterator[tuple[str, bool, bool, str]]:
-    """By part, length and direction: the case in words, whether it was named, whether taking the offset out
-    comes near to the map that is whole, and the rest of the line.
+    """By part, length and direction: the case in words, whether it was named, whether it is hardly farther
+    than the map that is whole once the offset is taken out, and the rest of the line.
     """
     import numpy as np
 
@@ -81,7 +81,7 @@ def rows(case: Case, lengths: list[float], directions: list[str]) -> Iterator[tu
                 found = deformed(moved, "fit")
                 sentence = named(found)
                 without = off(case, found)
-                near = abs(without - whole) <= NEAR
+                near = without <= whole + NEAR
                 distances = f"{whole:.2f} | {off(case, deformed(moved, 'ignore')):.2f} | {without:.2f}"
                 yield f"{part} | {length:g} {name}", bool(sentence), near, f"{distances} | {sentence or '-'}"
 
@@ -110,7 +110,7 @@ def main() -> None:
             count["all"] += 1
             count["named"] += is_named
             count["near"] += is_named and is_near
-    near = "" if arguments.whole else f", and {count['near']} within {NEAR} mm of the map that is whole"
+    near = "" if arguments.whole else f"; {count['near']} of these no farther than the whole map by {NEAR} mm"
     print(f"{count['named']} of {count['all']} named{near}")
 
 

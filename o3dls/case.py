@@ -55,7 +55,7 @@ class Points:
         )
         if self.xyz.ndim != 2:
             raise InputError(f"points: xyz has shape {self.xyz.shape}: must be (n, 2) or (n, 3)")
-        for name, values in {"type": self.type, **self.columns}.items():
+        for name, values in {"type": self.type, "order": self.taken, **self.columns}.items():
             if values.shape[:1] != (len(self),):
                 raise InputError(
                     f"points: column '{name}' has shape {values.shape}: there are {len(self)} points"

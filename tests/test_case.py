@@ -97,3 +97,12 @@ def test_landmarks_pair_where_their_names_mean_one_place() -> None:
     assert found == ["left superior PV", "MV"]
     np.testing.assert_array_equal(on_prior, XYZ[[2, 1]])
     np.testing.assert_array_equal(measured, XYZ[[0, 2]])
+
+
+def test_points_keep_their_order_when_some_are_left_out() -> None:
+    points = Points(np.zeros((4, 3)), np.array(["eam", "ablation", "eam", "eam"]))
+    np.testing.assert_array_equal(points.taken, [0.0, 1.0, 2.0, 3.0])
+    np.testing.assert_array_equal(points.of("eam").taken, [0.0, 2.0, 3.0])
+    np.testing.assert_array_equal(points.of("eam").select(np.array([True, False, True])).taken, [0.0, 3.0])
+    with pytest.raises(InputError, match="'order' has shape"):
+        Points(np.zeros((4, 3)), points.type, order=np.arange(3.0))
