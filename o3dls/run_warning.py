@@ -9,6 +9,9 @@ CODES: Mapping[str, str] = {
     # the start of a run
     "start-pose-doubtful": "another pose fits the points clearly better than the start pose",
     "component-without-points": "a component of the prior has no point near it",
+    "points-on-a-ball": "the points lie on a ball rather than on the prior",
+    "points-beside-the-wall": "nearly all points lie on one side of the prior where the landmarks put it",
+    "large-noise": "the points scatter more about the wall than mapping does",
     # poses
     "weak-direction": "the points do not determine the pose in one direction",
     "uncertain-pose": "the pose search found another pose that is almost as good",

@@ -23,6 +23,7 @@ from ..runs.run import Run
 from ..runs.scoring import scored
 from ..runs.writers import Writer
 from .cross_validation import cross_validate, too_many
+from .doubts import doubtful_points
 from .start import components_without_points, doubtful_pose, misfit, pose_unknown, start_estimate
 
 START = "start"
@@ -131,7 +132,9 @@ class Pipeline:
     def _with_start_warnings(self, case: Case, estimates: dict[str, Estimate]) -> dict[str, Estimate]:
         """The estimates with the warnings on their common start, which every one of them depends on."""
         found = doubtful_pose(case, estimates[START]) if self._knows_pose else []
-        found += components_without_points(case, estimates[self.names[-1]].T_map_prior)
+        final = estimates[self.names[-1]]
+        found += components_without_points(case, final.T_map_prior)
+        found += doubtful_points(case, estimates[START], final)
         common = of_stage(found, START)
         return {name: replace(one, warnings=(*common, *one.warnings)) for name, one in estimates.items()}
 

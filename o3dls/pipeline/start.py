@@ -15,6 +15,7 @@ from ..evaluation.distances import landmark_errors
 from ..geometry.similarity import fit_similarity
 from ..registration.landmarks import determined
 from ..run_warning import RunWarning
+from .doubts import contradiction
 
 FEWEST_POINTS = 10
 SPANS = (0.1, 4.0)  # extent of the points relative to the prior's: a single vein is 0.15, a chamber 1
@@ -56,7 +57,13 @@ def misfit(case: Case, start: Estimate, *, pose_is_known: bool) -> list[str]:
     or, where the pose counts as known, far from it.
     """
     points = case.points.of("eam").xyz
-    found = _flat(case) or _few(points) or _other_size(case, points) or _far_point(case, points)
+    found = (
+        _flat(case)
+        or _few(points)
+        or _other_size(case, points)
+        or _far_point(case, points)
+        or contradiction(case, start)
+    )
     if not found and pose_is_known:
         found = _far(case, start, points)
     return [found] if found else []
@@ -95,11 +102,11 @@ def _better_pose(case: Case, start: Estimate) -> str:
     the one that ICP finds from the start.
     """
     from ..registration.match import SurfaceMatcher
-    from ..stages.icp import ICP, fitted_points
+    from ..stages.icp import ICP, fitted_places
     from ..stages.pose_checks import better_pose
 
     icp = ICP()
-    points = fitted_points(case)
+    points, _ = fitted_places(case)
     surface = SurfaceMatcher(case.prior)
     aligned = icp.aligned(points, surface, start.T_map_prior)
     return better_pose(case.units, points, surface, aligned, scale=icp.scale)

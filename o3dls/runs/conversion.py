@@ -232,8 +232,7 @@ def _points(source: Path, target: Path, units: str | None, frame: str | None, to
         check_scale(source, points.xyz)
     points = scaled(points, MILLIMETRES.get(stated, 1.0))
     xyz = apply(TURN, points.xyz) if to and _turns(source, space, to) else points.xyz
-    space = to or space
-    units = _scaled_units(stated)
+    space, units = to or space, _scaled_units(stated)
     columns = {**dict(zip("xyz", xyz.T, strict=True)), "type": points.type, **points.columns}
     if target.suffix.lower() == ".csv":
         write_table(target, {name: columns[name] for name in table.columns}, {"space": space, "units": units})

@@ -13,7 +13,7 @@ from ..errors import InputError
 from ..estimate import Estimate
 from ..plugins.stage import Stage
 from ..run_warning import RunWarning
-from .icp import as_estimate, fitted_points
+from .icp import as_estimate, fitted_places
 from .pose_checks import STARTS, better_mirrored
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ class GlobalPose(Stage):
         from ..registration.global_pose import candidates, confidence, mirrored
         from ..registration.match import SurfaceMatcher
 
-        points = fitted_points(case)
+        points, place = fitted_places(case)
         surface = SurfaceMatcher(case.prior)
         best, *others = candidates(points, surface, starts=self.starts, scale=self.scale)
         if self.hands:
@@ -56,7 +56,7 @@ class GlobalPose(Stage):
             if better := better_mirrored(case.units, points, best, other_hand):
                 raise InputError(f"case {case.name}: {better}")
         sure = min([confidence(best.costs, other.costs, points) for other in others], default=1.0)
-        return self._judged(as_estimate(case, best.alignment, scale=self.scale), best, others, sure)
+        return self._judged(as_estimate(case, best.alignment, place, scale=self.scale), best, others, sure)
 
     def _judged(self, estimate: Estimate, best: Candidate, others: list[Candidate], sure: float) -> Estimate:
         """The estimate with what the search knows about the second-best pose."""

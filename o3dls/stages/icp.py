@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from ..arrays import Array
+from ..arrays import Array, Ints
 from ..case import Case
 from ..errors import InputError
 from ..estimate import Estimate
@@ -36,7 +36,7 @@ class ICP(ICPParameters):
         obstacle = self.obstacle(case)
         if obstacle is not None:
             raise InputError(f"case {case.name}: {obstacle}")
-        points = fitted_points(case)
+        points, place = fitted_places(case)
         surface = SurfaceMatcher(case.prior)
         found = self.aligned(points, surface, start.T_map_prior)
         if self.verify:
@@ -44,7 +44,7 @@ class ICP(ICPParameters):
 
             if better := better_pose(case.units, points, surface, found, scale=self.scale):
                 raise InputError(f"case {case.name}: {better}")
-        return as_estimate(case, found, scale=self.scale)
+        return as_estimate(case, found, place, scale=self.scale)
 
     def aligned(self, points: Array, surface: SurfaceMatcher, T_map_prior: Array) -> Alignment:
         """The pose of the prior's surface that fits points (n, d), from a start pose (d+1, d+1)."""
@@ -117,18 +117,37 @@ class ICP(ICPParameters):
 def fitted_points(case: Case) -> Array:
     """The eam points (n, d), refused where they are too few or all in one place."""
     points = case.points.of("eam").xyz
-    places = len(np.unique(points, axis=0))
-    fewest = 7 if case.dimension == 3 else 4
-    if places < fewest:
-        raise InputError(
-            f"case {case.name}: {len(points)} eam points in {places} different places: a pose needs "
-            f"{fewest} or more"
-        )
+    _check_enough(case, len(points), len(np.unique(points, axis=0)))
     return points
 
 
-def as_estimate(case: Case, found: Alignment, *, scale: bool) -> Estimate:
-    """The estimate of what ICP found, with the directions that the points do not determine."""
+def _check_enough(case: Case, points: int, places: int) -> None:
+    fewest = 7 if case.dimension == 3 else 4
+    if places < fewest:
+        raise InputError(
+            f"case {case.name}: {points} eam points in {places} different places: a pose needs "
+            f"{fewest} or more"
+        )
+
+
+def fitted_places(case: Case) -> tuple[Array, Ints]:
+    """The places (k, d) of the eam points, and which of them each point (n,) is of: many beats of one contact
+    are one place and count once, else they draw the pose to where they are.
+    """
+    from ..noise.duplicates import distinct_places, duplicate_distance
+
+    points = fitted_points(case)
+    kind = np.full(len(points), "eam")
+    within = duplicate_distance(points, kind, rms_radius(case.prior.vertices))
+    rows, place = distinct_places(points, kind, within)
+    _check_enough(case, len(points), len(rows))
+    return points[rows], place
+
+
+def as_estimate(case: Case, found: Alignment, place: Ints, *, scale: bool) -> Estimate:
+    """The estimate of what ICP found for the places, `place` (n,) being that of each point, with the
+    directions that they do not determine.
+    """
     from ..noise.mixture import fit_mixture
     from ..registration.observability import spectrum
 
@@ -148,7 +167,7 @@ def as_estimate(case: Case, found: Alignment, *, scale: bool) -> Estimate:
         converged=found.converged,
         iterations=len(found.trace),
         sigma=mixture.sigma,
-        weights=found.weights,
+        weights=found.weights[place],
         trace=found.trace,
         warnings=tuple(RunWarning("weak-direction", d.sentence(case.units)) for d in directions if d.weak),
         facts={

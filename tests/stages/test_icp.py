@@ -173,8 +173,12 @@ def test_scale_cannot_collapse_nor_leave_its_bounds() -> None:
         stiff = ICP(metric=metric, kernel="none", scale_sd=1e-4, strain_sd=None)(case, at(case))
         assert stiff.scale == pytest.approx(1.0, abs=0.02)
     # a clump that a free scale would shrink the prior onto
-    inside = with_points(case, 0.02 * sampled(PRIOR, 60, 15_551))
+    inside = with_points(case, 0.2 * sampled(PRIOR, 60, 15_551))
     assert ICP(scale_min=0.8)(inside, at(inside)).scale >= 0.8 - 1e-9
+    # so small a one is one place
+    inside = with_points(case, 0.02 * sampled(PRIOR, 60, 15_551))
+    with pytest.raises(InputError, match="60 eam points in 1 different places"):
+        ICP()(inside, at(inside))
 
 
 def test_the_trace_has_every_iteration_and_a_run_cut_short_says_so() -> None:

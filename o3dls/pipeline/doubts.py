@@ -1,0 +1,184 @@
+"""Cases whose parts are each in order and cannot be meant together: refused where that is certain, else a
+warning.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..arrays import Array
+from ..case import Case
+from ..estimate import Estimate
+from ..geometry.similarity import TURN, apply, fit_similarity, rms_radius
+from ..geometry.surface import Surface
+from ..registration.landmarks import determined
+from ..run_warning import RunWarning
+
+THINNEST = 0.05  # thickness of the points over their width: one wall of an atrium has .15
+FACTORS = {"cm": 10.0, "in": 25.4, "m": 1000.0}  # mm in what one column may be in
+FAR_LANDMARKS = 0.2  # rms error of landmarks over their rms radius, above which their columns are looked at
+BETTER = 3.0  # times smaller the error must become: mapping error alone remains
+OVERLAP = 0.1  # of the volume that components enclose twice, above which they are one within another
+LATTICE = 60  # nodes along the diagonal, on which that is counted
+ROUND = 0.5  # distance of the points from a sphere over that from the prior
+ONE_SIDE = 0.9  # of the points on one side of the prior, and
+OFFSET = 0.15  # so far in the median, in rms radii: 4 mm for an atrium
+NOISY = 0.11  # noise in rms radii: 2.9 mm for an atrium, and mapping has 1 to 2
+SURE = 0.99
+SPREAD = 200  # points, spread evenly, that are asked: many beats of one place count once
+
+
+def contradiction(case: Case, start: Estimate) -> str:
+    """Why prior, points and landmarks cannot belong together; empty where they can."""
+    if case.dimension == 2:
+        return ""
+    points = case.points.of("eam").xyz
+    return _overlapping(case) or _column(case) or _plane(case, points) or _frames(case, start, points)
+
+
+def doubtful_points(case: Case, start: Estimate, final: Estimate) -> list[RunWarning]:
+    """Warnings where the points are not what a catheter finds on the wall of this prior."""
+    from ..registration.search import thinned
+
+    if case.dimension == 2:
+        return []
+    points = thinned(case.points.of("eam").xyz, SPREAD)
+    said = {
+        "points-on-a-ball": _sphere(points, case.prior.transformed(final.T_map_prior)),
+        "points-beside-the-wall": _one_side(case, start, points),
+        "large-noise": _scattered(case, final, points),
+    }
+    return [RunWarning(code, sentence) for code, sentence in said.items() if sentence]
+
+
+def _overlapping(case: Case) -> str:
+    """Components of the prior that lie in one another: two surfaces in one file."""
+    from ..geometry.components import component_areas
+    from ..levelset.grid.distance import filled_distance
+
+    prior = case.prior
+    if not prior.watertight or len(component_areas(prior)[1]) < 2:
+        return ""
+    spacing = prior.diagonal / LATTICE
+    inside = int((filled_distance(prior.vertices, prior.faces, spacing, 1).phi < 0.0).sum()) * spacing**3
+    if prior.volume <= (1.0 + OVERLAP) * inside:
+        return ""
+    return (
+        f"the prior's components overlap: together they enclose {prior.volume / 1000:.3g} ml, and their "
+        f"union {inside / 1000:.3g} ml; give one closed surface of the chamber"
+    )
+
+
+def _plane(case: Case, points: Array) -> str:
+    deviations = np.sqrt(np.clip(np.linalg.eigvalsh(np.cov(points.T)), 0.0, None))
+    if deviations[0] > THINNEST * deviations[1]:
+        return ""
+    return (
+        f"the points of type eam lie in one plane ({2.0 * deviations[0]:.2g} {case.units} thick and "
+        f"{2.0 * deviations[1]:.2g} wide): a chamber needs points on several of its walls"
+    )
+
+
+def _column(case: Case) -> str:
+    """One column of coordinates in another unit than the others, as the landmarks show."""
+    names, prior, measured = case.landmark_pairs()
+    if len(names) < 4 or not determined(prior) or not determined(measured):
+        return ""
+    before = _landmark_error(prior, measured)
+    if before < FAR_LANDMARKS * float(np.sqrt(prior.var(axis=0).sum())):
+        return ""
+    tried = [
+        (_landmark_error(prior, measured * np.where(np.arange(3) == axis, times, 1.0)), column, unit, times)
+        for axis, column in enumerate("xyz")
+        for unit, factor in FACTORS.items()
+        for times in (factor, 1.0 / factor)
+    ]
+    after, column, unit, times = min(tried)
+    if after * BETTER >= before:
+        return ""
+    said = unit if times > 1.0 else f"mm where the others are in {unit}"
+    return (
+        f"the column {column} of the points seems to be in {said}: the landmarks fit to {after:.2g} "
+        f"{case.units} then, and to {before:.2g} as it is"
+    )
+
+
+def _landmark_error(prior: Array, measured: Array) -> float:
+    """Root mean square distance of landmarks after their best rigid motion."""
+    gap = apply(fit_similarity(prior, measured, scale=False), prior) - measured
+    return float(np.sqrt((gap**2).sum(axis=1).mean()))
+
+
+def _frames(case: Case, start: Estimate, points: Array) -> str:
+    """Points in LPS beside landmarks in RAS, or the other way round: turned, they fit clearly better."""
+    from ..registration.global_pose import confidence, robust_costs
+    from ..registration.match import SurfaceMatcher
+    from ..stages.pose_checks import MATERIAL
+
+    _, prior, measured = case.landmark_pairs()
+    if len(prior) < 3 or not (determined(prior) and determined(measured)):
+        return ""
+    surface = SurfaceMatcher(case.prior)
+
+    def costs(xyz: Array) -> Array:
+        return robust_costs(surface.match(xyz, start.T_map_prior).distances, surface.radius)
+
+    own, turned = costs(points), costs(apply(TURN, points))
+    least = float(robust_costs(np.array([MATERIAL * surface.radius]), surface.radius)[0])
+    if (own - turned).mean() < least or confidence(turned, own, points) <= SURE:
+        return ""
+    return (
+        "the points fit the prior clearly better where x and y have the other sign, and the landmarks do "
+        "not: are the ones in LPS and the others in RAS? Bring all rows of points.csv into one frame"
+    )
+
+
+def _sphere(points: Array, prior: Surface) -> str:
+    """Points much nearer to a ball than to the prior in its pose."""
+    from ..evaluation.distances import distances
+
+    design = np.column_stack([2.0 * points, np.ones(len(points))])
+    found = np.linalg.lstsq(design, (points**2).sum(axis=1), rcond=None)[0]
+    radius = float(np.sqrt(max(found[3] + (found[:3] ** 2).sum(), 0.0)))
+    off = float(np.median(np.abs(np.linalg.norm(points - found[:3], axis=1) - radius)))
+    gap = float(np.median(distances(points, prior)))
+    if off >= ROUND * gap:
+        return ""
+    return (
+        f"the points lie on a ball of radius {radius:.3g} (median distance {off:.2g}) rather than on the "
+        f"prior in its pose (median {gap:.2g}): are they of this chamber?"
+    )
+
+
+def _one_side(case: Case, start: Estimate, points: Array) -> str:
+    """Nearly all points on one side of the prior in the pose of the landmarks."""
+    from ..registration.match import SurfaceMatcher
+
+    _, prior, measured = case.landmark_pairs()
+    if len(prior) < 3 or not (determined(prior) and determined(measured)):
+        return ""
+    surface = SurfaceMatcher(case.prior)
+    signed = surface.match(points, start.T_map_prior).signed
+    middle = float(np.median(signed))
+    share = float((np.sign(signed) == np.sign(middle)).mean())
+    if share < ONE_SIDE or abs(middle) < OFFSET * surface.radius:
+        return ""
+    side, change = ("outside", "grown") if middle > 0.0 else ("inside", "shrunk")
+    return (
+        f"{share:.0%} of the points lie {side} the prior where the landmarks put it, by {abs(middle):.2g} "
+        f"{case.units} in the median: has the chamber {change} so much, or do the points lie beside its wall?"
+    )
+
+
+def _scattered(case: Case, final: Estimate, points: Array) -> str:
+    """Points that scatter about the result, outliers and all, more than mapping does."""
+    from ..evaluation.distances import distances
+    from ..noise.robust import robust_sd
+
+    scatter = max(robust_sd(distances(points, final.surface)), final.sigma or 0.0)
+    if scatter < NOISY * rms_radius(case.prior.vertices):
+        return ""
+    return (
+        f"the points scatter by {scatter:.2g} {case.units} about the result, more than mapping does (1 to 2 "
+        "mm): many may not touch the wall, or prior and points may not belong together"
+    )

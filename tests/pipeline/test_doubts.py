@@ -1,0 +1,139 @@
+"""Cases whose parts are in order and cannot be meant together are refused or warned of, and no others."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from chamber import chamber, measured, pose
+
+from o3dls.arrays import Array
+from o3dls.case import Case, Points
+from o3dls.errors import InputError
+from o3dls.evaluation.projection import project
+from o3dls.geometry.similarity import TURN, apply
+from o3dls.geometry.surface import Surface
+from o3dls.pipeline.pipeline import Pipeline
+from o3dls.stages.deform import Deform
+from o3dls.stages.icp import ICP
+from o3dls.stages.landmarks import Landmarks
+
+PRIOR = chamber(24)
+SEED = 40_213
+
+
+def usual(noise: float = 1.5) -> Case:
+    return measured(PRIOR, pose(30.0, 40.0), noise=noise)
+
+
+def changed(case: Case, change: Callable[[Array], Array]) -> Case:
+    """The case with its eam points changed, and the landmarks as they were."""
+    xyz = case.points.xyz.copy()
+    eam = case.points.type == "eam"
+    xyz[eam] = change(xyz[eam])
+    return replace(case, points=Points(xyz, case.points.type, case.points.columns))
+
+
+def glued(apart: float) -> Case:
+    case = usual()
+    vertices = np.vstack([PRIOR.vertices, 0.8 * PRIOR.vertices + [apart, 0.0, 0.0]])
+    return replace(case, prior=Surface(vertices, np.vstack([PRIOR.faces, PRIOR.faces + len(PRIOR.vertices)])))
+
+
+def in_a_plane() -> Case:
+    flat = np.random.default_rng(SEED).normal(0.0, 0.3, 200)
+    return changed(usual(), lambda xyz: np.column_stack([xyz[:, :2], xyz[:, 2].mean() + flat]))
+
+
+def one_column_in(column: int, millimetres: float) -> Case:
+    case = usual()
+    scale = np.where(np.arange(3) == column, 1.0 / millimetres, 1.0)
+    return replace(case, points=replace(case.points, xyz=case.points.xyz * scale))
+
+
+@pytest.mark.parametrize(
+    ("case", "sentence"),
+    [
+        (glued(12.0), "components overlap: together they enclose"),
+        (in_a_plane(), "lie in one plane"),
+        (one_column_in(0, 10.0), "the column x of the points seems to be in cm: the landmarks fit"),
+        (one_column_in(2, 25.4), "the column z of the points seems to be in in: the landmarks fit"),
+        (changed(usual(), lambda xyz: apply(TURN, xyz)), "one in LPS|ones in LPS and the others in RAS"),
+    ],
+    ids=["a second prior through the first", "a plane", "one column in cm", "in inches", "points in RAS"],
+)
+def test_what_cannot_be_meant_is_refused(case: Case, sentence: str) -> None:
+    with pytest.raises(InputError, match=sentence):
+        Pipeline([Landmarks(), ICP()], folds=0).run(case)
+
+
+def on_a_ball() -> Case:
+    directions = np.random.default_rng(SEED).normal(size=(200, 3))
+    ball = 22.0 * directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    return changed(usual(), lambda xyz: xyz.mean(axis=0) + ball)
+
+
+def beside_the_wall(offset: float) -> Case:
+    """Points 5 mm off the wall everywhere, beside landmarks on it."""
+    case = usual(0.5)
+    moved = PRIOR.transformed(pose(30.0, 40.0))
+
+    def aside(xyz: Array) -> Array:
+        return xyz + offset * moved.vertex_normals[moved.faces[project(xyz, moved).face]].mean(axis=1)
+
+    return changed(case, aside)
+
+
+def anywhere(share: float) -> Case:
+    rng = np.random.default_rng(SEED)
+
+    def strewn(xyz: Array) -> Array:
+        chosen = rng.random(len(xyz)) < share
+        return np.where(chosen[:, None], rng.uniform(xyz.min(axis=0), xyz.max(axis=0), xyz.shape), xyz)
+
+    return changed(usual(), strewn)
+
+
+@pytest.mark.parametrize(
+    ("case", "code"),
+    [
+        (on_a_ball(), "points-on-a-ball"),
+        (beside_the_wall(5.0), "points-beside-the-wall"),
+        (beside_the_wall(-5.0), "points-beside-the-wall"),
+        (anywhere(0.8), "large-noise"),
+    ],
+    ids=["a ball", "outside", "inside", "most points anywhere"],
+)
+def test_what_can_hardly_be_meant_is_warned_of(case: Case, code: str) -> None:
+    run = Pipeline([Landmarks(), ICP()], folds=0).run(case)
+    for estimate in run.estimates.values():
+        assert code in {warning.code for warning in estimate.warnings}
+
+
+@pytest.mark.parametrize(
+    "case",
+    [usual(), usual(2.0), glued(200.0), beside_the_wall(2.0), beside_the_wall(-2.0)],
+    ids=["usual", "2 mm of noise", "two chambers side by side", "a little grown", "a little shrunk"],
+)
+def test_what_can_be_meant_is_fitted_without_a_word(case: Case) -> None:
+    run = Pipeline([Landmarks(), ICP()], folds=0).run(case)
+    doubts = {"points-on-a-ball", "points-beside-the-wall", "large-noise"}
+    assert not doubts & {warning.code for one in run.estimates.values() for warning in one.warnings}
+
+
+def test_two_thousand_beats_of_one_contact_inside_do_not_move_the_wall() -> None:
+    case, rng = usual(), np.random.default_rng(SEED)
+    place = case.points.of("eam").xyz.mean(axis=0) + np.array([3.0, 2.0, 1.0])
+    more = Points(
+        np.vstack([case.points.xyz, place + rng.normal(0.0, 0.4, (2000, 3))]),
+        np.append(case.points.type, np.full(2000, "eam")),
+        {"name": np.append(case.points.columns["name"], np.full(2000, ""))},
+    )
+    stages = [Landmarks(), ICP(), Deform()]
+    found, known = (
+        Pipeline(stages, folds=0).run(one).estimates["deform"] for one in (replace(case, points=more), case)
+    )
+    assert "duplicate-points" in {warning.code for warning in found.warnings}
+    assert np.abs(found.surface.vertices - known.surface.vertices).max() < 1.0
