@@ -21,6 +21,7 @@ BETTER = 3.0  # times smaller the error must become: mapping error alone remains
 OVERLAP = 0.1  # of the volume that components enclose twice, above which they are one within another
 LATTICE = 60  # nodes along the diagonal, on which that is counted
 ROUND = 0.5  # distance of the points from a sphere over that from the prior
+NEAR = 0.05  # rms radii: points nearer to the prior than that lie on it
 ONE_SIDE = 0.9  # of the points on one side of the prior, and
 OFFSET = 0.15  # so far in the median, in rms radii: 4 mm for an atrium
 NOISY = 0.11  # noise in rms radii: 2.9 mm for an atrium, and mapping has 1 to 2
@@ -142,7 +143,7 @@ def _sphere(points: Array, prior: Surface) -> str:
     radius = float(np.sqrt(max(found[3] + (found[:3] ** 2).sum(), 0.0)))
     off = float(np.median(np.abs(np.linalg.norm(points - found[:3], axis=1) - radius)))
     gap = float(np.median(distances(points, prior)))
-    if off >= ROUND * gap:
+    if off >= ROUND * gap or gap < NEAR * rms_radius(prior.vertices):
         return ""
     return (
         f"the points lie on a ball of radius {radius:.3g} (median distance {off:.2g}) rather than on the "
