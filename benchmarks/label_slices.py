@@ -101,7 +101,8 @@ def row(truth: Surface, spacing: Array, positions: int) -> str:
     worst = volumes[np.abs(volumes).argmax()]
     return (
         f"{volumes.mean():+.1%} | {worst:+.1%} | {np.mean(kept):+.1%} | {gaps.mean():.2f} | "
-        f"{gaps.max():.2f} | {without.mean():.2f} | {(gaps < without).sum()} of {len(gaps)} | {np.mean(seconds):.1f}"
+        f"{gaps.max():.2f} | {without.mean():.2f} | {(gaps < without).sum()} of {len(gaps)} | "
+        f"{np.mean(seconds):.1f}"
     )
 
 

@@ -216,3 +216,5 @@ def test_time_and_memory_are_those_of_the_label_not_of_the_volume() -> None:
     assert surface.volume == pytest.approx(4 / 3 * np.pi * 35.0**3, rel=0.02)
     assert parts_of(chamber, h[::-1]) == 7
     assert parts_of(mask, h[::-1]) == 3  # a label as large as the volume
+    assert parts_of(mask, np.array([1.5, 0.7, 0.7])) == 1  # its voxels are small enough as they are
+    assert parts_of(chamber, np.array([1.5, 0.7, 0.7])) == 3

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ...arrays import Array
 
 THIN = 0.6  # voxels: what this blur leaves nothing of encloses nothing
+THICK = 3.0  # widths of a voxel: between thinner slices no vein is lost that shows in them
 WIDEST = 1.0  # slice distances, radius: the sections of what is wider overlap, so it is another chamber
 FARTHEST = 0.7  # slice distances, from section to section: 5 mm wide at 66 degrees through 8 mm
 THINNEST = 1.5  # voxels, radius: less is dust
@@ -36,6 +37,11 @@ def largest(mask: Mask) -> Mask:
     pieces, _ = label(mask)
     sizes = np.bincount(pieces.ravel())
     return np.asarray(pieces == 1 + sizes[1:].argmax())
+
+
+def thick(spacing: Array) -> bool:
+    """Whether slices are so thick that a vein may be lost between them; spacing (3,) with theirs first."""
+    return bool(spacing[0] >= THICK * spacing[1:].max())
 
 
 def wide(mask: Mask) -> Mask:
@@ -65,7 +71,8 @@ def joined(mask: Mask, spacing: Array) -> tuple[Mask, list[Bridge]]:
     chamber = largest(mask)
     pieces, _ = label(mask & ~chamber)
     bridges: list[Bridge] = []
-    waiting = [k for k, box in enumerate(find_objects(pieces), 1) if _thin(pieces[box] == k, spacing)]
+    boxes = find_objects(pieces) if thick(spacing) else []
+    waiting = [k for k, box in enumerate(boxes, 1) if _thin(pieces[box] == k, spacing)]
     near = True
     while near:  # a piece may go on from another
         near = False

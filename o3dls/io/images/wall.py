@@ -11,14 +11,14 @@ from ...arrays import Array
 from ...errors import InputError
 from ...geometry.similarity import apply
 from ...geometry.surface import Surface
-from .pieces import Bridge, Mask, filled, joined, wide
+from .pieces import Bridge, Mask, filled, joined, thick, wide
 
 # voxels, standard deviations: take the steps of the voxels off
 MASK_SMOOTHING = 0.7
 DISTANCE_SMOOTHING = 1.5  # more can be: labels are kept
 CLEARANCE = 0.1  # voxels: how far the wall stays from their centres at least
 ROUNDS = 2  # a third moves the wall of an atrium by less than 0.01 mm in the mean
-MOST_NODES = 8_000_000  # slices are parted less finely rather than take more than some seconds
+MOST_NODES = 4_000_000  # slices are parted less finely rather than take more than some seconds
 PAD = 2  # voxels around a label: outside, but for the first past the border of the volume
 Field = NDArray[np.float32]
 
@@ -64,11 +64,12 @@ def slices_first(mask: Mask, affine: Array) -> tuple[Mask, Array, Array]:
 
 
 def parts_of(mask: Mask, spacing: Array) -> int:
-    """How many parts of a slice are about as thick as its voxels are wide: odd, so that no node lies half-way
-    between two slices, where a flat wall runs.
+    """How many parts of a slice are about as thick as its voxels are wide, fewer for a large mask: odd, so
+    that no node lies half-way between two slices, where a flat wall runs.
     """
     pairs = np.ceil((spacing[0] / spacing[1:].max() - 1.5) / 2.0)
-    return 1 + 2 * int(np.clip(pairs, 0, max(1, (MOST_NODES // mask.size - 1) // 2)))
+    most = max(int(thick(spacing)), (MOST_NODES // mask.size - 1) // 2)
+    return 1 + 2 * int(np.clip(pairs, 0, most))
 
 
 def _continued(mask: Mask, borders: Sequence[tuple[int, int]]) -> Mask:
