@@ -144,7 +144,7 @@ class MapShiftSettings:
     rounds: int = number(5, "", "most, of a fit without the offset and the offset again")
     settled: float = number(0.1, "noise levels", "change of the offset that ends them")
     hopeless: float = number(0.5, "1", "share of what an offset needs below which no further round helps it")
-    landmark_odds: float = number(6.0, "nats", "against landmarks that move along: they are taken first")
+    landmark_odds: float = number(7.0, "nats", "against landmarks that move along, as against none that stay")
     evidence: float = number(10.0, "nats", "of a shifted part; in time, whole maps have 3 at most,")
     evidence_per_point: float = number(0.04, "nats", "and of many points more: what they show they share")
     least_offset: float = number(0.15, "rms radii", "of one side of a plane: bends move it by as much")

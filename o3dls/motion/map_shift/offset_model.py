@@ -82,8 +82,11 @@ def price(model: OffsetModel, data: Data, found: Offset) -> float:
 
 
 def _odds_against(model: OffsetModel, part: MapPart) -> float:
-    """Nats against what landmarks do, before points are seen: they are taken first, and mostly stay."""
-    return 0.0 if part.landmarks == "stay" else model.problem.settings.map_shift.landmark_odds
+    """Nats against an offset that no landmarks speak for, before points are seen: they are taken first, and
+    stay.
+    """
+    stay = part.landmarks == "stay" and len(model.problem.marks) > 0
+    return 0.0 if stay else model.problem.settings.map_shift.landmark_odds
 
 
 def order_of(data: Data) -> Array:
