@@ -131,7 +131,7 @@ def test_changes_of_an_earlier_stage_are_handed_on() -> None:
     ("given", "sentence"),
     [
         ({"evidence": -1.0}, r"topology.evidence = -1.0 nats: must be a number within \[0, inf\) nats"),
-        ({"spacing": 0.0}, r"topology.spacing = 0.0 mm: must be a number within \(0, inf\) mm"),
+        ({"spacing": 0.0}, r"topology.spacing = 0.0 mm: must be a number within \[0.001, inf\) mm"),
     ],
 )
 def test_parameters_are_checked(given: dict[str, float], sentence: str) -> None:
