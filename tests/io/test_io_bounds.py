@@ -8,6 +8,7 @@ import gzip
 import subprocess
 import sys
 import zipfile
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -174,6 +175,24 @@ def test_an_nrrd_that_unpacks_to_gigabytes(more: str, sizes: str, tmp_path: Path
 def test_packed_data_in_very_many_parts(tmp_path: Path) -> None:
     data = gzip.compress(b"", mtime=0) * 50_000 + gzip.compress(b"wall")
     assert inflate(tmp_path, data, 100) == b"wall"
+
+
+@pytest.mark.parametrize(
+    ("announced", "sentence"),
+    [
+        (64, "an element of type 0 and 0 bytes is no array of numbers"),
+        ((1 << 30) + 8, "a variable unpacks to 1073741832 bytes: at most"),
+    ],
+)
+def test_an_openep_file_that_unpacks_to_gigabytes(announced: int, sentence: str, tmp_path: Path) -> None:
+    pack = zlib.compressobj(9)
+    tag = (14).to_bytes(4, "little") + announced.to_bytes(4, "little")
+    packed = pack.compress(tag + bytes(64)) + b"".join(pack.compress(bytes(1 << 24)) for _ in range(32))
+    packed += pack.flush()
+    head = b"MATLAB 5.0 MAT-file".ljust(124, b" ") + b"\0\1IM"
+    path = tmp_path / "study.mat"
+    path.write_bytes(head + (15).to_bytes(4, "little") + len(packed).to_bytes(4, "little") + packed)
+    assert sentence in refusal(STUDY, path)
 
 
 def zipped(path: Path, name: str, content: bytes) -> Path:

@@ -18,7 +18,7 @@ MATRIX, PACKED = 14, 15
 CELL, STRUCT, OBJECT, CHAR, OPAQUE = 1, 2, 3, 4, 17
 NUMERIC = range(6, 16)
 DEEPEST = 40
-LARGEST = 1 << 31
+LARGEST = 1 << 30  # bytes of a variable, which is held in memory more than once
 
 
 @dataclass(frozen=True)
@@ -86,6 +86,19 @@ class Elements:
         return body.decode(TEXT[kind] + ("-be" if self.order == ">" else "-le") * wide, errors="replace")
 
 
+def _unpacked(run: Elements, packed: bytes) -> bytes:
+    """A packed element, as far as it says how long it is. Raises InputError where that is too long."""
+    packer = zlib.decompressobj()
+    try:
+        tag = packer.decompress(packed, 8)
+        size = int.from_bytes(tag[4:], "little" if run.order == "<" else "big")
+        if size > LARGEST:
+            raise run.error(f"a variable unpacks to {size} bytes: at most {LARGEST}")
+        return tag + packer.decompress(packer.unconsumed_tail, size + 1)  # of 0, zlib would give all
+    except zlib.error as error:
+        raise run.error(f"packed data are broken: {error}") from None
+
+
 def read_mat5(path: Path, data: bytes) -> dict[str, Any]:
     """Variables by name: structs as dictionaries, arrays of structs and cells as lists, numbers without axes
     of one. Raises InputError.
@@ -97,11 +110,7 @@ def read_mat5(path: Path, data: bytes) -> dict[str, Any]:
     while run.left:
         kind, body = run.take()
         if kind == PACKED:
-            packer = zlib.decompressobj()
-            try:
-                kind, body = run.inside(packer.decompress(body, LARGEST)).take()
-            except zlib.error as error:
-                raise run.error(f"packed data are broken: {error}") from None
+            kind, body = run.inside(_unpacked(run, body)).take()
         if kind != MATRIX:
             raise run.error(f"a variable of type {kind} is no array")
         name, value = _matrix(run.inside(body))
