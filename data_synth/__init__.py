@@ -14,6 +14,20 @@ from .jar import jar
 from .mapping import Mapping
 from .patient import Patient, patient
 from .star import star
+from .study import Study, study, write_study
 from .wall import read_wall
 
-__all__ = ["Mapping", "Patient", "atrium", "cross", "family", "jar", "patient", "read_wall", "star"]
+__all__ = [
+    "Mapping",
+    "Patient",
+    "Study",
+    "atrium",
+    "cross",
+    "family",
+    "jar",
+    "patient",
+    "read_wall",
+    "star",
+    "study",
+    "write_study",
+]

@@ -11,7 +11,7 @@ import click
 
 from o3dls import Case, InputError, write_case
 
-from . import Mapping, atrium, cross, family, jar, read_wall, star
+from . import Mapping, atrium, cross, family, jar, read_wall, star, study, write_study
 from .families import FAMILIES
 
 SEED = click.option("--seed", type=click.IntRange(min=0), default=7, show_default=True)
@@ -205,6 +205,18 @@ def _cross(
         return cross(one, other, seed, landmarks=landmarks, how=Mapping(**how))
 
     _write(folder, made, force)
+
+
+@main.command("study")
+@FOLDER
+@SEED
+@click.option("--points", type=click.IntRange(min=50), default=400, show_default=True, help="mapping points")
+def _study(folder: Path, seed: int, points: int) -> None:
+    """A study of docs/tutorial.md: an OpenEP map without landmarks and a label volume of 5 mm slices."""
+    if folder.exists():
+        raise click.ClickException(f"{folder}: is there already; name another folder")
+    write_study(folder, study(atrium(seed, points=points), seed))
+    click.echo(f"{folder}: map.mat, la_labels.nii.gz and true_wall.ply")
 
 
 def _write(folder: Path, made: Callable[[], Case], force: bool) -> None:

@@ -62,6 +62,14 @@ def shell_class(path: Path, data: bytes) -> str | None:
     return next((value.of for value in found if isinstance(value, Opaque)), None)
 
 
+def has_shell(path: Path, data: bytes) -> bool:
+    """Whether the data set has a part of a shell: one with a part alone is damaged, one without has its
+    points.
+    """
+    tree = userdata(path, data)
+    return any(mat.at(tree, f"surface.triRep.{name}") is not None for name in ("X", "Triangulation"))
+
+
 def read_points(path: Path, data: bytes) -> Points:
     """Included electrode positions with bipolar, unipolar (mV) and lat (ms), and the ablation sites. Raises
     InputError without any.

@@ -163,8 +163,10 @@ def _from_openep(archive: Archive, files: list[str], map_name: str | None) -> Im
     where, data = archive.where(chosen[0]), archive.read(chosen[0])
     points = openep.read_points(where, data)
     found = Imported(points, vendor="OpenEP", name=Path(chosen[0]).stem)
-    if (of := openep.shell_class(where, data)) is None:
+    if (of := openep.shell_class(where, data)) is None and openep.has_shell(where, data):
         found.shell = openep.read(where, data)
+    elif of is None:
+        found.left.append("map.ply: the data set has points and no shell (surface.triRep.X)")
     else:
         found.left.append(
             f"the shell: surface.triRep is a MATLAB object of class {of}, which only MATLAB reads; "
