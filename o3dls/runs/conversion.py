@@ -96,10 +96,6 @@ def _surface(
         f"{file.units}",
         *(f"{source}: {note}" for note in file.notes),
     ]
-    if joined := file.metadata.get("joined_pieces"):
-        done.append(f"{source}: {joined} thin pieces that only the gap between two slices parts are joined")
-    if dropped := file.metadata.get("voxels_of_smaller_pieces"):
-        done.append(f"{source}: {dropped} voxels of smaller pieces are left out")
     if to and surface.dimension == 2:
         raise InputError(f"{source}: is an outline in 2D, and LPS and RAS are frames in 3D; leave --to away")
     if to and _turns(source, space, to):

@@ -56,13 +56,14 @@ def surface_of(
     chamber, bridges = joined(mask, spacing)
     surface = mask_surface(chamber, affine, f"{path}: label {label}")
     voxels = int(chamber.sum())
-    facts = {
-        "label": label,
-        "voxels": voxels,
-        "voxels_of_smaller_pieces": int(mask.sum()) - voxels,
-        "joined_pieces": len(bridges),
-    }
-    return SurfaceFile(surface, image.space, "mm", facts)
+    dropped = int(mask.sum()) - voxels
+    facts = {"label": label, "voxels": voxels, "voxels_of_smaller_pieces": dropped}
+    said = (
+        (len(bridges), "thin pieces that only the gap between two slices parts are joined to the chamber"),
+        (dropped, "voxels of smaller pieces are left out"),
+    )
+    notes = tuple(f"{count} {sentence}" for count, sentence in said if count)
+    return SurfaceFile(surface, image.space, "mm", facts, notes)
 
 
 def _segments(notes: Mapping[str, str]) -> dict[str, tuple[int, int]]:
