@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 
 from o3dls.errors import InputError
 from o3dls.io.case_reader import read_case
-from o3dls.io.images.labels import mask_surface
+from o3dls.io.images.wall import mask_surface
 from o3dls.io.meshes.registry import is_surface, read_surface_file
 from o3dls.runs.conversion import convert
 
@@ -169,7 +169,7 @@ def test_overlapping_segments_and_probabilities_keep_each_to_itself(tmp_path: Pa
     for path in (bits, shares):
         volumes = {k: read_surface_file(path, label=k).surface.volume for k in (1, 2)}
         for k, mask in ((1, whole), (2, inner)):
-            known = mask_surface(mask, np.diag([*SPACING, 1.0]), SPACING).volume
+            known = mask_surface(mask, np.diag([*SPACING, 1.0])).volume
             assert volumes[k] == pytest.approx(known, rel=1e-6)
         # segments of one name are told apart by their numbers
         part = read_surface_file(path, part="LA (2)").surface

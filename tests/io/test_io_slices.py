@@ -136,6 +136,16 @@ def test_what_the_volume_cuts_off_ends_in_a_flat_cap() -> None:
     np.testing.assert_allclose(heights[middle & (heights > end - 3.0)], end, atol=0.3)
 
 
+def test_a_volume_cut_out_around_its_label_cuts_nothing_off() -> None:
+    h = np.array([1.0, 1.0, 8.0])
+    mask = ball(h)
+    first, last = (np.array([ends(axis) for axis in np.nonzero(mask)]) for ends in (np.min, np.max))
+    inner = mask_surface(mask[tuple(map(slice, first, last + 1))], affine_of(h))
+    np.testing.assert_allclose(
+        inner.vertices + first[::-1] * h, mask_surface(mask, affine_of(h)).vertices, atol=1e-6
+    )
+
+
 H = np.array([1.0, 1.0, 8.0])
 VEIN = 58.0  # degrees: its sections shift by 13 mm and are 9 mm long
 

@@ -122,6 +122,9 @@ def _image(path: Path, segmentation: Any) -> Image:
         }
     # highdicom counts slice, row, column
     affine = np.asarray(geometry.affine, dtype=np.float64)[:, [2, 1, 0, 3]]
+    # frames without a segment are not stored: before the first and after the last is outside, not the border
+    values = np.pad(values, [(1, 1), *[(0, 0)] * (values.ndim - 1)])
+    affine[:3, 3] -= affine[:3, 2]
     return Image(values, check_affine(str(path), affine), "LPS", notes)
 
 

@@ -42,6 +42,8 @@ def mask_surface(mask: Mask, affine: Array, name: str = "mask") -> Surface:
         )
     borders = [(axis, 0) for axis in range(3) if low[axis] == 0]
     borders += [(axis, -1) for axis in range(3) if high[axis] == mask.shape[axis] - 1]
+    if len(borders) == 6:  # it was cut out around the label, so none of them cuts the label
+        borders = []
     field = wall_field(_continued(part, borders), spacing)
     for axis, end in borders:
         _cut_off(field.swapaxes(0, axis), end, parts_of(part, spacing) if axis == 0 else 1)
