@@ -87,6 +87,9 @@ def joined(mask: Mask, spacing: Array) -> tuple[Mask, list[Bridge]]:
 
 
 def _thin(piece: Mask, spacing: Array) -> bool:
+    """Whether a piece, cut out, is as wide as a vein that slices may lose, and no dust."""
+    if min(piece.shape[1:]) < 3:  # there may be 100 000 grains
+        return False
     radii = [_distance(section, spacing).max() for section in np.pad(~piece, 1, constant_values=True)[1:-1]]
     return bool(THINNEST * spacing[1:].max() < max(radii) <= WIDEST * spacing[0])
 
