@@ -4,7 +4,7 @@ parts from it.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,16 +71,16 @@ def joined(mask: Mask, spacing: Array) -> tuple[Mask, list[Bridge]]:
     chamber = largest(mask)
     pieces, _ = label(mask & ~chamber)
     bridges: list[Bridge] = []
-    boxes = find_objects(pieces) if thick(spacing) else []
-    waiting = [k for k, box in enumerate(boxes, 1) if _thin(pieces[box] == k, spacing)]
+    boxes = dict(enumerate(find_objects(pieces), 1)) if thick(spacing) else {}
+    waiting = [k for k, box in boxes.items() if _thin(pieces[box] == k, spacing)]
     near = True
     while near:  # a piece may go on from another
         near = False
         for k in tuple(waiting):
-            bridge = _bridge(pieces == k, chamber, spacing)
-            if bridge is not None:
-                bridges.append(bridge)
-                chamber |= pieces == k
+            ends = _nearest(pieces, k, boxes[k], chamber, spacing)
+            if ends is not None:
+                bridges.append(Bridge(*ends, pieces[ends[0]] == k, chamber[ends[1]].copy()))
+                chamber[boxes[k]] |= pieces[boxes[k]] == k
                 waiting.remove(k)
                 near = True
     return chamber, bridges
@@ -94,18 +94,25 @@ def _thin(piece: Mask, spacing: Array) -> bool:
     return bool(THINNEST * spacing[1:].max() < max(radii) <= WIDEST * spacing[0])
 
 
-def _bridge(piece: Mask, chamber: Mask, spacing: Array) -> Bridge | None:
-    """From an end of a piece to the chamber in the next slice, where that is nearer than in its own."""
-    slices = np.flatnonzero(piece.any(axis=(1, 2)))
-    for start, end in ((slices[0], slices[0] - 1), (slices[-1], slices[-1] + 1)):
-        gaps = [
-            _distance(chamber[k], spacing)[piece[start]].min()
-            if 0 <= k < len(chamber) and chamber[k].any()
+def _nearest(
+    pieces: NDArray[Any], k: int, box: tuple[slice, ...], chamber: Mask, spacing: Array
+) -> tuple[int, int] | None:
+    """The slice at an end of piece k and the next, where the chamber is near in that, and nearer than in its
+    own.
+    """
+    reach = FARTHEST * spacing[0] + spacing[1:].max()  # from centre to centre
+    margins = (1, *np.ceil(reach / spacing[1:]).astype(int))
+    window = tuple(slice(max(0, side.start - m), side.stop + m) for side, m in zip(box, margins, strict=True))
+    piece, near, first = pieces[window] == k, chamber[window], window[0].start
+    for start, end in ((box[0].start, box[0].start - 1), (box[0].stop - 1, box[0].stop)):
+        own, gap = (
+            _distance(near[z - first], spacing)[piece[start - first]].min()
+            if 0 <= z - first < len(near) and near[z - first].any()
             else np.inf
-            for k in (start, end)
-        ]
-        if gaps[1] < gaps[0] and gaps[1] <= FARTHEST * spacing[0] + spacing[1:].max():
-            return Bridge(int(start), int(end), piece[start].copy(), chamber[end].copy())
+            for z in (start, end)
+        )
+        if gap < own and gap <= reach:
+            return start, end
     return None
 
 
