@@ -67,7 +67,10 @@ def _trials(fit: MotionFit) -> Iterator[Trial]:
     settings = fit.problem.settings.map_shift
     problem, state, energy = _asked(fit)
     here, measured = offset_model(problem, state), problem.data
-    worth = [one for one in best_offsets(here, measured)[: settings.rivals] if _worth_a_fit(here, one)]
+    found = best_offsets(here, measured)
+    # a cause in time is the usual one, and hidden while all points pull at one surface
+    asked = [one for k, one in enumerate(found) if k < settings.rivals or one.part.direction is None]
+    worth = [one for one in asked if _worth_a_fit(here, one)]
     if worth and energy is None:
         run = settled(problem)
         here, energy = offset_model(problem, run.state), run.energy
@@ -110,7 +113,8 @@ def _asked(fit: MotionFit) -> tuple[MotionProblem, State, float | None]:
 def _worth_a_fit(model: OffsetModel, found: Offset) -> bool:
     settings = model.problem.settings.map_shift
     least = settings.first_offset * model.problem.size
-    return found.nats >= settings.first_evidence and found.length >= least
+    evidence = settings.first_in_order if found.part.direction is None else settings.first_evidence
+    return found.nats >= evidence and found.length >= least
 
 
 def _without(problem: MotionProblem, measured: Data, found: Offset, alone: float) -> Trial:
