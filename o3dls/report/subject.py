@@ -101,11 +101,8 @@ class Result:
         if not group.startswith("held_out") or held_out is None:
             return self.run.points.of(*{"fitted": fitted, "cross_validated": ("eam",)}.get(group, (group,)))
         unseen = held_out.columns.get("unseen", np.zeros(len(held_out))) > 0
-        return held_out.select(
-            {"held_out_seen": ~unseen, "held_out_unseen": unseen}.get(
-                group, np.ones(len(held_out), dtype=bool)
-            )
-        )
+        every = np.ones(len(held_out), dtype=bool)
+        return held_out.select({"held_out_seen": ~unseen, "held_out_unseen": unseen}.get(group, every))
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,7 +140,11 @@ class Subject:
     @cached_property
     def surfaces(self) -> dict[str, Surface]:
         """The shown estimates' surfaces as they are drawn."""
-        return {name: displayed(self.results[name].estimate.surface, self.case) for name in self.shown}
+        shown = {name: self.results[name] for name in self.shown}
+        return {
+            name: displayed(one.estimate.surface, self.case, *one.measured("cross_validated"))
+            for name, one in shown.items()
+        }
 
     @property
     def finals(self) -> list[Result]:
@@ -211,14 +212,8 @@ def _shown(
         if name not in named and all(name != result.key for result in named.values()):
             raise InputError(f"report: no estimate '{name}'{did_you_mean(name, list(named))}")
     if compare:
-        return _few(
-            [
-                result.name
-                for word in compare
-                for result in named.values()
-                if word in (result.name, result.key)
-            ]
-        )
+        pairs = [(word, result) for word in compare for result in named.values()]
+        return _few([result.name for word, result in pairs if word in (result.name, result.key)])
     if len(runs) > 1:
         return [prefix + run.final for run, prefix in zip(runs, prefixes, strict=True)][-MOST_SHOWN:]
     keys = list(runs[0].estimates)

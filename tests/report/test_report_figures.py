@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import re
 import warnings
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ import pytest
 
 from o3dls.geometry.surface import Surface
 from o3dls.report.drawing import slides
-from o3dls.report.drawing.fields import Field, colour_table, colours_of, robust_range
+from o3dls.report.drawing.fields import Field, colour_table, colours_of, known_fields, robust_range
 from o3dls.report.drawing.figures import drawable, front_axes, plain_figure, shrunk
 from o3dls.report.drawing.raster import Canvas, View
 from o3dls.report.drawing.slices import slice_surface
@@ -95,6 +96,29 @@ def test_maps_change_in_lightness_only_one_way() -> None:
         light = colour_table(name) @ [0.2126, 0.7152, 0.0722]
         steps = np.diff(light[::8])
         assert (steps > -1e-3).all() or (steps < 1e-3).all()
+
+
+def test_the_first_colour_is_never_how_far_the_prior_was_moved(tmp_path: Path) -> None:
+    """Not without truth, points left out or a deviation either; a pose alone has no displacement at all."""
+    subject = read_subject([finished(tmp_path / "run", replace(bulged_case(), truth=None))])
+    icp, level_set = subject.surfaces.values()
+    assert "displacement_mm" not in icp.fields
+    assert "displacement_mm" in level_set.fields
+    assert known_fields([icp, level_set], "mm")[0].key == "sd_mm"
+    bare = replace(level_set, fields={k: v for k, v in level_set.fields.items() if k != "sd_mm"})
+    assert known_fields([bare], "mm")[0].key == "distance_to_nearest_point_mm"
+
+
+def test_distances_of_points_left_out_are_carried_to_the_wall(tmp_path: Path) -> None:
+    """Between the least and the largest measured, as any mean; unknown far from every point."""
+    subject = read_subject([finished(tmp_path / "run", replace(bulged_case(), truth=None), folds=3)])
+    for name, surface in subject.surfaces.items():
+        values = surface.fields["left_out_mm"]
+        measured = subject.results[name].measured("cross_validated")[1]
+        known = np.isfinite(values)
+        assert known.any()
+        assert measured.min() <= values[known].min() < values[known].max() <= measured.max()
+    assert known_fields(list(subject.surfaces.values()), "mm")[0].key == "left_out_mm"
 
 
 @pytest.fixture(scope="module")

@@ -135,10 +135,11 @@ def test_standard_views_look_from_where_they_say(visit: Visit) -> None:
 
 def test_every_field_can_be_chosen(visit: Visit) -> None:
     options = visit.page.locator("#field option").all_inner_texts()
-    assert options[:2] == ["distance to truth", "displacement, outward positive"]
-    assert options[2:] == [
+    assert options == [
+        "distance to truth",
         "posterior standard deviation",
         "distance to the nearest point",
+        "displacement, outward positive",
         "bipolar",
         "no colour",
     ]
@@ -146,11 +147,23 @@ def test_every_field_can_be_chosen(visit: Visit) -> None:
         assert change(visit, lambda name=name: visit.page.select_option("#field", label=name))[1] > SEEN
         label = visit.page.locator("#surface-bar .name")
         assert not label.is_visible() if name == "no colour" else label.inner_text().startswith(name)
-    visit.page.select_option("#field", label="posterior standard deviation")
-    assert (
-        visit.page.locator("#panels figcaption small").first.inner_text()
-        == "no posterior standard deviation here"
-    )
+    for name in ("posterior standard deviation", "displacement, outward positive"):  # the ICP is a pose alone
+        visit.page.select_option("#field", label=name)
+        assert visit.page.locator("#panels figcaption small").all_inner_texts() == [f"no {name} here", ""]
+
+
+def test_without_truth_the_first_colour_is_the_distance_of_points_left_out(
+    browser: Any, tmp_path: Path
+) -> None:
+    case = replace(bulged_case(), truth=None)
+    visit = Visit(browser, write_report([finished(tmp_path / "run", case, folds=3)]))
+    first = visit.page.locator("#surface-bar .name").inner_text()
+    assert first == "distance of points left out in turn, mm"
+    assert visit.page.locator("#panels figcaption small").all_inner_texts() == ["", ""]
+    options = visit.page.locator("#field option").all_inner_texts()
+    assert options[1] == "posterior standard deviation"
+    assert "displacement, outward positive" in options[2:]
+    visit.page.close()
 
 
 def test_range_changes_the_picture_and_auto_brings_it_back(visit: Visit) -> None:

@@ -8,28 +8,47 @@ from dataclasses import replace
 
 import numpy as np
 
+from ...arrays import Array
 from ...case import Case
+from ...evaluation.interpolation import REACH, to_surface
+from ...evaluation.projection import project
 from ...geometry.surface import Surface, interpolated
 from .electrical import with_electrical
 
 MOST_FACES = 60_000  # a surface with more is decimated for display to
 DISPLAY_FACES = 36_000
-TRUTH = "distance_to_truth"
+TRUTH, LEFT_OUT = "distance_to_truth", "left_out"
+NEGLIGIBLE = 1e-6  # a length below is rounding: a pose alone moves no vertex off the prior
 
 
-def displayed(surface: Surface, case: Case) -> Surface:
-    """A surface of an estimate, decimated if need be, with electrical values, and the distance to truth where
-    that is known.
+def displayed(surface: Surface, case: Case, left_out: Array, distances: Array) -> Surface:
+    """A surface of an estimate, decimated if need be, with electrical values, the distance to truth where
+    that is known, and the distances (k,) of points (k, d) that were left out in turn, carried to the wall.
+
+    It has no displacement where a pose alone has moved it.
     """
+    surface = with_electrical(decimated(surface), case.points)
+    carried = _carried(surface, case.units, left_out, distances)
+    fields = _distances_to_truth(surface, case) | surface.fields | carried
+    key = f"displacement_{case.units}"
+    if key in fields and (np.nan_to_num(np.abs(fields[key])) <= NEGLIGIBLE).all():
+        del fields[key]
+    return replace(surface, fields=fields)
+
+
+def _distances_to_truth(surface: Surface, case: Case) -> dict[str, Array]:
     from ...evaluation.distances import distances
 
-    surface = with_electrical(decimated(surface), case.points)
     if case.truth is None or case.truth.surface is None:
-        return surface
-    return replace(
-        surface,
-        fields={f"{TRUTH}_{case.units}": distances(surface.vertices, case.truth.surface), **surface.fields},
-    )
+        return {}
+    return {f"{TRUTH}_{case.units}": distances(surface.vertices, case.truth.surface)}
+
+
+def _carried(surface: Surface, unit: str, xyz: Array, values: Array) -> dict[str, Array]:
+    """Distances (k,) of points (k, d) as a field, NaN far from all of them; none where all are far."""
+    if len(xyz) == 0 or (project(xyz, surface).distance > REACH).all():
+        return {}
+    return {f"{LEFT_OUT}_{unit}": to_surface(xyz, values, surface).values}
 
 
 def decimated(surface: Surface, most: int = MOST_FACES, wanted: int = DISPLAY_FACES) -> Surface:

@@ -14,7 +14,7 @@ from ...arrays import Array
 from ...evaluation.electrical import ELECTRICAL
 from ...geometry.surface import Surface
 from ..subject import Subject
-from .display import TRUTH
+from .display import LEFT_OUT, TRUTH
 
 # Colours of matplotlib that colour-blind readers can order; small values are light, so that the shape stays
 # visible where all is well.
@@ -44,16 +44,18 @@ class Field:
 
 
 def known_fields(surfaces: Sequence[Surface], unit: str) -> list[Field]:
-    """The fields that at least one of the surfaces has, the most telling first.
+    """The fields that at least one of the surfaces has, the most telling first: how far from what was not
+    fitted, then how sure. How far the prior was moved says neither, and comes after them.
 
     Each has a range that fits all surfaces.
     """
     words = [
         Field(f"{TRUTH}_{unit}", "distance to truth", unit, "sequential"),
-        Field(f"displacement_{unit}", "displacement, outward positive", unit, "signed"),
-        Field(f"correction_{unit}", "correction, outward positive", unit, "signed"),
+        Field(f"{LEFT_OUT}_{unit}", "distance of points left out in turn", unit, "sequential"),
         Field(f"sd_{unit}", "posterior standard deviation", unit, "deviation"),
         Field(f"distance_to_nearest_point_{unit}", "distance to the nearest point", unit, "sequential"),
+        Field(f"displacement_{unit}", "displacement, outward positive", unit, "signed"),
+        Field(f"correction_{unit}", "correction, outward positive", unit, "signed"),
     ]
     there = dict.fromkeys(
         key for surface in surfaces for key, values in surface.fields.items() if values.ndim == 1
