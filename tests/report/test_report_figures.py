@@ -90,6 +90,16 @@ def test_ranges_are_robust_and_symmetric_where_signed() -> None:
     assert robust_range(np.zeros(5)) == (0.0, 1.0)
 
 
+@pytest.mark.parametrize("values", [np.zeros(5), np.full(5, 1e-9), np.full(5, np.nan), np.zeros(0)])
+def test_a_signed_field_of_nothing_has_the_colour_of_zero(values: np.ndarray) -> None:
+    """The middle of the colours, which is light and grey: no colour of any direction."""
+    low, high = robust_range(values, signed=True, from_zero=False)
+    assert (low, high) == (-1.0, 1.0)
+    colours = colours_of(np.zeros(5), Field("x", "x", "mm", "signed", low, high))
+    assert colours.min() > 0.9
+    assert np.ptp(colours) < 0.05
+
+
 def test_maps_change_in_lightness_only_one_way() -> None:
     """What a colour-blind reader sees, or a grey print, still orders the values."""
     for name in ("sequential", "deviation", "electrical", "points"):

@@ -179,6 +179,18 @@ def test_range_changes_the_picture_and_auto_brings_it_back(visit: Visit) -> None
     assert "wrong" not in visit.page.locator("#surface-bar").get_attribute("class")
 
 
+def test_the_ends_of_a_signed_range_mirror_each_other(visit: Visit) -> None:
+    visit.page.select_option("#field", label="displacement, outward positive")
+    bar = visit.page.locator("#surface-bar")
+    for end, typed, shown in ((".low", "-2.5", ("-2.5", "2.5")), (".high", "4", ("-4", "4"))):
+        bar.locator(end).fill(typed)
+        bar.locator(end).dispatch_event("change")
+        assert (bar.locator(".low").input_value(), bar.locator(".high").input_value()) == shown
+    bar.locator(".low").fill("1")
+    bar.locator(".low").dispatch_event("change")
+    assert "wrong" in bar.get_attribute("class")
+
+
 def test_switches_do_what_they_say(visit: Visit) -> None:
     def toggle(label: str) -> Any:
         return lambda: visit.page.get_by_label(label, exact=True).click()

@@ -14,7 +14,7 @@ from ...arrays import Array
 from ...evaluation.electrical import ELECTRICAL
 from ...geometry.surface import Surface
 from ..subject import Subject
-from .display import LEFT_OUT, TRUTH
+from .display import LEFT_OUT, NEGLIGIBLE, TRUTH
 
 # Colours of matplotlib that colour-blind readers can order; small values are light, so that the shape stays
 # visible where all is well.
@@ -78,14 +78,13 @@ def _ranged(field: Field, surfaces: Sequence[Surface]) -> Field:
 def robust_range(values: Array, *, signed: bool = False, from_zero: bool = True) -> tuple[float, float]:
     """Ends of a colour scale that single extreme values do not stretch.
 
-    Symmetric about zero for signed values.
+    Symmetric about zero for signed values, always: what has none, or none but rounding, has the colour of 0.
     """
     values = values[np.isfinite(values)]
-    if len(values) == 0:
-        return 0.0, 1.0
-    low, high = (float(v) for v in np.percentile(values, [3, 97]))
+    low, high = (float(v) for v in np.percentile(values, [3, 97])) if len(values) else (0.0, 0.0)
     if signed:
-        low, high = -max(abs(low), abs(high)), max(abs(low), abs(high))
+        reach = max(abs(low), abs(high))
+        return (-reach, reach) if reach > NEGLIGIBLE else (-1.0, 1.0)
     low = 0.0 if from_zero else low
     return (low, high) if high > low else (low, low + 1.0)
 

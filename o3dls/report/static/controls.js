@@ -71,14 +71,18 @@ function writeRange(bar, [low, high]) {
   bar.querySelector(".high").value = Number(high.toPrecision(3));
 }
 
-function connectBar(id, apply, automatic) {
+// Two ends that can be typed. Those of signed values mirror each other: zero keeps the middle of the colours.
+function connectBar(id, apply, automatic, signed = () => false) {
   const bar = $(id);
   const read = () => [".low", ".high"].map((part) => bar.querySelector(part).valueAsNumber);
-  const change = () => {
-    const [low, high] = read();
+  const change = ({ target: typed }) => {
+    const mirrored = typed.classList.contains("low") ? [typed.valueAsNumber, -typed.valueAsNumber] : [-typed.valueAsNumber, typed.valueAsNumber];
+    const [low, high] = signed() ? mirrored : read();
     const right = low < high; // false for NaN too
     bar.classList.toggle("wrong", !right);
-    if (right) apply([low, high]);
+    if (!right) return;
+    if (signed()) writeRange(bar, [low, high]);
+    apply([low, high]);
   };
   bar.querySelectorAll("input").forEach((input) => input.addEventListener("change", change));
   bar.querySelector(".auto").addEventListener("click", () => {

@@ -61,7 +61,8 @@ function connectToolbar() {
   $("labels").addEventListener("change", () => { settings.labels = $("labels").checked; invalidate(); });
   $("hatched").addEventListener("change", () => { shared.hatched.value = $("hatched").checked; invalidate(); });
   $("picture").addEventListener("click", savePicture);
-  connectBar("surface-bar", (range) => { shared.range.value = range; invalidate(); }, () => settings.field.range);
+  const isSigned = () => settings.field.map === "signed";
+  connectBar("surface-bar", (range) => { shared.range.value = range; invalidate(); }, () => settings.field.range, isSigned);
   connectBar("point-bar", (range) => { settings.pointRange = range; paintAllPoints(); }, () => scene.points.range);
   window.addEventListener("resize", invalidate);
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", invalidate);
