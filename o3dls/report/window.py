@@ -73,7 +73,8 @@ class Stand:
         if choice.field is None:
             return name
         field = self.fields[choice.field]
-        return f"{name}: {field.label}, {field.low:.2g} (light) to {field.high:.2g} {field.unit}".rstrip()
+        ends = f"{field.low:.2g} ({field.low_end}) to {field.high:.2g} {field.unit}"
+        return f"{name}: {field.label}, {ends}".rstrip()
 
     def geometries(self, choice: Choice) -> list[Any]:
         """Open3D geometry of a choice: the surface in colours, points as balls, prior and truth as edges."""

@@ -100,6 +100,28 @@ def test_a_signed_field_of_nothing_has_the_colour_of_zero(values: np.ndarray) ->
     assert np.ptp(colours) < 0.05
 
 
+def test_voltages_and_times_have_the_colours_that_labs_know() -> None:
+    """Scar red, healthy wall purple, between 0.5 and 1.5 mV (unipolar 5 and 8) whatever was measured; early
+    red, late purple, over what was measured.
+    """
+    surface = sphere()
+    z = surface.vertices[:, 2]
+    values = {"bipolar": z, "unipolar": 0.1 * z, "lat": 3 * z + 100, "force": z}
+    fields = {field.key: field for field in known_fields([replace(surface, fields=values)], "mm")}
+    assert [(fields[key].low, fields[key].high) for key in ("bipolar", "unipolar")] == [
+        (0.5, 1.5),
+        (5.0, 8.0),
+    ]
+    assert fields["lat"].low == pytest.approx(np.percentile(values["lat"], 3))
+    assert [fields[key].step for key in ("lat", "bipolar", "force")] == [10.0, 0.0, 0.0]
+    for key in ("bipolar", "unipolar", "lat"):
+        field = fields[key]
+        low, high = colours_of(np.array([field.low - 1, field.high + 1]), field)
+        np.testing.assert_allclose(low, [1, 0, 0], atol=0.01)
+        assert high[2] > high[0] > 0.5 > high[1]
+        assert field.low_end == "red"
+
+
 def test_maps_change_in_lightness_only_one_way() -> None:
     """What a colour-blind reader sees, or a grey print, still orders the values."""
     for name in ("sequential", "deviation", "electrical", "points"):

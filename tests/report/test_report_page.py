@@ -191,6 +191,80 @@ def test_the_ends_of_a_signed_range_mirror_each_other(visit: Visit) -> None:
     assert "wrong" in bar.get_attribute("class")
 
 
+@pytest.fixture(scope="module")
+def mapped(browser: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Visit]:
+    """The page of a case with times, which rise with height; without outliers and labels in the pictures."""
+    case = bulged_case()
+    lat = np.where(case.points.type == "eam", 3 * case.points.xyz[:, 2] + 100, np.nan)
+    points = replace(case.points, columns={**case.points.columns, "lat": lat})
+    folder = finished(tmp_path_factory.mktemp("mapped") / "run", replace(case, points=points))
+    opened = Visit(browser, write_report([folder]))
+    for label in ("outliers", "landmarks", "hatch where only the prior speaks"):
+        opened.page.get_by_label(label, exact=True).click()
+    yield opened
+    opened.page.close()
+
+
+def typed(visit: Visit, low: str, high: str) -> Any:
+    """The first picture when the ends of the wall's colours are those."""
+    for end, value in ((".low", low), (".high", high)):
+        visit.page.locator(f"#surface-bar {end}").fill(value)
+    visit.page.dispatch_event("#surface-bar .high", "change")
+    visit.settle()
+    return visit.picture(0)
+
+
+def test_points_have_their_own_value_in_the_colours_of_the_wall(mapped: Visit) -> None:
+    """Below every threshold moved up all is red, wall and points; above one moved down all is purple."""
+    mapped.page.select_option("#field", label="bipolar")
+    bar = mapped.page.locator("#surface-bar")
+    assert [bar.locator(end).input_value() for end in (".low", ".high")] == ["0.5", "1.5"]
+    assert bar.locator(".name").inner_text() == "bipolar, mV, of wall and points"
+    assert not mapped.page.locator("#point-bar").is_visible()
+    mapped.page.get_by_label("ablation", exact=True).click()  # which carry no voltage: grey
+    for ends, first, second in ((("1000", "2000"), 0, 2), (("-2000", "-1000"), 2, 0)):
+        r_g_b = typed(mapped, *ends)[..., :3].reshape(-1, 3)
+        vivid = r_g_b[np.ptp(r_g_b.astype(int), axis=1) > 120]
+        assert len(vivid) > 1000
+        assert (vivid[:, first] > vivid[:, second]).all()
+        assert (vivid[:, 1] < 100).mean() > 0.995  # but where a white rim is blended
+    bar.locator(".auto").click()
+    assert bar.locator(".low").input_value() == "0.5"
+    mapped.page.get_by_label("ablation", exact=True).click()
+    mapped.page.select_option("#field", label="distance to truth")
+    assert mapped.page.locator("#point-bar").is_visible()
+
+
+def test_points_have_white_rims(mapped: Visit) -> None:
+    mapped.page.select_option("#field", label="bipolar")
+    white = []
+    for _ in range(2):
+        mapped.settle()
+        white.append(int((mapped.picture(0) == 255).all(axis=2).sum()))
+        mapped.page.get_by_label("eam", exact=True).click()
+    assert white[0] > white[1] + 200
+
+
+def test_isochrones_are_drawn_at_the_chosen_step(mapped: Visit) -> None:
+    """Half the step, twice the lines; none at 0; a step that is none is marked and changes nothing."""
+    assert not mapped.page.locator("#isochrones").is_visible()
+    mapped.page.select_option("#field", label="lat")
+    step = mapped.page.locator("#step")
+    assert step.input_value() == "10"
+    dark = {}
+    for value in ("0", "30", "15", "-1"):
+        step.fill(value)
+        step.dispatch_event("change")
+        mapped.settle()
+        seen = mapped.picture(0)
+        dark[value] = int(((seen[..., :3].max(axis=2) < 50) & (seen[..., 3] == 255)).sum())
+    assert "wrong" in mapped.page.locator("#isochrones").get_attribute("class")
+    assert dark["-1"] == dark["15"]
+    few, many = dark["30"] - dark["0"], dark["15"] - dark["0"]
+    assert few > 100
+    assert 1.5 * few < many < 3 * few  # lines at the edge, seen aslant, are shorter
+
+
 def test_switches_do_what_they_say(visit: Visit) -> None:
     def toggle(label: str) -> Any:
         return lambda: visit.page.get_by_label(label, exact=True).click()

@@ -16,23 +16,30 @@ from ...geometry.surface import Surface
 from ..subject import Subject
 from .display import LEFT_OUT, NEGLIGIBLE, TRUTH
 
-# Colours of matplotlib that colour-blind readers can order; small values are light, so that the shape stays
-# visible where all is well.
-MAPS = {
-    "sequential": "YlGnBu",
-    "deviation": "BuPu",
-    "signed": "RdBu_r",
-    "electrical": "plasma",
-    "points": "YlOrRd",
-}
 FIRST = 0.08  # share of a map's light end that is left out: it would be lost on white
+PURPLE = 0.78  # share of the circle of hues from red to purple
+
+# Colours of matplotlib and the share of them that is used. Those that colour-blind readers can order have
+# light small values, so that the shape stays visible where all is well; `mapping` is what electrophysiology
+# labs know: red is low (scar) and early, purple is high (healthy) and late.
+MAPS = {
+    "sequential": ("YlGnBu", FIRST, 1.0),
+    "deviation": ("BuPu", FIRST, 1.0),
+    "signed": ("RdBu_r", 0.0, 1.0),
+    "electrical": ("plasma", 0.0, 1.0),
+    "mapping": ("hsv", 0.0, PURPLE),
+    "points": ("YlOrRd", FIRST, 1.0),
+}
+LOW_ENDS = {"signed": "blue", "electrical": "dark", "mapping": "red"}  # of all others: light
+VOLTAGES = {"bipolar": (0.5, 1.5), "unipolar": (5.0, 8.0)}  # mV: scar below, healthy wall above
+STEPS = {"lat": 10.0}  # ms between isochrones
 
 
 @dataclass(frozen=True)
 class Field:
     """A column of the surfaces with the words and colours it is shown with.
 
-    low and high are the ends of its colours.
+    low and high are the ends of its colours; lines of equal value are a step apart, none where it is 0.
     """
 
     key: str
@@ -41,6 +48,12 @@ class Field:
     colours: str
     low: float = 0.0
     high: float = 1.0
+    step: float = 0.0
+
+    @property
+    def low_end(self) -> str:
+        """The word for the colour of its low end."""
+        return LOW_ENDS.get(self.colours, "light")
 
 
 def known_fields(surfaces: Sequence[Surface], unit: str) -> list[Field]:
@@ -61,11 +74,19 @@ def known_fields(surfaces: Sequence[Surface], unit: str) -> list[Field]:
         key for surface in surfaces for key, values in surface.fields.items() if values.ndim == 1
     )
     named = {field.key for field in words} | {"prior_only"}  # which is hatched, whatever the colours
-    others = [Field(key, key, ELECTRICAL.get(key, ""), "electrical") for key in there if key not in named]
+    others = [_other(key) for key in there if key not in named]
     return [_ranged(field, surfaces) for field in [*words, *others] if field.key in there]
 
 
+def _other(key: str) -> Field:
+    colours = "mapping" if key in VOLTAGES or key in STEPS else "electrical"
+    return Field(key, key, ELECTRICAL.get(key, ""), colours, step=STEPS.get(key, 0.0))
+
+
 def _ranged(field: Field, surfaces: Sequence[Surface]) -> Field:
+    if field.key in VOLTAGES:
+        low, high = VOLTAGES[field.key]
+        return replace(field, low=low, high=high)
     values = np.concatenate(
         [surface.fields[field.key] for surface in surfaces if field.key in surface.fields]
     )
@@ -100,8 +121,8 @@ def colour_table(colours: str) -> Array:
     """256 colours (256, 3) in [0, 1]."""
     from matplotlib import colormaps
 
-    first = FIRST if colours in ("sequential", "deviation", "points") else 0.0
-    return np.asarray(colormaps[MAPS[colours]](np.linspace(first, 1, 256))[:, :3])
+    name, first, last = MAPS[colours]
+    return np.asarray(colormaps[name](np.linspace(first, last, 256))[:, :3])
 
 
 def colours_of(values: Array, field: Field) -> Array:

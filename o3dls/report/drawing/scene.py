@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from ...arrays import Array
+from ...evaluation.electrical import measured_values
 from ...evaluation.interpolation import REACH
 from ...geometry.surface import Surface
 from ..subject import Subject
@@ -48,16 +49,24 @@ def scene(subject: Subject) -> Json:
         "centre": centre.tolist(),
         "radius": float(max(np.linalg.norm(s.vertices - centre, axis=1).max() for s in surfaces)),
         "maps": {name: _text(np.round(255 * colour_table(name)).astype(np.uint8)) for name in MAPS},
-        "fields": [
-            {"key": f.key, "label": f.label, "unit": f.unit, "map": f.colours, "range": [f.low, f.high]}
-            for f in fields
-        ],
+        "fields": [_described(field) for field in fields],
         "meshes": meshes,
         "panels": [_panel(subject, k, name, places) for k, name in enumerate(subject.shown)],
         "ghostStyles": {name: GHOST_STYLES[name] for name in ghosts},
         "points": _points(subject, low, size),
         "landmarks": _landmarks(subject),
         **_directions(subject.case.frame),
+    }
+
+
+def _described(field: Field) -> Json:
+    return {
+        "key": field.key,
+        "label": field.label,
+        "unit": field.unit,
+        "map": field.colours,
+        "range": [field.low, field.high],
+        "step": field.step,
     }
 
 
@@ -131,6 +140,7 @@ def _points(subject: Subject, low: Array, size: Array) -> Json:
         "kinds": _text(kinds),
         "positions": _grid(points.xyz, low, size),
         "range": [limits.low, limits.high],
+        "values": {key: _packed(points.columns[key]) for key in measured_values(points)},
     }
 
 

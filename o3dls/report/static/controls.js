@@ -6,6 +6,7 @@ const settings = {
   kinds: Object.fromEntries([...scene.points.names, "outliers"].map((name) => [name, true])),
   labels: true,
   pointRange: scene.points.range.slice(),
+  steps: Object.fromEntries(scene.fields.filter((field) => field.step).map((field) => [field.key, field.step])), // of isochrones
 };
 
 function option(select, value, text) {
@@ -43,10 +44,33 @@ function chooseField(key) {
     panel.note.textContent = field && !data ? `no ${field.label} here` : panel.caption;
   }
   $("surface-bar").hidden = !field;
-  if (!field) return invalidate();
+  $("point-bar").hidden = Boolean(ownValues(field)) || !cloud.kinds.length;
+  if (field) paintField(field);
+  showIsochrones(field);
+  paintAllPoints();
+}
+
+function paintField(field) {
   shared.colours.value = textures[field.map];
-  showBar("surface-bar", field.map, field.unit ? `${field.label}, ${field.unit}` : field.label, field.range);
+  const name = field.unit ? `${field.label}, ${field.unit}` : field.label;
+  showBar("surface-bar", field.map, ownValues(field) ? `${name}, of wall and points` : name, field.range);
   shared.range.value = field.range.slice();
+}
+
+function showIsochrones(field) {
+  const step = field ? settings.steps[field.key] : undefined;
+  $("isochrones").hidden = step === undefined;
+  shared.isochrones.value = step || 0;
+  if (step === undefined) return;
+  $("step").value = step;
+  $("step-unit").textContent = field.unit;
+}
+
+function setStep() {
+  const step = $("step").valueAsNumber;
+  const right = step >= 0; // 0 is none; false for NaN
+  $("isochrones").classList.toggle("wrong", !right);
+  if (right) settings.steps[settings.field.key] = shared.isochrones.value = step;
   invalidate();
 }
 

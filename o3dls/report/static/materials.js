@@ -23,6 +23,7 @@ const FRAGMENT = `
   uniform bool hatched;
   uniform float far;
   uniform float opacity;
+  uniform float isochrones;
   uniform vec4 plane;
   varying vec3 vNormal;
   varying vec3 vPosition;
@@ -36,6 +37,10 @@ const FRAGMENT = `
       float t = clamp((vValue - range.x) / max(range.y - range.x, 1e-12), 0.0, 1.0);
       colour = texture2D(colours, vec2((t * 255.0 + 0.5) / 256.0, 0.5)).rgb;
     }
+    float count = vValue / max(isochrones, 1e-6);
+    float wide = fwidth(count); // steps per pixel: where lines would merge there are none
+    bool line = wide < 0.4 && abs(fract(count + 0.5) - 0.5) < 0.8 * wide;
+    if (mapped && isochrones > 0.0 && vValue > -1e20 && line) colour = vec3(0.08);
     if (hatched && vRemoteness > far && mod(gl_FragCoord.x + gl_FragCoord.y, 9.0) < 3.5) colour = mix(colour, vec3(0.72), 0.8);
     if (!gl_FrontFacing) colour = mix(colour, vec3(0.35), 0.35);
     float rim = pow(1.0 - facing, 3.0);
@@ -46,16 +51,23 @@ const BALL_VERTEX = `
   attribute vec3 tint;
   varying vec3 vNormal;
   varying vec3 vTint;
+  varying vec2 vBeside;
   void main() {
     vNormal = normalMatrix * normal;
     vTint = tint;
+    vBeside = (mat3(modelViewMatrix) * position).xy;
     gl_Position = projectionMatrix * modelViewMatrix * instanceMatrix * vec4(position, 1.0);
   }`;
 
 const BALL_FRAGMENT = `
   varying vec3 vNormal;
   varying vec3 vTint;
-  void main() { gl_FragColor = vec4(vTint * (0.45 + 0.55 * abs(normalize(vNormal).z)), 1.0); }`;
+  varying vec2 vBeside;
+  uniform float rim; // from so far beside the centre the ball is white
+  void main() {
+    vec3 colour = vTint * (0.45 + 0.55 * abs(normalize(vNormal).z));
+    gl_FragColor = vec4(length(vBeside) > rim ? vec3(1.0) : colour, 1.0);
+  }`;
 
 function colourTexture(name) {
   const rgb = bytes(scene.maps[name]);
@@ -77,6 +89,7 @@ const shared = {
   hatched: { value: true },
   far: { value: scene.far },
   opacity: { value: 1 },
+  isochrones: { value: 0 }, // of the chosen field, in its unit; 0: none
   plane: { value: new THREE.Vector4(0, 0, 0, 1) },
 };
 
@@ -89,7 +102,7 @@ function surfaceMaterial(side, uniforms = {}) {
   });
 }
 
-const ballMaterial = new THREE.ShaderMaterial({ vertexShader: BALL_VERTEX, fragmentShader: BALL_FRAGMENT });
+const ballMaterial = (rim) => new THREE.ShaderMaterial({ vertexShader: BALL_VERTEX, fragmentShader: BALL_FRAGMENT, uniforms: { rim: { value: rim } } });
 
 // The colour of a value in a map, as [r, g, b] in 0..1.
 function colourOf(map, value, low, high) {

@@ -1,8 +1,9 @@
-// Measured points: balls (fitted), cubes (ablation) and diamonds (judged outliers), coloured by their distance to the panel's surface.
+// Measured points: balls (fitted), cubes (ablation) and diamonds (judged outliers), coloured by their own value where the chosen field was measured, else by their distance to the panel's surface.
 
 const cloud = {
   positions: unpackPositions(scene.points.positions),
   kinds: bytes(scene.points.kinds), // index into scene.points.names
+  values: Object.fromEntries(Object.entries(scene.points.values).map(([key, data]) => [key, unpack(data)])),
   residuals: scene.panels.map((panel) => unpack(panel.residuals)),
   outliers: scene.panels.map((panel) => bytes(panel.outliers)),
 };
@@ -10,11 +11,11 @@ const OUTLIER = [0.8, 0.2, 0.6];
 const SLAB = 3; // mm beside the cut within which points stay
 
 const many = cloud.kinds.length > 2000; // then smaller and coarser balls
-const size = many ? 0.6 : 1.0;
+const size = many ? 0.7 : 1.2;
 const shapes = {
-  ball: new THREE.IcosahedronGeometry(size, many ? 0 : 2),
-  cube: new THREE.BoxGeometry(1.7 * size, 1.7 * size, 1.7 * size),
-  diamond: new THREE.OctahedronGeometry(1.5 * size),
+  ball: { geometry: new THREE.IcosahedronGeometry(size, many ? 0 : 2), material: ballMaterial(0.76 * size) },
+  cube: { geometry: new THREE.BoxGeometry(1.6 * size, 1.6 * size, 1.6 * size), material: ballMaterial(0.8 * size) },
+  diamond: { geometry: new THREE.OctahedronGeometry(1.4 * size), material: ballMaterial(0.9 * size) },
 };
 
 function paintPoints(panel, settings) {
@@ -41,15 +42,26 @@ function beside(i) {
 }
 
 function instances(panel, settings, shape, rows) {
-  const geometry = shapes[shape].clone();
+  const geometry = shapes[shape].geometry.clone();
   const tint = new Float32Array(3 * rows.length);
-  const mesh = new THREE.InstancedMesh(geometry, ballMaterial, rows.length);
+  const mesh = new THREE.InstancedMesh(geometry, shapes[shape].material, rows.length);
   const place = new THREE.Matrix4();
   rows.forEach((i, k) => {
     mesh.setMatrixAt(k, place.makeTranslation(...cloud.positions.subarray(3 * i, 3 * i + 3)));
-    tint.set(shape === "diamond" ? OUTLIER : colourOf("points", cloud.residuals[panel.index][i], ...settings.pointRange), 3 * k);
+    tint.set(shape === "diamond" ? OUTLIER : pointColour(panel, settings, i), 3 * k);
   });
   geometry.setAttribute("tint", new THREE.InstancedBufferAttribute(tint, 3));
   mesh.frustumCulled = false;
   return mesh;
+}
+
+function pointColour(panel, { field, pointRange }, i) {
+  const own = ownValues(field);
+  if (own) return colourOf(field.map, own[i], ...shared.range.value);
+  return colourOf("points", cloud.residuals[panel.index][i], ...pointRange);
+}
+
+// What the points themselves measured of a field; undefined where they did not.
+function ownValues(field) {
+  return field && cloud.values[field.key];
 }
