@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from .checks import strip
 from .document import document
 from .markup import Html, join, tag
 from .page_parts import asset, viewer_code
@@ -48,6 +49,7 @@ def _head(subject: Subject) -> Html:
             class_="soft",
         ),
         tag("p", NOTICE, class_="notice"),
+        strip(subject),
         tag("ul", *(tag("li", text) for text in said), class_="warnings", aria_label="Warnings")
         if said
         else None,

@@ -9,15 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from ...arrays import Array
 from ..drawing.charts import STYLES, Series, axis_over, grouped, line_chart
 from ..drawing.display import TRUTH
+from ..expected import DUE, MEAN_OVER_SD, shares_within
 from ..markup import Child, Html, join, millimetres, table, tag
 from ..subject import Subject
 from .section import Section
 
 BINS = 8
-MEAN_OVER_SD = np.sqrt(2 / np.pi)  # of the absolute value of a normal variable
 MOST_DIRECTIONS = 4
 
 
@@ -62,7 +61,8 @@ def calibration_section(subject: Subject) -> Section | None:
     unit = subject.unit
     sd = surface.fields.get(f"sd_{unit}")
     error = surface.fields.get(f"{TRUTH}_{unit}")
-    if sd is None or error is None or len(sd) < BINS:
+    within = shares_within(subject)
+    if sd is None or error is None or within is None or len(sd) < BINS:
         return None
     order = np.array_split(np.argsort(sd), BINS)
     predicted = np.array([sd[rows].mean() for rows in order])
@@ -74,7 +74,7 @@ def calibration_section(subject: Subject) -> Section | None:
         x,
         axis_over(f"mean distance to truth, {unit}", [made, predicted]),
     )
-    return Section("calibration", "Does it know where it errs?", join(_shares(sd, error), grouped(chart)))
+    return Section("calibration", "Does it know where it errs?", join(_shares(within), grouped(chart)))
 
 
 def _ideal(high: float) -> Series:
@@ -83,10 +83,9 @@ def _ideal(high: float) -> Series:
     return Series("calibrated", STYLES - 1, ends, MEAN_OVER_SD * ends)
 
 
-def _shares(sd: Array, error: Array) -> Html:
-    within = [float((error <= k * sd).mean()) for k in (1, 2)]
+def _shares(within: tuple[float, float]) -> Html:
     text = (
         f"{within[0]:.0%} of the vertices lie within one predicted standard deviation of the truth "
-        "(68 % if calibrated), "
+        f"({DUE[0]:.0%} if calibrated), "
     )
-    return tag("p", f"{text}{within[1]:.0%} within two (95 %).")
+    return tag("p", f"{text}{within[1]:.0%} within two ({DUE[1]:.0%}).")

@@ -1,0 +1,144 @@
+"""The strip at the top of a page: what decides whether the last surface can be used, each graded in words and
+in colour.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from ..evaluation.interpolation import REACH
+from .expected import DUE, OFF, expected_error, shares_within
+from .markup import Html, signed, tag
+from .subject import Subject
+
+Grade = Literal["good", "amber", "bad", "none"]
+WORDS: Mapping[Grade, str] = {"good": "OK", "amber": "CHECK", "bad": "FAIL", "none": "NO DATA"}
+FAR_LANDMARK = 10.0  # mm: wider than a vein's ostium is uncertain, as of a landmark in another vein
+LARGE_CHANGE = 1 / 3  # of the volume: more than an atrium fills and empties by
+MANY_OUTLIERS = 0.2  # as many as bad contact brings
+HALF = 0.5  # of the wall without points: the result is more prior than map
+
+
+@dataclass(frozen=True)
+class Check:
+    """One entry of the strip: what is looked at, how it came out, and why."""
+
+    name: str
+    grade: Grade
+    said: str
+
+
+def checks(subject: Subject) -> list[Check]:
+    """The entries of the strip on the last estimate, in their order; every number is that of its run."""
+    return [
+        _valid(subject),
+        _converged(subject),
+        _expected(subject),
+        _calibrated(subject),
+        _landmarks(subject),
+        _outliers(subject),
+        _prior_only(subject),
+        _volume(subject),
+    ]
+
+
+def strip(subject: Subject) -> Html:
+    """The entries side by side; the grade stands there as a word, so no colour is needed to read it."""
+    items = (
+        tag(
+            "li",
+            tag("b", one.name),
+            tag("span", WORDS[one.grade], class_="grade"),
+            tag("span", one.said),
+            class_=one.grade,
+        )
+        for one in checks(subject)
+    )
+    return tag("ul", *items, class_="strip", aria_label=f"Quality of {subject.last.name}")
+
+
+def _valid(subject: Subject) -> Check:
+    faults = subject.last.run.faults_of(subject.last.key)
+    if faults:
+        return Check("Valid surface", "bad", "not valid: " + "; ".join(faults))
+    flat = subject.case.dimension == 2
+    return Check("Valid surface", "good", f"valid: no {'crossings' if flat else 'holes or folds'} of its own")
+
+
+def _converged(subject: Subject) -> Check:
+    run, last = subject.last.run, subject.last.key
+    not_yet = [name for name, estimate in run.estimates.items() if not estimate.converged]
+    if not not_yet:
+        return Check("Converged", "good", "all stages converged")
+    grade: Grade = "bad" if last in not_yet else "amber"
+    return Check("Converged", grade, f"not converged: {', '.join(not_yet)}")
+
+
+def _expected(subject: Subject) -> Check:
+    found = expected_error(subject)
+    if found is None:
+        return Check("Expected error", "none", "no stage gives a posterior")
+    return Check("Expected error", "good", f"{found.all:.2f} {subject.unit} in the mean, from the posterior")
+
+
+def _calibrated(subject: Subject) -> Check:
+    """Where the truth is known, whether the posterior expects the errors that were made."""
+    found = shares_within(subject)
+    if found is None:
+        return Check("Calibration", "none", "no truth and posterior to compare")
+    off = found[0] - DUE[0]
+    said = f"{found[0]:.0%} of the surface is within one standard deviation of the truth, {DUE[0]:.0%} due"
+    if abs(off) <= OFF:
+        return Check("Calibration", "good", said)
+    return Check("Calibration", "amber", f"{said}: {'too cautious' if off > 0 else 'too confident'}")
+
+
+def _landmarks(subject: Subject) -> Check:
+    name = "Landmarks, leave-one-out"
+    unit = subject.unit
+    errors = {
+        mark: float(found["leave_one_out"])
+        for result in subject.last.run.estimates.values()
+        for mark, found in result.facts.get("landmarks", {}).items()
+        if found.get("leave_one_out") is not None
+    }
+    if not errors:
+        return Check(name, "none", "no stage fits landmarks and leaves each out")
+    worst = max(errors, key=lambda mark: errors[mark])
+    far = unit == "mm" and errors[worst] > FAR_LANDMARK
+    said = f"worst: {worst}, {errors[worst]:.1f} {unit}" + (f" (above {FAR_LANDMARK:g} mm)" if far else "")
+    return Check(name, "amber" if far else "good", said)
+
+
+def _outliers(subject: Subject) -> Check:
+    """By the last stage that looked for outliers."""
+    found = _last_fact(subject, "outlier_fraction")
+    if found is None:
+        return Check("Share of outliers", "none", "no stage looked for outliers")
+    many = found > MANY_OUTLIERS
+    return Check("Share of outliers", "amber" if many else "good", f"{found:.0%} of the points")
+
+
+def _last_fact(subject: Subject, key: str) -> Any:
+    facts = (estimate.facts.get(key) for estimate in reversed([*subject.last.run.estimates.values()]))
+    return next((value for value in facts if value is not None), None)
+
+
+def _prior_only(subject: Subject) -> Check:
+    name = "Prior-only area"
+    share = subject.unmapped
+    if share is None:
+        return Check(name, "none", "is measured on surfaces in 3D")
+    said = f"{share:.0%} of the surface is farther than {REACH:g} {subject.unit} from every fitted point"
+    return Check(name, "amber" if share > HALF else "good", said)
+
+
+def _volume(subject: Subject) -> Check:
+    name = "Volume change" if subject.case.dimension == 3 else "Area change"
+    change = subject.last.validity.get("volume_change")
+    if change is None:
+        return Check(name, "none", "an open surface has no volume")
+    large = abs(change) >= LARGE_CHANGE
+    return Check(name, "amber" if large else "good", f"{signed(100 * change, 0)} % against the prior")

@@ -1,0 +1,61 @@
+"""The error that the posterior expects of a surface, and whether it is the error that was made."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arrays import Array
+from ..geometry.surface import Surface
+from .drawing.display import TRUTH
+from .subject import Subject
+
+MEAN_OVER_SD = float(np.sqrt(2 / np.pi))  # of the absolute value of a normal variable
+DUE = (0.68, 0.95)  # share of normal errors within one and two standard deviations
+# errors of neighbours go together: a wall has some twenty independent ones, whose share within one standard
+# deviation scatters by .1; twice that is off
+OFF = 0.2
+
+
+@dataclass(frozen=True)
+class Expected:
+    """Mean distance that the posterior expects between surface and wall: on all of it, and apart on the wall
+    near fitted points and on that without points (None where there is no such wall).
+    """
+
+    all: float
+    mapped: float | None
+    prior_only: float | None
+
+
+def expected_error(subject: Subject) -> Expected | None:
+    """The expected error of the last estimate in the unit of the case; None where it has no posterior."""
+    surface = subject.last.estimate.surface
+    sd = surface.fields.get(f"sd_{subject.unit}")
+    far = surface.fields.get("prior_only")
+    if sd is None or far is None:
+        return None
+    everywhere = np.ones(len(sd), dtype=bool)
+    means = [_mean(surface, sd, part) for part in (everywhere, far == 0, far > 0)]
+    return None if means[0] is None else Expected(means[0], *means[1:])
+
+
+def _mean(surface: Surface, sd: Array, part: NDArray[np.bool_]) -> float | None:
+    """Expected absolute error on the vertices of a part, weighted by their area."""
+    area = np.bincount(
+        surface.faces.ravel(), np.repeat(surface.face_areas, surface.faces.shape[1]), len(sd)
+    ) * (part & np.isfinite(sd))
+    return float(MEAN_OVER_SD * (area @ np.nan_to_num(sd)) / area.sum()) if area.sum() > 0 else None
+
+
+def shares_within(subject: Subject) -> tuple[float, float] | None:
+    """Share of the last surface's vertices whose distance to the true surface is within one and within two
+    predicted standard deviations; None without truth or posterior.
+    """
+    fields = subject.surfaces[subject.last.name].fields
+    sd, error = fields.get(f"sd_{subject.unit}"), fields.get(f"{TRUTH}_{subject.unit}")
+    if sd is None or error is None:
+        return None
+    return float((error <= sd).mean()), float((error <= 2 * sd).mean())

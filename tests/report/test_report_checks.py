@@ -1,0 +1,131 @@
+"""The strip at the top of the page says what run.json says, grades it, and never by colour alone."""
+
+from __future__ import annotations
+
+import html
+import json
+import re
+import shutil
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from o3dls.geometry.surface import Surface
+from o3dls.report.checks import WORDS, checks
+from o3dls.report.expected import MEAN_OVER_SD, expected_error
+from o3dls.report.page import report_page
+from o3dls.report.subject import Subject, read_subject
+from tests.finished import bulged_case, finished, finished_2d
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return finished(tmp_path_factory.mktemp("checks") / "run")
+
+
+def edited(run: Path, folder: Path, estimate: str, **changes: dict[str, Any]) -> Path:
+    """A copy of a run whose run.json says something else of one estimate."""
+    copy = Path(shutil.copytree(run, folder))
+    record = json.loads((copy / "run.json").read_text())
+    for part, values in changes.items():
+        record["estimates"][estimate][part] |= values
+    (copy / "run.json").write_text(json.dumps(record))
+    return copy
+
+
+def strip_of(folder: Path) -> dict[str, tuple[str, str, str]]:
+    """Class, grade and text of each entry, as the page has them."""
+    found = re.findall(
+        r'<li class="(\w+)"><b>([^<]+)</b><span class="grade">([^<]+)</span><span>([^<]+)</span></li>',
+        report_page(read_subject([folder])),
+    )
+    return {html.unescape(name): (kind, grade, html.unescape(said)) for kind, name, grade, said in found}
+
+
+def test_the_strip_says_what_run_json_says(run: Path, tmp_path: Path) -> None:
+    marks = {"landmarks": {"LSPV": {"error": 1, "leave_one_out": 4.26}, "RSPV": {"leave_one_out": None}}}
+    edited(run, tmp_path / "a", "icp", facts={"outlier_fraction": 0.061, **marks})
+    record = json.loads((tmp_path / "a" / "run.json").read_text())
+    found = strip_of(tmp_path / "a")
+    last = record["estimates"][record["final"]]
+    assert found["Valid surface"][0] == ("good" if record["valid"] else "bad")
+    not_yet = [name for name, one in record["estimates"].items() if not one["converged"]]
+    assert found["Converged"] == ("bad", "FAIL", f"not converged: {', '.join(not_yet)}")
+    assert found["Landmarks, leave-one-out"] == ("good", "OK", "worst: LSPV, 4.3 mm")
+    assert found["Share of outliers"][2] == "6% of the points"
+    change = 100 * last["validity"]["volume_change"]
+    assert found["Volume change"] == ("good", "OK", f"{change:+.0f} % against the prior")
+    for kind, grade, said in found.values():
+        assert grade == WORDS[kind]  # type: ignore[index]
+        assert said
+
+
+@pytest.mark.parametrize(
+    ("name", "estimate", "changes", "grade", "said"),
+    [
+        ("Valid surface", "level_set", {"validity": {"components": 2}}, "bad", "surface has 2 components"),
+        ("Landmarks, leave-one-out", "icp", {"facts": {"landmarks": {"L": {"leave_one_out": 10.1}}}}, "amber",
+         "worst: L, 10.1 mm (above 10 mm)"),
+        ("Volume change", "level_set", {"validity": {"volume_change": -0.34}}, "amber", "-34 %"),
+        ("Volume change", "level_set", {"validity": {"volume_change": None}}, "none", "open"),
+        ("Share of outliers", "icp", {"facts": {"outlier_fraction": 0.3}}, "amber", "30%"),
+    ],
+)  # fmt: skip
+def test_what_must_be_looked_at_is_amber_or_red(
+    run: Path, tmp_path: Path, name: str, estimate: str, changes: dict[str, Any], grade: str, said: str
+) -> None:
+    kind, word, text = strip_of(edited(run, tmp_path / "b", estimate, **changes))[name]
+    assert (kind, word) == (grade, WORDS[grade])  # type: ignore[index]
+    assert said in text
+
+
+def test_an_earlier_stage_that_did_not_converge_is_amber(run: Path, tmp_path: Path) -> None:
+    copy = edited(run, tmp_path / "c", "icp")
+    record = json.loads((copy / "run.json").read_text())
+    record["estimates"]["icp"]["converged"] = False
+    record["estimates"]["level_set"]["converged"] = True
+    (copy / "run.json").write_text(json.dumps(record))
+    assert strip_of(copy)["Converged"] == ("amber", "CHECK", "not converged: icp")
+
+
+def with_sd(subject: Subject, sd: float) -> Subject:
+    """The subject with one posterior deviation everywhere on the last surface."""
+    last, run = subject.last, subject.last.run
+    surface: Surface = last.estimate.surface
+    surface = replace(surface, fields={**surface.fields, "sd_mm": np.full(len(surface.vertices), sd)})
+    changed = replace(run, estimates={**run.estimates, last.key: replace(last.estimate, surface=surface)})
+    results = {name: replace(one, run=changed) for name, one in subject.results.items()}
+    return replace(subject, results=results, runs=[changed])
+
+
+def test_calibration_that_is_off_is_amber(run: Path) -> None:
+    """The surface lies on the truth: a large deviation is too cautious; a small one beside it, confident."""
+    subject = read_subject([run])
+    cautious = next(one for one in checks(with_sd(subject, 5.0)) if one.name == "Calibration")
+    assert (cautious.grade, "100%" in cautious.said, "too cautious" in cautious.said) == ("amber", True, True)
+    beside = read_subject([run], ["level_set", "icp"])
+    confident = next(one for one in checks(with_sd(beside, 0.01)) if one.name == "Calibration")
+    assert confident.grade == "amber"
+    assert "68% due: too confident" in confident.said
+
+
+def test_the_expected_error_is_that_of_a_normal_posterior(run: Path) -> None:
+    found = expected_error(with_sd(read_subject([run]), 2.0))
+    assert found is not None
+    assert found.all == pytest.approx(2.0 * MEAN_OVER_SD)
+    assert expected_error(read_subject([run], ["icp"])) is None
+
+
+def test_pixels_have_no_limit_in_millimetres(tmp_path: Path) -> None:
+    marks = {"landmarks": {"L": {"leave_one_out": 30.0}}}
+    folder = edited(finished_2d(tmp_path / "flat"), tmp_path / "d", "icp", facts=marks)
+    assert strip_of(folder)["Landmarks, leave-one-out"] == ("good", "OK", "worst: L, 30.0 px")
+    assert "Area change" in strip_of(folder)
+
+
+def test_without_truth_the_calibration_is_not_graded(tmp_path: Path) -> None:
+    case = replace(bulged_case(), truth=None)
+    assert strip_of(finished(tmp_path / "run", case))["Calibration"][0] == "none"
