@@ -12,6 +12,7 @@ from ..evaluation.interpolation import REACH
 from .expected import DUE, OFF, expected_error, shares_within
 from .markup import Html, signed, tag
 from .subject import Subject
+from .wall_parts import compared, wall_parts
 
 Grade = Literal["good", "amber", "bad", "none"]
 WORDS: Mapping[Grade, str] = {"good": "OK", "amber": "CHECK", "bad": "FAIL", "none": "NO DATA"}
@@ -37,6 +38,7 @@ def checks(subject: Subject) -> list[Check]:
         _converged(subject),
         _expected(subject),
         _calibrated(subject),
+        _against_baseline(subject),
         _landmarks(subject),
         _outliers(subject),
         _prior_only(subject),
@@ -93,6 +95,16 @@ def _calibrated(subject: Subject) -> Check:
     if abs(off) <= OFF:
         return Check("Calibration", "good", said)
     return Check("Calibration", "amber", f"{said}: {'too cautious' if off > 0 else 'too confident'}")
+
+
+def _against_baseline(subject: Subject) -> Check:
+    """Apart on the mapped wall and where there are no points: a gain on one must not hide harm."""
+    parts = [one for one in wall_parts(subject) if one.gain]
+    name = f"Against {subject.first.name}" if subject.first else "Against a baseline"
+    if not parts:
+        return Check(name, "none", "no points left out, or no baseline")
+    said = "; ".join(f"{one.name}: {compared(one, subject.unit)}" for one in parts)
+    return Check(name, "amber" if any(one.worse for one in parts) else "good", said)
 
 
 def _landmarks(subject: Subject) -> Check:

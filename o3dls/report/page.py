@@ -12,6 +12,7 @@ from .sections.order import SECTIONS
 from .sections.section import Section, plugin_sections
 from .subject import Subject
 from .verdict import verdict, warnings
+from .wall_parts import parts_table
 
 NOTICE = "Research use only. Not for clinical use."
 
@@ -50,10 +51,11 @@ def _head(subject: Subject) -> Html:
         ),
         tag("p", NOTICE, class_="notice"),
         strip(subject),
+        tag("p", verdict(subject), class_="verdict"),
+        parts_table(subject),
         tag("ul", *(tag("li", text) for text in said), class_="warnings", aria_label="Warnings")
         if said
         else None,
-        tag("p", verdict(subject), class_="verdict"),
     )
 
 

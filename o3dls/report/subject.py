@@ -6,7 +6,7 @@ One case, the estimates to show, and their distances.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import cached_property
 from pathlib import Path
@@ -130,12 +130,14 @@ class Subject:
 
     @property
     def first(self) -> Result | None:
-        """What it is compared with: of the others shown the ICP, or else the first."""
+        """What it is compared with: the best ICP (of several runs: that is shown), else the first shown."""
         others = [self.results[name] for name in self.shown[:-1]]
-        return next(
-            (result for result in reversed(others) if result.key.startswith(BASELINE)),
-            next(iter(others), None),
-        )
+        among = self.results.values() if len(self.runs) == 1 else others
+        found = [one for one in among if one.key.startswith(BASELINE) and one is not self.last]
+        return min(reversed(found), key=self._headline_mean, default=next(iter(others), None))
+
+    def _headline_mean(self, result: Result) -> float:
+        return float(result.scores.get(self.headline or "", {}).get(f"mean_{self.unit}", np.inf))
 
     @cached_property
     def surfaces(self) -> dict[str, Surface]:
@@ -201,13 +203,15 @@ def read_subject(folders: Sequence[Path], compare: Sequence[str] = ()) -> Subjec
         for key in run.estimates
     ]
     named = {result.name: result for result in results}
-    return Subject(named, _shown(named, runs, prefixes, compare), runs, records, folders)
+    subject = Subject(named, _shown(named, runs, prefixes, compare), runs, records, folders)
+    first = None if compare or len(runs) > 1 else subject.first
+    return replace(subject, shown=[first.name, subject.last.name]) if first else subject
 
 
 def _shown(
     named: Mapping[str, Result], runs: Sequence[Run], prefixes: Sequence[str], compare: Sequence[str]
 ) -> list[str]:
-    """The named estimates, in every run; without names the ICP, or what the run starts from, and the last."""
+    """The named estimates, in every run; without names the last two of one run, or the last of each."""
     for name in compare:
         if name not in named and all(name != result.key for result in named.values()):
             raise InputError(f"report: no estimate '{name}'{did_you_mean(name, list(named))}")
@@ -216,11 +220,7 @@ def _shown(
         return _few([result.name for word, result in pairs if word in (result.name, result.key)])
     if len(runs) > 1:
         return [prefix + run.final for run, prefix in zip(runs, prefixes, strict=True)][-MOST_SHOWN:]
-    keys = list(runs[0].estimates)
-    baseline = next(
-        (key for key in reversed(keys[:-1]) if key.startswith(BASELINE)), keys[max(0, len(keys) - 2)]
-    )
-    return list(dict.fromkeys([baseline, keys[-1]]))
+    return list(runs[0].estimates)[-2:]
 
 
 def _few(names: list[str]) -> list[str]:

@@ -9,6 +9,7 @@ from ..run_warning import each_once
 from .markup import signed
 from .statistics import Difference, paired_difference
 from .subject import Result, Subject
+from .wall_parts import compared, wall_parts
 
 WORDS = {
     "held_out": "the held-out points",
@@ -25,10 +26,20 @@ def verdict(subject: Subject) -> str:
 
     It ends with how much of the surface has no data.
     """
-    parts = [_comparison(subject) or _alone(subject)]
+    parts = [_comparison(subject) or _alone(subject), *_harm(subject)]
     if subject.unmapped is not None:
         parts.append(_unmapped(subject.unmapped, f"{REACH:g} {subject.unit}"))
     return " ".join(parts)
+
+
+def _harm(subject: Subject) -> list[str]:
+    """Where the baseline is clearly closer on a part of the wall, which a mean over all can hide."""
+    first = subject.first
+    worse = [one for one in wall_parts(subject) if one.worse] if first else []
+    return [
+        f"Worse than {first.name if first else ''} ({one.name}): {compared(one, subject.unit)}."
+        for one in worse
+    ]
 
 
 def _unmapped(share: float, far: str) -> str:
@@ -36,7 +47,7 @@ def _unmapped(share: float, far: str) -> str:
         return f"No part of the surface worth mention is farther than {far} from a fitted point."
     return (
         f"{100 * share:.0f} % of the surface is farther than {far} from every fitted point: there "
-        "only the prior speaks."
+        "are no points, and the shape is that of the image alone."
     )
 
 
@@ -76,7 +87,10 @@ def _comparison(subject: Subject) -> str | None:
         )
     if not found.clear:
         interval = f"95 % interval of the difference {signed(found.low)} to {signed(found.high)} {unit}"
-        return f"{last} and {first} cannot be told apart on {WORDS[subject.headline]}: {means} ({interval})."
+        return (
+            f"No significant difference between {last} and {first} on {WORDS[subject.headline]}: {means} "
+            f"({interval})."
+        )
     way = "closer to" if found.mean < 0 else "farther from"
     small, large = sorted((abs(found.low), abs(found.high)))
     gain = (
