@@ -33,9 +33,9 @@ SETS = {
     "cross_validated": "left out in turn",
     "ablation": "ablation, not fitted",
     "correspondence": "true correspondence",
-    "landmarks": "landmarks",
     "truth_to_surface": "truth to surface",
     "surface_to_truth": "surface to truth",
+    "landmarks": "landmarks",
     "fitted": "fitted points",
 }
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
@@ -74,6 +75,37 @@ def test_table_is_that_of_run_json(run: Path, page: str) -> None:
                 assert float(row[k]) == pytest.approx(
                     estimates[row[0]]["scores"][column[label]]["mean_mm"], abs=0.005
                 )
+
+
+def bold(folder: Path) -> dict[str, list[str]]:
+    """Estimates in bold by column of the table of distances."""
+    text = write_report([folder], folder.parent / f"{folder.name}.html").read_text(encoding="utf-8")
+    (table,) = re.findall(r"<table><thead><tr><th scope=\"col\">mean distance, mm.*?</table>", text)
+    heads = [re.sub("<[^>]+>", " ", head) for head in re.findall(r"<th scope=\"col\">(.*?)</th>", table)]
+    rows = re.findall(r"<th scope=\"row\">([^<]+)</th>(.*?)</tr>", table)
+    cells = {name: ["", *re.findall("<td>(.*?)</td>", row)] for name, row in rows}
+    return {
+        head: [name for name, row in cells.items() if "best" in row[k]] for k, head in enumerate(heads) if k
+    }
+
+
+def test_bold_follows_the_digits_shown_and_not_what_the_fit_saw(run: Path, tmp_path: Path) -> None:
+    copy = Path(shutil.copytree(run, tmp_path / "copy"))
+    record = json.loads((copy / "run.json").read_text())
+    for name, held_out in (("start", 1.0), ("icp", 0.414), ("level_set", 0.4136)):
+        scores = record["estimates"][name]["scores"]
+        scores["held_out"]["mean_mm"] = held_out
+        scores["ablation"]["mean_mm"] = 0.701 + held_out / 1000
+    (copy / "run.json").write_text(json.dumps(record))
+    found = bold(copy)
+    assert found["held out"] == ["icp", "level_set"]
+    assert found["ablation, not fitted"] == []  # .70 in every row: there is no winner
+    seen = [head for head in found if "the fit saw these" in head]
+    assert [head.split("  ")[0].split(" the")[0].strip() for head in seen] == ["landmarks", "fitted points"]
+    assert [found[head] for head in seen] == [[], []]
+    assert list(found)[-2:] == seen
+    page = write_report([copy]).read_text(encoding="utf-8")
+    assert "columns on the left" not in page
 
 
 def test_page_needs_nothing_from_outside(page: str) -> None:

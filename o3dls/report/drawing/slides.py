@@ -13,7 +13,7 @@ import numpy as np
 
 from ...io.atomic import write_file
 from ..sections.outlines import named_outlines
-from ..sections.scores import mean_table
+from ..sections.scores import SEEN, mean_table
 from ..subject import SETS, Subject
 from ..verdict import verdict, warnings
 from .figures import INK, draw_pictures, drawable, plain_figure, png, shrunk
@@ -152,9 +152,7 @@ def _table(figure: Figure, subject: Subject, box: tuple[float, float, float, flo
     axes = figure.add_axes(box)
     axes.set_axis_off()
     heads = [
-        textwrap.fill(
-            SETS[group] + " (seen by the fit)" * (group == "fitted"), LETTERS, break_long_words=False
-        )
+        textwrap.fill(SETS[group] + " (seen by the fit)" * (group in SEEN), LETTERS, break_long_words=False)
         for group in sets
     ]
     cells = [[drawable(name), *values] for name, values in rows[-MOST_ROWS:]]

@@ -11,10 +11,15 @@ from ..markup import Child, Html, join, millimetres, signed, table, tag
 from ..subject import SETS, Result, Subject
 from .section import Section
 
-CAPTION = "Mean distance of each set of points from each estimate; the smallest of a column is bold."
+SEEN = ("landmarks", "fitted")  # the fit saw these: near to them is no proof, and they stand last
+DIGITS = 2
+CAPTION = (
+    "Mean distance of each set of points from each estimate. Bold: the smallest of a column, as far as the "
+    "digits shown tell; sets that the fit saw have none."
+)
 NOTE = (
-    "Fitted points are no proof: a surface that follows the noise comes closest to them. Judge by the "
-    "columns on the left."
+    "A surface that follows the noise comes closest to what it was fitted to, landmarks included. Judge by "
+    "the sets that the fit did not see."
 )
 
 
@@ -50,7 +55,7 @@ def _sets(results: Sequence[Result]) -> list[str]:
 def _head(group: str) -> Html:
     return (
         join(SETS[group], tag("br"), tag("small", "the fit saw these"))
-        if group == "fitted"
+        if group in SEEN
         else join(SETS[group])
     )
 
@@ -58,11 +63,18 @@ def _head(group: str) -> Html:
 def _means(result: Result, sets: Sequence[str], results: Sequence[Result], unit: str) -> list[Child]:
     cells: list[Child] = []
     for group in sets:
-        value = _mean(result, group, unit)
-        known = [v for v in (_mean(other, group, unit) for other in results) if v is not None]
-        best = group != "fitted" and value == min(known, default=None)
-        cells.append("–" if value is None else tag("span", f"{value:.2f}", class_="best" if best else None))
+        shown = _shown(result, group, unit)
+        known = {one for other in results if (one := _shown(other, group, unit)) is not None}
+        best = group not in SEEN and len(known) > 1 and shown == min(known)
+        text = "–" if shown is None else f"{shown:.{DIGITS}f}"
+        cells.append(tag("span", text, class_="best" if best else None))
     return cells
+
+
+def _shown(result: Result, group: str, unit: str) -> float | None:
+    """The mean as it is written: digits that nobody sees pick no winner."""
+    value = _mean(result, group, unit)
+    return None if value is None else round(value, DIGITS)
 
 
 def _mean(result: Result, group: str, unit: str) -> float | None:
