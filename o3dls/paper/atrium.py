@@ -14,7 +14,8 @@ from ..case import Case
 from ..evaluation.distances import distances
 from ..pipeline.pipeline import Pipeline
 from ..report.drawing.fields import Field
-from ..report.drawing.figures import front_axes, plain_figure, png
+from ..report.drawing.figures import plain_figure, png
+from ..report.drawing.views import in_frame
 from ..stages.deform import Deform
 from ..stages.icp import ICP
 from ..stages.landmarks import Landmarks
@@ -165,7 +166,7 @@ def _surfaces(results: Results) -> bytes:
         for side in (", front", ", back")
     ]
     front, back = (
-        rendered([panel], front_axes("LPS", behind=behind), scale)
+        rendered([panel], in_frame("LPS").looking(behind=behind), scale)
         for panel, behind in zip(panels, (False, True), strict=True)
     )
     return _stacked(front, back)

@@ -7,7 +7,16 @@ from importlib.resources import files
 
 from .markup import Html, data_block, join, tag
 
-SCRIPTS = ("decode.js", "materials.js", "panels.js", "points.js", "overlay.js", "controls.js", "start.js")
+SCRIPTS = (
+    "decode.js",
+    "materials.js",
+    "panels.js",
+    "points.js",
+    "overlay.js",
+    "controls.js",
+    "torso.js",
+    "start.js",
+)
 
 
 def asset(name: str, folder: str = "static") -> str:

@@ -18,6 +18,7 @@ from ..errors import InputError
 from ..geometry.surface import Surface
 from .drawing.display import decimated
 from .drawing.fields import Field, colours_of, known_fields, point_field
+from .drawing.views import orientation
 from .subject import Subject, read_subject
 
 SIZE = (1200, 900)
@@ -172,9 +173,9 @@ def _show(window: Any, stand: Stand, choice: Choice, *, first: bool = False) -> 
         window.add_geometry(geometry, reset_bounding_box=first)
     if first:
         look = window.get_view_control()
-        front = 1.0 if stand.subject.case.frame == "RAS" else -1.0
-        look.set_front((0.0, front, 0.0))
-        look.set_up((0.0, 0.0, 1.0))
+        seen = orientation(stand.subject)
+        look.set_front(seen.front.tolist())
+        look.set_up(seen.up.tolist())
     log.info(stand.caption(choice))
 
 

@@ -11,13 +11,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from o3dls.geometry.surface import Surface
 from o3dls.report.drawing import slides
 from o3dls.report.drawing.fields import Field, colour_table, colours_of, known_fields, robust_range
-from o3dls.report.drawing.figures import drawable, front_axes, plain_figure, shrunk
+from o3dls.report.drawing.figures import drawable, plain_figure, shrunk
 from o3dls.report.drawing.raster import Canvas, View
 from o3dls.report.drawing.slices import slice_surface
+from o3dls.report.drawing.views import by_veins, in_frame, orientation
 from o3dls.report.subject import read_subject
 from o3dls.report.verdict import warnings as warned
 from o3dls.report.writer import write_report
@@ -25,7 +27,7 @@ from tests.finished import NASTY, bulged_case, finished, finished_2d
 from tests.tiny import sphere
 
 WHITE = (1.0, 1.0, 1.0)
-VIEW = View(front_axes("LPS"), np.zeros(3), 100.0)
+VIEW = View(in_frame("LPS").looking(), np.zeros(3), 100.0)
 
 
 def test_sphere_covers_its_disc_and_is_lit_from_the_viewer() -> None:
@@ -45,7 +47,7 @@ def test_nearer_things_hide_farther_ones() -> None:
     canvas.balls(np.array([[0.0, -30, 0]]), np.array([[1.0, 0, 0]]), 10.0)
     canvas.balls(np.array([[0.0, 30, 0]]), np.array([[0.0, 1, 0]]), 10.0)
     assert canvas.pixels()[50, 50].tolist() == [255, 0, 0]
-    behind = Canvas(View(front_axes("LPS", behind=True), np.zeros(3), 100.0), 100, 100, WHITE)
+    behind = Canvas(View(in_frame("LPS").looking(behind=True), np.zeros(3), 100.0), 100, 100, WHITE)
     behind.balls(np.array([[0.0, -30, 0], [0, 30, 0]]), np.array([[1.0, 0, 0], [0, 1, 0]]), 10.0)
     assert behind.pixels()[50, 50].tolist() == [0, 255, 0]
 
@@ -53,10 +55,63 @@ def test_nearer_things_hide_farther_ones() -> None:
 @pytest.mark.parametrize("frame", ["LPS", "RAS"])
 def test_left_is_on_the_right_and_up_is_up(frame: str) -> None:
     left = np.array([1.0 if frame == "LPS" else -1.0, 0, 0])
-    axes = front_axes(frame)
+    axes = in_frame(frame).looking()
     np.testing.assert_allclose(axes @ left, [1, 0, 0], atol=1e-12)
     np.testing.assert_allclose(axes @ [0, 0, 1], [0, 1, 0], atol=1e-12)
     assert np.linalg.det(axes) == pytest.approx(1.0)
+
+
+def test_named_veins_give_about_the_patients_axes() -> None:
+    """However the map is turned, and by whatever synonym a vein is called."""
+    turn = Rotation.from_rotvec([0.4, -1.1, 0.7]).as_matrix()
+    veins = {
+        "LSPV": (25, 20, 12),
+        "left inferior PV": (26, 22, -10),
+        "RUPV": (-24, 18, 10),
+        "RIPV": (-25, 20, -9),
+    }
+    found = by_veins({name: turn @ at for name, at in veins.items()})
+    assert found is not None
+    known = in_frame("LPS")
+    for name in ("left", "front", "up"):
+        assert getattr(found, name) @ turn @ getattr(known, name) > np.cos(
+            np.radians(8)
+        )  # as aslant as these veins
+    axes = found.looking()
+    np.testing.assert_allclose(axes @ axes.T, np.eye(3), atol=1e-12)
+    assert np.linalg.det(axes) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(
+    "veins",
+    [
+        {"LSPV": (25.0, 20, 12), "RSPV": (-24.0, 18, 10)},
+        {"LSPV": (25.0, 0, 0), "LIPV": (5.0, 0, 1), "RSPV": (-24.0, 0, 0)},
+        {"one": (25.0, 20, 12), "two": (26.0, 22, -10), "three": (-24.0, 18, 10)},
+    ],
+    ids=["no inferior vein", "all along a line", "names of nothing"],
+)
+def test_veins_that_do_not_tell_the_axes_give_none(veins: dict[str, tuple[float, float, float]]) -> None:
+    assert by_veins({name: np.array(at) for name, at in veins.items()}) is None
+
+
+def test_axes_come_from_the_points_then_the_prior_then_the_veins(tmp_path: Path) -> None:
+    """The prior's frame is turned with its pose."""
+    subject = read_subject([finished(tmp_path / "run")])
+    assert orientation(subject).known_by == "frame of the points, LPS"
+    turned, result = np.diag([-2.0, -2.0, 2.0, 1.0]), subject.last
+    run = replace(
+        result.run,
+        case=replace(result.run.case, frame="unknown", prior_frame="RAS"),
+        estimates={**result.run.estimates, result.key: replace(result.estimate, T_map_prior=turned)},
+    )
+    turned_subject = replace(subject, results={**subject.results, result.name: replace(result, run=run)})
+    seen = orientation(turned_subject)
+    assert seen.known_by.startswith("frame of the prior, RAS")
+    np.testing.assert_allclose(seen.looking(), in_frame("LPS").looking(), atol=1e-12)
+    nowhere = replace(run, case=replace(run.case, prior_frame="unknown"))
+    last = replace(subject, results={**subject.results, result.name: replace(result, run=nowhere)})
+    assert orientation(last).known_by.startswith("named veins")
 
 
 def test_slice_of_a_sphere_is_its_circle() -> None:

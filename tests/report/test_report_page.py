@@ -121,16 +121,66 @@ def test_keys_turn_zoom_and_reset(visit: Visit) -> None:
 def test_standard_views_look_from_where_they_say(visit: Visit) -> None:
     """The case is in LPS: x grows to the patient's left, y to the back, z to the head."""
     wanted = {"AP": (0, -1, 0), "PA": (0, 1, 0), "LAO 45": (1, -1, 0), "RAO 30": (-1, -np.sqrt(3), 0)}
-    wanted |= {"superior": (0, 0, 1), "inferior": (0, 0, -1)}
+    wanted |= {"LL": (1, 0, 0), "RL": (-1, 0, 0), "superior": (0, 0, 1), "inferior": (0, 0, -1)}
     names = visit.page.locator("#views button").all_inner_texts()
-    assert names == [*wanted, "Reset"]
+    assert names == list(wanted)
+    assert visit.page.locator("#views-by").inner_text() == "(by the frame of the points, LPS)"
     for name, direction in wanted.items():
         visit.page.get_by_role("button", name=name, exact=True).click()
         visit.settle()
+        assert visit.page.locator("#view-name").inner_text() == name
+        assert visit.page.locator("#views [aria-pressed=true]").all_inner_texts() == [name]
         seen = np.array(
             json.loads(visit.page.evaluate("document.getElementById('panels').dataset.looksFrom"))
         )
         np.testing.assert_allclose(seen, np.array(direction) / np.linalg.norm(direction), atol=5e-3)
+
+
+TORSO = """() => {
+    const numbers = /-?[\\d.]+(e-?\\d+)?/g;
+    const place = (one) => one.getAttribute('transform').match(numbers).map(Number).slice(0, 2);
+    const parts = [...document.querySelectorAll('#torso ellipse')];
+    const nose = parts.find((one) => one.getAttribute('class') === 'nose');
+    return {
+        nose: place(nose),
+        order: parts.indexOf(nose),
+        side: Number(document.querySelector('#torso text').getAttribute('x')),
+    };
+}"""
+
+
+def test_the_torso_turns_with_the_pictures(visit: Visit) -> None:
+    """The patient's left is on the right in AP; the nose is to the left in RL and the farthest part in PA."""
+    seen = {}
+    for name in ("AP", "PA", "LL", "RL", "superior"):
+        visit.page.get_by_role("button", name=name, exact=True).click()
+        visit.settle()
+        seen[name] = visit.page.evaluate(TORSO)
+    assert seen["AP"]["side"] == pytest.approx(-seen["PA"]["side"]) == pytest.approx(21)
+    assert (seen["AP"]["order"], seen["PA"]["order"]) == (6, 0)
+    assert seen["LL"]["nose"] == pytest.approx([-7, -21], abs=0.1)  # y of a picture points down
+    assert seen["RL"]["nose"] == pytest.approx([7, -21], abs=0.1)
+    assert seen["superior"]["nose"] == pytest.approx([0, 7], abs=0.1)
+    visit.page.locator("#panels canvas").first.focus()
+    visit.page.keyboard.press("ArrowLeft")
+    visit.settle()
+    assert visit.page.locator("#view-name").inner_text() == "turned freely"
+
+
+def test_views_of_an_unknown_frame_are_those_of_the_prior_and_named_so(browser: Any, tmp_path: Path) -> None:
+    case = replace(bulged_case(), frame="unknown")
+    case = replace(case, points=case.points.of("eam", "ablation"), prior_landmarks={})
+    report = write_report([finished(tmp_path / "run", case)], slides=True)
+    visit = Visit(browser, report)
+    names = visit.page.locator("#views button").all_inner_texts()
+    assert names == ["prior −y", "prior +y", "prior +x", "prior −x", "prior +z", "prior −z"]
+    assert visit.page.locator("#view-name").inner_text() == "prior −y"
+    assert "where the patient's are is not known" in visit.page.locator("#views-by").inner_text()
+    assert visit.page.locator("#torso").count() == 0
+    assert visit.page.locator("#cut option").all_inner_texts() == ["none", "x", "y", "z"]
+    assert not list((tmp_path / "run" / "figures").glob("surfaces_[ap][ap].png"))
+    assert visit.errors == []
+    visit.page.close()
 
 
 def test_every_field_can_be_chosen(visit: Visit) -> None:
@@ -320,6 +370,7 @@ def test_keyboard_reaches_every_control(visit: Visit) -> None:
     assert {
         "field",
         "AP",
+        "RL",
         "Reset",
         "translucent",
         "ghost",

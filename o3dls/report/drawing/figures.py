@@ -14,6 +14,7 @@ from ...arrays import Array
 from ...geometry.surface import Surface
 from ..subject import Subject
 from .fields import Field, colour_table, colours_of, known_fields, point_field
+from .views import orientation
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -63,7 +64,7 @@ def draw_pictures(
     field = known_fields(surfaces, subject.unit)[0]
     left, bottom, width, height = box
     each = width / len(surfaces)
-    view = _fitting_view(surfaces, front_axes(subject.case.frame, behind=behind))
+    view = _fitting_view(surfaces, orientation(subject).looking(behind=behind))
     for k, (name, surface) in enumerate(zip(subject.shown, surfaces, strict=True)):
         axes = figure.add_axes((left + k * each, bottom + 0.16 * height, each, 0.76 * height))
         axes.imshow(painted(subject, name, surface, field, view), interpolation="antialiased")
@@ -99,14 +100,6 @@ def painted(subject: Subject, name: str, surface: Surface, field: Field, view: V
         1.0 if len(points) < 2000 else 0.5,
     )
     return canvas.pixels()
-
-
-def front_axes(frame: str, *, behind: bool = False) -> Array:
-    """Right, up and towards the viewer, seen from the front (AP) or from behind (PA), in a frame; an unknown
-    one counts as LPS.
-    """
-    side = -1.0 if (frame == "RAS") != behind else 1.0
-    return np.array([[side, 0, 0], [0, 0, 1], [0, -side, 0]])
 
 
 def _bar(figure: Figure, field: Field, box: tuple[float, float, float, float]) -> None:

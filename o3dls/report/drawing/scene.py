@@ -18,6 +18,7 @@ from ..subject import Subject
 from .charts import STYLES
 from .display import MOST_FACES, decimated
 from .fields import MAPS, Field, colour_table, known_fields, point_field
+from .views import orientation
 
 GHOST_FACES = 10_000
 BELIEVED = 0.5  # weights below mark a point as outlier
@@ -55,7 +56,7 @@ def scene(subject: Subject) -> Json:
         "ghostStyles": {name: GHOST_STYLES[name] for name in ghosts},
         "points": _points(subject, low, size),
         "landmarks": _landmarks(subject),
-        **_directions(subject.case.frame),
+        **_directions(subject),
     }
 
 
@@ -157,23 +158,20 @@ def _remoteness(subject: Subject) -> str | None:
     )
 
 
-def _directions(frame: str) -> Json:
-    """Views, letters of the axes and sides to cut away.
-
-    A frame that is not known is shown as LPS, with x, y, z as letters.
-    """
-    side = -1.0 if frame == "RAS" else 1.0  # of left in x, of posterior in y
-    left = np.array([side, 0, 0])
-    front = np.array([0, -side, 0])
-    # off the pole, so that what is up is defined
-    up = np.array([0, 0, 1.0])
-    slightly = 0.002 * front
-    turn = {"AP": front, "PA": -front, "LAO 45": front + left, "RAO 30": np.sqrt(3) * front - left}
-    turn |= {"superior": up + slightly, "inferior": slightly - up}
+def _directions(subject: Subject) -> Json:
+    """Views, what is up, the patient's axes where known, letters of the axes and sides to cut away."""
+    frame = subject.case.frame
+    known = frame != "unknown"
+    side = -1.0 if frame == "RAS" else 1.0
+    seen = orientation(subject)
+    patient = {"left": seen.left.tolist(), "front": seen.front.tolist(), "up": seen.up.tolist()}
     return {
-        "views": [{"name": name, "from": at.tolist()} for name, at in turn.items()],
-        "axes": list(frame) if frame in ("LPS", "RAS") else ["x", "y", "z"],
-        "cutNames": ["sagittal (x)", "coronal (y)", "axial (z)"],
+        "views": [{"name": name, "from": at.tolist()} for name, at in seen.views().items()],
+        "viewsBy": seen.known_by,
+        "up": seen.up.tolist(),
+        "patient": patient if seen.patient else None,
+        "axes": list(frame) if known else ["x", "y", "z"],
+        "cutNames": ["sagittal (x)", "coronal (y)", "axial (z)"] if known else ["x", "y", "z"],
         "cutSigns": [side, -side, 1.0],
     }
 

@@ -17,6 +17,7 @@ from ..sections.scores import SEEN, mean_table
 from ..subject import SETS, Subject
 from ..verdict import verdict, warnings
 from .figures import INK, draw_pictures, drawable, plain_figure, png, shrunk
+from .views import orientation
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -42,11 +43,20 @@ def _surface_pngs(subject: Subject) -> dict[str, bytes]:
     """The estimates side by side from the front and from behind; in 2D as outlines."""
     columns = len(subject.shown)
     found = {}
-    for name in ("outlines.png",) if subject.case.dimension == 2 else ("surfaces_ap.png", "surfaces_pa.png"):
+    for name, behind in _picture_names(subject).items():
         with plain_figure(3.6 * columns + 0.6, 4.5) as figure:
-            _surfaces(figure, subject, (0.02, 0.03, 0.96, 0.95), behind=name == "surfaces_pa.png")
+            _surfaces(figure, subject, (0.02, 0.03, 0.96, 0.95), behind=behind)
             found[name] = png(figure)
     return found
+
+
+def _picture_names(subject: Subject) -> dict[str, bool]:
+    """Names of the pictures by their view, and whether it is that from behind."""
+    if subject.case.dimension == 2:
+        return {"outlines.png": False}
+    if orientation(subject).patient:
+        return {"surfaces_ap.png": False, "surfaces_pa.png": True}
+    return {"surfaces_prior_minus_y.png": False, "surfaces_prior_plus_y.png": True}
 
 
 def _surfaces(

@@ -4,7 +4,7 @@ const host = document.getElementById("panels");
 const renderer = makeRenderer();
 const camera = new THREE.OrthographicCamera(-1, 1, 1, -1, -4000, 4000);
 const target = new THREE.Vector3(...scene.centre);
-camera.up.set(0, 0, 1);
+camera.up.set(...scene.up);
 
 const geometries = scene.meshes.map(decodeMesh);
 const panels = scene.panels.map(makePanel);
@@ -101,6 +101,7 @@ function invalidate() {
 }
 
 function drawAll() {
+  camera.lookAt(target);
   host.dataset.looksFrom = JSON.stringify(camera.position.clone().sub(target).normalize().toArray());
   const shown = panels.filter((panel) => panel.shown);
   const ratio = Math.min(window.devicePixelRatio || 1, 2);
@@ -117,12 +118,12 @@ function drawAll() {
     context.drawImage(renderer.domElement, 0, 0);
     drawOverlay(panel, context, ratio);
   }
+  showView();
 }
 
 function fitCamera(aspect) {
   const half = scene.radius * 1.02 * Math.max(1, 1 / aspect);
   Object.assign(camera, { left: -half * aspect, right: half * aspect, top: half, bottom: -half });
-  camera.lookAt(target);
   camera.updateProjectionMatrix();
   camera.updateMatrixWorld();
 }

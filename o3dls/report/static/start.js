@@ -13,7 +13,7 @@ function savePicture() {
   context.fillStyle = style.color;
   context.font = "22px system-ui, sans-serif";
   shown.forEach((panel, k) => {
-    context.fillText(panel.name, k * width + 12, 30);
+    context.fillText(`${panel.name}, ${$("view-name").textContent}`, k * width + 12, 30);
     context.drawImage(panel.canvas, k * width, 40);
   });
   const bars = [...document.querySelectorAll(".bar")].filter((bar) => !bar.hidden);
@@ -35,7 +35,9 @@ function fillToolbar() {
   scene.fields.forEach(({ key, label }) => option($("field"), key, label));
   option($("field"), "", "no colour");
   scene.views.forEach(({ name, from }) => button($("views"), name, () => lookFrom(from)));
-  button($("views"), "Reset", resetView);
+  button($("reset"), "Reset", resetView);
+  $("views-by").textContent = `(by the ${scene.viewsBy})`;
+  if (!scene.patient) $("torso").remove();
   Object.keys(scene.ghostStyles).forEach((name) => option($("ghost"), name, name));
   scene.cutNames.forEach((name, axis) => option($("cut"), axis, name));
   if (panels.length > 1) panels.forEach((panel) => checkbox($("shown"), panel.name, (on) => showPanel(panel, on)));
