@@ -13,21 +13,14 @@ from ..arrays import Array
 from ..geometry.surface import Surface
 from ..report.drawing.fields import Field, colour_table, colours_of
 from ..report.drawing.figures import plain_figure, png
+from ..report.palette import colour_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-# Okabe and Ito's palette: told apart by colour-blind readers; each method also has a marker of its own
-COLOURS = {
-    "static": "#d55e00",
-    "phases": "#0072b2",
-    "icp": "#d55e00",
-    "similarity": "#e69f00",
-    "deform": "#009e73",
-    "level_set": "#0072b2",
-    "paper": "#cc79a7",
-    "truth": "#8a8f98",
-}
+# those of the report; each method also has a marker of its own
+COLOURS = {method: colour_of(method) for method in ("icp", "similarity", "deform", "level_set", "paper")}
+COLOURS |= {"static": COLOURS["icp"], "phases": COLOURS["level_set"], "truth": "#8a8f98"}
 MARKERS = {
     "static": "s",
     "phases": "o",

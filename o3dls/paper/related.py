@@ -18,6 +18,7 @@ from ..stages.landmarks import Landmarks
 from ..stages.level_set import LevelSet
 from ..stages.topology import Topology
 from .blocks import Block, Figure, Heading, Table, Text
+from .drawing import COLOURS
 from .experiment import Outcome, Row, Scope, Task, judged, mean_sd, truth_of
 from .reconstruction import alpha_shape, minimal_surface, poisson, tangent_planes
 from .results import Results, column
@@ -38,8 +39,8 @@ STYLES = {
     "zhao": ("#009e73", "v"),
     "poisson": ("#d55e00", "s"),
     "alpha_shape": ("#cc79a7", "D"),
-    "similarity": ("#8a8f98", "x"),
-    "level_set": ("#0072b2", "o"),
+    "similarity": (COLOURS["similarity"], "x"),
+    "level_set": (COLOURS["level_set"], "o"),
 }
 
 

@@ -8,6 +8,7 @@ from .checks import strip
 from .document import document
 from .markup import Html, join, tag
 from .page_parts import asset, viewer_code
+from .palette import variables
 from .sections.order import SECTIONS
 from .sections.section import Section, plugin_sections
 from .subject import Subject
@@ -31,7 +32,7 @@ def page(title: str, body: Html) -> str:
     script = f'"use strict";\n{asset("page.js")}'
     footer = tag("footer", tag("p", f"Made by o3dls, an open research tool. {NOTICE}"))
     whole = join(tag("main", body), footer, tag("script", Html(script)))
-    return document(title, asset("report.css"), whole, [script, *viewer_code()])
+    return document(title, variables() + asset("report.css"), whole, [script, *viewer_code()])
 
 
 def _head(subject: Subject) -> Html:

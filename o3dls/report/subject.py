@@ -22,6 +22,7 @@ from ..evaluation.interpolation import REACH
 from ..geometry.surface import Surface
 from ..runs.run import Run
 from .drawing.display import displayed
+from .palette import places
 
 MOST_SHOWN = 4
 BASELINE = "icp"  # estimates whose name begins so are what a result is compared with
@@ -162,11 +163,12 @@ class Subject:
         return datetime.fromtimestamp((self.folders[-1] / "run.json").stat().st_mtime, UTC).date().isoformat()
 
     def style(self, name: str) -> int:
-        """Number of the colour and dash that an estimate has everywhere in the report.
+        """Number of the colour and dash that an estimate has everywhere in the report, by its method.
 
         Those shown come first, so that theirs differ.
         """
-        return list(dict.fromkeys([*self.shown, *self.results])).index(name)
+        names = list(dict.fromkeys([*self.shown, *self.results]))
+        return places([self.results[one].key for one in names])[names.index(name)]
 
     @cached_property
     def headline(self) -> str | None:

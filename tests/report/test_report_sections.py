@@ -21,6 +21,7 @@ from o3dls.report.drawing.distance_charts import MOST, beyond, cumulative, histo
 from o3dls.report.drawing.fields import known_fields
 from o3dls.report.drawing.slices import Frame
 from o3dls.report.markup import signed, tag
+from o3dls.report.palette import DARK, LIGHT, places
 from o3dls.report.sections import section
 from o3dls.report.sections.outlines import PLANES, turned
 from o3dls.report.sections.provenance import as_toml
@@ -191,6 +192,29 @@ def test_what_is_shown_differs_in_colour_and_dash(run: Path, tmp_path: Path) -> 
     subject = read_subject(folders)
     styles = {subject.style(name) for name in [*subject.shown, next(iter(subject.results))]}
     assert styles == set(range(5))  # and the last style is that of a calibrated posterior
+
+
+def test_a_method_has_one_colour_in_report_slides_and_paper(run: Path) -> None:
+    """Ours is blue and the ICP orange, whatever else is shown, in whatever order."""
+    from o3dls.paper.drawing import COLOURS
+    from o3dls.report.drawing.scene import scene
+
+    for shown in ((), ("level_set", "icp"), ("start", "level_set")):
+        subject = read_subject([run], shown)
+        panels = {panel["name"]: panel["colour"] for panel in scene(subject)["panels"]}
+        for method, place in (("level_set", 0), ("icp", 1)):
+            assert subject.style(method) == place
+            assert panels.get(method, f"--s{place}") == f"--s{place}"
+            assert LIGHT[place] == COLOURS[method]
+    page = write_report([run]).read_text(encoding="utf-8")
+    for k, (light, dark) in enumerate(zip(LIGHT, DARK, strict=True)):
+        assert re.findall(rf"--s{k}: (#\w+)", page) == [light, dark]  # and nowhere else
+
+
+def test_methods_that_share_a_colour_are_told_apart() -> None:
+    assert places(["icp", "mine", "level_set"]) == [1, 2, 0]
+    assert places(["level_set"] * 4 + ["icp"]) == [0, 2, 3, 4, 1]
+    assert len(set(places([f"stage {k}" for k in range(9)]))) == 9
 
 
 def test_distances_beyond_a_chart_are_counted_and_not_drawn() -> None:

@@ -10,11 +10,12 @@ import numpy as np
 
 from ...arrays import Array
 from ..markup import Html, join, tag
+from ..palette import LIGHT
 
 WIDTH, HEIGHT = 640, 300
 LEFT, RIGHT, TOP, BOTTOM = 60, 14, 12, 46
 HEADROOM = 1.04
-STYLES = 6  # colours and dashes of report.css: s0..s5, d0..d5
+STYLES = len(LIGHT)  # colours s0.. and dashes d0.. of report.css
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...io.atomic import write_file
+from ..palette import GREY, LIGHT
 from ..sections.outlines import named_outlines
 from ..sections.scores import SEEN, mean_table
 from ..subject import SETS, Subject
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 NOTICE = "o3dls. Research use only. Not for clinical use."
-COLOURS = ("#0072b2", "#c04f00", "#00785a", "#a3487e", "#6b6b00", "#5b5f66")  # s0..s5 of report.css
 DASHES: tuple[Any, ...] = ("-", (0, (7, 3)), (0, (2, 3)), (0, (9, 3, 2, 3)), (0, (4, 2)), (0, (1, 4)))
 MOST_COLUMNS, MOST_ROWS, HEAD_LINES, LETTERS = 7, 7, 3, 12
 VERDICT_LINES, TEXT_LINES = 4, 6  # at most, of the verdict, and with the warnings below it
@@ -70,9 +70,7 @@ def _surfaces(
     for k, name in enumerate(subject.shown):
         axes = figure.add_axes((left + k * each, bottom, each * 0.96, height * 0.9))
         for label, _, surface in named_outlines(subject, name):
-            colour = {"truth": INK, "prior": "#9aa0a8"}.get(
-                label, COLOURS[subject.style(name) % len(COLOURS)]
-            )
+            colour = {"truth": INK, "prior": LIGHT[GREY]}.get(label, LIGHT[subject.style(name) % len(LIGHT)])
             x, y = surface.vertices[surface.faces].T
             axes.plot(x, y, color=colour, lw=1.4)
         x, y = subject.case.points.of("eam").xyz.T
@@ -135,11 +133,11 @@ def _curve(axes: Axes, subject: Subject) -> None:
     gaps = {name: subject.results[name].measured(group, subject.last)[1] for name in names} if group else {}
     gaps = {name: np.sort(values) for name, values in gaps.items() if len(values)}
     for name, values in gaps.items():
-        k = subject.style(name) % len(COLOURS)
+        k = subject.style(name) % len(LIGHT)
         axes.plot(
             values,
             np.linspace(0, 1, len(values)),
-            color=COLOURS[k],
+            color=LIGHT[k],
             linestyle=DASHES[k],
             lw=1.8,
             label=drawable(name),

@@ -1,0 +1,50 @@
+"""The colours of estimates: one for each method, the same in report, slides, cohort and paper.
+
+Told apart by colour-blind readers, after Okabe and Ito, and dark or light enough for text on their page.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+LIGHT = ("#0072b2", "#c04f00", "#00785a", "#a3487e", "#6b6b00", "#5b5f66")  # on a light page
+DARK = ("#56b4e9", "#f28e3c", "#2fc79c", "#de94c0", "#d9cf4a", "#aab0b8")  # the same hues on a dark one
+GREY = 5  # of the prior, and of a line to compare with
+METHODS = {
+    "level_set": 0,
+    "icp": 1,
+    "deform": 2,
+    "landmarks": 3,
+    "paper": 3,
+    "start": 4,
+    "similarity": 4,
+}
+ORDER = (2, 3, 4, 0, 1, GREY)  # in which other methods take what is free: ours and the ICP's are the last
+
+
+def colour_of(method: str) -> str:
+    """The colour of a method of METHODS on a light page."""
+    return LIGHT[METHODS[method]]
+
+
+def places(methods: Sequence[str]) -> list[int]:
+    """Number of the colour and dash of each method, the most important first, so that they differ.
+
+    It is the method's own where no other has it, else the next that is free; where all are taken, a number
+    beyond them.
+    """
+    found: list[int] = []
+    for method in methods:
+        own = [place for name, place in METHODS.items() if method.startswith(name)]
+        free = [place for place in (*own, *ORDER) if place not in found]
+        found.append(free[0] if free else len(found))
+    return found
+
+
+def variables() -> str:
+    """The colours as variables --s0 to --s5 of a style sheet, light and dark."""
+    light, dark = (
+        ":root { " + " ".join(f"--s{k}: {colour};" for k, colour in enumerate(colours)) + " }"
+        for colours in (LIGHT, DARK)
+    )
+    return f"{light}\n@media (prefers-color-scheme: dark) {{ {dark} }}\n"
