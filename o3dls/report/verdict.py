@@ -6,6 +6,7 @@ import math
 
 from ..evaluation.interpolation import REACH
 from ..run_warning import each_once
+from .contribution import credit
 from .markup import signed
 from .statistics import Difference, paired_difference
 from .subject import Result, Subject
@@ -27,6 +28,8 @@ def verdict(subject: Subject) -> str:
     It ends with how much of the surface has no data.
     """
     parts = [_comparison(subject) or _alone(subject), *_harm(subject)]
+    if told := credit(subject):
+        parts.append(told)
     if subject.unmapped is not None:
         parts.append(_unmapped(subject.unmapped, f"{REACH:g} {subject.unit}"))
     return " ".join(parts)

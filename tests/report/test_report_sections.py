@@ -48,6 +48,7 @@ def test_sections_with_data_are_there(run: Path) -> None:
     wanted = [
         "pictures",
         "scores",
+        "contributions",
         "paired",
         "spread",
         "slices",

@@ -9,6 +9,7 @@ from ..markup import join, tag
 from ..page_parts import image, viewer_scripts
 from ..subject import Subject
 from .certainty import calibration_section, pose_section
+from .contribution import contribution_section
 from .course import course_section
 from .electrical import electrical_section
 from .outlines import outline_section, slice_section
@@ -50,6 +51,7 @@ SECTIONS: tuple[Maker, ...] = (
     picture_section,
     outline_section,
     score_section,
+    contribution_section,
     paired_section,
     spread_section,
     slice_section,
