@@ -12,7 +12,7 @@ from ..evaluation.interpolation import REACH
 from .expected import DUE, OFF, expected_error, shares_within
 from .markup import Html, signed, tag
 from .subject import Subject
-from .wall_parts import compared, wall_parts
+from .wall_parts import MAPPED, PRIOR_ONLY, compared, wall_parts
 
 Grade = Literal["good", "amber", "bad", "none"]
 WORDS: Mapping[Grade, str] = {"good": "OK", "amber": "CHECK", "bad": "FAIL", "none": "NO DATA"}
@@ -36,9 +36,9 @@ def checks(subject: Subject) -> list[Check]:
     return [
         _valid(subject),
         _converged(subject),
+        _against_baseline(subject),
         _expected(subject),
         _calibrated(subject),
-        _against_baseline(subject),
         _landmarks(subject),
         _outliers(subject),
         _prior_only(subject),
@@ -82,7 +82,10 @@ def _expected(subject: Subject) -> Check:
     found = expected_error(subject)
     if found is None:
         return Check("Expected error", "none", "no stage gives a posterior")
-    return Check("Expected error", "good", f"{found.all:.2f} {subject.unit} in the mean, from the posterior")
+    parts = ((MAPPED, found.mapped), (PRIOR_ONLY, found.prior_only))
+    apart = "; ".join(f"{name}: {value:.2f} {subject.unit}" for name, value in parts if value is not None)
+    said = f"{found.all:.2f} {subject.unit} in the mean, from the posterior ({apart})"
+    return Check("Expected error", "good", said)
 
 
 def _calibrated(subject: Subject) -> Check:

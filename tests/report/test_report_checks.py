@@ -116,6 +116,9 @@ def test_the_expected_error_is_that_of_a_normal_posterior(run: Path) -> None:
     found = expected_error(with_sd(read_subject([run]), 2.0))
     assert found is not None
     assert found.all == pytest.approx(2.0 * MEAN_OVER_SD)
+    said = next(one.said for one in checks(with_sd(read_subject([run]), 2.0)) if one.name == "Expected error")
+    assert "1.60 mm in the mean" in said
+    assert "mapped wall: 1.60 mm" in said
     assert expected_error(read_subject([run], ["icp"])) is None
 
 
