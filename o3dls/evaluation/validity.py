@@ -50,14 +50,14 @@ def faults(found: Record, prior: Record, *, reshaped: bool = False) -> list[str]
     ):
         if (found[key] or 0) > (prior[key] or 0):
             said.append(f"the surface has {found[key]} {words}, the prior {prior[key]}")
-    if not reshaped and _handles(found) > _handles(prior):
-        said.append(f"the surface has {_handles(found)} handles or tunnels, the prior {_handles(prior)}")
+    if not reshaped and handles(found) > handles(prior):
+        said.append(f"the surface has {handles(found)} handles or tunnels, the prior {handles(prior)}")
     if (found["volume_change"] or 0.0) <= -1.0:
         said.append("the surface is inside out")
     return said
 
 
-def _handles(found: Record) -> int:
+def handles(found: Record) -> int:
     """Number of handles of a closed surface; an open one's borders cannot be told from them, and an outline
     has none.
     """

@@ -58,7 +58,7 @@ def strip(subject: Subject) -> Html:
         )
         for one in checks(subject)
     )
-    return tag("ul", *items, class_="strip", aria_label=f"Quality of {subject.last.name}")
+    return tag("ul", *items, class_="strip", aria_label=f"Quality of the fused surface, {subject.last.name}")
 
 
 def _valid(subject: Subject) -> Check:

@@ -40,14 +40,16 @@ def _head(subject: Subject) -> Html:
     kinds = ", ".join(
         f"{int((case.points.type == kind).sum())} {kind}" for kind in dict.fromkeys(case.points.type.tolist())
     )
-    steps = " → ".join(key for key in subject.last.run.estimates)
+    names = {"start": "before registration"}
+    steps = " → ".join(names.get(key, key) for key in subject.last.run.estimates)
     said = warnings(subject)
     return tag(
         "header",
         tag("h1", case.name),
         tag(
             "p",
-            f"{subject.date}. {steps}. Points: {kinds}. Prior: {len(case.prior.faces)} faces.",
+            f"{subject.date}. {steps}. Fused surface: {subject.last.name}. Points: {kinds}. "
+            f"Prior: {len(case.prior.faces)} faces.",
             class_="soft",
         ),
         tag("p", NOTICE, class_="notice"),

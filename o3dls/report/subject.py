@@ -31,7 +31,7 @@ SETS = {
     "held_out": "held out",
     "held_out_seen": "held out, mapped areas",
     "held_out_unseen": "held out, unmapped areas",
-    "cross_validated": "left out in turn",
+    "cross_validated": "cross-validated points",
     "ablation": "ablation, not fitted",
     "correspondence": "true correspondence",
     "truth_to_surface": "truth to surface",

@@ -14,7 +14,7 @@ from .wall_parts import compared, wall_parts
 
 WORDS = {
     "held_out": "the held-out points",
-    "cross_validated": "the points left out in turn",
+    "cross_validated": "the cross-validated points",
     "ablation": "the ablation points (not fitted)",
     "fitted": "the fitted points (no proof: it was fitted to them)",
 }

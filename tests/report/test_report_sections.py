@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
 import tomllib
 from dataclasses import replace
 from importlib.metadata import EntryPoint
@@ -25,6 +26,7 @@ from o3dls.report.palette import DARK, LIGHT, places
 from o3dls.report.sections import section
 from o3dls.report.sections.outlines import PLANES, turned
 from o3dls.report.sections.provenance import as_toml
+from o3dls.report.sections.scores import validity_section
 from o3dls.report.sections.section import Section
 from o3dls.report.sections.sweep import swept
 from o3dls.report.subject import Subject, read_subject
@@ -62,6 +64,54 @@ def test_sections_with_data_are_there(run: Path) -> None:
     assert found == wanted
 
 
+BANNED = ("shreds", "lattice", "carry", "carried", "loosening", "say there", "left out in turn", "told apart")
+
+
+def test_the_page_speaks_in_the_terms_of_the_field(run: Path, tmp_path: Path) -> None:
+    copy = Path(shutil.copytree(run, tmp_path / "run"))
+    record = json.loads((copy / "run.json").read_text())
+    way = {
+        "shift": [0.1, 0, 0],
+        "turn_degrees": [1.0, 0, 0],
+        "log_scale": 0.01,
+        "meaning": "shift",
+        "sd": 0.4,
+    }
+    record["estimates"]["icp"]["facts"] = {"observability": [way]}
+    (copy / "run.json").write_text(json.dumps(record))
+    trace = copy / "estimates/icp/trace.csv"
+    trace.write_text(trace.read_text().replace("residual", "loosening"))
+    page = re.sub(
+        r"<script.*?</script>|<style.*?</style>", "", write_report([copy]).read_text(), flags=re.DOTALL
+    )
+    text = re.sub("<[^>]+>", " ", page)
+    for word in (
+        "Fused surface: level_set",
+        "cross-validated points",
+        "no points here: shape from the image alone",
+        "start (before registration)",
+        "Pose uncertainty",
+        "Is the uncertainty reliable?",
+        "Share of outliers",
+        "handles (0 = none)",
+        "coarse-to-fine factor",
+    ):
+        assert word in text
+    assert [word for word in BANNED if re.search(rf"\b{word}", text)] == []
+
+
+def test_handles_are_counted_from_the_euler_number(run: Path, tmp_path: Path) -> None:
+    copy = Path(shutil.copytree(run, tmp_path / "run"))
+    record = json.loads((copy / "run.json").read_text())
+    record["estimates"]["level_set"]["validity"]["euler"] = -2
+    (copy / "run.json").write_text(json.dumps(record))
+    section_ = validity_section(read_subject([copy]))
+    heads = re.findall(r'<th scope="col">([^<]*)</th>', section_.body)
+    rows = dict(re.findall(r'<th scope="row">([^<]+)</th>(.*?)</tr>', section_.body))
+    k = heads.index("handles (0 = none)") - 1
+    assert [re.findall("<td>([^<]*)</td>", rows[name])[k] for name in ("icp", "level_set")] == ["0", "2"]
+
+
 def test_sections_without_data_drop_out(tmp_path: Path) -> None:
     case = bulged_case()
     bare = replace(case, truth=None, points=replace(case.points.of("eam"), columns={}), prior_landmarks={})
@@ -93,14 +143,12 @@ def test_regions_follow_the_landmarks(run: Path) -> None:
 
 
 def test_left_out_landmarks_come_from_the_stage(run: Path, tmp_path: Path) -> None:
-    import shutil
-
     copy = shutil.copytree(run, tmp_path / "run")
     record = json.loads((copy / "run.json").read_text())
     record["estimates"]["icp"]["facts"] = {"landmarks": {"LSPV": {"error": 1.0, "leave_one_out": 7.125}}}
     (copy / "run.json").write_text(json.dumps(record))
     text = write_report([copy]).read_text(encoding="utf-8")
-    assert "icp, each left out in turn" in text
+    assert "icp, leave-one-out" in text
     assert "7.12" in text
 
 
@@ -187,8 +235,6 @@ class ShownAblation(LevelSet):
 
 
 def test_what_is_shown_differs_in_colour_and_dash(run: Path, tmp_path: Path) -> None:
-    import shutil
-
     folders = [run, *(Path(shutil.copytree(run, tmp_path / name)) for name in ("b", "c", "d"))]
     subject = read_subject(folders)
     styles = {subject.style(name) for name in [*subject.shown, next(iter(subject.results))]}

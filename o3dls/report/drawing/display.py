@@ -29,7 +29,7 @@ def displayed(surface: Surface, case: Case, left_out: Array, distances: Array) -
     """
     surface = with_electrical(decimated(surface), case.points)
     carried = _carried(surface, case.units, left_out, distances)
-    fields = _distances_to_truth(surface, case) | surface.fields | carried
+    fields = {**_distances_to_truth(surface, case), **surface.fields, **carried}
     key = f"displacement_{case.units}"
     if key in fields and (np.nan_to_num(np.abs(fields[key])) <= NEGLIGIBLE).all():
         del fields[key]

@@ -36,9 +36,7 @@ def pose_section(subject: Subject) -> Section | None:
         "scale, %",
     ]
     note = "One standard deviation of the pose in each direction, given these points; rms over the surface."
-    return Section(
-        "pose", "How well the points fix the pose", tag("div", table(head, rows, note), class_="left")
-    )
+    return Section("pose", "Pose uncertainty", tag("div", table(head, rows, note), class_="left"))
 
 
 def _direction(name: str, one: Mapping[str, Any]) -> list[Child]:
@@ -74,7 +72,7 @@ def calibration_section(subject: Subject) -> Section | None:
         x,
         axis_over(f"mean distance to truth, {unit}", [made, predicted]),
     )
-    return Section("calibration", "Does it know where it errs?", join(_shares(within), grouped(chart)))
+    return Section("calibration", "Is the uncertainty reliable?", join(_shares(within), grouped(chart)))
 
 
 def _ideal(high: float) -> Series:

@@ -14,6 +14,7 @@ from .section import Section
 
 INDICES = ("iteration", "level")  # columns of a trace that count and measure nothing
 TERMS = ("energy", "misfit", "complexity", "labels", "data", "prior", "area", "shape")
+WORDS = {"loosening": "coarse-to-fine factor", "outlier_fraction": "share of outliers"}
 LOG_FROM = 30.0  # ratio of largest to smallest value above which a logarithmic axis shows more
 
 
@@ -43,7 +44,10 @@ def _traces(result: Result) -> list[Html]:
 
 def _trace(result: Result, title: str, columns: Mapping[str, Array]) -> Html:
     steps = np.arange(1.0, len(result.estimate.trace) + 1)
-    series = [Series(name, k % STYLES, steps, values) for k, (name, values) in enumerate(columns.items())]
+    series = [
+        Series(WORDS.get(name, name), k % STYLES, steps, values)
+        for k, (name, values) in enumerate(columns.items())
+    ]
     values = np.concatenate(list(columns.values()))
     known = values[np.isfinite(values)]
     log = bool((known > 0).all() and known.max() > LOG_FROM * known.min())

@@ -1,6 +1,6 @@
 """The electrical map.
 
-What was measured at the points, carried to the wall of the last estimate, and over what distance.
+What was measured at the points as values on the fused surface, and over what distance.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ LOW_VOLTAGE = 0.5  # mV, bipolar: the usual border of scar
 
 
 def electrical_section(subject: Subject) -> Section | None:
-    """What the electrical columns hold, how far they were carried, and how much of the wall they reach."""
+    """What the electrical columns hold, how near the wall is to them, and how much of it they reach."""
     values = measured_values(subject.case.points)
     if not values or subject.case.dimension == 2:
         return None
@@ -33,8 +33,8 @@ def electrical_section(subject: Subject) -> Section | None:
         "points",
         "median",
         "5 % to 95 %",
-        "median carry, mm",
-        "longest carry, mm",
+        "median distance to a measurement, mm",
+        "largest distance, mm",
         "wall reached",
     ]
     said = (
@@ -55,7 +55,7 @@ def _row(surface: Surface, name: str, xyz: Array, values: Array) -> list[Child]:
     known = np.isfinite(surface.fields[name])
     gap = np.asarray(cKDTree(xyz).query(surface.vertices[known])[0])
     low, high = np.percentile(values, [5, 95])
-    carry: list[Child] = [f"{np.median(gap):.1f}", f"{gap.max():.1f}"] if len(gap) else ["–", "–"]
+    away: list[Child] = [f"{np.median(gap):.1f}", f"{gap.max():.1f}"] if len(gap) else ["–", "–"]
     share = _area_share(surface, known)
     return [
         name,
@@ -63,7 +63,7 @@ def _row(surface: Surface, name: str, xyz: Array, values: Array) -> list[Child]:
         len(values),
         f"{np.median(values):.2f}",
         f"{low:.2f} to {high:.2f}",
-        *carry,
+        *away,
         f"{share:.0%}",
     ]
 
@@ -75,7 +75,11 @@ def _low_voltage(surface: Surface, name: str) -> Child:
         return None
     reached = _area_share(surface, np.isfinite(voltage))
     low = _area_share(surface, voltage < LOW_VOLTAGE)
-    return tag("p", f"{low / reached:.0%} of the reached wall of {name} is below {LOW_VOLTAGE:g} mV bipolar.")
+    return tag(
+        "p",
+        f"{low / reached:.0%} of the reached wall of the fused surface ({name}) is below {LOW_VOLTAGE:g} mV "
+        "bipolar.",
+    )
 
 
 def _area_share(surface: Surface, marked: NDArray[np.bool_]) -> float:

@@ -112,7 +112,7 @@ def landmark_section(subject: Subject) -> Section | None:
     rows: list[list[Child]] = [
         [result.name, *_errors(result, subject.unit)] for result in subject.results.values()
     ]
-    rows += [[f"{name}, each left out in turn", *errors] for name, errors in _left_out(subject, names)]
+    rows += [[f"{name}, leave-one-out", *errors] for name, errors in _left_out(subject, names)]
     caption = f"Distance, {subject.unit}, between each landmark and its moved partner."
     return Section("landmarks", "Landmarks", table(["", *names], rows, caption))
 

@@ -47,7 +47,7 @@ def _run(record: Mapping[str, Any], name: str | None, number: int) -> Html:
             class_="left",
         ),
         tag(
-            "p", "To make it again, save the pipeline below in the run folder as pipeline.toml and say there:"
+            "p", "To make it again, save the pipeline below in the run folder as pipeline.toml and run there:"
         ),
         _copied(COMMAND, f"command-{number}"),
         tag(

@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from ...evaluation.validity import handles
 from ..markup import Child, Html, join, millimetres, signed, table, tag
 from ..subject import SETS, Result, Subject
 from .section import Section
@@ -29,13 +30,18 @@ def score_section(subject: Subject) -> Section:
     sets = _sets(results)
     heads: list[Child] = [_head(group) for group in sets]
     rows: list[list[Child]] = [
-        [result.name, *_means(result, sets, results, subject.unit)] for result in results
+        [labelled(result), *_means(result, sets, results, subject.unit)] for result in results
     ]
     main = table([f"mean distance, {subject.unit}", *heads], rows, CAPTION)
     full = tag("details", tag("summary", "Every set in full"), _full(results, sets, subject.unit))
     return Section(
         "scores", "Distances", join(main, tag("p", NOTE, class_="soft"), *_truth(results, subject.unit), full)
     )
+
+
+def labelled(result: Result) -> str:
+    """The name of an estimate; what it stands for where that is no stage."""
+    return f"{result.name} (before registration)" if result.key == "start" else result.name
 
 
 def mean_table(subject: Subject) -> tuple[list[str], list[tuple[str, list[str]]]]:
@@ -120,7 +126,8 @@ def validity_section(subject: Subject) -> Section:
     results = list(subject.results.values())
     keys = dict.fromkeys(key for result in results for key in result.validity)
     rows: list[list[Child]] = [
-        [result.name, *(_valid(key, result.validity) for key in keys), _faults(result)] for result in results
+        [labelled(result), *(_valid(key, result.validity) for key in keys), _faults(result)]
+        for result in results
     ]
     return Section(
         "validity", "Validity of the surfaces", table(["", *(_words(key) for key in keys), "verdict"], rows)
@@ -137,12 +144,15 @@ def _words(key: str) -> str:
         "area_mm2": "area, mm²",
         "area_px2": "area, px²",
         "volume_change": "change of volume",
+        "euler": "handles (0 = none)",
     }
     return units.get(key, key.replace("_", " "))
 
 
 def _valid(key: str, found: Mapping[str, Any]) -> str:
     value = found.get(key)
+    if key == "euler":  # what it counts besides components; of an open surface or an outline it tells none
+        value = handles(dict(found)) if found.get("watertight") and "volume_ml" in found else None
     if isinstance(value, bool):
         return "yes" if value else "no"
     if key == "volume_change" and value is not None:
