@@ -66,6 +66,6 @@ def credit(subject: Subject) -> str | None:
         return None
     unit, own = subject.unit, since[-1]
     return (
-        f"The largest gain is that of {best.stage} ({signed(best.change)} {unit}); {own.stage} itself changed "
-        f"the mean by {signed(own.change)} {unit}."
+        f"The largest gain is that of {best.stage} ({signed(best.change)} {unit}); {own.stage} itself "
+        f"changed the mean by {signed(own.change)} {unit}."
     )
