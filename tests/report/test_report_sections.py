@@ -59,6 +59,7 @@ def test_sections_with_data_are_there(run: Path) -> None:
         "electrical",
         "validity",
         "course",
+        "methods",
         "made",
     ]
     assert found == wanted

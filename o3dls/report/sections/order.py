@@ -12,6 +12,7 @@ from .certainty import calibration_section, pose_section
 from .contribution import contribution_section
 from .course import course_section
 from .electrical import electrical_section
+from .methods import methods_section
 from .outlines import outline_section, slice_section
 from .paired import landmark_section, paired_section
 from .provenance import made_section
@@ -62,5 +63,6 @@ SECTIONS: tuple[Maker, ...] = (
     validity_section,
     course_section,
     sweep_section,
+    methods_section,
     made_section,
 )

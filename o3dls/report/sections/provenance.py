@@ -49,11 +49,11 @@ def _run(record: Mapping[str, Any], name: str | None, number: int) -> Html:
         tag(
             "p", "To make it again, save the pipeline below in the run folder as pipeline.toml and run there:"
         ),
-        _copied(COMMAND, f"command-{number}"),
+        copied(COMMAND, f"command-{number}"),
         tag(
             "details",
             tag("summary", "The pipeline, every default written out"),
-            _copied(as_toml(record["pipeline"]), f"toml-{number}"),
+            copied(as_toml(record["pipeline"]), f"toml-{number}"),
         ),
         tag(
             "details",
@@ -63,7 +63,7 @@ def _run(record: Mapping[str, Any], name: str | None, number: int) -> Html:
     )
 
 
-def _copied(text: str, identifier: str) -> Html:
+def copied(text: str, identifier: str) -> Html:
     """Text in fixed width with a button that copies it."""
     button = tag("button", "Copy", type="button", data_copy=identifier)
     return tag("div", tag("pre", tag("code", text), id=identifier, tabindex="0"), button, class_="copied")

@@ -1,0 +1,111 @@
+"""A paragraph of methods to copy into a paper, and what to cite."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from ..markup import join, tag
+from ..subject import Subject
+from .provenance import copied
+from .section import Section
+
+Record = Mapping[str, Any]
+PLACING = ("use", "as", "after")
+OPEN3D = """@article{open3d,
+  author = {Zhou, Qian-Yi and Park, Jaesik and Koltun, Vladlen},
+  title = {{Open3D}: A Modern Library for {3D} Data Processing},
+  journal = {arXiv:1801.09847},
+  year = {2018}
+}"""
+
+
+def methods_section(subject: Subject) -> Section:
+    """What the run of the last estimate did, with parameters, versions and citation."""
+    record = subject.records[subject.runs.index(subject.last.run)]
+    return Section(
+        "methods",
+        "Methods to copy",
+        join(
+            copied(paragraph(subject, record), "methods-text"),
+            tag("p", "To cite:"),
+            copied(bibtex(record, subject.date), "methods-bibtex"),
+        ),
+    )
+
+
+def paragraph(subject: Subject, record: Record) -> str:
+    """The method in full sentences; every number is that of run.json."""
+    case, versions, pipeline = subject.case, record["versions"], record["pipeline"]
+    counts = ", ".join(f"{n} of type {kind}" for kind, n in record["case"]["points"].items())
+    done = " ".join(
+        f"({number}) {_stage(stage, subject.unit)}." for number, stage in enumerate(pipeline["stage"], 1)
+    )
+    folds = pipeline["folds"]
+    left_out = (
+        f" Every stage was cross-validated in {folds} folds, spatial blocks of points left out in turn."
+        if folds
+        else ""
+    )
+    software = ", ".join(f"{name} {number}" for name, number in versions.items() if number)
+    return (
+        f"A prior surface of {len(case.prior.faces)} faces was registered to points ({counts}) and fused "
+        f"with them by o3dls {versions['o3dls']} [o3dls], which builds on Open3D [open3d]: {done} Errors "
+        f"are exact distances from points to the surface, in {subject.unit}; differences have 95 % intervals from "
+        f"a bootstrap of spatial blocks.{left_out} Software: {software}."
+    )
+
+
+def bibtex(record: Record, date: str) -> str:
+    """Entries for o3dls, in the version that made the run, and for Open3D."""
+    own = f"""@software{{o3dls,
+  author = {{{{o3dls developers}}}},
+  title = {{o3dls: registration and reconstruction of an atrium from a prior surface and sparse points}},
+  version = {{{record["versions"]["o3dls"]}}},
+  year = {{{date[:4]}}}
+}}"""
+    return f"{own}\n\n{OPEN3D}"
+
+
+def _stage(stage: Record, unit: str) -> str:
+    """What a stage did, in words where it is one of ours, and its parameters."""
+    known_words = SAID.get(stage["use"])
+    said = known_words(stage, unit) if known_words else f"stage {stage['use']}"
+    known = [
+        f"{key} = {_value(value)}"
+        for key, value in stage.items()
+        if key not in PLACING and value not in (None, [], {})
+    ]
+    began = f", from {stage['after']}" if stage.get("after") else ""
+    return f"{said}{began} ({', '.join(known)})" if known else f"{said}{began}"
+
+
+def _motion(stage: Record) -> str:
+    """The kind of pose, as far as the record tells: a stage of another package may have one of our names."""
+    scale = stage.get("scale")
+    return "a pose" if scale is None else "a similarity" if scale else "a rigid motion"
+
+
+def _grid(stage: Record, unit: str) -> str:
+    spacing = stage.get("spacing")
+    return "a level set" if spacing is None else f"a level set on a {spacing:g} {unit} grid"
+
+
+SAID: Mapping[str, Callable[[Record, str], str]] = {
+    "landmarks": lambda stage, _: f"{_motion(stage)} from named landmarks",
+    "icp": lambda stage, _: f"{_motion(stage)} by iterative closest points",
+    "global_pose": lambda *_: "a search for the pose without a start",
+    "deform": lambda *_: "a smooth deformation of the prior with its posterior",
+    "topology": lambda *_: "a test whether the points ask for another topology",
+    "level_set": _grid,
+}
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, list):
+        return "[" + ", ".join(map(_value, value)) + "]"
+    if isinstance(value, dict):
+        return ", ".join(f"{key} {_value(one)}" for key, one in value.items())
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return f"{value:g}" if isinstance(value, float) else str(value)
