@@ -27,9 +27,11 @@ def report_page(subject: Subject) -> str:
     )
 
 
-def page(title: str, body: Html) -> str:
-    """A complete HTML document with the styles and the notice that every page of ours carries."""
-    script = f'"use strict";\n{asset("page.js")}'
+def page(title: str, body: Html, *scripts: str) -> str:
+    """A complete HTML document with the styles and the notice that every page of ours carries, and with these
+    files of scripts.
+    """
+    script = "\n".join(['"use strict";', *map(asset, ("page.js", *scripts))])
     footer = tag("footer", tag("p", f"Made by o3dls, an open research tool. {NOTICE}"))
     whole = join(tag("main", body), footer, tag("script", Html(script)))
     return document(title, variables() + asset("report.css"), whole, [script, *viewer_code()])

@@ -4,6 +4,7 @@ together.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -63,6 +64,24 @@ def paired_difference(first: Array, second: Array, positions: Array) -> Differen
         len(change),
         len(counts),
     )
+
+
+def difference_over_cases(differences: Sequence[Difference]) -> Difference:
+    """Mean of the differences of several cases, each of one weight, with Student's interval; NaN for one.
+
+    Cohorts are small, and an interval from resampling a few cases is too narrow (of five it holds the truth
+    in about 84 of 100).
+    """
+    from scipy.special import stdtrit
+
+    change = np.array([one.mean for one in differences])
+    n = len(change)
+    half = stdtrit(n - 1, 0.975) * change.std(ddof=1) / np.sqrt(n) if n > 1 else np.nan
+    first, second = (
+        float(np.mean([getattr(one, end) for one in differences])) for end in ("first", "second")
+    )
+    mean = float(change.mean())
+    return Difference(first, second, mean, float(mean - half), float(mean + half), n, n)
 
 
 def spatial_blocks(positions: Array) -> Ints:

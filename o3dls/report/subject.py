@@ -1,7 +1,4 @@
-"""What a report is about, from one finished run or several.
-
-One case, the estimates to show, and their distances.
-"""
+"""What a report is about, from one finished run or several: one case, the estimates, their distances."""
 
 from __future__ import annotations
 
@@ -9,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import cached_property
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -198,7 +196,7 @@ def read_subject(folders: Sequence[Path], compare: Sequence[str] = ()) -> Subjec
     runs = [read_run(folder) for folder in folders]
     records = [read_record(folder) for folder in folders]
     _check_same_case(folders, runs)
-    prefixes = [""] if len(runs) == 1 else [f"{name} · " for name in _distinct_names(folders)]
+    prefixes = [""] if len(runs) == 1 else [f"{name} · " for name in distinct_names(folders)]
     results = [
         Result(prefix + key, key, run)
         for run, prefix in zip(runs, prefixes, strict=True)
@@ -235,7 +233,7 @@ def _few(names: list[str]) -> list[str]:
 
 def _check_same_case(folders: Sequence[Path], runs: Sequence[Run]) -> None:
     for folder, run in zip(folders, runs, strict=True):
-        if not _same(run.case, runs[0].case):
+        if case_key(run.case) != case_key(runs[0].case):
             raise InputError(
                 f"{folder}: is of case '{run.case.name}', {folders[0]} of '{runs[0].case.name}', with "
                 "another prior or other points; "
@@ -243,11 +241,12 @@ def _check_same_case(folders: Sequence[Path], runs: Sequence[Run]) -> None:
             )
 
 
-def _same(a: Case, b: Case) -> bool:
-    return np.array_equal(a.prior.vertices, b.prior.vertices) and np.array_equal(a.points.xyz, b.points.xyz)
+def case_key(case: Case) -> str:
+    """What tells cases apart: the prior and the points, whatever they are called."""
+    return sha256(case.prior.vertices.tobytes() + case.points.xyz.tobytes()).hexdigest()
 
 
-def _distinct_names(folders: Sequence[Path]) -> list[str]:
+def distinct_names(folders: Sequence[Path]) -> list[str]:
     """Folder names, with as much of the path before them as tells them apart."""
     parts = [folder.resolve().parts for folder in folders]
     for depth in range(1, max(map(len, parts)) + 1):

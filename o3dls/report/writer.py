@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
@@ -73,17 +73,21 @@ def write_report(
 
 
 def compare(folders: Sequence[str | Path], out: str | Path = "compare.html") -> Path:
-    """Write one HTML page that compares finished runs, of one case or of many: the worst first, with links to
-    their reports.
+    """Write one HTML page that compares finished runs, of one case or of many: paired by case, the worst
+    first, with links to their reports.
 
-    Raises InputError where a folder is no run, or `out` is no name for a page.
+    Raises InputError where a folder is no run or named twice, or `out` is no name for a page.
     """
+    return _write_cohort(folders, {}, out)
+
+
+def _write_cohort(folders: Sequence[str | Path], failed: Mapping[str, str], out: str | Path) -> Path:
     from ..io.atomic import write_file
-    from .cohort import cohort_page
-    from .subject import read_subject
+    from .cohort.entries import read_entries
+    from .cohort.page import cohort_page
 
     path = _page(out)
-    write_file(path, cohort_page([read_subject([Path(folder)]) for folder in folders], path))
+    write_file(path, cohort_page(read_entries([Path(folder) for folder in folders]), path, failed))
     return path
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tiny import Nudge, ball_case
+from tiny import Nudge, ball_case, disc_case
 
 from o3dls.case import Case
 from o3dls.geometry.similarity import similarity
@@ -174,6 +174,19 @@ def test_batch_gives_a_folder_per_case_and_one_table(case: Path, pipeline: Path,
     assert {row.split(",")[0] for row in rows[1:]} == {"ball", "small", "broken"}
     assert sorted(p.name for p in (tmp_path / "runs").iterdir()) == ["ball", "cohort.csv", "small"]
     refused(o3dls("batch", case, "--out", "runs", "--pipeline", pipeline, cwd=tmp_path), "exists already")
+
+
+def test_compare_takes_cases_in_pixels_beside_those_in_millimetres(tmp_path: Path) -> None:
+    for case in (ball_case(), disc_case()):
+        Pipeline([Nudge()], folds=0).run(case).write(tmp_path / case.name)
+    done = o3dls("compare", "ball", "disc", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    tables = done.stdout.split("run, case, estimate: mean distances in ")
+    assert [(text[:2], "ball" in text, "disc" in text) for text in tables[1:]] == [
+        ("mm", True, False),
+        ("px", False, True),
+    ]
+    assert "2 cases, 2 runs compared" in (tmp_path / "compare.html").read_text(encoding="utf-8")
 
 
 def test_only_a_run_is_replaced_by_a_run(case: Path, pipeline: Path, tmp_path: Path) -> None:

@@ -456,7 +456,7 @@ HEADS = """() => [...document.querySelectorAll('.scroll')].flatMap((box) => {
 def test_names_of_compared_runs_are_seen_whole_on_a_narrow_screen(browser: Any, tmp_path: Path) -> None:
     page = compare([finished(tmp_path / "run", renamed(bulged_case(), "W" * 100))], tmp_path / "all.html")
     visit = Visit(browser, page, wait=False, width=390, height=844)
-    inside = """() => [...document.querySelectorAll('svg.wide text')].map((one) => {
+    inside = """() => [...document.querySelectorAll('svg.strips text')].map((one) => {
         const [box, all] = [one.getBoundingClientRect(), one.ownerSVGElement.getBoundingClientRect()];
         return box.left >= all.left && box.right <= all.right;
     })"""

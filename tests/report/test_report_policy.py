@@ -94,7 +94,7 @@ def test_in_a_browser_what_was_smuggled_in_does_nothing(run: Path, tmp_path: Pat
     with chromium() as launch:
         visit = Visit(launch(), page, wait=False)
         visit.page.click("#link")
-        assert visit.page.title() == "1 runs compared"
+        assert visit.page.title() == "1 case, 1 run compared"
         assert visit.page.is_visible("#p")
         assert all(url.startswith("file:") for url in visit.requests)
         assert len(visit.errors) >= 5  # each is refused by the policy, and said

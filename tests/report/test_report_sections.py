@@ -182,14 +182,14 @@ def test_compare_puts_the_worst_first_and_links_reports(tmp_path: Path) -> None:
     worse = finished(tmp_path / "worse", bulged_case("worse", noise=1.0))
     better = finished(tmp_path / "better", bulged_case("better"))
     flat = finished_2d(tmp_path / "flat")
-    quiet = finished(tmp_path / "<b>", renamed(bulged_case(), "<b>bold</b>"))
+    quiet = finished(tmp_path / "<b>", renamed(bulged_case(points=70), "<b>bold</b>"))
     write_report([worse])
     text = compare([better, worse, flat, quiet], tmp_path / "page" / "all.html").read_text(encoding="utf-8")
     assert 'href="../worse/report.html"' in text
-    assert "4 runs compared" in text
+    assert "4 cases, 4 runs compared" in text
     assert "<b>bold" not in text
-    assert "Closer than the baseline in 3 of 3 runs" in text
-    assert "px" in text.split("Judged by: held out")[-1]  # pixels are not averaged with millimetres
+    assert "level_set closer in 3" in text
+    assert "in px" in text.split("Judged by: held out")[-1]  # pixels are not averaged with millimetres
 
 
 def test_verdict_compares_with_the_icp_among_those_shown(run: Path) -> None:

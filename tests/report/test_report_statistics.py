@@ -5,7 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from o3dls.report.statistics import MOST_BLOCKS, paired_difference, spatial_blocks
+from o3dls.report.statistics import (
+    MOST_BLOCKS,
+    Difference,
+    difference_over_cases,
+    paired_difference,
+    spatial_blocks,
+)
 
 SEED = 20_771
 
@@ -55,6 +61,35 @@ def test_interval_holds_the_true_difference_about_as_often_as_it_says() -> None:
 def test_few_points_give_no_interval() -> None:
     rng = np.random.default_rng(SEED)
     found = paired_difference(rng.uniform(size=9), rng.uniform(size=9), rng.normal(size=(9, 3)))
+    assert np.isnan(found.low)
+    assert not found.clear
+
+
+def of_cases(changes: list[float]) -> list[Difference]:
+    return [Difference(2.0, 2.0 + by, by, by - 0.1, by + 0.1, 50, 10) for by in changes]
+
+
+def test_difference_over_cases_is_that_of_the_paired_t_test() -> None:
+    from scipy.stats import ttest_1samp
+
+    changes = [-0.5, 0.1, -0.3, -0.2, -0.9]
+    found = difference_over_cases(of_cases(changes))
+    expected = ttest_1samp(changes, 0.0).confidence_interval(0.95)
+    assert found.mean == pytest.approx(np.mean(changes))
+    assert (found.low, found.high) == pytest.approx((expected.low, expected.high))
+    assert (found.first, found.second) == pytest.approx((2.0, 2.0 + np.mean(changes)))
+    assert found.n == 5
+
+
+def test_interval_over_few_cases_holds_the_true_difference_as_often_as_it_says() -> None:
+    rng = np.random.default_rng(SEED)
+    found = [difference_over_cases(of_cases(list(0.3 + rng.normal(size=5)))) for _ in range(1000)]
+    hits = np.mean([one.low <= 0.3 <= one.high for one in found])
+    assert abs(hits - 0.95) < 3 * np.sqrt(0.95 * 0.05 / 1000)  # three standard errors; resampling has 0.84
+
+
+def test_one_case_gives_no_interval_over_cases() -> None:
+    found = difference_over_cases(of_cases([-0.5]))
     assert np.isnan(found.low)
     assert not found.clear
 

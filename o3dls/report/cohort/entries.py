@@ -1,0 +1,158 @@
+"""A run as the cohort's page needs it; and estimates of one name that were made in different ways, told
+apart.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from ...arrays import Array
+from ..subject import Result, Subject, case_key, distinct_names, read_subject
+from ..verdict import warnings
+
+MOST_SAID = 6  # differing parameters that are named
+
+
+@dataclass(frozen=True, eq=False)
+class Entry:
+    """One run: its folder and name, its case, the distances of the estimates that it compares, and what was
+    said of it.
+
+    case_key: equal for runs of one case; group: the set of points it is judged by, None where there is none;
+    first, last: what is compared, first is None where there is one estimate alone; measured: positions (n, d)
+    and distances (n,) of both; made: the parameters that made each, as `stage.parameter`.
+    """
+
+    folder: Path
+    name: str
+    case: str
+    case_key: str
+    group: str | None
+    unit: str
+    first: str | None
+    last: str
+    measured: Mapping[str, tuple[Array, Array]]
+    made: Mapping[str, Mapping[str, str]]
+    valid: bool
+    seconds: float
+    warnings: int
+
+
+def read_entries(folders: Sequence[Path]) -> list[Entry]:
+    """The runs in these folders, one after the other in memory. Raises InputError where one is no run, or is
+    named twice.
+    """
+    names = distinct_names(folders) if folders else []
+    return [_entry(read_subject([folder]), name) for folder, name in zip(folders, names, strict=True)]
+
+
+def _entry(subject: Subject, name: str) -> Entry:
+    group, last, first = subject.headline, subject.last, subject.first
+    shown = [one for one in (first, last) if one and group and len(one.measured(group, last)[1])]
+    pipeline = subject.records[0]["pipeline"]
+    return Entry(
+        folder=subject.folders[0],
+        name=name,
+        case=subject.case.name,
+        case_key=case_key(subject.case),
+        group=group,
+        unit=subject.unit,
+        first=first.key if first in shown and first else None,
+        last=last.key,
+        measured={one.key: one.measured(group, last) for one in shown if group},
+        made={one.key: _made(one, pipeline, group) for one in shown},
+        valid=not last.run.faults_of(last.key),
+        seconds=float(subject.records[0]["seconds"]),
+        warnings=len(warnings(subject)),
+    )
+
+
+def _made(result: Result, pipeline: Mapping[str, Any], group: str | None) -> dict[str, str]:
+    """Every parameter of the stages up to the one that made an estimate."""
+    found = {"folds": str(pipeline["folds"])} if group == "cross_validated" else {}
+    if result.key not in (names := [stage["as"] or stage["use"] for stage in pipeline["stage"]]):
+        return found  # what the pipeline began with
+    upto = names.index(result.key) + 1
+    for name, stage in zip(names[:upto], pipeline["stage"], strict=False):
+        found |= {f"{name}.{key}": str(value) for key, value in stage.items()}
+    return found
+
+
+def told_apart(entries: Sequence[Entry]) -> tuple[list[Entry], dict[str, str]]:
+    """The runs, with a number behind the name of an estimate that was made in different ways, such as
+    `level_set (2)`; and for each of these names what differs.
+
+    Parts that only one of two cases allows, such as landmarks, are no difference between runs of the two.
+    """
+    ways: dict[str, list[list[Entry]]] = {}
+    for entry in entries:
+        for name in entry.measured:
+            known = ways.setdefault(name, [])
+            same = next((way for way in known if all(_alike(entry, other, name) for other in way)), None)
+            if same is None:
+                known.append(same := [])
+            same.append(entry)
+    several = {name: found for name, found in ways.items() if len(found) > 1}
+    labels = {
+        (id(entry), name): f"{name} ({k})"
+        for name, found in several.items()
+        for k, way in enumerate(found, 1)
+        for entry in way
+    }
+    notes = {
+        f"{name} ({k})": _difference([way[0].made[name] for way in found], k - 1)
+        for name, found in several.items()
+        for k in range(1, len(found) + 1)
+    }
+    return [_renamed(entry, labels) for entry in entries], notes
+
+
+def _alike(one: Entry, other: Entry, name: str) -> bool:
+    a, b = one.made[name], other.made[name]
+    if one.case_key == other.case_key:
+        return a == b
+    both = {*stages_of(a)} & {*stages_of(b)}
+    return all(a.get(key) == b.get(key) for key in {*a, *b} if _stage(key) in both)
+
+
+def _difference(made: Sequence[Mapping[str, str]], k: int) -> str:
+    """What is so in the k-th of several ways and not in all."""
+    stages = [stages_of(one) for one in made]
+    shared = set(stages[0]).intersection(*stages)
+    said = [
+        f"{key} = {value}"
+        for key, value in made[k].items()
+        if _stage(key) in shared and len({one.get(key) for one in made}) > 1
+    ]
+    said += [
+        f"{'with' if name in stages[k] else 'without'} {name}"
+        for name in dict.fromkeys(name for names in stages for name in names)
+        if name not in shared
+    ]
+    more = f" and {len(said) - MOST_SAID} more" if len(said) > MOST_SAID else ""
+    return ", ".join(said[:MOST_SAID]) + more
+
+
+def stages_of(made: Mapping[str, str]) -> list[str]:
+    """The stages whose parameters these are, in their order."""
+    return list(dict.fromkeys(map(_stage, made)))
+
+
+def _stage(key: str) -> str:
+    return key.partition(".")[0]
+
+
+def _renamed(entry: Entry, labels: Mapping[tuple[int, str], str]) -> Entry:
+    def new(name: str) -> str:
+        return labels.get((id(entry), name), name)
+
+    return replace(
+        entry,
+        first=new(entry.first) if entry.first else None,
+        last=new(entry.last),
+        measured={new(name): found for name, found in entry.measured.items()},
+        made={new(name): found for name, found in entry.made.items()},
+    )

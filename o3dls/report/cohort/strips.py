@@ -1,0 +1,114 @@
+"""The strip plot: one mark per case above the name of each estimate, with lines between the marks of a
+case.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from ...arrays import Array
+from ..drawing.charts import BOTTOM, HEIGHT, LEFT, RIGHT, TOP, WIDTH, Axis, axis_over
+from ..markup import Html, tag
+from .cases import Block, CaseOfRuns
+
+MARGIN = 0.5  # of a column's width, left and right of the marks
+LETTER = 13.0  # pixels of the drawing that a letter takes on a narrow screen
+SHORT = 0.18  # of a column's width: half the line of the mean
+
+
+def strip_plot(block: Block, styles: Mapping[str, int], values: str) -> Html:
+    """The plot.
+
+    styles: the colour of each estimate, as in its report; values: the id of the table of its marks.
+    """
+    means = [np.array([case.mean(name) for case in block.cases]) for name in block.estimates]
+    runs = [np.array(case.means(name)) for case in block.cases for name in block.estimates]
+    y = axis_over(f"mean distance, {block.unit}", runs)
+    across = [_column(k, len(block.estimates)) for k in range(len(block.estimates))]
+    columns = list(zip(block.estimates, across, strict=True))
+    said = (
+        f"Mean distance by case, {block.unit}: one mark per case, lines between the estimates of one case, "
+        "a bar at the mean over cases"
+    )
+    more = ", an upright line from the smallest to the largest of several runs"
+    several = any(len(found) > 1 for found in runs)
+    said += f"{more if several else ''}. The values stand in the table below."
+    drawing = tag(
+        "svg",
+        *_frame(y, columns),
+        *(line for case in block.cases if (line := _line(case, columns, y))),
+        *(_mean(found, x, y, len(across)) for found, x in zip(means, across, strict=True)),
+        *(
+            _mark(case, name, x, styles[name], y)
+            for case in block.cases
+            for name, x in columns
+            if case.means(name)
+        ),
+        viewBox=f"0 0 {WIDTH} {HEIGHT}",
+        class_="chart strips",
+        role="img",
+        aria_label=said,
+        aria_details=values,
+    )
+    return tag("figure", drawing, tag("p", said, class_="soft"), class_="plot")
+
+
+def _width(count: int) -> float:
+    return (WIDTH - LEFT - RIGHT) / (count - 1 + 2 * MARGIN)
+
+
+def _column(k: int, count: int) -> float:
+    return LEFT + (k + MARGIN) * _width(count)
+
+
+def _row(value: float, y: Axis) -> float:
+    return HEIGHT - BOTTOM - float(y.share(np.array(value))) * (HEIGHT - TOP - BOTTOM)
+
+
+def _frame(y: Axis, columns: list[tuple[str, float]]) -> list[Html]:
+    right, bottom = WIDTH - RIGHT, HEIGHT - BOTTOM
+    most = max(3, int(_width(len(columns)) / LETTER))
+    ticks = [(_row(tick, y), f"{tick:g}") for tick in y.ticks()]
+    return [
+        *(tag("path", d=f"M{LEFT} {at:.1f}H{right}", class_="grid") for at, _ in ticks),
+        tag("path", d=f"M{LEFT} {TOP}V{bottom}H{right}", class_="axis"),
+        *(tag("text", text, x=LEFT - 6, y=f"{at + 4:.1f}", text_anchor="end") for at, text in ticks),
+        *(tag("text", tag("title", name), _cut(name, most), x=f"{x:.1f}", y=bottom + 22, text_anchor="middle")
+          for name, x in columns),
+    ]  # fmt: skip
+
+
+def _cut(name: str, most: int) -> str:
+    return name if len(name) <= most else f"{name[: most - 1]}…"
+
+
+def _line(case: CaseOfRuns, columns: list[tuple[str, float]], y: Axis) -> Html | None:
+    """From estimate to estimate, dashed where the last is farther than the first."""
+    values = [(x, case.mean(name)) for name, x in columns if case.means(name)]
+    if len(values) < 2:
+        return None
+    steps = "L".join(f"{x:.1f} {_row(value, y):.1f}" for x, value in values)
+    worse = values[-1][1] > values[0][1]
+    return tag("path", d=f"M{steps}", class_=f"case{' d1' if worse else ''}")
+
+
+def _mean(values: Array, x: float, y: Axis, count: int) -> Html:
+    at, half = _row(float(np.nanmean(values)), y), SHORT * _width(count)
+    return tag("path", d=f"M{x - half:.1f} {at:.1f}H{x + half:.1f}", class_="mean")
+
+
+def _mark(case: CaseOfRuns, name: str, x: float, style: int, y: Axis) -> Html:
+    """The mean, and from the smallest to the largest of several runs a line."""
+    values = case.means(name)
+    mean = case.mean(name)
+    low, high = _row(min(values), y), _row(max(values), y)
+    return tag(
+        "g",
+        tag("title", f"{case.name}, {name}: {mean:.2f}"),
+        tag("path", d=f"M{x:.1f} {low:.1f}V{high:.1f}", class_=f"series s{style}")
+        if len(values) > 1
+        else None,
+        tag("circle", cx=f"{x:.1f}", cy=f"{_row(mean, y):.1f}", r="5", class_=f"f{style} dot"),
+    )

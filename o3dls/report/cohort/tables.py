@@ -1,0 +1,171 @@
+"""Tables of the cohort's page. Each can be put in order by any of its columns; numbers order as numbers."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+from urllib.parse import quote
+
+from ..markup import Child, Html, join, signed, tag
+from ..statistics import Difference
+from .cases import Block, CaseOfRuns, Pair, outcome
+from .entries import Entry
+
+
+class Cell(NamedTuple):
+    """What a cell shows, and the number by which its row is put in order, NaN last; None: it is a text, and
+    ordered as one.
+    """
+
+    shown: Child
+    number: float | None = None
+
+
+def sortable(
+    name: str, caption: str, head: Sequence[str], rows: Sequence[Sequence[Cell]], ordered: int | None = None
+) -> Html:
+    """A table with the id `name` whose headings the page's script makes buttons that put the rows in order.
+
+    ordered: the column by which the rows stand from the largest to the smallest already.
+    """
+    words = [bool(rows) and rows[0][k].number is None for k in range(len(head))]
+    top = [
+        tag(
+            "th",
+            title,
+            scope="col",
+            aria_sort="descending" if k == ordered else None,
+            class_="text" if words[k] else None,
+        )
+        for k, title in enumerate(head)
+    ]
+    body = [tag("tr", tag("th", row[0].shown, scope="row"), *map(_cell, row[1:])) for row in rows]
+    said = f"{name}-caption"
+    whole = tag(
+        "table",
+        tag("thead", tag("tr", *top)),
+        tag("tbody", *body),
+        class_="sortable",
+        id=name,
+        aria_labelledby=said,
+    )
+    return join(  # a caption would scroll with its table
+        tag("p", caption, class_="soft", id=said),
+        tag("div", whole, class_="scroll", tabindex="0", role="region", aria_labelledby=said),
+    )
+
+
+def _cell(cell: Cell) -> Html:
+    if cell.number is None:
+        return tag("td", cell.shown, class_="text")
+    return tag("td", cell.shown, data_sort="" if math.isnan(cell.number) else f"{cell.number:.9g}")
+
+
+def means_table(name: str, block: Block) -> Html:
+    """The mean distance of every estimate in every case, which are the marks of the strip plot."""
+    rows = [
+        [Cell(case.name), Cell(len(case.runs), len(case.runs)), *(_mean(case, e) for e in block.estimates)]
+        for case in block.cases
+    ]
+    result = block.estimates.index(block.main[1]) + 2
+    caption = (
+        f"Mean distance by case, {block.unit}; of several runs the mean, and the smallest and the largest."
+    )
+    return sortable(name, caption, ["case, worst first", "runs", *block.estimates], rows, result)
+
+
+def _mean(case: CaseOfRuns, estimate: str) -> Cell:
+    values = case.means(estimate)
+    if not values:
+        return Cell("–", math.nan)
+    mean = case.mean(estimate)
+    spread = f" ({min(values):.2f} to {max(values):.2f})" if len(values) > 1 else ""
+    return Cell(f"{mean:.2f}{spread}", mean)
+
+
+def differences_table(name: str, block: Block) -> Html:
+    """The mean difference of every pair of estimates over the cases that have both."""
+    rows = []
+    for pair, found in block.differences.items():
+        by_case = [outcome(one, pair) for _, one in found]
+        closer = [by_case.count(f"{estimate} closer") for estimate in pair]
+        sure = f"{closer[1]} closer, {closer[0]} farther, {len(found) - sum(closer)} neither"
+        rows.append([*_difference(pair, block.over_cases(pair), len(found)), Cell(sure)])
+    unit = block.unit
+    head = ["difference of", "cases", f"mean, {unit}", f"95 % interval over cases, {unit}", "relative"]
+    return sortable(
+        name,
+        "Paired differences over cases; below zero the first named is closer.",
+        [*head, "outcome", "case by case"],
+        rows,
+    )
+
+
+def cases_table(name: str, block: Block) -> Html:
+    """The difference of every pair of estimates in every case."""
+    unit = block.unit
+    rows = []
+    for pair, found in block.differences.items():
+        for case, one in found:
+            shown, *rest = _difference(pair, one, one.n)
+            rows.append([Cell(case.name), shown, *rest])
+    head = ["case, worst first", "difference of", "points", f"mean, {unit}", f"95 % interval, {unit}"]
+    caption = "Paired differences within each case; intervals from spatial blocks of its points."
+    return sortable(name, caption, [*head, "relative", "outcome"], rows)
+
+
+def _difference(pair: Pair, found: Difference, n: int) -> list[Cell]:
+    said = outcome(found, pair)
+    interval = "–" if math.isnan(found.low) else f"{signed(found.low)} to {signed(found.high)}"
+    best = "best" if said.endswith("closer") else None
+    return [
+        Cell(f"{pair[1]} − {pair[0]}"),
+        Cell(n, n),
+        Cell(tag("span", signed(found.mean), class_=best), found.mean),
+        Cell(interval, found.low),
+        Cell(f"{signed(found.percent, 0)} %", found.percent),
+        Cell(said),
+    ]
+
+
+def runs_table(name: str, block: Block, out: Path) -> Html:
+    """Every run by its name, with a link to its report as seen from the page `out`, the worst first."""
+    ordered = sorted(
+        ((_distance(run), case.name, run) for case in block.cases for run in case.runs),
+        key=lambda one: -one[0],
+    )
+    rows = [
+        [
+            Cell(_linked(run, out)),
+            Cell(case),
+            Cell(" → ".join(filter(None, (run.first, run.last)))),
+            Cell(f"{distance:.2f}", distance),
+            Cell("yes" if run.valid else tag("strong", "no")),
+            Cell(run.warnings or "–", run.warnings),
+            Cell(f"{run.seconds:.1f}", run.seconds),
+        ]
+        for distance, case, run in ordered
+    ]
+    head = ["run, worst first", "case", "compared", f"mean distance of the result, {block.unit}"]
+    return sortable(
+        name,
+        "Runs, by the names of their folders, with links to their reports.",
+        [*head, "valid", "warnings", "seconds"],
+        rows,
+        3,
+    )
+
+
+def _distance(run: Entry) -> float:
+    return float(run.measured[run.last][1].mean())
+
+
+def _linked(run: Entry, out: Path) -> Child:
+    report = run.folder / "report.html"
+    if not report.is_file():
+        return run.name
+    path = Path(os.path.relpath(report.resolve(), out.resolve().parent)).as_posix()
+    return tag("a", run.name, href=quote(os.fsencode(path)))  # a folder may be named `javascript:`

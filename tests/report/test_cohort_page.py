@@ -1,0 +1,128 @@
+"""The cohort's page in a browser: tables are put in order by mouse and keyboard and say so, nothing is cut
+off on a narrow or a wide screen, and the policy lets all of it run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from test_cohort import THRICE, entry
+
+from o3dls.report.cohort.page import cohort_page
+from tests.browser import Visit, chromium
+
+LONG = "a_case_whose_name_is_as_long_as_those_that_a_hospital_gives_" * 2
+SMALLEST_LETTERS = 11.0  # pixels on the screen
+COLUMN = (
+    "([id, k]) => [...document.querySelectorAll(`#${id} tbody tr`)].map((row) => row.cells[k].textContent)"
+)
+ORDER = (
+    "(id) => [...document.querySelectorAll(`#${id} thead th`)].map((one) => one.getAttribute('aria-sort'))"
+)
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    with chromium() as launch:
+        yield launch()
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    runs = [
+        *THRICE,
+        entry("c", icp=12.0),
+        entry("d", icp=10.0, level_set=9.0),
+        entry(LONG, icp=4.0, tps=3.5),
+        replace(entry("flat", icp=4.0, level_set=3.0), unit="px"),
+    ]
+    path = tmp_path_factory.mktemp("cohort") / "cohort.html"
+    path.write_text(cohort_page(runs, path, {"broken": "no prior surface"}), encoding="utf-8")
+    return path
+
+
+@pytest.fixture
+def visit(browser: Any, page: Path) -> Iterator[Visit]:
+    opened = Visit(browser, page, wait=False)
+    yield opened
+    assert opened.errors == []  # also of the content security policy
+    opened.page.close()
+
+
+def column(visit: Visit, name: str, k: int) -> list[str]:
+    return list(visit.page.evaluate(COLUMN, [name, k]))
+
+
+def test_a_press_of_a_heading_puts_numbers_in_order_and_what_has_none_last(visit: Visit) -> None:
+    def means() -> list[str]:
+        return [text.split(" ")[0] for text in column(visit, "means-0", 4)]
+
+    assert visit.page.evaluate(ORDER, "means-0") == [None, None, None, None, "descending"]
+    assert means() == ["9.00", "2.00", "1.20", "–", "–"]
+    visit.page.click("#means-0 th:nth-child(5) button")
+    assert visit.page.evaluate(ORDER, "means-0") == [None, None, None, None, "ascending"]
+    assert means() == ["1.20", "2.00", "9.00", "–", "–"]
+    visit.page.click("#means-0 th:nth-child(5) button")
+    assert means() == ["9.00", "2.00", "1.20", "–", "–"]
+    visit.page.click("#means-0 th:nth-child(3) button")
+    assert visit.page.evaluate(ORDER, "means-0") == [None, None, "ascending", None, None]
+    assert column(visit, "means-0", 2)[-2:] == ["10.00", "12.00"]  # as numbers: not before 2.00
+
+
+def test_a_table_is_put_in_order_from_the_keyboard(visit: Visit) -> None:
+    visit.page.focus("#means-0 th:nth-child(1) button")
+    visit.page.keyboard.press("Enter")
+    assert column(visit, "means-0", 0) == ["a", LONG, "b", "c", "d"]
+    visit.page.keyboard.press("Space")
+    assert column(visit, "means-0", 0) == ["d", "c", "b", LONG, "a"]
+    assert visit.page.evaluate(ORDER, "means-0")[0] == "descending"
+    visit.page.keyboard.press("Tab")
+    assert visit.page.evaluate("document.activeElement.textContent") == "runs"
+    outlined = "getComputedStyle(document.activeElement).outlineStyle"
+    assert visit.page.evaluate(outlined) == "solid"  # who uses the keyboard sees where
+
+
+def test_headings_stand_on_paper_too(visit: Visit) -> None:
+    visit.page.emulate_media(media="print")
+    assert visit.page.is_visible("#means-0 th:nth-child(4) button")
+
+
+def test_without_scripts_the_tables_have_no_dead_buttons(browser: Any, page: Path) -> None:
+    visit = Visit(browser, page, wait=False, java_script_enabled=False)
+    assert visit.page.locator("#means-0 button").count() == 0
+    assert visit.page.is_visible("#means-0 th:nth-child(4)")
+    visit.page.close()
+
+
+FITS = """() => [document.documentElement.scrollWidth - innerWidth,
+    ...[...document.querySelectorAll('main p, main h2, main li, main figure, .scroll')].map((one) => {
+        const box = one.getBoundingClientRect();
+        return Math.max(-box.left, box.right - innerWidth);
+    })]"""
+REACHED = """() => [...document.querySelectorAll('.scroll')].map((box) => {
+    box.scrollLeft = 1e6;
+    const last = box.querySelector('tbody tr').lastElementChild.getBoundingClientRect();
+    return last.right - box.getBoundingClientRect().right;
+})"""
+LETTERS = """() => [...document.querySelectorAll('svg text')].map((one) => {
+    const svg = one.ownerSVGElement, box = one.getBoundingClientRect(), all = svg.getBoundingClientRect();
+    const size = parseFloat(getComputedStyle(one).fontSize) * all.width / svg.viewBox.baseVal.width;
+    return [size, Math.max(all.left - box.left, box.right - all.right, box.bottom - all.bottom)];
+})"""
+
+
+@pytest.mark.parametrize("width", [390, 1440])
+def test_nothing_is_cut_off(width: int, browser: Any, page: Path) -> None:
+    visit = Visit(browser, page, wait=False, width=width)
+    assert max(visit.page.evaluate(FITS)) <= 0
+    assert (
+        max(visit.page.evaluate(REACHED)) <= 1
+    )  # pixel: browsers round; each table scrolls to its last column
+    for size, over in visit.page.evaluate(LETTERS):
+        assert size >= SMALLEST_LETTERS
+        assert over <= 0
+    visit.page.close()
