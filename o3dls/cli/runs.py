@@ -113,7 +113,7 @@ def stages(name: str | None, markdown: bool) -> None:
     type=FOLDER,
     default=Path("runs"),
     show_default=True,
-    help="folder for the run folders and cohort.csv",
+    help="folder for the run folders, cohort.csv and cohort.html",
 )
 @click.option(
     "--set",
@@ -134,15 +134,17 @@ def batch(
     jobs: int,
     force: bool,
 ) -> int:
-    """Run one pipeline over many CASES, side by side, and write one table of the cohort."""
+    """Run one pipeline over many CASES, side by side, and write one table and one page of the cohort."""
     from ..pipeline.batch import run_cohort
     from ..pipeline.file import default_pipeline, read_pipeline
+    from ..report.writer import write_cohort
 
     plan = read_pipeline(pipeline, settings) if pipeline else default_pipeline(settings)
     outcomes = run_cohort(cases, plan, out, jobs=jobs, trim=not pipeline, force=force)
     for outcome in outcomes:
         say(f"{outcome.case}: {outcome.error or '; '.join(outcome.faults) or 'done'}")
-    say(f"{out / 'cohort.csv'}")
+    say(out / "cohort.csv")
+    say(write_cohort(outcomes, out))
     if any(outcome.error for outcome in outcomes):
         return WRONG_INPUT
     return NOT_VALID if any(outcome.faults for outcome in outcomes) else DONE

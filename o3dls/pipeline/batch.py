@@ -25,7 +25,7 @@ from .pipeline import Pipeline
 from .workers import workers
 
 log = logging.getLogger("o3dls")
-COHORT = "cohort.csv"
+COHORT, PAGE = "cohort.csv", "cohort.html"  # the page is the report's: see report/writer.py
 
 
 @dataclass(frozen=True)
@@ -63,20 +63,24 @@ def run_cohort(
     """Run the pipeline on every case folder into `out/<name of the folder>` and write `out/cohort.csv`.
 
     trim: leave out what a case does not allow, as for the default pipeline. A case that fails does not stop
-    the others, and the table is there from the first case on. Raises InputError before any work where a case
-    has the name of another or of the table, or a run folder or the table exists.
+    the others, and the table is there from the first case on; the page of an earlier batch is removed. Raises
+    InputError before any work where a case has the name of another, of the table or of the page, or a run
+    folder or one of these exists.
     """
     names = [folder.resolve().name for folder in folders]
     for folder, name in zip(folders, names, strict=True):
         if names.count(name) > 1:
             raise InputError(f"two case folders are named '{name}': their runs would have one folder")
-        if name.casefold() == COHORT:
-            raise InputError(f"{folder}: '{name}' is the name of the batch's table; rename the case folder")
+        if name.casefold() in (COHORT, PAGE):
+            kind = "table" if name.casefold() == COHORT else "page"
+            raise InputError(f"{folder}: '{name}' is the name of the batch's {kind}; rename the case folder")
         check_free(out / name, force, "run", folders)
-    _check_table(out / COHORT, force)
+    for path in (out / COHORT, out / PAGE):
+        _check_own(path, force)
     work = [
         _Job(folder, pipeline, out / name, trim, force) for folder, name in zip(folders, names, strict=True)
     ]
+    (out / PAGE).unlink(missing_ok=True)  # it speaks of runs that are replaced now
     found: dict[_Job, Outcome] = {}
     with closing(_outcomes(work, jobs)) as outcomes:  # an interruption ends the processes at once
         for job, outcome in outcomes:
@@ -86,9 +90,9 @@ def run_cohort(
     return [found[job] for job in work]
 
 
-def _check_table(path: Path, force: bool) -> None:
+def _check_own(path: Path, force: bool) -> None:
     if path.is_dir():
-        raise InputError(f"{path}: is a folder, and the batch writes its table there; name another folder")
+        raise InputError(f"{path}: is a folder, and the batch writes a file there; name another folder")
     if path.exists() and not force:
         raise InputError(f"{path}: exists already; name another folder or use --force")
 

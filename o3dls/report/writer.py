@@ -12,6 +12,7 @@ from ..errors import InputError
 from ..runs.writers import Writer
 
 if TYPE_CHECKING:
+    from ..pipeline.batch import Outcome
     from ..runs.run import Run
 
 REPORT, FIGURES = "report.html", "figures"
@@ -79,6 +80,17 @@ def compare(folders: Sequence[str | Path], out: str | Path = "compare.html") -> 
     Raises InputError where a folder is no run or named twice, or `out` is no name for a page.
     """
     return _write_cohort(folders, {}, out)
+
+
+def write_cohort(outcomes: Sequence[Outcome], out: str | Path) -> Path:
+    """Write cohort.html into the folder of a batch: its runs compared, and the cases that failed with the
+    reasons.
+    """
+    from ..pipeline.batch import PAGE
+
+    folders = [Path(out) / one.case for one in outcomes if not one.error]
+    failed = {one.case: one.error for one in outcomes if one.error}
+    return _write_cohort(folders, failed, Path(out) / PAGE)
 
 
 def _write_cohort(folders: Sequence[str | Path], failed: Mapping[str, str], out: str | Path) -> Path:

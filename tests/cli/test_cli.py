@@ -172,7 +172,12 @@ def test_batch_gives_a_folder_per_case_and_one_table(case: Path, pipeline: Path,
     rows = (tmp_path / "runs/cohort.csv").read_text().splitlines()
     assert rows[0].startswith("case,error,faults,warnings,estimate,set,n,mean_mm")
     assert {row.split(",")[0] for row in rows[1:]} == {"ball", "small", "broken"}
-    assert sorted(p.name for p in (tmp_path / "runs").iterdir()) == ["ball", "cohort.csv", "small"]
+    there = ["ball", "cohort.csv", "cohort.html", "small"]
+    assert sorted(p.name for p in (tmp_path / "runs").iterdir()) == there
+    text = (tmp_path / "runs/cohort.html").read_text(encoding="utf-8")
+    # the same prior and points under two names: one case
+    assert "1 case, 2 runs compared" in text
+    assert "<strong>broken</strong>: broken: no prior surface" in text
     refused(o3dls("batch", case, "--out", "runs", "--pipeline", pipeline, cwd=tmp_path), "exists already")
 
 

@@ -25,6 +25,7 @@ from o3dls.pipeline import batch
 from o3dls.pipeline.batch import run_cohort
 from o3dls.pipeline.pipeline import Pipeline
 from o3dls.plugins.stage import Stage
+from o3dls.report.writer import write_cohort
 from o3dls.run_warning import RunWarning
 from o3dls.runs.writers import Writer
 
@@ -129,6 +130,56 @@ def test_a_table_of_another_batch_is_only_replaced_when_told(tmp_path: Path) -> 
     assert "second" in (out / "cohort.csv").read_text()
 
 
+def test_a_page_of_another_batch_is_only_replaced_when_told_and_then_removed_before_the_work(
+    tmp_path: Path,
+) -> None:
+    (folder,) = cases(tmp_path, one=60)
+    out = tmp_path / "runs"
+    out.mkdir()
+    (out / "cohort.html").write_text("of another batch")
+    pipeline = Pipeline([Nudge()], folds=0)
+    with pytest.raises(InputError, match=r"cohort\.html: exists already"):
+        run_cohort([folder], pipeline, out)
+    run_cohort([folder], pipeline, out, force=True)
+    assert sorted(path.name for path in out.iterdir()) == ["cohort.csv", "one"]
+
+
+def test_the_page_names_what_failed_beside_what_was_run(tmp_path: Path) -> None:
+    folders = cases(tmp_path, one=60, few=30, two=70)
+    out = tmp_path / "runs"
+    outcomes = run_cohort(folders, Pipeline([Careless()], folds=0), out)
+    page = write_cohort(outcomes, out)
+    text = page.read_text(encoding="utf-8")
+    assert page == out / "cohort.html"
+    assert "2 cases, 2 runs compared" in text
+    assert "<strong>few</strong>: internal error, please report it: IndexError: too short" in text
+    assert sorted(path.name for path in out.iterdir()) == [
+        "cohort.csv",
+        "cohort.html",
+        "few.failed.log",
+        "one",
+        "two",
+    ]
+
+
+def test_a_page_of_failures_alone_is_written_too(tmp_path: Path) -> None:
+    outcomes = run_cohort(cases(tmp_path, few=30), Pipeline([Careless()], folds=0), tmp_path / "runs")
+    text = write_cohort(outcomes, tmp_path / "runs").read_text(encoding="utf-8")
+    assert "1 case failed" in text
+    assert "0 cases, 0 runs compared" in text
+
+
+def test_the_page_is_there_whole_or_not_at_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    out = tmp_path / "runs"
+    outcomes = run_cohort(cases(tmp_path, one=60), Pipeline([Nudge()], folds=0), out)
+    before = sorted(out.rglob("*"))
+    written = Path.write_bytes
+    monkeypatch.setattr(Path, "write_bytes", lambda path, data: written(path, data[: len(data) // 2]))
+    with pytest.raises(InputError, match=r"cohort\.html: cannot be written: the disk kept"):
+        write_cohort(outcomes, out)
+    assert sorted(out.rglob("*")) == before
+
+
 def test_a_line_break_in_a_name_or_an_error_does_not_cost_the_table(tmp_path: Path) -> None:
     folders = cases(tmp_path, **{"one\ntwo": 60, "three": 30})
     run_cohort(folders, Pipeline([Talkative()], folds=0), tmp_path / "runs")
@@ -140,17 +191,24 @@ def test_a_line_break_in_a_name_or_an_error_does_not_cost_the_table(tmp_path: Pa
     }
 
 
-@pytest.mark.parametrize("name", ["cohort.csv", "Cohort.CSV"])
-def test_a_case_with_the_name_of_the_table_is_refused_before_any_work(name: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("name", "what"), [("cohort.csv", "table"), ("Cohort.CSV", "table"), ("Cohort.html", "page")]
+)
+def test_a_case_with_the_name_of_the_table_or_page_is_refused_before_any_work(
+    name: str, what: str, tmp_path: Path
+) -> None:
     folders = cases(tmp_path, **{"one": 60, name: 60})
-    with pytest.raises(InputError, match=f"'{name}' is the name of the batch's table; rename the case"):
+    with pytest.raises(InputError, match=f"'{name}' is the name of the batch's {what}; rename the case"):
         run_cohort(folders, Pipeline([Nudge()], folds=0), tmp_path / "runs")
     assert not (tmp_path / "runs").exists()
 
 
-def test_a_folder_in_the_place_of_the_table_is_named_before_any_work(tmp_path: Path) -> None:
-    (tmp_path / "runs/cohort.csv").mkdir(parents=True)
-    with pytest.raises(InputError, match=r"cohort\.csv: is a folder"):
+@pytest.mark.parametrize("name", ["cohort.csv", "cohort.html"])
+def test_a_folder_in_the_place_of_the_table_or_page_is_named_before_any_work(
+    name: str, tmp_path: Path
+) -> None:
+    (tmp_path / "runs" / name).mkdir(parents=True)
+    with pytest.raises(InputError, match=f"{name}: is a folder"):
         run_cohort(cases(tmp_path, one=60), Pipeline([Nudge()], folds=0), tmp_path / "runs", force=True)
     assert not (tmp_path / "runs/one").exists()
 
