@@ -242,6 +242,9 @@ def test_the_strip_plot_has_a_mark_per_case_and_a_line_between_its_estimates() -
         float(y) for ends in re.findall(r'd="M[\d.]+ ([\d.]+)V([\d.]+)" class="series', plot) for y in ends
     ]
     assert all(0 <= y <= 300 for y in heights)
+    assert len(re.findall('class="mean"', plot)) == 2
+    some = cohort_page([*THRICE, entry("c", icp=9.0)], Path("all.html"))
+    assert len(re.findall('class="mean"', some)) == 1  # the result's mean would be one over other cases
     farther = cohort_page([entry("a", icp=1.0, level_set=2.0)], Path("all.html"))
     assert 'class="case d1"' in farther
 

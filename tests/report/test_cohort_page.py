@@ -11,11 +11,13 @@ from typing import Any
 
 import pytest
 from test_cohort import THRICE, entry
+from test_report_page import CONTRASTS
 
 from o3dls.report.cohort.page import cohort_page
 from tests.browser import Visit, chromium
 
 LONG = "a_case_whose_name_is_as_long_as_those_that_a_hospital_gives_" * 2
+READABLE = 4.5  # contrast of text, WCAG 2 level AA
 SMALLEST_LETTERS = 11.0  # pixels on the screen
 COLUMN = (
     "([id, k]) => [...document.querySelectorAll(`#${id} tbody tr`)].map((row) => row.cells[k].textContent)"
@@ -125,4 +127,13 @@ def test_nothing_is_cut_off(width: int, browser: Any, page: Path) -> None:
     for size, over in visit.page.evaluate(LETTERS):
         assert size >= SMALLEST_LETTERS
         assert over <= 0
+    visit.page.close()
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_words_stand_out_in_light_and_dark(scheme: str, browser: Any, page: Path) -> None:
+    visit = Visit(browser, page, wait=False, color_scheme=scheme)
+    found = visit.page.evaluate(CONTRASTS)
+    assert len(found) > 50
+    assert [one for one in found if one[1] < READABLE] == []
     visit.page.close()

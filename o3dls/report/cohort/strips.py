@@ -30,7 +30,7 @@ def strip_plot(block: Block, styles: Mapping[str, int], values: str) -> Html:
     columns = list(zip(block.estimates, across, strict=True))
     said = (
         f"Mean distance by case, {block.unit}: one mark per case, lines between the estimates of one case, "
-        "a bar at the mean over cases"
+        "a bar at the mean where all cases have the estimate"
     )
     more = ", an upright line from the smallest to the largest of several runs"
     several = any(len(found) > 1 for found in runs)
@@ -39,7 +39,11 @@ def strip_plot(block: Block, styles: Mapping[str, int], values: str) -> Html:
         "svg",
         *_frame(y, columns),
         *(line for case in block.cases if (line := _line(case, columns, y))),
-        *(_mean(found, x, y, len(across)) for found, x in zip(means, across, strict=True)),
+        *(
+            _mean(found, x, y, len(across))
+            for found, x in zip(means, across, strict=True)
+            if np.isfinite(found).all()  # means over different cases do not compare
+        ),
         *(
             _mark(case, name, x, styles[name], y)
             for case in block.cases
@@ -95,7 +99,7 @@ def _line(case: CaseOfRuns, columns: list[tuple[str, float]], y: Axis) -> Html |
 
 
 def _mean(values: Array, x: float, y: Axis, count: int) -> Html:
-    at, half = _row(float(np.nanmean(values)), y), SHORT * _width(count)
+    at, half = _row(float(values.mean()), y), SHORT * _width(count)
     return tag("path", d=f"M{x - half:.1f} {at:.1f}H{x + half:.1f}", class_="mean")
 
 
