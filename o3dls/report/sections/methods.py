@@ -51,8 +51,8 @@ def paragraph(subject: Subject, record: Record) -> str:
     return (
         f"A prior surface of {len(case.prior.faces)} faces was registered to points ({counts}) and fused "
         f"with them by o3dls {versions['o3dls']} [o3dls], which builds on Open3D [open3d]: {done} Errors "
-        f"are exact distances from points to the surface, in {subject.unit}; differences have 95 % intervals from "
-        f"a bootstrap of spatial blocks.{left_out} Software: {software}."
+        f"are exact distances from points to the surface, in {subject.unit}; differences have 95 % intervals "
+        f"from a bootstrap of spatial blocks.{left_out} Software: {software}."
     )
 
 
