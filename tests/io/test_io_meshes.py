@@ -394,3 +394,16 @@ def test_the_command_line_says_what_was_carried_and_left(tmp_path: Path) -> None
         "import", carto_folder(tmp_path / "study"), tmp_path / "case", "--map", "1-Map", "--prior", path
     )
     assert carried in text
+
+
+@pytest.mark.parametrize("lists", [1, 2])
+def test_a_ply_of_no_faces_is_refused_however_they_would_be_written(lists: int, tmp_path: Path) -> None:
+    """Rows of two lists are polygons one by one, and of none there is nothing to put together."""
+    path = tmp_path / "none.ply"
+    more = "property list uchar float q\n" * (lists - 1)
+    path.write_text(
+        "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\n"
+        f"element face 0\nproperty list uchar int vertex_indices\n{more}end_header\n0 0 0\n"
+    )
+    with pytest.raises(InputError, match="holds 1 vertices and 0 triangles"):
+        read_surface(path)

@@ -122,6 +122,8 @@ def _blocks(polygons: Any) -> tuple[list[Any], Ints]:
     """Polygons of equal size together, (k, n) each, and the rows of all."""
     if not isinstance(polygons, list):
         return [polygons], np.arange(len(polygons))
+    if not polygons:
+        return [], np.arange(0)
     sizes = np.array([len(polygon) for polygon in polygons])
     rows = [np.flatnonzero(sizes == size) for size in np.unique(sizes)]
     return [np.array([polygons[k] for k in mine]) for mine in rows], np.concatenate(rows)
