@@ -177,6 +177,9 @@ def test_views_of_an_unknown_frame_are_those_of_the_prior_and_named_so(browser: 
     assert visit.page.locator("#view-name").inner_text() == "prior −y"
     assert "where the patient's are is not known" in visit.page.locator("#views-by").inner_text()
     assert visit.page.locator("#torso").count() == 0
+    said = visit.page.locator("section#pictures > p.soft").inner_text()
+    assert "does not say its frame: views are by the prior's own axes" in said
+    assert "from prior −y" in (visit.page.locator("figure.static img").get_attribute("alt") or "")
     assert visit.page.locator("#cut option").all_inner_texts() == ["none", "x", "y", "z"]
     assert not list((tmp_path / "run" / "figures").glob("surfaces_[ap][ap].png"))
     assert visit.errors == []

@@ -47,7 +47,7 @@ def png(figure: Figure, dpi: int = 130) -> bytes:
 
 
 def pictures_png(subject: Subject) -> bytes:
-    """Estimates side by side, coloured by the most telling field, from the front."""
+    """Estimates side by side, coloured by the most telling field, in the first of the views."""
     columns = len(subject.shown)
     with plain_figure(3.6 * columns + 0.6, 4.5) as figure:
         draw_pictures(figure, subject, (0.02, 0.03, 0.96, 0.95))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from ..drawing.distance_charts import spread_section
 from ..drawing.figures import pictures_png
 from ..drawing.scene import scene
+from ..drawing.views import orientation
 from ..markup import join, tag
 from ..page_parts import image, viewer_scripts
 from ..subject import Subject
@@ -29,11 +30,9 @@ def picture_section(subject: Subject) -> Section | None:
         "Balls: eam points; cubes: ablation points; diamonds: fitted points that were judged "
         "outliers. Grey: no value there."
     )
-    frame = (
-        ""
-        if subject.case.frame != "unknown"
-        else " The case does not say its frame; the views take it for LPS."
-    )
+    seen = orientation(subject)
+    known = subject.case.frame != "unknown"
+    frame = "" if known else f" The case does not say its frame: views are by the {seen.known_by}."
     left = len(subject.runs) - len(subject.shown)
     more = (
         f" The last {len(subject.shown)} runs are shown; the tables have all {len(subject.runs)}."
@@ -43,7 +42,7 @@ def picture_section(subject: Subject) -> Section | None:
     note = tag("p", shapes + frame + more, class_="soft")
     static = image(
         pictures_png(subject),
-        f"{' and '.join(subject.shown)} side by side, from the front, in one colour scale",
+        f"{' and '.join(subject.shown)} side by side, from {next(iter(seen.views()))}, in one colour scale",
     )
     return Section("pictures", "Side by side", join(static, viewer_scripts(scene(subject)), note))
 
