@@ -44,12 +44,14 @@ def doubtful_points(case: Case, start: Estimate, final: Estimate) -> list[RunWar
     if case.dimension == 2:
         return []
     points = thinned(case.points.of("eam").xyz, SPREAD)
-    said = {
-        "points-on-a-ball": _sphere(points, case.prior.transformed(final.T_map_prior)),
-        "points-beside-the-wall": _one_side(case, start, points),
-        "large-noise": _scattered(case, final, points),
-    }
-    return [RunWarning(code, sentence) for code, sentence in said.items() if sentence]
+    found = []
+    if ball := _sphere(points, case.prior.transformed(final.T_map_prior)):
+        found.append(RunWarning("points-on-a-ball", ball))
+    if beside := _one_side(case, start, points):
+        found.append(RunWarning("points-beside-the-wall", beside))
+    if scattered := _scattered(case, final, points):
+        found.append(RunWarning("large-noise", scattered))
+    return found
 
 
 def _overlapping(case: Case) -> str:
