@@ -96,6 +96,7 @@ def test_colours_on_the_screen_are_those_of_the_bar(visit: Visit) -> None:
 @pytest.mark.parametrize("panel", [0, 1])
 def test_dragging_one_view_turns_the_other(visit: Visit, panel: int) -> None:
     canvas = visit.page.locator("#panels canvas").nth(panel)
+    canvas.scroll_into_view_if_needed()  # the mouse reaches no more than the window shows
     box = canvas.bounding_box()
 
     def drag() -> None:
@@ -211,7 +212,7 @@ def test_without_truth_the_first_colour_is_the_distance_of_points_left_out(
     case = replace(bulged_case(), truth=None)
     visit = Visit(browser, write_report([finished(tmp_path / "run", case, folds=3)]))
     first = visit.page.locator("#surface-bar .name").inner_text()
-    assert first == "distance of points left out in turn, mm"
+    assert first == "distance of cross-validated points, mm"
     assert visit.page.locator("#panels figcaption small").all_inner_texts() == ["", ""]
     options = visit.page.locator("#field option").all_inner_texts()
     assert options[1] == "posterior standard deviation"
@@ -252,7 +253,7 @@ def mapped(browser: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[V
     points = replace(case.points, columns={**case.points.columns, "lat": lat})
     folder = finished(tmp_path_factory.mktemp("mapped") / "run", replace(case, points=points))
     opened = Visit(browser, write_report([folder]))
-    for label in ("outliers", "landmarks", "hatch where only the prior speaks"):
+    for label in ("outliers", "landmarks", "hatch: no points here, shape from the image alone"):
         opened.page.get_by_label(label, exact=True).click()
     yield opened
     opened.page.close()

@@ -14,6 +14,7 @@ from ...errors import InputError
 from ..drawing.charts import STYLES
 from ..markup import Html, join, signed, tag
 from ..page import NOTICE, page
+from ..palette import places
 from ..subject import SETS
 from .cases import Block, outcome
 from .entries import Entry, told_apart
@@ -83,10 +84,10 @@ def _ways(notes: Mapping[str, str]) -> Html | None:
 
 
 def _styles(entries: Sequence[Entry]) -> dict[str, int]:
-    """The colour of each estimate: the baseline and the result of most runs have those of their reports."""
+    """The colour of each estimate, by its method as in the reports; those of most runs come first."""
     shown = Counter((one.first, one.last) for one in entries if one.measured).most_common()
     order = dict.fromkeys(name for pair, _ in shown for name in pair if name)
-    return {name: k % STYLES for k, name in enumerate(order)}
+    return {name: place % STYLES for name, place in zip(order, places(list(order)), strict=True)}
 
 
 def _section(k: int, block: Block, styles: Mapping[str, int], out: Path) -> Html:

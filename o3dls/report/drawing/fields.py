@@ -64,7 +64,7 @@ def known_fields(surfaces: Sequence[Surface], unit: str) -> list[Field]:
     """
     words = [
         Field(f"{TRUTH}_{unit}", "distance to truth", unit, "sequential"),
-        Field(f"{LEFT_OUT}_{unit}", "distance of points left out in turn", unit, "sequential"),
+        Field(f"{LEFT_OUT}_{unit}", "distance of cross-validated points", unit, "sequential"),
         Field(f"sd_{unit}", "posterior standard deviation", unit, "deviation"),
         Field(f"distance_to_nearest_point_{unit}", "distance to the nearest point", unit, "sequential"),
         Field(f"displacement_{unit}", "displacement, outward positive", unit, "signed"),

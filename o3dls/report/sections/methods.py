@@ -43,7 +43,7 @@ def paragraph(subject: Subject, record: Record) -> str:
     )
     folds = pipeline["folds"]
     left_out = (
-        f" Every stage was cross-validated in {folds} folds, spatial blocks of points left out in turn."
+        f" Every stage was cross-validated in {folds} folds of spatial blocks of points."
         if folds
         else ""
     )
