@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -33,10 +33,6 @@ class RecordedMotion:
         """Places (n, d) of the prior frame that came to lie at points (n, d) of the map frame."""
         at, offset = _carried(self._on_moved, self.prior, points)
         return at + offset @ np.linalg.inv(self.T_map_prior[:-1, :-1]).T
-
-    def inverted(self, surface: Surface) -> Surface:
-        """A surface of the map frame where it lay in the prior frame."""
-        return replace(surface, vertices=self.inverse(surface.vertices))
 
     def sd(self, points: Array, normals: Array) -> Array:
         """Standard deviation (n,) at the nearest place of the prior; normals count as those of the wall."""

@@ -11,7 +11,7 @@ from ..case import Case
 from ..estimate import Estimate
 from ..geometry.similarity import TURN, apply, fit_similarity, rms_radius
 from ..geometry.surface import Surface
-from ..registration.landmarks import determined
+from ..registration.landmarks import fix_a_pose
 from ..run_warning import RunWarning
 
 THINNEST = 0.05  # thickness of the points over their width: one wall of an atrium has .15
@@ -25,7 +25,6 @@ NEAR = 0.05  # rms radii: points nearer to the prior than that lie on it
 ONE_SIDE = 0.9  # of the points on one side of the prior, and
 OFFSET = 0.15  # so far in the median, in rms radii: 4 mm for an atrium
 NOISY = 0.11  # noise in rms radii: 2.9 mm for an atrium, and mapping has 1 to 2
-SURE = 0.99
 SPREAD = 200  # points, spread evenly, that are asked: many beats of one place count once
 
 
@@ -85,7 +84,7 @@ def _plane(case: Case, points: Array) -> str:
 def _column(case: Case) -> str:
     """One column of coordinates in another unit than the others, as the landmarks show."""
     names, prior, measured = case.landmark_pairs()
-    if len(names) < 4 or not determined(prior) or not determined(measured):
+    if len(names) < 4 or not fix_a_pose(prior, measured):
         return ""
     before = _landmark_error(prior, measured)
     if before < FAR_LANDMARKS * float(np.sqrt(prior.var(axis=0).sum())):
@@ -114,21 +113,19 @@ def _landmark_error(prior: Array, measured: Array) -> float:
 
 def _frames(case: Case, start: Estimate, points: Array) -> str:
     """Points in LPS beside landmarks in RAS, or the other way round: turned, they fit clearly better."""
-    from ..registration.global_pose import confidence, robust_costs
+    from ..registration.global_pose import robust_costs
     from ..registration.match import SurfaceMatcher
-    from ..stages.pose_checks import MATERIAL
+    from ..stages.pose_checks import clearly_better
 
     _, prior, measured = case.landmark_pairs()
-    if len(prior) < 3 or not (determined(prior) and determined(measured)):
+    if not fix_a_pose(prior, measured):
         return ""
     surface = SurfaceMatcher(case.prior)
 
     def costs(xyz: Array) -> Array:
         return robust_costs(surface.match(xyz, start.T_map_prior).distances, surface.radius)
 
-    own, turned = costs(points), costs(apply(TURN, points))
-    least = float(robust_costs(np.array([MATERIAL * surface.radius]), surface.radius)[0])
-    if (own - turned).mean() < least or confidence(turned, own, points) <= SURE:
+    if not clearly_better(costs(apply(TURN, points)), costs(points), points, surface.radius):
         return ""
     return (
         "the points fit the prior clearly better where x and y have the other sign, and the landmarks do "
@@ -158,7 +155,7 @@ def _one_side(case: Case, start: Estimate, points: Array) -> str:
     from ..registration.match import SurfaceMatcher
 
     _, prior, measured = case.landmark_pairs()
-    if len(prior) < 3 or not (determined(prior) and determined(measured)):
+    if not fix_a_pose(prior, measured):
         return ""
     surface = SurfaceMatcher(case.prior)
     signed = surface.match(points, start.T_map_prior).signed

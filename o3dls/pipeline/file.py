@@ -32,11 +32,20 @@ def read_pipeline(path: str | Path, settings: Iterable[str] = ()) -> Pipeline:
     path = Path(path)
     text = decode(read_bytes(path, LARGEST_TOML), path)
     try:
-        return pipeline_from(overridden(parse_toml(text, str(path)), settings), path.parent)
+        tables = _beside(parse_toml(text, str(path)), path.parent)
+        return pipeline_from(overridden(tables, settings), path.parent)
     except InputError as error:
         raise PipelineError(str(error)) from None
     except PipelineError as error:
         raise PipelineError(*(f"{path}: {mistake}" for mistake in error.args)) from None
+
+
+def _beside(tables: Tables, folder: Path) -> Tables:
+    """The tables with the files that writers name (`grid`) taken from a folder, as case and out are."""
+    for table in tables.get("write", []) if isinstance(tables.get("write"), list) else []:
+        if isinstance(table, dict) and isinstance(table.get("grid"), str):
+            table["grid"] = str(folder / table["grid"])
+    return tables
 
 
 def all_mistakes(path: str | Path, case: str | Path | None = None) -> list[str]:

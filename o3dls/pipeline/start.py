@@ -13,7 +13,7 @@ from ..errors import SolverError
 from ..estimate import Estimate
 from ..evaluation.distances import landmark_errors
 from ..geometry.similarity import fit_similarity
-from ..registration.landmarks import determined
+from ..registration.landmarks import fix_a_pose
 from ..run_warning import RunWarning
 from .doubts import contradiction
 
@@ -34,7 +34,7 @@ def start_estimate(case: Case) -> Estimate:
     status says which.
     """
     names, prior, measured = case.landmark_pairs()
-    if _fixed_by(prior, measured):
+    if fix_a_pose(prior, measured):
         start = _placed(case, fit_similarity(prior, measured, scale=False), "")
         error = np.sqrt((landmark_errors(case, start) ** 2).mean())
         return _placed(
@@ -74,7 +74,7 @@ def pose_unknown(case: Case) -> bool:
     pose fits the points clearly better than the one that ICP finds from the prior as it is given.
     """
     start = start_estimate(case)
-    if case.init is not None or _fixed_by(*case.landmark_pairs()[1:]):
+    if case.init is not None or fix_a_pose(*case.landmark_pairs()[1:]):
         return False
     if misfit(case, start, pose_is_known=False):
         return False  # no pose helps, and the run is refused with the reason
@@ -91,7 +91,7 @@ def doubtful_pose(case: Case, start: Estimate) -> list[RunWarning]:
     another one: an `init` of another frame leads to a surface that looks right, since a motion can make up
     for a turned chamber.
     """
-    if _fixed_by(*case.landmark_pairs()[1:]):
+    if fix_a_pose(*case.landmark_pairs()[1:]):
         return []
     better = _better_pose(case, start)
     return [RunWarning("start-pose-doubtful", f"the start may be wrong: {better}")] if better else []
@@ -138,11 +138,6 @@ def _around(case: Case, faces: NDArray[np.bool_]) -> str:
     """Where some faces of the prior lie."""
     middle = case.prior.vertices[np.unique(case.prior.faces[faces])].mean(axis=0)
     return f"around ({', '.join(f'{x:.0f}' for x in middle)}) {case.units}"
-
-
-def _fixed_by(prior: Array, measured: Array) -> bool:
-    """Whether landmark pairs (k, d) fix a pose."""
-    return len(prior) >= 3 and determined(prior) and determined(measured)
 
 
 def _placed(case: Case, T_map_prior: Array, status: str) -> Estimate:

@@ -69,6 +69,11 @@ def determined(points: Array) -> bool:
     return bool(spread[0] > 0.0 and spread[d - 2] > NARROWEST * spread[0])
 
 
+def fix_a_pose(prior: Array, measured: Array) -> bool:
+    """Whether landmark pairs (k, d) fix a pose."""
+    return len(prior) >= 3 and determined(prior) and determined(measured)
+
+
 def readings(prior: Array, measured: Array, weights: Array, *, scale: bool) -> list[Reading]:
     """Every reading of landmarks (n, d), as named first."""
     d = prior.shape[1]

@@ -17,6 +17,16 @@ MATERIAL = 0.01  # rms radii: poses whose points lie closer to the wall than thi
 CERTAIN = 0.99  # confidence from which on a prior is refused as mirrored: a refusal must not be a mistake
 
 
+def clearly_better(costs: Array, than: Array, points: Array, radius: float) -> bool:
+    """Whether one pose fits points (n, d) better than another by more than matters, and for certain, by the
+    robust costs (n,) of both on a surface of this rms radius.
+    """
+    from ..registration.global_pose import confidence, robust_costs
+
+    least = float(robust_costs(np.array([MATERIAL * radius]), radius)[0])
+    return float((than - costs).mean()) >= least and confidence(costs, than, points) > CERTAIN
+
+
 def better_mirrored(unit: str, points: Array, best: Candidate, other: Candidate) -> str:
     """A sentence where the mirror image of the prior fits clearly better than the prior."""
     from ..registration.global_pose import confidence
@@ -35,14 +45,7 @@ def better_pose(unit: str, points: Array, surface: SurfaceMatcher, found: Alignm
     """A sentence where a search of all rotations finds a pose, or a mirror image, that fits points (n, d)
     clearly better than the pose that ICP found.
     """
-    from ..registration.global_pose import (
-        Candidate,
-        angle_of,
-        candidates,
-        confidence,
-        mirrored,
-        robust_costs,
-    )
+    from ..registration.global_pose import Candidate, angle_of, candidates, mirrored
     from ..registration.search import APART
 
     own = Candidate.of(found, surface.radius)
@@ -51,9 +54,7 @@ def better_pose(unit: str, points: Array, surface: SurfaceMatcher, found: Alignm
     if better := better_mirrored(unit, points, best, other_hand):
         return better
     away = angle_of(own.T_map_prior, best.T_map_prior)
-    gain = float((own.costs - best.costs).mean())
-    least = float(robust_costs(np.array([MATERIAL * surface.radius]), surface.radius)[0])
-    if away <= APART or gain < least or confidence(best.costs, own.costs, points) <= CERTAIN:
+    if away <= APART or not clearly_better(best.costs, own.costs, points, surface.radius):
         return ""
     turned = f"ICP ended {np.degrees(away):.0f} degrees from a pose that fits the points clearly better"
     return f"{turned}: check the frame of the start, begin with the stage global_pose, or give landmarks"

@@ -21,6 +21,7 @@ from o3dls.io.meshes.registry import read_surface_file, write_surface
 from o3dls.io.points import read_points
 from o3dls.io.transforms import read_transform
 from o3dls.motion.recorded import RecordedMotion
+from o3dls.pipeline.file import read_pipeline
 from o3dls.pipeline.pipeline import Pipeline
 from o3dls.plugins.stage import Stage
 from o3dls.runs.export.finished import export_run
@@ -184,6 +185,17 @@ def test_what_cannot_be_is_said(run: Path, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no such image"):
         export_run(run, tmp_path / "a.nrrd", format="mask_nrrd", on="prior", grid=tmp_path / "b.nii")
     assert not list(tmp_path.glob("a.*"))
+
+
+def test_an_image_is_missed_before_the_work_and_named_from_where_the_pipeline_stands(tmp_path: Path) -> None:
+    (tmp_path / "pipe.toml").write_text(
+        '[[stage]]\nuse = "icp"\n[[write]]\nuse = "export"\non = "prior"\nformat = "mask_nrrd"\n'
+        'grid = "mri.nii"\n'
+    )
+    case, pipeline = turned_case("LPS", "unknown"), read_pipeline(tmp_path / "pipe.toml")
+    assert f"export: grid = '{tmp_path / 'mri.nii'}': no such image" in pipeline.refusals(case)[0]
+    (tmp_path / "mri.nii").write_text("there")
+    assert pipeline.refusals(case) == []
 
 
 def test_a_run_on_a_map_without_a_frame_can_be_sent_on_the_prior(run: Path) -> None:

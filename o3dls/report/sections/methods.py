@@ -43,9 +43,7 @@ def paragraph(subject: Subject, record: Record) -> str:
     )
     folds = pipeline["folds"]
     left_out = (
-        f" Every stage was cross-validated in {folds} folds of spatial blocks of points."
-        if folds
-        else ""
+        f" Every stage was cross-validated in {folds} folds of spatial blocks of points." if folds else ""
     )
     software = ", ".join(f"{name} {number}" for name, number in versions.items() if number)
     return (

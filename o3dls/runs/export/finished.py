@@ -37,10 +37,8 @@ def export_run(
     name = estimate or run.final
     if name not in run.estimates:
         raise InputError(f"{folder}: no estimate '{name}'{did_you_mean(name, list(run.estimates))}")
-    if why := writer.obstacle(run.case):
+    if why := writer.obstacle(run.case) or writer.mistake(run.case):
         raise InputError(f"{folder}: {why}")
-    if writer.grid is not None and not writer.grid.is_file():
-        raise InputError(f"{writer.grid}: no such image")
     path = path or Path(folder) / "export" / file_name(name, format, writer.on)
     check_not_of_a_run(path)
     with noted(folder):

@@ -101,6 +101,8 @@ class Export(Writer):
 
     def mistake(self, case: Case) -> str | None:
         """The result is about as large as the prior."""
+        if self.grid is not None:
+            return None if self.grid.is_file() else f"grid = '{self.grid}': no such image"
         return spacing_mistake(case.prior, self.spacing) if self.format.startswith(("phi", "mask")) else None
 
     def obstacle(self, case: Case) -> str | None:
