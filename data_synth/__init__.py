@@ -7,7 +7,7 @@ anatomy as it is. `family` and `cross` take real atria from files instead; what 
 cases and nowhere else.
 """
 
-from .atrium import atrium
+from .atrium import atrium, roughened
 from .cross import cross
 from .family import family
 from .jar import jar
@@ -27,6 +27,7 @@ __all__ = [
     "jar",
     "patient",
     "read_wall",
+    "roughened",
     "star",
     "study",
     "write_study",

@@ -11,7 +11,7 @@ import click
 
 from o3dls import Case, InputError, write_case
 
-from . import Mapping, atrium, cross, family, jar, read_wall, star, study, write_study
+from . import Mapping, atrium, cross, family, jar, read_wall, roughened, star, study, write_study
 from .families import FAMILIES
 
 SEED = click.option("--seed", type=click.IntRange(min=0), default=7, show_default=True)
@@ -114,10 +114,17 @@ def main() -> None:
     show_default=True,
     help="points more, of the other atrium",
 )
+@click.option(
+    "--prior-noise",
+    type=click.FloatRange(min=0.0),
+    default=0.0,
+    show_default=True,
+    help="sd per axis in mm of every vertex of the prior, as of a rough segmentation",
+)
 @FORCE
-def _atrium(folder: Path, force: bool, **options: Any) -> None:
+def _atrium(folder: Path, force: bool, prior_noise: float, **options: Any) -> None:
     """A left atrium that moved between imaging and mapping."""
-    _write(folder, lambda: atrium(**options), force)
+    _write(folder, lambda: roughened(atrium(**options), prior_noise, options["seed"]), force)
 
 
 @main.command("jar")

@@ -130,6 +130,15 @@ def atrium(
     )
 
 
+def roughened(case: Case, noise: float, seed: int) -> Case:
+    """The case with noise of this sd per axis (mm) on every vertex of its prior; as it is without any."""
+    if noise == 0.0:
+        return case
+    moved = np.random.default_rng((seed, 31_607)).normal(0.0, noise, case.prior.vertices.shape)
+    notes = f"{case.notes}, noise of the prior {noise:g} mm"
+    return replace(case, prior=case.prior.with_vertices(case.prior.vertices + moved), notes=notes)
+
+
 def _meshed(body: Anatomy) -> Surface:
     return mesh(body.shape, (-50, -45, -42), (50, 45, 48), SPACING)
 

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from conftest import ROOT
 
-from data_synth import atrium, jar, motion, patient, shapes, star
+from data_synth import atrium, jar, motion, patient, roughened, shapes, star
 from data_synth.atrium import anatomy, heartbeat
 from data_synth.jar import shape as jar_shape
 from data_synth.meshing import mesh
@@ -107,6 +107,14 @@ def test_one_surface_lacks_a_vein_and_all_that_belongs_to_it(lacks: Literal["pri
     assert distances(at, one.prior).max() < 1e-9
     assert distances(to, one.truth.surface).max() < 0.2  # chords of the mesh
     assert len(at) < len(both.truth.correspondence[0])
+
+
+def test_noise_of_the_prior_moves_its_vertices_and_nothing_else() -> None:
+    smooth = atrium(3)
+    rough = roughened(smooth, 1.5, 3)
+    assert (rough.prior.vertices - smooth.prior.vertices).std() == pytest.approx(1.5, rel=0.02)
+    assert rough.points is smooth.points
+    assert roughened(smooth, 0.0, 3) is smooth
 
 
 def test_a_mesh_lies_on_its_shape_and_is_closed() -> None:
