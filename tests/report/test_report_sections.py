@@ -20,11 +20,9 @@ from o3dls.pipeline.pipeline import Pipeline
 from o3dls.report.drawing.charts import Axis, Series, axis_over, line_chart
 from o3dls.report.drawing.distance_charts import MOST, beyond, cumulative, histogram, spread_section
 from o3dls.report.drawing.fields import known_fields
-from o3dls.report.drawing.slices import Frame
 from o3dls.report.markup import signed, tag
 from o3dls.report.palette import DARK, LIGHT, places
 from o3dls.report.sections import section
-from o3dls.report.sections.outlines import PLANES, turned
 from o3dls.report.sections.provenance import as_toml
 from o3dls.report.sections.scores import validity_section
 from o3dls.report.sections.section import Section
@@ -279,27 +277,6 @@ def test_distances_beyond_a_chart_are_counted_and_not_drawn() -> None:
         beyond({"icp": 3, "level_set": 0}, "2.00 mm")
         == '<p class="soft">Points farther than 2.00 mm, where the charts end: 3 of icp.</p>'
     )
-
-
-@pytest.mark.parametrize("frame", ["LPS", "RAS"])
-def test_sections_are_drawn_with_the_named_side_on_the_right(frame: str) -> None:
-    """The axes of LPS point left, back and up, those of RAS right, front and up."""
-    side = 1.0 if frame == "LPS" else -1.0
-    ways = {"left": np.array([side, 0, 0]), "front": np.array([0, -side, 0])}
-    for axis, name in enumerate(PLANES.values()):
-        right = np.delete(ways[name], axis)
-        up = np.delete(ways["front"] if axis == 2 else np.array([0, 0, 1.0]), axis)
-        picture = Frame(-np.ones(2), np.ones(2), turned(frame, axis))
-        assert picture.place(right)[0] > picture.place(-right)[0]
-        assert picture.place(up)[1] < picture.place(-up)[1]
-
-
-@pytest.mark.parametrize("frame", ["unknown", "RAS"])
-def test_sections_name_a_side_where_the_frame_is_known(frame: str, tmp_path: Path) -> None:
-    page = write_report([finished(tmp_path / "run", replace(bulged_case(), frame=frame))]).read_text(
-        encoding="utf-8"
-    )
-    assert ("(left on the right)" in page) == (frame == "RAS")
 
 
 def test_nothing_is_written_as_minus_zero() -> None:

@@ -14,7 +14,8 @@ from ...geometry.surface import Surface
 from ..markup import Html, tag
 
 SIZE = 420
-MARGIN = 12
+MARGIN = 12  # beside the outlines
+STRIP = 34  # above and below them, for the scale bar and the names of the sides
 
 
 @dataclass(frozen=True)
@@ -46,13 +47,16 @@ def _between(a: Array, b: Array, axis: int, level: float) -> Array:
 
 @dataclass(frozen=True)
 class Frame:
-    """What part of the plane is drawn: low and high (2,) corners, and whether each axis is turned so that it
-    runs right and up.
+    """What part of a plane is drawn: low and high (2,) corners in a unit, and what lies to the left, to the
+    right, below and above, where that has names.
+
+    Frames of one size have one scale, wherever the page shows them in one width.
     """
 
     low: Array
     high: Array
-    flip: tuple[bool, bool] = (False, False)
+    unit: str
+    sides: tuple[str, str, str, str] | None = None
 
     @property
     def scale(self) -> float:
@@ -60,41 +64,86 @@ class Frame:
 
     @property
     def size(self) -> Array:
-        return np.asarray((self.high - self.low) * self.scale + 2 * MARGIN)
+        return np.asarray((self.high - self.low) * self.scale + 2 * np.array([MARGIN, STRIP]))
 
     def place(self, at: Array) -> Array:
         """Pixels (..., 2) of positions (..., 2); rows of a picture count down."""
-        flat = MARGIN + (at - self.low) * self.scale
-        turned = np.array([self.flip[0], not self.flip[1]])
-        return np.where(turned, self.size - flat, flat)
+        flat = np.array([MARGIN, STRIP]) + (at - self.low) * self.scale
+        return np.where([False, True], self.size - flat, flat)
+
+    def holds(self, at: Array) -> Array:
+        """Whether positions (n, 2) lie inside, (n,)."""
+        return np.asarray(np.all((at >= self.low) & (at <= self.high), axis=1))
 
 
 def drawing(
-    title: str, outlines: Sequence[Outline], points: Array, colours: Sequence[str], frame: Frame
+    title: str,
+    outlines: Sequence[Outline],
+    points: Array,
+    colours: Sequence[str],
+    frame: Frame,
+    *,
+    caption: str | None = None,
 ) -> Html:
-    """Outlines, and points (n, 2) in CSS colours, in true proportions."""
+    """Outlines, and points (n, 2) in CSS colours, in true proportions with a scale bar; what a caption says
+    is what a listener hears of the picture.
+    """
     lines = [
         tag("path", d=_path(frame.place(one.segments)), class_=f"series {one.classes}")
         for one in outlines
         if len(one.segments)
     ]
-    inside = np.all((points >= frame.low) & (points <= frame.high), axis=1).tolist()
     dots = [
         tag("circle", cx=f"{x:.1f}", cy=f"{y:.1f}", r="3.5", fill=colour, class_="dot")
-        for (x, y), colour, keep in zip(frame.place(points), colours, inside, strict=True)
-        if keep
+        for (x, y), colour, inside in zip(
+            frame.place(points), colours, frame.holds(points).tolist(), strict=True
+        )
+        if inside
     ]
     width, height = frame.size
     picture = tag(
         "svg",
         *lines,
         *dots,
+        *_scale_bar(frame),
+        *_side_names(frame),
         viewBox=f"0 0 {width:.0f} {height:.0f}",
         class_="chart slice",
         role="img",
         aria_label=title,
     )
-    return tag("figure", tag("h3", title), picture, class_="plot")
+    said = tag("figcaption", tag("small", caption)) if caption else None
+    return tag("figure", tag("h3", title), picture, said, class_="plot")
+
+
+def bar_length(width: float) -> float:
+    """The longest of the round lengths, 1, 2 or 5 times a power of ten, that is at most 2/7 of a width."""
+    power = 10.0 ** np.floor(np.log10(width / 5))
+    return float(power * max(step for step in (1, 2, 5, 10) if step * power <= width / 3.5))
+
+
+def _scale_bar(frame: Frame) -> list[Html]:
+    length = bar_length(float((frame.high - frame.low)[0]))
+    end, row = MARGIN + length * frame.scale, STRIP - MARGIN
+    line = f"M{MARGIN} {row - 4}v8M{MARGIN} {row}H{end:.1f}M{end:.1f} {row - 4}v8"
+    return [
+        tag("path", d=line, class_="axis"),
+        tag("text", f"{length:g} {frame.unit}", x=f"{end + 6:.1f}", y=row + 5),
+    ]
+
+
+def _side_names(frame: Frame) -> list[Html]:
+    if frame.sides is None:
+        return []
+    left, right, below, above = frame.sides
+    width, height = frame.size
+    low, middle = f"{height - MARGIN:.0f}", f"{width / 2:.0f}"
+    return [
+        tag("text", f"← {left}", x=MARGIN, y=low),
+        tag("text", f"{right} →", x=f"{width - MARGIN:.0f}", y=low, text_anchor="end"),
+        tag("text", f"{below} ↓", x=middle, y=low, text_anchor="middle"),
+        tag("text", f"{above} ↑", x=f"{width - MARGIN:.0f}", y=STRIP - MARGIN + 5, text_anchor="end"),
+    ]
 
 
 def _path(segments: Array) -> str:

@@ -47,6 +47,12 @@ class Orientation:
         turn |= {"LL": left, "RL": -left}
         return turn | {"superior": up + OFF_POLE * front, "inferior": OFF_POLE * front - up}
 
+    def sides(self) -> tuple[tuple[str, str], ...]:
+        """What lies towards left, front and up, each with what lies opposite."""
+        if not self.patient:
+            return ("prior +x", "prior −x"), ("prior −y", "prior +y"), ("prior +z", "prior −z")
+        return ("left", "right"), ("front", "back"), ("head", "feet")
+
 
 def in_frame(frame: str, known_by: str = "", *, patient: bool = True) -> Orientation:
     """The patient's directions in LPS or RAS coordinates."""

@@ -12,9 +12,10 @@ from ..subject import Subject
 from .certainty import calibration_section, pose_section
 from .contribution import contribution_section
 from .course import course_section
+from .cross_sections import slice_section
 from .electrical import electrical_section
 from .methods import methods_section
-from .outlines import outline_section, slice_section
+from .outlines import outline_section
 from .paired import landmark_section, paired_section
 from .provenance import made_section
 from .scores import score_section, validity_section
