@@ -165,11 +165,23 @@ def doctor() -> int:
 
 @click.command()
 @click.argument("run_folder", metavar="RUN", type=FOLDER)
-def view(run_folder: Path) -> None:
-    """Open a window on a finished run; keys switch estimates, colours, points, prior and truth."""
+@click.option("--window", is_flag=True, help="a window of Open3D instead, switched by keys: H lists them")
+def view(run_folder: Path, window: bool) -> None:
+    """Look at a finished run: its report in the browser, beginning with the pictures."""
+    if window:
+        _open_window(run_folder)
+        return
+    from ..report.browser import page_of, show
+
+    page = page_of(run_folder)
+    say(page)
+    show(page)
+
+
+def _open_window(run_folder: Path) -> None:
     import signal
 
-    from ..report.window import view as open_window
+    from ..report.window import open_window
 
     # Open3D's loop does not return to Python, where the command line would hear of it
     signal.signal(signal.SIGTERM, signal.SIG_DFL)

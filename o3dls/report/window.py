@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import logging
-import os
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -16,19 +13,20 @@ import numpy as np
 from ..arrays import Array
 from ..errors import InputError
 from ..geometry.surface import Surface
-from .drawing.display import decimated
-from .drawing.fields import Field, colours_of, known_fields, point_field
+from .browser import has_display
+from .drawing.fields import colours_of, known_fields, point_field
+from .drawing.figures import INK
+from .drawing.labels import Sheet, ends, sheet
+from .drawing.open3d_meshes import balls, edges, mesh, plain, rgb
 from .drawing.views import orientation
+from .palette import GREY, LIGHT
 from .subject import Subject, read_subject
 
 SIZE = (1200, 900)
-EDGE_FACES = 4000  # of prior and truth, which are drawn as edges: more would hide the surface
-GHOST_COLOUR, PLAIN_COLOUR = (0.55, 0.58, 0.64), (0.75, 0.75, 0.77)
+PLAIN_COLOUR = (0.75, 0.75, 0.77)
+EDGES = {"prior": ("grey", LIGHT[GREY]), "truth": ("black", INK)}  # in the colours of the report
+F1 = 290  # its code; those of letters and digits are their own
 log = logging.getLogger("o3dls")
-KEYS = (
-    "1-9 estimate, F next colours, P points, G ghost of the prior, T truth, R reset view, H these "
-    "keys, Q quit"
-)
 
 
 @dataclass(frozen=True)
@@ -38,21 +36,23 @@ class Choice:
     estimate: int
     field: int | None = 0
     points: bool = True
-    ghost: bool = False
+    landmarks: bool = True
+    prior: bool = False
     truth: bool = False
+    view: int = 0
 
 
 class Stand:
-    """The run as geometry for Open3D; knows no window."""
+    """The run as geometry for Open3D, in the colours and scales of its report; knows no window."""
 
     def __init__(self, subject: Subject) -> None:
         self.subject = replace(subject, shown=list(subject.results))
         self.names = list(subject.results)
         self.first = Choice(len(self.names) - 1)
-
-    @cached_property
-    def fields(self) -> list[Field]:
-        return known_fields(list(self.subject.surfaces.values()), self.subject.unit)
+        self.fields = known_fields(list(subject.surfaces.values()), subject.unit)
+        self.gaps = point_field(subject)
+        self.seen = orientation(self.subject)
+        self.views = self.seen.views()  # name, and the direction (3,) from where it looks
 
     def keys(self) -> dict[str, Callable[[Choice], Choice]]:
         """What each key makes of a choice."""
@@ -60,36 +60,57 @@ class Stand:
             str(k + 1): lambda choice, k=k: replace(choice, estimate=k)
             for k in range(min(9, len(self.names)))
         }
+        views = {f"F{k + 1}": lambda choice, k=k: replace(choice, view=k) for k in range(len(self.views))}
         return {
             **numbers,
+            **views,
             "F": lambda choice: replace(choice, field=self._next(choice.field)),
             "P": lambda choice: replace(choice, points=not choice.points),
-            "G": lambda choice: replace(choice, ghost=not choice.ghost),
+            "L": lambda choice: replace(choice, landmarks=not choice.landmarks),
+            "G": lambda choice: replace(choice, prior=not choice.prior),
             "T": lambda choice: replace(choice, truth=not choice.truth),
         }
 
+    def help(self) -> str:
+        """The keys in one line."""
+        views = ", ".join(f"F{k + 1} {name}" for k, name in enumerate(self.views))
+        return (
+            "1-9 estimate, F next colours, P points, L landmarks, G prior, T truth, "
+            f"{views}, R reset view, H these keys, Q quit"
+        )
+
     def caption(self, choice: Choice) -> str:
         """What is to be seen, in one line."""
-        name = self.names[choice.estimate]
+        name, view = self.names[choice.estimate], list(self.views)[choice.view]
         if choice.field is None:
-            return name
+            return f"{name}, {view}"
         field = self.fields[choice.field]
-        ends = f"{field.low:.2g} ({field.low_end}) to {field.high:.2g} {field.unit}"
-        return f"{name}: {field.label}, {ends}".rstrip()
+        return f"{name}, {view}: {field.label}, {' to '.join(ends(field))} ({field.low_end}: low)"
 
     def geometries(self, choice: Choice) -> list[Any]:
-        """Open3D geometry of a choice: the surface in colours, points as balls, prior and truth as edges."""
+        """Open3D geometry of a choice: the surface in colours, points as balls, prior and truth as edges, and
+        the words that name them.
+        """
         name = self.names[choice.estimate]
-        found = [_mesh(self.subject.surfaces[name], self._colours(name, choice))]
+        found = [mesh(self.subject.surfaces[name], self._colours(name, choice))]
         if choice.points:
             found.append(self._balls(name))
-        if choice.ghost:
+        if choice.prior:
             pose = self.subject.results[name].estimate.T_map_prior
-            found.append(_edges(self.subject.case.prior.transformed(pose), GHOST_COLOUR))
-        truth = self.subject.case.truth.surface if self.subject.case.truth else None
+            found.append(edges(self.subject.case.prior.transformed(pose), EDGES["prior"][1]))
+        truth = self._truth
         if choice.truth and truth is not None:
-            found.append(_edges(truth, (0.1, 0.1, 0.1)))
-        return found
+            found.append(edges(truth, EDGES["truth"][1]))
+        return [*found, *self._words(choice)]
+
+    @property
+    def _truth(self) -> Surface | None:
+        return self.subject.case.truth.surface if self.subject.case.truth else None
+
+    def page(self, choice: Choice) -> Sheet:
+        """Where words stand in the view of a choice: about the last surface, so that they stay there."""
+        last = self.subject.last.estimate.surface
+        return sheet(last, list(self.views.values())[choice.view], self.seen.up)
 
     def _next(self, field: int | None) -> int | None:
         """Through all fields, then plain, then again from the first."""
@@ -106,20 +127,34 @@ class Stand:
 
     def _balls(self, name: str) -> Any:
         """All points as one mesh of balls in the colours of their distance."""
-        import open3d as o3d
-
         result = self.subject.results[name]
-        ball = o3d.geometry.TriangleMesh.create_sphere(1.0, 8)
-        vertices, faces = np.asarray(ball.vertices), np.asarray(ball.triangles)
-        centres = result.drawn_points.xyz
-        colours = colours_of(result.point_distances, point_field(self.subject))
-        n = len(centres)
-        every = (centres[:, None] + vertices[None]).reshape(-1, 3)
-        index = (faces[None] + len(vertices) * np.arange(n)[:, None, None]).reshape(-1, 3)
-        return _mesh(Surface(every, index), np.repeat(colours, len(vertices), axis=0))
+        colours = colours_of(result.point_distances, self.gaps)
+        return balls(result.drawn_points.xyz, colours)
+
+    def _words(self, choice: Choice) -> list[Any]:
+        """Name of the estimate and of the view, of what is drawn as edges, colour bars with their ends, and
+        the names of landmarks.
+        """
+        page = self.page(choice)
+        shown = [name for name in EDGES if getattr(choice, name) and (name == "prior" or self._truth)]
+        edged = ", ".join(f"{EDGES[name][0]} edges: {name}" for name in shown)
+        named = f"{self.names[choice.estimate]}, {list(self.views)[choice.view]}"
+        said = [page.text(named, (-1.0, 1.3)), page.text(edged, (-1.0, 1.16))]
+        bars = [(self.fields[choice.field], -1.0)] if choice.field is not None and self.fields else []
+        bars += [(self.gaps, 0.1)] if choice.points else []
+        for field, left in bars:
+            words = (" to ".join(ends(field)), field.label)
+            said += [page.text(line, (left, low)) for line, low in zip(words, (-1.42, -1.55), strict=True)]
+        found = [mesh(*page.bar(field, left, left + 0.8, -1.3)) for field, left in bars]
+        marks = self.subject.case.points.of("landmark")
+        if choice.landmarks and len(marks):
+            found.append(balls(marks.xyz, np.tile(rgb(INK), (len(marks), 1))))
+            names = marks.columns.get("name", np.full(len(marks), ""))
+            said += [page.before(str(name), at) for name, at in zip(names, marks.xyz, strict=True)]
+        return [*found, *(plain(one, INK) for one in said if one is not None)]
 
 
-def view(folder: str | Path) -> None:
+def open_window(folder: str | Path) -> None:
     """Open a window on a finished run and return when it is closed; keys and what is shown are told in the
     log.
 
@@ -128,11 +163,9 @@ def view(folder: str | Path) -> None:
     subject = read_subject([Path(folder)])
     if subject.case.dimension == 2:
         raise InputError(f"{folder}: is a run in 2D; its pictures are in the report: o3dls report {folder}")
-    if sys.platform.startswith("linux") and not (
-        os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
-    ):
+    if not has_display():
         raise InputError(
-            f"there is no display here for a window; look at the page that o3dls report {folder} writes"
+            f"there is no display here for a window; look at the page in a browser: o3dls view {folder}"
         )
     _run_window(Stand(subject), f"o3dls: {subject.case.name}", str(folder))
 
@@ -143,58 +176,39 @@ def _run_window(stand: Stand, title: str, folder: str) -> None:
     window = o3d.visualization.VisualizerWithKeyCallback()
     if not window.create_window(title, *SIZE):
         raise InputError(
-            f"no window could be opened on this display; look at the page that o3dls report {folder} writes"
+            f"no window could be opened on this display; look at the page in a browser: o3dls view {folder}"
         )
     window.get_render_option().mesh_show_back_face = True
     state = stand.first
     _show(window, stand, state, first=True)
 
-    def on(change: Callable[[Choice], Choice]) -> Callable[[Any], bool]:
+    def on(key: str, change: Callable[[Choice], Choice]) -> Callable[[Any], bool]:
         def press(_: Any) -> bool:
             nonlocal state
             state = change(state)
-            _show(window, stand, state)
+            _show(window, stand, state, turned=key in views)
             return True
 
         return press
 
+    views = {f"F{k + 1}": F1 + k for k in range(len(stand.views))}
     for key, change in stand.keys().items():
-        window.register_key_callback(ord(key), on(change))
-    window.register_key_callback(ord("H"), lambda _: log.info(KEYS))
-    log.info(KEYS)
+        window.register_key_callback(views.get(key) or ord(key), on(key, change))
+    window.register_key_callback(ord("H"), lambda _: log.info(stand.help()))
+    log.info(stand.help())
     window.run()
     window.destroy_window()
 
 
-def _show(window: Any, stand: Stand, choice: Choice, *, first: bool = False) -> None:
-    """Put a choice into the window; the camera stays but for the first time."""
+def _show(window: Any, stand: Stand, choice: Choice, *, first: bool = False, turned: bool = False) -> None:
+    """Put a choice into the window; the camera stays but for the first time, and where a view is chosen."""
     window.clear_geometries()
     for geometry in stand.geometries(choice):
         window.add_geometry(geometry, reset_bounding_box=first)
-    if first:
+    if first or turned:
         look = window.get_view_control()
-        seen = orientation(stand.subject)
-        look.set_front(seen.front.tolist())
-        look.set_up(seen.up.tolist())
+        page = stand.page(choice)
+        look.set_front(page.axes[2].tolist())
+        look.set_up(page.axes[1].tolist())
+        look.set_lookat(page.centre.tolist())
     log.info(stand.caption(choice))
-
-
-def _mesh(surface: Surface, colours: Array) -> Any:
-    import open3d as o3d
-
-    mesh = o3d.geometry.TriangleMesh(
-        o3d.utility.Vector3dVector(surface.vertices),
-        o3d.utility.Vector3iVector(surface.faces.astype(np.int32)),
-    )
-    mesh.vertex_colors = o3d.utility.Vector3dVector(colours)
-    mesh.compute_vertex_normals()
-    return mesh
-
-
-def _edges(surface: Surface, colour: tuple[float, float, float]) -> Any:
-    import open3d as o3d
-
-    coarse = decimated(replace(surface, fields={}), EDGE_FACES, EDGE_FACES)
-    lines = o3d.geometry.LineSet.create_from_triangle_mesh(_mesh(coarse, np.zeros_like(coarse.vertices)))
-    lines.paint_uniform_color(colour)
-    return lines

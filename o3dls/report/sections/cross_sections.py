@@ -111,7 +111,7 @@ def _frames(cuts: list[Cut], corners: list[Array], unit: str) -> list[Frame]:
 def _picture(subject: Subject, surfaces: Named, cut: Cut, drawn: dict[str, Array], frame: Frame) -> Html:
     points = cut.beside(subject.case.points.of("eam").xyz)
     outlines = [Outline(name, classes, drawn[name]) for name, (classes, _) in surfaces.items()]
-    outside = int((~frame.holds(points)).sum())
+    outside = len(points) - int(frame.holds(points).sum())
     beyond = f", {outside} of them outside the picture" if outside else ""
     count = f"{len(points)} point{'' if len(points) == 1 else 's'}"
     gaps = _gaps(subject, surfaces, cut, drawn[subject.last.name])

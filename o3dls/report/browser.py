@@ -1,0 +1,74 @@
+"""A finished run in the browser: its report, opened at the pictures."""
+
+from __future__ import annotations
+
+import os
+import sys
+import webbrowser
+from collections.abc import Callable
+from pathlib import Path
+from threading import Thread
+
+from ..errors import InputError
+from .writer import REPORT, write_report
+
+PICTURES = "pictures"  # the anchor of the section that is seen first
+WAIT = 10.0  # seconds; a browser that has not answered by then is one that runs until it is closed
+
+
+def page_of(folder: str | Path) -> Path:
+    """The report of a run: report.html in its folder, or where that is not there or older than the run, one
+    that is made now, in a folder for passing files. Raises InputError where the folder holds no finished run.
+    """
+    from tempfile import mkdtemp
+
+    from ..runs.folder import read_record
+
+    folder = Path(folder)
+    read_record(folder)  # a page alone is no run
+    page = folder / REPORT
+    if page.is_file() and page.stat().st_mtime >= (folder / "run.json").stat().st_mtime:
+        return page.resolve()
+    return write_report([folder], Path(mkdtemp(prefix="o3dls_view_")) / REPORT, slides=False)
+
+
+def show(page: Path, *, wait: float = WAIT) -> None:
+    """Open a page in the browser, and return at once, at the latest after `wait` seconds.
+
+    Raises InputError where there is no browser.
+    """
+    opener = _opener()
+    if opener is None or not _opens(opener, f"{page.resolve().as_uri()}#{PICTURES}", wait):
+        raise InputError(
+            f"no browser could be opened here: open {page} in one, or copy it to a machine that has one; "
+            "it is a single file and needs no network"
+        )
+
+
+def has_display() -> bool:
+    """Whether programs can show windows here."""
+    named = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    return bool(named) or not sys.platform.startswith(("linux", "freebsd"))
+
+
+def _opener() -> Callable[[str], bool] | None:
+    """What opens an address: the browser that BROWSER names, else one with windows; never one in the
+    terminal, which runs no scripts.
+    """
+    chosen = bool(os.environ.get("BROWSER"))
+    if not chosen and not has_display():
+        return None
+    try:
+        found = webbrowser.get()
+    except webbrowser.Error:
+        return None
+    return found.open if chosen or type(found) is not webbrowser.GenericBrowser else None
+
+
+def _opens(opener: Callable[[str], bool], address: str, wait: float) -> bool:
+    """Whether the browser took the address; some answer only when they are closed."""
+    answers: list[bool] = []
+    started = Thread(target=lambda: answers.append(opener(address)), daemon=True)
+    started.start()
+    started.join(wait)
+    return answers[0] if answers else started.is_alive()

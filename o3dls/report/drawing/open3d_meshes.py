@@ -1,0 +1,58 @@
+"""Surfaces as Open3D draws them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ...arrays import Array
+from ...geometry.surface import Surface
+from .display import decimated
+
+EDGE_FACES = 4000  # of what is drawn as edges: more would hide the surface behind
+
+
+def mesh(surface: Surface, colours: Array) -> Any:
+    """A triangle mesh with a colour (n, 3) of each vertex."""
+    import open3d as o3d
+
+    made = o3d.geometry.TriangleMesh(
+        o3d.utility.Vector3dVector(surface.vertices),
+        o3d.utility.Vector3iVector(surface.faces.astype(np.int32)),
+    )
+    made.vertex_colors = o3d.utility.Vector3dVector(colours)
+    made.compute_vertex_normals()
+    return made
+
+
+def plain(surface: Surface, colour: str) -> Any:
+    """A triangle mesh in one CSS colour `#rrggbb`."""
+    return mesh(surface, np.tile(rgb(colour), (len(surface.vertices), 1)))
+
+
+def balls(centres: Array, colours: Array) -> Any:
+    """Balls of 1 mm about centres (n, 3) in colours (n, 3), as one mesh."""
+    import open3d as o3d
+
+    ball = o3d.geometry.TriangleMesh.create_sphere(1.0, 8)
+    vertices, faces = np.asarray(ball.vertices), np.asarray(ball.triangles)
+    every = (centres[:, None] + vertices[None]).reshape(-1, 3)
+    index = (faces[None] + len(vertices) * np.arange(len(centres))[:, None, None]).reshape(-1, 3)
+    return mesh(Surface(every, index), np.repeat(colours, len(vertices), axis=0))
+
+
+def edges(surface: Surface, colour: str) -> Any:
+    """The edges of a surface, made coarse, in one CSS colour."""
+    import open3d as o3d
+
+    coarse = decimated(replace(surface, fields={}), EDGE_FACES, EDGE_FACES)
+    lines = o3d.geometry.LineSet.create_from_triangle_mesh(plain(coarse, colour))
+    lines.paint_uniform_color(rgb(colour))
+    return lines
+
+
+def rgb(colour: str) -> Array:
+    """Red, green and blue (3,) in [0, 1] of a CSS colour `#rrggbb`."""
+    return np.array([int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5)])
