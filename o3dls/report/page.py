@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from .. import __version__
 from .checks import strip
 from .document import document
 from .markup import Html, join, tag
 from .page_parts import asset, viewer_code
 from .palette import variables
+from .sections.methods import AUTHORS, RELEASED
 from .sections.order import SECTIONS
 from .sections.section import Section, plugin_sections
 from .subject import Subject
@@ -32,7 +34,8 @@ def page(title: str, body: Html, *scripts: str) -> str:
     files of scripts.
     """
     script = "\n".join(['"use strict";', *map(asset, ("page.js", *scripts))])
-    footer = tag("footer", tag("p", f"Made by o3dls, an open research tool. {NOTICE}"))
+    maker = f"Made by o3dls {__version__} ({AUTHORS}, {RELEASED[:4]}), an open research tool. {NOTICE}"
+    footer = tag("footer", tag("p", maker))
     whole = join(tag("main", body), footer, tag("script", Html(script)))
     return document(title, variables() + asset("report.css"), whole, [script, *viewer_code()])
 

@@ -11,6 +11,10 @@ from .provenance import copied
 from .section import Section
 
 Record = Mapping[str, Any]
+# as in CITATION.cff, which programs read; a test compares them
+AUTHORS = "The o3dls developers"
+TITLE = "o3dls: registration and reconstruction of an atrium from a prior surface and sparse points"
+RELEASED = "2026-11-25"
 PLACING = ("use", "as", "after")
 OPEN3D = """@article{open3d,
   author = {Zhou, Qian-Yi and Park, Jaesik and Koltun, Vladlen},
@@ -29,7 +33,7 @@ def methods_section(subject: Subject) -> Section:
         join(
             copied(paragraph(subject, record), "methods-text"),
             tag("p", "To cite:"),
-            copied(bibtex(record, subject.date), "methods-bibtex"),
+            copied(bibtex(record), "methods-bibtex"),
         ),
     )
 
@@ -54,13 +58,13 @@ def paragraph(subject: Subject, record: Record) -> str:
     )
 
 
-def bibtex(record: Record, date: str) -> str:
+def bibtex(record: Record) -> str:
     """Entries for o3dls, in the version that made the run, and for Open3D."""
     own = f"""@software{{o3dls,
-  author = {{{{o3dls developers}}}},
-  title = {{o3dls: registration and reconstruction of an atrium from a prior surface and sparse points}},
+  author = {{{{{AUTHORS}}}}},
+  title = {{{TITLE}}},
   version = {{{record["versions"]["o3dls"]}}},
-  year = {{{date[:4]}}}
+  year = {{{RELEASED[:4]}}}
 }}"""
     return f"{own}\n\n{OPEN3D}"
 
