@@ -14,8 +14,10 @@ from ..errors import InputError
 from ..geometry.surface import Surface
 from ..io.meshes.triangulation import triangulate
 
-Parts = tuple[Array, NDArray[Any], dict[str, NDArray[Any]]]  # vertices, faces, values per vertex
-NO_FIELDS = ("positions", "normals", "colors")  # what Open3D keeps beside values per vertex
+Values = dict[str, NDArray[Any]]
+Parts = tuple[Array, NDArray[Any], Values, Values]  # vertices, faces, values per vertex and per face
+NO_FIELDS = ("positions", "indices", "normals", "colors")  # what Open3D keeps beside values
+FLAT = ("triangle", "quad", "polygon")  # cells of meshio that have none
 VOLUMES = ("tetra", "hexahedron", "wedge", "pyramid")  # cells of meshio that have an inside
 
 
@@ -109,14 +111,15 @@ def _from_open3d(mesh: Any, where: str) -> Parts:
     if _tensor(mesh):
         if "positions" not in mesh.vertex or "indices" not in mesh.triangle:
             raise InputError(f"{where}: the mesh is empty: has no vertex positions or no triangles{hint}")
-        return mesh.vertex.positions.numpy(), mesh.triangle.indices.numpy(), _values(mesh.vertex)
+        vertices, faces = mesh.vertex.positions.numpy(), mesh.triangle.indices.numpy()
+        return vertices, faces, _values(mesh.vertex), _values(mesh.triangle)
     if len(mesh.triangles) == 0:
         raise InputError(f"{where}: the mesh is empty: {len(mesh.vertices)} vertices, no triangles{hint}")
-    return np.asarray(mesh.vertices), np.asarray(mesh.triangles), {}
+    return np.asarray(mesh.vertices), np.asarray(mesh.triangles), {}, {}
 
 
 def _values(attributes: Any) -> dict[str, NDArray[Any]]:
-    """Values per vertex of a tensor object; a column of them is flat."""
+    """Values per vertex or per face of a tensor object; a column of them is flat."""
     arrays = {name: attributes[name].numpy() for name in attributes if name not in NO_FIELDS}
     return {
         name: values[:, 0] if values.ndim == 2 and values.shape[1] == 1 else values
@@ -125,7 +128,9 @@ def _values(attributes: Any) -> dict[str, NDArray[Any]]:
 
 
 def _from_trimesh(mesh: Any, where: str) -> Parts:
-    return np.asarray(mesh.vertices), np.asarray(mesh.faces), dict(mesh.vertex_attributes)
+    on_points, on_faces = dict(mesh.vertex_attributes), dict(mesh.face_attributes)
+    on_faces = {name: one for name, one in on_faces.items() if len(one) == len(mesh.faces)}  # unchecked there
+    return np.asarray(mesh.vertices), np.asarray(mesh.faces), on_points, on_faces
 
 
 def _from_vtk(mesh: Any, where: str) -> Parts:
@@ -141,8 +146,10 @@ def _from_vtk(mesh: Any, where: str) -> Parts:
     triangles.PassVertsOff()
     triangles.PassLinesOff()
     triangles.Update()
-    faces = _vtk_array(triangles.GetOutput().GetPolys().GetConnectivityArray()).reshape(-1, 3)
-    return _vtk_array(mesh.GetPoints().GetData()), faces, _vtk_values(mesh)
+    made = triangles.GetOutput()
+    faces = _vtk_array(made.GetPolys().GetConnectivityArray()).reshape(-1, 3)
+    on_points, on_faces = _vtk_values(mesh.GetPointData()), _vtk_values(made.GetCellData())
+    return _vtk_array(mesh.GetPoints().GetData()), faces, on_points, on_faces
 
 
 def _vtk_array(array: Any) -> NDArray[Any]:
@@ -150,9 +157,8 @@ def _vtk_array(array: Any) -> NDArray[Any]:
     return np.asarray(numpy_support.vtk_to_numpy(array))
 
 
-def _vtk_values(mesh: Any) -> dict[str, NDArray[Any]]:
-    """Numbers and words per point, without normals."""
-    data = mesh.GetPointData()
+def _vtk_values(data: Any) -> Values:
+    """Numbers and words of the points or of the cells, without normals."""
     found = {}
     for k in range(data.GetNumberOfArrays()):
         array = data.GetAbstractArray(k)
@@ -170,13 +176,19 @@ def _from_meshio(mesh: Any, where: str) -> Parts:
         raise InputError(
             f"{where}: is a volume mesh with cells of {inside[0]}: give its surface, of triangles"
         )
-    flat = [block.data for block in mesh.cells if block.type in ("triangle", "quad", "polygon")]
+    flat = [block.data for block in mesh.cells if block.type in FLAT]
     if not flat:
         raise InputError(
             f"{where}: has cells of {', '.join(sorted(kinds)) or 'no kind'}: must be triangles or quads"
         )
     vertices = np.asarray(mesh.points, dtype=np.float64)
-    return vertices, triangulate(vertices, *map(np.asarray, flat))[0], dict(mesh.point_data)
+    triangles, owner = triangulate(vertices, *map(np.asarray, flat))
+    kept = [k for k, block in enumerate(mesh.cells) if block.type in FLAT]
+    on_faces = {
+        name: np.concatenate([np.asarray(blocks[k]) for k in kept])[owner]
+        for name, blocks in mesh.cell_data.items()
+    }
+    return vertices, triangles, dict(mesh.point_data), on_faces
 
 
 # by the package and the class
@@ -194,7 +206,7 @@ POINT_READERS: Mapping[str, Callable[[Any], tuple[Any, dict[str, Any]]]] = {
     "trimesh.PointCloud": lambda cloud: (cloud.vertices, {}),
     "trimesh.Path": lambda path: (path.vertices, {}),
     "trimesh.Trimesh": lambda mesh: (mesh.vertices, dict(mesh.vertex_attributes)),
-    "vtkmodules.vtkPointSet": lambda cloud: (_vtk_positions(cloud), _vtk_values(cloud)),
+    "vtkmodules.vtkPointSet": lambda cloud: (_vtk_positions(cloud), _vtk_values(cloud.GetPointData())),
     "meshio.Mesh": lambda mesh: (mesh.points, dict(mesh.point_data)),
 }
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..arrays import Array
 from ..case import Points
@@ -87,7 +88,7 @@ def stated_surface(thing: Any, where: str, *, frame: str | None = None, **choice
     read = _pair if isinstance(thing, tuple | list) and len(thing) == 2 else _reader(MESHES, thing)
     if read is None:
         raise InputError(f"{where}: an object of type {_kind(thing)} is no surface: must be {SURFACES}")
-    vertices, faces, fields = read(thing, where)
+    vertices, faces, fields, cells = read(thing, where)
     if (
         vertices.ndim != 2
         or vertices.shape[1] not in (2, 3)
@@ -99,14 +100,24 @@ def stated_surface(thing: Any, where: str, *, frame: str | None = None, **choice
             "(m, 3), in the plane (n, 2) and (m, 2)"
         )
     # copies: a library shares its memory, and a mesh is there to be edited; words are no field of a surface
-    arrays = {name: np.asarray(values) for name, values in fields.items()}
-    copies = {name: np.array(v, dtype=np.float64) for name, v in arrays.items() if v.dtype.kind in "iufb"}
-    return SurfaceFile.of(Path(where), np.array(vertices, dtype=np.float64), faces, copies)
+    numbers = {name: np.array(values, dtype=np.float64) for name, values in _numbers(fields).items()}
+    at = np.array(vertices, dtype=np.float64)
+    return SurfaceFile.of(Path(where), at, faces, numbers, cells=_numbers(cells))
 
 
-def _pair(thing: Any, where: str) -> tuple[Array, Any, dict[str, Any]]:
+def _numbers(values: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
+    """Those values that are numbers, truth being 0 or 1."""
+    arrays = {name: np.asarray(one) for name, one in values.items()}
+    return {
+        name: one.astype(np.int64) if one.dtype.kind == "b" else one
+        for name, one in arrays.items()
+        if one.dtype.kind in "iufb"
+    }
+
+
+def _pair(thing: Any, where: str) -> tuple[Array, Any, dict[str, Any], dict[str, Any]]:
     try:
-        return np.asarray(thing[0], dtype=np.float64), np.asarray(thing[1], dtype=np.float64), {}
+        return np.asarray(thing[0], dtype=np.float64), np.asarray(thing[1], dtype=np.float64), {}, {}
     except (TypeError, ValueError):
         raise InputError(f"{where}: a pair must hold vertices and faces as arrays of numbers") from None
 

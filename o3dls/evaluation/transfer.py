@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from ..arrays import Array, Ints
-from ..geometry.surface import Surface, interpolated
+from ..geometry.label_fields import read_at
+from ..geometry.surface import Surface
 from .interpolation import REACH
 from .projection import project
 
@@ -41,7 +42,7 @@ def between(
     for name, values in source.fields.items():
         cycle = (cycles or {}).get(name)
         found = (
-            interpolated(values, corners, wall.weights)
+            read_at(name, values, corners, wall.weights)
             if cycle is None
             else _mean_time(values, corners, wall.weights, cycle)
         )

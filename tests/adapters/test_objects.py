@@ -20,6 +20,7 @@ from o3dls.adapters import objects
 from o3dls.adapters.case import case_of
 from o3dls.case import Points
 from o3dls.errors import InputError
+from o3dls.geometry.face_values import at_vertices
 from o3dls.geometry.surface import Surface
 from o3dls.io.meshes.registry import read_surface_file
 
@@ -144,6 +145,70 @@ def test_words_on_a_mesh_are_no_fields(kind: str) -> None:
     else:
         mesh.point_data["word"] = words
     assert o3dls.surface_of(mesh).fields.keys() == {"tag"}
+
+
+def with_cells(kind: str, cells: dict[str, np.ndarray]) -> Any:
+    """The prior as an object of a library, with values per face."""
+    if kind == "vtk":
+        from vtkmodules.util.numpy_support import numpy_to_vtk
+
+        mesh = vtk_mesh()
+        for name, values in cells.items():
+            array = numpy_to_vtk(values, deep=True)
+            array.SetName(name)
+            mesh.GetCellData().AddArray(array)
+        return mesh
+    mesh = objects.to(PRIOR, "open3d" if kind == "open3d" else kind)
+    for name, values in cells.items():
+        if kind == "pyvista":
+            mesh.cell_data[name] = values
+        elif kind == "trimesh":
+            mesh.face_attributes[name] = values
+        elif kind == "meshio":
+            mesh.cell_data[name] = [values]
+        else:
+            mesh.triangle[name] = o3d.core.Tensor.from_numpy(values[:, None].copy())
+    return mesh
+
+
+@pytest.mark.parametrize("kind", ["pyvista", "vtk", "trimesh", "meshio", "open3d"])
+def test_values_per_face_in_memory_are_carried_as_those_of_a_file(kind: str) -> None:
+    """Labels, also in floating point, by majority, and measurements as the mean."""
+    pytest.importorskip({"open3d": "numpy"}.get(kind, kind))
+    rng = np.random.default_rng(40_733)
+    region = rng.choice([2.0, 5.0, 11.0], len(PRIOR.faces))
+    lat = np.round(rng.normal(0.0, 40.0, len(PRIOR.faces)))
+    found = o3dls.surface_of(with_cells(kind, {"region": region, "lat": lat}))
+    assert set(found.fields) == {"tag", "region", "lat"}
+    # by its own areas: vtkPoints are float32
+    np.testing.assert_array_equal(found.fields["region"], at_vertices(found, region.astype(int)))
+    np.testing.assert_array_equal(found.fields["lat"], at_vertices(found, lat))
+
+
+def test_values_of_polygons_in_memory_stay_with_their_triangles() -> None:
+    """Cells that are no faces stand before the quads; the quads are cut in two."""
+    pyvista = pytest.importorskip("pyvista")
+    grid = pyvista.Plane(i_resolution=4, j_resolution=1)  # quads, from left to right
+    values = np.array([9.0, 1.0, 1.0, 6.0, 6.0])  # of a vertex cell and four quads
+    mesh = pyvista.PolyData(grid.points, verts=[1, 0], faces=grid.faces)
+    mesh.cell_data["region"] = values
+    surface = o3dls.surface_of(mesh)
+    x = surface.vertices[:, 0]
+    np.testing.assert_array_equal(surface.fields["region"][x < -0.01], 1.0)
+    np.testing.assert_array_equal(surface.fields["region"][x > 0.01], 6.0)
+
+
+def test_labels_in_floating_point_in_a_file_are_no_means(tmp_path: Path) -> None:
+    """vtk writes what openCARP and others keep as floats."""
+    pytest.importorskip("pyvista")
+    mesh = objects.to(Surface(PRIOR.vertices, PRIOR.faces), "pyvista")
+    region = np.where(PRIOR.vertices[PRIOR.faces].mean(axis=1)[:, 0] > 0, 1.0, 32.0)
+    mesh.cell_data["elemTag"], mesh.cell_data["force"] = region, region
+    mesh.save(tmp_path / "la.vtp")
+    file = read_surface_file(tmp_path / "la.vtp")
+    assert set(np.unique(file.surface.fields["elemTag"])) == {1.0, 32.0}
+    assert len(np.unique(file.surface.fields["force"])) > 2
+    assert "cell data 'elemTag' are carried to the points: the label with the largest area" in file.notes[0]
 
 
 def test_what_stands_in_memory_is_checked_as_a_file_is() -> None:

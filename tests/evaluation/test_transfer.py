@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -147,6 +148,14 @@ def test_fields_follow_the_motion_not_the_nearest_wall() -> None:
     far = between(prior, refined, reach=1.0)
     assert np.isnan(far.fields["height"]).any()
     assert np.isnan(far.fields["place"]).all(axis=1).any()
+
+
+def test_between_surfaces_a_label_in_floating_point_is_no_mean() -> None:
+    coarse, fine = ball(level=2), ball(level=3)
+    region = np.where(coarse.vertices[:, 0] > 0, 1.0, 32.0)
+    found = between(replace(coarse, fields={"region": region, "force": region}), fine).fields
+    assert set(np.unique(found["region"])) == {1.0, 32.0}
+    assert len(np.unique(found["force"])) > 2
 
 
 def test_a_vertex_without_a_value_leaves_no_gap_where_it_has_no_say() -> None:

@@ -5,6 +5,7 @@ import pytest
 
 from o3dls.arrays import Array
 from o3dls.geometry.face_values import at_vertices
+from o3dls.geometry.label_fields import is_label, read_at
 from o3dls.geometry.surface import Surface, outline
 
 ROUNDING = 1e-12  # relative: of sums over a few faces
@@ -73,3 +74,35 @@ def test_faces_without_area_speak_where_there_is_no_other() -> None:
 def test_outlines_weigh_by_length() -> None:
     surface = outline(np.array([[0.0, 0], [3, 0], [3, 1], [0, 1]]))
     np.testing.assert_allclose(at_vertices(surface, np.array([1.0, 5, 1, 5])), [2, 2, 2, 2])
+
+
+@pytest.mark.parametrize(
+    ("name", "label"),
+    [
+        ("region", True),
+        ("elemTag", True),
+        ("RegionId", True),
+        ("GroupIDs", True),
+        ("scar_class", True),
+        ("labels", True),
+        ("lat", False),  # whole milliseconds are a measurement
+        ("voltage", False),  # tag in the middle of a word
+        ("fluid", False),
+        ("identity", False),
+    ],
+)
+def test_a_label_in_floating_point_is_known_by_its_name(name: str, label: bool) -> None:
+    values = np.array([1.0, 4.0, 4.0])
+    assert is_label(name, values) == label
+    assert is_label(name, values.astype(np.int32))
+    assert not is_label(name, values + 0.5)
+    assert not is_label(name, np.append(values, np.nan))
+    assert not is_label(name, np.arange(65.0))
+
+
+def test_between_corners_a_label_is_that_of_most_weight_and_a_measurement_the_mean() -> None:
+    values = np.array([7.0, 7.0, 2.0])
+    corners = np.array([[0, 1, 2], [0, 1, 2]])
+    weights = np.array([[0.3, 0.3, 0.4], [0.2, 0.2, 0.6]])  # two corners of one label weigh together
+    np.testing.assert_array_equal(read_at("region", values, corners, weights), [7.0, 2.0])
+    np.testing.assert_allclose(read_at("lat", values, corners, weights), [5.0, 4.0], rtol=ROUNDING)

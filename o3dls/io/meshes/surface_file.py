@@ -15,6 +15,7 @@ from ...arrays import Array, Ints
 from ...case import SPACES
 from ...errors import InputError, escaped
 from ...geometry.face_values import at_vertices
+from ...geometry.label_fields import is_label
 from ...geometry.surface import Surface
 from ..text import is_count
 
@@ -85,8 +86,8 @@ def _carried(surface: Surface, cells: Mapping[str, NDArray[Any]]) -> tuple[Surfa
         if name in surface.fields:
             said.append(f"{what} are left out: the points have a field of that name")
             continue
-        fields[name] = at_vertices(surface, values)
-        labels = values.dtype.kind in "iu"
+        labels = is_label(name, values)
+        fields[name] = at_vertices(surface, values.astype(np.int64) if labels else values)
         how = "the label with the largest area" if labels else "the mean, weighted by area, of the cells"
         said.append(f"{what} are carried to the points: {how} around each")
         if not labels and values.shape[1:] == (3,):

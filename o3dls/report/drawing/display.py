@@ -12,7 +12,8 @@ from ...arrays import Array
 from ...case import Case
 from ...evaluation.interpolation import REACH, to_surface
 from ...evaluation.projection import project
-from ...geometry.surface import Surface, interpolated
+from ...geometry.label_fields import read_at
+from ...geometry.surface import Surface
 from .electrical import with_electrical
 
 MOST_FACES = 60_000  # a surface with more is decimated for display to
@@ -62,7 +63,7 @@ def decimated(surface: Surface, most: int = MOST_FACES, wanted: int = DISPLAY_FA
     small = _fewer_faces(surface, wanted)
     _, face, _, weights = ClosestPoint(surface.vertices, surface.faces).query(small.vertices)
     fields = {
-        key: interpolated(values, surface.faces[face], weights) for key, values in surface.fields.items()
+        key: read_at(key, values, surface.faces[face], weights) for key, values in surface.fields.items()
     }
     return replace(small, fields=fields)
 
