@@ -19,6 +19,7 @@ from .geometry.surface import Surface
 from .registration.landmark_names import partners
 
 UNITS = ("mm", "px")
+MILLIMETRES = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "um": 0.001, "in": 25.4, "px": 1.0}  # of files
 SPACES = ("LPS", "RAS", "unknown")
 POINT_TYPES = ("eam", "ablation", "landmark", "inside")
 FITTED_TYPES = ("eam", "inside")
@@ -146,6 +147,8 @@ class Case:
     units: str = "mm"
     frame: str = "unknown"  # of the points
     prior_frame: str = "unknown"
+    # what is exported on the prior is in them again; None: `units`
+    prior_file_units: str | None = None
     notes: str = ""
     files: Mapping[str, str] = field(default_factory=dict)  # file name -> sha256
     truth: Truth | None = None
@@ -167,6 +170,12 @@ class Case:
             raise InputError(
                 f"case {self.name}: units = '{self.units}': lengths of a case are in "
                 f"{' or '.join(UNITS)}; scale them first"
+            )
+        lengths = ("px",) if self.units == "px" else tuple(unit for unit in MILLIMETRES if unit != "px")
+        if self.prior_file_units not in (None, *lengths):
+            raise InputError(
+                f"case {self.name}: prior_file_units = '{self.prior_file_units}': must be one of "
+                f"{', '.join(lengths)}"
             )
         for key, frame in (("frame", self.frame), ("prior_frame", self.prior_frame)):
             if frame not in SPACES:

@@ -9,12 +9,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import Array
-from ..case import SPACES, Case, Points
+from ..case import MILLIMETRES, SPACES, Case, Points
 from ..errors import InputError, did_you_mean
 from ..geometry.surface import Surface
 from ..io.case_coordinates import check_scale
 from ..io.case_reader import FEWEST_POINTS
-from ..io.case_settings import MILLIMETRES
 from ..io.case_surfaces import CHOICE
 from ..io.mapping.imported import joined
 from ..io.meshes.repair import closed_outward
@@ -70,6 +69,7 @@ def case_of(
         units="px" if units == "px" else "mm",
         frame=frame,
         prior_frame=frame if file.space == "unknown" else file.space,
+        prior_file_units=units if file.units == "unknown" else None,
         phases=tuple(
             _in_mm(stated_surface(phase, f"phase {k}", frame=frame), f"phase {k}", units)
             for k, phase in enumerate(phases, 1)

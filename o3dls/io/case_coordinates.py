@@ -9,10 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from ..arrays import Array
+from ..case import MILLIMETRES
 from ..errors import InputError
 from ..geometry.similarity import TURN, apply
 from ..geometry.surface import Surface
-from .case_settings import MILLIMETRES, Folder
+from .case_settings import Folder
 from .meshes.surface_file import SurfaceFile
 from .table import Table
 

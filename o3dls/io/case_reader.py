@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from ..arrays import Array
-from ..case import Case, Points
+from ..case import MILLIMETRES, Case, Points
 from ..errors import InputError
 from ..geometry.similarity import is_pose
 from .case_coordinates import check_scale, coordinates, millimetres_per_unit
@@ -51,6 +51,7 @@ def read_case(
         units=opened.units,
         frame=frame,
         prior_frame=prior.space,
+        prior_file_units=_file_units(opened, prior.units),
         notes=opened.settings.get("notes", ""),
         files=opened.hashes,
         truth=truth_of(opened, prior.space, frame),
@@ -70,6 +71,12 @@ def _frame(folder: Folder, table: Table) -> str:
             "away, or correct the file"
         )
     return given if stated == "unknown" else stated
+
+
+def _file_units(folder: Folder, stated: str) -> str:
+    """The units of the prior's own file, which the case that a run keeps says apart: that prior is in mm."""
+    said = stated if stated in MILLIMETRES else folder.settings.get("units", folder.units)
+    return str(folder.settings.get("prior_file_units", said))
 
 
 def _points_table(folder: Folder, points: str | Path | None) -> Table:

@@ -9,17 +9,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..case import SPACES
+from ..case import MILLIMETRES, SPACES
 from ..errors import InputError, did_you_mean
 from .documents import read_toml
 from .table import Table, read_table
 from .text import read_bytes
 
-MILLIMETRES = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "um": 0.001, "in": 25.4, "px": 1.0}
 # files of voxels alone, which a header beside them describes
 VOXELS = (".img", ".img.gz", ".raw", ".raw.gz", ".zraw")
 FILES = ("prior", "points", "prior_landmarks", "init", "truth", "held_out", "correspondence", "outliers")
-KEYS = dict.fromkeys(("name", "units", "frame", "notes", "part", *FILES), str) | {
+KEYS = dict.fromkeys(("name", "units", "prior_file_units", "frame", "notes", "part", *FILES), str) | {
     "dimension": int,
     "label": int,
     "layer": int,
@@ -126,7 +125,8 @@ def _check_setting(where: str, key: str, value: Any) -> None:
         raise InputError(f"{where} = {value!r}: must be of type {KEYS[key].__name__}")
     if key == "box" and not _is_box(value):
         raise InputError(f"{where} = {value!r}: must be six numbers, least x, y, z, then most")
-    allowed = {"units": tuple(MILLIMETRES), "frame": SPACES, "dimension": (2, 3)}.get(key)
+    units = tuple(MILLIMETRES)
+    allowed = {"units": units, "prior_file_units": units, "frame": SPACES, "dimension": (2, 3)}.get(key)
     if allowed and value not in allowed:
         raise InputError(f"{where} = {value!r}: must be one of {', '.join(map(str, allowed))}")
 

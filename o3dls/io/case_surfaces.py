@@ -7,10 +7,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from ..case import MILLIMETRES
 from ..errors import InputError
 from ..geometry.surface import Surface
 from .case_coordinates import check_scale, in_millimetres, surface_in_frame
-from .case_settings import MILLIMETRES, Folder
+from .case_settings import Folder
 from .meshes.registry import read_surface_file
 from .meshes.repair import closed_outward
 from .meshes.surface_file import SurfaceFile

@@ -13,12 +13,11 @@ from typing import Any
 import numpy as np
 
 from ..arrays import Array
-from ..case import SPACES
+from ..case import MILLIMETRES, SPACES
 from ..errors import InputError
 from ..geometry.similarity import TURN, apply
 from ..geometry.surface import Surface
 from ..io.case_coordinates import check_scale
-from ..io.case_settings import MILLIMETRES
 from ..io.markups import Markups, read_markups, write_markups
 from ..io.meshes.registry import is_surface, read_surface_file, write_surface
 from ..io.meshes.repair import closed_outward, welded

@@ -14,10 +14,11 @@ import pytest
 from formats import FIELDS, SPACE, SUFFIX, TOLERANCE, lattice, marker, same_body, write_as
 
 from o3dls.adapters.objects import points_of, surface_of, to_open3d, to_pyvista, to_trimesh
+from o3dls.case import MILLIMETRES
 from o3dls.errors import InputError
 from o3dls.geometry.surface import Surface
 from o3dls.io import case_surfaces
-from o3dls.io.case_settings import MILLIMETRES, Folder
+from o3dls.io.case_settings import Folder
 from o3dls.io.images.registry import read_image
 from o3dls.io.images.volumes import write_volume
 from o3dls.io.markups import Markups, read_markups, write_markups

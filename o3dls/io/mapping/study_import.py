@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 
 from ...arrays import Array
-from ...case import SPACES, Points
+from ...case import MILLIMETRES, SPACES, Points
 from ...errors import InputError
 from ...registration.landmark_names import alone, partners
 from ..atomic import check_free, staged_folder, write_file
-from ..case_settings import MILLIMETRES, toml_lines
+from ..case_settings import toml_lines
 from ..manifest import write_manifest
 from ..markups import Markups, read_markups
 from ..meshes.registry import read_surface_file, write_surface

@@ -46,6 +46,8 @@ NO_SURFACE = {
     "txt": (".txt",),
     "csv": (".csv",),
 }
+# the others are in one unit by definition, or by the custom of those who read them
+IN_ANY_UNITS = ("ply", "stl", "obj", "off", "vtk", "vtp", "csv")
 NEED_FRAME = ("phi_nifti", "mask_nifti", "tfm")  # formats that say LPS or RAS by definition
 
 

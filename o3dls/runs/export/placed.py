@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from ...arrays import Array
-from ...case import Case, Points
+from ...case import MILLIMETRES, Case, Points
 from ...errors import InputError
 from ...geometry.similarity import TURN, apply
 from ...geometry.surface import Surface
+from .formats import IN_ANY_UNITS
 
 if TYPE_CHECKING:
     from ...estimate import Estimate
@@ -32,6 +33,18 @@ class Placed:
     points: Points
     pose: Array
     frame: str
+
+    def in_units(self, units: str) -> Placed:
+        """The surface and the points out of mm in other units; the pose, and what names its unit, stay in
+        mm.
+        """
+        from ...io.points import scaled
+
+        size = MILLIMETRES[units]
+        if size == 1.0:
+            return self
+        surface = self.surface.with_vertices(self.surface.vertices / size)
+        return replace(self, surface=surface, points=scaled(self.points, 1.0 / size))
 
 
 def placed(run: Run, name: str, surface: Surface, on: On, frame: str | None = None) -> Placed:
@@ -61,6 +74,12 @@ def placed(run: Run, name: str, surface: Surface, on: On, frame: str | None = No
 def frame_of(case: Case, on: On) -> str:
     """The frame of the map or of the prior, unknown where no file says it."""
     return case.prior_frame if on == "prior" else case.frame
+
+
+def units_of(case: Case, on: On, format: str) -> tuple[str, str]:
+    """The units of a file to write, and those that belong there: on the prior, those of its own file."""
+    own = case.prior_file_units or case.units if on == "prior" else case.units
+    return own if format in IN_ANY_UNITS else case.units, own
 
 
 def unknown_frame(on: On) -> str:

@@ -16,8 +16,9 @@ from ...geometry.surface import Surface
 from ...io.atomic import staged_files, write_file
 from ...plugins.stage import FINEST
 from ..writers import Writer
+from .facts import facts_of
 from .formats import NEED_FRAME, FormatName, FrameName, file_name
-from .placed import On, Placed, frame_of, placed, unknown_frame
+from .placed import On, Placed, frame_of, placed, units_of, unknown_frame
 from .volume import spacing_mistake, write_enclosed_volume, write_labels_like
 
 if TYPE_CHECKING:
@@ -137,14 +138,18 @@ class Export(Writer):
         # LPS is what DIF is by definition
         frame = "LPS" if self.format == "dif" and frame_of(run.case, self.on) == "RAS" else self.frame
         what = placed(run, name, surface, self.on, frame)
-        facts = _facts(run, name, self.format, self.on, what.frame)
+        units, own = units_of(run.case, self.on, self.format)
+        what = what.in_units(units)
+        facts = facts_of(run, name, self.format, self.on, what.frame, units)
+        if units != own:
+            _say(path, [f"is in {units}, as every {self.format} is; the prior's own file is in {own}"])
         if self.format == "opencarp":
             from ...io.meshes.opencarp import check_fields
 
             # the files beside `path` are not beside where it is written first
             check_fields(path, self._small_enough(what.surface))
         with staged_files(path) as staged:
-            facts |= self._write(what, staged, run.case.units)
+            facts |= self._write(what, staged, units)
             sidecar = staged.with_name(staged.name + ".json")
             write_file(sidecar, json.dumps(facts, indent=1, allow_nan=False) + "\n")
 
@@ -178,6 +183,8 @@ class Export(Writer):
             counts |= _write_openep(surface, path, what.points)
         else:
             _say(path, write_surface(path, surface, space=what.frame, units=units, format=self.format))
+        if self.format == "opencarp":
+            counts["units"] = "um"
         # a format may hold fewer than the surface has
         return counts | {"fields": sorted(read_surface_file(path, units="um").surface.fields)}
 
@@ -227,26 +234,3 @@ def _write_openep(surface: Surface, path: Path, points: Points) -> dict[str, Any
     _say(path, losses(surface))
     kinds = {kind: int((points.type == kind).sum()) for kind in ("eam", "ablation")}
     return {"points": kinds, "electrograms": SIGNALS}
-
-
-def _facts(run: Run, name: str, format: str, on: str, space: str) -> dict[str, Any]:
-    """What a reader of the file must know and the file cannot say.
-
-    No name of a case: it may be a patient's.
-    """
-    from ...io.meshes.surface_file import NOTICE
-
-    estimate = run.estimates[name]
-    return {
-        "notice": NOTICE,
-        "estimate": name,
-        "format": format,
-        "on": on,
-        "frame": space,
-        "units": run.case.units,
-        "T_map_prior": estimate.T_map_prior.tolist(),
-        "T_map_prior_frame": run.case.frame,
-        "prior_frame": run.case.prior_frame,
-        "status": estimate.status,
-        "versions": dict(run.provenance["versions"]),
-    }
