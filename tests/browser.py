@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import shutil
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +32,8 @@ def chromium() -> Iterator[Callable[..., Any]]:
     playwright = pytest.importorskip(
         "playwright.sync_api", reason="playwright is not installed: pages are not tested"
     )
+    if why := _broken_driver():
+        pytest.skip(f"Playwright's driver does not start: pages are not tested: {why}")
     with playwright.sync_playwright() as started:
         own = started.chromium.executable_path
         path = next(filter(None, map(shutil.which, NAMES)), own if Path(own).is_file() else None)
@@ -38,12 +43,28 @@ def chromium() -> Iterator[Callable[..., Any]]:
 
         def launch(*, webgl: bool = True) -> Any:
             args = [*QUIET, *(WITH_WEBGL if webgl else WITHOUT_WEBGL)]
-            browsers.append(started.chromium.launch(executable_path=path, args=args))
+            try:
+                browsers.append(started.chromium.launch(executable_path=path, args=args))
+            except playwright.Error as error:
+                pytest.skip(f"{path} does not start: pages are not tested: {error.message.splitlines()[0]}")
             return browsers[-1]
 
         yield launch
         for browser in browsers:
             browser.close()
+
+
+@cache
+def _broken_driver() -> str:
+    """Why Playwright's own node does not start, as where a library of the system is missing; else empty.
+
+    Asked in a process of its own: a driver that dies under us leaves an event loop behind.
+    """
+    asked = subprocess.run(
+        [sys.executable, "-m", "playwright", "--version"], capture_output=True, text=True, check=False
+    )
+    said = (asked.stderr or asked.stdout).strip().splitlines() or [f"exit code {asked.returncode}"]
+    return said[-1] if asked.returncode else ""
 
 
 class Visit:

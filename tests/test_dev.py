@@ -1,0 +1,97 @@
+"""`./dev test` and the browser's tests where parts of the system are missing and cannot be installed."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from conftest import ROOT
+
+TOOLS = ("sh", "dirname", "sed", "cat", "cksum", "grep", "touch", "uname", "tail")
+LIBRARIES = "libGL.so.1 libEGL.so.1 libOpenGL.so.0 libusb-1.0.so.0"
+PYTHON = """#!/bin/sh
+echo "$@" >>calls
+case "$*" in
+    *chromium\\(\\)*) [ -e browser ] ;;
+    *"playwright install"*) exit 1 ;;
+esac
+"""
+
+
+def script(path: Path, text: str) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text)
+    path.chmod(0o755)
+
+
+@pytest.fixture
+def clone(tmp_path: Path) -> Path:
+    """A clone of one file on a system of few tools, without a browser and without the right to install it."""
+    for name in ("dev", "pyproject.toml", "constraints.txt"):
+        shutil.copy(ROOT / name, tmp_path)
+    script(tmp_path / ".venv/bin/python", PYTHON)
+    script(tmp_path / "bin/id", "#!/bin/sh\necho 1000\n")
+    lines = "".join(f"\t{name} (libc6) => /lib/{name}\\n" for name in LIBRARIES.split())
+    script(tmp_path / "bin/ldconfig", f"#!/bin/sh\nprintf '{lines}'\n")
+    for name in TOOLS:
+        found = shutil.which(name)
+        assert found is not None
+        (tmp_path / "bin" / name).symlink_to(found)
+    (tmp_path / "bin/python3").symlink_to(sys.executable)
+    return tmp_path
+
+
+def dev_test(clone: Path) -> subprocess.CompletedProcess[str]:
+    env = {"PATH": str(clone / "bin")}
+    return subprocess.run(["./dev", "test"], cwd=clone, env=env, capture_output=True, text=True, check=False)
+
+
+def test_a_missing_browser_is_said_with_its_remedy_and_looked_for_again(clone: Path) -> None:
+    for _ in range(2):
+        (clone / "calls").unlink(missing_ok=True)
+        done = dev_test(clone)
+        assert done.returncode == 0
+        (said,) = (line for line in done.stderr.splitlines() if "browser" in line)
+        assert "will be skipped; to fix this, run: " in said
+        assert "libatomic1" in said or "--with-deps" in said
+        assert "playwright install chromium" in (clone / "calls").read_text()
+        assert not (clone / ".venv/stamp-browser").exists()
+    (clone / "browser").touch()
+    assert "browser" not in dev_test(clone).stderr
+    assert (clone / ".venv/stamp-browser").exists()
+
+
+def outcome(folder: Path, env: dict[str, str]) -> str:
+    """What pytest says of a test that asks for a browser."""
+    (folder / "test_one.py").write_text(
+        "from tests.browser import chromium\n\n\ndef test_one():\n"
+        "    with chromium() as launch:\n        launch()\n"
+    )
+    paths = {"PYTHONPATH": os.pathsep.join([str(ROOT), str(ROOT / "tests")])}
+    command = [sys.executable, "-m", "pytest", "-q", "-rs", "-W", "error", "-p", "no:dash", "test_one.py"]
+    done = subprocess.run(
+        command, cwd=folder, env=os.environ | paths | env, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stdout
+    return done.stdout
+
+
+def test_where_the_browsers_driver_dies_its_tests_are_skipped_with_the_reason(tmp_path: Path) -> None:
+    pytest.importorskip("playwright.sync_api")
+    script(tmp_path / "node", "#!/bin/sh\necho 'node: libatomic.so.1: cannot open' >&2\nexit 127\n")
+    said = outcome(tmp_path, {"PLAYWRIGHT_NODEJS_PATH": str(tmp_path / "node")})
+    assert "1 skipped" in said
+    assert "node: libatomic.so.1: cannot open" in said
+
+
+def test_where_the_browser_dies_its_tests_are_skipped_with_the_reason(tmp_path: Path) -> None:
+    playwright = pytest.importorskip("playwright.sync_api")
+    assert playwright
+    script(tmp_path / "chromium", "#!/bin/sh\necho 'chromium: no such snap' >&2\nexit 1\n")
+    said = outcome(tmp_path, {"PATH": os.pathsep.join([str(tmp_path), os.environ["PATH"]])})
+    assert "1 skipped" in said
+    assert "does not start" in said
