@@ -5,6 +5,8 @@ Not for clinical use.
 
 from typing import Any
 
+from . import kernel_cache
+
 __version__ = "0.1.0"
 
 PUBLIC = {
@@ -47,6 +49,9 @@ PUBLIC = {
     "case_of": "adapters.case",
     "surface_of": "adapters.objects",
 }
+
+
+kernel_cache.settle()  # before a module imports numba
 
 
 def __getattr__(name: str) -> Any:

@@ -15,6 +15,7 @@ import pytest
 PACKAGE = Path(__file__).resolve().parents[1] / "o3dls"
 # From below to above; a package imports those before it, and no other.
 LAYERS = (
+    "kernel_cache",
     "arrays",
     "errors",
     "run_warning",
