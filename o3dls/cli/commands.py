@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+
 import click
 
 from .. import __version__
@@ -12,6 +14,9 @@ from . import settings as cli_settings
 from .interrupts import heeded
 from .memory import check_memory
 from .words import DONE, INTERNAL, INTERRUPTED, UNREAD, WRONG_INPUT, complain, say_lines
+
+COMPLETE = "_O3DLS_COMPLETE"  # click's name of what a shell asks
+COMPLETIONS = "must be bash_source, zsh_source or fish_source"
 
 
 def run_command(arguments: list[str]) -> int:
@@ -25,8 +30,10 @@ def run_command(arguments: list[str]) -> int:
         return _failed(error.format_message(), WRONG_INPUT)
     except click.exceptions.Abort:
         return _failed("interrupted", INTERRUPTED)
-    except SystemExit:  # so click answers a closed stdout
-        return UNREAD
+    except SystemExit as end:  # so click answers what a shell asks for completion, and a closed stdout
+        if end.code and COMPLETE in os.environ:
+            return _failed(f"{COMPLETE} = '{os.environ[COMPLETE]}': {COMPLETIONS}", WRONG_INPUT)
+        return UNREAD if end.code else DONE
     except SolverError as error:
         return _failed(str(error), INTERNAL)
     except (O3dlsError, OSError) as error:

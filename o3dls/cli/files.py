@@ -9,6 +9,7 @@ from typing import Any
 
 import click
 
+from . import completion
 from .words import DONE, FILE, FOLDER, NOT_VALID, complain, say, say_lines
 
 
@@ -19,6 +20,7 @@ from .words import DONE, FILE, FOLDER, NOT_VALID, complain, say, say_lines
     "--compare",
     multiple=True,
     metavar="ESTIMATE",
+    shell_complete=completion.estimates,
     help="estimate to show; may be repeated; default: the ICP and the last",
 )
 @click.option(
@@ -55,9 +57,10 @@ def compare(runs: tuple[Path, ...], out: Path) -> None:
     "--format",
     default="ply",
     show_default=True,
+    shell_complete=completion.formats,
     help="file format, such as ply, vtp, carto_vtk, mask_nrrd, tfm",
 )
-@click.option("--estimate", help="estimate to write; default: the last")
+@click.option("--estimate", shell_complete=completion.estimates, help="estimate to write; default: the last")
 @click.option("--out", type=FILE, help="file to write; default: in the run's folder export/")
 @click.option(
     "--on",
@@ -105,7 +108,7 @@ def convert(source: Path, target: Path, **options: Any) -> None:
 
 @click.command()
 @click.argument("run_folder", metavar="RUN", type=FOLDER)
-@click.option("--estimate", help="estimate to send; default: the last")
+@click.option("--estimate", shell_complete=completion.estimates, help="estimate to send; default: the last")
 @click.option(
     "--on",
     type=click.Choice(["map", "prior"]),

@@ -7,6 +7,7 @@ from typing import Any
 
 import click
 
+from . import completion
 from .words import DONE, FILE, FOLDER, NOT_VALID, WRONG_INPUT, complain, say, say_lines
 
 
@@ -45,6 +46,7 @@ def demo(out: Path, force: bool) -> int:
     "settings",
     multiple=True,
     metavar="STAGE.PARAM=VALUE",
+    shell_complete=completion.settings,
     help="override a parameter of the pipeline; may be repeated",
 )
 @click.option("--force", is_flag=True, help="replace an earlier run in the same folder")
@@ -91,7 +93,7 @@ def check(pipeline: Path, case: Path | None) -> int:
 
 
 @click.command()
-@click.argument("name", required=False)
+@click.argument("name", required=False, shell_complete=completion.stages)
 @click.option("--markdown", is_flag=True, help="the parameters, of all without NAME, as tables for documents")
 def stages(name: str | None, markdown: bool) -> None:
     """List stages and writers, or the parameters of NAME with unit, default and bounds."""
@@ -120,6 +122,7 @@ def stages(name: str | None, markdown: bool) -> None:
     "settings",
     multiple=True,
     metavar="STAGE.PARAM=VALUE",
+    shell_complete=completion.settings,
     help="override a parameter of the pipeline; may be repeated",
 )
 @click.option(

@@ -23,7 +23,11 @@ CLASSES = {
 
 
 @click.command()
-@click.argument("package", required=False)
+@click.argument(
+    "package",
+    required=False,
+    shell_complete=lambda _, __, begun: [name for name in CLASSES if name.startswith(begun)],
+)
 def settings(package: str | None) -> None:
     """Print the numbers of the method with unit and reason: all, or those of PACKAGE (noise, motion, ...)."""
     say_lines("\n\n".join(tables(name) for name in ([package] if package else CLASSES)))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
+from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
@@ -29,15 +30,35 @@ def read_pipeline(path: str | Path, settings: Iterable[str] = ()) -> Pipeline:
     `settings` such as `icp.keep=0.9` override it. Raises PipelineError with every mistake, InputError where
     the file cannot be read.
     """
-    path = Path(path)
+    path, settings = Path(path), list(settings)
     text = decode(read_bytes(path, LARGEST_TOML), path)
     try:
         tables = _beside(parse_toml(text, str(path)), path.parent)
-        return pipeline_from(overridden(tables, settings), path.parent)
     except InputError as error:
         raise PipelineError(str(error)) from None
+    changed = overridden(deepcopy(tables), settings)
+    try:
+        return pipeline_from(changed, path.parent)
     except PipelineError as error:
-        raise PipelineError(*(f"{path}: {mistake}" for mistake in error.args)) from None
+        own = _mistakes(tables, path.parent)
+        raise PipelineError(
+            *(f"{path}: {said}" if said in own else _blamed(said, settings) for said in error.args)
+        ) from None
+
+
+def _mistakes(tables: Tables, folder: Path) -> tuple[str, ...]:
+    """The mistakes of a file as it stands, without the settings that overrode it."""
+    try:
+        pipeline_from(tables, folder)
+    except PipelineError as error:
+        return error.args
+    return ()
+
+
+def _blamed(mistake: str, settings: list[str]) -> str:
+    """A mistake that the file alone does not have, behind the settings that it comes from."""
+    meant = [setting for setting in settings if setting.partition("=")[0].strip() in mistake] or settings
+    return f"{' '.join(f'--set {setting}' for setting in meant)}: {mistake}"
 
 
 def _beside(tables: Tables, folder: Path) -> Tables:

@@ -53,7 +53,8 @@ def mistakes(folder: Path, text: str, *settings: str) -> str:
     with pytest.raises(PipelineError) as error:
         read_pipeline(written(folder, text), settings)
     assert "\n" not in str(error.value)
-    assert str(folder / "pipe.toml") in str(error.value)
+    # what only the command line got wrong is not blamed on the file
+    assert (str(folder / "pipe.toml") in str(error.value)) == (not settings)
     return str(error.value)
 
 
@@ -146,6 +147,26 @@ def test_all_mistakes_are_named_at_once(tmp_path: Path) -> None:
 )
 def test_settings_are_checked_like_files(tmp_path: Path, setting: str, sentence: str) -> None:
     assert sentence in mistakes(tmp_path, TEXT, setting)
+
+
+def test_a_mistake_of_the_command_line_is_not_blamed_on_the_file(tmp_path: Path) -> None:
+    path = tmp_path / "pipe.toml"
+    path.write_text(TEXT)
+    for settings, said in {
+        ("nudge.share=2", "folds=2"): "--set nudge.share=2: [[stage]] 1: nudge.share = 2",
+        ("folds=x", "nudge.share=0"): "--set folds=x: folds = 'x': must be a whole number",
+        ("icp.keep=2",): "--set icp.keep=2: the pipeline has no 'icp'",
+    }.items():
+        with pytest.raises(PipelineError) as caught:
+            read_pipeline(path, settings)
+        (mistake,) = caught.value.args
+        assert mistake.startswith(said)
+    path.write_text(TEXT.replace('use = "nudge"', 'use = "nudge"\nlimt = 1', 1))
+    with pytest.raises(PipelineError) as caught:
+        read_pipeline(path, ["nudge.share=2"])
+    mistakes = caught.value.args
+    assert any(said.startswith(f"{path}: ") and "nudge.limt" in said for said in mistakes)
+    assert any(said.startswith("--set nudge.share=2: ") and "nudge.limt" not in said for said in mistakes)
 
 
 EXPORTS = '[[stage]]\nuse = "nudge"\n[[write]]\nuse = "export"\n[[write]]\nuse = "export"\n'
