@@ -3,9 +3,13 @@
 Not for clinical use.
 """
 
-from typing import Any
+from __future__ import annotations
 
 from . import kernel_cache
+
+TYPE_CHECKING = False  # typing takes time, and until the command line listens Ctrl-C shows a traceback
+if TYPE_CHECKING:
+    from typing import Any
 
 __version__ = "0.1.0"
 

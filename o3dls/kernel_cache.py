@@ -15,7 +15,7 @@ def settle() -> None:
     first kernel is imported.
     """
     given = os.environ.get(VARIABLE)
-    if (given and _writable(given)) or all(map(_writable, _in_tree())) or _writable(_of_the_user()):
+    if (given and _writable(given)) or _writable(_in_tree()) or _writable(_of_the_user()):
         return
     folder, new = _temporary()
     os.environ[VARIABLE] = folder  # also for the processes that this one starts
@@ -33,10 +33,11 @@ def settle() -> None:
         )
 
 
-def _in_tree() -> list[str]:
-    """The folders for compiled code beside each module, numba's first choice."""
-    packages = os.walk(os.path.dirname(__file__))
-    return [os.path.join(folder, "__pycache__") for folder, _, files in packages if "__init__.py" in files]
+def _in_tree() -> str:
+    """The folder for compiled code beside the modules of a package, numba's first choice: all are installed
+    together, and one stands for the others.
+    """
+    return os.path.join(os.path.dirname(__file__), "geometry", "__pycache__")
 
 
 def _of_the_user() -> str:

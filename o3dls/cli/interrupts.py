@@ -1,4 +1,7 @@
-"""Ctrl-C and being told to end: both become one exception, so that what is half made is removed, and said."""
+"""Ctrl-C and being told to end: both become one exception, so that what is half made is removed, and said.
+
+Until `listen` Python answers by itself, with a traceback: it imports little.
+"""
 
 from __future__ import annotations
 
@@ -8,8 +11,6 @@ import signal
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from threading import Timer
-from typing import Any
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 LATER = 0.05  # seconds
@@ -42,20 +43,23 @@ def _end() -> None:
         os._exit(128 + _heard[0])
 
 
-def _raise(number: int, _: Any) -> None:
+def _raise(number: int, _: object) -> None:
     """Raise, unless it is raised already, and what is half made is being removed."""
     _heard.append(number)
     if not isinstance(sys.exc_info()[1], Interrupted):
         raise Interrupted
 
 
-def _again(lost: Any) -> None:
-    """Raise once more, a little later, what ended in a place that no exception leaves, such as a
-    destructor.
+def _again(lost: sys.UnraisableHookArgs) -> None:
+    """Raise once more, a little later, what ended in a place that no exception leaves, such as a destructor.
+
+    Once it was raised, destructors of what is half made fail, and have nothing to say.
     """
     if isinstance(lost.exc_value, Interrupted):
+        from threading import Timer
+
         Timer(LATER, os.kill, [os.getpid(), _heard[0]]).start()
-    else:
+    elif not _heard:
         sys.__unraisablehook__(lost)
 
 

@@ -60,6 +60,17 @@ def report(*a, **k):
     import time; time.sleep(20)
 writer.write_report = report
 """
+HALF_MADE = """
+class Half:
+    def __init__(self):
+        strike()
+        for _ in range(1000): pass
+        self.whole = True
+    def __del__(self):
+        del self.whole
+import o3dls.report.writer as writer
+writer.write_report = lambda *a, **k: Half()
+"""
 RUN = "from o3dls.cli.main import main; main()"
 SWALLOWED = "try: strike(); [None for _ in range(1000)]\n        except BaseException: pass"
 MADE_ANOTHER = SWALLOWED.replace("pass", "raise ImportError('core failed')")
@@ -114,6 +125,39 @@ def test_in_a_destructor(finished_run: Path, tmp_path: Path) -> None:
     struck(IN_A_DESTRUCTOR, signal.SIGTERM, "report", finished_run, "--out", "page.html", cwd=tmp_path)
     assert time.perf_counter() - begun < 15.0  # it did not sleep on
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_destructor_of_what_is_half_made_has_nothing_to_say(finished_run: Path, tmp_path: Path) -> None:
+    """llvmlite's do so where the compiler is interrupted."""
+    struck(HALF_MADE, signal.SIGINT, "report", finished_run, "--out", "page.html", cwd=tmp_path)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_while_loops_are_compiled(number: signal.Signals, tmp_path: Path) -> None:
+    with subprocess.Popen(
+        [sys.executable, "-c", f"import signal; signal.signal(2, signal.default_int_handler); {RUN}", "demo"],
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=tmp_path,
+        env=os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache")},
+    ) as process:
+        assert process.stderr is not None
+        while not (line := process.stderr.readline()).startswith("compiling"):
+            assert line, "the demo ended without compiling anything"
+        time.sleep(1.0)
+        process.send_signal(number)
+        *_, last = process.communicate(timeout=60)[1].splitlines()
+    assert (process.returncode, last) == (CODES[number], "o3dls: interrupted")
+
+
+def test_little_is_imported_before_the_command_listens() -> None:
+    """Ctrl-C in that time is answered by Python itself, with a traceback."""
+    show = "import sys; import o3dls.cli.main; print(*sys.modules)"
+    done = subprocess.run(
+        [sys.executable, "-S", "-c", show], capture_output=True, text=True, check=True, env=os.environ
+    )
+    assert {"o3dls", "o3dls.cli.main", "signal"} <= set(done.stdout.split())
+    assert not {"typing", "threading", "logging", "tempfile", "click", "numpy"} & set(done.stdout.split())
 
 
 @pytest.mark.parametrize(
