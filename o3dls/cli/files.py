@@ -4,13 +4,15 @@ view.
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import click
 
 from . import completion
-from .words import DONE, FILE, FOLDER, NOT_VALID, complain, say, say_lines
+from .options import as_json
+from .words import DONE, FILE, FOLDER, NOT_VALID, complain, say, say_json, say_lines
 
 
 @click.command()
@@ -156,13 +158,17 @@ def import_(study: Path, out: Path, map_name: str | None, **options: Any) -> Non
 
 
 @click.command()
-def doctor() -> int:
+@as_json
+def doctor(as_json: bool) -> int:
     """Check this machine, and say how to fix each fault."""
     from .doctor import diagnose
 
     checks = diagnose()
-    for check in checks:
-        say_lines(check)
+    if as_json:
+        say_json(list(map(asdict, checks)))
+    else:
+        for check in checks:
+            say_lines(check)
     return DONE if all(check.ok for check in checks if check.needed) else NOT_VALID
 
 

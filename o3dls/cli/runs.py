@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from . import completion
-from .words import DONE, FILE, FOLDER, NOT_VALID, WRONG_INPUT, complain, say, say_lines
+from .options import as_json, progress
+from .words import DONE, FILE, FOLDER, NOT_VALID, WRONG_INPUT, complain, say, say_json, say_lines
+
+if TYPE_CHECKING:
+    from ..runs.run import Run
 
 
 @click.command()
@@ -20,7 +25,9 @@ from .words import DONE, FILE, FOLDER, NOT_VALID, WRONG_INPUT, complain, say, sa
     help="run folder; an earlier demo is replaced",
 )
 @click.option("--force", is_flag=True, help="replace any other run in the same folder too")
-def demo(out: Path, force: bool) -> int:
+@as_json
+@progress
+def demo(out: Path, force: bool, as_json: bool) -> int:
     """Run the main job on the built-in atrium: align, deform, refine, score, report, export."""
     from ..io.case_reader import read_case
     from ..pipeline.batch import run_into
@@ -31,7 +38,7 @@ def demo(out: Path, force: bool) -> int:
     plan = default_pipeline()
     case = read_case(demo_case())
     force = force or ((out / "run.json").is_file() and repeats(out, plan.record(), case))
-    return _told(run_into(plan, case, out, force=force), out)
+    return _told(run_into(plan, case, out, force=force), out, as_json=as_json)
 
 
 @click.command()
@@ -50,12 +57,15 @@ def demo(out: Path, force: bool) -> int:
     help="override a parameter of the pipeline; may be repeated",
 )
 @click.option("--force", is_flag=True, help="replace an earlier run in the same folder")
+@as_json
+@progress
 def run(
     pipeline: Path | None,
     case: Path | None,
     out: Path | None,
     settings: tuple[str, ...],
     force: bool,
+    as_json: bool,
     **reading: Any,
 ) -> int:
     """Run a PIPELINE file, or without one the default pipeline with what the case allows."""
@@ -74,17 +84,22 @@ def run(
     out = _needed(out or plan.out, "--out")
     check_free(out, force, "run", [source for source in (folder, reading["points"], pipeline) if source])
     subject = read_case(folder, **reading)
-    return _told(run_into(plan if pipeline else plan.allowed_by(subject), subject, out, force=force), out)
+    done = run_into(plan if pipeline else plan.allowed_by(subject), subject, out, force=force)
+    return _told(done, out, as_json=as_json)
 
 
 @click.command()
 @click.argument("pipeline", type=FILE)
 @click.option("--case", type=FOLDER, help="case folder; overrides the pipeline's")
-def check(pipeline: Path, case: Path | None) -> int:
+@as_json
+def check(pipeline: Path, case: Path | None, as_json: bool) -> int:
     """Name every mistake of a PIPELINE file and its case before any work."""
     from ..pipeline.file import all_mistakes
 
     mistakes = all_mistakes(pipeline, case)
+    if as_json:
+        say_json({"pipeline": str(pipeline), "mistakes": mistakes})
+        return WRONG_INPUT if mistakes else DONE
     for mistake in mistakes:
         complain(mistake)
     if not mistakes:
@@ -129,6 +144,8 @@ def stages(name: str | None, markdown: bool) -> None:
     "--jobs", type=click.IntRange(min=1), default=1, show_default=True, help="cases that run at one time"
 )
 @click.option("--force", is_flag=True, help="replace earlier runs in the same folders")
+@as_json
+@progress
 def batch(
     cases: tuple[Path, ...],
     pipeline: Path | None,
@@ -136,6 +153,7 @@ def batch(
     settings: tuple[str, ...],
     jobs: int,
     force: bool,
+    as_json: bool,
 ) -> int:
     """Run one pipeline over many CASES, side by side, and write one table and one page of the cohort."""
     from ..pipeline.batch import run_cohort
@@ -144,10 +162,14 @@ def batch(
 
     plan = read_pipeline(pipeline, settings) if pipeline else default_pipeline(settings)
     outcomes = run_cohort(cases, plan, out, jobs=jobs, trim=not pipeline, force=force)
-    for outcome in outcomes:
-        say(f"{outcome.case}: {outcome.error or '; '.join(outcome.faults) or 'done'}")
-    say(out / "cohort.csv")
-    say(write_cohort(outcomes, out))
+    page = write_cohort(outcomes, out)
+    if as_json:
+        say_json({"table": str(out / "cohort.csv"), "page": str(page), "cases": list(map(asdict, outcomes))})
+    else:
+        for outcome in outcomes:
+            say(outcome)
+        say(out / "cohort.csv")
+        say(page)
     if any(outcome.error for outcome in outcomes):
         return WRONG_INPUT
     return NOT_VALID if any(outcome.faults for outcome in outcomes) else DONE
@@ -177,10 +199,18 @@ def _needed(value: Path | None, option: str) -> Path:
     return value
 
 
-def _told(result: Any, out: Path) -> int:
-    """Print the scores of a finished run and where it is; say what is not valid."""
-    say_lines(result)
-    say(out)
+def _told(result: Run, out: Path, *, as_json: bool) -> int:
+    """Print the scores of a finished run, whether to trust it and where it is; say what is not valid."""
+    from ..runs.run import record
+    from .summary import summary
+
+    found = summary(out)
+    if as_json:
+        scores = {name: one["scores"] for name, one in record(result)["estimates"].items()}
+        say_json(found.record | {"valid": not result.faults, "faults": result.faults, "scores": scores})
+    else:
+        say_lines(result)
+        say_lines(found)
     for fault in result.faults:
         complain(f"the result is not valid: {result.final}: {fault}")
     return NOT_VALID if result.faults else DONE

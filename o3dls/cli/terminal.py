@@ -11,17 +11,25 @@ from ..errors import escaped
 
 
 class Lines(logging.Formatter):
-    """Progress as plain lines; what is wrong says so first."""
+    """Progress as plain lines; what is wrong says so first. On a terminal each begins with the seconds since
+    the start.
+    """
+
+    def __init__(self, terminal: bool) -> None:
+        super().__init__()
+        self.terminal = terminal
 
     def format(self, record: logging.LogRecord) -> str:
         said = escaped(record.getMessage())
-        return said if record.levelno <= logging.INFO else f"{record.levelname.lower()}: {said}"
+        if record.levelno > logging.INFO:
+            said = f"{record.levelname.lower()}: {said}"
+        return f"{record.relativeCreated / 1000.0:6.1f} s  {said}" if self.terminal else said
 
 
 def prepare() -> None:
     """Set up the log and stdout."""
     handler = logging.StreamHandler()
-    handler.setFormatter(Lines())
+    handler.setFormatter(Lines(sys.stderr.isatty()))
     logging.basicConfig(handlers=[handler], level=logging.WARNING)
     logging.getLogger("o3dls").setLevel(logging.INFO)
     codecs.register_error("o3dls", _written)

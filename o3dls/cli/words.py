@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import os
 from pathlib import Path
 
 import click
@@ -14,9 +16,13 @@ MOST_LETTERS = 4000  # of a sentence: two paths of the greatest length would fit
 FILE = FOLDER = click.Path(path_type=Path)
 
 
-def say(sentence: object, *, error: bool = False) -> None:
-    """Print one line; what of it comes out of files is shown and not obeyed."""
-    click.echo(escaped(str(sentence)), err=error)
+def say(sentence: object, *, error: bool = False, colour: str | None = None) -> None:
+    """Print one line; what of it comes out of files is shown and not obeyed.
+
+    A colour reaches terminals alone.
+    """
+    text = escaped(str(sentence))
+    click.echo(click.style(text, fg=colour) if colour and "NO_COLOR" not in os.environ else text, err=error)
 
 
 def say_lines(text: object, *, error: bool = False) -> None:
@@ -24,9 +30,15 @@ def say_lines(text: object, *, error: bool = False) -> None:
     click.echo(escaped_lines(str(text)), err=error)
 
 
+def say_json(value: object) -> None:
+    """Print plain values as JSON, in letters that no terminal obeys."""
+    text = json.dumps(value, indent=1, allow_nan=False)
+    click.echo(text.replace("\x7f", "\\u007f"))
+
+
 def complain(sentence: str) -> None:
     """Print what is wrong: one line on stderr."""
-    say(f"o3dls: {' '.join(shortened(sentence).split())}", error=True)
+    say(f"o3dls: {' '.join(shortened(sentence).split())}", error=True, colour="red")
 
 
 def shortened(sentence: str) -> str:

@@ -41,6 +41,9 @@ class Outcome:
     error: str | None = None
     warnings: list[str] = field(default_factory=list)
 
+    def __str__(self) -> str:
+        return f"{self.case}: {self.error or '; '.join(self.faults) or 'done'}"
+
 
 def run_into(pipeline: Pipeline, case: Case, out: Path, *, force: bool = False) -> Run:
     """Run a pipeline and write its folder; a failure leaves only a log beside it that says why."""
@@ -85,6 +88,7 @@ def run_cohort(
     with closing(_outcomes(work, jobs)) as outcomes:  # an interruption ends the processes at once
         for job, outcome in outcomes:
             found[job] = outcome
+            log.info("%d of %d: %s", len(found), len(work), outcome)
             rows = [row for job in work if job in found for row in cohort_rows(found[job])]
             write_rows(out / COHORT, rows)
     return [found[job] for job in work]

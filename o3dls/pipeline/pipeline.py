@@ -120,6 +120,7 @@ class Pipeline:
         for stage in self.stages:
             begin, name = perf_counter(), stage.estimate_name
             source = estimates[self.sources[name]]
+            log.debug("%s: %s", name, stage.record())
             estimate = stage(source.corrected(case).visible(stage.fits), source)
             if not np.isfinite(estimate.T_map_prior).all():
                 raise SolverError(f"{name}: the pose found is not finite")

@@ -1,0 +1,78 @@
+"""What a run ends with on the terminal: whether its result can be trusted, by the checks of the report, and
+where to look.
+"""
+
+from __future__ import annotations
+
+import shlex
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ..report.checks import WORDS, Check, Grade, checks
+from ..report.subject import read_subject
+from ..report.writer import REPORT
+
+WORST_FIRST: tuple[Grade, ...] = ("bad", "amber", "good")
+ADVICE = {
+    "bad": "do not rely on it",
+    "amber": "look at this before you rely on it",
+    "good": "no check speaks against it",
+}
+MOST_REASONS = 2  # so that all fits into five lines
+
+
+@dataclass(frozen=True)
+class Summary:
+    """The worst grade of the checks on the last estimate of a run, and each that is not OK, worst first."""
+
+    folder: Path
+    final: str
+    grade: Grade
+    reasons: tuple[Check, ...]
+    without_data: tuple[str, ...]
+    report: Path | None
+
+    @property
+    def word(self) -> str:
+        return WORDS[self.grade]
+
+    @property
+    def record(self) -> dict[str, Any]:
+        """The same as plain values."""
+        return {
+            "folder": str(self.folder),
+            "report": str(self.report) if self.report else None,
+            "final": self.final,
+            "verdict": self.word,
+            "reasons": [
+                {"check": one.name, "grade": WORDS[one.grade], "said": one.said} for one in self.reasons
+            ],
+            "without_data": list(self.without_data),
+        }
+
+    def __str__(self) -> str:
+        """At most five lines; the last is the run folder alone."""
+        lines = [f"{self.word}  {self.final}: {ADVICE[self.grade]}"]
+        if self.grade == "good" and self.without_data:
+            lines[0] += f"; no data for: {', '.join(self.without_data)}"
+        shown = MOST_REASONS if len(self.reasons) <= MOST_REASONS else MOST_REASONS - 1
+        lines += [f"  {WORDS[one.grade]}  {one.name}: {one.said}" for one in self.reasons[:shown]]
+        if left := [one.name for one in self.reasons[shown:]]:
+            lines.append(f"  and {len(left)} more: {', '.join(left)}")
+        folder = shlex.quote(str(self.folder))
+        lines.append(
+            f"open {self.report}" if self.report else f"no report yet: o3dls report {folder} writes it"
+        )
+        return "\n".join([*lines, str(self.folder)])
+
+
+def summary(folder: Path) -> Summary:
+    """The summary of a finished run. Raises InputError where the folder is none."""
+    subject = read_subject([folder])
+    found = checks(subject)
+    reasons = [one for grade in WORST_FIRST[:-1] for one in found if one.grade == grade]
+    without = tuple(one.name for one in found if one.grade == "none")
+    grade: Grade = reasons[0].grade if reasons else "good"
+    page = folder / REPORT
+    return Summary(folder, subject.last.key, grade, tuple(reasons), without, page if page.is_file() else None)

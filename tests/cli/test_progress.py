@@ -1,0 +1,112 @@
+"""What the commands say of their progress, and in which form the result comes."""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from tiny import ball_case
+
+from o3dls.cli.doctor import Check
+from o3dls.cli.main import answer
+from o3dls.cli.terminal import Lines
+from o3dls.io.case_writer import write_case
+
+ICP = 'folds = 2\n[[stage]]\nuse = "icp"\n'
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    write_case(tmp_path / "ball", ball_case())
+    (tmp_path / "pipe.toml").write_text(ICP)
+    return tmp_path
+
+
+def o3dls(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "o3dls", *arguments]
+    return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+
+
+def test_a_quiet_run_prints_json_alone(folder: Path) -> None:
+    done = o3dls(folder, "run", "pipe.toml", "--case", "ball", "--out", "run", "--quiet", "--json")
+    found = json.loads(done.stdout)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert (found["folder"], found["final"], found["report"]) == ("run", "icp", None)
+    assert found["verdict"] in ("OK", "CHECK")
+    assert found["scores"] == {
+        name: one["scores"]
+        for name, one in json.loads((folder / "run/run.json").read_text())["estimates"].items()
+    }
+
+
+def test_a_verbose_run_names_parameters_and_the_fits_of_the_cross_validation(folder: Path) -> None:
+    done = o3dls(folder, "run", "pipe.toml", "--case", "ball", "--out", "run", "-v")
+    assert done.returncode == 0
+    assert "'tolerance': " in done.stderr
+    assert done.stderr.count("icp: converged") == 3
+    assert done.stdout.splitlines()[-1] == "run"
+    assert "\x1b" not in done.stdout + done.stderr
+    assert " s  icp" not in done.stderr  # no clock where nobody waits
+
+
+def test_a_batch_says_how_far_it_is_and_gives_json(folder: Path) -> None:
+    done = o3dls(folder, "batch", "ball", "none", "--pipeline", "pipe.toml", "--out", "runs", "--json")
+    found = json.loads(done.stdout)
+    assert [(one["case"], one["error"] is None) for one in found["cases"]] == [
+        ("ball", True),
+        ("none", False),
+    ]
+    assert (found["table"], found["page"]) == (str(Path("runs/cohort.csv")), str(Path("runs/cohort.html")))
+    assert "2 of 2: " in done.stderr
+    assert "ball: done" in done.stderr
+
+
+def test_checks_of_a_pipeline_and_of_the_machine_are_given_as_json(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (folder / "pipe.toml").write_text('[[stage]]\nuse = "icpp\\u007f"\n')
+    assert answer(["check", str(folder / "pipe.toml"), "--json"]) == 2
+    said = capsys.readouterr()
+    (mistake,) = json.loads(said.out)["mistakes"]
+    assert "no stage 'icpp\x7f'" in mistake
+    assert "\x7f" not in said.out
+    monkeypatch.setattr("o3dls.cli.doctor._renderer", lambda: Check("without", "f", "a", needed=False))
+    assert answer(["doctor", "--json"]) in (0, 1)
+    found = json.loads(capsys.readouterr().out)
+    assert {"name": "without", "found": "f", "remedy": "a", "needed": False} in found
+
+
+def test_lines_on_a_terminal_begin_with_the_seconds_since_the_start() -> None:
+    record = logging.LogRecord("o3dls", logging.INFO, "", 0, "icp: converged", None, None)
+    record.relativeCreated = 12_340.0
+    assert Lines(terminal=True).format(record) == "  12.3 s  icp: converged"
+    assert Lines(terminal=False).format(record) == "icp: converged"
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no pseudo-terminals")
+@pytest.mark.parametrize(
+    ("terminal", "env", "red"), [(True, {}, True), (True, {"NO_COLOR": "1"}, False), (False, {}, False)]
+)
+def test_errors_are_red_on_a_terminal_alone(
+    tmp_path: Path, terminal: bool, env: dict[str, str], red: bool
+) -> None:
+    import pty
+
+    ours, theirs = pty.openpty() if terminal else os.pipe()
+    subprocess.run(
+        [sys.executable, "-m", "o3dls", "stages", "icpp"],
+        cwd=tmp_path,
+        stderr=theirs,
+        check=False,
+        env={key: value for key, value in os.environ.items() if key != "NO_COLOR"} | env,
+    )
+    os.close(theirs)
+    said = os.read(ours, 10_000).decode()
+    os.close(ours)
+    assert said.startswith("\x1b[31mo3dls: no stage" if red else "o3dls: no stage")
+    assert ("\x1b" in said) == red
