@@ -111,6 +111,9 @@ class SelectionSettings:
     )
     smoothing_evidence: float = number(3.0, "nats", "they go where the evidence prefers it by so much")
     trial_rounds: int = number(2, "", "of a smoother prior: the first still has the feet of the rougher one")
+    doubtful_noise: float = number(
+        0.1, "rms radii", "2.6 mm: more than contact leaves, so that the fit may be in a wrong basin"
+    )
 
 
 @dataclass(frozen=True)

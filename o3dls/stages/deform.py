@@ -45,7 +45,9 @@ class Deform(DeformParameters):
         data = observed(case, self)
         if not (data.group == 0)[~data.inside].any():
             raise InputError(f"deform: case {case.name} has no points of type eam")
-        fits = [self._fit(case, pose, data) for pose in self._poses(case, start)]
+        fits = [self._fit(case, start.T_map_prior, data)]
+        if self.starts == "several" or (self.starts == "auto" and self.landmarks and _doubtful(fits[0])):
+            fits += [self._fit(case, pose, data) for pose in _landmark_poses(case)]
         best = min(fits, key=lambda fit: fit.energy)
         shift, pose = self._shift(best, start)
         taken_out = shift is not None and self.map_shift == "fit"
@@ -101,17 +103,9 @@ class Deform(DeformParameters):
         asked = self.map_shift != "ignore" and start.map_shift is None
         return (asked and find_map_shift(fit)) or (None, fit.problem.pose)
 
-    def _poses(self, case: Case, start: Estimate) -> list[Array]:
-        """The start pose and, where several are asked for, those of the landmarks."""
-        if self.starts == "given" or self._single_start(case):
-            return [start.T_map_prior]
-        _, prior, measured = case.landmark_pairs()
-        return [start.T_map_prior, *(fit_similarity(prior, measured, scale=scale) for scale in (False, True))]
-
     def _single_start(self, case: Case) -> list[RunWarning]:
         """Whether several starts are asked for and the landmarks give none."""
-        _, prior, measured = case.landmark_pairs()
-        if self.starts == "given" or (determined(prior) and determined(measured)):
+        if self.starts != "several" or _landmark_poses(case):
             return []
         sentence = (
             'starts = "several": no three landmark pairs determine a pose, so only the given start is used'
@@ -121,6 +115,19 @@ class Deform(DeformParameters):
     def _judges_points(self, warning: RunWarning) -> bool:
         """Whether a warning of this stage is about the points, and so is given anew by an update."""
         return warning.code in POINT_CODES and warning.stage in ("", self.estimate_name)
+
+
+def _doubtful(fit: MotionFit) -> bool:
+    """Whether the points lie farther off the surface than contact with it leaves them."""
+    return fit.sigma > fit.problem.settings.selection.doubtful_noise * fit.problem.size
+
+
+def _landmark_poses(case: Case) -> list[Array]:
+    """The poses (d+1, d+1) that the landmarks give, rigid and with a scale, if they determine one."""
+    _, prior, measured = case.landmark_pairs()
+    if not (determined(prior) and determined(measured)):
+        return []
+    return [fit_similarity(prior, measured, scale=scale) for scale in (False, True)]
 
 
 def _estimate(case: Case, fit: MotionFit, tuned_on: int) -> Estimate:

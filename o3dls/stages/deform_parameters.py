@@ -78,10 +78,11 @@ class DeformParameters(Stage):
             "estimate that offset and take it out of these points; or do not ask"
         ),
     )
-    starts: Literal["given", "several"] = Field(
-        "given",
+    starts: Literal["auto", "given", "several"] = Field(
+        "auto",
         description=(
-            "fit from the given pose, or also from those of the landmarks, and keep the most probable result"
+            "fit from the given pose, from those of the landmarks too, and keep the most probable result; "
+            "auto: from those if landmarks are used, and the first leaves more noise than contact does"
         ),
     )
     iterations: int = Field(

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from chamber import sampled
+from chamber import chamber, pose, sampled, tips
 from fields import bend, body, spots
 from scipy.spatial.transform import Rotation
 from tiny import sphere
@@ -251,6 +251,27 @@ def test_several_starts_end_in_the_likelier_basin() -> None:
     missed = [np.linalg.norm(e.surface.vertices - truth, axis=1).mean() for e in (several, alone)]
     # the body's ends look alike: only its vertices tell that it was turned
     assert missed[0] < 0.2 * missed[1]
+
+
+def test_a_noisy_fit_from_a_wrong_start_is_left_for_that_from_the_landmarks() -> None:
+    """Noise of 3.5 mm hides from the given start that it is 60 degrees off; exact points do not need more."""
+    surface = chamber()
+    marks = tips(surface)
+    xyz = np.vstack([sampled(surface, 100, 3, noise=3.5), np.array(list(marks.values()))])
+    names = np.array([""] * 100 + list(marks))
+    case = Case(
+        "noisy", surface, Points(xyz, np.array(["eam"] * 100 + ["landmark"] * 4), {"name": names}), marks
+    )
+    turned = pose(60, 5, seed=1)
+    lost = Estimate(surface.transformed(turned), turned, "60 degrees off")
+    given, found = Deform(starts="given")(case, lost), Deform()(case, lost)
+    missed = [np.linalg.norm(e.surface.vertices - surface.vertices, axis=1).mean() for e in (given, found)]
+    assert missed[0] > 5.0
+    assert missed[1] < 1.0
+    kept = Deform(landmarks=False)(case, lost)  # landmarks that are not used give no start
+    np.testing.assert_array_equal(
+        kept.surface.vertices, Deform(landmarks=False, starts="given")(case, lost).surface.vertices
+    )
 
 
 def test_one_more_point_updates_an_estimate_as_a_fit_from_nothing_would() -> None:
