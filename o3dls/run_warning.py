@@ -30,7 +30,7 @@ CODES: Mapping[str, str] = {
     "volume-changed": "the motion changes the volume more than a heartbeat can",
     "alternative-start": "another start leads to another surface that is almost as probable",
     "alternative-points": "a fit without some points leads to another surface that is almost as probable",
-    "map-shift": "the points of one part of the map seem to carry one offset, as if the patient had moved",
+    "map-shift": "one part of the map seems to be shifted as a whole, as if the patient had moved",
     "outdated-amplitudes": "many points were added after amplitudes and noise were estimated",
     # topology
     "topology-changed": "a part of the prior was removed, or a tube added",

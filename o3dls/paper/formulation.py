@@ -167,7 +167,7 @@ def blocks(results: Results) -> list[Block]:
         Text(
             f"Synthetic left atria with outliers and unseen areas, {len({row['seed'] for row in rows})} "
             "seeds. Equation 16 runs with the "
-            "repairs that make it computable (docs of `levelset/paper.py`), on a lattice of 2 mm. T "
+            "repairs that make it computable (docs of `levelset/paper.py`), on a 2 mm grid. T "
             "smooth starts from the similarity."
         ),
         Table("Mean ± standard deviation over seeds", head, lines),
@@ -175,7 +175,7 @@ def blocks(results: Results) -> list[Block]:
         Text(
             "Equation 16 over its weight alpha (of prior against data): less alpha, nearer fitted "
             "points, while the held-out error "
-            "stays or grows and the surface falls to pieces. Dashed: our automatic choice, which the "
+            "stays or grows and the surface breaks into components. Dashed: our automatic choice, which the "
             "evidence makes without a weight."
         ),
         Figure("alpha", "Fitted and held-out error, and pieces of the surface, over alpha.", _curve(results)),

@@ -118,8 +118,8 @@ def _words(shape: str, rows: list[Row]) -> str:
     return (
         f"{MADE[shape]}; {len({row['seed'] for row in rows})} seeds, on which nothing was chosen. "
         f"Ours: `icp`, `deform`{_asked(shape)}, `topology`, `level_set`. "
-        "Fitted: distance of the points that the methods saw. "
-        "Held out: distance of points of the truth that none saw. "
+        "Fitted: distance of the points used in the fit. "
+        "Held out: distance of points of the truth that were not used. "
         "The dashed line is what the truth itself would score on the fitted points: a method below it "
         "fits noise."
     )

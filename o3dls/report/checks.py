@@ -65,8 +65,8 @@ def _valid(subject: Subject) -> Check:
     faults = subject.last.run.faults_of(subject.last.key)
     if faults:
         return Check("Valid surface", "bad", "not valid: " + "; ".join(faults))
-    flat = subject.case.dimension == 2
-    return Check("Valid surface", "good", f"valid: no {'crossings' if flat else 'holes or folds'} of its own")
+    kind = "self-intersections" if subject.case.dimension == 2 else "holes or folds"
+    return Check("Valid surface", "good", f"valid: no new {kind}")
 
 
 def _converged(subject: Subject) -> Check:
@@ -84,7 +84,7 @@ def _expected(subject: Subject) -> Check:
         return Check("Expected error", "none", "no stage gives a posterior")
     parts = ((MAPPED, found.mapped), (PRIOR_ONLY, found.prior_only))
     apart = "; ".join(f"{name}: {value:.2f} {subject.unit}" for name, value in parts if value is not None)
-    said = f"{found.all:.2f} {subject.unit} in the mean, from the posterior ({apart})"
+    said = f"mean {found.all:.2f} {subject.unit}, from the posterior ({apart})"
     return Check("Expected error", "good", said)
 
 
@@ -94,7 +94,8 @@ def _calibrated(subject: Subject) -> Check:
     if found is None:
         return Check("Calibration", "none", "no truth and posterior to compare")
     off = found[0] - DUE[0]
-    said = f"{found[0]:.0%} of the surface is within one standard deviation of the truth, {DUE[0]:.0%} due"
+    said = f"{found[0]:.0%} of the surface is within one standard deviation of the truth"
+    said = f"{said} ({DUE[0]:.0%} expected)"
     if abs(off) <= OFF:
         return Check("Calibration", "good", said)
     return Check("Calibration", "amber", f"{said}: {'too cautious' if off > 0 else 'too confident'}")

@@ -16,7 +16,7 @@ WORDS = {
     "held_out": "the held-out points",
     "cross_validated": "the cross-validated points",
     "ablation": "the ablation points (not fitted)",
-    "fitted": "the fitted points (no proof: it was fitted to them)",
+    "fitted": "the fitted points (no evidence of accuracy: it was fitted to them)",
 }
 FEW_POINTS = 50
 SMALLEST_SHARE = 0.005
@@ -47,7 +47,7 @@ def _harm(subject: Subject) -> list[str]:
 
 def _unmapped(share: float, far: str) -> str:
     if share < SMALLEST_SHARE:
-        return f"No part of the surface worth mention is farther than {far} from a fitted point."
+        return f"Less than {SMALLEST_SHARE:.1%} of the surface is farther than {far} from every fitted point."
     return (
         f"{100 * share:.0f} % of the surface is farther than {far} from every fitted point: there "
         "are no points, and the shape is that of the image alone."
@@ -108,7 +108,7 @@ def _alone(subject: Subject) -> str:
         return f"{subject.last.name}: there are no points to judge it by."
     score = subject.last.scores[subject.headline]
     mean = f"{score[f'mean_{subject.unit}']:.2f} {subject.unit}"
-    return f"{subject.last.name} is {mean} from {WORDS[subject.headline]} in the mean ({score['n']} points)."
+    return f"{subject.last.name} is on average {mean} from {WORDS[subject.headline]} ({score['n']} points)."
 
 
 def warnings(subject: Subject) -> list[str]:
@@ -125,8 +125,8 @@ def warnings(subject: Subject) -> list[str]:
         said.append(f"Only {fitted} points were fitted.")
     if subject.headline == "fitted":
         said.append(
-            "Every point was fitted, so nothing here proves how good the surface is away from them; "
-            "cross-validate (folds = 5)."
+            "Every point was used in the fit, so nothing here shows how accurate the surface is away from "
+            "them; cross-validate (folds = 5)."
         )
     return said
 

@@ -97,7 +97,7 @@ def parts_table(subject: Subject) -> Html | None:
     head: list[Child] = [
         f"by part of the wall, {unit}",
         "expected, from the posterior",
-        f"found: {set_}",
+        f"measured: {set_}",
         f"best baseline: {first.name}" if first else "no baseline",
         f"{subject.last.name} against it (95 % interval)",
         "n",

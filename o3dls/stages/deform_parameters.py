@@ -74,8 +74,8 @@ class DeformParameters(Stage):
     map_shift: Literal["report", "fit", "ignore"] = Field(
         "report",
         description=(
-            "warn where the points of one part of the map carry one offset, as if the patient had moved; or "
-            "estimate that offset and take it out of these points; or do not ask"
+            "warn where one part of the map is shifted as a whole, as if the patient had moved; or "
+            "estimate that shift and take it out of its points; or do not ask"
         ),
     )
     starts: Literal["auto", "given", "several"] = Field(

@@ -122,7 +122,7 @@ def test_an_interval_that_includes_zero_is_no_significant_difference() -> None:
     changes = [-0.5, 0.4, -0.3, 0.2]
     unsure = block(*(entry(f"c{k}", icp=2.0, level_set=2.0 + by) for k, by in enumerate(changes)))
     said = summary(unsure)
-    assert "-0.05 mm in the mean of 4 cases" in said
+    assert "-0.05 mm on average over 4 cases" in said
     assert "mm: no significant difference. Case by case: icp closer in 2, level_set closer in 2." in said
     sure = block(*(entry(f"c{k}", icp=2.0, level_set=1.5 + by / 10) for k, by in enumerate(changes)))
     assert "mm: level_set closer. Case by case: level_set closer in 4." in summary(sure)

@@ -101,7 +101,7 @@ def test_bold_follows_the_digits_shown_and_not_what_the_fit_saw(run: Path, tmp_p
     found = bold(copy)
     assert found["held out"] == ["icp", "level_set"]
     assert found["ablation, not fitted"] == []  # .70 in every row: there is no winner
-    seen = [head for head in found if "the fit saw these" in head]
+    seen = [head for head in found if "used in the fit" in head]
     assert [head.split("  ")[0].split(" the")[0].strip() for head in seen] == ["landmarks", "fitted points"]
     assert [found[head] for head in seen] == [[], []]
     assert list(found)[-2:] == seen
@@ -172,7 +172,7 @@ def test_equal_runs_give_equal_pages(run: Path, tmp_path: Path) -> None:
 def test_a_case_without_truth_says_what_is_missing(tmp_path: Path) -> None:
     case = replace(bulged_case(), truth=None, points=bulged_case().points.of("eam"))
     text = write_report([finished(tmp_path / "run", case)]).read_text(encoding="utf-8")
-    assert "Every point was fitted" in text
+    assert "Every point was used in the fit" in text
     assert "against the true surface" not in text
 
 

@@ -109,7 +109,7 @@ def test_calibration_that_is_off_is_amber(run: Path) -> None:
     beside = read_subject([run], ["level_set", "icp"])
     confident = next(one for one in checks(with_sd(beside, 0.01)) if one.name == "Calibration")
     assert confident.grade == "amber"
-    assert "68% due: too confident" in confident.said
+    assert "(68% expected): too confident" in confident.said
 
 
 def test_the_expected_error_is_that_of_a_normal_posterior(run: Path) -> None:
@@ -117,7 +117,7 @@ def test_the_expected_error_is_that_of_a_normal_posterior(run: Path) -> None:
     assert found is not None
     assert found.all == pytest.approx(2.0 * MEAN_OVER_SD)
     said = next(one.said for one in checks(with_sd(read_subject([run]), 2.0)) if one.name == "Expected error")
-    assert "1.60 mm in the mean" in said
+    assert "mean 1.60 mm" in said
     assert "mapped wall: 1.60 mm" in said
     assert expected_error(read_subject([run], ["icp"])) is None
 

@@ -176,7 +176,7 @@ def test_views_of_an_unknown_frame_are_those_of_the_prior_and_named_so(browser: 
     names = visit.page.locator("#views button").all_inner_texts()
     assert names == ["prior −y", "prior +y", "prior +x", "prior −x", "prior +z", "prior −z"]
     assert visit.page.locator("#view-name").inner_text() == "prior −y"
-    assert "where the patient's are is not known" in visit.page.locator("#views-by").inner_text()
+    assert "the patient's are not known" in visit.page.locator("#views-by").inner_text()
     assert visit.page.locator("#torso").count() == 0
     said = visit.page.locator("section#pictures > p.soft").inner_text()
     assert "does not say its frame: views are by the prior's own axes" in said

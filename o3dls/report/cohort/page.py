@@ -125,7 +125,7 @@ def summary(block: Block) -> str:
     by_case = [one for _, one in block.differences[pair]]
     alone = len(by_case) == 1
     found = by_case[0] if alone else block.over_cases(pair)
-    over = "in the one case" if alone else f"in the mean of {len(by_case)} cases"
+    over = "in the one case" if alone else f"on average over {len(by_case)} cases"
     means = f"{found.second:.2f} against {found.first:.2f} {block.unit}"
     interval = (
         ""

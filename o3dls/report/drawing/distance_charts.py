@@ -1,4 +1,4 @@
-"""How the distances are spread: share of points within a distance, and how many lie at each."""
+"""Distribution of distances: share of points within a distance, and how many lie at each."""
 
 from __future__ import annotations
 
@@ -22,9 +22,7 @@ def spread_section(subject: Subject) -> Section | None:
     if not sets:
         return None
     shown = [group for group in sets if group != "fitted"][:2] or sets
-    return Section(
-        "spread", "How the distances are spread", join(*(_pair(subject, group) for group in shown))
-    )
+    return Section("spread", "Distribution of distances", join(*(_pair(subject, group) for group in shown)))
 
 
 def _pair(subject: Subject, group: str) -> Html:

@@ -160,7 +160,7 @@ def _table(figure: Figure, subject: Subject, box: tuple[float, float, float, flo
     axes = figure.add_axes(box)
     axes.set_axis_off()
     heads = [
-        textwrap.fill(SETS[group] + " (seen by the fit)" * (group in SEEN), LETTERS, break_long_words=False)
+        textwrap.fill(SETS[group] + " (used in the fit)" * (group in SEEN), LETTERS, break_long_words=False)
         for group in sets
     ]
     cells = [[drawable(name), *values] for name, values in rows[-MOST_ROWS:]]

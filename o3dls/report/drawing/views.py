@@ -71,7 +71,7 @@ def orientation(subject: Subject) -> Orientation:
         known_by = f"frame of the prior, {case.prior_frame}, in the pose of {subject.last.name}"
         return _turned(in_frame(case.prior_frame, known_by), pose)
     veins = by_veins(_landmarks(subject))
-    own = f"prior's own axes, in the pose of {subject.last.name}: where the patient's are is not known"
+    own = f"prior's own axes, in the pose of {subject.last.name}: the patient's are not known"
     return veins or _turned(in_frame("LPS", own, patient=False), pose)
 
 

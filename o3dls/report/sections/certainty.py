@@ -31,8 +31,8 @@ def pose_section(subject: Subject) -> Section | None:
         "pose",
         "least certain motions",
         f"moves the surface by, {unit}",
-        f"shift, {unit}",
-        "turn, degrees",
+        f"translation, {unit}",
+        "rotation, degrees",
         "scale, %",
     ]
     note = "One standard deviation of the pose in each direction, given these points; rms over the surface."
@@ -67,7 +67,7 @@ def calibration_section(subject: Subject) -> Section | None:
     made = np.array([error[rows].mean() for rows in order])
     x = axis_over(f"predicted standard deviation, {unit}", [predicted])
     chart = line_chart(
-        "Mean error where a deviation was predicted",
+        "Mean error by predicted standard deviation",
         [Series(subject.last.name, subject.style(subject.last.name), predicted, made), _ideal(x.high)],
         x,
         axis_over(f"mean distance to truth, {unit}", [made, predicted]),

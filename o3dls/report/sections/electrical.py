@@ -35,12 +35,11 @@ def electrical_section(subject: Subject) -> Section | None:
         "5 % to 95 %",
         "median distance to a measurement, mm",
         "largest distance, mm",
-        "wall reached",
+        "wall with values",
     ]
     said = (
-        f"A vertex takes the mean of the values measured near it, by a Gaussian of {WIDTH:g} mm; farther "
-        f"than {REACH:g} mm from all of "
-        "them the wall stays without a value."
+        f"Each vertex has the mean of the values measured near it, weighted by a Gaussian of {WIDTH:g} mm; "
+        f"farther than {REACH:g} mm from all of them the wall has no value."
     )
     return Section(
         "electrical",
@@ -77,8 +76,8 @@ def _low_voltage(surface: Surface, name: str) -> Child:
     low = _area_share(surface, voltage < LOW_VOLTAGE)
     return tag(
         "p",
-        f"{low / reached:.0%} of the reached wall of the fused surface ({name}) is below {LOW_VOLTAGE:g} mV "
-        "bipolar.",
+        f"{low / reached:.0%} of the wall with values of the fused surface ({name}) is below "
+        f"{LOW_VOLTAGE:g} mV bipolar.",
     )
 
 

@@ -98,7 +98,7 @@ SAID: Mapping[str, Callable[[Record, str], str]] = {
     "icp": lambda stage, _: f"{_motion(stage)} by iterative closest points",
     "global_pose": lambda *_: "a search for the pose without a start",
     "deform": lambda *_: "a smooth deformation of the prior with its posterior",
-    "topology": lambda *_: "a test whether the points ask for another topology",
+    "topology": lambda *_: "a test of whether the points support another topology",
     "level_set": _grid,
 }
 

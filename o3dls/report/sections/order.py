@@ -29,7 +29,7 @@ def picture_section(subject: Subject) -> Section | None:
         return None
     shapes = (
         "Balls: eam points; cubes: ablation points; diamonds: fitted points that were judged "
-        "outliers. Grey: no value there."
+        "outliers. Grey: no value."
     )
     seen = orientation(subject)
     known = subject.case.frame != "unknown"

@@ -113,7 +113,7 @@ def landmark_section(subject: Subject) -> Section | None:
         [result.name, *_errors(result, subject.unit)] for result in subject.results.values()
     ]
     rows += [[f"{name}, leave-one-out", *errors] for name, errors in _left_out(subject, names)]
-    caption = f"Distance, {subject.unit}, between each landmark and its moved partner."
+    caption = f"Distance, {subject.unit}, from each landmark of the map to its partner on the moved prior."
     return Section("landmarks", "Landmarks", table(["", *names], rows, caption))
 
 

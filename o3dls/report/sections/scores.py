@@ -12,15 +12,15 @@ from ..markup import Child, Html, join, millimetres, signed, table, tag
 from ..subject import SETS, Result, Subject
 from .section import Section
 
-SEEN = ("landmarks", "fitted")  # the fit saw these: near to them is no proof, and they stand last
+SEEN = ("landmarks", "fitted")  # used in the fit: near to them is no proof, and they stand last
 DIGITS = 2
 CAPTION = (
     "Mean distance of each set of points from each estimate. Bold: the smallest of a column, as far as the "
-    "digits shown tell; sets that the fit saw have none."
+    "digits show; sets used in the fit have none."
 )
 NOTE = (
-    "A surface that follows the noise comes closest to what it was fitted to, landmarks included. Judge by "
-    "the sets that the fit did not see."
+    "A surface that overfits the noise is closest to the points used in the fit, landmarks included. Judge "
+    "by the sets that were not used in the fit."
 )
 
 
@@ -60,9 +60,7 @@ def _sets(results: Sequence[Result]) -> list[str]:
 
 def _head(group: str) -> Html:
     return (
-        join(SETS[group], tag("br"), tag("small", "the fit saw these"))
-        if group in SEEN
-        else join(SETS[group])
+        join(SETS[group], tag("br"), tag("small", "used in the fit")) if group in SEEN else join(SETS[group])
     )
 
 

@@ -38,9 +38,8 @@ def sweep_section(subject: Subject) -> Section | None:
         axis_over(name, [x], zero=False, log=log),
         axis_over(f"mean distance, {subject.unit}", [c.y for c in curves]),
     )
-    note = tag(
-        "p", "Where the fitted error falls and the others rise, the surface follows the noise.", class_="soft"
-    )
+    said = "Where the fitted error falls and the others rise, the surface overfits the noise."
+    note = tag("p", said, class_="soft")
     return Section("sweep", f"Sensitivity to {name}", join(grouped(chart), note))
 
 
