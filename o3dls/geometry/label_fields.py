@@ -42,4 +42,5 @@ def read_at(name: str, values: Array, corners: Ints, weights: Array) -> Array:
         return interpolated(values, corners, weights)
     found = values[corners]
     shares = (weights[:, None, :] * (found[:, :, None] == found[:, None, :])).sum(axis=2)
-    return np.asarray(np.take_along_axis(found, shares.argmax(axis=1)[:, None], axis=1)[:, 0])
+    most = shares.argmax(axis=1)[:, None]
+    return np.take_along_axis(found, most, axis=1)[:, 0].astype(np.float64)

@@ -105,4 +105,6 @@ def test_between_corners_a_label_is_that_of_most_weight_and_a_measurement_the_me
     corners = np.array([[0, 1, 2], [0, 1, 2]])
     weights = np.array([[0.3, 0.3, 0.4], [0.2, 0.2, 0.6]])  # two corners of one label weigh together
     np.testing.assert_array_equal(read_at("region", values, corners, weights), [7.0, 2.0])
+    whole = read_at("region", values.astype(int), corners, weights)
+    assert whole.dtype == np.float64  # as measurements, which may be missing where a surface is far
     np.testing.assert_allclose(read_at("lat", values, corners, weights), [5.0, 4.0], rtol=ROUNDING)
