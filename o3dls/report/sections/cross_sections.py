@@ -63,7 +63,7 @@ def slice_section(subject: Subject) -> Section | None:
     frames = _frames(cuts, corners, subject.unit)
     pictures = [_picture(subject, surfaces, *parts) for parts in zip(cuts, drawn, frames, strict=True)]
     note = (
-        f"Planes through the middle of {subject.last.name}, on one scale; axes by the "
+        f"Planes through the middle of {subject.last.name}, on one scale. Axes: "
         f"{seen.known_by}. Dots: eam points within {BESIDE:g} {subject.unit} of the plane."
     )
     names = legend([(name, classes) for name, (classes, _) in surfaces.items()])
