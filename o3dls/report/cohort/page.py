@@ -22,9 +22,9 @@ from .strips import strip_plot
 from .tables import cases_table, differences_table, means_table, runs_table
 
 HOW = (
-    "Runs with the same prior and the same points are runs of one case, and count as one: by their mean. "
-    "Differences are taken within each case at the same points, then averaged over cases; their interval is "
-    "Student's, over cases, and that of one case comes from resampling spatial blocks of its points. "
+    "Runs with the same prior and the same points are runs of one case, which counts once, by their mean. "
+    "Differences are paired within each case at the same points, then averaged over cases, with Student's t "
+    "interval; the interval of a single case comes from resampling spatial blocks of its points. "
     "Where an interval includes zero there is no significant difference."
 )
 

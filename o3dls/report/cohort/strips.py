@@ -34,7 +34,7 @@ def strip_plot(block: Block, styles: Mapping[str, int], values: str) -> Html:
     )
     more = ", an upright line from the smallest to the largest of several runs"
     several = any(len(found) > 1 for found in runs)
-    said += f"{more if several else ''}. The values stand in the table below."
+    said += f"{more if several else ''}. The values are in the table below."
     drawing = tag(
         "svg",
         *_frame(y, columns),
