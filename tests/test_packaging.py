@@ -6,6 +6,7 @@ import re
 import shutil
 import subprocess
 import sys
+import tarfile
 import tomllib
 import zipfile
 from importlib.metadata import PackageNotFoundError, distribution
@@ -47,35 +48,54 @@ def test_every_package_is_listed() -> None:
     assert set(PROJECT["tool"]["setuptools"]["packages"]) == folders | {"o3dls.pipelines", "data_synth"}
 
 
-def test_the_wheel_holds_every_file_of_the_package_and_nothing_else(tmp_path: Path) -> None:
-    """Built from a copy, because the build leaves folders behind; setuptools is there, since dash needs
-    it.
-    """
+@pytest.fixture(scope="module")
+def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A copy to build from, because the build leaves folders behind."""
+    copy = tmp_path_factory.mktemp("source") / "o3dls"
     for name in ("o3dls", "pipelines", "data_synth"):
-        shutil.copytree(ROOT / name, tmp_path / name, ignore=shutil.ignore_patterns("__pycache__"))
+        shutil.copytree(ROOT / name, copy / name, ignore=shutil.ignore_patterns("__pycache__"))
     for name in ("pyproject.toml", "README.md", "LICENSE"):
-        shutil.copy(ROOT / name, tmp_path)
-    command = [
-        "wheel",
-        "--quiet",
-        "--no-deps",
-        "--no-build-isolation",
-        "--wheel-dir",
-        str(tmp_path / "out"),
-        str(tmp_path),
-    ]
-    subprocess.run([sys.executable, "-m", "pip", *command], check=True)
-    (wheel,) = (tmp_path / "out").glob("*.whl")
-    packed = {name for name in zipfile.ZipFile(wheel).namelist() if ".dist-info/" not in name}
-    folders = (tmp_path / "o3dls", tmp_path / "data_synth")
+        shutil.copy(ROOT / name, copy)
+    return copy
+
+
+def build(what: str, folder: Path) -> Path:
+    """The wheel or sdist of a folder, by its build backend alone: no network, no environment of its own;
+    setuptools is there, since dash needs it.
+    """
+    command = f"from setuptools.build_meta import build_{what} as build; print(build('out'))"
+    done = subprocess.run(
+        [sys.executable, "-c", command], cwd=folder, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    return folder / "out" / done.stdout.splitlines()[-1]
+
+
+def packed(wheel: Path) -> set[str]:
+    """What a wheel installs."""
+    return {name for name in zipfile.ZipFile(wheel).namelist() if ".dist-info/" not in name}
+
+
+def test_the_wheel_holds_every_file_of_the_package_and_nothing_else(source: Path) -> None:
+    folders = (source / "o3dls", source / "data_synth")
     tree = {
-        path.relative_to(tmp_path).as_posix()
+        path.relative_to(source).as_posix()
         for folder in folders
         for path in folder.rglob("*")
         if path.is_file()
     }
     pipelines = {f"o3dls/pipelines/{path.name}" for path in (ROOT / "pipelines").glob("*.*")}
-    assert packed == tree | pipelines
+    found = packed(build("wheel", source))
+    assert found == tree | pipelines
+    assert "o3dls/py.typed" in found  # its types hold for those who import it
+
+
+def test_the_sdist_builds_the_same_wheel(source: Path, tmp_path: Path) -> None:
+    with tarfile.open(build("sdist", source)) as archive:
+        names = {Path(*Path(name).parts[1:]).as_posix() for name in archive.getnames()}
+        archive.extractall(tmp_path, filter="data")
+    assert {"pyproject.toml", "README.md", "LICENSE", "PKG-INFO", "o3dls/py.typed"} <= names
+    assert packed(build("wheel", next(tmp_path.iterdir()))) == packed(build("wheel", source))
 
 
 def test_every_installed_package_is_the_locked_one() -> None:
