@@ -6,16 +6,18 @@ import os
 import shutil
 import subprocess
 import sys
+import zipfile
 from pathlib import Path
 
 import pytest
 from conftest import ROOT
 
-TOOLS = ("sh", "dirname", "sed", "cat", "cksum", "grep", "touch", "uname", "tail")
+TOOLS = ("sh", "dirname", "sed", "cat", "cksum", "grep", "touch", "uname", "tail", "mkdir")
 LIBRARIES = "libGL.so.1 libEGL.so.1 libOpenGL.so.0 libusb-1.0.so.0"
 PYTHON = """#!/bin/sh
 echo "$@" >>calls
 case "$*" in
+    *purelib*) mkdir -p site; echo site ;;
     *chromium\\(\\)*) [ -e browser ] ;;
     *"playwright install"*) exit 1 ;;
 esac
@@ -31,6 +33,8 @@ def script(path: Path, text: str) -> None:
 @pytest.fixture
 def clone(tmp_path: Path) -> Path:
     """A clone of one file on a system of few tools, without a browser and without the right to install it."""
+    tmp_path /= "o3dls"
+    tmp_path.mkdir()
     for name in ("dev", "pyproject.toml", "constraints.txt"):
         shutil.copy(ROOT / name, tmp_path)
     script(tmp_path / ".venv/bin/python", PYTHON)
@@ -45,15 +49,15 @@ def clone(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def dev_test(clone: Path) -> subprocess.CompletedProcess[str]:
+def dev(clone: Path, task: str) -> subprocess.CompletedProcess[str]:
     env = {"PATH": str(clone / "bin")}
-    return subprocess.run(["./dev", "test"], cwd=clone, env=env, capture_output=True, text=True, check=False)
+    return subprocess.run(["./dev", task], cwd=clone, env=env, capture_output=True, text=True, check=False)
 
 
 def test_a_missing_browser_is_said_with_its_remedy_and_looked_for_again(clone: Path) -> None:
     for _ in range(2):
         (clone / "calls").unlink(missing_ok=True)
-        done = dev_test(clone)
+        done = dev(clone, "test")
         assert done.returncode == 0
         (said,) = (line for line in done.stderr.splitlines() if "browser" in line)
         assert "will be skipped; to fix this, run: " in said
@@ -61,8 +65,34 @@ def test_a_missing_browser_is_said_with_its_remedy_and_looked_for_again(clone: P
         assert "playwright install chromium" in (clone / "calls").read_text()
         assert not (clone / ".venv/stamp-browser").exists()
     (clone / "browser").touch()
-    assert "browser" not in dev_test(clone).stderr
+    assert "browser" not in dev(clone, "test").stderr
     assert (clone / ".venv/stamp-browser").exists()
+
+
+def test_a_script_beside_a_clone_named_o3dls_finds_the_package(clone: Path) -> None:
+    """The folder of the clone would pass for a package without a file of its own."""
+    for name in ("o3dls", "pipelines", "data_synth"):
+        shutil.copytree(ROOT / name, clone / name, ignore=shutil.ignore_patterns("__pycache__"))
+    (clone / "README.md").touch()
+    (clone / "LICENSE").touch()
+    assert dev(clone, "setup").returncode == 0
+    build = "from setuptools.build_meta import build_editable as build; print(build('out'))"
+    made = subprocess.run(
+        [sys.executable, "-c", build], cwd=clone, capture_output=True, text=True, check=True
+    )
+    zipfile.ZipFile(clone / "out" / made.stdout.splitlines()[-1]).extractall(clone / "site")
+    beside = clone.parent / "script.py"
+    beside.write_text(
+        f"import site; site.addsitedir({str(clone / 'site')!r})\n"
+        "from o3dls import InputError\nfrom o3dls.resources import pipeline_files\n"
+        "print(InputError.__module__, *pipeline_files())\n"
+    )
+    command = [sys.executable, "-S", str(beside)]
+    env = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"}
+    done = subprocess.run(command, env=env, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("o3dls.errors ")
+    assert "default" in done.stdout
 
 
 def outcome(folder: Path, env: dict[str, str]) -> str:

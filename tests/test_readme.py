@@ -53,3 +53,10 @@ def test_the_two_commands_stand_at_the_top() -> None:
     assert first is not None
     assert [line.split("#")[0].strip() for line in first["code"].splitlines()] == ["./dev demo", "./dev test"]
     assert README[: first.start()].count("\n") < 5
+
+
+def test_the_environment_is_activated_before_any_other_block() -> None:
+    """`./dev` installs into .venv, of which a shell knows nothing by itself."""
+    _, second, *others = BLOCK.finditer(README)
+    assert ". .venv/bin/activate" in second["code"]
+    assert any(block["language"] == "python" for block in others)
