@@ -37,7 +37,8 @@ def page(title: str, body: Html, *scripts: str) -> str:
     maker = f"Made by o3dls {__version__} ({AUTHORS}, {RELEASED[:4]}), an open research tool. {NOTICE}"
     footer = tag("footer", tag("p", maker))
     whole = join(tag("main", body), footer, tag("script", Html(script)))
-    return document(title, variables() + asset("report.css"), whole, [script, *viewer_code()])
+    style = variables() + asset("report.css") + asset("print.css")
+    return document(title, style, whole, [script, *viewer_code()])
 
 
 def _head(subject: Subject) -> Html:

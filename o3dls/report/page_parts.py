@@ -15,6 +15,7 @@ SCRIPTS = (
     "overlay.js",
     "controls.js",
     "torso.js",
+    "picture.js",
     "start.js",
 )
 

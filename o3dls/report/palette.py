@@ -42,9 +42,14 @@ def places(methods: Sequence[str]) -> list[int]:
 
 
 def variables() -> str:
-    """The colours as variables --s0 to --s5 of a style sheet, light and dark."""
+    """The colours as variables --s0 to --s5 of a style sheet, light and dark.
+
+    Paper is light, and so are pictures that are made for it (class `printing` of print.js).
+    """
     light, dark = (
-        ":root { " + " ".join(f"--s{k}: {colour};" for k, colour in enumerate(colours)) + " }"
+        "{ " + " ".join(f"--s{k}: {colour};" for k, colour in enumerate(colours)) + " }"
         for colours in (LIGHT, DARK)
     )
-    return f"{light}\n@media (prefers-color-scheme: dark) {{ {dark} }}\n"
+    return (
+        f":root {light}\n@media screen and (prefers-color-scheme: dark) {{ :root:not(.printing) {dark} }}\n"
+    )

@@ -6,21 +6,26 @@ from __future__ import annotations
 
 import re
 import warnings
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from scipy.spatial.transform import Rotation
 
 from o3dls.geometry.surface import Surface
 from o3dls.report.drawing import slides
+from o3dls.report.drawing.caption import made
 from o3dls.report.drawing.fields import Field, colour_table, colours_of, known_fields, robust_range
-from o3dls.report.drawing.figures import drawable, plain_figure, shrunk
+from o3dls.report.drawing.figures import drawable, plain_figure, png, shrunk
 from o3dls.report.drawing.raster import Canvas, View
 from o3dls.report.drawing.slices import slice_surface
 from o3dls.report.drawing.views import by_veins, in_frame, orientation
+from o3dls.report.sections.scores import mean_table
 from o3dls.report.subject import read_subject
+from o3dls.report.verdict import verdict
 from o3dls.report.verdict import warnings as warned
 from o3dls.report.writer import write_report
 from tests.finished import NASTY, bulged_case, finished, finished_2d
@@ -222,6 +227,55 @@ def test_slides_are_written_whole(report: Path) -> None:
     assert pdf.startswith(b"%PDF-")
     assert len(re.findall(rb"/Type /Page\b", pdf)) == 1
     assert b"CreationDate" not in pdf
+
+
+@pytest.mark.parametrize(
+    ("make", "views"), [(finished, ["AP", "PA"]), (finished_2d, ["in the plane"])], ids=["3D", "2D"]
+)
+def test_every_picture_says_what_it_is(
+    make: Callable[[Path], Path], views: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Case, view, day and version at its lower edge, and every colour with numbers and its unit."""
+    drawn: list[Figure] = []
+
+    def kept(figure: Figure, dpi: int = 130) -> bytes:
+        drawn.append(figure)
+        return png(figure, dpi)
+
+    monkeypatch.setattr(slides, "png", kept)
+    subject = read_subject([make(tmp_path / "run")])
+    slides.write_slides(subject, tmp_path / "figures", tmp_path / "report.pdf")
+    told = made(subject)
+    assert re.fullmatch(r"\d{4}-\d\d-\d\d · o3dls \d+\.\d+\S*", told)
+    said = [figure.texts[-1].get_text() for figure in drawn]
+    pictures = [f"{subject.case.name} · view {view} · {told}" for view in views]
+    assert said == [f"{pictures[0]} · {slides.NOTICE}", f"{subject.case.name} · {told}", *pictures]
+    for figure in (drawn[0], *drawn[2:]):
+        bars = [axes for axes in figure.axes if axes.get_xlabel().startswith("distance of the points")]
+        assert [axes.get_xlabel() for axes in bars] == [f"distance of the points, {subject.unit}"]
+        assert all(len(axes.get_xticks()) >= 3 for axes in bars)
+
+
+def test_the_pdf_says_what_the_page_says(report: Path) -> None:
+    """The same verdict, and the same means of every estimate."""
+    pdfium = pytest.importorskip("pypdfium2", reason="pypdfium2 is not installed: no PDF is read")
+    said = pdfium.PdfDocument(report.with_suffix(".pdf"))[0].get_textpage().get_text_range()
+    subject = read_subject([report.parent])
+    assert verdict(subject) in " ".join(said.split())
+    first = slides.MOST_COLUMNS - 1  # and the last column, what was fitted
+    for name, cells in mean_table(subject)[1]:
+        assert " ".join([name, *cells[:first], cells[-1]]) in said
+
+
+def test_outlines_in_two_dimensions_have_names_and_one_frame(tmp_path: Path) -> None:
+    subject = read_subject([finished_2d(tmp_path / "run")])
+    with plain_figure(8, 4) as figure:
+        slides._surfaces(figure, subject, (0.02, 0.03, 0.96, 0.95))
+        icp, level_set, _ = figure.axes
+        for axes, name in ((icp, "icp"), (level_set, "level_set")):
+            named = [text.get_text() for text in axes.get_legend().get_texts()]
+            assert named == ["prior", "truth", name]
+        assert icp.get_xlim() == level_set.get_xlim()
 
 
 def test_equal_runs_give_equal_slides(report: Path, tmp_path: Path) -> None:

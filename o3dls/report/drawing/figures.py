@@ -13,6 +13,7 @@ import numpy as np
 from ...arrays import Array
 from ...geometry.surface import Surface
 from ..subject import Subject
+from .caption import caption
 from .fields import Field, colour_table, colours_of, known_fields, point_field
 from .views import orientation
 
@@ -51,7 +52,14 @@ def pictures_png(subject: Subject) -> bytes:
     columns = len(subject.shown)
     with plain_figure(3.6 * columns + 0.6, 4.5) as figure:
         draw_pictures(figure, subject, (0.02, 0.03, 0.96, 0.95))
+        draw_caption(figure, caption(subject))
         return png(figure)
+
+
+def draw_caption(figure: Figure, text: str) -> None:
+    """Write what the picture is at its lower edge, as small as it must be to stand there whole."""
+    line = figure.text(0.02, 0.012, drawable(text, 200), fontsize=7.5, parse_math=False)
+    shrunk(line, 0.96 * figure.bbox.width)
 
 
 def draw_pictures(
@@ -70,9 +78,9 @@ def draw_pictures(
         axes.imshow(painted(subject, name, surface, field, view), interpolation="antialiased")
         shrunk(axes.set_title(drawable(name), fontsize=11, parse_math=False), axes.bbox.width)
         axes.set_axis_off()
-    _bar(figure, field, (left + 0.04 * width, bottom + 0.11 * height, 0.42 * width, 0.03 * height))
+    draw_bar(figure, field, (left + 0.04 * width, bottom + 0.11 * height, 0.42 * width, 0.03 * height))
     gaps = point_field(subject)
-    _bar(figure, gaps, (left + 0.54 * width, bottom + 0.11 * height, 0.42 * width, 0.03 * height))
+    draw_bar(figure, gaps, (left + 0.54 * width, bottom + 0.11 * height, 0.42 * width, 0.03 * height))
 
 
 def _fitting_view(surfaces: Sequence[Surface], axes: Array) -> View:
@@ -102,7 +110,8 @@ def painted(subject: Subject, name: str, surface: Surface, field: Field, view: V
     return canvas.pixels()
 
 
-def _bar(figure: Figure, field: Field, box: tuple[float, float, float, float]) -> None:
+def draw_bar(figure: Figure, field: Field, box: tuple[float, float, float, float]) -> None:
+    """Draw the colours of a field with numbers, name and unit."""
     axes = figure.add_axes(box)
     axes.imshow(colour_table(field.colours)[None], aspect="auto", extent=(field.low, field.high, 0, 1))
     axes.set_yticks([])

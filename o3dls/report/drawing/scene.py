@@ -15,6 +15,7 @@ from ...evaluation.electrical import measured_values
 from ...evaluation.interpolation import REACH
 from ...geometry.surface import Surface
 from ..subject import Subject
+from .caption import made
 from .charts import STYLES
 from .display import MOST_FACES, decimated
 from .fields import MAPS, Field, colour_table, known_fields, point_field
@@ -42,6 +43,8 @@ def scene(subject: Subject) -> Json:
     meshes = [_mesh(surface, low, size, fields) for surface in [*surfaces, *ghosts.values()]]
     places = {name: len(surfaces) + k for k, name in enumerate(ghosts)}
     return {
+        "name": subject.case.name,
+        "made": made(subject),
         "file": re.sub(r"[^\w.-]+", "_", subject.case.name)[:80] or "case",
         "units": subject.unit,
         "far": REACH,

@@ -17,14 +17,16 @@ from ..sections.outlines import named_outlines
 from ..sections.scores import SEEN, mean_table
 from ..subject import SETS, Subject
 from ..verdict import verdict, warnings
-from .figures import INK, draw_pictures, drawable, plain_figure, png, shrunk
+from .caption import caption, made
+from .fields import colours_of, point_field
+from .figures import INK, draw_bar, draw_caption, draw_pictures, drawable, plain_figure, png, shrunk
 from .views import orientation
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-NOTICE = "o3dls. Research use only. Not for clinical use."
+NOTICE = "Research use only. Not for clinical use."
 DASHES: tuple[Any, ...] = ("-", (0, (7, 3)), (0, (2, 3)), (0, (9, 3, 2, 3)), (0, (4, 2)), (0, (1, 4)))
 MOST_COLUMNS, MOST_ROWS, HEAD_LINES, LETTERS = 7, 7, 3, 12
 VERDICT_LINES, TEXT_LINES = 4, 6  # at most, of the verdict, and with the warnings below it
@@ -46,6 +48,7 @@ def _surface_pngs(subject: Subject) -> dict[str, bytes]:
     for name, behind in _picture_names(subject).items():
         with plain_figure(3.6 * columns + 0.6, 4.5) as figure:
             _surfaces(figure, subject, (0.02, 0.03, 0.96, 0.95), behind=behind)
+            draw_caption(figure, caption(subject, behind=behind))
             found[name] = png(figure)
     return found
 
@@ -67,17 +70,35 @@ def _surfaces(
         return
     left, bottom, width, height = box
     each = width / len(subject.shown)
+    first: Axes | None = None
     for k, name in enumerate(subject.shown):
-        axes = figure.add_axes((left + k * each, bottom, each * 0.96, height * 0.9))
-        for label, _, surface in named_outlines(subject, name):
-            colour = {"truth": INK, "prior": LIGHT[GREY]}.get(label, LIGHT[subject.style(name) % len(LIGHT)])
-            x, y = surface.vertices[surface.faces].T
-            axes.plot(x, y, color=colour, lw=1.4)
-        x, y = subject.case.points.of("eam").xyz.T
-        axes.scatter(x, y, s=9, c=INK, zorder=3)
-        axes.set(aspect="equal")
-        axes.set_axis_off()
+        at = (left + k * each, bottom + 0.25 * height, each * 0.96, height * 0.66)
+        axes = figure.add_axes(at, sharex=first, sharey=first)  # one frame, so that pictures compare
+        first = first or axes
+        _outlines(axes, subject, name)
         shrunk(axes.set_title(drawable(name), fontsize=11, parse_math=False), axes.bbox.width)
+    draw_bar(
+        figure,
+        point_field(subject),
+        (left + 0.54 * width, bottom + 0.11 * height, 0.42 * width, 0.03 * height),
+    )
+
+
+def _outlines(axes: Axes, subject: Subject, name: str) -> None:
+    """One estimate in 2D: the outlines with their names, the points in the colours of their distance."""
+    for label, _, surface in named_outlines(subject, name):
+        colour = {"truth": INK, "prior": LIGHT[GREY]}.get(label, LIGHT[subject.style(name) % len(LIGHT)])
+        x, y = surface.vertices[surface.faces].T
+        line, *_ = axes.plot(x, y, color=colour, lw=1.4)
+        line.set_label(drawable(label))
+    points = subject.results[name].run.points.of("eam")
+    gaps = points.columns[f"distance_{subject.results[name].key}_{subject.unit}"]
+    axes.scatter(
+        *points.xyz.T, s=16, c=colours_of(gaps, point_field(subject)), edgecolors=INK, lw=0.4, zorder=3
+    )
+    axes.set_aspect("equal")
+    axes.set_axis_off()
+    axes.legend(frameon=False, fontsize=8, loc="upper center", bbox_to_anchor=(0.5, 0.0), ncols=3)
 
 
 def _summary(subject: Subject) -> tuple[bytes, bytes]:
@@ -104,7 +125,7 @@ def _summary(subject: Subject) -> tuple[bytes, bytes]:
         _surfaces(figure, subject, (0.03, 0.3, 0.94, 0.46))
         _table(figure, subject, (0.04, 0.05, 0.58, 0.22))
         _curve(figure.add_axes((0.68, 0.1, 0.28, 0.17)), subject)
-        figure.text(0.04, 0.02, NOTICE, fontsize=8, parse_math=False)
+        draw_caption(figure, f"{caption(subject)} · {NOTICE}")
         figure.savefig(
             buffer,
             format="pdf",
@@ -122,7 +143,8 @@ def _warnings(subject: Subject, most: int) -> str:
 
 def _distances_png(subject: Subject) -> bytes:
     with plain_figure(6.4, 4.2) as figure:
-        _curve(figure.add_axes((0.12, 0.14, 0.84, 0.76)), subject)
+        _curve(figure.add_axes((0.12, 0.16, 0.84, 0.74)), subject)
+        draw_caption(figure, f"{subject.case.name} · {made(subject)}")
         return png(figure, 150)
 
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from ..contribution import Step, steps
 from ..drawing.charts import grouped
-from ..markup import Child, Html, join, signed, table, tag
+from ..markup import Child, Html, signed, table, tag
 from ..subject import SETS, Subject
 from .section import Section
 
@@ -26,7 +26,9 @@ def contribution_section(subject: Subject) -> Section | None:
     head: list[Child] = ["stage", f"before, {unit}", f"after, {unit}", f"change, {unit}"]
     caption = f"Mean distance, {SETS[subject.headline]}; a bar to the left: closer."
     values = table(head, rows, caption)
-    return Section("contributions", "What each stage contributed", grouped(_bars(found, unit), join(values)))
+    return Section(
+        "contributions", "What each stage contributed", grouped(_bars(found, unit), tag("div", values))
+    )
 
 
 def _bars(found: Sequence[Step], unit: str) -> Html:

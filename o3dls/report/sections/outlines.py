@@ -6,6 +6,7 @@ import numpy as np
 
 from ...arrays import Array
 from ...geometry.surface import Surface
+from ..drawing.caption import caption, colour_bar
 from ..drawing.charts import STYLES, grouped, legend, line_class
 from ..drawing.fields import colours_of, point_field
 from ..drawing.slices import Frame, Outline, drawing
@@ -29,11 +30,8 @@ def outline_section(subject: Subject) -> Section | None:
     pictures = grouped(*(_picture(subject, name, frame) for name in subject.shown))
     names = [(name, classes) for one in subject.shown for name, classes, _ in named_outlines(subject, one)]
     gaps = point_field(subject)
-    note = (
-        f"Points: distance from the outline, from {gaps.low:.2g} (pale) to {gaps.high:.2g} "
-        f"{gaps.unit} (dark red)."
-    )
-    return Section("pictures", "Side by side", join(pictures, legend(names), tag("p", note, class_="soft")))
+    shows = tag("p", caption(subject), class_="soft")
+    return Section("pictures", "Side by side", join(pictures, legend(names), colour_bar(gaps), shows))
 
 
 def _picture(subject: Subject, name: str, frame: Frame) -> Html:

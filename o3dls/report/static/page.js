@@ -1,4 +1,4 @@
-// What the page does besides 3D: copy buttons, and open everything before printing.
+// What the page does besides 3D: copy buttons, and what is folded on paper.
 
 for (const button of document.querySelectorAll("[data-copy]")) {
   button.addEventListener("click", async () => {
@@ -13,4 +13,10 @@ for (const button of document.querySelectorAll("[data-copy]")) {
   });
 }
 
-window.addEventListener("beforeprint", () => document.querySelectorAll("details").forEach((one) => { one.open = true; }));
+// On paper what is folded is open, but for what only says in numbers what a chart shows; afterwards it is as before.
+let unfolded = [];
+window.addEventListener("beforeprint", () => {
+  unfolded = [...document.querySelectorAll("details:not([open])")].filter((one) => !one.closest("figure"));
+  unfolded.forEach((one) => { one.open = true; });
+});
+window.addEventListener("afterprint", () => unfolded.forEach((one) => { one.open = false; }));

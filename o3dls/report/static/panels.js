@@ -100,14 +100,20 @@ function invalidate() {
   });
 }
 
-function drawAll() {
+const pixelRatio = () => Math.min(window.devicePixelRatio || 1, 2);
+
+function sizeOnScreen({ canvas }) {
+  const ratio = pixelRatio();
+  return { width: Math.round(canvas.clientWidth * ratio), height: Math.round(canvas.clientHeight * ratio), ratio };
+}
+
+// `size` gives width, height and pixels per pixel of the screen of a panel's picture.
+function drawAll(size = sizeOnScreen) {
   camera.lookAt(target);
   host.dataset.looksFrom = JSON.stringify(camera.position.clone().sub(target).normalize().toArray());
   const shown = panels.filter((panel) => panel.shown);
-  const ratio = Math.min(window.devicePixelRatio || 1, 2);
   for (const panel of shown) {
-    const width = Math.round(panel.canvas.clientWidth * ratio);
-    const height = Math.round(panel.canvas.clientHeight * ratio);
+    const { width, height, ratio } = size(panel);
     if (!width || !height) continue;
     fitCamera(width / height);
     if (renderer.domElement.width !== width || renderer.domElement.height !== height) renderer.setSize(width, height, false);

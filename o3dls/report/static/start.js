@@ -1,36 +1,5 @@
 // Put the toolbar together, paint for the first time, and only then take the static pictures away.
 
-function savePicture() {
-  const shown = panels.filter((panel) => panel.shown);
-  if (!shown.length) return;
-  const [width, height] = [shown[0].canvas.width, shown[0].canvas.height];
-  const out = document.createElement("canvas");
-  Object.assign(out, { width: width * shown.length, height: height + 110 });
-  const context = out.getContext("2d");
-  const style = getComputedStyle(document.body);
-  context.fillStyle = style.backgroundColor;
-  context.fillRect(0, 0, out.width, out.height);
-  context.fillStyle = style.color;
-  context.font = "22px system-ui, sans-serif";
-  shown.forEach((panel, k) => {
-    context.fillText(`${panel.name}, ${$("view-name").textContent}`, k * width + 12, 30);
-    context.drawImage(panel.canvas, k * width, 40);
-  });
-  const bars = [...document.querySelectorAll(".bar")].filter((bar) => !bar.hidden);
-  bars.forEach((bar, k) => paintBar(context, bar, 12 + k * (out.width / 2), height + 56));
-  const link = document.createElement("a");
-  link.download = `${scene.file}.png`;
-  link.href = out.toDataURL("image/png");
-  link.click();
-}
-
-function paintBar(context, bar, x, y) {
-  const text = (part) => bar.querySelector(part).value;
-  context.drawImage(bar.querySelector("canvas"), x, y, 260, 14);
-  context.font = "16px system-ui, sans-serif";
-  context.fillText(`${text(".low")} to ${text(".high")}: ${bar.querySelector(".name").textContent}`, x, y + 34);
-}
-
 function fillToolbar() {
   scene.fields.forEach(({ key, label }) => option($("field"), key, label));
   option($("field"), "", "no colour");
