@@ -6,7 +6,7 @@ import base64
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ..report.markup import Html, table, tag
+from ..report.markup import Html, join, table, tag
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class Text:
     text: str
 
     def html(self) -> Html:
-        return tag("p", self.text)
+        return tag("p", coded(self.text))
 
     def markdown(self) -> str:
         return self.text
@@ -75,14 +75,20 @@ class Figure:
 
     def html(self) -> Html:
         data = base64.b64encode(self.png).decode("ascii")
+        picture = tag("img", src=f"data:image/png;base64,{data}", alt=self.caption)
         return tag(
             "figure",
-            tag("img", src=f"data:image/png;base64,{data}", alt=self.caption),
+            tag("div", picture, class_="scroll", tabindex="0", role="region", aria_label=self.name),
             tag("figcaption", self.caption),
         )
 
     def markdown(self) -> str:
         return f"![{self.caption}]({self.file})\n\n*{self.caption}*"
+
+
+def coded(text: str) -> Html:
+    """Text whose parts between backticks are code."""
+    return join(*(tag("code", part) if k % 2 else part for k, part in enumerate(text.split("`"))))
 
 
 Block = Heading | Text | Command | Table | Figure

@@ -63,6 +63,8 @@ def curves(
             ax.set_xlabel(x)
             ax.grid(alpha=0.25)
             ax.xaxis.get_major_locator().set_params(integer=True)
+            if len(at := {level for curve in methods.values() for level in curve}) == 1:
+                ax.set_xlim(min(at) - 1, min(at) + 1)  # methods beside each other, at one level
         axes[0].set_ylim(bottom=0.0)
         axes[0].set_ylabel(y)
         for name, curve in (lines or {}).items():

@@ -20,7 +20,10 @@ table{border-collapse:collapse;font-size:.9rem}td,th{padding:.2rem .6rem;
 border-bottom:1px solid #d5d9df;text-align:right}
 th:first-child{text-align:left}.scroll{overflow-x:auto}figure{margin:1.5rem 0}img{max-width:100%}
 figcaption,.soft{color:#4a5260;font-size:.9rem}
-pre{background:#f2f4f6;padding:.6rem;overflow-x:auto}"""
+pre{background:#f2f4f6;padding:.6rem;overflow-x:auto}code{overflow-wrap:anywhere}
+@media (max-width:600px){body{margin:1rem auto}h1{font-size:1.4rem}h2{font-size:1.15rem}
+table{font-size:.8rem}td,th{padding:.15rem .35rem}th[scope="row"]{font-weight:400}
+img{max-width:46rem}} /* small letters of a picture must stay legible: it scrolls by itself */"""
 
 
 def write_page(results: Results, folder: Path) -> Path:

@@ -12,13 +12,13 @@ from ..evaluation.distances import distances, sample
 from ..geometry.surface import Surface
 from ..pipeline.pipeline import Pipeline
 from ..report.drawing.figures import plain_figure, png
+from ..report.palette import LIGHT, places
 from ..stages.deform import Deform
 from ..stages.icp import ICP
 from ..stages.landmarks import Landmarks
 from ..stages.level_set import LevelSet
 from ..stages.topology import Topology
 from .blocks import Block, Figure, Heading, Table, Text
-from .drawing import COLOURS
 from .experiment import Outcome, Row, Scope, Task, judged, mean_sd, truth_of
 from .reconstruction import alpha_shape, minimal_surface, poisson, tangent_planes
 from .results import Results, column
@@ -34,14 +34,8 @@ METHODS = {
     "similarity": "prior by similarity ICP alone",
     "level_set": "level set with prior (ours)",
 }
-STYLES = {
-    "hoppe": ("#e69f00", "^"),
-    "zhao": ("#009e73", "v"),
-    "poisson": ("#d55e00", "s"),
-    "alpha_shape": ("#cc79a7", "D"),
-    "similarity": (COLOURS["similarity"], "x"),
-    "level_set": (COLOURS["level_set"], "o"),
-}
+MARKERS = {"level_set": "o", "similarity": "x", "hoppe": "^", "zhao": "v", "poisson": "s", "alpha_shape": "D"}
+COLOURS = dict(zip(MARKERS, (LIGHT[k] for k in places(list(MARKERS))), strict=True))
 
 
 def tasks(scope: Scope) -> list[Task]:
@@ -130,7 +124,7 @@ def blocks(results: Results) -> list[Block]:
 def _curve(rows: list[Row], counts: list[int]) -> bytes:
     with plain_figure(7.2, 3.4) as figure:
         ax = figure.subplots()
-        for name, (colour, marker) in STYLES.items():
+        for name, words in METHODS.items():
             values = [
                 column([row for row in rows if row["method"] == name and row["points"] == n], "assd")
                 for n in counts
@@ -138,7 +132,8 @@ def _curve(rows: list[Row], counts: list[int]) -> bytes:
             drawn = [(n, v.mean(), v.std()) for n, v in zip(counts, values, strict=True) if len(v)]
             if drawn:
                 at, mean, sd = zip(*drawn, strict=True)
-                ax.errorbar(at, mean, sd, color=colour, marker=marker, capsize=3, label=METHODS[name])
+                look, mark = COLOURS[name], MARKERS[name]
+                ax.errorbar(at, mean, sd, color=look, marker=mark, capsize=3, label=words)
         ax.set(xscale="log", yscale="log", xlabel="points", ylabel="mean distance both ways, mm")
         ax.set_xticks(counts, [str(n) for n in counts])
         ax.set_yticks(LENGTHS, [f"{length:g}" for length in LENGTHS])

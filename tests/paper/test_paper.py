@@ -13,14 +13,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from o3dls.errors import InputError
-from o3dls.paper import noise
+from o3dls.paper import drawing, noise, related
 from o3dls.paper.compute import shown
 from o3dls.paper.experiment import DEVELOPMENT, SEEDS, Scope
 from o3dls.paper.reconstruction import alpha_shape, minimal_surface, poisson, tangent_planes
 from o3dls.paper.results import RESULTS
 from o3dls.paper.segment import segmented, threshold
+from o3dls.report.palette import LIGHT, colour_of
+from tests.browser import Visit, chromium
 
 
 @pytest.fixture(scope="module")
@@ -57,6 +60,43 @@ def test_a_quick_page_has_every_section_and_says_what_is_left_out(page: Path) ->
     figures = {line.split("(")[-1].rstrip(")") for line in text.splitlines() if line.startswith("![")}
     assert figures
     assert all((page / name).stat().st_size > 5000 for name in figures)
+
+
+def test_code_is_set_as_code_and_no_backtick_is_left(page: Path) -> None:
+    text = (page / "index.html").read_text(encoding="utf-8")
+    assert '<meta name="viewport" content="width=device-width' in text
+    assert "`" not in text
+    assert "<code>level_set</code>" in text
+    assert "`level_set`" in (page / "index.md").read_text(encoding="utf-8")
+
+
+def test_a_narrow_screen_shows_the_page_at_a_size_that_can_be_read(page: Path) -> None:
+    """Nothing but a table or a picture goes beyond the screen, and those scroll by themselves."""
+    with chromium() as launch:
+        visit = Visit(launch(), page / "index.html", wait=False, width=390, height=844)
+        assert visit.errors == []
+        assert visit.page.evaluate("document.documentElement.scrollWidth") <= 390
+        shares = visit.page.evaluate("[...document.images].map((one) => one.width / one.naturalWidth)")
+        assert min(shares) >= 0.5  # letters of 9 pt at 130 dots to the inch: 8 pixels or more
+        visit.page.close()
+
+
+def test_axes_with_bars_begin_at_zero_and_one_level_has_room(monkeypatch: pytest.MonkeyPatch) -> None:
+    drawn: list[Figure] = []
+    monkeypatch.setattr(drawing, "png", lambda figure: drawn.append(figure) or b"")
+    values = {method: {6.0: np.array([3.0, 5.0])} for method in ("icp", "level_set")}
+    drawing.curves({"fitted": values}, "noise, %", "mean distance, mm")
+    (axes,) = drawn[0].axes
+    assert axes.get_ylim()[0] == 0.0
+    assert axes.get_xlim() == (5.0, 7.0)
+
+
+def test_every_method_has_a_colour_of_the_palette() -> None:
+    for colours in (drawing.COLOURS, related.COLOURS):
+        methods = {name: colour for name, colour in colours.items() if name != "truth"}
+        assert set(methods.values()) <= set(LIGHT)
+    assert len(set(related.COLOURS.values())) == len(related.METHODS)
+    assert related.COLOURS["level_set"] == drawing.COLOURS["level_set"] == colour_of("level_set")
 
 
 def test_the_page_is_made_from_the_file_alone(page: Path, tmp_path: Path) -> None:

@@ -93,9 +93,9 @@ def _outlines(axes: Axes, subject: Subject, name: str) -> None:
         line.set_label(drawable(label))
     points = subject.results[name].run.points.of("eam")
     gaps = points.columns[f"distance_{subject.results[name].key}_{subject.unit}"]
-    axes.scatter(
-        *points.xyz.T, s=16, c=colours_of(gaps, point_field(subject)), edgecolors=INK, lw=0.4, zorder=3
-    )
+    x, y = points.xyz.T
+    colours = colours_of(gaps, point_field(subject))
+    axes.scatter(x, y, s=16, c=colours, edgecolors=INK, linewidths=0.4, zorder=3)
     axes.set_aspect("equal")
     axes.set_axis_off()
     axes.legend(frameon=False, fontsize=8, loc="upper center", bbox_to_anchor=(0.5, 0.0), ncols=3)
