@@ -29,9 +29,9 @@ def viewer_code() -> tuple[str, str]:
     """The scripts of the 3D viewer: three.js, and ours in one scope."""
     ours = "\n".join(asset(name) for name in SCRIPTS)
     library = f"/* three.js\n{asset('three.LICENSE.txt', 'vendor')}*/\n{asset('three.min.js', 'vendor')}"
-    # without WebGL the static pictures stay
-    guard = "if (document.createElement('canvas').getContext('webgl2')) "
-    return library, f'"use strict";\n{guard}(() => {{\n{ours}\n}})();'
+    # without WebGL the static pictures stay; a context is slow to make, so the one that tells draws too
+    context = "document.createElement('canvas').getContext('webgl2', { antialias: true, alpha: true })"
+    return library, f'"use strict";\n((webgl) => {{\nif (!webgl) return;\n{ours}\n}})({context});'
 
 
 def viewer_scripts(scene: object) -> Html:

@@ -24,8 +24,9 @@ from o3dls.report.writer import compare, write_report
 from tests.browser import Visit, chromium
 from tests.finished import NASTY, bulged_case, fine_sphere, finished, finished_2d, renamed
 
-MOST_BYTES = 5_000_000
-READY_MS = 2_500  # software rendering, two surfaces of 36 000 faces, on an idle machine
+MOST_BYTES = 4_000_000
+READY_MS = 2_000  # software rendering, two surfaces of 36 000 faces (the demo has fewer), on two quiet cores
+MOST_CALLS = 2 * (2 + 3)  # a panel draws two sides of its surface, and balls, cubes and diamonds
 # factor granted to a machine that does other work at the same time; the idle figure is asked for by
 # O3DLS_TIMED=1
 LOADED = 3.0
@@ -499,10 +500,33 @@ def fine_case(faces: int) -> Case:
 def test_two_surfaces_of_36000_faces_are_small_and_quick(browser: Any, tmp_path: Path) -> None:
     report = write_report([finished(tmp_path / "run", fine_case(36_000))])
     assert report.stat().st_size <= MOST_BYTES
-    visit = Visit(browser, report)
-    ready = float(visit.page.evaluate("document.documentElement.dataset.ready"))
-    assert ready <= READY_MS * (1.0 if os.environ.get("O3DLS_TIMED") else LOADED)
-    visit.page.close()
+    ready = []
+    for _ in range(3):  # the least counts: what else the machine does can only add
+        visit = Visit(browser, report)
+        ready.append(float(visit.page.evaluate("document.documentElement.dataset.ready")))
+        assert int(visit.page.evaluate("document.getElementById('panels').dataset.drawCalls")) <= MOST_CALLS
+        visit.page.close()
+    assert min(ready) <= READY_MS * (1.0 if os.environ.get("O3DLS_TIMED") else LOADED)
+
+
+def test_one_webgl_context_tells_and_draws(browser: Any, report: Path) -> None:
+    """A second one would cost as much again before the first picture."""
+    page = browser.new_page()
+    page.add_init_script(COUNTED)
+    page.goto(report.resolve().as_uri())
+    page.wait_for_function("document.documentElement.dataset.ready !== undefined", timeout=60_000)
+    assert page.evaluate("window.contexts.size") == 1
+    page.close()
+
+
+COUNTED = """(() => {
+    const own = HTMLCanvasElement.prototype.getContext;
+    window.contexts = new Set();
+    HTMLCanvasElement.prototype.getContext = function (kind, ...rest) {
+        if (kind.startsWith('webgl')) window.contexts.add(this);
+        return own.call(this, kind, ...rest);
+    };
+})();"""
 
 
 def test_large_surfaces_are_decimated_and_say_so(browser: Any, tmp_path: Path) -> None:

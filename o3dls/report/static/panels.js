@@ -11,7 +11,7 @@ const panels = scene.panels.map(makePanel);
 let waiting = false;
 
 function makeRenderer() {
-  const made = new THREE.WebGLRenderer({ antialias: true, alpha: true, preserveDrawingBuffer: false });
+  const made = new THREE.WebGLRenderer({ canvas: webgl.canvas, context: webgl, alpha: true });
   made.outputColorSpace = THREE.LinearSRGBColorSpace; // colours on the screen are those of the colour bar
   made.setClearColor(0x000000, 0);
   return made;
@@ -112,18 +112,21 @@ function drawAll(size = sizeOnScreen) {
   camera.lookAt(target);
   host.dataset.looksFrom = JSON.stringify(camera.position.clone().sub(target).normalize().toArray());
   const shown = panels.filter((panel) => panel.shown);
+  let calls = 0;
   for (const panel of shown) {
     const { width, height, ratio } = size(panel);
     if (!width || !height) continue;
     fitCamera(width / height);
     if (renderer.domElement.width !== width || renderer.domElement.height !== height) renderer.setSize(width, height, false);
     renderer.render(panel.world, camera);
+    calls += renderer.info.render.calls;
     if (panel.canvas.width !== width || panel.canvas.height !== height) Object.assign(panel.canvas, { width, height });
     const context = panel.canvas.getContext("2d");
     context.clearRect(0, 0, width, height);
     context.drawImage(renderer.domElement, 0, 0);
     drawOverlay(panel, context, ratio);
   }
+  host.dataset.drawCalls = calls;
   showView();
 }
 
