@@ -49,6 +49,7 @@ PUBLIC = {
     "Phases": "stages.phases",
     "Report": "report.writer",
     "Export": "runs.export.writer",
+    "suggest": "evaluation.next_places",
     "register": "open3d_api",
     "case_of": "adapters.case",
     "surface_of": "adapters.objects",

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.linalg import solve_triangular
 
 from ..arrays import Array, Ints
 from ..geometry.closest_point import ClosestPoint
@@ -53,6 +54,17 @@ class FittedMotion:
         prior frame went.
         """
         return self.sd_in_reference(self._reference(points), normals)
+
+    def joint(self, points: Array, normals: Array) -> Array:
+        """Posterior covariance (n, n) along unit `normals` (map frame) of where points (n, d) of the prior
+        frame went, given that they moved: its diagonal is `sd` squared where the motion is certain.
+        """
+        asked = self._reference(points).observed(normals)
+        explained = solve_triangular(
+            self.posterior.factor, cross(self.covariance, self.sds, self.observed, asked), lower=True
+        )
+        before = cross(self.covariance, self.sds, asked, asked)
+        return np.asarray(self.inflation**2 * (before - explained.T @ explained))
 
     def sd_in_reference(self, places: Places, normals: Array) -> Array:
         """The same for places that are known in the reference pose."""

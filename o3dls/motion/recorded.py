@@ -7,9 +7,19 @@ from functools import cached_property
 
 import numpy as np
 
-from ..arrays import Array
+from ..arrays import Array, Ints
 from ..geometry.closest_point import ClosestPoint
 from ..geometry.surface import Surface
+
+
+@dataclass(frozen=True, eq=False)
+class WallModes:
+    """How the errors of a moved prior go together, at some of its vertices: `places` (m,) and `modes` (m, r),
+    such that the errors along the moved normals there have the covariance modes modes^T.
+    """
+
+    places: Ints
+    modes: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -17,13 +27,15 @@ class RecordedMotion:
     """A motion, prior frame to map frame, by the prior and the same surface after it (interface.Motion).
 
     A place beside the surface keeps its offset from the nearest place on it, turned and scaled by the
-    similarity `T_map_prior` (d+1, d+1). deviation (n,) is that of each vertex along its moved normal.
+    similarity `T_map_prior` (d+1, d+1). deviation (n,) is that of each vertex along its moved normal, and
+    modes say how deviations go together, where the run kept that.
     """
 
     prior: Surface
     moved: Surface
     T_map_prior: Array
     deviation: Array
+    modes: WallModes | None = None
 
     def __call__(self, points: Array) -> Array:
         at, offset = _carried(self._on_prior, self.moved, points)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -14,12 +15,15 @@ from ..case import Case
 from ..errors import InputError, escaped
 from ..estimate import Estimate
 from ..geometry.surface import Surface
+from ..io.atomic import write_file
 from ..io.meshes.registry import read_surface, write_surface
 from ..io.table import read_table, write_table
 from ..run_warning import CODES, RunWarning
 
 if TYPE_CHECKING:
-    from ..motion.recorded import RecordedMotion
+    from ..motion.recorded import RecordedMotion, WallModes
+
+MODES = "posterior.npy"  # rows: vertex of the prior, then its part in each mode of the errors
 
 
 def write_estimate(folder: Path, case: Case, estimate: Estimate, fitted: Collection[str]) -> None:
@@ -54,13 +58,38 @@ def read_estimate(folder: Path, found: Mapping[str, Any], case: Case) -> Estimat
 
 
 def _write_motion(path: Path, case: Case, estimate: Estimate) -> None:
-    """The prior where the motion brought it, vertex by vertex, with its deviation along the normals."""
+    """The prior where the motion brought it, vertex by vertex, with its deviation along the normals; and how
+    the deviations go together.
+    """
+    from ..evaluation.wall_modes import wall_modes
+
     if estimate.motion is None:
         return
     moved = case.prior.with_vertices(estimate.motion(case.prior.vertices))
     deviation = estimate.motion.sd(case.prior.vertices, moved.vertex_normals)
     moved = replace(moved, fields={f"sd_{case.units}": deviation})
     write_surface(path, moved, space=case.frame, units=case.units)
+    if modes := wall_modes(case.prior, estimate.motion):
+        table = np.column_stack([modes.places, modes.modes]).astype(np.float32)  # places stay whole to 2^24
+        with io.BytesIO() as content:
+            np.save(content, table, allow_pickle=False)
+            write_file(path.with_name(MODES), content.getvalue())
+
+
+def _read_modes(path: Path, vertices: int) -> WallModes | None:
+    """The joint posterior, where the run kept it. Raises InputError where it was damaged."""
+    from ..motion.recorded import WallModes
+
+    if not path.is_file():
+        return None
+    try:
+        table = np.load(path, allow_pickle=False).astype(np.float64)
+    except (ValueError, EOFError) as error:
+        raise InputError(f"{path}: is damaged ({error}); run it again") from None
+    whole = table.ndim == 2 and table.shape[1] > 1 and len(table) > 0 and bool(np.isfinite(table).all())
+    if not whole or not ((table[:, 0] >= 0) & (table[:, 0] < vertices)).all():
+        raise InputError(f"{path}: must have a vertex of the prior and numbers in each row; run it again")
+    return WallModes(table[:, 0].astype(np.int64), table[:, 1:])
 
 
 def _read_motion(folder: Path, case: Case, T_map_prior: Array) -> RecordedMotion | None:
@@ -74,7 +103,8 @@ def _read_motion(folder: Path, case: Case, T_map_prior: Array) -> RecordedMotion
     if not np.array_equal(moved.faces, case.prior.faces):
         raise InputError(f"{path}: has other faces than the prior of the run's case; run it again")
     deviation = moved.fields.get(f"sd_{case.units}", np.full(len(moved.vertices), np.nan))
-    return RecordedMotion(case.prior, moved, T_map_prior, deviation)
+    modes = _read_modes(folder / MODES, len(case.prior.vertices))
+    return RecordedMotion(case.prior, moved, T_map_prior, deviation, modes)
 
 
 def _warning(found: Mapping[str, str]) -> RunWarning:

@@ -1,0 +1,191 @@
+"""Where to map next: the places of the wall whose measurement would make the posterior surest."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from ..arrays import Array, Ints
+from ..case import Case
+from ..errors import InputError
+from ..estimate import Estimate
+from ..geometry.inner_balls import depth_in_tubes
+from ..geometry.similarity import rms_radius
+from ..motion.recorded import WallModes
+from .wall_modes import wall_modes
+
+Mask = NDArray[np.bool_]
+MEAN_OVER_SD = float(np.sqrt(2 / np.pi))  # of the absolute value of a normal variable
+LEAST_GAIN = 0.02  # share of the mean variance: less is not worth a point
+APART = 0.2  # rms radii, 5 mm for an atrium: from points, from each other, and into tubes
+AROUND = 0.4  # rms radii, 10 mm: the surroundings that a place is judged by
+
+
+@dataclass(frozen=True)
+class Place:
+    """A place worth measuring: xyz (d,) in the map frame, the surface's vertex there, and the distance to the
+    nearest mapping point.
+
+    Expected errors, before and after a point there, are means over the wall and over the surroundings; those
+    before know of the places proposed earlier. gain is the share of the mean variance that the point takes.
+    """
+
+    xyz: Array
+    vertex: int
+    distance: float
+    before: float
+    after: float
+    near_before: float
+    near_after: float
+    gain: float
+
+
+@dataclass(frozen=True)
+class Advice:
+    """Places in the order of their worth, and why there are no more of them where they are fewer than asked
+    for.
+    """
+
+    places: tuple[Place, ...]
+    ended: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class _Wall:
+    """What is known of the wall while places are chosen: the covariance (m, m) of its sample, and the
+    variance (m,) before any was; of each vertex (n,) the nearest of the sample, deviation and weight.
+    """
+
+    covariance: Array
+    first: Array
+    of: Ints
+    sd: Array
+    weights: Array
+
+    @property
+    def left(self) -> Array:
+        """Share (m,) of the first variance that is left."""
+        return np.asarray(np.diag(self.covariance) / self.first)
+
+    @property
+    def sd_now(self) -> Array:
+        return self.sd * np.sqrt(self.left[self.of])
+
+    def mean(self, values: Array, part: Mask | None = None) -> float:
+        """Weighted mean over the vertices, or a part of them; plain where that has no weight."""
+        weights = self.weights if part is None else self.weights * part
+        if weights.sum() == 0.0:
+            weights = part if part is not None else np.ones(len(values))
+        return float(weights @ values / weights.sum())
+
+    def gains(self, noise: float, believed: float) -> Array:
+        """Share (m,) of the mean variance that a point at each place takes."""
+        worth = np.bincount(self.of, self.weights * self.sd**2, len(self.first))
+        taken = (worth / self.first) @ self.covariance**2 / (np.diag(self.covariance) + noise**2)
+        return np.asarray(believed * taken / (worth @ self.left))
+
+    def measured(self, at: int, noise: float, believed: float) -> _Wall:
+        """The wall that is expected after a point at a place: an outlier, which it may be, tells nothing."""
+        row = self.covariance[at]
+        taken = believed * np.outer(row, row) / (row[at] + noise**2)
+        return replace(self, covariance=self.covariance - taken)
+
+
+def suggest(
+    case: Case,
+    estimate: Estimate,
+    k: int = 5,
+    *,
+    weights: Array | None = None,
+    reachable: Mask | None = None,
+) -> Advice:
+    """The k places whose measurement lowers the mean posterior variance over the wall most, one after
+    another, each with those before it in mind.
+
+    weights (n,) say how much each vertex of the estimate's surface counts beside its area, reachable (n,)
+    where the catheter can get. Not proposed are places that are surer than the wall in the mean, that lie
+    within 5 mm of a mapping point or of each other, or deeper than 5 mm in a tube (for an atrium; 0.2 rms
+    radii). There are fewer than k where the next takes less than 2 % of the mean variance. Raises InputError
+    where the estimate has no posterior, or an argument does not fit its surface.
+    """
+    modes = wall_modes(case.prior, estimate.motion)
+    if modes is None or estimate.motion is None or not estimate.sigma:
+        raise InputError(
+            f"case {case.name}: the estimate has no joint posterior, so nothing says where a point would "
+            "tell most; run a pipeline with the stage 'deform', with this version"
+        )
+    if k < 1:
+        raise InputError(f"k = {k}: at least one place must be asked for")
+    n = len(estimate.surface.vertices)
+    reachable = np.ones(n, dtype=bool) if reachable is None else _checked("reachable", reachable, n) > 0
+    weights = np.ones(n) if weights is None else _checked("weights", weights, n)
+    at = estimate.motion(case.prior.vertices[modes.places])
+    wall = _wall(case, estimate, modes, at, weights)
+    vertex = cKDTree(estimate.surface.vertices).query(at)[1]
+    believed = 1.0 if estimate.weights is None else float(estimate.weights.mean())
+    return _chosen(case, estimate, wall, vertex, reachable[vertex], k, believed)
+
+
+def _checked(name: str, values: Array, n: int) -> Array:
+    values = np.asarray(values, dtype=np.float64)
+    if values.shape != (n,):
+        raise InputError(f"{name} has shape {values.shape}: the estimate's surface has {n} vertices")
+    if not np.isfinite(values).all() or (values < 0.0).any() or not values.any():
+        raise InputError(f"{name}: must be finite, not negative, and above 0 somewhere")
+    return values
+
+
+def _wall(case: Case, estimate: Estimate, modes: WallModes, at: Array, weights: Array) -> _Wall:
+    surface = estimate.surface
+    covariance = modes.modes @ modes.modes.T
+    first = np.diag(covariance).copy()
+    of = cKDTree(at).query(surface.vertices)[1]
+    sd = np.asarray(surface.fields.get(f"sd_{case.units}", np.sqrt(first)[of]), dtype=np.float64)
+    each = surface.faces.shape[1]
+    area = np.bincount(surface.faces.ravel(), np.repeat(surface.face_areas / each, each), len(of))
+    known = np.isfinite(sd)
+    return _Wall(covariance, first, of, np.where(known, sd, 0.0), weights * area * known)
+
+
+def _chosen(
+    case: Case, estimate: Estimate, wall: _Wall, vertex: Ints, allowed: Mask, k: int, believed: float
+) -> Advice:
+    """The places of highest worth among those allowed (m,)."""
+    surface = estimate.surface
+    at = surface.vertices[vertex]
+    apart = APART * rms_radius(surface.vertices)
+    points = estimate.corrected(case).points.of("eam").xyz
+    distance = cKDTree(points).query(at)[0] if len(points) else np.full(len(at), np.inf)
+    allowed = allowed & (distance > apart)
+    allowed &= depth_in_tubes(at, surface.vertex_normals[vertex], surface.vertices) < apart
+    sigma = estimate.sigma or 0.0
+    found: list[Place] = []
+    for _ in range(k):
+        unsure = wall.sd_now[vertex] > wall.mean(wall.sd_now)
+        if not (open_ := allowed & unsure).any():
+            return Advice(tuple(found), "no further place is reachable, unsure and away from the points")
+        gains = np.where(open_, wall.gains(sigma, believed), -1.0)
+        best = int(gains.argmax())
+        if gains[best] < LEAST_GAIN:
+            least = f"less than {LEAST_GAIN:.0%}"
+            return Advice(
+                tuple(found), f"one more point would take {gains[best]:.1%} of the mean variance, {least}"
+            )
+        after = wall.measured(best, sigma, believed)
+        near = np.linalg.norm(surface.vertices - at[best], axis=1) < AROUND / APART * apart
+        errors = (MEAN_OVER_SD * one for one in _means(wall, after, near))
+        found.append(Place(at[best], int(vertex[best]), float(distance[best]), *errors, float(gains[best])))
+        allowed &= np.linalg.norm(at - at[best], axis=1) > apart
+        wall = after
+    return Advice(tuple(found))
+
+
+def _means(before: _Wall, after: _Wall, near: Mask) -> Iterator[float]:
+    """Mean deviations before and after, of the whole wall and of a part."""
+    for part in (None, near):
+        for wall in (before, after):
+            yield wall.mean(wall.sd_now, part)

@@ -1,0 +1,41 @@
+"""How the posterior's errors go together over the wall, at places spread evenly over the prior."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..arrays import ROUNDING, Array, Ints
+from ..geometry.surface import Surface
+from ..motion.interface import Motion
+from ..motion.motion import FittedMotion
+from ..motion.recorded import RecordedMotion, WallModes
+
+PLACES = 500  # 4 to 5 mm apart on an atrium: a third of the shortest correlation length
+MODES = 150  # of an atrium's posterior they hold 99 %
+
+
+def wall_modes(prior: Surface, motion: Motion | None) -> WallModes | None:
+    """The joint posterior of a motion of the prior; None where it has none, or its run did not keep it."""
+    if isinstance(motion, RecordedMotion):
+        return motion.modes
+    if not isinstance(motion, FittedMotion):
+        return None
+    places = spread(prior.vertices, PLACES)
+    normals = prior.with_vertices(motion(prior.vertices)).vertex_normals
+    values, vectors = np.linalg.eigh(motion.joint(prior.vertices[places], normals[places]))
+    strongest = np.flatnonzero(values > ROUNDING * values[-1])[::-1][:MODES]
+    return WallModes(places, vectors[:, strongest] * np.sqrt(values[strongest]))
+
+
+def spread(points: Array, count: int) -> Ints:
+    """Indices of at most `count` points (n, d), each the farthest from those before it; the first is the
+    farthest from the middle.
+    """
+    gap = np.full(len(points), np.inf)
+    found = [int(((points - points.mean(axis=0)) ** 2).sum(axis=1).argmax())]
+    while len(found) < min(count, len(points)):
+        gap = np.minimum(gap, ((points - points[found[-1]]) ** 2).sum(axis=1))
+        if gap.max() == 0.0:
+            break
+        found.append(int(gap.argmax()))
+    return np.array(found)
