@@ -1,5 +1,5 @@
-"""Commands on finished runs, files and the machine: report, compare, export, convert, import, doctor,
-view.
+"""Commands on finished runs, files and the machine: report, compare, next, export, convert, import,
+doctor, view.
 """
 
 from __future__ import annotations
@@ -170,6 +170,24 @@ def doctor(as_json: bool) -> int:
         for check in checks:
             say_lines(check)
     return DONE if all(check.ok for check in checks if check.needed) else NOT_VALID
+
+
+@click.command("next")
+@click.argument("run_folder", metavar="RUN", type=FOLDER)
+@click.option(
+    "--k", type=click.IntRange(min=1), default=5, show_default=True, help="how many places, at most"
+)
+@click.option(
+    "--reachable",
+    type=FILE,
+    help="table with a column 'reachable', 1 or 0 for each vertex of the last surface in its order",
+)
+@click.option("--json", "as_json", is_flag=True, help="print JSON in place of the table")
+def next_(run_folder: Path, k: int, reachable: Path | None, as_json: bool) -> None:
+    """Name the places where one more mapping point would make the last surface surest, by its posterior."""
+    from ..report.mapping.table import next_places
+
+    say_lines(next_places(run_folder, k, reachable, as_json=as_json))
 
 
 @click.command()

@@ -171,10 +171,8 @@ def _chosen(
         gains = np.where(open_, wall.gains(sigma, believed), -1.0)
         best = int(gains.argmax())
         if gains[best] < LEAST_GAIN:
-            least = f"less than {LEAST_GAIN:.0%}"
-            return Advice(
-                tuple(found), f"one more point would take {gains[best]:.1%} of the mean variance, {least}"
-            )
+            ended = f"one more point would take less than {LEAST_GAIN:.0%} of the mean variance"
+            return Advice(tuple(found), ended)
         after = wall.measured(best, sigma, believed)
         near = np.linalg.norm(surface.vertices - at[best], axis=1) < AROUND / APART * apart
         errors = (MEAN_OVER_SD * one for one in _means(wall, after, near))

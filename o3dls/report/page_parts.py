@@ -14,6 +14,8 @@ SCRIPTS = (
     "points.js",
     "overlay.js",
     "controls.js",
+    "regions.js",
+    "next.js",
     "torso.js",
     "picture.js",
     "start.js",

@@ -12,6 +12,7 @@ import numpy as np
 
 from ...arrays import Array
 from ...evaluation.electrical import ELECTRICAL
+from ...evaluation.regions import REGIONS, word
 from ...geometry.surface import Surface
 from ..subject import Subject
 from .display import LEFT_OUT, NEGLIGIBLE, TRUTH
@@ -29,6 +30,7 @@ MAPS = {
     "electrical": ("plasma", 0.0, 1.0),
     "mapping": ("hsv", 0.0, PURPLE),
     "points": ("YlOrRd", FIRST, 1.0),
+    "regions": ("tab20", 0.0, 1.0),  # twenty colours, a region each
 }
 LOW_ENDS = {"signed": "blue", "electrical": "dark", "mapping": "red"}  # of all others: light
 VOLTAGES = {"bipolar": (0.5, 1.5), "unipolar": (5.0, 8.0)}  # mV: scar below, healthy wall above
@@ -51,6 +53,11 @@ class Field:
     step: float = 0.0
 
     @property
+    def names(self) -> list[str]:
+        """What the whole numbers of a field of regions stand for; none where values are amounts."""
+        return [word(k) for k in range(len(REGIONS))] if self.colours == "regions" else []
+
+    @property
     def low_end(self) -> str:
         """The word for the colour of its low end."""
         return LOW_ENDS.get(self.colours, "light")
@@ -70,6 +77,7 @@ def known_fields(surfaces: Sequence[Surface], unit: str) -> list[Field]:
         Field(f"displacement_{unit}", "displacement, outward positive", unit, "signed"),
         Field(f"correction_{unit}", "correction, outward positive", unit, "signed"),
     ]
+    words.append(Field("region", "region of the wall", "", "regions"))
     there = dict.fromkeys(
         key for surface in surfaces for key, values in surface.fields.items() if values.ndim == 1
     )
@@ -87,6 +95,8 @@ def _ranged(field: Field, surfaces: Sequence[Surface]) -> Field:
     if field.key in VOLTAGES:
         low, high = VOLTAGES[field.key]
         return replace(field, low=low, high=high)
+    if field.names:
+        return replace(field, low=-0.5, high=19.5)  # each number in the middle of its colour
     values = np.concatenate(
         [surface.fields[field.key] for surface in surfaces if field.key in surface.fields]
     )

@@ -14,6 +14,8 @@ from ...arrays import Array
 from ...evaluation.electrical import measured_values
 from ...evaluation.interpolation import REACH
 from ...geometry.surface import Surface
+from ..mapping.advice import shown_advice
+from ..mapping.wall_regions import with_regions
 from ..subject import Subject
 from .caption import made
 from .charts import STYLES
@@ -33,7 +35,7 @@ GHOST_STYLES: dict[str, Json] = {
 
 def scene(subject: Subject) -> Json:
     """Everything that the viewer draws, JSON-ready."""
-    surfaces = list(subject.surfaces.values())
+    surfaces = list(with_regions(subject, subject.surfaces).values())
     fields = known_fields(surfaces, subject.unit)
     ghosts = _ghosts(subject)
     everything = np.vstack([*(s.vertices for s in [*surfaces, *ghosts.values()]), subject.case.points.xyz])
@@ -59,6 +61,7 @@ def scene(subject: Subject) -> Json:
         "ghostStyles": {name: GHOST_STYLES[name] for name in ghosts},
         "points": _points(subject, low, size),
         "landmarks": _landmarks(subject),
+        "next": _next(subject),
         **_directions(subject),
     }
 
@@ -71,6 +74,7 @@ def _described(field: Field) -> Json:
         "map": field.colours,
         "range": [field.low, field.high],
         "step": field.step,
+        "names": field.names,
     }
 
 
@@ -152,6 +156,14 @@ def _landmarks(subject: Subject) -> list[Json]:
     marks = subject.case.points.of("landmark")
     names = marks.columns.get("name", np.full(len(marks), ""))
     return [{"name": str(name), "at": at.tolist()} for name, at in zip(names, marks.xyz, strict=True)]
+
+
+def _next(subject: Subject) -> list[Json]:
+    """Numbered places where one more point would tell most."""
+    found = shown_advice(subject)
+    return [
+        {"name": str(k + 1), "at": one.xyz.tolist()} for k, one in enumerate(found.places if found else ())
+    ]
 
 
 def _remoteness(subject: Subject) -> str | None:

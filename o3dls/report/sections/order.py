@@ -6,6 +6,7 @@ from ..drawing.distance_charts import spread_section
 from ..drawing.figures import pictures_png
 from ..drawing.scene import scene
 from ..drawing.views import orientation
+from ..mapping.sections import next_section, region_section
 from ..markup import join, tag
 from ..page_parts import image, viewer_scripts
 from ..subject import Subject
@@ -50,12 +51,14 @@ def picture_section(subject: Subject) -> Section | None:
 
 SECTIONS: tuple[Maker, ...] = (
     picture_section,
+    next_section,
     outline_section,
     score_section,
     contribution_section,
     paired_section,
     spread_section,
     slice_section,
+    region_section,
     landmark_section,
     pose_section,
     calibration_section,

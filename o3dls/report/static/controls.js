@@ -5,6 +5,7 @@ const settings = {
   field: null,
   kinds: Object.fromEntries([...scene.points.names, "outliers"].map((name) => [name, true])),
   labels: true,
+  next: true,
   pointRange: scene.points.range.slice(),
   steps: Object.fromEntries(scene.fields.filter((field) => field.step).map((field) => [field.key, field.step])), // of isochrones
 };
@@ -43,7 +44,8 @@ function chooseField(key) {
     setAttribute(panel.geometry, "value", data);
     panel.note.textContent = field && !data ? `no ${field.label} here` : panel.caption;
   }
-  $("surface-bar").hidden = !field;
+  $("surface-bar").hidden = !field || field.names.length > 0;
+  showRegions(field);
   $("point-bar").hidden = Boolean(ownValues(field)) || !cloud.kinds.length;
   if (field) paintField(field);
   showIsochrones(field);

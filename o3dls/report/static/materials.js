@@ -6,11 +6,12 @@ const VERTEX = `
   varying vec3 vNormal;
   varying vec3 vPosition;
   varying float vValue;
+  flat varying float vCode;
   varying float vRemoteness;
   void main() {
     vNormal = normalMatrix * normal;
     vPosition = (modelMatrix * vec4(position, 1.0)).xyz;
-    vValue = value;
+    vValue = vCode = value;
     vRemoteness = remoteness;
     gl_Position = projectionMatrix * viewMatrix * vec4(vPosition, 1.0);
   }`;
@@ -20,6 +21,7 @@ const FRAGMENT = `
   uniform vec2 range;
   uniform vec3 plain;
   uniform bool mapped;
+  uniform bool coded;
   uniform bool hatched;
   uniform float far;
   uniform float opacity;
@@ -28,13 +30,15 @@ const FRAGMENT = `
   varying vec3 vNormal;
   varying vec3 vPosition;
   varying float vValue;
+  flat varying float vCode;
   varying float vRemoteness;
   void main() {
     if (dot(vPosition, plane.xyz) > plane.w) discard;
     float facing = abs(normalize(vNormal).z);
     vec3 colour = plain;
-    if (mapped && vValue > -1e20) {
-      float t = clamp((vValue - range.x) / max(range.y - range.x, 1e-12), 0.0, 1.0);
+    float value = coded ? vCode : vValue;
+    if (mapped && value > -1e20) {
+      float t = clamp((value - range.x) / max(range.y - range.x, 1e-12), 0.0, 1.0);
       colour = texture2D(colours, vec2((t * 255.0 + 0.5) / 256.0, 0.5)).rgb;
     }
     float count = vValue / max(isochrones, 1e-6);
@@ -86,6 +90,7 @@ const shared = {
   colours: { value: textures.sequential },
   range: { value: [0, 1] },
   mapped: { value: true },
+  coded: { value: false }, // the values are numbers of regions: none lies between two
   hatched: { value: true },
   far: { value: scene.far },
   opacity: { value: 1 },

@@ -13,6 +13,7 @@ function drawOverlay(panel, context, ratio) {
   context.lineJoin = context.lineCap = "round";
   for (const contour of contours) drawContour(contour, context, width, height, ratio);
   if (settings.labels) for (const mark of scene.landmarks) drawLabel(mark, context, width, height, ratio, ink);
+  if (settings.next) for (const mark of scene.next) drawNumber(mark, context, width, height, ratio);
   drawAxes(context, height, ratio, ink);
   drawScaleBar(context, width, height, ratio, ink);
 }

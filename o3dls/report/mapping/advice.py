@@ -1,0 +1,92 @@
+"""Where to map next, in the words of the report: places with their region and their nearest landmark."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...evaluation.next_places import Advice, Place, suggest
+from ...evaluation.regions import word
+from ...evaluation.wall_modes import wall_modes
+from ..subject import Subject
+from .wall_regions import landmarks_in_map, wall_regions
+
+SHOWN = 3  # places in the report
+HEAD = (
+    "place",
+    "where",
+    "nearest point",
+    "error around",
+    "with a point",
+    "error of the wall",
+    "with a point",
+)
+
+
+@dataclass(frozen=True)
+class Located:
+    """A place with its region (empty where regions are not known), and the nearest landmark with its distance
+    (empty and None where there is none).
+    """
+
+    place: Place
+    region: str
+    landmark: str
+    landmark_distance: float | None
+    unit: str
+
+    @property
+    def where(self) -> str:
+        """Such as `roof, 12 mm from RSPV`."""
+        near = f"{self.landmark_distance:.0f} {self.unit} from {self.landmark}" if self.landmark else ""
+        return ", ".join(filter(None, [self.region, near])) or "–"
+
+    def cells(self) -> list[str]:
+        """The columns of `HEAD`."""
+        one = self.place
+        errors = (one.near_before, one.near_after, one.before, one.after)
+        at = ", ".join(f"{x:.1f}" for x in one.xyz)
+        return [at, self.where, f"{one.distance:.1f}", *(f"{error:.2f}" for error in errors)]
+
+    def record(self) -> dict[str, Any]:
+        """All of it, JSON-ready."""
+        found = asdict(self.place) | {"xyz": self.place.xyz.tolist()}
+        return found | {
+            "region": self.region,
+            "landmark": self.landmark,
+            "landmark_distance": self.landmark_distance,
+        }
+
+
+@lru_cache(maxsize=1)  # the pictures and the section beside them show the same places
+def shown_advice(subject: Subject) -> Advice | None:
+    """What the report proposes for the last estimate; None where that has no joint posterior."""
+    estimate = subject.last.estimate
+    if wall_modes(subject.case.prior, estimate.motion) is None:
+        return None
+    return suggest(subject.case, estimate, SHOWN)
+
+
+def advice(subject: Subject, k: int, reachable: NDArray[np.bool_] | None = None) -> Advice:
+    """Places for the last estimate. Raises InputError as `suggest`."""
+    return suggest(subject.case, subject.last.estimate, k, reachable=reachable)
+
+
+def located(subject: Subject, found: Advice) -> list[Located]:
+    """The places, each with where it is."""
+    of = wall_regions(subject, subject.last.estimate.surface)
+    marks = landmarks_in_map(subject)
+    return [
+        Located(one, "" if of is None else word(int(of[one.vertex])), *_nearest(one, marks), subject.unit)
+        for one in found.places
+    ]
+
+
+def _nearest(place: Place, marks: dict[str, NDArray[np.float64]]) -> tuple[str, float | None]:
+    gaps = {name: float(np.linalg.norm(at - place.xyz)) for name, at in marks.items()}
+    name = min(gaps, key=gaps.__getitem__, default="")
+    return name, gaps.get(name)

@@ -1,0 +1,113 @@
+"""The sections: regions of the wall, and where to map next."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from ...arrays import Array, Ints
+from ...evaluation.interpolation import REACH
+from ...evaluation.next_places import Advice
+from ...evaluation.regions import word
+from ..expected import MEAN_OVER_SD
+from ..markup import Child, Html, join, millimetres, table, tag
+from ..sections.section import Section
+from ..subject import SETS, Subject
+from .advice import HEAD, located, shown_advice
+from .wall_regions import wall_regions
+
+MEANING = (
+    "The numbers in the pictures are places of the wall where one more mapping point would make the surface "
+    "surest, by the posterior of the motion, each with those before it in mind. This is what the prior, the "
+    "points and their noise let expect, and not what will be found. The posterior does not know whether a "
+    "catheter gets there, nor whether there is wall and no mitral valve. For research only, no advice for a "
+    "procedure."
+)
+
+
+def next_section(subject: Subject) -> Section | None:
+    """The best places for one more point each; None where the last estimate has no joint posterior."""
+    found = shown_advice(subject)
+    if found is None:
+        return None
+    ended = f"There are no more: {found.ended}." if found.places else f"None: {found.ended}."
+    parts = [tag("p", MEANING)]
+    if found.places:
+        parts.append(_places(subject, found))
+    if found.ended:
+        parts.append(tag("p", ended))
+    return Section("next", "Where to map next", join(*parts))
+
+
+def _places(subject: Subject, found: Advice) -> Html:
+    rows = [[k + 1, *one.cells()] for k, one in enumerate(located(subject, found))]
+    note = (
+        f"Lengths in {subject.unit}. Errors are mean distances that the posterior expects, around the place "
+        "(0.4 rms radii: 10 mm of an atrium) and over the whole wall, without and with a point there."
+    )
+    return tag("div", table(["", *HEAD], rows, note), class_="left")
+
+
+def region_section(subject: Subject) -> Section | None:
+    """Each region's share, points, distances and deviation; None where regions are not known."""
+    surface = subject.last.estimate.surface
+    of = wall_regions(subject, surface)
+    if of is None:
+        return None
+    unit, group = subject.unit, subject.headline
+    judged = SETS[group] if group else "no points"
+    head = [
+        "region",
+        "share of the area, %",
+        "mapping points",
+        f"mean distance, {judged}, {unit}",
+        "n",
+        f"expected error, {unit}",
+        f"posterior standard deviation, {unit}",
+        "without points, %",
+    ]
+    note = (
+        f"Of {subject.last.name}, by the patient's axes and the named places. Without points: farther than "
+        f"{REACH:g} {unit} from every fitted point."
+    )
+    body = table(head, _rows(subject, of, group), note)
+    return Section("regions", "Regions of the wall", body)
+
+
+def _rows(subject: Subject, of: Ints, group: str | None) -> list[list[Child]]:
+    surface = subject.last.estimate.surface
+    each = surface.faces.shape[1]
+    area = np.bincount(surface.faces.ravel(), np.repeat(surface.face_areas / each, each), len(of))
+    tree = cKDTree(surface.vertices)
+    points = of[tree.query(subject.case.points.of("eam").xyz)[1]]
+    xyz, gaps = subject.last.measured(group) if group else (np.zeros((0, 3)), np.zeros(0))
+    at = of[tree.query(xyz)[1]] if len(xyz) else np.zeros(0, dtype=np.int64)
+    sd = surface.fields.get(f"sd_{subject.unit}", np.full(len(of), np.nan))
+    far = surface.fields.get("prior_only", np.full(len(of), np.nan))
+    rows = list[list[Child]]()
+    for region in np.unique(of):
+        part = of == region
+        there = at == region
+        mean_sd = _mean(area, sd, part)
+        alone = _mean(area, far, part)
+        rows.append(
+            [
+                word(int(region)),
+                f"{100 * area[part].sum() / area.sum():.1f}",
+                int((points == region).sum()),
+                millimetres(float(gaps[there].mean()) if there.any() else None),
+                int(there.sum()),
+                millimetres(None if mean_sd is None else MEAN_OVER_SD * mean_sd),
+                millimetres(mean_sd),
+                "–" if alone is None else f"{100 * alone:.0f}",
+            ]
+        )
+    return rows
+
+
+def _mean(area: Array, values: Array, part: NDArray[np.bool_]) -> float | None:
+    """Mean by area over a part, None where nothing is known of it."""
+    known = part & np.isfinite(values)
+    weight = area[known]
+    return float(weight @ values[known] / weight.sum()) if weight.sum() > 0 else None

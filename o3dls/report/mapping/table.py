@@ -1,0 +1,59 @@
+"""What `o3dls next` prints: the places as a table of text, or as JSON."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import InputError
+from ...io.table import read_table
+from ..subject import Subject, read_subject
+from .advice import HEAD, Located, advice, located
+
+NOTICE = "What the posterior expects, not what will be found. Research use only, no advice for a procedure."
+
+
+def next_places(folder: Path, k: int, reachable: Path | None = None, *, as_json: bool = False) -> str:
+    """The places of a finished run where one more point would tell most.
+
+    Raises InputError where the run has no joint posterior, or the mask does not fit its last surface.
+    """
+    subject = read_subject([folder])
+    found = advice(subject, k, _mask(reachable, subject) if reachable else None)
+    places = located(subject, found)
+    if not as_json:
+        return _text(subject, places, found.ended)
+    about = {"estimate": subject.last.name, "units": subject.unit, "frame": subject.case.frame}
+    record = about | {"places": [one.record() for one in places], "ended": found.ended, "notice": NOTICE}
+    return json.dumps(record, indent=1)
+
+
+def _mask(path: Path, subject: Subject) -> NDArray[np.bool_]:
+    """Which vertices are reachable, from a table with one row each."""
+    values = read_table(path, ("reachable",)).numbers("reachable")
+    n = len(subject.last.estimate.surface.vertices)
+    if len(values) != n:
+        raise InputError(
+            f"{path}: has {len(values)} rows: the surface of {subject.last.name} has {n} vertices"
+        )
+    if wrong := set(values.tolist()) - {0.0, 1.0}:
+        raise InputError(f"{path}: column 'reachable' has {min(wrong):g}: must be 0 or 1")
+    if not values.any():
+        raise InputError(f"{path}: column 'reachable' has no 1, so no place can be proposed")
+    return values > 0
+
+
+def _text(subject: Subject, places: list[Located], ended: str) -> str:
+    case = subject.case
+    title = (
+        f"{case.name}: where to map next, {subject.last.name}; {subject.unit}, frame of the map: {case.frame}"
+    )
+    rows = [["", *HEAD], *([str(k + 1), *one.cells()] for k, one in enumerate(places))]
+    widths = [max(len(row[c]) for row in rows) for c in range(len(rows[0]))]
+    lines = [
+        "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows
+    ]
+    return "\n".join([title, *(lines if places else []), *([ended] if ended else []), NOTICE])

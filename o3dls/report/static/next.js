@@ -1,0 +1,25 @@
+// Where to map next: numbers over the pictures, which a box takes away.
+
+if (scene.next.length) {
+  checkbox($("kinds").parentElement, "where to map next", (on) => {
+    settings.next = on;
+    invalidate();
+  });
+}
+
+function drawNumber({ name, at }, context, width, height, ratio) {
+  const [x, y] = project(...at, width, height);
+  context.font = `bold ${12 * ratio}px system-ui, sans-serif`;
+  context.fillStyle = "#fff";
+  context.strokeStyle = "#111";
+  context.lineWidth = 2 * ratio;
+  context.beginPath();
+  context.arc(x, y, 9 * ratio, 0, 2 * Math.PI);
+  context.fill();
+  context.stroke();
+  context.fillStyle = "#111";
+  context.textAlign = "center";
+  context.textBaseline = "middle";
+  context.fillText(name, x, y);
+  context.textAlign = "start";
+}
