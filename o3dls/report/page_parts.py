@@ -17,6 +17,12 @@ SCRIPTS = (
     "regions.js",
     "next.js",
     "torso.js",
+    "estimates.js",
+    "plane.js",
+    "hit.js",
+    "pick.js",
+    "measure.js",
+    "worst.js",
     "picture.js",
     "start.js",
 )

@@ -8,6 +8,7 @@ import html
 import os
 import re
 import urllib.parse
+from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -17,6 +18,7 @@ from o3dls.paper.page import STYLE
 from o3dls.report.document import document
 from o3dls.report.markup import Html, join, tag
 from o3dls.report.page import report_page
+from o3dls.report.page_parts import SCRIPTS, asset
 from o3dls.report.subject import read_subject
 from o3dls.report.writer import compare
 from tests.browser import Visit, chromium
@@ -110,3 +112,14 @@ def test_in_a_browser_the_page_of_the_paper_has_its_style_and_pictures(tmp_path:
         assert visit.errors == []
         assert visit.page.evaluate("document.images[0].naturalWidth") == 1
         assert visit.page.evaluate("getComputedStyle(document.body).maxWidth") != "none"
+
+
+def test_the_scripts_of_the_viewer_share_no_name() -> None:
+    """They stand in one script: of two functions of one name the first would be lost without a word."""
+    names = [
+        name
+        for script in ("page.js", *SCRIPTS)
+        for name in re.findall(r"^(?:(?:async )?function|const|let) (\w+)", asset(script), re.MULTILINE)
+    ]
+    assert len(names) > 100
+    assert [name for name, count in Counter(names).items() if count > 1] == []

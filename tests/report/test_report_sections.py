@@ -248,7 +248,7 @@ def test_a_method_has_one_colour_in_report_slides_and_paper(run: Path) -> None:
 
     for shown in ((), ("level_set", "icp"), ("start", "level_set")):
         subject = read_subject([run], shown)
-        panels = {panel["name"]: panel["colour"] for panel in scene(subject)["panels"]}
+        panels = {panel["name"]: panel["colour"] for panel in scene(subject)["estimates"]}
         for method, place in (("level_set", 0), ("icp", 1)):
             assert subject.style(method) == place
             assert panels.get(method, f"--s{place}") == f"--s{place}"

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import base64
 import re
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -18,15 +16,13 @@ from ..mapping.advice import shown_advice
 from ..mapping.wall_regions import with_regions
 from ..subject import Subject
 from .caption import made
-from .charts import STYLES
-from .display import MOST_FACES, decimated
-from .fields import MAPS, Field, colour_table, known_fields, point_field
+from .display import decimated
+from .estimates import all_fields, all_surfaces, estimate_data
+from .fields import MAPS, Field, colour_table, point_field
+from .packing import LAST, Json, coded, grid, once, packed
 from .views import orientation
 
 GHOST_FACES = 10_000
-BELIEVED = 0.5  # weights below mark a point as outlier
-LAST = 65535
-Json = dict[str, Any]
 GHOST_STYLES: dict[str, Json] = {
     "prior": {"colour": "--s5", "dash": [6, 4]},
     "truth": {"colour": "--ink", "dash": []},
@@ -35,16 +31,16 @@ GHOST_STYLES: dict[str, Json] = {
 
 def scene(subject: Subject) -> Json:
     """Everything that the viewer draws, JSON-ready."""
-    surfaces = list(with_regions(subject, subject.surfaces).values())
-    fields = known_fields(surfaces, subject.unit)
+    surfaces = with_regions(subject, all_surfaces(subject))
+    fields = all_fields(subject, surfaces)
     ghosts = _ghosts(subject)
-    everything = np.vstack([*(s.vertices for s in [*surfaces, *ghosts.values()]), subject.case.points.xyz])
-    low = everything.min(axis=0)
-    size = np.maximum(np.ptp(everything, axis=0), 1e-6)
-    centre = (surfaces[-1].vertices.min(axis=0) + surfaces[-1].vertices.max(axis=0)) / 2
-    meshes = [_mesh(surface, low, size, fields) for surface in [*surfaces, *ghosts.values()]]
+    shown = [surfaces[name] for name in subject.shown]
+    every = [*surfaces.values(), *ghosts.values()]
+    low, size = _box([*(surface.vertices for surface in every), subject.case.points.xyz])
+    centre = (shown[-1].vertices.min(axis=0) + shown[-1].vertices.max(axis=0)) / 2
     places = {name: len(surfaces) + k for k, name in enumerate(ghosts)}
-    return {
+    arrays: list[str] = []
+    data = {
         "name": subject.case.name,
         "made": made(subject),
         "file": re.sub(r"[^\w.-]+", "_", subject.case.name)[:80] or "case",
@@ -53,17 +49,29 @@ def scene(subject: Subject) -> Json:
         "remoteness": _remoteness(subject),
         "box": {"low": low.tolist(), "size": size.tolist()},
         "centre": centre.tolist(),
-        "radius": float(max(np.linalg.norm(s.vertices - centre, axis=1).max() for s in surfaces)),
-        "maps": {name: _text(np.round(255 * colour_table(name)).astype(np.uint8)) for name in MAPS},
+        "radius": float(max(np.linalg.norm(s.vertices - centre, axis=1).max() for s in shown)),
+        "maps": {name: coded(np.round(255 * colour_table(name)).astype(np.uint8)) for name in MAPS},
         "fields": [_described(field) for field in fields],
-        "meshes": meshes,
-        "panels": [_panel(subject, k, name, places) for k, name in enumerate(subject.shown)],
+        "meshes": [_mesh(surface, low, size, fields) for surface in every],
+        "estimates": [
+            {"mesh": k, **estimate_data(subject, name, surface, places)}
+            for k, (name, surface) in enumerate(surfaces.items())
+        ],
+        "panels": [list(surfaces).index(name) for name in subject.shown],
         "ghostStyles": {name: GHOST_STYLES[name] for name in ghosts},
         "points": _points(subject, low, size),
         "landmarks": _landmarks(subject),
         "next": _next(subject),
         **_directions(subject),
     }
+    return {**once(data, arrays), "arrays": arrays}
+
+
+def _box(parts: Sequence[Array]) -> tuple[Array, Array]:
+    """The lowest corner (3,) of all points, and how far they reach from there."""
+    everything = np.vstack(parts)
+    low = everything.min(axis=0)
+    return low, np.maximum(np.ptp(everything, axis=0), 1e-6)
 
 
 def _described(field: Field) -> Json:
@@ -91,53 +99,6 @@ def _ghosts(subject: Subject) -> dict[str, Surface]:
     return ghosts
 
 
-def _panel(subject: Subject, index: int, name: str, places: dict[str, int]) -> Json:
-    """One picture: its mesh, and its ghosts with the matrix that brings the packed prior to its place.
-
-    That place is this estimate's own pose.
-    """
-    result = subject.results[name]
-    matrix = result.estimate.T_map_prior @ np.linalg.inv(subject.last.estimate.T_map_prior)
-    ghosts = {
-        key: {"mesh": mesh, "matrix": matrix.ravel().tolist() if key == "prior" else None}
-        for key, mesh in places.items()
-    }
-    full = len(result.estimate.surface.faces)
-    caption = f"{full} faces, {len(subject.surfaces[name].faces)} drawn" if full > MOST_FACES else ""
-    style: Json = {"colour": f"--s{subject.style(name) % STYLES}", "dash": []}
-    return {
-        "name": name,
-        "mesh": index,
-        "ghosts": ghosts,
-        "caption": caption,
-        **style,
-        **_judged(subject, name),
-    }
-
-
-def _judged(subject: Subject, name: str) -> Json:
-    """Distance of every point to the estimate, and 1 where the estimate took it for an outlier."""
-    marks = outliers(subject, name)[subject.case.points.type != "landmark"]
-    return {
-        "residuals": _packed(subject.results[name].point_distances),
-        "outliers": _text(marks.astype(np.uint8)),
-    }
-
-
-def outliers(subject: Subject, name: str) -> Array:
-    """True (n,) where a point of the case was fitted but hardly believed."""
-    result = subject.results[name]
-    weights = result.estimate.weights
-    kinds = result.run.points.type
-    marks = np.zeros(len(kinds), dtype=bool)
-    for fitted in (("eam",), ("eam", "inside")):
-        rows = np.flatnonzero(np.isin(kinds, fitted))
-        if weights is not None and len(weights) == len(rows):
-            marks[rows[weights < BELIEVED]] = True
-            return marks
-    return marks
-
-
 def _points(subject: Subject, low: Array, size: Array) -> Json:
     points = subject.last.drawn_points
     limits = point_field(subject)
@@ -145,11 +106,20 @@ def _points(subject: Subject, low: Array, size: Array) -> Json:
     kinds = np.array([names.index(kind) for kind in points.type], dtype=np.uint8)
     return {
         "names": names,
-        "kinds": _text(kinds),
-        "positions": _grid(points.xyz, low, size),
+        "kinds": coded(kinds),
+        "positions": grid(points.xyz, low, size),
         "range": [limits.low, limits.high],
-        "values": {key: _packed(points.columns[key]) for key in measured_values(points)},
+        "values": {key: packed(points.columns[key]) for key in measured_values(points)},
+        "rows": coded(np.flatnonzero(subject.last.run.points.type != "landmark").astype(np.uint32)),
+        "ids": [_written(one) for one in points.columns.get("id", np.zeros(0)).tolist()],
     }
+
+
+def _written(name: object) -> str:
+    """The name of a point as its file has it, empty where it has none: tables hold decimal numbers."""
+    if name != name:
+        return ""
+    return str(int(name)) if isinstance(name, float) and name.is_integer() else str(name)
 
 
 def _landmarks(subject: Subject) -> list[Json]:
@@ -168,9 +138,7 @@ def _next(subject: Subject) -> list[Json]:
 
 def _remoteness(subject: Subject) -> str | None:
     key = f"distance_to_nearest_point_{subject.unit}"
-    return (
-        key if any(key in subject.results[name].estimate.surface.fields for name in subject.shown) else None
-    )
+    return key if any(key in one.estimate.surface.fields for one in subject.results.values()) else None
 
 
 def _directions(subject: Subject) -> Json:
@@ -194,31 +162,10 @@ def _directions(subject: Subject) -> Json:
 def _mesh(surface: Surface, low: Array, size: Array, fields: Sequence[Field]) -> Json:
     wide = len(surface.vertices) > LAST
     return {
-        "positions": _grid(surface.vertices, low, size),
-        "faces": _text(surface.faces.astype(np.uint32 if wide else np.uint16)),
+        "positions": grid(surface.vertices, low, size),
+        "faces": coded(surface.faces.astype(np.uint32 if wide else np.uint16)),
         "wide": wide,
         "fields": {
-            field.key: _packed(surface.fields[field.key]) for field in fields if field.key in surface.fields
+            field.key: packed(surface.fields[field.key]) for field in fields if field.key in surface.fields
         },
     }
-
-
-def _grid(points: Array, low: Array, size: Array) -> str:
-    return _text(np.round((points - low) / size * LAST).astype(np.uint16))
-
-
-def _packed(values: Array) -> Json:
-    """Numbers in 16 bits with their ends; the largest code stands for a missing value."""
-    known = np.isfinite(values)
-    low, high = (float(values[known].min()), float(values[known].max())) if known.any() else (0.0, 1.0)
-    high = high if high > low else low + 1.0
-    codes = np.full(len(values), LAST, dtype=np.uint16)
-    codes[known] = np.round((values[known] - low) / (high - low) * (LAST - 1)).astype(np.uint16)
-    return {"data": _text(codes), "low": low, "high": high}
-
-
-def _text(array: Any) -> str:
-    """Little-endian bytes as base64."""
-    return base64.b64encode(
-        np.ascontiguousarray(array, dtype=array.dtype.newbyteorder("<")).tobytes()
-    ).decode("ascii")

@@ -25,6 +25,7 @@ function checkbox(group, text, change) {
   box.addEventListener("change", () => change(box.checked));
   label.append(box, ` ${text}`);
   group.append(label);
+  return label;
 }
 
 function button(group, text, press) {
@@ -39,17 +40,21 @@ function chooseField(key) {
   const field = scene.fields.find((one) => one.key === key);
   settings.field = field;
   shared.mapped.value = Boolean(field);
-  for (const panel of panels) {
-    const data = field && scene.meshes[panel.mesh].fields[key];
-    setAttribute(panel.geometry, "value", data);
-    panel.note.textContent = field && !data ? `no ${field.label} here` : panel.caption;
-  }
+  panels.forEach(colourPanel);
   $("surface-bar").hidden = !field || field.names.length > 0;
   showRegions(field);
   $("point-bar").hidden = Boolean(ownValues(field)) || !cloud.kinds.length;
   if (field) paintField(field);
   showIsochrones(field);
   paintAllPoints();
+  refreshReadout();
+}
+
+function colourPanel(panel) {
+  const { field } = settings;
+  const data = field && scene.meshes[panel.mesh].fields[field.key];
+  setAttribute(panel.geometry, "value", data);
+  panel.note.textContent = field && !data ? `no ${field.label} here` : panel.caption;
 }
 
 function paintField(field) {
@@ -142,18 +147,11 @@ function showGhost(name) {
 }
 
 function cut() {
-  const axis = $("cut").value;
-  $("level").disabled = axis === "";
-  if (axis === "") {
-    shared.plane.value.set(0, 0, 0, 1);
-    contours = [];
-  } else {
-    const k = Number(axis);
-    const level = scene.box.low[k] + scene.box.size[k] * Number($("level").value);
-    shared.plane.value.set(0, 0, 0, level).setComponent(k, scene.cutSigns[k]);
-    shared.plane.value.w = scene.cutSigns[k] * level;
-    contours = contourSources().map((source) => ({ ...source, segments: sliceMesh(source.geometry, source.matrix, k, level) }));
-  }
+  const plane = cutPlane();
+  $("level").disabled = !plane;
+  $("cut-turn").hidden = $("cut").value !== "free";
+  shared.plane.value.copy(plane || NO_PLANE);
+  contours = plane ? contourSources().map((source) => ({ ...source, segments: sliceMesh(source.geometry, source.matrix, plane) })) : [];
   legend();
   paintAllPoints();
 }
@@ -163,7 +161,7 @@ function contourSources() {
   const ghosts = Object.entries(panels[panels.length - 1].ghosts);
   return [
     ...ghosts.map(([name, { geometry, matrix }]) => ({ name, ...scene.ghostStyles[name], geometry, matrix })),
-    ...panels.map(({ name, colour, dash, geometry }) => ({ name, colour, dash, geometry })),
+    ...panels.filter((panel, k) => panels.findIndex((one) => one.estimate === panel.estimate) === k).map(({ name, colour, dash, geometry }) => ({ name, colour, dash, geometry })),
   ];
 }
 

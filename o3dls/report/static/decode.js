@@ -3,15 +3,16 @@
 const scene = JSON.parse(document.getElementById("scene").textContent);
 const MISSING = -1e30; // a value that no field has; the shader paints it grey
 
-function bytes(text) {
-  const raw = atob(text);
+// `place` in the arrays of the page, each of which stands there once.
+function bytes(place) {
+  const raw = atob(scene.arrays[place]);
   const out = new Uint8Array(raw.length);
   for (let i = 0; i < raw.length; i++) out[i] = raw.charCodeAt(i);
   return out;
 }
 
-const uint16 = (text) => new Uint16Array(bytes(text).buffer);
-const uint32 = (text) => new Uint32Array(bytes(text).buffer);
+const uint16 = (place) => new Uint16Array(bytes(place).buffer);
+const uint32 = (place) => new Uint32Array(bytes(place).buffer);
 
 // Numbers stored in 16 bits between low and high; 65535 stands for a missing value.
 function unpack({ data, low, high }) {

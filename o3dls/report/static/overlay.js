@@ -14,6 +14,8 @@ function drawOverlay(panel, context, ratio) {
   for (const contour of contours) drawContour(contour, context, width, height, ratio);
   if (settings.labels) for (const mark of scene.landmarks) drawLabel(mark, context, width, height, ratio, ink);
   if (settings.next) for (const mark of scene.next) drawNumber(mark, context, width, height, ratio);
+  drawPinned(context, width, height, ratio, ink);
+  drawMeasured(context, width, height, ratio, ink);
   drawAxes(context, height, ratio, ink);
   drawScaleBar(context, width, height, ratio, ink);
 }
@@ -85,21 +87,23 @@ function drawScaleBar(context, width, height, ratio, ink) {
   context.textAlign = "start";
 }
 
-// Where a plane {axis, level} meets a mesh: one segment per triangle that it crosses.
-function sliceMesh(geometry, matrix, axis, level) {
+// Where a plane (normal and height) meets a mesh: one segment per triangle that it crosses.
+function sliceMesh(geometry, matrix, plane) {
   const position = geometry.getAttribute("position");
   const index = geometry.index.array;
   const at = new Float32Array(position.array);
   if (matrix) new THREE.BufferAttribute(at, 3).applyMatrix4(matrix);
+  const above = new Float32Array(position.count);
+  for (let i = 0; i < above.length; i++) above[i] = plane.x * at[3 * i] + plane.y * at[3 * i + 1] + plane.z * at[3 * i + 2] - plane.w;
   const out = [];
   for (let f = 0; f < index.length; f += 3) {
     const cut = [];
     for (let k = 0; k < 3; k++) {
-      const a = 3 * index[f + k], b = 3 * index[f + ((k + 1) % 3)];
-      const ha = at[a + axis] - level, hb = at[b + axis] - level;
+      const a = index[f + k], b = index[f + ((k + 1) % 3)];
+      const ha = above[a], hb = above[b];
       if (ha < 0 === hb < 0) continue;
       const t = ha / (ha - hb);
-      for (let c = 0; c < 3; c++) cut.push(at[a + c] + t * (at[b + c] - at[a + c]));
+      for (let c = 0; c < 3; c++) cut.push(at[3 * a + c] + t * (at[3 * b + c] - at[3 * a + c]));
     }
     if (cut.length === 6) out.push(...cut);
   }

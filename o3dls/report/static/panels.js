@@ -6,7 +6,7 @@ const camera = new THREE.OrthographicCamera(-1, 1, 1, -1, -4000, 4000);
 const target = new THREE.Vector3(...scene.centre);
 camera.up.set(...scene.up);
 
-const geometries = scene.meshes.map(decodeMesh);
+const geometries = []; // of scene.meshes, decoded when first shown
 const panels = scene.panels.map(makePanel);
 let waiting = false;
 
@@ -17,36 +17,41 @@ function makeRenderer() {
   return made;
 }
 
-function makePanel(description, index) {
+function geometryOf(mesh) {
+  if (!geometries[mesh]) {
+    geometries[mesh] = decodeMesh(scene.meshes[mesh]);
+    setAttribute(geometries[mesh], "remoteness", scene.meshes[mesh].fields[scene.remoteness]);
+  }
+  return geometries[mesh];
+}
+
+function makePanel(estimate, index) {
   const figure = document.createElement("figure");
   const caption = document.createElement("figcaption");
   const canvas = document.createElement("canvas");
-  caption.textContent = description.name;
   canvas.tabIndex = 0;
   canvas.setAttribute("role", "img");
-  canvas.setAttribute("aria-label", `${description.name}: surface in 3D. Drag or arrow keys turn it, + and - zoom, 0 resets.`);
   figure.append(caption, canvas);
   host.append(figure);
   const note = document.createElement("small");
-  caption.append(note);
 
   const world = new THREE.Scene();
-  const geometry = geometries[description.mesh];
-  const sides = [THREE.BackSide, THREE.FrontSide].map((side) => new THREE.Mesh(geometry, surfaceMaterial(side)));
+  const sides = [THREE.BackSide, THREE.FrontSide].map((side) => new THREE.Mesh(geometryOf(scene.estimates[estimate].mesh), surfaceMaterial(side)));
   sides.forEach((mesh) => world.add(mesh));
-  const ghosts = Object.fromEntries(Object.entries(description.ghosts).map(([name, ghost]) => [name, makeGhost(ghost, world)]));
-  const panel = { ...description, index, figure, canvas, note, world, geometry, sides, ghosts, balls: [], shown: true };
+  const ghosts = Object.fromEntries(Object.entries(scene.estimates[estimate].ghosts).map(([name, ghost]) => [name, makeGhost(ghost, world)]));
+  const panel = { index, figure, canvas, note, world, sides, ghosts, balls: [], rows: [], shown: true };
+  setEstimate(panel, estimate);
+  caption.append(estimateSelect(panel), note);
   connect(panel);
   return panel;
 }
 
-function makeGhost({ mesh, matrix }, world) {
+function makeGhost({ mesh }, world) {
   const own = { mapped: { value: false }, hatched: { value: false }, opacity: { value: 0.12 }, plain: { value: new THREE.Vector3(0.45, 0.5, 0.6) } };
-  const ghost = new THREE.Mesh(geometries[mesh], surfaceMaterial(THREE.FrontSide, own));
+  const ghost = new THREE.Mesh(geometryOf(mesh), surfaceMaterial(THREE.FrontSide, own));
   ghost.material.transparent = true;
   ghost.material.depthWrite = false;
   ghost.matrixAutoUpdate = false;
-  if (matrix) ghost.matrix.set(...matrix);
   ghost.visible = false;
   world.add(ghost);
   return ghost;
@@ -112,21 +117,20 @@ function drawAll(size = sizeOnScreen) {
   camera.lookAt(target);
   host.dataset.looksFrom = JSON.stringify(camera.position.clone().sub(target).normalize().toArray());
   const shown = panels.filter((panel) => panel.shown);
-  let calls = 0;
   for (const panel of shown) {
     const { width, height, ratio } = size(panel);
     if (!width || !height) continue;
     fitCamera(width / height);
     if (renderer.domElement.width !== width || renderer.domElement.height !== height) renderer.setSize(width, height, false);
     renderer.render(panel.world, camera);
-    calls += renderer.info.render.calls;
+    panel.calls = renderer.info.render.calls;
     if (panel.canvas.width !== width || panel.canvas.height !== height) Object.assign(panel.canvas, { width, height });
     const context = panel.canvas.getContext("2d");
     context.clearRect(0, 0, width, height);
     context.drawImage(renderer.domElement, 0, 0);
     drawOverlay(panel, context, ratio);
   }
-  host.dataset.drawCalls = calls;
+  document.documentElement.dataset.drawCalls = JSON.stringify(shown.map((panel) => panel.calls));
   showView();
 }
 

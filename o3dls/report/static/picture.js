@@ -19,10 +19,10 @@ function composed(ratio) {
   context.fillStyle = style.backgroundColor;
   context.fillRect(0, 0, out.width, out.height);
   context.fillStyle = style.color;
-  write(context, seen(), 8 * ratio, 18 * ratio, 12 * ratio, out.width - 16 * ratio);
+  writeText(context, seen(), 8 * ratio, 18 * ratio, 12 * ratio, out.width - 16 * ratio);
   shown.forEach((panel, k) => {
     const [x, y] = [(k % columns) * width, HEAD * ratio + Math.floor(k / columns) * row];
-    write(context, panel.name, x + 8 * ratio, y + 16 * ratio, 13 * ratio, width - 16 * ratio, 600);
+    writeText(context, panel.name, x + 8 * ratio, y + 16 * ratio, 13 * ratio, width - 16 * ratio, 600);
     context.drawImage(panel.canvas, x, y + ROW_HEAD * ratio);
   });
   const bars = [...document.querySelectorAll(".bar")].filter((bar) => !bar.hidden);
@@ -40,7 +40,7 @@ function seen() {
   return [scene.name, `view ${$("view-name").textContent}`, ...more, scene.made].join(" · ");
 }
 
-function write(context, text, x, y, size, most, weight = 400) {
+function writeText(context, text, x, y, size, most, weight = 400) {
   context.font = `${weight} ${size}px system-ui, sans-serif`;
   context.fillText(text, x, y, most);
 }
@@ -52,10 +52,10 @@ function paintBar(context, bar, x, y, ratio) {
   context.drawImage(bar.querySelector("canvas"), x, y, wide, 10 * ratio);
   [low, (low + high) / 2, high].forEach((value, k) => {
     context.textAlign = ["left", "center", "right"][k];
-    write(context, String(Number(value.toPrecision(3))), x + (k * wide) / 2, y + 23 * ratio, size, wide / 3);
+    writeText(context, String(Number(value.toPrecision(3))), x + (k * wide) / 2, y + 23 * ratio, size, wide / 3);
   });
   context.textAlign = "left";
-  write(context, bar.querySelector(".name").textContent, x, y + 40 * ratio, size, context.canvas.width / 2 - 24 * ratio);
+  writeText(context, bar.querySelector(".name").textContent, x, y + 40 * ratio, size, context.canvas.width / 2 - 24 * ratio);
 }
 
 // Names of the contours in a cut.
@@ -69,7 +69,7 @@ function paintLegend(context, left, y, ratio) {
     context.moveTo(x, y);
     context.lineTo(x + 24 * ratio, y);
     context.stroke();
-    write(context, name, x + 28 * ratio, y + 4 * ratio, 11 * ratio, 200 * ratio);
+    writeText(context, name, x + 28 * ratio, y + 4 * ratio, 11 * ratio, 200 * ratio);
     x += 44 * ratio + context.measureText(name).width;
   }
   context.setLineDash([]);

@@ -4,8 +4,10 @@ const cloud = {
   positions: unpackPositions(scene.points.positions),
   kinds: bytes(scene.points.kinds), // index into scene.points.names
   values: Object.fromEntries(Object.entries(scene.points.values).map(([key, data]) => [key, unpack(data)])),
-  residuals: scene.panels.map((panel) => unpack(panel.residuals)),
-  outliers: scene.panels.map((panel) => bytes(panel.outliers)),
+  residuals: scene.estimates.map((estimate) => unpack(estimate.residuals)),
+  beliefs: scene.estimates.map((estimate) => unpack(estimate.beliefs)),
+  outliers: scene.estimates.map((estimate) => bytes(estimate.outliers)),
+  rows: uint32(scene.points.rows), // of points.csv, from 0
 };
 const OUTLIER = [0.8, 0.2, 0.6];
 const SLAB = 3; // mm beside the cut within which points stay
@@ -26,11 +28,12 @@ function paintPoints(panel, settings) {
   const rows = { ball: [], cube: [], diamond: [] };
   for (let i = 0; i < cloud.kinds.length; i++) {
     const kind = scene.points.names[cloud.kinds[i]];
-    const outlier = cloud.outliers[panel.index][i] === 1;
+    const outlier = cloud.outliers[panel.estimate][i] === 1;
     if (!settings.kinds[kind] || !beside(i)) continue;
     if (outlier && !settings.kinds.outliers) continue;
     rows[outlier ? "diamond" : kind === "ablation" ? "cube" : "ball"].push(i);
   }
+  panel.rows = Object.values(rows).flat();
   panel.balls = Object.entries(rows).filter(([, list]) => list.length).map(([shape, list]) => instances(panel, settings, shape, list));
   panel.balls.forEach((mesh) => panel.world.add(mesh));
 }
@@ -58,7 +61,7 @@ function instances(panel, settings, shape, rows) {
 function pointColour(panel, { field, pointRange }, i) {
   const own = ownValues(field);
   if (own) return colourOf(field.map, own[i], ...shared.range.value);
-  return colourOf("points", cloud.residuals[panel.index][i], ...pointRange);
+  return colourOf("points", cloud.residuals[panel.estimate][i], ...pointRange);
 }
 
 // What the points themselves measured of a field; undefined where they did not.

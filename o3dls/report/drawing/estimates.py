@@ -1,0 +1,92 @@
+"""Every estimate as the viewer can show it: its surface, and what it makes of the points."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from ...arrays import Array
+from ...geometry.surface import Surface
+from ..subject import Subject
+from .charts import STYLES
+from .display import decimated, displayed
+from .fields import Field, known_fields
+from .packing import Json, coded, packed
+
+ALL_FACES = 40_000  # of the estimates together that are not shown at first
+FEWEST, MOST = 2_000, 10_000  # faces of one of them
+BELIEVED = 0.5  # weights below mark a point as outlier
+
+
+def all_surfaces(subject: Subject) -> dict[str, Surface]:
+    """The surface of every estimate, those not shown at first with fewer faces: the page must stay small."""
+    others = [name for name in subject.results if name not in subject.shown]
+    few = int(np.clip(ALL_FACES // max(len(others), 1), FEWEST, MOST))
+    return {
+        name: subject.surfaces[name] if name in subject.shown else _coarse(subject, name, few)
+        for name in subject.results
+    }
+
+
+def _coarse(subject: Subject, name: str, faces: int) -> Surface:
+    result = subject.results[name]
+    surface = decimated(result.estimate.surface, faces * 3 // 2, faces)
+    return displayed(surface, subject.case, *result.measured("cross_validated"))
+
+
+def all_fields(subject: Subject, surfaces: Mapping[str, Surface]) -> list[Field]:
+    """The fields of the estimates shown at first, in the order and with the ranges of the static pictures,
+    then those that only others have.
+    """
+    first = known_fields([surfaces[name] for name in subject.shown], subject.unit)
+    keys = {field.key for field in first}
+    every = known_fields(list(surfaces.values()), subject.unit)
+    return first + [field for field in every if field.key not in keys]
+
+
+def estimate_data(subject: Subject, name: str, surface: Surface, places: Mapping[str, int]) -> Json:
+    """One estimate but for its mesh, with the matrix that brings the packed prior into its own pose."""
+    result = subject.results[name]
+    matrix = result.estimate.T_map_prior @ np.linalg.inv(subject.last.estimate.T_map_prior)
+    ghosts = {
+        key: {"mesh": mesh, "matrix": matrix.ravel().tolist() if key == "prior" else None}
+        for key, mesh in places.items()
+    }
+    full, drawn = len(result.estimate.surface.faces), len(surface.faces)
+    return {
+        "name": name,
+        "ghosts": ghosts,
+        "caption": f"{full} faces, {drawn} drawn" if full > drawn else "",
+        "colour": f"--s{subject.style(name) % STYLES}",
+        "dash": [],
+        **_judged(subject, name),
+    }
+
+
+def _judged(subject: Subject, name: str) -> Json:
+    """Of every drawn point its distance to the estimate and its belief, where it has one; 1 where the
+    estimate took it for an outlier; and the types of points that it was fitted to.
+    """
+    belief = beliefs(subject, name)[subject.results[name].run.points.type != "landmark"]
+    return {
+        "residuals": packed(subject.results[name].point_distances),
+        "beliefs": packed(belief),
+        "outliers": coded((belief < BELIEVED).astype(np.uint8)),
+        "fitted": list(subject.results[name].fitted),
+    }
+
+
+def beliefs(subject: Subject, name: str) -> Array:
+    """Weight (n,) of each point of the case: how likely it touches the wall. NaN where it has none."""
+    result = subject.results[name]
+    weights = result.estimate.weights
+    kinds = result.run.points.type
+    found = np.full(len(kinds), np.nan)
+    choices: Sequence[tuple[str, ...]] = (("eam",), ("eam", "inside"))
+    for fitted in choices if weights is not None else ():
+        rows = np.flatnonzero(np.isin(kinds, fitted))
+        if weights is not None and len(weights) == len(rows):
+            found[rows] = weights
+            return found
+    return found
