@@ -1,8 +1,8 @@
 """Size and start of a report's page: python -m benchmarks.page_start [RUN] [--repeat 5]
 
 RUN is a finished run; without one the demo is made afresh. A page reports itself when it is ready, in ms
-since it was asked for. On a machine that does other work that is an upper bound, and the least of some visits comes
-nearest. WebGL is drawn by software, as on a machine without a graphics card.
+since it was asked for. On a machine that does other work that is an upper bound, and the least of some
+visits comes nearest. WebGL is drawn by software, as on a machine without a graphics card.
 """
 
 from __future__ import annotations

@@ -18,6 +18,7 @@ from scipy.spatial.transform import Rotation
 from o3dls.geometry.surface import Surface
 from o3dls.report.drawing import slides
 from o3dls.report.drawing.caption import made
+from o3dls.report.drawing.display import decimated
 from o3dls.report.drawing.fields import Field, colour_table, colours_of, known_fields, robust_range
 from o3dls.report.drawing.figures import drawable, plain_figure, png, shrunk
 from o3dls.report.drawing.raster import Canvas, View
@@ -126,6 +127,15 @@ def test_slice_of_a_sphere_is_its_circle() -> None:
     assert np.linalg.norm(segments[:, 1] - segments[:, 0], axis=1).sum() == pytest.approx(
         2 * np.pi * 16, rel=0.01
     )
+
+
+def test_labels_stay_labels_when_a_surface_is_decimated_for_display() -> None:
+    surface = sphere(20.0, 30)
+    region = np.where(surface.vertices[:, 0] > 0, 1.0, 32.0)
+    small = decimated(replace(surface, fields={"region": region, "force": region}), 400, 300)
+    assert len(small.faces) <= 300
+    assert set(np.unique(small.fields["region"])) == {1.0, 32.0}
+    assert len(np.unique(small.fields["force"])) > 2
 
 
 def test_slice_beside_a_surface_is_empty() -> None:
