@@ -68,7 +68,14 @@ def _opener() -> Callable[[str], bool] | None:
 def _opens(opener: Callable[[str], bool], address: str, wait: float) -> bool:
     """Whether the browser took the address; some answer only when they are closed."""
     answers: list[bool] = []
-    started = Thread(target=lambda: answers.append(opener(address)), daemon=True)
+
+    def ask() -> None:
+        try:
+            answers.append(opener(address))
+        except (OSError, webbrowser.Error):
+            answers.append(False)
+
+    started = Thread(target=ask, daemon=True)
     started.start()
     started.join(wait)
     return answers[0] if answers else started.is_alive()

@@ -40,6 +40,13 @@ class Opened:
         return self.answer
 
 
+class Broken(Opened):
+    """One that cannot be started."""
+
+    def open(self, address: str) -> bool:
+        raise OSError("no such program")
+
+
 def shown_by(one: object, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(browser, "has_display", lambda: True)
     monkeypatch.setattr(webbrowser, "get", lambda: one)
@@ -80,12 +87,13 @@ def test_what_is_no_run_is_refused_before_a_page_is_taken(tmp_path: Path) -> Non
         page_of(tmp_path)
 
 
-@pytest.mark.parametrize("why", ["refuses", "none", "text only"])
+@pytest.mark.parametrize("why", ["refuses", "fails", "none", "text only"])
 def test_where_no_browser_opens_it_is_said_what_to_do(
     why: str, run: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.delenv("BROWSER", raising=False)
-    shown_by(Opened(answer=False) if why == "refuses" else webbrowser.GenericBrowser("false"), monkeypatch)
+    kinds = {"refuses": Opened(answer=False), "fails": Broken()}
+    shown_by(kinds.get(why, webbrowser.GenericBrowser("false")), monkeypatch)
     if why == "none":
         monkeypatch.setattr(webbrowser, "get", _none)
     assert answer(["view", str(run)]) == 2
