@@ -11,10 +11,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from o3dls.pipeline.pipeline import Pipeline
+from o3dls.plugins.stage import Stage
 from o3dls.report.page import NOTICE
 from o3dls.report.writer import compare, write_report
 from tests.browser import Visit, chromium
-from tests.finished import NASTY, bulged_case, finished, finished_2d, renamed
+from tests.finished import NASTY, Icp, LevelSet, bulged_case, finished, finished_2d, renamed
 
 MOST_PAGES = 8
 PAGES = {"A4": 710, "Letter": 733}  # and pixels of their width between margins of 11 mm, 96 to the inch
@@ -34,12 +36,18 @@ def browser(launch: Callable[..., Any]) -> Any:
     return launch()
 
 
+def as_many_as_the_demo() -> list[Stage]:
+    """Six estimates with the prior's own, each with its trace, and every set of points."""
+    return [Icp(), LevelSet(as_="deform"), LevelSet(as_="topology"), LevelSet(as_="again"), LevelSet()]
+
+
 @pytest.fixture(scope="module")
 def reports(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     """Pages by kind of case: with truth, without, in 2D, and with names that are long and bad."""
     folder = tmp_path_factory.mktemp("print")
     runs = {
         "truth": finished(folder / "truth", folds=3),
+        "demo": Pipeline(as_many_as_the_demo(), folds=3).run(bulged_case()).write(folder / "demo"),
         "none": finished(folder / "none", replace(bulged_case(), truth=None), folds=3),
         "plane": finished_2d(folder / "plane"),
         "long": finished(folder / ("W" * 60), renamed(bulged_case(), f"{NASTY} {'W' * 80}")),
@@ -66,7 +74,7 @@ def texts(document: Any) -> list[str]:
 
 
 @pytest.mark.parametrize("size", PAGES)
-@pytest.mark.parametrize("kind", ["truth", "none", "plane"])
+@pytest.mark.parametrize("kind", ["truth", "demo", "none", "plane"])
 def test_a_page_of_summary_then_no_more_than_eight(
     browser: Any, reports: dict[str, Path], tmp_path: Path, kind: str, size: str
 ) -> None:
@@ -115,6 +123,32 @@ def test_the_picture_on_paper_says_what_it_is_and_goes_afterwards(visit: Visit) 
     assert np.abs(visit.picture(0) - before).mean() < 0.5
 
 
+def test_four_estimates_stand_in_two_rows_and_a_cut_has_its_legend(
+    browser: Any, reports: dict[str, Path], tmp_path: Path
+) -> None:
+    names = ["start", "icp", "deform", "level_set"]
+    page = write_report([reports["demo"].parent], tmp_path / "four.html", compare=names)
+    visit = Visit(browser, page)
+    size = "(({ width, height }) => [width, height])(document.getElementById('printed'))"
+    visit.page.evaluate(PRINT)
+    wide, high = visit.page.evaluate(size)
+    assert wide == 2 * 1200
+    assert high > 2 * 900
+    visit.page.evaluate(AFTER)
+    visit.page.select_option("#cut", label="axial (z)")
+    visit.page.select_option("#ghost", label="prior")
+    visit.page.evaluate(PRINT)
+    assert visit.page.evaluate(size)[1] > high
+    assert "ghost: prior" in (visit.page.locator("#printed").get_attribute("aria-label") or "")
+    visit.page.evaluate(AFTER)
+    for box in visit.page.locator("#shown input").all():
+        box.click()
+    visit.page.evaluate(PRINT)  # nothing is shown, so there is nothing to print
+    assert visit.page.locator("#printed").count() == 0
+    assert visit.errors == []
+    visit.page.close()
+
+
 def test_paper_is_white_where_the_screen_is_dark(browser: Any, reports: dict[str, Path]) -> None:
     visit = Visit(browser, reports["truth"], color_scheme="dark")
     corner = "document.getElementById('printed').getContext('2d').getImageData(0, 0, 1, 1).data"
@@ -135,6 +169,12 @@ BEYOND = """() => [...document.querySelectorAll('body *')]
     .map((one) => `${one.tagName}.${one.className}: ${one.textContent.slice(0, 40)}`)"""
 
 
+# of charts and scales: smaller than 6 pt (8 px) nobody reads them, larger than 12 pt they shout
+LETTERS = """() => [...document.querySelectorAll('svg text')].filter((one) => one.getClientRects().length)
+    .map((one) => [one.textContent, one.getScreenCTM().a * parseFloat(getComputedStyle(one).fontSize)])
+    .filter(([text, size]) => size > 0 && (size < 8 || size > 16))"""
+
+
 @pytest.mark.parametrize("size", PAGES)
 @pytest.mark.parametrize("kind", ["truth", "none", "plane", "long"])
 def test_nothing_is_clipped_at_the_right(
@@ -144,6 +184,7 @@ def test_nothing_is_clipped_at_the_right(
     visit.page.evaluate(PRINT)
     visit.page.emulate_media(media="print")
     assert visit.page.evaluate(BEYOND) == []
+    assert visit.page.evaluate(LETTERS) == []
     visit.page.close()
 
 
@@ -155,6 +196,7 @@ def test_a_cohort_is_not_clipped_either(
     visit = Visit(browser, page, wait=False, width=PAGES[size])
     visit.page.emulate_media(media="print")
     assert visit.page.evaluate(BEYOND) == []
+    assert visit.page.evaluate(LETTERS) == []
     visit.page.close()
 
 

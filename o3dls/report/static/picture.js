@@ -1,6 +1,7 @@
 // One picture of what the panels show, with case, view, date, version and scales: to save, and for paper.
 
 const PAPER = { width: 1200, height: 900, ratio: 3.2 }; // of a panel on half a page: some 300 dots per inch
+const SMALLER = 1.4; // are two rows of panels: their letters must not be
 const ROW_HEAD = 24, HEAD = 28, FOOT = 58, LEGEND = 20; // heights in pixels of a screen
 
 // The panels as they were drawn last, `ratio` pixels to one of the screen.
@@ -88,8 +89,9 @@ function savePicture() {
 function putOnPaper() {
   const { classList } = document.documentElement;
   classList.add("printing");
-  drawAll(() => PAPER);
-  const picture = composed(PAPER.ratio);
+  const ratio = PAPER.ratio * (panels.filter((panel) => panel.shown).length > 3 ? SMALLER : 1);
+  drawAll(() => ({ ...PAPER, ratio }));
+  const picture = composed(ratio);
   classList.remove("printing");
   drawAll();
   takeOffPaper();
