@@ -22,7 +22,7 @@ SIDES = {
 OPENINGS = (*VEINS, "LAA", "MA")
 REGIONS = (*SIDES, *OPENINGS)
 WORDS = {"LAA": "appendage", "MA": "mitral annulus"} | {name: f"ostium {name}" for name in VEINS}
-REACH = 10.0  # mm: a landmark's region is what lies within of it, and beyond it
+REACH, OPENS = 10.0, 0.5  # mm about a landmark, and as much more per mm beyond it: veins need not be straight
 LEFT, RIGHT = ("LSPV", "LIPV", "LCPV"), ("RSPV", "RMPV", "RIPV", "RCPV")
 
 
@@ -31,10 +31,10 @@ def regions(surface: Surface, axes: Array, landmarks: Mapping[str, Array]) -> In
     named, so that nothing says that it is one.
 
     axes (3, 3): unit directions to the patient's left, front and head; landmarks (3,) by name, all in the
-    frame of the surface, in mm. A vertex belongs to the nearest landmark within 10 mm of which it lies, or of
-    the half-line from it away from the chamber's middle: a vein's ostium and what follows it, the appendage,
-    the mitral annulus. All others belong to the side to which they lie farthest from the middle, in standard
-    deviations of the chamber along each axis.
+    frame of the surface, in mm. A vertex belongs to a landmark within 10 mm of which it lies, or of the
+    half-line from it away from the chamber's middle, and half a mm more per mm along that: a vein's ostium
+    and what follows it, the appendage, the mitral annulus. All others belong to the side to which they lie
+    farthest from the middle, in standard deviations of the chamber along each axis.
     """
     named = list(landmarks)
     places = {OPENINGS[j]: landmarks[named[i]] for i, j in partners(named, OPENINGS).items()}
@@ -60,7 +60,9 @@ def word(region: int) -> str:
 
 
 def _off(points: Array, at: Array, middle: Array) -> Array:
-    """Distance (n,) of points (n, 3) from a place and from the half-line from there away from the middle."""
+    """Distance (n,) of points (n, 3) from the half-line from a place away from the middle, less what it opens
+    by along it.
+    """
     out = (at - middle) / np.linalg.norm(at - middle)
     along = np.maximum((points - at) @ out, 0.0)
-    return np.asarray(np.linalg.norm(points - at - along[:, None] * out, axis=1))
+    return np.asarray(np.linalg.norm(points - at - along[:, None] * out, axis=1) - OPENS * along)

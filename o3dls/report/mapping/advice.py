@@ -48,9 +48,10 @@ class Located:
     def cells(self) -> list[str]:
         """The columns of `HEAD`."""
         one = self.place
-        errors = (one.near_before, one.near_after, one.before, one.after)
         at = ", ".join(f"{x:.1f}" for x in one.xyz)
-        return [at, self.where, f"{one.distance:.1f}", *(f"{error:.2f}" for error in errors)]
+        around = [f"{error:.2f}" for error in (one.near_before, one.near_after)]
+        wall = [f"{error:.3f}" for error in (one.before, one.after)]  # a single point changes little of it
+        return [at, self.where, f"{one.distance:.1f}", *around, *wall]
 
     def record(self) -> dict[str, Any]:
         """All of it, JSON-ready."""

@@ -1,0 +1,192 @@
+"""Where to map next, and regions: in the page, in its pictures, and on the command line."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from browser import Visit, chromium
+from click.testing import CliRunner, Result
+
+from o3dls import Deform, InputError, Pipeline
+from o3dls.cli.commands import cli
+from o3dls.report.drawing.scene import scene
+from o3dls.report.mapping.advice import shown_advice
+from o3dls.report.mapping.sections import next_section, region_section
+from o3dls.report.mapping.wall_regions import landmarks_in_map
+from o3dls.report.page import report_page
+from o3dls.report.subject import Subject, read_subject
+from tests.chamber import chamber, measured
+from tests.finished import bulged_case, finished, finished_2d
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A sparse map of a chamber that was stretched since it was imaged."""
+    case = measured(chamber(20), np.diag([1.0, 1.15, 0.95, 1.0]), 60, noise=1.0)
+    run = Pipeline([Deform()], folds=0).run(replace(case, frame="LPS"))
+    return run.write(tmp_path_factory.mktemp("runs") / "run")
+
+
+@pytest.fixture(scope="module")
+def subject(folder: Path) -> Subject:
+    return read_subject([folder])
+
+
+@pytest.fixture(scope="module")
+def without(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run whose motion has no joint posterior."""
+    return finished(tmp_path_factory.mktemp("runs") / "without")
+
+
+def said(*arguments: object) -> Result:
+    return CliRunner().invoke(cli, ["next", *map(str, arguments)])
+
+
+def test_the_section_has_a_row_for_each_number_in_the_pictures(subject: Subject) -> None:
+    section = next_section(subject)
+    found = shown_advice(subject)
+    assert section is not None
+    assert found is not None
+    assert 1 <= len(found.places) <= 3
+    numbers = re.findall(r'<th scope="row">(\d)</th>', section.body)
+    drawn = scene(subject)["next"]
+    assert numbers == [one["name"] for one in drawn]
+    assert [one["at"] for one in drawn] == [place.xyz.tolist() for place in found.places]
+    assert "no advice for a procedure" in section.body
+    assert 'id="next"' in report_page(subject)
+
+
+def test_without_a_posterior_there_is_no_advice(without: Path) -> None:
+    subject = read_subject([without])
+    assert next_section(subject) is None
+    assert scene(subject)["next"] == []
+    assert 'id="next"' not in report_page(subject)
+
+
+def test_the_table_of_regions_adds_up(subject: Subject) -> None:
+    section = region_section(subject)
+    assert section is not None
+    rows = re.findall(r"<tr><th scope=\"row\">(.*?)</th>(.*?)</tr>", section.body)
+    assert {"roof", "floor", "posterior", "ostium LSPV"} < {name for name, _ in rows}
+    cells = [re.findall(r"<td>(.*?)</td>", row) for _, row in rows]
+    assert sum(float(row[0]) for row in cells) == pytest.approx(100.0, abs=0.1 * len(rows))  # as written
+    assert sum(int(row[1]) for row in cells) == (subject.case.points.type == "eam").sum()
+
+
+def test_the_pictures_have_the_regions_as_whole_numbers(subject: Subject) -> None:
+    made = scene(subject)
+    field = next(one for one in made["fields"] if one["key"] == "region")
+    assert field["names"][4] == "roof"
+    assert not next(one for one in made["fields"] if one["key"] != "region")["names"]
+    assert "region" in made["meshes"][0]["fields"]
+    assert "region" not in subject.surfaces["deform"].fields  # nowhere but in the pictures
+
+
+def test_regions_need_three_dimensions_and_veins(tmp_path: Path) -> None:
+    assert region_section(read_subject([finished_2d(tmp_path / "flat")])) is None
+    case = bulged_case()
+    bare = replace(case, points=case.points.of("eam", "ablation"), prior_landmarks={})
+    assert region_section(read_subject([finished(tmp_path / "bare", bare)])) is None
+
+
+def test_landmarks_of_the_prior_alone_come_along(subject: Subject) -> None:
+    case = subject.case
+    prior = {**case.prior_landmarks, "LAA": case.prior.vertices[0]}
+    run = replace(subject.last.run, case=replace(case, prior_landmarks=prior))
+    last = replace(subject.last, run=run)
+    found = landmarks_in_map(replace(subject, results={**subject.results, subject.shown[-1]: last}))
+    # the surface is interpolated from the motion at its nodes: to a hundredth
+    assert np.allclose(found["LAA"], subject.last.estimate.surface.vertices[0], atol=0.05)
+    marks = case.points.of("landmark")
+    assert np.array_equal(found["LSPV"], marks.xyz[list(marks.columns["name"]).index("LSPV")])
+
+
+def test_the_command_prints_a_table(folder: Path) -> None:
+    done = said(folder, "--k", 2)
+    assert done.exit_code == 0, done.output
+    lines = done.output.splitlines()
+    assert "frame of the map: LPS" in lines[0]
+    assert lines[1].split()[0] == "place"
+    assert [line.split()[0] for line in lines[2:4]] == ["1", "2"]
+    assert " mm from " in lines[2]
+    assert "Research use only" in lines[-1]
+
+
+def test_the_command_prints_json(folder: Path, subject: Subject) -> None:
+    found = json.loads(said(folder, "--json").output)
+    assert (found["units"], found["frame"], found["estimate"]) == ("mm", "LPS", "deform")
+    first = found["places"][0]
+    vertex = subject.last.estimate.surface.vertices[first["vertex"]]
+    assert first["xyz"] == pytest.approx(vertex.tolist())
+    assert first["after"] < first["before"]
+    assert first["landmark"]
+
+
+def test_the_command_heeds_what_is_reachable(folder: Path, subject: Subject, tmp_path: Path) -> None:
+    left = subject.last.estimate.surface.vertices[:, 0] > 0
+    mask = tmp_path / "mask.csv"
+    mask.write_text("reachable\n" + "\n".join(map(str, left.astype(int))), encoding="utf-8")
+    found = json.loads(said(folder, "--json", "--reachable", mask).output)
+    assert found["places"]
+    assert all(place["xyz"][0] > 0 for place in found["places"])
+
+
+@pytest.mark.parametrize(
+    ("rows", "sentence"),
+    [
+        (lambda n: ["1"] * (n - 1), "the surface of deform has"),
+        (lambda n: ["0.5"] * n, "has 0.5: must be 0 or 1"),
+        (lambda n: ["0"] * n, "has no 1"),
+    ],
+)
+def test_a_mask_that_does_not_fit_is_refused(
+    folder: Path, subject: Subject, tmp_path: Path, rows: Any, sentence: str
+) -> None:
+    mask = tmp_path / "mask.csv"
+    n = len(subject.last.estimate.surface.vertices)
+    mask.write_text("reachable\n" + "\n".join(rows(n)), encoding="utf-8")
+    done = said(folder, "--reachable", mask)
+    assert isinstance(done.exception, InputError)
+    assert sentence in str(done.exception)
+
+
+def test_the_command_says_what_a_run_without_posterior_lacks(without: Path) -> None:
+    done = said(without)
+    assert isinstance(done.exception, InputError)
+    assert "run a pipeline with the stage 'deform'" in str(done.exception)
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    with chromium() as launch:
+        yield launch()
+
+
+def test_the_viewer_names_regions_and_takes_numbers_away(
+    browser: Any, subject: Subject, tmp_path: Path
+) -> None:
+    path = tmp_path / "report.html"
+    path.write_text(report_page(subject), encoding="utf-8")
+    visit = Visit(browser, path)
+    page = visit.page
+    with_numbers = page.locator("#panels").screenshot()
+    page.get_by_label("where to map next").uncheck()
+    visit.settle()
+    assert page.locator("#panels").screenshot() != with_numbers
+    assert page.locator("#region-names").inner_text() == ""
+    page.select_option("#field", "region")
+    names = page.locator("#region-names span").all_inner_texts()
+    assert names[0] == "lateral"
+    assert "ostium RIPV" in names
+    assert page.locator("#surface-bar").is_hidden()
+    page.select_option("#field", "sd_mm")
+    assert page.locator("#surface-bar").is_visible()
+    assert page.locator("#region-names span").count() == 0
+    assert not visit.errors
