@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from ..arrays import Array, Ints
+from ..arrays import TINY, Array, Ints
 from ..case import Case
 from ..errors import InputError
 from ..estimate import Estimate
@@ -79,14 +78,18 @@ class _Wall:
         """Weighted mean over the vertices, or a part of them; plain where that has no weight."""
         weights = self.weights if part is None else self.weights * part
         if weights.sum() == 0.0:
-            weights = part if part is not None else np.ones(len(values))
+            weights = np.ones(len(values)) if part is None else part.astype(np.float64)
         return float(weights @ values / weights.sum())
+
+    def expected(self, part: Mask | None = None) -> float:
+        """Mean error that is expected, of the wall or a part of it."""
+        return MEAN_OVER_SD * self.mean(self.sd_now, part)
 
     def gains(self, noise: float, believed: float) -> Array:
         """Share (m,) of the mean variance that a point at each place takes."""
         worth = np.bincount(self.of, self.weights * self.sd**2, len(self.first))
         taken = (worth / self.first) @ self.covariance**2 / (np.diag(self.covariance) + noise**2)
-        return np.asarray(believed * taken / (worth @ self.left))
+        return np.asarray(believed * taken / max(float(worth @ self.left), TINY))
 
     def measured(self, at: int, noise: float, believed: float) -> _Wall:
         """The wall that is expected after a point at a place: an outlier, which it may be, tells nothing."""
@@ -125,13 +128,13 @@ def suggest(
     weights = np.ones(n) if weights is None else _checked("weights", weights, n)
     at = estimate.motion(case.prior.vertices[modes.places])
     wall = _wall(case, estimate, modes, at, weights)
-    vertex = cKDTree(estimate.surface.vertices).query(at)[1]
+    vertex = np.asarray(cKDTree(estimate.surface.vertices).query(at)[1], dtype=np.int64)
     believed = 1.0 if estimate.weights is None else float(estimate.weights.mean())
     return _chosen(case, estimate, wall, vertex, reachable[vertex], k, believed)
 
 
-def _checked(name: str, values: Array, n: int) -> Array:
-    values = np.asarray(values, dtype=np.float64)
+def _checked(name: str, given: Array | Mask, n: int) -> Array:
+    values = np.asarray(given, dtype=np.float64)
     if values.shape != (n,):
         raise InputError(f"{name} has shape {values.shape}: the estimate's surface has {n} vertices")
     if not np.isfinite(values).all() or (values < 0.0).any() or not values.any():
@@ -142,13 +145,11 @@ def _checked(name: str, values: Array, n: int) -> Array:
 def _wall(case: Case, estimate: Estimate, modes: WallModes, at: Array, weights: Array) -> _Wall:
     surface = estimate.surface
     covariance = modes.modes @ modes.modes.T
-    first = np.diag(covariance).copy()
-    of = cKDTree(at).query(surface.vertices)[1]
+    first = np.maximum(np.diag(covariance), TINY)
+    of = np.asarray(cKDTree(at).query(surface.vertices)[1], dtype=np.int64)
     sd = np.asarray(surface.fields.get(f"sd_{case.units}", np.sqrt(first)[of]), dtype=np.float64)
-    each = surface.faces.shape[1]
-    area = np.bincount(surface.faces.ravel(), np.repeat(surface.face_areas / each, each), len(of))
     known = np.isfinite(sd)
-    return _Wall(covariance, first, of, np.where(known, sd, 0.0), weights * area * known)
+    return _Wall(covariance, first, of, np.where(known, sd, 0.0), weights * surface.vertex_areas * known)
 
 
 def _chosen(
@@ -159,7 +160,7 @@ def _chosen(
     at = surface.vertices[vertex]
     apart = APART * rms_radius(surface.vertices)
     points = estimate.corrected(case).points.of("eam").xyz
-    distance = cKDTree(points).query(at)[0] if len(points) else np.full(len(at), np.inf)
+    distance = np.asarray(cKDTree(points).query(at)[0]) if len(points) else np.full(len(at), np.inf)
     allowed = allowed & (distance > apart)
     allowed &= depth_in_tubes(at, surface.vertex_normals[vertex], surface.vertices) < apart
     sigma = estimate.sigma or 0.0
@@ -175,15 +176,18 @@ def _chosen(
             return Advice(tuple(found), ended)
         after = wall.measured(best, sigma, believed)
         near = np.linalg.norm(surface.vertices - at[best], axis=1) < AROUND / APART * apart
-        errors = (MEAN_OVER_SD * one for one in _means(wall, after, near))
-        found.append(Place(at[best], int(vertex[best]), float(distance[best]), *errors, float(gains[best])))
+        found.append(
+            Place(
+                xyz=at[best],
+                vertex=int(vertex[best]),
+                distance=float(distance[best]),
+                before=wall.expected(),
+                after=after.expected(),
+                near_before=wall.expected(near),
+                near_after=after.expected(near),
+                gain=float(gains[best]),
+            )
+        )
         allowed &= np.linalg.norm(at - at[best], axis=1) > apart
         wall = after
     return Advice(tuple(found))
-
-
-def _means(before: _Wall, after: _Wall, near: Mask) -> Iterator[float]:
-    """Mean deviations before and after, of the whole wall and of a part."""
-    for part in (None, near):
-        for wall in (before, after):
-            yield wall.mean(wall.sd_now, part)

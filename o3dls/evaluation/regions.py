@@ -40,10 +40,7 @@ def regions(surface: Surface, axes: Array, landmarks: Mapping[str, Array]) -> In
     places = {OPENINGS[j]: landmarks[named[i]] for i, j in partners(named, OPENINGS).items()}
     if not (places.keys() & set(LEFT) and places.keys() & set(RIGHT)):
         return None
-    each = surface.faces.shape[1]
-    area = np.bincount(
-        surface.faces.ravel(), np.repeat(surface.face_areas / each, each), len(surface.vertices)
-    )
+    area = surface.vertex_areas
     middle = area @ surface.vertices / area.sum()
     far = np.column_stack([_off(surface.vertices, at, middle) for at in places.values()])
     wall = far.min(axis=1) > REACH
@@ -51,7 +48,7 @@ def regions(surface: Surface, axes: Array, landmarks: Mapping[str, Array]) -> In
     spread = np.sqrt((area * wall) @ offset**2 / (area @ wall))
     sides = np.column_stack([sign * offset[:, k] / spread[k] for k, sign in SIDES.values()])
     opening = np.array([REGIONS.index(name) for name in places])[far.argmin(axis=1)]
-    return np.where(wall, sides.argmax(axis=1), opening)
+    return np.asarray(np.where(wall, sides.argmax(axis=1), opening), dtype=np.int64)
 
 
 def word(region: int) -> str:

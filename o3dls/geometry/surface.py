@@ -80,6 +80,12 @@ class Surface:
         np.add.at(total, self.faces.ravel(), np.repeat(self.face_area_vectors, self.dimension, axis=0))
         return np.asarray(total / np.maximum(np.linalg.norm(total, axis=1), 1e-300)[:, None])
 
+    @cached_property
+    def vertex_areas(self) -> Array:
+        """Each vertex's share (n,) of the area of its faces; the shares add up to the area."""
+        of_corner = np.repeat(self.face_areas / self.dimension, self.dimension)
+        return np.bincount(self.faces.ravel(), of_corner, len(self.vertices))
+
     @property
     def area(self) -> float:
         return float(self.face_areas.sum())

@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import Array
+from ..evaluation.next_places import MEAN_OVER_SD
 from ..geometry.surface import Surface
 from .drawing.display import TRUTH
 from .subject import Subject
 
-MEAN_OVER_SD = float(np.sqrt(2 / np.pi))  # of the absolute value of a normal variable
 DUE = (0.68, 0.95)  # share of normal errors within one and two standard deviations
 # errors of neighbours go together: a wall has some twenty independent ones, whose share within one standard
 # deviation scatters by .1; twice that is off
@@ -44,9 +44,7 @@ def expected_error(subject: Subject) -> Expected | None:
 
 def _mean(surface: Surface, sd: Array, part: NDArray[np.bool_]) -> float | None:
     """Expected absolute error on the vertices of a part, weighted by their area."""
-    area = np.bincount(
-        surface.faces.ravel(), np.repeat(surface.face_areas, surface.faces.shape[1]), len(sd)
-    ) * (part & np.isfinite(sd))
+    area = surface.vertex_areas * (part & np.isfinite(sd))
     return float(MEAN_OVER_SD * (area @ np.nan_to_num(sd)) / area.sum()) if area.sum() > 0 else None
 
 

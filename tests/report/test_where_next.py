@@ -14,7 +14,7 @@ import pytest
 from browser import Visit, chromium
 from click.testing import CliRunner, Result
 
-from o3dls import Deform, InputError, Pipeline
+from o3dls import Case, Deform, InputError, Pipeline, Points
 from o3dls.cli.commands import cli
 from o3dls.report.drawing.scene import scene
 from o3dls.report.mapping.advice import shown_advice
@@ -23,7 +23,10 @@ from o3dls.report.mapping.wall_regions import landmarks_in_map
 from o3dls.report.page import report_page
 from o3dls.report.subject import Subject, read_subject
 from tests.chamber import chamber, measured
+from tests.fields import body
 from tests.finished import bulged_case, finished, finished_2d
+
+SEED = 577_215
 
 
 @pytest.fixture(scope="module")
@@ -161,6 +164,21 @@ def test_the_command_says_what_a_run_without_posterior_lacks(without: Path) -> N
     done = said(without)
     assert isinstance(done.exception, InputError)
     assert "run a pipeline with the stage 'deform'" in str(done.exception)
+
+
+def test_an_outline_in_pixels_has_places_too(tmp_path: Path) -> None:
+    outline = body(2)
+    points = (outline.vertices * [1.15, 0.95])[:75:5]
+    points += np.random.default_rng(SEED).normal(size=points.shape)
+    case = Case("outline", outline, Points(points, np.full(len(points), "eam")), units="px")
+    folder = Pipeline([Deform()], folds=0).run(case).write(tmp_path / "run")
+    found = json.loads(said(folder, "--json").output)
+    assert found["units"] == "px"
+    assert len(found["places"][0]["xyz"]) == 2
+    section = next_section(read_subject([folder]))
+    assert section is not None
+    assert "Lengths in px" in section.body
+    assert "pictures" not in section.body  # which have no numbers in 2D
 
 
 @pytest.fixture(scope="module")

@@ -8,9 +8,8 @@ from scipy.spatial import cKDTree
 
 from ...arrays import Array, Ints
 from ...evaluation.interpolation import REACH
-from ...evaluation.next_places import Advice
+from ...evaluation.next_places import MEAN_OVER_SD, Advice
 from ...evaluation.regions import word
-from ..expected import MEAN_OVER_SD
 from ..markup import Child, Html, join, millimetres, table, tag
 from ..sections.section import Section
 from ..subject import SETS, Subject
@@ -18,7 +17,7 @@ from .advice import HEAD, located, shown_advice
 from .wall_regions import wall_regions
 
 MEANING = (
-    "The numbers in the pictures are places of the wall where one more mapping point would make the surface "
+    "are places of the wall where one more mapping point would make the surface "
     "surest, by the posterior of the motion, each with those before it in mind. This is what the prior, the "
     "points and their noise let expect, and not what will be found. The posterior does not know whether a "
     "catheter gets there, nor whether there is wall and no mitral valve. For research only, no advice for a "
@@ -31,17 +30,16 @@ def next_section(subject: Subject) -> Section | None:
     found = shown_advice(subject)
     if found is None:
         return None
-    ended = f"There are no more: {found.ended}." if found.places else f"None: {found.ended}."
-    parts = [tag("p", MEANING)]
-    if found.places:
-        parts.append(_places(subject, found))
-    if found.ended:
-        parts.append(tag("p", ended))
-    return Section("next", "Where to map next", join(*parts))
+    if not found.places:
+        return Section("next", "Where to map next", tag("p", f"No place is proposed: {found.ended}."))
+    these = "The numbers in the pictures" if subject.case.dimension == 3 else "These"
+    ended = tag("p", f"There are no more: {found.ended}.") if found.ended else None
+    body = join(tag("p", f"{these} {MEANING}"), _places(subject, found), ended)
+    return Section("next", "Where to map next", body)
 
 
 def _places(subject: Subject, found: Advice) -> Html:
-    rows = [[k + 1, *one.cells()] for k, one in enumerate(located(subject, found))]
+    rows: list[list[Child]] = [[k + 1, *one.cells()] for k, one in enumerate(located(subject, found))]
     note = (
         f"Lengths in {subject.unit}. Errors are mean distances that the posterior expects, around the place "
         "(0.4 rms radii: 10 mm of an atrium) and over the whole wall, without and with a point there."
@@ -57,7 +55,7 @@ def region_section(subject: Subject) -> Section | None:
         return None
     unit, group = subject.unit, subject.headline
     judged = SETS[group] if group else "no points"
-    head = [
+    head: list[Child] = [
         "region",
         "share of the area, %",
         "mapping points",
@@ -77,8 +75,7 @@ def region_section(subject: Subject) -> Section | None:
 
 def _rows(subject: Subject, of: Ints, group: str | None) -> list[list[Child]]:
     surface = subject.last.estimate.surface
-    each = surface.faces.shape[1]
-    area = np.bincount(surface.faces.ravel(), np.repeat(surface.face_areas / each, each), len(of))
+    area = surface.vertex_areas
     tree = cKDTree(surface.vertices)
     points = of[tree.query(subject.case.points.of("eam").xyz)[1]]
     xyz, gaps = subject.last.measured(group) if group else (np.zeros((0, 3)), np.zeros(0))

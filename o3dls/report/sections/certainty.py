@@ -9,9 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from ...evaluation.next_places import MEAN_OVER_SD
 from ..drawing.charts import STYLES, Series, axis_over, grouped, line_chart
 from ..drawing.display import TRUTH
-from ..expected import DUE, MEAN_OVER_SD, shares_within
+from ..expected import DUE, shares_within
 from ..markup import Child, Html, join, millimetres, table, tag
 from ..subject import Subject
 from .section import Section
