@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,8 @@ import pytest
 
 from o3dls.errors import InputError
 from o3dls.io.case_reader import read_case
+from o3dls.io.images.labels import surface_of
+from o3dls.io.images.voxels import Image
 from o3dls.io.meshes.registry import read_surface_file
 from o3dls.runs.conversion import convert
 
@@ -236,6 +239,29 @@ def test_a_grey_image_is_no_label_volume(tmp_path: Path) -> None:
         InputError, match=r"rather a grey image than a label volume: segment the chamber first"
     ):
         read_surface_file(tmp_path / "grey.nrrd")
+
+
+@pytest.mark.parametrize("kind", ["int16", "float32"])
+def test_a_grey_image_is_refused_by_a_few_of_its_slices(kind: str) -> None:
+    """It is not copied and sorted as a whole: that took several times its memory."""
+    image = np.random.default_rng(3).integers(0, 4000, (120, 160, 160)).astype(kind)
+    tracemalloc.start()
+    try:
+        with pytest.raises(InputError, match="more than 1000 different values; it is an image"):
+            surface_of(Image(image, np.eye(4)), "grey.nii")
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak < image.nbytes / 4
+
+
+def test_labels_stored_as_floats_are_labels_and_what_is_not_finite_is_none() -> None:
+    values = np.pad(np.full((6, 6, 6), 3.0), 2)
+    assert surface_of(Image(values, np.eye(4)), "a.nii").metadata["label"] == 3
+    for wrong in (np.nan, np.inf, 0.5, -1e12):
+        values[0, 0, 0] = wrong
+        with pytest.raises(InputError, match="no whole numbers; it is an image"):
+            surface_of(Image(values, np.eye(4)), "a.nii")
 
 
 def test_nrrd_units_become_millimetres_and_unknown_ones_are_refused(tmp_path: Path) -> None:

@@ -20,6 +20,7 @@ from .wall import mask_surface, slices_first
 
 __all__ = ["knows", "read"]
 MANY_LABELS = 200  # in one volume: an atlas of the whole body has some hundred
+MOST_LABELS = 1000  # more are no labels, whatever is said of them
 Box = tuple[float, float, float, float, float, float]
 
 
@@ -135,18 +136,29 @@ def _hint(segments: Mapping[str, Any], option: str) -> str:
 
 
 def _labels(path: str, values: NDArray[Any]) -> list[int]:
-    """Labels other than 0. Raises InputError for an image of grey values."""
-    whole = (
-        values if values.dtype.kind in "iu" else np.where(np.abs(values) < 1e9, values, 0.5).astype(np.int64)
-    )
-    if (whole != values).any():
+    """Labels other than 0. Raises InputError for an image of grey values.
+
+    Slice by slice from the middle, where a grey image shows what it is: it may be large, and is not copied.
+    """
+    middle = len(values) // 2
+    found: set[int] = set()
+    for k in sorted(range(len(values)), key=lambda k: abs(k - middle)):
+        found |= _whole(path, values[k])
+        if len(found) > MOST_LABELS:
+            raise InputError(
+                f"{path}: holds more than {MOST_LABELS} different values; it is an image, not a label volume"
+            )
+    return sorted(found - {0})
+
+
+def _whole(path: str, values: NDArray[Any]) -> set[int]:
+    """The different values of a slice. Raises InputError where one is no whole number."""
+    found = np.unique(values)
+    if found.dtype.kind == "f" and not ((found == np.round(found)) & (np.abs(found) < 1e9)).all():
         raise InputError(
             f"{path}: holds values that are no whole numbers; it is an image, not a label volume"
         )
-    found = np.unique(whole)
-    if len(found) > 1000:
-        raise InputError(f"{path}: holds {len(found)} different values; it is an image, not a label volume")
-    return [int(value) for value in found if value != 0]
+    return {int(value) for value in found}
 
 
 def _inside(shape: tuple[int, ...], affine: Array, box: Box) -> NDArray[np.bool_]:
