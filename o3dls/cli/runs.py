@@ -159,12 +159,14 @@ def batch(
     from ..pipeline.batch import run_cohort
     from ..pipeline.file import default_pipeline, read_pipeline
     from ..report.writer import write_cohort
+    from ..runs.run import plain
 
     plan = read_pipeline(pipeline, settings) if pipeline else default_pipeline(settings)
     outcomes = run_cohort(cases, plan, out, jobs=jobs, trim=not pipeline, force=force)
     page = write_cohort(outcomes, out)
     if as_json:
-        say_json({"table": str(out / "cohort.csv"), "page": str(page), "cases": list(map(asdict, outcomes))})
+        found = {"table": str(out / "cohort.csv"), "page": str(page), "cases": list(map(asdict, outcomes))}
+        say_json(plain(found))
     else:
         for outcome in outcomes:
             say(outcome)
@@ -182,7 +184,7 @@ def batch(
     required=True,
     help="folder to make: index.html, index.md, figures, and the numbers behind them",
 )
-@click.option("--quick", is_flag=True, help="few seeds and levels: a minute instead of a quarter of an hour")
+@click.option("--quick", is_flag=True, help="few seeds and levels: one minute instead of three")
 @click.option("--force", is_flag=True, help="replace an earlier page in the same folder")
 def paper(out: Path, quick: bool, force: bool) -> None:
     """Compute the paper's experiments and the questions it left open, with fixed seeds, and write one page
