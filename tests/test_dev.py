@@ -75,7 +75,9 @@ def test_a_script_beside_a_clone_named_o3dls_finds_the_package(clone: Path) -> N
         shutil.copytree(ROOT / name, clone / name, ignore=shutil.ignore_patterns("__pycache__"))
     (clone / "README.md").touch()
     (clone / "LICENSE").touch()
-    assert dev(clone, "setup").returncode == 0
+    done = dev(clone, "setup")
+    assert done.returncode == 0
+    assert ". .venv/bin/activate" in done.stderr
     build = "from setuptools.build_meta import build_editable as build; print(build('out'))"
     made = subprocess.run(
         [sys.executable, "-c", build], cwd=clone, capture_output=True, text=True, check=True

@@ -11,7 +11,10 @@ import sys
 from pathlib import Path
 
 import pytest
+from click.testing import CliRunner
 from conftest import ROOT
+
+from o3dls.cli.commands import cli
 
 BLOCK = re.compile(
     r"(?P<spared><!-- not run: [^\n]+ -->\n)?```(?P<language>\w+)\n(?P<code>.*?)```", re.DOTALL
@@ -60,3 +63,15 @@ def test_the_environment_is_activated_before_any_other_block() -> None:
     _, second, *others = BLOCK.finditer(README)
     assert ". .venv/bin/activate" in second["code"]
     assert any(block["language"] == "python" for block in others)
+
+
+def test_one_time_is_said_of_the_experiments_of_the_paper() -> None:
+    help_text = CliRunner().invoke(cli, ["paper", "--help"]).output
+    assert "one minute instead of three" in " ".join(help_text.split())
+    section = README.partition("## The paper's experiments")[2].partition("\n## ")[0]
+    assert set(re.findall(r"(\w+) minutes?\b", section)) == {"three"}
+
+
+def test_which_paper_this_is_is_said_once() -> None:
+    pages = [README, *(path.read_text(encoding="utf-8") for path in (ROOT / "docs").glob("*.md"))]
+    assert sum(page.count("without title and authors") for page in pages) == 1
