@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Callable
 from typing import Any
 
 import click
@@ -17,7 +18,7 @@ def progress(command: Any) -> Any:
         "--quiet",
         is_flag=True,
         expose_value=False,
-        callback=lambda _, __, wanted: wanted and _least(logging.WARNING),
+        callback=_from(logging.WARNING),
         help="of the progress only warnings",
     )
     verbose = click.option(
@@ -25,15 +26,22 @@ def progress(command: Any) -> Any:
         "--verbose",
         is_flag=True,
         expose_value=False,
-        callback=lambda _, __, wanted: wanted and _least(logging.DEBUG),
+        callback=_from(logging.DEBUG),
         help="also the parameters of each stage, and each fit of the cross-validation",
     )
     return quiet(verbose(command))
 
 
-def _least(level: int) -> None:
-    """Print the log's lines from a level on; the log itself may be listened to for more."""
-    log = logging.getLogger("o3dls")
-    log.setLevel(min(log.level, level))
-    for handler in logging.getLogger().handlers:
-        handler.setLevel(level)
+def _from(level: int) -> Callable[[click.Context, click.Parameter, bool], None]:
+    """Where the option is given: print the log's lines from a level on. The log itself may be listened to for
+    more.
+    """
+
+    def heed(_: click.Context, __: click.Parameter, given: bool) -> None:
+        if given:
+            log = logging.getLogger("o3dls")
+            log.setLevel(min(log.level, level))
+            for handler in logging.getLogger().handlers:
+                handler.setLevel(level)
+
+    return heed
