@@ -126,3 +126,15 @@ class Visit:
         self.page.evaluate(
             "() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))"
         )
+
+
+def violations(visit: Visit) -> list[str]:
+    """What axe-core finds wrong on the page as it stands: rule, help and the element; skipped with a reason
+    where axe is not installed.
+    """
+    axe = pytest.importorskip(
+        "axe_playwright_python.sync_playwright",
+        reason="axe-playwright-python is not installed: accessibility is not tested",
+    )
+    found = axe.Axe().run(visit.page).response["violations"]
+    return [f"{one['id']}: {one['help']}: {node['html']}" for one in found for node in one["nodes"]]

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from ..io.atomic import write_file
 from ..report.document import document
-from ..report.markup import join
+from ..report.markup import tag
 from . import atrium, formulation, noise, real, related, temporal
 from .blocks import Block, Command, Figure, Heading, Text
 from .claims import claims
@@ -35,7 +35,7 @@ def write_page(results: Results, folder: Path) -> Path:
             write_file(folder / block.file, block.png)
     texts = {
         "index.md": "\n\n".join(block.markdown() for block in blocks) + "\n",
-        "index.html": document(TITLE, STYLE, join(*(block.html() for block in blocks))),
+        "index.html": document(TITLE, STYLE, tag("main", *(block.html() for block in blocks))),
     }
     for name, text in texts.items():
         write_file(folder / name, text)

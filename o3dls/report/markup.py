@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Sequence
-from html import escape
+from html import escape, unescape
 from typing import Any
 
 LINKS = ("href", "src")
@@ -66,15 +66,19 @@ def data_block(identifier: str, value: Any) -> Html:
 
 def table(head: Sequence[Child], rows: Sequence[Sequence[Child]], caption: str = "") -> Html:
     """A table whose first column is text and whose others are numbers; it scrolls by itself where the page is
-    narrow.
+    narrow, and its name for screen readers is the caption, or what the heading of its first column says.
     """
     top = tag("tr", *(tag("th", cell, scope="col") for cell in head))
     body = [tag("tr", tag("th", row[0], scope="row"), *(tag("td", cell) for cell in row[1:])) for row in rows]
     whole = tag("table", tag("thead", top), tag("tbody", *body))
     said = tag("p", caption, class_="soft") if caption else None
-    return join(
-        said, tag("div", whole, class_="scroll", tabindex="0", role="region", aria_label=caption or "table")
-    )
+    name = caption or f"Table: {_words(head[0])}"
+    return join(said, tag("div", whole, class_="scroll", tabindex="0", role="group", aria_label=name))
+
+
+def _words(cell: Child) -> str:
+    text = unescape(re.sub("<[^>]*>", " ", cell)) if isinstance(cell, Html) else str(cell)
+    return " ".join(text.split())
 
 
 def signed(value: float, digits: int = 2) -> str:

@@ -23,7 +23,7 @@ from o3dls.paper.reconstruction import alpha_shape, minimal_surface, poisson, ta
 from o3dls.paper.results import RESULTS
 from o3dls.paper.segment import segmented, threshold
 from o3dls.report.palette import LIGHT, colour_of
-from tests.browser import Visit, chromium
+from tests.browser import Visit, chromium, violations
 
 
 @pytest.fixture(scope="module")
@@ -41,6 +41,16 @@ def quick_page(out: Path) -> Path:
     assert done.stdout.strip() == str(out / "index.html")
     assert "1 of " in done.stderr, "progress goes to stderr"
     return out
+
+
+def test_axe_finds_nothing_wrong(page: Path) -> None:
+    with chromium() as launch:
+        browser = launch(webgl=False)
+        for width in (1440, 390):
+            for scheme in ("light", "dark"):
+                visit = Visit(browser, page / "index.html", wait=False, width=width, color_scheme=scheme)
+                assert violations(visit) == []
+                visit.page.close()
 
 
 def test_a_quick_page_has_every_section_and_says_what_is_left_out(page: Path) -> None:

@@ -14,7 +14,7 @@ from test_cohort import THRICE, entry
 from test_report_page import CONTRASTS
 
 from o3dls.report.cohort.page import cohort_page
-from tests.browser import Visit, chromium
+from tests.browser import Visit, chromium, violations
 
 LONG = "a_case_whose_name_is_as_long_as_those_that_a_hospital_gives_" * 2
 READABLE = 4.5  # contrast of text, WCAG 2 level AA
@@ -137,4 +137,12 @@ def test_words_stand_out_in_light_and_dark(scheme: str, browser: Any, page: Path
     found = visit.page.evaluate(CONTRASTS)
     assert len(found) > 50
     assert [one for one in found if one[1] < READABLE] == []
+    visit.page.close()
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("width", [1440, 390])
+def test_axe_finds_nothing_wrong(width: int, scheme: str, browser: Any, page: Path) -> None:
+    visit = Visit(browser, page, wait=False, width=width, color_scheme=scheme)
+    assert violations(visit) == []
     visit.page.close()

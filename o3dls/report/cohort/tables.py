@@ -54,7 +54,7 @@ def sortable(
     )
     return join(  # a caption would scroll with its table
         tag("p", caption, class_="soft", id=said),
-        tag("div", whole, class_="scroll", tabindex="0", role="region", aria_labelledby=said),
+        tag("div", whole, class_="scroll", tabindex="0", role="group", aria_labelledby=said),
     )
 
 

@@ -76,7 +76,7 @@ def _seconds(subject: Subject) -> Html:
     for folder, record in zip(subject.folders, subject.records, strict=True):
         label = f"{folder.name}, whole run" if len(subject.records) > 1 else "whole run, with scoring"
         rows.append([label, f"{record['seconds']:.2f}", None, None])
-    return table(["", "seconds", "iterations", "share"], rows)
+    return table(["estimate", "seconds", "iterations", "share"], rows)
 
 
 def _bar(result: Result, results: Sequence[Result]) -> Html:

@@ -114,7 +114,7 @@ def landmark_section(subject: Subject) -> Section | None:
     ]
     rows += [[f"{name}, leave-one-out", *errors] for name, errors in _left_out(subject, names)]
     caption = f"Distance, {subject.unit}, from each landmark of the map to its partner on the moved prior."
-    return Section("landmarks", "Landmarks", table(["", *names], rows, caption))
+    return Section("landmarks", "Landmarks", table(["estimate", *names], rows, caption))
 
 
 def _errors(result: Result, unit: str) -> list[Child]:

@@ -128,7 +128,9 @@ def validity_section(subject: Subject) -> Section:
         for result in results
     ]
     return Section(
-        "validity", "Validity of the surfaces", table(["", *(_words(key) for key in keys), "verdict"], rows)
+        "validity",
+        "Validity of the surfaces",
+        table(["estimate", *(_words(key) for key in keys), "verdict"], rows),
     )
 
 
