@@ -4,15 +4,15 @@ in colour.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
 from ..evaluation.interpolation import REACH
 from .expected import DUE, OFF, expected_error, shares_within
-from .markup import Html, signed, tag
+from .markup import signed
 from .subject import Subject
-from .wall_parts import MAPPED, PRIOR_ONLY, compared, wall_parts
+from .wall_parts import MAPPED, PRIOR_ONLY, Part, compared, wall_parts
 
 Grade = Literal["good", "amber", "bad", "none"]
 WORDS: Mapping[Grade, str] = {"good": "OK", "amber": "CHECK", "bad": "FAIL", "none": "NO DATA"}
@@ -24,11 +24,12 @@ HALF = 0.5  # of the wall without points: the result is more prior than map
 
 @dataclass(frozen=True)
 class Check:
-    """One entry of the strip: what is looked at, how it came out, and why."""
+    """One entry of the strip: what is looked at, how it came out, and why in a sentence and in short."""
 
     name: str
     grade: Grade
     said: str
+    short: str = ""
 
 
 def checks(subject: Subject) -> list[Check]:
@@ -46,36 +47,25 @@ def checks(subject: Subject) -> list[Check]:
     ]
 
 
-def strip(subject: Subject) -> Html:
-    """The entries side by side; the grade stands there as a word, so no colour is needed to read it."""
-    items = (
-        tag(
-            "li",
-            tag("b", one.name),
-            tag("span", WORDS[one.grade], class_="grade"),
-            tag("span", one.said),
-            class_=one.grade,
-        )
-        for one in checks(subject)
-    )
-    return tag("ul", *items, class_="strip", aria_label=f"Quality of the fused surface, {subject.last.name}")
-
-
 def _valid(subject: Subject) -> Check:
     faults = subject.last.run.faults_of(subject.last.key)
     if faults:
-        return Check("Valid surface", "bad", "not valid: " + "; ".join(faults))
+        return Check("Valid surface", "bad", "not valid: " + "; ".join(faults), _counted(faults, "fault"))
     kind = "self-intersections" if subject.case.dimension == 2 else "holes or folds"
-    return Check("Valid surface", "good", f"valid: no new {kind}")
+    return Check("Valid surface", "good", f"valid: no new {kind}", "valid")
+
+
+def _counted(found: Sequence[str], word: str) -> str:
+    return f"{len(found)} {word}{'' if len(found) == 1 else 's'}"
 
 
 def _converged(subject: Subject) -> Check:
     run, last = subject.last.run, subject.last.key
     not_yet = [name for name, estimate in run.estimates.items() if not estimate.converged]
     if not not_yet:
-        return Check("Converged", "good", "all stages converged")
+        return Check("Converged", "good", "all stages converged", "all stages")
     grade: Grade = "bad" if last in not_yet else "amber"
-    return Check("Converged", grade, f"not converged: {', '.join(not_yet)}")
+    return Check("Converged", grade, f"not converged: {', '.join(not_yet)}", _counted(not_yet, "stage"))
 
 
 def _expected(subject: Subject) -> Check:
@@ -85,7 +75,7 @@ def _expected(subject: Subject) -> Check:
     parts = ((MAPPED, found.mapped), (PRIOR_ONLY, found.prior_only))
     apart = "; ".join(f"{name}: {value:.2f} {subject.unit}" for name, value in parts if value is not None)
     said = f"mean {found.all:.2f} {subject.unit}, from the posterior ({apart})"
-    return Check("Expected error", "good", said)
+    return Check("Expected error", "good", said, f"{found.all:.2f} {subject.unit}")
 
 
 def _calibrated(subject: Subject) -> Check:
@@ -96,9 +86,10 @@ def _calibrated(subject: Subject) -> Check:
     off = found[0] - DUE[0]
     said = f"{found[0]:.0%} of the surface is within one standard deviation of the truth"
     said = f"{said} ({DUE[0]:.0%} expected)"
+    short = f"{found[0]:.0%} within 1 SD"
     if abs(off) <= OFF:
-        return Check("Calibration", "good", said)
-    return Check("Calibration", "amber", f"{said}: {'too cautious' if off > 0 else 'too confident'}")
+        return Check("Calibration", "good", said, short)
+    return Check("Calibration", "amber", f"{said}: {'too cautious' if off > 0 else 'too confident'}", short)
 
 
 def _against_baseline(subject: Subject) -> Check:
@@ -108,7 +99,17 @@ def _against_baseline(subject: Subject) -> Check:
     if not parts:
         return Check(name, "none", "no points left out, or no baseline")
     said = "; ".join(f"{one.name}: {compared(one, subject.unit)}" for one in parts)
-    return Check(name, "amber" if any(one.worse for one in parts) else "good", said)
+    return Check(
+        name, "amber" if any(one.worse for one in parts) else "good", said, _worst(parts, subject.unit)
+    )
+
+
+def _worst(parts: Sequence[Part], unit: str) -> str:
+    """Of the part on which the last estimate does least well, so that a gain on the other hides nothing."""
+    least = max((one.gain for one in parts if one.gain), key=lambda gain: gain.mean)
+    if not least.clear:
+        return "no clear difference"
+    return f"{'closer' if least.mean < 0 else 'farther'} by {abs(least.mean):.2f} {unit}"
 
 
 def _landmarks(subject: Subject) -> Check:
@@ -125,7 +126,7 @@ def _landmarks(subject: Subject) -> Check:
     worst = max(errors, key=lambda mark: errors[mark])
     far = unit == "mm" and errors[worst] > FAR_LANDMARK
     said = f"worst: {worst}, {errors[worst]:.1f} {unit}" + (f" (above {FAR_LANDMARK:g} mm)" if far else "")
-    return Check(name, "amber" if far else "good", said)
+    return Check(name, "amber" if far else "good", said, f"{worst}, {errors[worst]:.1f} {unit}")
 
 
 def _outliers(subject: Subject) -> Check:
@@ -134,7 +135,9 @@ def _outliers(subject: Subject) -> Check:
     if found is None:
         return Check("Share of outliers", "none", "no stage looked for outliers")
     many = found > MANY_OUTLIERS
-    return Check("Share of outliers", "amber" if many else "good", f"{found:.0%} of the points")
+    return Check(
+        "Share of outliers", "amber" if many else "good", f"{found:.0%} of the points", f"{found:.0%}"
+    )
 
 
 def _last_fact(subject: Subject, key: str) -> Any:
@@ -148,7 +151,7 @@ def _prior_only(subject: Subject) -> Check:
     if share is None:
         return Check(name, "none", "is measured on surfaces in 3D")
     said = f"{share:.0%} of the surface is farther than {REACH:g} {subject.unit} from every fitted point"
-    return Check(name, "amber" if share > HALF else "good", said)
+    return Check(name, "amber" if share > HALF else "good", said, f"{share:.0%}")
 
 
 def _volume(subject: Subject) -> Check:
@@ -157,4 +160,5 @@ def _volume(subject: Subject) -> Check:
     if change is None:
         return Check(name, "none", "an open surface has no volume")
     large = abs(change) >= LARGE_CHANGE
-    return Check(name, "amber" if large else "good", f"{signed(100 * change, 0)} % against the prior")
+    short = f"{signed(100 * change, 0)} %"
+    return Check(name, "amber" if large else "good", f"{short} against the prior", short)

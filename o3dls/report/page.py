@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 from .. import __version__
-from .checks import strip
+from .checks import checks
+from .contents import contents
 from .document import document
 from .markup import Html, join, tag
 from .page_parts import asset, viewer_code
 from .palette import variables
 from .sections.methods import AUTHORS, RELEASED
 from .sections.order import SECTIONS
-from .sections.section import Section, plugin_sections
+from .sections.section import plugin_sections
+from .strip import overall, strip
 from .subject import Subject
-from .verdict import verdict, warnings
-from .wall_parts import parts_table
+from .verdict import warnings
 
 NOTICE = "Research use only. Not for clinical use."
 
@@ -25,19 +24,21 @@ def report_page(subject: Subject) -> str:
     found = [section for make in (*SECTIONS, *plugin_sections()) if (section := make(subject))]
     return page(
         f"{subject.case.name}: {subject.last.name}",
-        join(_head(subject), _links(found), *(section.html() for section in found)),
+        join(_head(subject), *(section.html() for section in found)),
+        links=contents(found),
     )
 
 
-def page(title: str, body: Html, *scripts: str) -> str:
-    """A complete HTML document with the styles and the notice that every page of ours carries, and with these
-    files of scripts.
+def page(title: str, body: Html, *scripts: str, links: Html | None = None) -> str:
+    """A complete HTML document with the styles and the notice that every page of ours carries, with these
+    files of scripts, and with links to its sections beside it.
     """
-    script = "\n".join(['"use strict";', *map(asset, ("page.js", *scripts))])
+    script = "\n".join(['"use strict";', *map(asset, ("page.js", "layout.js", *scripts))])
     maker = f"Made by o3dls {__version__} ({AUTHORS}, {RELEASED[:4]}), an open research tool. {NOTICE}"
     footer = tag("footer", tag("p", maker))
-    whole = join(tag("main", body), footer, tag("script", Html(script)))
-    style = variables() + asset("report.css") + asset("print.css")
+    style = variables() + asset("report.css") + asset("layout.css") + asset("print.css")
+    columns = tag("div", links, tag("main", body), class_="columns" if links else None)
+    whole = join(columns, footer, tag("script", Html(script)))
     return document(title, style, whole, [script, *viewer_code()])
 
 
@@ -48,29 +49,22 @@ def _head(subject: Subject) -> Html:
     )
     names = {"start": "before registration"}
     steps = " → ".join(names.get(key, key) for key in subject.last.run.estimates)
-    said = warnings(subject)
+    found = checks(subject)
+    line = (
+        f"{subject.date}. {steps}. Fused surface: {subject.last.name}. Points: {kinds}. "
+        f"Prior: {len(case.prior.faces)} faces."
+    )
+    more = tag(
+        "details",
+        tag("summary", "Checks, run and points"),
+        strip(found, subject.last.name),
+        tag("p", line, class_="soft"),
+        class_="folds",
+        open=True,
+    )
     return tag(
         "header",
-        tag("h1", case.name),
-        tag(
-            "p",
-            f"{subject.date}. {steps}. Fused surface: {subject.last.name}. Points: {kinds}. "
-            f"Prior: {len(case.prior.faces)} faces.",
-            class_="soft",
-        ),
-        tag("p", NOTICE, class_="notice"),
-        strip(subject),
-        tag("p", verdict(subject), class_="verdict"),
-        parts_table(subject),
-        tag("ul", *(tag("li", text) for text in said), class_="warnings", aria_label="Warnings")
-        if said
-        else None,
-    )
-
-
-def _links(sections: Sequence[Section]) -> Html:
-    return tag(
-        "nav",
-        *(tag("a", section.title, href=f"#{section.anchor}") for section in sections),
-        aria_label="Sections",
+        tag("div", tag("h1", case.name), tag("p", NOTICE, class_="notice"), class_="title"),
+        overall(found, warnings(subject)),
+        more,
     )

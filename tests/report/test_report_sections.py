@@ -47,6 +47,7 @@ def test_sections_with_data_are_there(run: Path) -> None:
     found = anchors(write_report([run]))
     wanted = [
         "pictures",
+        "outcome",
         "scores",
         "contributions",
         "paired",

@@ -16,6 +16,7 @@ from .course import course_section
 from .cross_sections import slice_section
 from .electrical import electrical_section
 from .methods import methods_section
+from .outcome import outcome_section
 from .outlines import outline_section
 from .paired import landmark_section, paired_section
 from .provenance import made_section
@@ -51,8 +52,9 @@ def picture_section(subject: Subject) -> Section | None:
 
 SECTIONS: tuple[Maker, ...] = (
     picture_section,
-    next_section,
     outline_section,
+    outcome_section,
+    next_section,
     score_section,
     contribution_section,
     paired_section,

@@ -1,0 +1,148 @@
+"""Where things stand on a page: the first screen, the contents, tables and what axe-core says of it all."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from o3dls.report.writer import write_report
+from tests.browser import Visit, chromium, violations
+from tests.finished import finished, finished_2d
+
+WIDE, TABLET, PHONE = (1440, 900), (768, 1024), (390, 844)
+NARROW_HEADS = "nav.contents summary"
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    with chromium() as launch:
+        yield launch()
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run with a check that is amber, one that is red, and warnings."""
+    folder = finished(tmp_path_factory.mktemp("layout") / "run")
+    record = json.loads((folder / "run.json").read_text())
+    record["estimates"]["icp"]["facts"]["landmarks"] = {"LSPV": {"leave_one_out": 11.0}}
+    (folder / "run.json").write_text(json.dumps(record))
+    return write_report([folder])
+
+
+@pytest.fixture(scope="module")
+def flat(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_report([finished_2d(tmp_path_factory.mktemp("flat") / "run")])
+
+
+def opened(browser: Any, page: Path, size: tuple[int, int], **options: Any) -> Visit:
+    wait = 'id="viewer"' in page.read_text(encoding="utf-8")
+    return Visit(browser, page, width=size[0], height=size[1], wait=wait, **options)
+
+
+def shown(visit: Visit, selector: str) -> list[float]:
+    """The share of the height of each element that the window shows."""
+    return list(
+        visit.page.evaluate(
+            """(selector) => [...document.querySelectorAll(selector)].map((one) => {
+                const { top, bottom, height } = one.getBoundingClientRect();
+                return Math.max(0, Math.min(bottom, innerHeight) - Math.max(top, 0)) / height;
+            })""",
+            selector,
+        )
+    )
+
+
+@pytest.mark.parametrize(("size", "pictures"), [(WIDE, [0.6, 0.6]), (PHONE, [0.4])])
+def test_pictures_and_verdict_are_in_the_first_screen(
+    browser: Any, report: Path, size: tuple[int, int], pictures: list[float]
+) -> None:
+    visit = opened(browser, report, size)
+    seen = shown(visit, "#panels canvas")
+    assert all(share >= least for share, least in zip(seen, pictures, strict=False)), seen
+    for what in ("h1", ".notice", ".overall", *([".strip li"] if size == WIDE else [])):
+        assert min(shown(visit, what)) == 1, what
+    said = visit.page.locator(".overall").inner_text()
+    assert said.startswith("FAIL Converged: 1 stage; ")  # the red before the amber
+    assert "; Landmarks, leave-one-out: LSPV, 11.0 mm." in said
+    assert "2 warnings: level_set did not converge" in said
+    assert visit.page.locator(".overall a").get_attribute("href") == "#outcome"
+    visit.page.close()
+
+
+def test_the_outcome_has_whole_what_the_strip_has_in_short(browser: Any, report: Path) -> None:
+    visit = opened(browser, report, WIDE)
+    short = visit.page.locator(".strip li")
+    whole = visit.page.locator("#outcome .checks li")
+    assert short.count() == whole.count() == 9
+    for k in range(9):
+        said = whole.nth(k).locator("span").last.inner_text()
+        assert short.nth(k).get_attribute("title") == said
+        assert said
+    row = {round(box["y"]) for k in range(9) if (box := short.nth(k).bounding_box())}
+    assert len(row) == 1
+    assert visit.page.locator("#outcome .warnings li").count() >= 2
+    visit.page.close()
+
+
+def test_more_controls_are_folded_on_narrow_screens_alone(browser: Any, report: Path) -> None:
+    visit = opened(browser, report, WIDE)
+    assert visit.page.is_visible("#translucent")
+    assert not visit.page.is_visible("#viewer summary")
+    visit.page.set_viewport_size({"width": 390, "height": 844})
+    visit.page.wait_for_selector("#viewer details:not([open])", state="attached")
+    assert not visit.page.is_visible("#translucent")
+    visit.page.click("#viewer summary")
+    assert visit.page.is_visible("#translucent")
+    visit.page.close()
+
+
+@pytest.mark.parametrize("size", [WIDE, PHONE])
+def test_contents_stay_in_reach_and_mark_the_section_in_sight(
+    browser: Any, report: Path, size: tuple[int, int]
+) -> None:
+    visit = opened(browser, report, size)
+    ids = visit.page.evaluate("[...document.querySelectorAll('main section')].map((one) => one.id)")
+    links = visit.page.locator("nav.contents a")
+    assert links.evaluate_all("all => all.map((one) => one.hash.slice(1))") == ids
+    for section in ("validity", ids[-1], "outcome"):
+        if size == PHONE:
+            visit.page.click("nav.contents summary")
+        visit.page.click(f"nav.contents a[href='#{section}']")
+        visit.page.wait_for_selector(
+            f"nav.contents a[aria-current=location][href='#{section}']", state="attached"
+        )
+        assert visit.page.locator("[aria-current]").count() == 1
+        assert min(shown(visit, NARROW_HEADS if size == PHONE else "nav.contents a")) == 1
+        if size == PHONE:
+            heading = visit.page.locator(f"#{section} h2")
+            assert visit.page.locator("nav.contents small").inner_text() == heading.inner_text()
+            bar = visit.page.locator("nav.contents").bounding_box()
+            assert section == ids[-1] or heading.bounding_box()["y"] >= bar["y"] + bar["height"] - 1
+    visit.page.emulate_media(media="print")
+    assert not visit.page.is_visible("nav.contents")
+    assert visit.errors == []
+    visit.page.close()
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("size", [WIDE, PHONE])
+def test_axe_finds_nothing_wrong_in_reports(
+    browser: Any, report: Path, flat: Path, size: tuple[int, int], scheme: str
+) -> None:
+    for page in (report, flat):
+        visit = opened(browser, page, size, color_scheme=scheme)
+        assert violations(visit) == []
+        visit.page.close()
+
+
+def test_axe_finds_nothing_wrong_where_runs_are_compared(browser: Any, report: Path, tmp_path: Path) -> None:
+    """Two runs in one report: every name of a table and of a button stands there twice."""
+    again = Path(shutil.copytree(report.parent, tmp_path / "again"))
+    visit = opened(browser, write_report([report.parent, again], tmp_path / "both.html"), WIDE)
+    assert violations(visit) == []
+    visit.page.close()
