@@ -10,10 +10,13 @@ from .markup import Html, data_block, join, tag
 SCRIPTS = (
     "decode.js",
     "materials.js",
+    "focus.js",
     "panels.js",
     "points.js",
+    "hidden.js",
     "overlay.js",
     "controls.js",
+    "bars.js",
     "regions.js",
     "next.js",
     "torso.js",
@@ -24,6 +27,8 @@ SCRIPTS = (
     "measure.js",
     "worst.js",
     "picture.js",
+    "pair.js",
+    "link.js",
     "start.js",
 )
 

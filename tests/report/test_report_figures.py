@@ -20,7 +20,7 @@ from o3dls.report.drawing import slides
 from o3dls.report.drawing.caption import made
 from o3dls.report.drawing.display import decimated
 from o3dls.report.drawing.fields import Field, colour_table, colours_of, known_fields, robust_range
-from o3dls.report.drawing.figures import drawable, plain_figure, png, shrunk
+from o3dls.report.drawing.figures import drawable, pictures_png, plain_figure, png, shrunk
 from o3dls.report.drawing.raster import Canvas, View
 from o3dls.report.drawing.slices import slice_surface
 from o3dls.report.drawing.views import by_veins, in_frame, orientation
@@ -56,6 +56,40 @@ def test_nearer_things_hide_farther_ones() -> None:
     behind = Canvas(View(in_frame("LPS").looking(behind=True), np.zeros(3), 100.0), 100, 100, WHITE)
     behind.balls(np.array([[0.0, -30, 0], [0, 30, 0]]), np.array([[1.0, 0, 0], [0, 1, 0]]), 10.0)
     assert behind.pixels()[50, 50].tolist() == [0, 255, 0]
+
+
+def test_balls_have_white_rims() -> None:
+    """Pixels at the edges are mixed, about one in seven of those of the rim."""
+    canvas = Canvas(VIEW, 800, 800, (0.0, 0.0, 0.0))
+    canvas.balls(np.zeros((1, 3)), np.array([[1.0, 0, 0]]), 10.0)
+    picture = canvas.pixels()
+    white, red = (picture == 255).all(axis=2), (picture[..., 0] > 100) & (picture[..., 1] == 0)
+    assert red.sum() == pytest.approx(8**2 * np.pi * 7.6**2, rel=0.1)
+    assert white.sum() == pytest.approx(8**2 * np.pi * (10**2 - 7.6**2), rel=0.2)
+
+
+@pytest.mark.parametrize(
+    ("values", "wanted"),
+    [
+        ([0.0, 1.0, np.nan], "neither"),
+        ([0.5, 1.1], "max"),
+        ([-0.1, 0.5], "min"),
+        ([-1.0, 2.0], "both"),
+        ([], "neither"),
+    ],
+)
+def test_colours_are_extended_where_values_lie_beyond(values: list[float], wanted: str) -> None:
+    assert Field("key", "label", "mm", "sequential", 0.0, 1.0).extended(np.array(values)) == wanted
+
+
+def test_bars_of_pictures_are_pointed_where_values_lie_beyond(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    subject = read_subject([finished(tmp_path / "run")])
+    pointed = pictures_png(subject)
+    for extended in ("max", "neither"):
+        monkeypatch.setattr(Field, "extended", lambda self, values, extended=extended: extended)
+        assert (pictures_png(subject) == pointed) == (extended == "max")
 
 
 @pytest.mark.parametrize("frame", ["LPS", "RAS"])

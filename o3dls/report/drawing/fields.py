@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
@@ -61,6 +62,11 @@ class Field:
     def low_end(self) -> str:
         """The word for the colour of its low end."""
         return LOW_ENDS.get(self.colours, "light")
+
+    def extended(self, values: Array) -> Literal["neither", "min", "max", "both"]:
+        """Beyond which ends of the colours there are values; these are shown in the end's colour."""
+        below, above = bool((values < self.low).any()), bool((values > self.high).any())
+        return "both" if below and above else "min" if below else "max" if above else "neither"
 
 
 def known_fields(surfaces: Sequence[Surface], unit: str) -> list[Field]:

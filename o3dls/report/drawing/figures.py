@@ -78,9 +78,12 @@ def draw_pictures(
         axes.imshow(painted(subject, name, surface, field, view), interpolation="antialiased")
         shrunk(axes.set_title(drawable(name), fontsize=11, parse_math=False), axes.bbox.width)
         axes.set_axis_off()
-    draw_bar(figure, field, (left + 0.04 * width, bottom + 0.11 * height, 0.42 * width, 0.03 * height))
-    gaps = point_field(subject)
-    draw_bar(figure, gaps, (left + 0.54 * width, bottom + 0.11 * height, 0.42 * width, 0.03 * height))
+    values = [surface.fields[field.key] for surface in surfaces if field.key in surface.fields]
+    at = (left + 0.04 * width, bottom + 0.11 * height, 0.42 * width, 0.03 * height)
+    draw_bar(figure, field, at, values)
+    gaps = [subject.results[name].point_distances for name in subject.shown]
+    at = (left + 0.54 * width, bottom + 0.11 * height, 0.42 * width, 0.03 * height)
+    draw_bar(figure, point_field(subject), at, gaps)
 
 
 def _fitting_view(surfaces: Sequence[Surface], axes: Array) -> View:
@@ -110,15 +113,23 @@ def painted(subject: Subject, name: str, surface: Surface, field: Field, view: V
     return canvas.pixels()
 
 
-def draw_bar(figure: Figure, field: Field, box: tuple[float, float, float, float]) -> None:
-    """Draw the colours of a field with numbers, name and unit."""
+def draw_bar(
+    figure: Figure, field: Field, box: tuple[float, float, float, float], values: Sequence[Array]
+) -> None:
+    """Draw the colours of a field with numbers, name and unit, pointed at an end beyond which there are
+    values.
+    """
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import ListedColormap, Normalize
+
+    colours = ScalarMappable(Normalize(field.low, field.high), ListedColormap(colour_table(field.colours)))
     axes = figure.add_axes(box)
-    axes.imshow(colour_table(field.colours)[None], aspect="auto", extent=(field.low, field.high, 0, 1))
-    axes.set_yticks([])
-    axes.set_xlabel(
-        f"{field.label}, {field.unit}" if field.unit else field.label, fontsize=9, parse_math=False
-    )
+    extend = field.extended(np.concatenate(values))
+    bar = figure.colorbar(colours, cax=axes, orientation="horizontal", extend=extend, extendfrac=0.03)
+    name = f"{field.label}, {field.unit}" if field.unit else field.label
+    axes.set_xlabel(name, fontsize=9, parse_math=False)
     axes.tick_params(labelsize=8)
+    bar.outline.set_linewidth(0.6)
 
 
 def shrunk(text: Text, width: float) -> None:

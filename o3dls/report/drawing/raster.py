@@ -14,6 +14,7 @@ from ...arrays import Array
 from ...geometry.surface import Surface
 
 SUPERSAMPLING = 2
+RIM = 0.76  # of a ball's radius, beyond which it is white: it stands out on a wall of its own colour
 
 
 @dataclass(frozen=True)
@@ -57,7 +58,7 @@ class Canvas:
         _draw_triangles(corners, surface.faces, shades, facing, self._colour, self._depth)
 
     def balls(self, centres: Array, colours: Array, radius: float) -> None:
-        """Draw shaded balls of a radius in mm, colours (n, 3)."""
+        """Draw shaded balls of a radius in mm with white rims, colours (n, 3)."""
         _draw_balls(
             self._pixels(centres),
             np.asarray(colours, dtype=np.float64),
@@ -121,4 +122,5 @@ def _draw_balls(centres, colours, radius, scale, picture, depth):  # type: ignor
                     continue
                 depth[y, x] = cz + radius * np.sqrt(rest)
                 for k in range(3):
-                    picture[y, x, k] = (0.45 + 0.55 * np.sqrt(rest)) * colours[i, k]
+                    shade = (0.45 + 0.55 * np.sqrt(rest)) * colours[i, k]
+                    picture[y, x, k] = shade if rest > 1.0 - RIM**2 else 1.0

@@ -81,6 +81,7 @@ def _surfaces(
         figure,
         point_field(subject),
         (left + 0.54 * width, bottom + 0.11 * height, 0.42 * width, 0.03 * height),
+        [subject.results[name].point_distances for name in subject.shown],
     )
 
 

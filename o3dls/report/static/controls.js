@@ -125,6 +125,7 @@ function connectBar(id, apply, automatic, signed = () => false) {
 
 function paintAllPoints() {
   panels.forEach((panel) => paintPoints(panel, settings));
+  markBars();
   invalidate();
 }
 
@@ -156,12 +157,12 @@ function cut() {
   paintAllPoints();
 }
 
-// The prior where the last panel has it, the truth, and over them every estimate.
+// The prior where the last panel has it, the truth, and over them every estimate shown.
 function contourSources() {
   const ghosts = Object.entries(panels[panels.length - 1].ghosts);
   return [
     ...ghosts.map(([name, { geometry, matrix }]) => ({ name, ...scene.ghostStyles[name], geometry, matrix })),
-    ...panels.filter((panel, k) => panels.findIndex((one) => one.estimate === panel.estimate) === k).map(({ name, colour, dash, geometry }) => ({ name, colour, dash, geometry })),
+    ...panels.filter((panel) => panel.shown && firstOf(panel)).map(({ name, colour, dash, geometry }) => ({ name, colour, dash, geometry })),
   ];
 }
 

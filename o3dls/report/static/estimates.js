@@ -6,6 +6,7 @@ function estimateSelect(panel) {
   select.setAttribute("aria-label", `Estimate in picture ${panel.index + 1}`);
   scene.estimates.forEach(({ name }, k) => option(select, k, name));
   select.value = panel.estimate;
+  panel.choice = select;
   select.addEventListener("change", () => showEstimate(panel, Number(select.value)));
   return select;
 }
@@ -13,6 +14,7 @@ function estimateSelect(panel) {
 function showEstimate(panel, k) {
   setEstimate(panel, k);
   colourPanel(panel);
+  showRegions(settings.field);
   listWorst();
   cut(); // its contours, its legend and the points
   refreshReadout();
@@ -25,5 +27,9 @@ function setEstimate(panel, k) {
   panel.sides.forEach((side) => { side.geometry = panel.geometry; });
   for (const [name, { matrix }] of Object.entries(ghosts)) if (matrix) panel.ghosts[name].matrix.set(...matrix);
   panel.canvas.setAttribute("aria-label", `${own.name}: surface in 3D. Drag or arrow keys turn it, + and - zoom, 0 resets.`);
+  if (panel.choice) panel.choice.value = k;
   if (panel.switch) panel.switch.lastChild.textContent = ` ${own.name}`;
 }
+
+// Of panels with one estimate the first that is shown: their contour is one.
+const firstOf = (panel) => panels.find((one) => one.shown && one.estimate === panel.estimate) === panel;

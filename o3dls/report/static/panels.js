@@ -62,6 +62,7 @@ function connect(panel) {
   const controls = new THREE.OrbitControls(camera, panel.canvas);
   controls.target = target;
   controls.addEventListener("change", invalidate);
+  shareWithPage(panel.canvas, controls);
   panel.canvas.addEventListener("keydown", (event) => {
     const turn = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] }[event.key];
     const zoom = { "+": 1.2, "=": 1.2, "-": 1 / 1.2 }[event.key];
@@ -132,6 +133,8 @@ function drawAll(size = sizeOnScreen) {
   }
   document.documentElement.dataset.drawCalls = JSON.stringify(shown.map((panel) => panel.calls));
   showView();
+  findHidden();
+  noteState();
 }
 
 function fitCamera(aspect) {

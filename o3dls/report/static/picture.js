@@ -46,16 +46,11 @@ function writeText(context, text, x, y, size, most, weight = 400) {
   context.fillText(text, x, y, most);
 }
 
-// The colours with their name, the two ends and the middle.
+// The colours with their name, marks at ends beyond which there are values, and numbers.
 function paintBar(context, bar, x, y, ratio) {
-  const [low, high] = [".low", ".high"].map((part) => Number(bar.querySelector(part).value));
-  const [wide, size] = [Math.min(300 * ratio, context.canvas.width / 2 - 32 * ratio), 11 * ratio];
-  context.drawImage(bar.querySelector("canvas"), x, y, wide, 10 * ratio);
-  [low, (low + high) / 2, high].forEach((value, k) => {
-    context.textAlign = ["left", "center", "right"][k];
-    writeText(context, String(Number(value.toPrecision(3))), x + (k * wide) / 2, y + 23 * ratio, size, wide / 3);
-  });
-  context.textAlign = "left";
+  const [wide, size] = [Math.min(300 * ratio, context.canvas.width / 2 - 56 * ratio), 11 * ratio];
+  context.font = `${size}px system-ui, sans-serif`;
+  paintScale(context, bar, x + 14 * ratio, y, wide, 10 * ratio);
   writeText(context, bar.querySelector(".name").textContent, x, y + 40 * ratio, size, context.canvas.width / 2 - 24 * ratio);
 }
 

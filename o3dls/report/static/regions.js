@@ -3,7 +3,7 @@
 function showRegions(field) {
   const names = field ? field.names : [];
   shared.coded.value = names.length > 0;
-  const present = new Set(names.length ? scene.panels.flatMap((panel) => codesOf(panel.mesh, field.key)) : []);
+  const present = new Set(names.length ? panels.flatMap(({ mesh }) => codesOf(mesh, field.key)) : []);
   $("region-names").replaceChildren(...[...present].sort((a, b) => a - b).map((code) => regionName(field, code)));
 }
 

@@ -19,7 +19,7 @@ function fillToolbar() {
 function showPanel(panel, on) {
   panel.shown = on;
   panel.figure.hidden = !on;
-  invalidate();
+  cut();
 }
 
 function connectToolbar() {
@@ -45,6 +45,9 @@ function connectToolbar() {
 
 fillToolbar();
 connectToolbar();
+fillBars();
+connectFullscreen();
+fillPair();
 $("viewer").hidden = false;
 document.getElementById("pictures").classList.add("live");
 listWorst();
@@ -52,4 +55,5 @@ showBar("point-bar", "points", `distance of the points, ${scene.units}`, scene.p
 chooseField($("field").value);
 setTranslucency(0);
 resetView();
+connectLink();
 requestAnimationFrame(() => { document.documentElement.dataset.ready = Math.round(performance.now()); });

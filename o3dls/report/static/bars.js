@@ -1,0 +1,66 @@
+// Colour bars: round numbers under them, and a mark at an end beyond which the shown estimates have values.
+
+const BEYOND = "values beyond are shown in the end's colour";
+
+// Three to five multiples of 1, 2, 2.5 or 5 times a power of ten between two numbers.
+function ticks(low, high) {
+  const power = 10 ** Math.floor(Math.log10(high - low)) / 10;
+  const slack = 1e-9 * (high - low);
+  for (const step of [1, 2, 2.5, 5, 10, 20].map((n) => n * power)) {
+    const [first, last] = [Math.ceil((low - slack) / step), Math.floor((high + slack) / step)];
+    if (last - first < 5) return Array.from({ length: last - first + 1 }, (_, k) => Number(((first + k) * step).toPrecision(10)));
+  }
+  return [];
+}
+
+function markBars() {
+  markBar($("surface-bar"), shared.range.value, surfaceValues());
+  markBar($("point-bar"), settings.pointRange, panels.filter((panel) => panel.shown).map((panel) => cloud.residuals[panel.estimate]));
+}
+
+// Arrays of what has the colours of the surface: the field of the shown estimates, and the points' own values.
+function surfaceValues() {
+  const { field } = settings;
+  const shown = panels.filter((panel) => panel.shown).map((panel) => panel.geometry.getAttribute("value").array);
+  return field ? [...shown, ...(ownValues(field) ? [ownValues(field)] : [])] : [];
+}
+
+function markBar(bar, [low, high], values) {
+  const slack = 1e-4 * (high - low); // values are packed in 16 bits
+  const beyond = (found) => values.some((array) => array.some((value) => value > -1e20 && found(value)));
+  bar.querySelector(".under").hidden = !beyond((value) => value < low - slack);
+  bar.querySelector(".over").hidden = !beyond((value) => value > high + slack);
+  const marks = ticks(low, high).map((value) => {
+    const made = document.createElement("span");
+    made.textContent = value;
+    made.style.left = `${(100 * (value - low)) / (high - low)}%`;
+    return made;
+  });
+  bar.querySelector(".ticks").replaceChildren(...marks);
+}
+
+function fillBars() {
+  for (const mark of document.querySelectorAll(".bar .beyond")) mark.title = BEYOND;
+}
+
+// The same in a picture: colours `wide` and `tall` at a place, numbers below them.
+function paintScale(context, bar, x, y, wide, tall) {
+  context.drawImage(bar.querySelector("canvas"), x, y, wide, tall);
+  if (!bar.querySelector(".under").hidden) paintTriangle(context, x - 3, y, -tall, tall);
+  if (!bar.querySelector(".over").hidden) paintTriangle(context, x + wide + 3, y, tall, tall);
+  context.textAlign = "center";
+  for (const mark of bar.querySelectorAll(".ticks span")) {
+    const at = x + (wide * parseFloat(mark.style.left)) / 100;
+    context.fillRect(at - 1, y + tall, 2, tall / 3);
+    context.fillText(mark.textContent, at, y + 2.5 * tall);
+  }
+  context.textAlign = "start";
+}
+
+function paintTriangle(context, x, y, wide, tall) {
+  context.beginPath();
+  context.moveTo(x, y);
+  context.lineTo(x + wide, y + tall / 2);
+  context.lineTo(x, y + tall);
+  context.fill();
+}

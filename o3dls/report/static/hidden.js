@@ -1,0 +1,29 @@
+// Landmarks behind the wall: found by one ray each when the camera has come to rest, and then written faintly.
+
+const FREE = 2; // mm of wall before a landmark that do not hide it: it lies on the wall itself
+const REST = 150; // ms without a new picture
+let resting = 0;
+
+function findHidden() {
+  clearTimeout(resting);
+  if (!scene.landmarks.length || !settings.labels) return;
+  resting = setTimeout(() => {
+    const changed = panels.filter((panel) => panel.shown).map((panel) => {
+      const found = scene.landmarks.map(({ at }) => hides(panel, at));
+      const same = panel.hidden && found.every((one, k) => one === panel.hidden[k]);
+      panel.hidden = found;
+      return !same;
+    });
+    if (changed.includes(true)) invalidate();
+  }, REST);
+}
+
+// Whether a panel's surface, less what is cut away, stands between a place and the camera.
+function hides({ sides }, at) {
+  const direction = camera.position.clone().sub(target).normalize();
+  const ray = { origin: new THREE.Vector3(...at), direction };
+  const hits = [];
+  for (const side of sides) side.raycast({ ray, near: FREE, far: Infinity }, hits);
+  const { x, y, z, w } = shared.plane.value;
+  return hits.some(({ point }) => x * point.x + y * point.y + z * point.z <= w);
+}

@@ -1,0 +1,145 @@
+"""What has the wheel and the fingers, the whole screen, and labels behind the wall."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from o3dls.report.writer import write_report
+from tests.browser import Visit
+from tests.finished import bulged_case, finished
+from tests.viewer import SAME, press
+
+
+def zoomed(visit: Visit, act: Callable[[], None]) -> tuple[float, float]:
+    """How far the page scrolls and how much the first picture changes when something is done."""
+    before, was = visit.picture(0), visit.page.evaluate("scrollY")
+    act()
+    visit.page.wait_for_timeout(300)  # a browser scrolls smoothly
+    visit.settle()
+    return visit.page.evaluate("scrollY") - was, float(np.abs(visit.picture(0) - before).mean())
+
+
+def test_the_wheel_scrolls_the_page_until_a_picture_is_clicked(visit: Visit) -> None:
+    canvas = visit.page.locator("#panels canvas").first
+    canvas.scroll_into_view_if_needed()
+    canvas.hover()
+    scrolled, changed = zoomed(visit, lambda: visit.page.mouse.wheel(0, -100))
+    assert scrolled == -100
+    assert changed < SAME
+    assert visit.page.locator(".hint").inner_text() == "click to zoom with the wheel"
+    visit.page.locator(".hint").wait_for(state="detached")
+    canvas.scroll_into_view_if_needed()
+    canvas.click()
+    assert visit.page.evaluate("getComputedStyle(document.activeElement).outlineStyle") == "solid"
+    scrolled, changed = zoomed(visit, lambda: visit.page.mouse.wheel(0, -100))
+    assert scrolled == 0
+    assert changed > SAME
+    visit.page.evaluate("document.activeElement.blur()")
+    canvas.hover()
+    scrolled, changed = zoomed(visit, lambda: visit.page.mouse.wheel(0, -100))
+    assert (scrolled, visit.page.locator(".hint").count()) == (-100, 0)  # it is said once
+    assert changed < SAME
+
+
+def fingers(visit: Visit, *paths: tuple[tuple[float, float], tuple[float, float]]) -> Callable[[], None]:
+    """Fingers that go from one place to another, all at once."""
+    session = visit.page.context.new_cdp_session(visit.page)
+
+    def send(kind: str, share: float) -> None:
+        at = [{"x": a[0] + share * (b[0] - a[0]), "y": a[1] + share * (b[1] - a[1])} for a, b in paths]
+        points = [] if kind == "touchEnd" else [{**place, "id": k} for k, place in enumerate(at)]
+        session.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+
+    def move() -> None:
+        send("touchStart", 0.0)
+        for step in range(1, 9):
+            send("touchMove", step / 8)
+        send("touchEnd", 1.0)
+
+    return move
+
+
+def test_one_finger_scrolls_the_page_and_two_zoom_the_picture(browser: Any, report: Path) -> None:
+    visit = Visit(browser, report, width=390, height=844, has_touch=True)
+    canvas = visit.page.locator("#panels canvas").first
+    canvas.evaluate("one => scrollBy(0, one.getBoundingClientRect().top - 300)")
+    visit.settle()
+    box = canvas.bounding_box()
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    one = fingers(visit, ((x, y + 60), (x, y - 60)))
+    two = fingers(visit, ((x - 20, y), (x - 90, y)), ((x + 20, y), (x + 90, y)))
+    scrolled, changed = zoomed(visit, two)
+    assert scrolled == 0
+    assert changed > SAME
+    scrolled, changed = zoomed(visit, one)
+    assert scrolled > 50
+    assert changed < SAME
+    visit.page.evaluate("scrolled => scrollBy(0, -scrolled)", scrolled)
+    visit.page.touchscreen.tap(x, y)  # gives it the focus
+    scrolled, changed = zoomed(visit, one)
+    assert scrolled == 0
+    assert changed > SAME
+    visit.page.close()
+
+
+def test_the_whole_screen_keeps_the_toolbar(visit: Visit) -> None:
+    press(visit, "Full screen")
+    visit.page.locator("#fullscreen[aria-pressed=true]").wait_for()
+    assert visit.page.evaluate("document.fullscreenElement.id") == "viewer"
+    visit.settle()
+    for control in ("#field", "#fullscreen", "#surface-bar .auto"):
+        box = visit.page.locator(control).bounding_box()
+        assert 0 <= box["y"] <= box["y"] + box["height"] <= 900
+    canvas = visit.page.locator("#panels canvas").first.bounding_box()
+    assert canvas["height"] > 460  # the most that it has in the page
+    visit.page.locator("#fullscreen").click()
+    visit.page.locator("#fullscreen[aria-pressed=false]").wait_for()
+
+
+def test_without_the_means_there_is_no_button_for_the_whole_screen(browser: Any, report: Path) -> None:
+    context = browser.new_context()
+    context.add_init_script("Object.defineProperty(Document.prototype, 'fullscreenEnabled', {value: false})")
+    page = context.new_page()
+    page.goto(report.resolve().as_uri())
+    page.wait_for_function("document.documentElement.dataset.ready !== undefined", timeout=60_000)
+    assert not page.locator("#fullscreen").is_visible()
+    context.close()
+
+
+def label_strengths(visit: Visit) -> tuple[float, float]:
+    """How much the labels change the left and the right half of the first picture."""
+    visit.page.wait_for_timeout(600)  # labels are looked at again when the camera rests
+    with_labels = visit.picture(0)[..., :3]
+    visit.page.get_by_label("landmarks", exact=True).click()
+    visit.settle()
+    change = np.abs(with_labels - visit.picture(0)[..., :3]).max(axis=2)
+    visit.page.get_by_label("landmarks", exact=True).click()
+    visit.settle()
+    middle = change.shape[1] // 2
+    return float(change[:, :middle].max()), float(change[:, middle:].max())
+
+
+def test_labels_behind_the_wall_are_faint(browser: Any, tmp_path: Path) -> None:
+    """In AP one is behind on the right, two are in front on the left; a cut takes the wall before it away."""
+    case = bulged_case()
+    xyz = case.points.xyz.copy()
+    xyz[case.points.type == "landmark"] = [[10, 17, 0], [-10, -15, -9], [-10, -17, 0]]
+    folder = finished(tmp_path / "run", replace(case, points=replace(case.points, xyz=xyz)))
+    visit = Visit(browser, write_report([folder]))
+    visit.page.select_option("#field", label="no colour")
+    in_front, behind = label_strengths(visit)
+    assert in_front > 100
+    assert 0.15 * in_front < behind < 0.6 * in_front  # 35 % of the ink, of which some is the box behind it
+    press(visit, "PA")  # what was right is left, what was behind is in front
+    in_front, behind = label_strengths(visit)
+    assert 0.15 * in_front < behind < 0.6 * in_front
+    press(visit, "AP")
+    visit.page.select_option("#cut", label="coronal (y)")
+    left, right = label_strengths(visit)
+    assert min(left, right) > 100
+    visit.page.close()
