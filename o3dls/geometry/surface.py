@@ -84,7 +84,7 @@ class Surface:
     def vertex_areas(self) -> Array:
         """Each vertex's share (n,) of the area of its faces; the shares add up to the area."""
         of_corner = np.repeat(self.face_areas / self.dimension, self.dimension)
-        return np.bincount(self.faces.ravel(), of_corner, len(self.vertices))
+        return np.asarray(np.bincount(self.faces.ravel(), of_corner, len(self.vertices)), dtype=np.float64)
 
     @property
     def area(self) -> float:

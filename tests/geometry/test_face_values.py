@@ -108,3 +108,11 @@ def test_between_corners_a_label_is_that_of_most_weight_and_a_measurement_the_me
     whole = read_at("region", values.astype(int), corners, weights)
     assert whole.dtype == np.float64  # as measurements, which may be missing where a surface is far
     np.testing.assert_allclose(read_at("lat", values, corners, weights), [5.0, 4.0], rtol=ROUNDING)
+
+
+def test_vertices_share_the_area_of_their_faces() -> None:
+    corners = np.array([[0.0, 0, 0], [3, 0, 0], [0, 2, 0], [3, 2, 0], [9, 9, 9]])
+    surface = Surface(corners, np.array([[0, 1, 2], [1, 3, 2]]))  # two triangles of 3, and a vertex alone
+    assert np.allclose(surface.vertex_areas, [1, 2, 2, 1, 0])
+    line = Surface(corners[:3, :2], np.array([[0, 1], [1, 2]]))
+    assert np.allclose(line.vertex_areas.sum(), line.area)

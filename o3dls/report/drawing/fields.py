@@ -83,13 +83,15 @@ def known_fields(surfaces: Sequence[Surface], unit: str) -> list[Field]:
         Field(f"displacement_{unit}", "displacement, outward positive", unit, "signed"),
         Field(f"correction_{unit}", "correction, outward positive", unit, "signed"),
     ]
-    words.append(Field("region", "region of the wall", "", "regions"))
+    region = Field("region", "region of the wall", "", "regions")
     there = dict.fromkeys(
         key for surface in surfaces for key, values in surface.fields.items() if values.ndim == 1
     )
-    named = {field.key for field in words} | {"prior_only"}  # which is hatched, whatever the colours
+    named = {field.key for field in [*words, region]} | {
+        "prior_only"
+    }  # which is hatched, whatever the colours
     others = [_other(key) for key in there if key not in named]
-    return [_ranged(field, surfaces) for field in [*words, *others] if field.key in there]
+    return [_ranged(field, surfaces) for field in [*words, *others, region] if field.key in there]
 
 
 def _other(key: str) -> Field:
