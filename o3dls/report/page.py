@@ -16,6 +16,7 @@ from .strip import overall, strip
 from .subject import Subject
 from .verdict import warnings
 
+STYLES = ("report.css", "layout.css", "charts.css", "print.css")
 NOTICE = "Research use only. Not for clinical use."
 
 
@@ -36,7 +37,7 @@ def page(title: str, body: Html, *scripts: str, links: Html | None = None) -> st
     script = "\n".join(['"use strict";', *map(asset, ("page.js", "layout.js", *scripts))])
     maker = f"Made by o3dls {__version__} ({AUTHORS}, {RELEASED[:4]}), an open research tool. {NOTICE}"
     footer = tag("footer", tag("p", maker))
-    style = variables() + asset("report.css") + asset("layout.css") + asset("print.css")
+    style = variables() + "".join(map(asset, STYLES))
     columns = tag("div", links, tag("main", body), class_="columns" if links else None)
     whole = join(columns, footer, tag("script", Html(script)))
     return document(title, style, whole, [script, *viewer_code()])

@@ -234,7 +234,8 @@ def test_the_strip_plot_has_a_mark_per_case_and_a_line_between_its_estimates() -
     page = cohort_page(THRICE, Path("all.html"))
     (plot,) = re.findall(r'<svg [^>]*class="chart strips".*?</svg>', page)
     assert len(re.findall("<circle", plot)) == 4  # two cases, two estimates; not four runs
-    assert len(re.findall('<path d="M[^"]*L[^"]*" class="case"', plot)) == 2
+    assert len(re.findall('<path d="M[^"]*L[^"]*" class="case better"', plot)) == 2
+    assert len(re.findall('class="sign">▼</text>', plot)) == 2
     assert len(re.findall('class="series s[01]"', plot)) == 2  # the spread of the case of three runs
     assert "one mark per case" in plot
     assert "a, level_set: 1.20" in plot
@@ -242,7 +243,14 @@ def test_the_strip_plot_has_a_mark_per_case_and_a_line_between_its_estimates() -
     some = cohort_page([*THRICE, entry("c", icp=9.0)], Path("all.html"))
     assert len(re.findall('class="mean"', some)) == 1  # the result's mean would be one over other cases
     farther = cohort_page([entry("a", icp=1.0, level_set=2.0)], Path("all.html"))
-    assert 'class="case d1"' in farther
+    assert 'class="case worse"' in farther
+    assert "<title>a: icp closer (+1.00 mm)</title>" in farther
+    assert 'class="sign">▲</text>' in farther
+    assert '<td class="text">▲ icp closer</td>' in farther
+    equal = cohort_page([entry("a", icp=1.0, level_set=1.0)], Path("all.html"))
+    assert 'class="case neither"' in equal
+    assert 'class="sign">=</text>' in equal
+    assert "= no significant difference</td>" in equal
 
 
 def test_the_spread_of_runs_stays_within_the_plot() -> None:

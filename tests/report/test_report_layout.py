@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import io
 import json
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+from matplotlib.image import imread
 
 from o3dls.report.writer import write_report
 from tests.browser import Visit, chromium, violations
@@ -146,3 +149,52 @@ def test_axe_finds_nothing_wrong_where_runs_are_compared(browser: Any, report: P
     visit = opened(browser, write_report([report.parent, again], tmp_path / "both.html"), WIDE)
     assert violations(visit) == []
     visit.page.close()
+
+
+@pytest.mark.parametrize("size", [WIDE, TABLET, PHONE])
+def test_tables_scroll_in_their_own_box_and_cut_nothing(
+    browser: Any, report: Path, flat: Path, size: tuple[int, int]
+) -> None:
+    for page in (report, flat):
+        visit = opened(browser, page, size)
+        visit.page.evaluate("document.querySelectorAll('details').forEach((one) => { one.open = true; })")
+        assert visit.page.evaluate("document.scrollingElement.scrollWidth - innerWidth") <= 0
+        assert visit.page.evaluate("document.querySelectorAll('table').length") > 5
+        assert visit.page.evaluate(CUT) == []
+        visit.page.close()
+
+
+CUT = """() => [...document.querySelectorAll('table')].flatMap((table) => {
+    const box = table.closest('.scroll');
+    if (!box) return ['no box: ' + table.textContent.slice(0, 40)];
+    box.scrollLeft = 1e6;
+    const over = [...table.rows].map((row) => row.lastElementChild.getBoundingClientRect().right)
+        .some((right) => right > box.getBoundingClientRect().right + 1);
+    const cells = [...table.querySelectorAll('th, td')].filter((one) => one.scrollWidth > one.clientWidth);
+    const all = over ? [table.textContent.slice(0, 40)] : [];
+    return [...all, ...cells.map((one) => one.textContent)];
+})"""
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_a_shadow_shows_where_more_of_a_table_is(browser: Any, report: Path, scheme: str) -> None:
+    """At the right edge while there is more, and no longer at the end."""
+    visit = opened(browser, report, PHONE, color_scheme=scheme)
+    box = visit.page.locator("#validity .scroll")
+    box.scroll_into_view_if_needed()
+    edge = []
+    for left in (0, 100_000):
+        box.evaluate("(one, left) => { one.scrollLeft = left; }", left)
+        visit.settle()
+        edge.append(right_edge(box.screenshot()))
+    assert abs(edge[0] - edge[1]) > SHADOW
+    visit.page.close()
+
+
+SHADOW = 0.1  # of full brightness: seen at a glance
+
+
+def right_edge(png: bytes) -> float:
+    """The median brightness of the last columns of a picture."""
+    picture = imread(io.BytesIO(png))
+    return float(np.median(picture[:, -4:-1, :3]))

@@ -17,6 +17,7 @@ from ..subject import MOST_SHOWN
 from .entries import Entry, stages_of
 
 Pair = tuple[str, str]  # what a difference is taken from, and of
+CLOSER, FARTHER, NEITHER = "▼", "▲", "="
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,3 +126,11 @@ def outcome(found: Difference, pair: Pair) -> str:
     if not found.clear or abs(found.mean) < SMALLEST:
         return "no significant difference"
     return f"{pair[1] if found.mean < 0 else pair[0]} closer"
+
+
+def sign_of(found: Difference, pair: Pair) -> str:
+    """The outcome as a mark without colour: the second of the pair is closer, farther, or neither."""
+    said = outcome(found, pair)
+    if not said.endswith("closer"):
+        return NEITHER
+    return CLOSER if found.mean < 0 else FARTHER

@@ -10,11 +10,13 @@ import numpy as np
 
 from ...arrays import Array
 from ..drawing.charts import BOTTOM, HEIGHT, LEFT, RIGHT, TOP, WIDTH, Axis, axis_over
-from ..markup import Html, tag
-from .cases import Block, CaseOfRuns
+from ..markup import Html, signed, tag
+from .cases import CLOSER, FARTHER, NEITHER, Block, CaseOfRuns, outcome, sign_of
 
 MARGIN = 0.5  # of a column's width, left and right of the marks
 LETTER = 13.0  # pixels of the drawing that a letter takes on a narrow screen
+BESIDE = 9.0  # pixels from a mark to its sign
+LINES = {CLOSER: "better", FARTHER: "worse", NEITHER: "neither"}  # classes of charts.css
 SHORT = 0.18  # of a column's width: half the line of the mean
 
 
@@ -30,7 +32,8 @@ def strip_plot(block: Block, styles: Mapping[str, int], values: str) -> Html:
     columns = list(zip(block.estimates, across, strict=True))
     said = (
         f"Mean distance by case, {block.unit}: one mark per case, lines between the estimates of one case, "
-        "a bar at the mean where all cases have the estimate"
+        "a bar at the mean where all cases have the estimate. Lines end in ▼ where the last is closer than "
+        "the first, dashed in ▲ where it is farther, dotted in = where there is no significant difference"
     )
     more = ", an upright line from the smallest to the largest of several runs"
     several = any(len(found) > 1 for found in runs)
@@ -38,7 +41,7 @@ def strip_plot(block: Block, styles: Mapping[str, int], values: str) -> Html:
     drawing = tag(
         "svg",
         *_frame(y, columns),
-        *(line for case in block.cases if (line := _line(case, columns, y))),
+        *(line for case in block.cases if (line := _line(case, columns, y, block.unit))),
         *(
             _mean(found, x, y, len(across))
             for found, x in zip(means, across, strict=True)
@@ -88,14 +91,23 @@ def _cut(name: str, most: int) -> str:
     return name if len(name) <= most else f"{name[: most - 1]}…"
 
 
-def _line(case: CaseOfRuns, columns: list[tuple[str, float]], y: Axis) -> Html | None:
-    """From estimate to estimate, dashed where the last is farther than the first."""
-    values = [(x, case.mean(name)) for name, x in columns if case.means(name)]
+def _line(case: CaseOfRuns, columns: list[tuple[str, float]], y: Axis, unit: str) -> Html | None:
+    """From estimate to estimate, with the sign of the difference between the first and the last."""
+    values = [(name, x, case.mean(name)) for name, x in columns if case.means(name)]
     if len(values) < 2:
         return None
-    steps = "L".join(f"{x:.1f} {_row(value, y):.1f}" for x, value in values)
-    worse = values[-1][1] > values[0][1]
-    return tag("path", d=f"M{steps}", class_=f"case{' d1' if worse else ''}")
+    steps = "L".join(f"{x:.1f} {_row(value, y):.1f}" for _, x, value in values)
+    first, (last, end, height) = values[0], values[-1]
+    pair = (first[0], last)
+    found = case.difference(pair)
+    sign = sign_of(found, pair) if found else NEITHER
+    said = f"{case.name}: {outcome(found, pair)}" if found else f"{case.name}: not the same points"
+    return tag(
+        "g",
+        tag("title", f"{said} ({signed(height - first[2])} {unit})"),
+        tag("path", d=f"M{steps}", class_=f"case {LINES[sign]}"),
+        tag("text", sign, x=f"{end + BESIDE:.1f}", y=f"{_row(height, y) - 7:.1f}", class_="sign"),
+    )
 
 
 def _mean(values: Array, x: float, y: Axis, count: int) -> Html:

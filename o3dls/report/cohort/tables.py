@@ -11,7 +11,7 @@ from urllib.parse import quote
 
 from ..markup import Child, Html, join, signed, tag
 from ..statistics import Difference
-from .cases import Block, CaseOfRuns, Pair, outcome
+from .cases import Block, CaseOfRuns, Pair, outcome, sign_of
 from .entries import Entry
 
 
@@ -127,7 +127,7 @@ def _difference(pair: Pair, found: Difference, n: int) -> list[Cell]:
         Cell(tag("span", signed(found.mean), class_=best), found.mean),
         Cell(interval, found.low),
         Cell(f"{signed(found.percent, 0)} %", found.percent),
-        Cell(said),
+        Cell(f"{sign_of(found, pair)} {said}"),
     ]
 
 

@@ -9,12 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...arrays import Array
-from ..markup import Html, join, tag
+from ..markup import Html, join, table, tag
 from ..palette import LIGHT
 
-WIDTH, HEIGHT = 640, 300
-LEFT, RIGHT, TOP, BOTTOM = 60, 14, 12, 46
+WIDTH, HEIGHT = 640, 320  # of the drawing; charts.css keeps its letters readable where it shrinks
+LEFT, RIGHT, TOP, BOTTOM = 76, 20, 44, 64
 HEADROOM = 1.04
+MOST_ROWS = 60  # of the table of values
 STYLES = len(LIGHT)  # colours s0.. and dashes d0.. of report.css
 
 
@@ -61,8 +62,11 @@ class Axis:
         ]
 
 
-def line_chart(title: str, series: Sequence[Series], x: Axis, y: Axis) -> Html:
-    """A titled chart with its legend. Lines differ in colour and in dashes."""
+def line_chart(title: str, series: Sequence[Series], x: Axis, y: Axis, at: Array | None = None) -> Html:
+    """A titled chart with its legend and its values as a table. Lines differ in colour and in dashes.
+
+    at: where on the first axis the table reads the lines; None: at their corners.
+    """
     parts = [*_grid(x, y), *(_line(one, x, y) for one in series)]
     view = f"0 0 {WIDTH} {HEIGHT}"
     drawing = tag(
@@ -78,6 +82,7 @@ def line_chart(title: str, series: Sequence[Series], x: Axis, y: Axis) -> Html:
         tag("h3", title),
         drawing,
         legend([(one.name, line_class(one.style)) for one in series]),
+        values(title, series, x, y, at),
         class_="plot",
     )
 
@@ -112,19 +117,34 @@ def _grid(x: Axis, y: Axis) -> list[Html]:
         *(tag("path", d=f"M{at:.1f} {TOP}V{bottom}", class_="grid") for at, _ in across),
         *(tag("path", d=f"M{LEFT} {at:.1f}H{right}", class_="grid") for at, _ in up),
         tag("path", d=f"M{LEFT} {TOP}V{bottom}H{right}", class_="axis"),
-        *(tag("text", text, x=f"{at:.1f}", y=bottom + 16, text_anchor="middle") for at, text in across),
+        *(tag("text", text, x=f"{at:.1f}", y=bottom + 24, text_anchor="middle") for at, text in across),
         *(tag("text", text, x=LEFT - 6, y=f"{at + 4:.1f}", text_anchor="end") for at, text in up),
         tag("text", x.label, x=(LEFT + right) / 2, y=HEIGHT - 8, text_anchor="middle"),
-        tag(
-            "text",
-            y.label,
-            x=-(TOP + bottom) / 2,
-            y=14,
-            text_anchor="middle",
-            transform="rotate(-90)",
-            class_="upright",
-        ),
+        tag("text", y.label, x=4, y=TOP - 24),
     ]
+
+
+def values(title: str, series: Sequence[Series], x: Axis, y: Axis, at: Array | None = None) -> Html:
+    """The lines of a chart in numbers, folded: a row for each place on the first axis, a dash where a line
+    has none.
+    """
+    places = np.unique(np.concatenate([one.x for one in series])) if at is None else at
+    shown = places[np.unique(np.linspace(0, len(places) - 1, MOST_ROWS).astype(int))]
+    columns = [_read(one, shown, between=at is not None) for one in series]
+    rows = [
+        [f"{place:.4g}", *("–" if np.isnan(column[k]) else f"{column[k]:.4g}" for column in columns)]
+        for k, place in enumerate(shown)
+    ]
+    few = f", {len(shown)} of {len(places)}" if len(shown) < len(places) else ""
+    numbers = table([x.label, *(one.name for one in series)], rows, f"{title}: {y.label}{few}")
+    return tag("details", tag("summary", "Values"), numbers, class_="values")
+
+
+def _read(one: Series, at: Array, *, between: bool) -> Array:
+    """The heights of a line at places on the first axis: of its corners, or between them too; else NaN."""
+    known = np.isfinite(one.y)
+    read = np.interp(at, one.x[known], one.y[known], left=np.nan, right=np.nan)
+    return read if between else np.where(np.isin(at, one.x[known]), read, np.nan)
 
 
 def _line(one: Series, x: Axis, y: Axis) -> Html:

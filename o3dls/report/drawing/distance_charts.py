@@ -38,9 +38,19 @@ def _pair(subject: Subject, group: str) -> Html:
     return join(
         tag("h3", f"{SETS[group].capitalize()}, {len(found[0][2])} points"),
         grouped(
-            line_chart("Share of points within a distance", within, x, Axis("share of points", 0.0, 1.0)),
             line_chart(
-                "Number of points at a distance", counts, x, axis_over("points", [s.y for s in counts])
+                "Share of points within a distance",
+                within,
+                x,
+                Axis("share of points", 0.0, 1.0),
+                np.linspace(0, x.high, 11),
+            ),
+            line_chart(
+                "Number of points at a distance",
+                counts,
+                x,
+                axis_over("points", [s.y for s in counts]),
+                (np.arange(BINS) + 0.5) * reach / BINS,  # the middles of the bins
             ),
         ),
         beyond({name: int((gaps > reach).sum()) for name, _, gaps in found}, f"{reach:.2f} {subject.unit}"),

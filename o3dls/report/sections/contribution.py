@@ -10,7 +10,7 @@ from ..markup import Child, Html, signed, table, tag
 from ..subject import SETS, Subject
 from .section import Section
 
-ROW, LEFT, WIDTH = 44, 12, 640  # pixels; a name stands above its bar
+ROW, LEFT, WIDTH = 52, 12, 640  # pixels; a name stands above its bar
 BAR = 14
 
 
@@ -24,11 +24,17 @@ def contribution_section(subject: Subject) -> Section | None:
         [one.stage, f"{one.before:.2f}", f"{one.after:.2f}", signed(one.change)] for one in found
     ]
     head: list[Child] = ["stage", f"before, {unit}", f"after, {unit}", f"change, {unit}"]
-    caption = f"Mean distance, {SETS[subject.headline]}; a bar to the left: closer."
+    marks = "▼ and a bar to the left: closer; ▲ and a hollow bar: farther"
+    caption = f"Mean distance, {SETS[subject.headline]}; {marks}."
     values = table(head, rows, caption)
     return Section(
         "contributions", "What each stage contributed", grouped(_bars(found, unit), tag("div", values))
     )
+
+
+def _sign(change: float) -> str:
+    """The way of a change as a mark: none of the estimates' colours says better or worse."""
+    return "=" if round(change, 2) == 0 else "▼" if change < 0 else "▲"
 
 
 def _bars(found: Sequence[Step], unit: str) -> Html:
@@ -37,11 +43,13 @@ def _bars(found: Sequence[Step], unit: str) -> Html:
     parts = [tag("path", d=f"M{middle} 0V{ROW * len(found)}", class_="zero")]
     for k, one in enumerate(found):
         length = (middle - LEFT) * abs(one.change) / most
-        top = ROW * k + 22
+        top = ROW * k + 31
         left = middle - length if one.change < 0 else middle
-        style = "f2" if one.change < 0 else "f1"
+        style = "bar nearer" if one.change < 0 else "bar"
         parts += [
-            tag("text", f"{one.stage} {signed(one.change)} {unit}", x=LEFT, y=ROW * k + 16),
+            tag(
+                "text", f"{_sign(one.change)} {one.stage} {signed(one.change)} {unit}", x=LEFT, y=ROW * k + 25
+            ),
             tag("rect", x=f"{left:.1f}", y=top, width=f"{length:.1f}", height=BAR, class_=style),
         ]
     label = "Change by stage: " + ", ".join(f"{one.stage} {signed(one.change)} {unit}" for one in found)

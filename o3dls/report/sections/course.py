@@ -13,8 +13,9 @@ from ..subject import Result, Subject
 from .section import Section
 
 INDICES = ("iteration", "level")  # columns of a trace that count and measure nothing
-TERMS = ("energy", "misfit", "complexity", "labels", "data", "prior", "area", "shape")
-WORDS = {"loosening": "coarse-to-fine factor", "outlier_fraction": "share of outliers"}
+ENERGIES = ("energy", "misfit", "complexity", "labels", "data", "prior", "area", "shape")
+LENGTHS = ("rms", "median", "step", "sigma", "length")  # in the unit of the case
+WORDS = {"loosening": "coarse-to-fine factor", "outlier_fraction": "share of outliers", "pairs": "pairs kept"}
 LOG_FROM = 30.0  # ratio of largest to smallest value above which a logarithmic axis shows more
 
 
@@ -24,25 +25,33 @@ def course_section(subject: Subject) -> Section | None:
         chart
         for result in subject.results.values()
         if len(result.estimate.trace) > 1
-        for chart in _traces(result)
+        for chart in _traces(result, subject.unit)
     ]
     body = join(_seconds(subject), grouped(*charts) if charts else None)
     return Section("course", "Convergence and time", body)
 
 
-def _traces(result: Result) -> list[Html]:
-    """A chart of the energy and its terms, where there are any, and one of everything else."""
-    columns = _columns(result.estimate.trace)
-    terms = {key: values for key, values in columns.items() if key in TERMS}
-    rest = {key: values for key, values in columns.items() if key not in TERMS}
+def _traces(result: Result, unit: str) -> list[Html]:
+    """A chart for each unit of the trace: the energy with its terms, lengths, and whatever else alone."""
+    charts: dict[tuple[str, str], dict[str, Array]] = {}
+    for name, values in _columns(result.estimate.trace).items():
+        charts.setdefault(_measured(name, unit), {})[name] = values
     return [
-        _trace(result, f"{result.name}{what}: {_sentence(result)}", group)
-        for what, group in ((", energy", terms), ("", rest))
-        if group
+        _trace(result, f"{result.name}, {what}: {_sentence(result)}", label, columns)
+        for (what, label), columns in charts.items()
     ]
 
 
-def _trace(result: Result, title: str, columns: Mapping[str, Array]) -> Html:
+def _measured(name: str, unit: str) -> tuple[str, str]:
+    """What a column of a trace is, and the label of its axis."""
+    if name in ENERGIES:
+        return "energy", "energy, without unit"
+    if name in LENGTHS:
+        return "lengths", f"length, {unit}"
+    return WORDS.get(name, name), WORDS.get(name, name)
+
+
+def _trace(result: Result, title: str, label: str, columns: Mapping[str, Array]) -> Html:
     steps = np.arange(1.0, len(result.estimate.trace) + 1)
     series = [
         Series(WORDS.get(name, name), k % STYLES, steps, values)
@@ -51,7 +60,7 @@ def _trace(result: Result, title: str, columns: Mapping[str, Array]) -> Html:
     values = np.concatenate(list(columns.values()))
     known = values[np.isfinite(values)]
     log = bool((known > 0).all() and known.max() > LOG_FROM * known.min())
-    y = axis_over("value", list(columns.values()), log=log)
+    y = axis_over(label, list(columns.values()), log=log)
     return line_chart(title, series, Axis("iteration", 1.0, float(max(len(steps), 2))), y)
 
 
