@@ -11,6 +11,7 @@ from typing import Any, Literal
 from ..evaluation.interpolation import REACH
 from .expected import DUE, OFF, expected_error, shares_within
 from .markup import signed
+from .shape_words import words_of
 from .subject import Subject
 from .wall_parts import MAPPED, PRIOR_ONLY, Part, compared, wall_parts
 
@@ -48,11 +49,12 @@ def checks(subject: Subject) -> list[Check]:
 
 
 def _valid(subject: Subject) -> Check:
+    name = f"Valid {words_of(subject).shape}"
     faults = subject.last.run.faults_of(subject.last.key)
     if faults:
-        return Check("Valid surface", "bad", "not valid: " + "; ".join(faults), _counted(faults, "fault"))
+        return Check(name, "bad", "not valid: " + "; ".join(faults), _counted(faults, "fault"))
     kind = "self-intersections" if subject.case.dimension == 2 else "holes or folds"
-    return Check("Valid surface", "good", f"valid: no new {kind}", "valid")
+    return Check(name, "good", f"valid: no new {kind}", "valid")
 
 
 def _counted(found: Sequence[str], word: str) -> str:
@@ -84,7 +86,8 @@ def _calibrated(subject: Subject) -> Check:
     if found is None:
         return Check("Calibration", "none", "no truth and posterior to compare")
     off = found[0] - DUE[0]
-    said = f"{found[0]:.0%} of the surface is within one standard deviation of the truth"
+    shape = words_of(subject).shape
+    said = f"{found[0]:.0%} of the {shape} is within one standard deviation of the truth"
     said = f"{said} ({DUE[0]:.0%} expected)"
     short = f"{found[0]:.0%} within 1 SD"
     if abs(off) <= OFF:
@@ -155,10 +158,11 @@ def _prior_only(subject: Subject) -> Check:
 
 
 def _volume(subject: Subject) -> Check:
-    name = "Volume change" if subject.case.dimension == 3 else "Area change"
+    words = words_of(subject)
+    name = f"{words.amount.capitalize()} change"
     change = subject.last.validity.get("volume_change")
     if change is None:
-        return Check(name, "none", "an open surface has no volume")
+        return Check(name, "none", f"an open {words.shape} has no {words.amount}")
     large = abs(change) >= LARGE_CHANGE
     short = f"{signed(100 * change, 0)} %"
     return Check(name, "amber" if large else "good", f"{short} against the prior", short)

@@ -12,6 +12,7 @@ from .palette import variables
 from .sections.methods import AUTHORS, RELEASED
 from .sections.order import SECTIONS
 from .sections.section import plugin_sections
+from .shape_words import words_of
 from .strip import overall, strip
 from .subject import Subject
 from .verdict import warnings
@@ -50,15 +51,15 @@ def _head(subject: Subject) -> Html:
     )
     names = {"start": "before registration"}
     steps = " → ".join(names.get(key, key) for key in subject.last.run.estimates)
-    found = checks(subject)
+    found, words = checks(subject), words_of(subject)
     line = (
-        f"{subject.date}. {steps}. Fused surface: {subject.last.name}. Points: {kinds}. "
-        f"Prior: {len(case.prior.faces)} faces."
+        f"{subject.date}. {steps}. Fused {words.shape}: {subject.last.name}. Points: {kinds}. "
+        f"Prior: {len(case.prior.faces)} {words.pieces}."
     )
     more = tag(
         "details",
         tag("summary", "Checks, run and points"),
-        strip(found, subject.last.name),
+        strip(found, f"{words.shape}, {subject.last.name}"),
         tag("p", line, class_="soft"),
         class_="folds",
         open=True,

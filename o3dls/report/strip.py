@@ -37,7 +37,7 @@ def _told(warnings: Sequence[str]) -> Html | None:
 
 
 def strip(found: Sequence[Check], name: str) -> Html:
-    """The checks of the surface of that name side by side; the grade stands there as a word, so no colour is
+    """The checks of what that name says side by side; the grade stands there as a word, so no colour is
     needed to read it.
     """
     items = (
@@ -51,4 +51,4 @@ def strip(found: Sequence[Check], name: str) -> Html:
         )
         for one in found
     )
-    return tag("ul", *items, class_="strip", aria_label=f"Quality of the fused surface, {name}")
+    return tag("ul", *items, class_="strip", aria_label=f"Quality of the fused {name}")

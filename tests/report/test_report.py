@@ -18,6 +18,7 @@ from o3dls.errors import InputError
 from o3dls.report.markup import Html, data_block, join, tag
 from o3dls.report.writer import Report, compare, write_report
 from tests.finished import NASTY, bulged_case, finished, finished_2d
+from tests.tiny import disc_case
 
 
 class Cells(HTMLParser):
@@ -179,6 +180,27 @@ def test_a_case_without_truth_says_what_is_missing(tmp_path: Path) -> None:
 def test_reports_in_two_dimensions(tmp_path: Path) -> None:
     text = write_report([finished_2d(tmp_path / "run")]).read_text(encoding="utf-8")
     assert "mean distance, px" in text
+    assert "Fused outline: level_set" in text
+    faces = len(disc_case().prior.faces)
+    assert f"Prior: {faces} lines." in text
+    assert f"A prior outline of {faces} lines was registered" in text
+    assert "distances from points to the outline" in text
+    strip = re.findall("<b>([^<]*)</b>", text.split('class="strip"')[1].split("</ul>")[0])
+    assert {"Valid outline", "Area change"} <= set(strip)
+    validity = text.split("<h2>Validity of the outlines")[1].split("</table>")[0]
+    heads = re.findall('<th scope="col">([^<]*)</th>', validity)
+    assert heads == [
+        "estimate",
+        "closed",
+        "components",
+        "crossings",
+        "flipped lines",
+        "area, px²",
+        "change of area",
+        "verdict",
+    ]
+    said = re.sub("<script.*?</script>|<style.*?</style>", "", text, flags=re.DOTALL)
+    assert re.findall(r"[^<>]*\b(?:faces|[Vv]olume|watertight)\b[^<>]*", said) == []
 
 
 def test_unknown_estimate_and_folder_are_named(run: Path, tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ from ..drawing.charts import STYLES, Series, axis_over, grouped, line_chart
 from ..drawing.display import TRUTH
 from ..expected import DUE, shares_within
 from ..markup import Child, Html, join, millimetres, table, tag
+from ..shape_words import words_of
 from ..subject import Subject
 from .section import Section
 
@@ -27,16 +28,16 @@ def pose_section(subject: Subject) -> Section | None:
     rows = [_direction(name, one) for name, all_ in found.items() for one in (all_ or [])[:MOST_DIRECTIONS]]
     if not rows:
         return None
-    unit = subject.unit
+    unit, shape = subject.unit, words_of(subject).shape
     head = [
         "pose",
         "least certain motions",
-        f"moves the surface by, {unit}",
+        f"moves the {shape} by, {unit}",
         f"translation, {unit}",
         "rotation, degrees",
         "scale, %",
     ]
-    note = "One standard deviation of the pose in each direction, given these points; rms over the surface."
+    note = f"One standard deviation of the pose in each direction, given these points; rms over the {shape}."
     return Section("pose", "Pose uncertainty", tag("div", table(head, rows, note), class_="left"))
 
 

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from ..markup import join, tag
+from ..shape_words import words_of
 from ..subject import Subject
 from .provenance import copied
 from .section import Section
@@ -45,16 +46,16 @@ def paragraph(subject: Subject, record: Record) -> str:
     done = " ".join(
         f"({number}) {_stage(stage, subject.unit)}." for number, stage in enumerate(pipeline["stage"], 1)
     )
-    folds = pipeline["folds"]
+    words, folds = words_of(subject), pipeline["folds"]
     left_out = (
         f" Every stage was cross-validated in {folds} folds of spatial blocks of points." if folds else ""
     )
     software = ", ".join(f"{name} {number}" for name, number in versions.items() if number)
     return (
-        f"A prior surface of {len(case.prior.faces)} faces was registered to points ({counts}) and fused "
-        f"with them by o3dls {versions['o3dls']} [o3dls], which builds on Open3D [open3d]: {done} Errors "
-        f"are exact distances from points to the surface, in {subject.unit}; differences have 95 % intervals "
-        f"from a bootstrap of spatial blocks.{left_out} Software: {software}."
+        f"A prior {words.shape} of {len(case.prior.faces)} {words.pieces} was registered to points "
+        f"({counts}) and fused with them by o3dls {versions['o3dls']} [o3dls], which builds on Open3D "
+        f"[open3d]: {done} Errors are exact distances from points to the {words.shape}, in {subject.unit}; "
+        f"differences have 95 % intervals from a bootstrap of spatial blocks.{left_out} Software: {software}."
     )
 
 

@@ -9,6 +9,7 @@ from typing import Any
 
 from ...evaluation.validity import handles
 from ..markup import Child, Html, join, millimetres, signed, table, tag
+from ..shape_words import FLAT, ShapeWords, words_of
 from ..subject import SETS, Result, Subject
 from .section import Section
 
@@ -122,15 +123,18 @@ def _full(results: Sequence[Result], sets: Sequence[str], unit: str) -> Html:
 def validity_section(subject: Subject) -> Section:
     """Whether each surface can be used: closed, one piece, without folds, and its volume."""
     results = list(subject.results.values())
+    words = words_of(subject)
     keys = dict.fromkeys(key for result in results for key in result.validity)
+    if words is FLAT:
+        keys.pop("euler", None)  # an outline has no handles
     rows: list[list[Child]] = [
         [labelled(result), *(_valid(key, result.validity) for key in keys), _faults(result)]
         for result in results
     ]
     return Section(
         "validity",
-        "Validity of the surfaces",
-        table(["estimate", *(_words(key) for key in keys), "verdict"], rows),
+        f"Validity of the {words.shape}s",
+        table(["estimate", *(_words(key, words) for key in keys), "verdict"], rows),
     )
 
 
@@ -138,13 +142,15 @@ def _faults(result: Result) -> str:
     return "; ".join(result.run.faults_of(result.key)) or "valid"
 
 
-def _words(key: str) -> str:
+def _words(key: str, words: ShapeWords) -> str:
     units = {
         "volume_ml": "volume, ml",
         "area_mm2": "area, mm²",
         "area_px2": "area, px²",
-        "volume_change": "change of volume",
+        "volume_change": f"change of {words.amount}",
         "euler": "handles (0 = none)",
+        "flipped_faces": f"flipped {words.pieces}",
+        **({"watertight": "closed", "self_intersections": "crossings"} if words is FLAT else {}),
     }
     return units.get(key, key.replace("_", " "))
 
