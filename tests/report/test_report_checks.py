@@ -14,9 +14,10 @@ import numpy as np
 import pytest
 
 from o3dls.geometry.surface import Surface
-from o3dls.report.checks import WORDS, checks
+from o3dls.report.checks import WORDS, Check, checks
 from o3dls.report.expected import MEAN_OVER_SD, expected_error
 from o3dls.report.page import report_page
+from o3dls.report.strip import overall
 from o3dls.report.subject import Subject, read_subject
 from tests.finished import bulged_case, finished, finished_2d
 
@@ -132,3 +133,14 @@ def test_pixels_have_no_limit_in_millimetres(tmp_path: Path) -> None:
 def test_without_truth_the_calibration_is_not_graded(tmp_path: Path) -> None:
     case = replace(bulged_case(), truth=None)
     assert strip_of(finished(tmp_path / "run", case))["Calibration"][0] == "none"
+
+
+def test_the_overall_grade_is_the_worst_and_ok_says_what_it_rests_on() -> None:
+    ok, none = Check("a", "good", "fine"), Check("b", "none", "no points")
+    amber, red = Check("c", "amber", "far off", "9 mm"), Check("d", "bad", "not valid: a fold")
+    assert "OK</strong> 2 checks passed, 1 without data. </p>" in overall([ok, none, ok], [])
+    assert "CHECK</strong> c: 9 mm. </p>" in overall([ok, amber, none], [])
+    said = overall([amber, red], ["Only 3 points were fitted.", "x " * 100])
+    assert "FAIL</strong> d: not valid: a fold; c: 9 mm. " in said
+    assert '<a href="#outcome">2 warnings</a>: Only 3 points were fitted; x x' in said
+    assert said.endswith(" …</span></p>")
