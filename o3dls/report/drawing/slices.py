@@ -110,7 +110,7 @@ def drawing(
         viewBox=f"0 0 {width:.0f} {height:.0f}",
         class_="chart slice",
         role="img",
-        aria_label=f"{title}: {', '.join(one.name for one in outlines)}; {sum(inside)} points",
+        aria_label=f"{title}: {', '.join(one.name for one in outlines)}; {len(dots)} points",
     )
     said = tag("figcaption", tag("small", caption)) if caption else None
     return tag("figure", tag("h3", title), picture, said, class_="plot")
