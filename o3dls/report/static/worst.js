@@ -14,7 +14,6 @@ function listWorst() {
   const panel = panels[panels.length - 1];
   const rows = worstPoints(panel);
   $("worst").hidden = !rows.length;
-  $("worst-points").textContent = scene.points.ids.length ? "point" : "row of points.csv";
   $("worst-name").textContent = panel.name;
   $("worst-rows").replaceChildren(...rows.map((i) => worstRow(panel, i)));
 }
