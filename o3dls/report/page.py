@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from .. import __version__
 from .checks import checks
-from .contents import contents
 from .document import document
 from .markup import Html, join, tag
 from .page_parts import asset, viewer_code
 from .palette import variables
+from .sections.contents import contents
 from .sections.methods import AUTHORS, RELEASED
 from .sections.order import SECTIONS
+from .sections.outcome import overall, strip
 from .sections.section import plugin_sections
 from .shape_words import words_of
-from .strip import overall, strip
 from .subject import Subject
 from .verdict import warnings
 

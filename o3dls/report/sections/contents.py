@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from .markup import Html, tag
-from .sections.section import Section
+from ..markup import Html, tag
+from .section import Section
 
 
 def contents(sections: Sequence[Section]) -> Html:
