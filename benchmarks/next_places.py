@@ -1,4 +1,4 @@
-"""Where to map next: python -m benchmarks.next_places [--seeds 10] [--points 60] [--draws 3]
+"""Where to map next: python -m benchmarks.next_places [--seeds 20] [--points 60] [--draws 3]
 
 A clustered, sparse map of an atrium (data_synth) is fitted; five more points are taken where `suggest`
 proposes them, or at random on the wall of the chamber; each map is fitted anew. Printed is the mean distance
@@ -99,7 +99,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--seeds", type=int, default=10)
+    parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--points", type=int, default=60, help="of the sparse map")
     parser.add_argument("--draws", type=int, default=3, help="of five random places")
     arguments = parser.parse_args()

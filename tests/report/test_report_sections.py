@@ -53,6 +53,7 @@ def test_sections_with_data_are_there(run: Path) -> None:
         "paired",
         "spread",
         "slices",
+        "regions",
         "landmarks",
         "calibration",
         "electrical",
