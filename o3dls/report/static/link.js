@@ -1,6 +1,6 @@
 // The state of the view in the page's address, behind the #: what differs from how the page opens, as key=text&key=text.
 
-const NOTE_AFTER = 400; // ms without a change; browsers refuse addresses that change too often
+const NOTE_AFTER = 400; // ms after a change; browsers refuse addresses that change more than three times a second
 const AXES = ["x", "y", "z"];
 const link = { timer: 0, opened: null, noted: "" }; // the state in which the page opens; what was noted last
 
@@ -158,11 +158,12 @@ function plain(text) {
 const stateText = () => stateNow().filter((one) => !link.opened.includes(one)).join("&");
 
 function noteState() {
-  clearTimeout(link.timer);
-  if (link.opened) link.timer = setTimeout(note, NOTE_AFTER);
+  if (link.opened && !link.timer) link.timer = setTimeout(note, NOTE_AFTER);
 }
 
 function note() {
+  clearTimeout(link.timer);
+  link.timer = 0;
   const text = stateText();
   if (text === link.noted) return; // the name of a section stays
   link.noted = text;

@@ -14,8 +14,8 @@ from tests.viewer import SAME, press, type_range
 
 def address(visit: Visit) -> str:
     """What stands behind the # when the page has noted the present state."""
-    visit.page.wait_for_timeout(700)
     visit.settle()
+    visit.page.evaluate("() => new Promise((done) => setTimeout(done, 500))")  # the page notes after 400 ms
     return str(visit.page.evaluate("location.hash"))
 
 

@@ -122,6 +122,17 @@ def test_one_shown_estimate_can_be_compared_too(browser: Any, run: Path, tmp_pat
     visit.page.close()
 
 
+def test_names_at_the_divider_do_not_widen_the_page(browser: Any, report: Path) -> None:
+    visit = Visit(browser, report, width=390, height=844)
+    press(visit, "Before / after")
+    visit.page.locator("#divider").focus()
+    for key in ("End", "ArrowLeft"):
+        visit.page.keyboard.press(key)
+    assert visit.page.locator("#name-right").is_visible()
+    assert visit.page.evaluate("document.documentElement.scrollWidth") <= 390
+    visit.page.close()
+
+
 COUNTED = """() => new Promise((done) => {
     const seen = [], from = performance.now(), left = document.getElementById('name-left');
     const look = () => {
