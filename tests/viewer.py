@@ -2,9 +2,50 @@
 
 from __future__ import annotations
 
-from tests.browser import Visit
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from o3dls.report.writer import write_report
+from tests.browser import Visit, chromium
+from tests.finished import finished
 
 SAME = 0.5  # mean difference of two pictures of one state (of 255): edges of triangles are not drawn alike
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return finished(tmp_path_factory.mktemp("state") / "run")
+
+
+@pytest.fixture(scope="module")
+def report(run: Path) -> Path:
+    return write_report([run])
+
+
+@pytest.fixture(scope="module")
+def launch() -> Iterator[Callable[..., Any]]:
+    with chromium() as started:
+        yield started
+
+
+@pytest.fixture(scope="module")
+def browser(launch: Callable[..., Any]) -> Any:
+    return launch()
+
+
+@pytest.fixture
+def visit(browser: Any, report: Path) -> Iterator[Visit]:
+    opened = Visit(browser, report)
+    yield opened
+    assert [text for text in opened.errors if "willReadFrequently" not in text] == []  # said of these tests
+    assert opened.requests == [report.resolve().as_uri()]
+    opened.page.close()
+
+
+FIXTURES = run, report, launch, browser, visit
 
 
 def press(visit: Visit, name: str) -> None:

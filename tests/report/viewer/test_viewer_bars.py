@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 from tests.browser import Visit
-from tests.viewer import press, type_range
+from tests.viewer import FIXTURES, press, type_range
+
+run, report, launch, browser, visit = FIXTURES
 
 
 def bar_says(visit: Visit, bar: str = "#surface-bar") -> tuple[list[float], bool, bool]:

@@ -12,7 +12,9 @@ import numpy as np
 from o3dls.report.writer import write_report
 from tests.browser import Visit
 from tests.finished import bulged_case, finished
-from tests.viewer import SAME, press
+from tests.viewer import FIXTURES, SAME, press
+
+run, report, launch, browser, visit = FIXTURES
 
 
 def zoomed(visit: Visit, act: Callable[[], None]) -> tuple[float, float]:
@@ -113,7 +115,11 @@ def test_without_the_means_there_is_no_button_for_the_whole_screen(browser: Any,
 
 def label_strengths(visit: Visit) -> tuple[float, float]:
     """How much the labels change the left and the right half of the first picture."""
-    visit.page.wait_for_timeout(600)  # labels are looked at again when the camera rests
+    visit.settle()
+    visit.page.evaluate(
+        "() => new Promise((done) => setTimeout(done, 300))"
+    )  # the page looks after 150 ms of rest
+    visit.settle()
     with_labels = visit.picture(0)[..., :3]
     visit.page.get_by_label("landmarks", exact=True).click()
     visit.settle()

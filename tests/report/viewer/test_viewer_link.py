@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 from tests.browser import Visit
-from tests.viewer import SAME, press, type_range
+from tests.viewer import FIXTURES, SAME, press, type_range
+
+run, report, launch, browser, visit = FIXTURES
 
 
 def address(visit: Visit) -> str:

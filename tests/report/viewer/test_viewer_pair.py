@@ -15,7 +15,9 @@ from o3dls.report.subject import read_subject
 from o3dls.report.writer import write_report
 from tests.browser import Visit
 from tests.finished import bulged_case, fine_sphere, finished
-from tests.viewer import SAME, press
+from tests.viewer import FIXTURES, SAME, press
+
+run, report, launch, browser, visit = FIXTURES
 
 
 def test_every_estimate_is_in_the_page_and_equal_ones_once(run: Path, tmp_path: Path) -> None:
