@@ -43,12 +43,11 @@ def change_topology(
     search = TopologySearch(spacing, settings)
     made: list[Change] = []
     while len(made) < settings.most_changes and _kind(fit)[0] == 1:
-        judged = search.judged(fit, list(search.proposals(fit)))
-        best = max(judged, key=lambda change: change.gain, default=None)
-        if best is None or best.gain < settings.evidence:
+        after = search.best(fit)
+        if after is None:
             break
-        fit = fit_motion(*search.anew(fit, search.remade(fit, best), fit.problem.data))
-        made.append(best)
+        fit, change = after
+        made.append(change)
     return fit, tuple(made)
 
 
@@ -103,6 +102,18 @@ class TopologySearch:
             after = trial_fit(*self.anew(fit, self.remade(fit, change), part))
             if self.explains(change, after):
                 yield replace(change, gain=whole - after.energy - change.price)
+
+    def best(self, fit: MotionFit) -> tuple[MotionFit, Change] | None:
+        """The change of most evidence that keeps some in the whole fit, with that fit: its trial had neither
+        the pose alone nor a second start to fall back to.
+        """
+        judged = self.judged(fit, list(self.proposals(fit)))
+        earned = [change for change in judged if change.gain >= self.settings.evidence]
+        for change in sorted(earned, key=lambda change: change.gain, reverse=True):
+            after = fit_motion(*self.anew(fit, self.remade(fit, change), fit.problem.data))
+            if after.energy + change.price < fit.energy:
+                return after, change
+        return None
 
     def explains(self, change: Change, after: Iterated) -> bool:
         """Whether the points that ask for a change lie on the new wall, in the median. Points that float in

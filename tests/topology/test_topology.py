@@ -325,6 +325,25 @@ def test_a_change_gains_what_the_fit_gains_less_its_price(
     assert [change.gain for change in judged] == gains
 
 
+@pytest.mark.parametrize(("energies", "taken"), [([95.0], 9.0), ([101.0, 80.0], 6.0), ([101.0, 99.5], None)])
+def test_a_change_that_the_whole_fit_does_not_keep_is_not_made(
+    energies: list[float], taken: float | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Trials gained 9, 6 and 4 nats; a whole fit from 100 must come below that by the price, 1 nat."""
+    gains = [6.0, 9.0, 4.0]
+    changes = [replace(proposed(np.zeros((0, 3)), price=1.0), gain=gain) for gain in gains]
+    refits = iter(energies)
+    monkeypatch.setattr(TopologySearch, "proposals", lambda self, fit: ())
+    monkeypatch.setattr(TopologySearch, "judged", lambda self, fit, found: changes)
+    monkeypatch.setattr(TopologySearch, "remade", lambda self, fit, change: change)
+    monkeypatch.setattr(TopologySearch, "anew", lambda self, fit, posed, data: ())
+    monkeypatch.setattr("o3dls.topology.search.fit_motion", lambda: SimpleNamespace(energy=next(refits)))
+    before = SimpleNamespace(energy=100.0, problem=SimpleNamespace(data=None))
+    found = SEARCH.best(before)  # type: ignore[arg-type]
+    assert (found and found[1].gain) == taken
+    assert next(refits, None) is None  # and what has not earned its evidence is not fitted
+
+
 def test_a_change_must_run_through_the_points_that_ask_for_it() -> None:
     fit = bent_fit()
     at, outward = surface(fit).vertices[::40], surface(fit).vertex_normals[::40]
