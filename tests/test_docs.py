@@ -20,7 +20,7 @@ from o3dls.cli.commands import cli
 from o3dls.cli.settings import CLASSES, tables
 
 DOCS = ROOT / "docs"
-README = (ROOT / "README.md").read_text(encoding="utf-8")
+ARCHITECTURE = (DOCS / "architecture.md").read_text(encoding="utf-8")
 METHOD = (DOCS / "method.md").read_text(encoding="utf-8")
 PAGES = [ROOT / "README.md", *sorted(DOCS.glob("*.md"))]
 # `levelset/refine.py`, `levelset/grid/`, and behind a colon names in that file
@@ -52,7 +52,7 @@ def names(path: Path) -> set[str]:
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_every_path_that_a_page_names_is_there(page: Path) -> None:
     paths = PATH.findall(page.read_text(encoding="utf-8"))
-    # inflate is the README's example of a stage that is still to be written
+    # inflate is the example, in architecture.md, of a stage that is still to be written
     missing = {path for path in paths if not found(path) and "inflate" not in path}
     assert not missing
 
@@ -126,15 +126,15 @@ def test_an_unknown_package_is_refused_with_the_nearest_name() -> None:
 
 
 def test_the_picture_of_the_packages_has_the_layers_in_their_order() -> None:
-    picture = re.search(r"```text\n(.*?)```", README, re.DOTALL)
+    picture = re.search(r"```text\n(.*?)```", ARCHITECTURE, re.DOTALL)
     assert picture is not None
     drawn = [word for line in picture[1].splitlines() for word in line.split("  ")[0].split()]
     assert drawn == [x for x in LAYERS if x != "__main__"]
 
 
 def test_the_walk_leads_from_each_step_to_the_next() -> None:
-    """Every step of the README's walk calls the one that follows it."""
-    walk = re.search(r"<!-- walk -->\n(.*?)<!-- end -->", README, re.DOTALL)
+    """Every step of the walk calls the one that follows it."""
+    walk = re.search(r"<!-- walk -->\n(.*?)<!-- end -->", ARCHITECTURE, re.DOTALL)
     assert walk is not None
     ways = [NAMED.findall(way) for way in walk[1].split("\n- ")]
     assert len(ways) == 2

@@ -1,5 +1,5 @@
-"""What the README shows is executed, in its order and in one folder; `<!-- not run: reason -->` above a block
-spares it.
+"""What README and docs show is executed, page by page, in its order and in one folder;
+`<!-- not run: reason -->` above a block spares it.
 """
 
 from __future__ import annotations
@@ -20,7 +20,13 @@ BLOCK = re.compile(
     r"(?P<spared><!-- not run: [^\n]+ -->\n)?```(?P<language>\w+)\n(?P<code>.*?)```", re.DOTALL
 )
 README = (ROOT / "README.md").read_text(encoding="utf-8")
-BLOCKS = [match.groupdict() for match in BLOCK.finditer(README) if not match["spared"]]
+EXECUTED = ("README.md", "docs/python.md", "docs/pipelines.md", "docs/architecture.md")
+BLOCKS = [
+    (page, match.groupdict())
+    for page in EXECUTED
+    for match in BLOCK.finditer((ROOT / page).read_text(encoding="utf-8"))
+    if not match["spared"]
+]
 
 
 def execute(language: str, code: str, folder: Path) -> None:
@@ -36,19 +42,29 @@ def execute(language: str, code: str, folder: Path) -> None:
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tmp_path_factory.mktemp("readme")
+def folders(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    return {page: tmp_path_factory.mktemp(Path(page).stem) for page in EXECUTED}
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("block", BLOCKS, ids=[f"{i}-{block['language']}" for i, block in enumerate(BLOCKS)])
-def test_blocks_run(block: dict[str, str], folder: Path) -> None:
-    execute(block["language"], block["code"], folder)
+@pytest.mark.parametrize(
+    ("page", "block"),
+    BLOCKS,
+    ids=[f"{page}-{i}-{block['language']}" for i, (page, block) in enumerate(BLOCKS)],
+)
+def test_blocks_run(page: str, block: dict[str, str], folders: dict[str, Path]) -> None:
+    execute(block["language"], block["code"], folders[page])
 
 
-def test_every_fenced_block_is_found() -> None:
-    assert len(list(BLOCK.finditer(README))) == README.count("\n```") // 2
-    assert {block["language"] for block in BLOCKS} == {"python", "sh", "toml"}
+@pytest.mark.parametrize("page", EXECUTED)
+def test_every_fenced_block_is_found(page: str) -> None:
+    text = (ROOT / page).read_text(encoding="utf-8")
+    assert len(list(BLOCK.finditer(text))) == text.count("\n```") // 2
+    assert {block["language"] for _, block in BLOCKS} == {"python", "sh", "toml"}
+
+
+def test_the_readme_is_short_enough_to_be_read() -> None:
+    assert README.count("\n") <= 150
 
 
 def test_the_two_commands_stand_at_the_top() -> None:
