@@ -16,6 +16,7 @@ from conftest import ROOT
 
 from o3dls.evaluation.interpolation import REACH
 from o3dls.report import checks as module
+from o3dls.report.drawing.fields import known_fields
 from o3dls.report.expected import DUE, OFF
 from o3dls.report.page_parts import asset
 from o3dls.report.sections.order import SECTIONS
@@ -130,6 +131,13 @@ def test_what_scripts_add_to_the_controls_is_explained_too() -> None:
     assert {"Reset", "where to map next", "outliers", "AP"} <= explained
     assert 'button($("reset"), "Reset"' in asset("start.js")
     assert '"where to map next"' in asset("next.js")
+
+
+def test_every_colour_is_explained() -> None:
+    labels = re.findall(r'Field\(f?"[^"]+", "([^",]+)', inspect.getsource(known_fields))
+    assert len(labels) == 7
+    said = PAGE.split("\n### Colours\n", 1)[1].split("\n### ", 1)[0]
+    assert [label for label in labels if f"- **{label[0].upper()}{label[1:]}** " not in said] == []
 
 
 def title_of(maker: Maker) -> re.Pattern[str]:
