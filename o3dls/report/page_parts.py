@@ -43,7 +43,9 @@ def viewer_code() -> tuple[str, str]:
     ours = "\n".join(asset(name) for name in SCRIPTS)
     library = f"/* three.js\n{asset('three.LICENSE.txt', 'vendor')}*/\n{asset('three.min.js', 'vendor')}"
     # without WebGL the static pictures stay; a context is slow to make, so the one that tells draws too
-    context = "document.createElement('canvas').getContext('webgl2', { antialias: true, alpha: true })"
+    # and it keeps what it drew, since a driver may copy a picture later than it is asked to
+    settings = "{ antialias: true, alpha: true, preserveDrawingBuffer: true }"
+    context = f"document.createElement('canvas').getContext('webgl2', {settings})"
     return library, f'"use strict";\n((webgl) => {{\nif (!webgl) return;\n{ours}\n}})({context});'
 
 

@@ -54,7 +54,7 @@ def contrast(a: np.ndarray, b: np.ndarray) -> float:
 
 @pytest.mark.parametrize(("scheme", "palette"), [(0, LIGHT), (1, DARK)])
 def test_marks_and_lines_stand_out(scheme: int, palette: tuple[str, ...]) -> None:
-    blocks = re.findall(r":root \{([^}]*)\}", asset("report.css"))
+    blocks = re.findall(r":root[^{]*\{([^}]*)\}", asset("report.css"))
     css = {name: channels(value) for name, value in re.findall(r"--(\w+): (#\w{6})", blocks[scheme])}
     for behind in (css["page"], css["panel"]):
         lines = [*map(channels, palette), css["ink"], css["soft"]]

@@ -45,7 +45,7 @@ def _bars(found: Sequence[Step], unit: str) -> Html:
         length = (middle - LEFT) * abs(one.change) / most
         top = ROW * k + 31
         left = middle - length if one.change < 0 else middle
-        style = "bar nearer" if one.change < 0 else "bar"
+        style = "gain nearer" if one.change < 0 else "gain"
         parts += [
             tag(
                 "text", f"{_sign(one.change)} {one.stage} {signed(one.change)} {unit}", x=LEFT, y=ROW * k + 25
