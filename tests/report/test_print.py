@@ -20,7 +20,7 @@ from tests.finished import NASTY, Icp, LevelSet, bulged_case, finished, finished
 
 MOST_PAGES = 8
 PAGES = {"A4": 710, "Letter": 733}  # and pixels of their width between margins of 11 mm, 96 to the inch
-SUMMARY = (NOTICE, "Valid surface", "level_set", "Outcome")
+SUMMARY = (NOTICE, "Valid ", "level_set", "Side by side", "Outcome")
 PRINT = "() => window.dispatchEvent(new Event('beforeprint'))"
 AFTER = "() => window.dispatchEvent(new Event('afterprint'))"
 

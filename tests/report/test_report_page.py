@@ -256,7 +256,7 @@ def mapped(browser: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[V
     points = replace(case.points, columns={**case.points.columns, "lat": lat})
     folder = finished(tmp_path_factory.mktemp("mapped") / "run", replace(case, points=points))
     opened = Visit(browser, write_report([folder]))
-    for label in ("outliers", "landmarks", "hatch: no points here, shape from the image alone"):
+    for label in ("outliers", "landmarks", "hatch: no points here, shape from the image"):
         opened.page.get_by_label(label, exact=True).click()
     yield opened
     opened.page.close()

@@ -89,7 +89,7 @@ def test_the_page_speaks_in_the_terms_of_the_field(run: Path, tmp_path: Path) ->
     for word in (
         "Fused surface: level_set",
         "cross-validated points",
-        "hatch: no points here, shape from the image alone",
+        "hatch: no points here, shape from the image",
         "no points here: shape from the image alone",
         "start (before registration)",
         "Pose uncertainty",

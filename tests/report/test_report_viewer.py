@@ -55,6 +55,7 @@ def browser() -> Iterator[Callable[..., Any]]:
 @pytest.fixture
 def visit(browser: Any, report: Path) -> Iterator[Visit]:
     opened = Visit(browser, report, width=800, height=700)  # small pictures are quick
+    opened.page.get_by_text("More controls", exact=True).click()  # folded where the window is narrow
     opened.page.locator("#panels canvas").first.scroll_into_view_if_needed()
     yield opened
     assert [text for text in opened.errors if "willReadFrequently" not in text] == []  # said of our looking
@@ -94,6 +95,34 @@ def same_picture(one: Any, other: Any) -> None:
 def choose(visit: Visit, panel: int, name: str) -> None:
     visit.page.locator("select.estimate").nth(panel).select_option(label=name)
     visit.settle()
+
+
+KEEP = """() => {
+    const ask = HTMLCanvasElement.prototype.getContext;
+    HTMLCanvasElement.prototype.getContext = function (kind, ...rest) {
+        const made = ask.call(this, kind, ...rest);
+        if (kind === 'webgl2') window.drawing = this;
+        return made;
+    };
+}"""
+KEPT = """() => {
+    const copy = document.createElement('canvas');
+    Object.assign(copy, { width: drawing.width, height: drawing.height });
+    const context = copy.getContext('2d');
+    context.drawImage(drawing, 0, 0);
+    return context.getImageData(0, 0, copy.width, copy.height).data.filter((one) => one).length;
+}"""
+
+
+def test_what_was_drawn_can_be_copied_later(browser: Any, report: Path) -> None:
+    """Some drivers copy a picture when the frame is over: the buffer has to have it still."""
+    page = browser.new_page()
+    page.add_init_script(f"({KEEP})()")
+    page.goto(report.resolve().as_uri())
+    page.wait_for_function("document.documentElement.dataset.ready !== undefined")
+    page.wait_for_timeout(300)  # some frames later
+    assert page.evaluate(KEPT) > 1000
+    page.close()
 
 
 def test_any_estimate_can_be_shown_in_any_panel(visit: Visit) -> None:

@@ -195,7 +195,7 @@ def test_the_viewer_names_regions_and_takes_numbers_away(
     visit = Visit(browser, path)
     page = visit.page
     with_numbers = page.locator("#panels").screenshot()
-    page.get_by_label("where to map next").uncheck()
+    page.get_by_label("next places").uncheck()
     visit.settle()
     assert page.locator("#panels").screenshot() != with_numbers
     assert page.locator("#region-names").inner_text() == ""

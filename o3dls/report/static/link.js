@@ -46,7 +46,7 @@ const STATE = {
   },
 };
 
-const boxes = () => [...document.querySelectorAll("#shown input, #kinds input")];
+const boxes = () => [...document.querySelectorAll("#shown input, #kinds input, #places input")];
 const boxName = (box) => box.parentElement.textContent.trim();
 const optionText = (id) => $(id).selectedOptions[0].textContent;
 

@@ -1,10 +1,10 @@
 // Where to map next: numbers over the pictures, which a box takes away.
 
 if (scene.next.length) {
-  checkbox($("kinds").parentElement, "where to map next", (on) => {
+  checkbox($("kinds").parentElement, "next places", (on) => {
     settings.next = on;
     invalidate();
-  });
+  }).id = "places";
 }
 
 function drawNumber({ name, at }, context, width, height, ratio) {

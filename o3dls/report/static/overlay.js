@@ -13,7 +13,7 @@ function drawOverlay(panel, context, ratio) {
   context.lineJoin = context.lineCap = "round";
   for (const contour of contours) drawContour(contour, context, width, height, ratio);
   if (settings.labels) scene.landmarks.forEach((mark, k) => drawLabel({ ...mark, strength: panel.hidden?.[k] ? 0.35 : 1 }, context, width, height, ratio, ink));
-  if (settings.next) for (const mark of scene.next) drawNumber(mark, context, width, height, ratio);
+  if (settings.next) for (const mark of [...scene.next].reverse()) drawNumber(mark, context, width, height, ratio);
   drawPinned(context, width, height, ratio, ink);
   drawMeasured(context, width, height, ratio, ink);
   drawAxes(context, height, ratio, ink);

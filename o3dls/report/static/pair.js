@@ -68,6 +68,7 @@ function farthest({ geometry }) {
 // The colours keep their ends.
 function repaint() {
   const range = shared.range.value;
+  listWorst();
   chooseField($("field").value);
   shared.range.value = range;
   if (settings.field) writeRange($("surface-bar"), range);

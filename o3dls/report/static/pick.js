@@ -36,8 +36,8 @@ function pin(found) {
 
 // After what is shown has changed.
 function refreshReadout() {
-  if (pinned && pinned.geometry && pinned.geometry !== pinned.panel.geometry) pin(null);
-  else if (!measuring.on) write(describe(pinned) || HINT, "off");
+  if (pinned?.geometry && pinned.geometry !== pinned.panel.geometry) pinned = null;
+  if (!measuring.on) write(describe(pinned) || HINT, "off");
 }
 
 const holdsLine = () => pinned || measuring.on;

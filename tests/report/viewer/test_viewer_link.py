@@ -30,7 +30,7 @@ def set_all(visit: Visit) -> None:
     page.select_option("#ghost", label="prior")
     page.select_option("#cut", label="coronal (y)")
     page.locator("#level").fill("0.4")
-    for label in ("ablation", "landmarks", "hatch: no points here, shape from the image alone"):
+    for label in ("ablation", "landmarks", "hatch: no points here, shape from the image"):
         page.get_by_label(label, exact=True).click()
     press(visit, "LAO 45")
     page.locator("#panels canvas").first.focus()
@@ -90,6 +90,37 @@ def test_a_turned_camera_and_the_divider_are_in_the_address(browser: Any, visit:
     assert again.page.locator("#divider").get_attribute("aria-valuetext") == "60 % icp, 40 % level_set"
     assert "target=0,5,0" in address(again)
     again.page.close()
+
+
+def test_chosen_estimates_and_a_free_cut_are_in_the_address(browser: Any, visit: Visit, report: Path) -> None:
+    """The cut keeps its direction when the camera has turned since."""
+    visit.page.locator("select.estimate").first.select_option(label="start")
+    press(visit, "RAO 30")
+    visit.page.select_option("#cut", label="free")
+    visit.page.locator("#level").fill("0.4")
+    press(visit, "PA")
+    visit.page.get_by_label("start", exact=True).uncheck()
+    said = address(visit)
+    view, cut, estimates, hidden = said.split("&")
+    assert (view, estimates, hidden) == ("#view=PA", "estimates=start%7Clevel_set", "hide=start")
+    assert cut.startswith("cut=free:0.4:")
+    direction = [float(one) for one in cut.split(":")[-1].split(",")]
+    assert direction == pytest.approx([-0.5, -(0.75**0.5), 0.0], abs=1e-3)  # RAO 30 of a case in LPS
+    again = opened(browser, report, said)
+    assert again.page.locator("#cut :checked").inner_text() == "free"
+    assert np.abs(again.picture(1) - visit.picture(1)).mean() < SAME
+    assert address(again) == said
+    again.page.close()
+
+
+@pytest.mark.parametrize(
+    "cut", ["free:0.4", "free:0.4:0,0,0", "free:0.4:1,x,0", "free:7:1,0,0", "free::1,0,0"]
+)
+def test_a_free_cut_that_does_not_fit_is_ignored(browser: Any, report: Path, cut: str) -> None:
+    page = opened(browser, report, f"#cut={cut}")
+    assert page.page.locator("#cut").input_value() == ""
+    assert page.page.locator("#level").is_disabled()
+    page.page.close()
 
 
 def test_a_wrong_or_old_address_is_ignored(browser: Any, report: Path, visit: Visit) -> None:

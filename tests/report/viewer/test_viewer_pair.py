@@ -135,6 +135,47 @@ def test_names_at_the_divider_do_not_widen_the_page(browser: Any, report: Path) 
     visit.page.close()
 
 
+def at(visit: Visit, share: float) -> tuple[float, float]:
+    """A place at a share of the width of the pair, at half of its height."""
+    canvas = visit.page.locator("#panels canvas").first
+    canvas.scroll_into_view_if_needed()
+    box = canvas.bounding_box()
+    return box["x"] + share * box["width"], box["y"] + box["height"] / 2
+
+
+def test_each_half_is_read_and_measured_as_the_estimate_that_it_shows(visit: Visit) -> None:
+    for box in visit.page.locator("#kinds input").all():
+        box.uncheck()
+    press(visit, "Before / after")
+    readout = visit.page.locator("#readout")
+    for share, name in ((0.45, "start"), (0.55, "level_set")):
+        visit.page.mouse.click(*at(visit, share))
+        visit.settle()
+        assert readout.inner_text().startswith(f"{name}: ")
+    press(visit, "Distance")
+    for share in (0.45, 0.55):
+        visit.page.mouse.click(*at(visit, share))
+    visit.settle()
+    measured = readout.inner_text()
+    assert measured.startswith("Distance: ")
+    assert measured.endswith(" mm")
+    visit.page.select_option("#pair-right", label="icp")
+    visit.settle()
+    assert readout.inner_text() == measured  # what was pinned is gone, but not the distance
+    visit.page.keyboard.press("Escape")
+    assert readout.inner_text().startswith("Point at a surface")
+
+
+def test_the_worst_points_are_those_of_the_right_half(visit: Visit) -> None:
+    name = visit.page.locator("#worst-name")
+    assert name.text_content() == "level_set"
+    press(visit, "Before / after")
+    visit.page.select_option("#pair-right", label="icp")
+    assert name.text_content() == "icp"
+    press(visit, "Before / after")
+    assert name.text_content() == "level_set"
+
+
 COUNTED = """() => new Promise((done) => {
     const seen = [], from = performance.now(), left = document.getElementById('name-left');
     const look = () => {
