@@ -1,0 +1,62 @@
+"""What the site makes of a page of the host: navigation, and links out of docs/.
+
+On the site, what stands between `<!-- site: README.md -->` and `<!-- end -->` gives way to that page.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from pathlib import Path
+from typing import Any
+
+DOCS = Path(__file__).resolve().parent
+ROOT = DOCS.parent
+# pages outside of docs/ that the site has too, under these names
+OUTSIDE = {
+    "README.md": "readme.md",
+    "CHANGELOG.md": "changelog.md",
+    ".github/CONTRIBUTING.md": "contributing.md",
+    ".github/CODE_OF_CONDUCT.md": "conduct.md",
+}
+LINK = re.compile(r"\]\((?P<path>[^)#:\s]+)(?P<anchor>#[\w-]+)?\)")
+PART = re.compile(r"<!-- site: (?P<name>\S+) -->.*?<!-- end -->", re.DOTALL)
+SECTION = re.compile(r"^## (?P<caption>.+)\n(?P<body>(?:(?!## ).*\n?)*)", re.MULTILINE)
+
+
+def read(app: Any, name: str, source: list[str]) -> None:
+    """Sphinx's event `source-read`: change the text of a page in place."""
+    text = linked(source[0], DOCS)
+    if name == "index":
+        text += navigation(text)
+    source[0] = PART.sub(lambda found: part(found["name"]), text)
+
+
+def part(name: str) -> str:
+    """The Markdown of a page outside of docs/."""
+    page = ROOT / name
+    return linked(page.read_text(encoding="utf-8"), page.parent)
+
+
+def linked(text: str, folder: Path) -> str:
+    """The text of a page of a folder, its links to files as docs/ sees them."""
+
+    def seen(found: re.Match[str]) -> str:
+        target = (folder / found["path"]).resolve()
+        if not target.exists():
+            return found[0]
+        inside = target.relative_to(ROOT).as_posix()
+        path = OUTSIDE.get(inside) or Path(os.path.relpath(target, DOCS)).as_posix()
+        return f"]({path}{found['anchor'] or ''})"
+
+    return LINK.sub(seen, text)
+
+
+def navigation(index: str) -> str:
+    """Sphinx's tables of contents for the sections of the index: the pages that each links to, in order."""
+    trees = []
+    for section in SECTION.finditer(index):
+        pages = [found["path"] for found in LINK.finditer(section["body"]) if found["path"].endswith(".md")]
+        head = f":hidden:\n:caption: {section['caption']}\n"
+        trees.append("\n".join(["", "```{toctree}", head, *dict.fromkeys(pages), "```", ""]))
+    return "\n".join(trees)

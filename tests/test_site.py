@@ -1,0 +1,114 @@
+"""The documentation builds as a site without a warning; its links lead somewhere, and it needs no network."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote, urlsplit
+
+import pytest
+from browser import Visit, chromium
+from conftest import ROOT
+
+LOADS = {"script": "src", "img": "src", "iframe": "src", "source": "src", "link": "href"}
+
+
+class Page(HTMLParser):
+    """The links of a page, its anchors, and what it loads."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        self.links: list[str] = []
+        self.loads: list[str] = []
+        self.anchors: set[str] = set()
+        self.feed(path.read_text(encoding="utf-8"))
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        given = {name: value for name, value in attrs if value}
+        self.anchors.add(given.get("id", ""))
+        if tag == "a" and "href" in given:
+            self.links.append(given["href"])
+        # a canonical address or a next page is not loaded
+        loaded = tag != "link" or given.get("rel") in ("stylesheet", "icon", "preload", "preconnect")
+        if tag in LOADS and loaded and LOADS[tag] in given:
+            self.loads.append(given[LOADS[tag]])
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    for name in ("sphinx", "myst_parser", "furo", "sphinx_copybutton"):
+        pytest.importorskip(name, reason=f"{name} is not installed: the site is not built")
+    folder = tmp_path_factory.mktemp("site")
+    command = [sys.executable, "-m", "sphinx", "-q", "-W", "--keep-going", "-b", "html"]
+    done = subprocess.run(
+        [*command, str(ROOT / "docs"), str(folder)], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    return folder
+
+
+@pytest.fixture(scope="module")
+def pages(site: Path) -> dict[Path, Page]:
+    return {path: Page(path) for path in site.rglob("*.html")}
+
+
+@pytest.fixture(scope="module")
+def launch() -> Iterator[Callable[..., Any]]:
+    with chromium() as launch:
+        yield launch
+
+
+def test_every_page_of_the_documentation_is_in_the_navigation(pages: dict[Path, Page], site: Path) -> None:
+    named = {urlsplit(link).path for link in pages[site / "index.html"].links}
+    wanted = {f"{path.stem}.html" for path in (ROOT / "docs").glob("*.md")} - {"index.html"}
+    assert len(wanted) > 10
+    assert not wanted - named
+
+
+def test_links_within_the_site_lead_to_a_file_and_a_place_in_it(pages: dict[Path, Page]) -> None:
+    dead = []
+    for path, page in pages.items():
+        for link in page.links:
+            found = urlsplit(link)
+            if found.scheme in ("http", "https", "mailto"):
+                continue
+            target = (path.parent / unquote(found.path)).resolve() if found.path else path
+            place = unquote(found.fragment)
+            if not target.is_file() or (place and target in pages and place not in pages[target].anchors):
+                dead.append((path.name, link))
+    assert sum(len(page.links) for page in pages.values()) > 200
+    assert not dead
+
+
+def test_no_page_loads_anything_from_elsewhere(pages: dict[Path, Page], site: Path) -> None:
+    for path, page in pages.items():
+        for load in page.loads:
+            found = urlsplit(load)
+            assert not found.scheme + found.netloc, (path.name, load)
+            assert (path.parent / unquote(found.path)).is_file(), (path.name, load)
+    assert "<math" in (site / "method.html").read_text(encoding="utf-8")
+
+
+def test_the_search_finds_a_word_without_a_network(site: Path, launch: Callable[..., Any]) -> None:
+    visit = Visit(launch(webgl=False), site / "index.html", wait=False)
+    visit.page.locator("input.sidebar-search").fill("ostium")
+    visit.page.keyboard.press("Enter")
+    visit.page.locator("ul.search li a", has_text="Glossary").first.wait_for()
+    assert not visit.errors
+    assert all(request.startswith("file:") for request in visit.requests)
+
+
+@pytest.mark.parametrize("width", [390, 1440])
+def test_no_page_is_wider_than_the_window(site: Path, launch: Callable[..., Any], width: int) -> None:
+    page = launch(webgl=False).new_page(viewport={"width": width, "height": 900})
+    wider = {}
+    for path in sorted(site.glob("*.html")):
+        page.goto(path.as_uri())
+        wide = page.evaluate("document.documentElement.scrollWidth")
+        if wide > width:
+            wider[path.name] = wide
+    assert not wider
