@@ -21,6 +21,7 @@ OUTSIDE = {
 }
 LINK = re.compile(r"\]\((?P<path>[^)#:\s]+)(?P<anchor>#[\w-]+)?\)")
 PART = re.compile(r"<!-- site: (?P<name>\S+) -->.*?<!-- end -->", re.DOTALL)
+ENTRY = re.compile(r"^- \[([^]]+)\]\(([^)]+)\)", re.MULTILINE)
 SECTION = re.compile(r"^## (?P<caption>.+)\n(?P<body>(?:(?!## ).*\n?)*)", re.MULTILINE)
 
 
@@ -53,10 +54,10 @@ def linked(text: str, folder: Path) -> str:
 
 
 def navigation(index: str) -> str:
-    """Sphinx's tables of contents for the sections of the index: the pages that each links to, in order."""
+    """Sphinx's tables of contents for the sections of the index: each entry's page by its title there."""
     trees = []
     for section in SECTION.finditer(index):
-        pages = [found["path"] for found in LINK.finditer(section["body"]) if found["path"].endswith(".md")]
+        pages = [f"{title} <{path}>" for title, path in ENTRY.findall(section["body"])]
         head = f":hidden:\n:caption: {section['caption']}\n"
-        trees.append("\n".join(["", "```{toctree}", head, *dict.fromkeys(pages), "```", ""]))
+        trees.append("\n".join(["", "```{toctree}", head, *pages, "```", ""]))
     return "\n".join(trees)
