@@ -30,7 +30,9 @@ suppress_warnings = ["myst.header"]  # pages of the host begin where they like
 
 default_role = "literal"  # what docstrings put between single backticks is code
 autodoc_member_order = "bysource"
-autodoc_typehints = "none"  # the signature would repeat pydantic's, the docstrings say shapes and units
+autodoc_typehints_format = "short"
+toc_object_entries = False  # a heading stands over each
+python_maximum_signature_line_length = 88
 
 BIG = re.compile(r"\\([bB]ig)(?![A-Za-z])")  # docutils knows the sides of \big alone
 

@@ -1,6 +1,7 @@
 """What the site makes of a page of the host: navigation, and links out of docs/.
 
-On the site, what stands between `<!-- site: README.md -->` and `<!-- end -->` gives way to that page.
+On the site, what stands between `<!-- site: README.md -->` and `<!-- end -->` gives way to that page,
+or to what `site_reference.py` has by that word.
 """
 
 from __future__ import annotations
@@ -9,6 +10,8 @@ import os
 import re
 from pathlib import Path
 from typing import Any
+
+import site_reference
 
 DOCS = Path(__file__).resolve().parent
 ROOT = DOCS.parent
@@ -34,7 +37,9 @@ def read(app: Any, name: str, source: list[str]) -> None:
 
 
 def part(name: str) -> str:
-    """The Markdown of a page outside of docs/."""
+    """The Markdown that stands for a word: a page outside of docs/, or what the code tells."""
+    if name not in OUTSIDE:
+        return site_reference.PARTS[name]()
     page = ROOT / name
     return linked(page.read_text(encoding="utf-8"), page.parent)
 

@@ -14,6 +14,9 @@ import pytest
 from browser import Visit, chromium
 from conftest import ROOT
 
+import o3dls
+from o3dls.cli.commands import cli
+
 LOADS = {"script": "src", "img": "src", "iframe": "src", "source": "src", "link": "href"}
 
 
@@ -91,6 +94,21 @@ def test_no_page_loads_anything_from_elsewhere(pages: dict[Path, Page], site: Pa
             assert not found.scheme + found.netloc, (path.name, load)
             assert (path.parent / unquote(found.path)).is_file(), (path.name, load)
     assert "<math" in (site / "method.html").read_text(encoding="utf-8")
+
+
+def test_every_public_name_has_its_entry(pages: dict[Path, Page], site: Path) -> None:
+    assert len(o3dls.PUBLIC) > 30
+    assert not {f"o3dls.{name}" for name in o3dls.PUBLIC} - pages[site / "api.html"].anchors
+    text = (site / "api.html").read_text(encoding="utf-8")
+    assert "what a step minimises" in text  # a parameter of icp with its meaning
+
+
+def test_every_command_has_its_entry_with_every_option(pages: dict[Path, Page], site: Path) -> None:
+    text = (site / "commands.html").read_text(encoding="utf-8")
+    for name, command in cli.commands.items():
+        assert f"o3dls-{name}" in pages[site / "commands.html"].anchors
+        flags = [one for option in command.params for one in option.opts if one.startswith("--")]
+        assert not [one for one in flags if one not in text]
 
 
 def test_the_search_finds_a_word_without_a_network(site: Path, launch: Callable[..., Any]) -> None:
