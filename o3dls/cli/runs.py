@@ -1,4 +1,4 @@
-"""Commands that make runs: demo, run, check, stages, batch, paper."""
+"""Commands that make runs: demo, run, check, stages, schema, batch, paper."""
 
 from __future__ import annotations
 
@@ -118,6 +118,14 @@ def stages(name: str | None, markdown: bool) -> None:
         say_lines(table(name) if name else tables())
     else:
         say_lines(sheet(name) if name else listing())
+
+
+@click.command()
+def schema() -> None:
+    """Print the JSON schema of a pipeline file, by which an editor completes and checks it."""
+    from ..pipeline import schema as pipeline_schema
+
+    say_json(pipeline_schema.schema())
 
 
 @click.command()

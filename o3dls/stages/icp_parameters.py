@@ -187,7 +187,7 @@ class ICPParameters(Stage):
             filled |= {name: given.get(name) for name in ONLY_OURS}
         return filled
 
-    @field_validator("reject", mode="before")
+    @field_validator("reject", mode="before", json_schema_input_type=RuleName | tuple[RuleName, ...])
     @classmethod
     def _one_is_a_list(cls, value: Any) -> Any:
         return (value,) if isinstance(value, str) else value
