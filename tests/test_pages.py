@@ -8,10 +8,12 @@ import pytest
 from conftest import ROOT
 from test_readme import BLOCK, execute
 
-PAGES = ("pipeline_file",)
+# what runs whole pipelines, or searches all rotations, takes its time
+SLOW = ("start", "points", "landmarks")
+PAGES = ("pipeline_file", "frames_and_units", "label_volumes")
 
 
-@pytest.mark.parametrize("name", PAGES)
+@pytest.mark.parametrize("name", [*PAGES, *(pytest.param(name, marks=pytest.mark.slow) for name in SLOW)])
 def test_what_a_page_shows_runs(name: str, tmp_path: Path) -> None:
     page = (ROOT / "docs" / f"{name}.md").read_text(encoding="utf-8")
     blocks = list(BLOCK.finditer(page))
