@@ -97,7 +97,7 @@ def test_more_controls_are_folded_on_narrow_screens_alone(browser: Any, report: 
     assert visit.page.is_visible("#translucent")
     assert not visit.page.is_visible("#viewer summary")
     visit.page.set_viewport_size({"width": 390, "height": 844})
-    visit.page.wait_for_selector("#viewer details:not([open])", state="attached")
+    visit.page.wait_for_selector("#viewer details.folds:not([open])", state="attached")
     assert not visit.page.is_visible("#translucent")
     visit.page.click("#viewer summary")
     assert visit.page.is_visible("#translucent")

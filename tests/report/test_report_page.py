@@ -182,7 +182,7 @@ def test_views_of_an_unknown_frame_are_those_of_the_prior_and_named_so(browser: 
     said = visit.page.locator("section#pictures > p.soft").inner_text()
     assert "does not say its frame: views are by the prior's own axes" in said
     assert "from prior −y" in (visit.page.locator("figure.static img").get_attribute("alt") or "")
-    assert visit.page.locator("#cut option").all_inner_texts() == ["none", "x", "y", "z"]
+    assert visit.page.locator("#cut option").all_inner_texts() == ["none", "x", "y", "z", "free"]
     assert not list((tmp_path / "run" / "figures").glob("surfaces_[ap][ap].png"))
     assert visit.errors == []
     visit.page.close()
