@@ -9,7 +9,7 @@ import atexit
 import os
 import signal
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
@@ -61,6 +61,26 @@ def _again(lost: sys.UnraisableHookArgs) -> None:
         Timer(LATER, os.kill, [os.getpid(), _heard[0]]).start()
     elif not _heard:
         sys.__unraisablehook__(lost)
+
+
+@contextmanager
+def first_told(tell: Callable[[], None]) -> Iterator[None]:
+    """Within this the first Ctrl-C is told, so that what runs may end in order; only the next one raises. The
+    command ends as interrupted after either.
+    """
+
+    def hear(number: int, frame: object) -> None:
+        if _heard:
+            _raise(number, frame)
+        else:
+            _heard.append(number)
+            tell()
+
+    before = signal.signal(signal.SIGINT, hear)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 @contextmanager

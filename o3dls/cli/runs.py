@@ -1,8 +1,7 @@
-"""Commands that make runs: demo, run, check, stages, schema, batch, paper."""
+"""Commands that make runs: demo, run, check, stages, schema, paper."""
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -126,63 +125,6 @@ def schema() -> None:
     from ..pipeline import schema as pipeline_schema
 
     say_json(pipeline_schema.schema())
-
-
-@click.command()
-@click.argument("cases", type=FOLDER, nargs=-1, required=True)
-@click.option(
-    "--pipeline", type=FILE, help="pipeline file; without one the default pipeline with what each case allows"
-)
-@click.option(
-    "--out",
-    type=FOLDER,
-    default=Path("runs"),
-    show_default=True,
-    help="folder for the run folders, cohort.csv and cohort.html",
-)
-@click.option(
-    "--set",
-    "settings",
-    multiple=True,
-    metavar="STAGE.PARAM=VALUE",
-    shell_complete=completion.settings,
-    help="override a parameter of the pipeline; may be repeated",
-)
-@click.option(
-    "--jobs", type=click.IntRange(min=1), default=1, show_default=True, help="cases that run at one time"
-)
-@click.option("--force", is_flag=True, help="replace earlier runs in the same folders")
-@as_json
-@progress
-def batch(
-    cases: tuple[Path, ...],
-    pipeline: Path | None,
-    out: Path,
-    settings: tuple[str, ...],
-    jobs: int,
-    force: bool,
-    as_json: bool,
-) -> int:
-    """Run one pipeline over many CASES, side by side, and write one table and one page of the cohort."""
-    from ..pipeline.batch import run_cohort
-    from ..pipeline.file import default_pipeline, read_pipeline
-    from ..report.writer import write_cohort
-    from ..runs.run import plain
-
-    plan = read_pipeline(pipeline, settings) if pipeline else default_pipeline(settings)
-    outcomes = run_cohort(cases, plan, out, jobs=jobs, trim=not pipeline, force=force)
-    page = write_cohort(outcomes, out)
-    if as_json:
-        found = {"table": str(out / "cohort.csv"), "page": str(page), "cases": list(map(asdict, outcomes))}
-        say_json(plain(found))
-    else:
-        for outcome in outcomes:
-            say(outcome)
-        say(out / "cohort.csv")
-        say(page)
-    if any(outcome.error for outcome in outcomes):
-        return WRONG_INPUT
-    return NOT_VALID if any(outcome.faults for outcome in outcomes) else DONE
 
 
 @click.command()

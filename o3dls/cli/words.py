@@ -30,9 +30,9 @@ def say_lines(text: object, *, error: bool = False) -> None:
     click.echo(escaped_lines(str(text)), err=error)
 
 
-def say_json(value: object) -> None:
-    """Print plain values as JSON, in letters that no terminal obeys."""
-    text = json.dumps(value, indent=1, allow_nan=False)
+def say_json(value: object, *, line: bool = False) -> None:
+    """Print plain values as JSON, on one line or several, in letters that no terminal obeys."""
+    text = json.dumps(value, indent=None if line else 1, allow_nan=False)
     click.echo(text.replace("\x7f", "\\u007f"))
 
 

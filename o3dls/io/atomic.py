@@ -41,7 +41,19 @@ def _sibling(path: Path) -> Path:
     """
     folder = _real(path).parent
     folder.mkdir(parents=True, exist_ok=True)
-    return folder / f".{path.stem[:SHOWN]}.partial-{secrets.token_hex(4)}{path.suffix[:12]}"
+    return folder / f"{_mark(path, os.getpid())}{secrets.token_hex(4)}{path.suffix[:12]}"
+
+
+def _mark(path: Path, process: int) -> str:
+    return f".{path.stem[:SHOWN]}.partial-{process:x}-"
+
+
+def remove_partial(path: Path, process: int) -> None:
+    """Remove what a process that is no more left half made of `path`, beside it."""
+    real = _real(path)
+    for left in real.parent.iterdir() if real.parent.is_dir() else ():
+        if left.name.startswith(_mark(path, process)):
+            shutil.rmtree(left, ignore_errors=True) if left.is_dir() else left.unlink(missing_ok=True)
 
 
 @contextmanager

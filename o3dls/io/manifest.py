@@ -53,6 +53,16 @@ def foreign(folder: Path, kind: str) -> list[str]:
     return [name for name in _files(folder) if json.dumps(name) not in listed]
 
 
+def missing(folder: Path) -> list[str]:
+    """The files that o3dls wrote in a folder and that are not there any more, by their paths in it; the
+    manifest itself where there is none. Raises ValueError where it is damaged.
+    """
+    if not (folder / MANIFEST).is_file():
+        return [MANIFEST]
+    listed = (folder / MANIFEST).read_text(encoding="utf-8", errors="replace").splitlines()
+    return [name for name in map(json.loads, listed) if not os.path.lexists(folder / name)]
+
+
 def _append(folder: Path, names: list[str]) -> None:
     with (folder / MANIFEST).open("a", encoding="utf-8", newline="\n") as file:
         file.writelines(f"{json.dumps(name)}\n" for name in names)

@@ -1,48 +1,41 @@
-"""One pipeline over many cases, each in a process of its own, and one table of the cohort."""
+"""Many cases, each in a process of its own, and one table of the cohort."""
 
 from __future__ import annotations
 
 import logging
 import os
 import traceback
-from collections.abc import Generator, Sequence
-from concurrent.futures import Future, as_completed
-from concurrent.futures.process import BrokenProcessPool
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from threading import Event
+from time import perf_counter
 
 from ..case import Case
 from ..errors import InputError, O3dlsError
-from ..io.atomic import check_free
+from ..io.atomic import check_free, remove_partial
 from ..io.case_reader import read_case
-from ..runs.estimate_files import write_rows
+from ..runs.folder import is_done
 from ..runs.log import log_of_failure, recorded_log
 from ..runs.run import Run
-from ..runs.tables import score_rows
+from .outcome import (
+    COHORT,
+    FAILED,
+    PAGE,
+    Outcome,
+    check_table,
+    forget_failure,
+    note_failure,
+    outcome_of,
+    write_table,
+)
 from .pipeline import Pipeline
-from .workers import workers
+from .study import Planned
+from .supervision import Ended, Limits, watched
 
+SHARE = 0.05  # of the time, at most, goes into writing the table of the cases that are done so far
 log = logging.getLogger("o3dls")
-COHORT, PAGE = "cohort.csv", "cohort.html"  # the page is the report's: see report/writer.py
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """What became of one case, and what it was warned of.
-
-    Rows of its scores, or the sentence that says why there are none.
-    """
-
-    case: str
-    rows: list[dict[str, Any]]
-    faults: list[str]
-    error: str | None = None
-    warnings: list[str] = field(default_factory=list)
-
-    def __str__(self) -> str:
-        return f"{self.case}: {self.error or '; '.join(self.faults) or 'done'}"
 
 
 def run_into(pipeline: Pipeline, case: Case, out: Path, *, force: bool = False) -> Run:
@@ -51,138 +44,145 @@ def run_into(pipeline: Pipeline, case: Case, out: Path, *, force: bool = False) 
     with log_of_failure(out):
         run = pipeline.run(case)
         run.write(out, force=force)
+    forget_failure(out)
     return run
 
 
 def run_cohort(
-    folders: Sequence[Path],
-    pipeline: Pipeline,
+    study: Sequence[Planned],
     out: Path,
     *,
     jobs: int = 1,
-    trim: bool = False,
+    limits: Limits | None = None,
     force: bool = False,
+    table: bool = True,
+    stop: Event | None = None,
+    told: Callable[[Outcome], None] | None = None,
 ) -> list[Outcome]:
-    """Run the pipeline on every case folder into `out/<name of the folder>` and write `out/cohort.csv`.
+    """Run every case of a study into `out/<its name>` and write `out/cohort.csv`.
 
-    trim: leave out what a case does not allow, as for the default pipeline. A case that fails does not stop
-    the others, and the table is there from the first case on; the page of an earlier batch is removed. Raises
-    InputError before any work where a case has the name of another, of the table or of the page, or a run
-    folder or one of these exists.
+    A case whose run is there, of the same files, pipeline and version, is skipped; another run of it is
+    replaced. A case that fails, or that is ended, does not stop the others, and leaves NAME.failed.json. The
+    table is there from the first case on; the page of an earlier batch is removed.
+
+    force: make every case again, and replace the table of other cases too. table: False for a part of a study
+    whose parts share a folder: table and page are left alone. stop: once it is set, no more cases are begun.
+    told: called with each outcome as it comes. Raises InputError before any work where two runs would have
+    one name, or something that is no run, or that is read, would be replaced.
     """
-    names = [folder.resolve().name for folder in folders]
-    for folder, name in zip(folders, names, strict=True):
-        if names.count(name) > 1:
-            raise InputError(f"two case folders are named '{name}': their runs would have one folder")
-        if name.casefold() in (COHORT, PAGE):
-            kind = "table" if name.casefold() == COHORT else "page"
-            raise InputError(f"{folder}: '{name}' is the name of the batch's {kind}; rename the case folder")
-        check_free(out / name, force, "run", folders)
-    for path in (out / COHORT, out / PAGE):
-        _check_own(path, force)
-    work = [
-        _Job(folder, pipeline, out / name, trim, force) for folder, name in zip(folders, names, strict=True)
-    ]
-    (out / PAGE).unlink(missing_ok=True)  # it speaks of runs that are replaced now
-    found: dict[_Job, Outcome] = {}
-    with closing(_outcomes(work, jobs)) as outcomes:  # an interruption ends the processes at once
-        for job, outcome in outcomes:
-            found[job] = outcome
-            log.info("%d of %d: %s", len(found), len(work), outcome)
-            rows = [row for job in work if job in found for row in cohort_rows(found[job])]
-            write_rows(out / COHORT, rows)
-    return [found[job] for job in work]
+    _check_names(study, out)
+    _check_places(study, out, force)
+    if table:
+        check_table(out, None if force else [one.name for one in study])
+        (out / PAGE).unlink(missing_ok=True)  # it speaks of runs that are replaced now
+    tasks = [_Task(one, out / one.name, force) for one in study]
+    found: dict[str, Outcome] = {}
+    written = _Written(out) if table else None
+    with closing(watched(tasks, jobs, limits or Limits(), stop or Event())) as results:
+        for task, result in results:
+            name = task.out.name
+            outcome = Outcome(name, [], [], result.reason) if isinstance(result, Ended) else result
+            if outcome.error:
+                note_failure(outcome, out)
+            found[name] = outcome
+            _log(outcome, len(found), len(study))
+            if written:
+                written(found)
+            if told:
+                told(outcome)
+    if table and found:
+        write_table(out, found.values())
+    return [found[one.name] for one in study if one.name in found]
 
 
-def _check_own(path: Path, force: bool) -> None:
-    if path.is_dir():
-        raise InputError(f"{path}: is a folder, and the batch writes a file there; name another folder")
-    if path.exists() and not force:
-        raise InputError(f"{path}: exists already; name another folder or use --force")
+def _log(outcome: Outcome, done: int, of: int) -> None:
+    for warning in () if outcome.skipped else outcome.warnings:
+        log.warning("%s: %s", outcome.case, warning)
+    log.info("%d of %d: %s", done, of, outcome)
 
 
-def cohort_rows(outcome: Outcome) -> list[dict[str, Any]]:
-    """Rows of the cohort's table.
+class _Written:
+    """The table of the cases that are done so far, written as often as it takes little of the time."""
 
-    Case, error, faults of its final surface, warnings, then the columns of scores.csv.
-    """
-    said = {"faults": "; ".join(outcome.faults), "warnings": "; ".join(outcome.warnings)}
-    head = {"case": outcome.case, "error": outcome.error or "", **said}
-    return [head | row for row in outcome.rows] or [head]
+    def __init__(self, out: Path) -> None:
+        self._out, self._next = out, 0.0
+
+    def __call__(self, found: Mapping[str, Outcome]) -> None:
+        begin = perf_counter()
+        if begin >= self._next:
+            write_table(self._out, found.values())
+            end = perf_counter()
+            self._next = end + (end - begin) / SHARE
+
+
+def _check_names(study: Sequence[Planned], out: Path) -> None:
+    names: dict[str, Planned] = {}
+    for one in study:
+        if one.name in names:
+            raise InputError(
+                f"{one.folder}: two runs are named '{one.name}' and would have one folder; rename the case "
+                "folder, or give the rows of a table a column 'name'"
+            )
+        names[one.name] = one
+        if one.name.casefold() in (COHORT, PAGE):
+            kind = "table" if one.name.casefold() == COHORT else "page"
+            raise InputError(
+                f"{one.folder}: '{one.name}' is the name of the batch's {kind}; rename the case folder"
+            )
+    for one in study:
+        if one.name.endswith(FAILED) and one.name.removesuffix(FAILED) in names:
+            raise InputError(f"{one.folder}: '{one.name}' is the name of another case's failure; rename it")
+
+
+def _check_places(study: Sequence[Planned], out: Path, force: bool) -> None:
+    """Raise InputError where a run would replace what is no run, or a case, or what holds one."""
+    for one in study:
+        if force or not (out / one.name / "run.json").is_file():
+            check_free(out / one.name, True, "run")
+    places = {os.path.realpath(out / one.name): out / one.name for one in study}
+    for one in study:
+        real = Path(os.path.realpath(one.folder))
+        for folder in (real, *real.parents):
+            if place := places.get(str(folder)):
+                raise InputError(
+                    f"{place}: is or holds {one.folder}, which is read, and would be replaced; name another "
+                    "folder"
+                )
 
 
 @dataclass(frozen=True, eq=False)
-class _Job:
+class _Task:
     """One case, what to do with it, and where its run goes."""
 
-    folder: Path
-    pipeline: Pipeline
+    plan: Planned
     out: Path
-    trim: bool
     force: bool
 
     def __call__(self) -> Outcome:
         with recorded_log(logging.WARNING) as warnings:
             try:
-                run = self._run()
+                return self._outcome()
             except (O3dlsError, OSError) as error:
-                return Outcome(self.out.name, [], [], str(error), warnings)
+                reason = str(error)
+            except MemoryError:
+                reason = "there was too little memory"
             except Exception as error:  # our own mistake in one case must not cost the others
                 traceback.print_exc()
-                return Outcome(
-                    self.out.name,
-                    [],
-                    [],
-                    f"internal error, please report it: {type(error).__name__}: {error}",
-                    warnings,
-                )
+                reason = f"internal error, please report it: {type(error).__name__}: {error}"
             except SystemExit:
                 # told to end: the pool would take it for the case's error, and go on with the next
                 os._exit(1)
-        return Outcome(self.out.name, score_rows(run.scores), run.faults, None, warnings)
+        return Outcome(self.out.name, [], [], reason, warnings)
 
-    def _run(self) -> Run:
-        case = read_case(self.folder)
-        return run_into(
-            self.pipeline.allowed_by(case) if self.trim else self.pipeline, case, self.out, force=self.force
-        )
+    def _outcome(self) -> Outcome:
+        case = read_case(self.plan.folder)
+        pipeline = self.plan.pipeline.allowed_by(case) if self.plan.trim else self.plan.pipeline
+        if not self.force and is_done(self.out, pipeline.record(), case):
+            forget_failure(self.out)
+            return replace(outcome_of(self.out), skipped=True)
+        run_into(pipeline, case, self.out, force=True)
+        return outcome_of(self.out)
 
-
-def _outcomes(work: Sequence[_Job], jobs: int) -> Generator[tuple[_Job, Outcome], None, None]:
-    """Do the jobs, so many at one time; each with its outcome, as they end.
-
-    Once a process was ended from outside, those that are left one by one: memory may be short.
-    """
-    left = []
-    with workers(max(1, min(jobs, len(work)))) as pool:
-        futures = {pool.submit(job): job for job in work}
-        for future in as_completed(futures):
-            if outcome := _outcome(future):
-                yield futures[future], outcome
-            else:
-                left.append(futures[future])
-    for job in work:
-        if job in left:
-            yield job, _alone(job)
-
-
-def _alone(job: _Job) -> Outcome:
-    with workers(1) as pool:
-        ended = (
-            "its process was ended from outside, also when it was the only one; is there too little memory?"
-        )
-        return _outcome(pool.submit(job)) or Outcome(job.out.name, [], [], ended)
-
-
-def _outcome(future: Future[Outcome]) -> Outcome | None:
-    """The outcome of a job, once it is there, None where its process was ended.
-
-    Its warnings go to the log.
-    """
-    try:
-        outcome = future.result()
-    except BrokenProcessPool:
-        return None
-    for warning in outcome.warnings:
-        log.warning("%s: %s", outcome.case, warning)
-    return outcome
+    def abandoned(self, process: int) -> None:
+        """Remove what a process that was ended left half made."""
+        remove_partial(self.out, process)

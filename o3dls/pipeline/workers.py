@@ -20,16 +20,20 @@ GRACE = 2.0  # seconds in which a process that was told to end may remove what i
 
 
 @contextmanager
-def workers(processes: int) -> Iterator[Executor]:
+def workers(processes: int, beside: int = 0) -> Iterator[Executor]:
     """A pool of so many processes; what interrupts the block drops the tasks that wait and ends those that
     run.
+
+    beside: how many processes of other pools share the cores with these.
     """
     spawn = get_context("spawn")  # fork hangs once numba has used its threads
     theirs, ours = spawn.Pipe(duplex=False)
     with (
         ours,
         theirs,
-        ProcessPoolExecutor(processes, spawn, initializer=_begin, initargs=(processes, theirs)) as pool,
+        ProcessPoolExecutor(
+            processes, spawn, initializer=_begin, initargs=(processes + beside, theirs)
+        ) as pool,
     ):
         try:
             with _unheard():

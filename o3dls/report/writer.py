@@ -12,7 +12,7 @@ from ..errors import InputError
 from ..runs.writers import Writer
 
 if TYPE_CHECKING:
-    from ..pipeline.batch import Outcome
+    from ..pipeline.outcome import Outcome
     from ..runs.run import Run
 
 REPORT, FIGURES = "report.html", "figures"
@@ -86,10 +86,11 @@ def write_cohort(outcomes: Sequence[Outcome], out: str | Path) -> Path:
     """Write cohort.html into the folder of a batch: its runs compared, and the cases that failed with the
     reasons.
     """
-    from ..pipeline.batch import PAGE
+    from ..pipeline.outcome import PAGE
 
-    folders = [Path(out) / one.case for one in outcomes if not one.error]
-    failed = {one.case: one.error for one in outcomes if one.error}
+    ordered = sorted(outcomes, key=lambda one: one.case)  # as the table
+    folders = [Path(out) / one.case for one in ordered if not one.error]
+    failed = {one.case: one.error for one in ordered if one.error}
     return _write_cohort(folders, failed, Path(out) / PAGE)
 
 

@@ -10,11 +10,12 @@ from ..case import Case
 from ..errors import InputError
 from ..io.case_reader import read_case
 from ..io.documents import read_json
-from ..io.manifest import MANIFEST
+from ..io.manifest import MANIFEST, missing
 from ..io.points import read_points
 from .estimate_files import read_estimate
 from .record_check import check_record
 from .run import Run, plain
+from .scoring import version_of
 
 # what a run is; the rest can be made again
 OWN = ("run.json", MANIFEST, "scores.csv", "points.csv", "held_out.csv", "case", "estimates")
@@ -64,6 +65,15 @@ def repeats(folder: Path, pipeline: Mapping[str, Any], case: Case) -> bool:
     """Whether the folder holds an earlier run of a pipeline, by its record, on the files of this case."""
     found = read_record(folder)
     return bool(found.get("pipeline") == plain(pipeline) and found.get("case", {}).get("files") == case.files)
+
+
+def is_done(folder: Path, pipeline: Mapping[str, Any], case: Case) -> bool:
+    """Whether the folder holds, with every file, a run of a pipeline on this case by this version."""
+    try:
+        made_by = read_record(folder)["versions"].get("o3dls")
+        return made_by == version_of("o3dls") and repeats(folder, pipeline, case) and not missing(folder)
+    except (InputError, ValueError):  # there is none, or it was damaged
+        return False
 
 
 def check_not_of_a_run(path: str | Path) -> None:

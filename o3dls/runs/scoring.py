@@ -92,13 +92,14 @@ def provenance(pipeline: Record) -> Record:
     }
     return {
         "pipeline": pipeline,
-        "versions": {"python": platform.python_version()} | {name: _version(name) for name in PACKAGES},
+        "versions": {"python": platform.python_version()} | {name: version_of(name) for name in PACKAGES},
         "seeds": {"surface_samples": SAMPLING_SEED},
         "threads": {"processors": os.cpu_count(), **threads},
     }
 
 
-def _version(package: str) -> str | None:
+def version_of(package: str) -> str | None:
+    """The version of an installed package, None where it is not."""
     for name in (package, f"{package}-cpu"):  # open3d-cpu imports as open3d
         try:
             return version(name)

@@ -172,7 +172,7 @@ def test_batch_gives_a_folder_per_case_and_one_table(case: Path, pipeline: Path,
     rows = (tmp_path / "runs/cohort.csv").read_text().splitlines()
     assert rows[0].startswith("case,error,faults,warnings,estimate,set,n,mean_mm")
     assert {row.split(",")[0] for row in rows[1:]} == {"ball", "small", "broken"}
-    there = ["ball", "cohort.csv", "cohort.html", "small"]
+    there = ["ball", "broken.failed.json", "cohort.csv", "cohort.html", "small"]
     assert sorted(p.name for p in (tmp_path / "runs").iterdir()) == there
     text = (tmp_path / "runs/cohort.html").read_text(encoding="utf-8")
     # the same prior and points under two names: one case

@@ -54,13 +54,14 @@ def test_a_verbose_run_names_parameters_and_the_fits_of_the_cross_validation(fol
     assert " s  icp" not in done.stderr  # no clock where nobody waits
 
 
-def test_a_batch_says_how_far_it_is_and_gives_json(folder: Path) -> None:
+def test_a_batch_says_how_far_it_is_and_gives_a_line_of_json_for_each_case(folder: Path) -> None:
     done = o3dls(folder, "batch", "ball", "none", "--pipeline", "pipe.toml", "--out", "runs", "--json")
-    found = json.loads(done.stdout)
-    assert [(one["case"], one["error"] is None) for one in found["cases"]] == [
-        ("ball", True),
-        ("none", False),
+    *cases, found = map(json.loads, done.stdout.splitlines())
+    assert [(one["done"], one["case"], one["error"] is None) for one in cases] == [
+        (1, "ball", True),
+        (2, "none", False),
     ]
+    assert (found["cases"], found["failed"], found["skipped"]) == (2, 1, 0)
     assert (found["table"], found["page"]) == (str(Path("runs/cohort.csv")), str(Path("runs/cohort.html")))
     assert "2 of 2: " in done.stderr
     assert "ball: done" in done.stderr

@@ -21,9 +21,11 @@ from o3dls.case import Case
 from o3dls.errors import InputError
 from o3dls.estimate import Estimate
 from o3dls.io.case_writer import write_case
-from o3dls.pipeline import batch
+from o3dls.pipeline import outcome
 from o3dls.pipeline.batch import run_cohort
+from o3dls.pipeline.outcome import Outcome
 from o3dls.pipeline.pipeline import Pipeline
+from o3dls.pipeline.study import planned
 from o3dls.plugins.stage import Stage
 from o3dls.report.writer import write_cohort
 from o3dls.run_warning import RunWarning
@@ -92,10 +94,14 @@ def cases(folder: Path, **points: int) -> list[Path]:
     return [folder / name for name in points]
 
 
+def run_all(folders: list[Path], pipeline: Pipeline, out: Path, **how: Any) -> list[Outcome]:
+    return run_cohort(planned(folders, pipeline), out, **how)
+
+
 def test_a_mistake_of_ours_in_one_case_costs_no_other(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    outcomes = run_cohort(
+    outcomes = run_all(
         cases(tmp_path, few=30, many=60), Pipeline([Careless()], folds=0), tmp_path / "runs"
     )
     assert [outcome.error for outcome in outcomes] == [
@@ -110,7 +116,7 @@ def test_a_mistake_of_ours_in_one_case_costs_no_other(
 
 
 def test_a_process_that_is_ended_from_outside_costs_no_other_case(tmp_path: Path) -> None:
-    outcomes = run_cohort(
+    outcomes = run_all(
         cases(tmp_path, one=60, few=30, two=60), Pipeline([Killed()], folds=0), tmp_path / "runs"
     )
     assert [outcome.case for outcome in outcomes] == ["one", "few", "two"]
@@ -122,11 +128,11 @@ def test_a_table_of_another_batch_is_only_replaced_when_told(tmp_path: Path) -> 
     first, second = cases(tmp_path, first=60, second=60)
     pipeline = Pipeline([Nudge()], folds=0)
     out = tmp_path / "runs"
-    run_cohort([first], pipeline, out)
+    run_all([first], pipeline, out)
     with pytest.raises(InputError, match=r"cohort\.csv: exists already"):
-        run_cohort([second], pipeline, out)
+        run_all([second], pipeline, out)
     assert not (out / "second").exists()
-    run_cohort([second], pipeline, out, force=True)
+    run_all([second], pipeline, out, force=True)
     assert "second" in (out / "cohort.csv").read_text()
 
 
@@ -139,15 +145,15 @@ def test_a_page_of_another_batch_is_only_replaced_when_told_and_then_removed_bef
     (out / "cohort.html").write_text("of another batch")
     pipeline = Pipeline([Nudge()], folds=0)
     with pytest.raises(InputError, match=r"cohort\.html: exists already"):
-        run_cohort([folder], pipeline, out)
-    run_cohort([folder], pipeline, out, force=True)
+        run_all([folder], pipeline, out)
+    run_all([folder], pipeline, out, force=True)
     assert sorted(path.name for path in out.iterdir()) == ["cohort.csv", "one"]
 
 
 def test_the_page_names_what_failed_beside_what_was_run(tmp_path: Path) -> None:
     folders = cases(tmp_path, one=60, few=30, two=70)
     out = tmp_path / "runs"
-    outcomes = run_cohort(folders, Pipeline([Careless()], folds=0), out)
+    outcomes = run_all(folders, Pipeline([Careless()], folds=0), out)
     page = write_cohort(outcomes, out)
     text = page.read_text(encoding="utf-8")
     assert page == out / "cohort.html"
@@ -156,6 +162,7 @@ def test_the_page_names_what_failed_beside_what_was_run(tmp_path: Path) -> None:
     assert sorted(path.name for path in out.iterdir()) == [
         "cohort.csv",
         "cohort.html",
+        "few.failed.json",
         "few.failed.log",
         "one",
         "two",
@@ -163,7 +170,7 @@ def test_the_page_names_what_failed_beside_what_was_run(tmp_path: Path) -> None:
 
 
 def test_a_page_of_failures_alone_is_written_too(tmp_path: Path) -> None:
-    outcomes = run_cohort(cases(tmp_path, few=30), Pipeline([Careless()], folds=0), tmp_path / "runs")
+    outcomes = run_all(cases(tmp_path, few=30), Pipeline([Careless()], folds=0), tmp_path / "runs")
     text = write_cohort(outcomes, tmp_path / "runs").read_text(encoding="utf-8")
     assert "1 case failed" in text
     assert "0 cases, 0 runs compared" in text
@@ -171,7 +178,7 @@ def test_a_page_of_failures_alone_is_written_too(tmp_path: Path) -> None:
 
 def test_the_page_is_there_whole_or_not_at_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     out = tmp_path / "runs"
-    outcomes = run_cohort(cases(tmp_path, one=60), Pipeline([Nudge()], folds=0), out)
+    outcomes = run_all(cases(tmp_path, one=60), Pipeline([Nudge()], folds=0), out)
     before = sorted(out.rglob("*"))
     written = Path.write_bytes
     monkeypatch.setattr(Path, "write_bytes", lambda path, data: written(path, data[: len(data) // 2]))
@@ -182,7 +189,7 @@ def test_the_page_is_there_whole_or_not_at_all(tmp_path: Path, monkeypatch: pyte
 
 def test_a_line_break_in_a_name_or_an_error_does_not_cost_the_table(tmp_path: Path) -> None:
     folders = cases(tmp_path, **{"one\ntwo": 60, "three": 30})
-    run_cohort(folders, Pipeline([Talkative()], folds=0), tmp_path / "runs")
+    run_all(folders, Pipeline([Talkative()], folds=0), tmp_path / "runs")
     with (tmp_path / "runs/cohort.csv").open(newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert {row["case"]: row["error"] for row in rows} == {
@@ -199,7 +206,7 @@ def test_a_case_with_the_name_of_the_table_or_page_is_refused_before_any_work(
 ) -> None:
     folders = cases(tmp_path, **{"one": 60, name: 60})
     with pytest.raises(InputError, match=f"'{name}' is the name of the batch's {what}; rename the case"):
-        run_cohort(folders, Pipeline([Nudge()], folds=0), tmp_path / "runs")
+        run_all(folders, Pipeline([Nudge()], folds=0), tmp_path / "runs")
     assert not (tmp_path / "runs").exists()
 
 
@@ -209,21 +216,21 @@ def test_a_folder_in_the_place_of_the_table_or_page_is_named_before_any_work(
 ) -> None:
     (tmp_path / "runs" / name).mkdir(parents=True)
     with pytest.raises(InputError, match=f"{name}: is a folder"):
-        run_cohort(cases(tmp_path, one=60), Pipeline([Nudge()], folds=0), tmp_path / "runs", force=True)
+        run_all(cases(tmp_path, one=60), Pipeline([Nudge()], folds=0), tmp_path / "runs", force=True)
     assert not (tmp_path / "runs/one").exists()
 
 
 def test_the_table_holds_the_cases_that_are_done(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     seen = []
-    written = batch.write_rows
+    written = outcome.write_rows
 
     def spied(path: Path, rows: Any) -> None:
         written(path, rows)
         seen.append([row["case"] for row in csv.DictReader(path.read_text().splitlines())])
 
-    monkeypatch.setattr(batch, "write_rows", spied)
-    run_cohort(cases(tmp_path, one=60, two=60), Pipeline([Nudge()], folds=0), tmp_path / "runs")
-    assert [sorted(set(names)) for names in seen] == [["one"], ["one", "two"]]
+    monkeypatch.setattr(outcome, "write_rows", spied)
+    run_all(cases(tmp_path, one=60, two=60), Pipeline([Nudge()], folds=0), tmp_path / "runs")
+    assert [sorted(set(names)) for names in (seen[0], seen[-1])] == [["one"], ["one", "two"]]
 
 
 def test_a_batch_never_replaces_its_cases(tmp_path: Path) -> None:
@@ -231,7 +238,7 @@ def test_a_batch_never_replaces_its_cases(tmp_path: Path) -> None:
     (folders[1] / "run.json").write_text("{}")
     before = sorted(tmp_path.rglob("*"))
     with pytest.raises(InputError, match="one: is no run, so it is not ours to replace"):
-        run_cohort(folders, Pipeline([Nudge()], folds=0), tmp_path, force=True)
+        run_all(folders, Pipeline([Nudge()], folds=0), tmp_path, force=True)
     assert sorted(tmp_path.rglob("*")) == before
 
 
@@ -241,8 +248,9 @@ from pathlib import Path
 from test_batch import Slow
 from o3dls.pipeline.batch import run_cohort
 from o3dls.pipeline.pipeline import Pipeline
+from o3dls.pipeline.study import planned
 signal.signal(signal.SIGINT, signal.default_int_handler)
-run_cohort([Path(name) for name in sys.argv[2:]], Pipeline([Slow()], folds=0), Path(sys.argv[1]))
+run_cohort(planned(map(Path, sys.argv[2:]), Pipeline([Slow()], folds=0)), Path(sys.argv[1]))
 """
 
 

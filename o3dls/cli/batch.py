@@ -1,0 +1,215 @@
+"""Commands of cohorts: batch, which runs many cases, and cohort, which tells of runs that are there."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from . import completion
+from .interrupts import first_told
+from .options import as_json, progress
+from .words import DONE, FILE, FOLDER, INTERRUPTED, NOT_VALID, WRONG_INPUT, say, say_json
+
+if TYPE_CHECKING:
+    from ..pipeline.outcome import Outcome
+
+SECONDS = {"s": 1, "m": 60, "h": 3600, "d": 86400}
+BYTES = {"MB": 10**6, "GB": 10**9, "MiB": 1 << 20, "GiB": 1 << 30}
+
+
+class Amount(click.ParamType):
+    """A number with a unit behind it, above zero, as so many of the smallest."""
+
+    name = "amount"
+
+    def __init__(self, units: dict[str, int], example: str) -> None:
+        self.units, self.example = units, example
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int | float:
+        match = re.fullmatch(r"(\d+(?:\.\d+)?) ?([A-Za-z]+)", str(value))
+        if not match or match[2] not in self.units or not float(match[1]):
+            known = ", ".join(self.units)
+            self.fail(f"'{value}': must be a number above 0 with one of {known}, such as {self.example}")
+        return float(match[1]) * self.units[match[2]]
+
+
+class Part(click.ParamType):
+    """I/N: the I-th of N parts."""
+
+    name = "I/N"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[int, int]:
+        match = re.fullmatch(r"(\d{1,6})/(\d{1,6})", str(value))
+        if not match or not 1 <= int(match[1]) <= int(match[2]):
+            self.fail(f"'{value}': must be I/N with I from 1 to N, such as 1/4")
+        return int(match[1]), int(match[2])
+
+
+@click.command()
+@click.argument("cases", type=FOLDER, nargs=-1, required=True)
+@click.option(
+    "--pipeline", type=FILE, help="pipeline file; without one the default pipeline with what each case allows"
+)
+@click.option(
+    "--out",
+    type=FOLDER,
+    default=Path("runs"),
+    show_default=True,
+    help="folder for the run folders, cohort.csv and cohort.html",
+)
+@click.option(
+    "--set",
+    "settings",
+    multiple=True,
+    metavar="STAGE.PARAM=VALUE",
+    shell_complete=completion.settings,
+    help="override a parameter of the pipeline; may be repeated",
+)
+@click.option(
+    "--jobs", type=click.IntRange(min=1), default=1, show_default=True, help="cases that run at one time"
+)
+@click.option(
+    "--resume/--force",
+    default=True,
+    help="skip the cases whose runs are there, of the same files, pipeline and version (the default), or "
+    "make them all again",
+)
+@click.option(
+    "--shard",
+    type=Part(),
+    help="run only the I-th of N parts of the cases, and then `o3dls cohort` for the table and the page",
+)
+@click.option("--timeout", type=Amount(SECONDS, "10m"), help="end a case that takes longer: 90s, 10m, 2h, 1d")
+@click.option("--memory", type=Amount(BYTES, "2GB"), help="end a case whose process takes more: 500MB, 2GB")
+@click.option(
+    "--retries",
+    type=click.IntRange(min=0),
+    default=1,
+    show_default=True,
+    help="how often a case is begun again whose process was ended from outside",
+)
+@as_json
+@progress
+def batch(
+    cases: tuple[Path, ...],
+    pipeline: Path | None,
+    settings: tuple[str, ...],
+    out: Path,
+    shard: tuple[int, int] | None,
+    as_json: bool,
+    **how: Any,
+) -> int:
+    """Run many CASES, side by side, and write one table and one page of the cohort.
+
+    CASES are case folders, quoted patterns such as 'cases/*', and tables (.csv): a row for each run, with the
+    columns case and, where wanted, pipeline, name and set.STAGE.PARAM. Ctrl-C lets the running cases end, a
+    second one ends them; the same command goes on where it was.
+    """
+    from ..pipeline.study import read_study
+    from ..pipeline.study import shard as part_of
+
+    study = read_study(cases, pipeline, settings)
+    if shard:
+        study = part_of(study, *shard)
+    outcomes = _made(study, out, as_json=as_json, table=not shard, **how)
+    if len(outcomes) < len(study):
+        return INTERRUPTED
+    if shard:
+        return _told(outcomes, None, None, as_json=as_json)
+    from ..pipeline.outcome import COHORT
+    from ..report.writer import write_cohort
+
+    return _told(outcomes, out / COHORT, write_cohort(outcomes, out), as_json=as_json)
+
+
+def _made(
+    study: Sequence[Any],
+    out: Path,
+    *,
+    jobs: int,
+    resume: bool,
+    timeout: float | None,
+    memory: float | None,
+    retries: int,
+    as_json: bool,
+    table: bool,
+) -> list[Outcome]:
+    """The outcomes of a study's cases; each is told as it comes."""
+    from threading import Event
+
+    from ..pipeline.batch import run_cohort
+    from ..pipeline.supervision import Limits
+    from .progress import bar
+
+    limits = Limits(timeout, int(memory) if memory else None, retries)
+    stop = Event()
+    with bar(len(study)) as shown, first_told(stop.set):
+        hear = _listener(len(study), shown, as_json)
+        return run_cohort(
+            study, out, jobs=jobs, limits=limits, force=not resume, table=table, stop=stop, told=hear
+        )
+
+
+def _listener(cases: int, shown: Any, as_json: bool) -> Callable[[Outcome], None]:
+    """What is done with each outcome as it comes: a line of JSON for programs, and the bar."""
+    done = 0
+
+    def hear(outcome: Outcome) -> None:
+        nonlocal done
+        done += 1
+        if as_json:
+            _say_outcome(outcome, done, cases)
+        if shown:
+            shown.count(outcome)
+            shown.show()
+
+    return hear
+
+
+def _say_outcome(outcome: Outcome, done: int, cases: int) -> None:
+    from ..runs.run import plain
+
+    say_json({"done": done, "of": cases} | plain(asdict(outcome)), line=True)
+
+
+@click.command()
+@click.argument("runs", type=FOLDER)
+@as_json
+def cohort(runs: Path, as_json: bool) -> int:
+    """Write cohort.csv and cohort.html of the finished runs in the folder RUNS, and of the cases that failed.
+
+    For the parts of a study that were run apart (`o3dls batch --shard`): table and page are as if it had been
+    run at once. A table and a page that are there are replaced.
+    """
+    from ..pipeline.outcome import COHORT, check_table, gathered, write_table
+    from ..report.writer import write_cohort
+
+    outcomes = gathered(runs)
+    check_table(runs, None)
+    write_table(runs, outcomes)
+    if as_json:
+        for done, outcome in enumerate(outcomes, 1):
+            _say_outcome(outcome, done, len(outcomes))
+    return _told(outcomes, runs / COHORT, write_cohort(outcomes, runs), as_json=as_json)
+
+
+def _told(outcomes: Sequence[Outcome], table: Path | None, page: Path | None, *, as_json: bool) -> int:
+    """Print what became of the cases, and where it stands: the exit code."""
+    if as_json:
+        failed = sum(one.error is not None for one in outcomes)
+        skipped = sum(one.skipped for one in outcomes)
+        places = {"table": table and str(table), "page": page and str(page)}
+        say_json({"cases": len(outcomes), "failed": failed, "skipped": skipped} | places, line=True)
+    else:
+        for said in (*outcomes, *filter(None, (table, page))):
+            say(said)
+    if any(outcome.error for outcome in outcomes):
+        return WRONG_INPUT
+    return NOT_VALID if any(outcome.faults for outcome in outcomes) else DONE

@@ -1,0 +1,73 @@
+"""How far a batch is, as a bar on the last line of a terminal."""
+
+from __future__ import annotations
+
+import logging
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from time import monotonic
+
+from ..pipeline.outcome import Outcome
+
+LENGTH = 24  # letters
+WIPE = "\r\x1b[K"
+
+
+class Bar:
+    """What is done, failed and left of so many cases, and an estimate of the time that these take."""
+
+    def __init__(self, cases: int) -> None:
+        self.cases, self.done, self.failed, self.skipped = cases, 0, 0, 0
+        self._begun = monotonic()
+
+    def count(self, outcome: Outcome) -> None:
+        """Count a case that ended."""
+        self.failed += outcome.error is not None
+        self.done += outcome.error is None
+        self.skipped += outcome.skipped
+
+    def text(self, seconds: float) -> str:
+        """The bar, so many seconds after the beginning."""
+        ended = self.done + self.failed
+        left = self.cases - ended
+        full = "#" * (LENGTH * ended // max(self.cases, 1))
+        computed = ended - self.skipped
+        estimate = f", about {_duration(seconds / computed * left)}" if computed and left else ""
+        return f"[{full:.<{LENGTH}}] {self.done} done, {self.failed} failed, {left} left{estimate}"
+
+    def show(self) -> None:
+        """Draw it anew."""
+        sys.stderr.write(WIPE + self.text(monotonic() - self._begun))
+        sys.stderr.flush()
+
+
+def _duration(seconds: float) -> str:
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
+
+
+@contextmanager
+def bar(cases: int) -> Iterator[Bar | None]:
+    """A bar below the lines of the log, on a terminal whose user wants to hear of progress; else None."""
+    handlers = logging.getLogger().handlers
+    if not sys.stderr.isatty() or all(handler.level > logging.INFO for handler in handlers):
+        yield None
+        return
+    shown = Bar(cases)
+    for handler in handlers:
+        handler.addFilter(_wiped)
+    shown.show()
+    try:
+        yield shown
+    finally:
+        for handler in handlers:
+            handler.removeFilter(_wiped)
+        sys.stderr.write(WIPE)
+
+
+def _wiped(_: logging.LogRecord) -> bool:
+    """Wipe the bar before a line of the log takes its place."""
+    sys.stderr.write(WIPE)
+    return True
