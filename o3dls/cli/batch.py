@@ -18,38 +18,36 @@ from .words import DONE, FILE, FOLDER, INTERRUPTED, NOT_VALID, WRONG_INPUT, say,
 if TYPE_CHECKING:
     from ..pipeline.outcome import Outcome
 
+Callback = Callable[[click.Context, click.Parameter, str | None], object]
 SECONDS = {"s": 1, "m": 60, "h": 3600, "d": 86400}
 BYTES = {"MB": 10**6, "GB": 10**9, "MiB": 1 << 20, "GiB": 1 << 30}
 
 
-class Amount(click.ParamType):
-    """A number with a unit behind it, above zero, as so many of the smallest."""
+def _amount(units: dict[str, int], example: str) -> Callback:
+    """A number above zero with a unit behind it, as so many of the smallest unit."""
 
-    name = "amount"
+    def read(_: click.Context, __: click.Parameter, value: str | None) -> float | None:
+        if value is None:
+            return None
+        match = re.fullmatch(r"(\d+(?:\.\d+)?) ?([A-Za-z]+)", value)
+        if not match or match[2] not in units or not float(match[1]):
+            known = ", ".join(units)
+            raise click.BadParameter(
+                f"'{value}': must be a number above 0 with one of {known} behind it, such as {example}"
+            )
+        return float(match[1]) * units[match[2]]
 
-    def __init__(self, units: dict[str, int], example: str) -> None:
-        self.units, self.example = units, example
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int | float:
-        match = re.fullmatch(r"(\d+(?:\.\d+)?) ?([A-Za-z]+)", str(value))
-        if not match or match[2] not in self.units or not float(match[1]):
-            known = ", ".join(self.units)
-            self.fail(f"'{value}': must be a number above 0 with one of {known}, such as {self.example}")
-        return float(match[1]) * self.units[match[2]]
+    return read
 
 
-class Part(click.ParamType):
+def _part(_: click.Context, __: click.Parameter, value: str | None) -> tuple[int, int] | None:
     """I/N: the I-th of N parts."""
-
-    name = "I/N"
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[int, int]:
-        match = re.fullmatch(r"(\d{1,6})/(\d{1,6})", str(value))
-        if not match or not 1 <= int(match[1]) <= int(match[2]):
-            self.fail(f"'{value}': must be I/N with I from 1 to N, such as 1/4")
-        return int(match[1]), int(match[2])
+    if value is None:
+        return None
+    match = re.fullmatch(r"(\d{1,6})/(\d{1,6})", value)
+    if not match or not 1 <= int(match[1]) <= int(match[2]):
+        raise click.BadParameter(f"'{value}': must be I/N with I from 1 to N, such as 1/4")
+    return int(match[1]), int(match[2])
 
 
 @click.command()
@@ -83,11 +81,22 @@ class Part(click.ParamType):
 )
 @click.option(
     "--shard",
-    type=Part(),
+    callback=_part,
+    metavar="I/N",
     help="run only the I-th of N parts of the cases, and then `o3dls cohort` for the table and the page",
 )
-@click.option("--timeout", type=Amount(SECONDS, "10m"), help="end a case that takes longer: 90s, 10m, 2h, 1d")
-@click.option("--memory", type=Amount(BYTES, "2GB"), help="end a case whose process takes more: 500MB, 2GB")
+@click.option(
+    "--timeout",
+    callback=_amount(SECONDS, "10m"),
+    metavar="TIME",
+    help="end a case that takes longer: 90s, 10m, 2h, 1d",
+)
+@click.option(
+    "--memory",
+    callback=_amount(BYTES, "2GB"),
+    metavar="SIZE",
+    help="end a case whose process takes more: 800MB, 2GB, 2GiB",
+)
 @click.option(
     "--retries",
     type=click.IntRange(min=0),

@@ -80,11 +80,10 @@ def run_cohort(
     written = _Written(out) if table else None
     with closing(watched(tasks, jobs, limits or Limits(), stop or Event())) as results:
         for task, result in results:
-            name = task.out.name
-            outcome = Outcome(name, [], [], result.reason) if isinstance(result, Ended) else result
+            outcome = Outcome(task.name, [], [], result.reason) if isinstance(result, Ended) else result
             if outcome.error:
                 note_failure(outcome, out)
-            found[name] = outcome
+            found[task.name] = outcome
             _log(outcome, len(found), len(study))
             if written:
                 written(found)
@@ -158,6 +157,11 @@ class _Task:
     out: Path
     force: bool
 
+    @property
+    def name(self) -> str:
+        """The name of the run's folder."""
+        return self.plan.name
+
     def __call__(self) -> Outcome:
         with recorded_log(logging.WARNING) as warnings:
             try:
@@ -172,7 +176,7 @@ class _Task:
             except SystemExit:
                 # told to end: the pool would take it for the case's error, and go on with the next
                 os._exit(1)
-        return Outcome(self.out.name, [], [], reason, warnings)
+        return Outcome(self.name, [], [], reason, warnings)
 
     def _outcome(self) -> Outcome:
         case = read_case(self.plan.folder)

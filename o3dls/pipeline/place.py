@@ -21,7 +21,10 @@ KILL = signal.SIGTERM if sys.platform == "win32" else signal.SIGKILL
 
 
 class Task(Protocol[T_co]):
-    """What a process shall do."""
+    """What a process shall do, and the name of what comes of it."""
+
+    @property
+    def name(self) -> str: ...
 
     def __call__(self) -> T_co: ...
 

@@ -5,11 +5,9 @@ from __future__ import annotations
 import logging
 import os
 import subprocess
-import sys
 from collections import Counter, deque
 from collections.abc import Generator, Sequence
 from concurrent.futures import FIRST_COMPLETED, wait
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from threading import Event
@@ -21,6 +19,7 @@ from .workers import GRACE
 
 POLL = 0.1  # seconds between two looks at a process
 MB = 1_000_000
+PROC = Path("/proc")  # of Linux; macOS has `ps`
 log = logging.getLogger("o3dls")
 T = TypeVar("T")
 
@@ -56,13 +55,14 @@ def resident(process: int) -> int:
     """Bytes of memory that a process has; 0 where it is no more, or the system does not say. Addresses would
     be no measure: compiled code and linear algebra reserve many more than they use.
     """
-    with suppress(OSError, ValueError, IndexError):
-        if sys.platform == "linux":
-            pages = int(Path(f"/proc/{process}/statm").read_text().split()[1])
+    try:
+        if PROC.is_dir():
+            pages = int((PROC / str(process) / "statm").read_text().split()[1])
             return pages * os.sysconf("SC_PAGE_SIZE")
         asked = subprocess.run(["ps", "-o", "rss=", "-p", str(process)], capture_output=True, text=True)
         return int(asked.stdout) * 1024
-    return 0
+    except (OSError, ValueError, IndexError):
+        return 0
 
 
 @dataclass(frozen=True)

@@ -101,9 +101,7 @@ def run_all(folders: list[Path], pipeline: Pipeline, out: Path, **how: Any) -> l
 def test_a_mistake_of_ours_in_one_case_costs_no_other(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    outcomes = run_all(
-        cases(tmp_path, few=30, many=60), Pipeline([Careless()], folds=0), tmp_path / "runs"
-    )
+    outcomes = run_all(cases(tmp_path, few=30, many=60), Pipeline([Careless()], folds=0), tmp_path / "runs")
     assert [outcome.error for outcome in outcomes] == [
         "internal error, please report it: IndexError: too short",
         None,
