@@ -367,3 +367,43 @@ class TestWrongInput:
         done = o3dls("run", self.pipeline, "--case", self.case, "--out", "taken", cwd=self.folder)
         refused(done, "taken: exists already; name another folder or use --force")
         assert [p.name for p in (self.folder / "taken").iterdir()] == ["file"]
+
+
+def test_a_batch_goes_on_and_its_parts_give_the_table_of_the_whole(
+    case: Path, pipeline: Path, tmp_path: Path
+) -> None:
+    write_case(tmp_path / "small", replace(ball_case(), name="small"))
+    (tmp_path / "study.csv").write_text(
+        f"case,pipeline\n{case.name},{pipeline.name}\nsmall,{pipeline.name}\n"
+    )
+    for part in ("1/2", "2/2"):
+        done = o3dls("batch", "study.csv", "--out", "parts", "--shard", part, cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
+    assert not list((tmp_path / "parts").glob("cohort.*"))
+    told = o3dls("cohort", "parts", cwd=tmp_path)
+    assert told.returncode == 0, told.stderr
+    table = (tmp_path / "parts/cohort.csv").read_bytes()
+    assert (tmp_path / "parts/cohort.html").is_file()
+    whole = o3dls("batch", "study.csv", "--out", "parts", cwd=tmp_path)
+    assert whole.stdout.count("its run is there already, skipped") == 2
+    assert (tmp_path / "parts/cohort.csv").read_bytes() == table
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "said"),
+    [
+        ("--timeout", "10", "'10': must be a number above 0 with one of s, m, h, d behind it, such as 10m"),
+        ("--timeout", "0m", "must be a number above 0"),
+        ("--memory", "2gb", "with one of MB, GB, MiB, GiB behind it, such as 2GB"),
+        ("--shard", "5/4", "must be I/N with I from 1 to N, such as 1/4"),
+        ("--shard", "0/4", "must be I/N"),
+    ],
+)
+def test_limits_and_shards_that_cannot_be_meant_are_refused(
+    option: str, value: str, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from o3dls.cli.main import answer
+
+    assert answer(["batch", "none", "--out", str(tmp_path / "runs"), option, value]) == 2
+    assert said in capsys.readouterr().err
+    assert not (tmp_path / "runs").exists()

@@ -14,8 +14,11 @@ from tiny import ball_case
 
 from o3dls.cli.doctor import Check
 from o3dls.cli.main import answer
+from o3dls.cli.progress import Bar
+from o3dls.cli.progress import bar as progress_bar
 from o3dls.cli.terminal import Lines
 from o3dls.io.case_writer import write_case
+from o3dls.pipeline.outcome import Outcome
 
 ICP = 'folds = 2\n[[stage]]\nuse = "icp"\n'
 
@@ -111,3 +114,33 @@ def test_errors_are_red_on_a_terminal_alone(
     os.close(ours)
     assert said.startswith("\x1b[31mo3dls: no stage" if red else "o3dls: no stage")
     assert ("\x1b" in said) == red
+
+
+def test_the_bar_counts_what_is_done_and_estimates_the_rest() -> None:
+    bar = Bar(8)
+    assert bar.text(3.0) == f"[{'.' * 24}] 0 done, 0 failed, 8 left"
+    bar.count(Outcome("a", [], [], skipped=True))
+    assert "about" not in bar.text(3.0)  # what was skipped took no time, and tells nothing of the rest
+    bar.count(Outcome("b", [], []))
+    bar.count(Outcome("c", [], [], "no prior"))
+    assert bar.text(40.0) == f"[{'#' * 9}{'.' * 15}] 2 done, 1 failed, 5 left, about 2 min"
+    assert Bar(0).text(1.0).endswith("0 left")
+
+
+def test_the_bar_is_for_terminals_whose_user_wants_to_hear_of_progress(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log = logging.getLogger("bar")
+    handler = logging.StreamHandler(sys.stderr)
+    monkeypatch.setattr(logging.getLogger(), "handlers", [handler])
+    with progress_bar(2) as shown:
+        assert shown is None
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    handler.setLevel(logging.WARNING)
+    with progress_bar(2) as shown:
+        assert shown is None
+    assert capsys.readouterr().err == ""
+    handler.setLevel(logging.INFO)
+    with progress_bar(2):
+        log.warning("a line")
+    assert "2 left\r\x1b[Ka line\n" in capsys.readouterr().err
