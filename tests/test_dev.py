@@ -49,9 +49,9 @@ def clone(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def dev(clone: Path, task: str) -> subprocess.CompletedProcess[str]:
-    env = {"PATH": str(clone / "bin")}
-    return subprocess.run(["./dev", task], cwd=clone, env=env, capture_output=True, text=True, check=False)
+def dev(clone: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    command, env = ["./dev", *arguments], {"PATH": str(clone / "bin")}
+    return subprocess.run(command, cwd=clone, env=env, capture_output=True, text=True, check=False)
 
 
 def test_a_missing_browser_is_said_with_its_remedy_and_looked_for_again(clone: Path) -> None:
@@ -67,6 +67,12 @@ def test_a_missing_browser_is_said_with_its_remedy_and_looked_for_again(clone: P
     (clone / "browser").touch()
     assert "browser" not in dev(clone, "test").stderr
     assert (clone / ".venv/stamp-browser").exists()
+
+
+def test_the_tests_run_in_two_processes_and_take_arguments(clone: Path) -> None:
+    (clone / "browser").touch()
+    assert dev(clone, "test", "-k", "two words").returncode == 0
+    assert (clone / "calls").read_text().splitlines()[-1] == "-m pytest -q -n 2 --dist loadfile -k two words"
 
 
 def test_a_script_beside_a_clone_named_o3dls_finds_the_package(clone: Path) -> None:
