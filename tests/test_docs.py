@@ -143,3 +143,18 @@ def test_the_walk_leads_from_each_step_to_the_next() -> None:
         assert file is not None
         call = "stage" if name.endswith(".__call__") else name
         assert re.search(rf"\b{call}\(", file.read_text(encoding="utf-8")), (path, name)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_link_leads_to_a_file_and_a_heading_as_the_host_names_it(page: Path) -> None:
+    for path, anchor in re.findall(r"\]\(([^)#:\s]*)#?([\w-]*)\)", prose(page)):
+        target = page.parent / path if path else page
+        assert target.exists(), path
+        titles = re.findall(r"^#+ (.*)$", prose(target), re.MULTILINE) if anchor else []
+        slugs = {re.sub(r"[^\w-]", "", title.lower().replace(" ", "-")) for title in titles}
+        assert not anchor or anchor in slugs, f"{path}#{anchor}"
+
+
+def prose(page: Path) -> str:
+    """The text of a page without its blocks of code."""
+    return re.sub(r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)

@@ -9,7 +9,10 @@ from conftest import ROOT
 from test_readme import BLOCK, execute
 
 # what runs whole pipelines, or searches all rotations, takes its time
-SLOW = ("start", "points", "landmarks")
+SLOW = (
+    *("start", "points", "landmarks"),
+    *("tutorial_icp", "tutorial_python", "tutorial_cohort", "tutorial_organs"),
+)
 PAGES = ("pipeline_file", "frames_and_units", "label_volumes")
 
 
