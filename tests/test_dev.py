@@ -133,3 +133,12 @@ def test_where_the_browser_dies_its_tests_are_skipped_with_the_reason(tmp_path: 
     said = outcome(tmp_path, {"PATH": os.pathsep.join([str(tmp_path), os.environ["PATH"]])})
     assert "1 skipped" in said
     assert "does not start" in said
+
+
+def test_docs_builds_the_site_and_stops_at_a_warning(clone: Path) -> None:
+    done = dev(clone, "docs")
+    assert done.returncode == 0, done.stderr
+    assert "build/docs/index.html" in done.stderr
+    calls = (clone / "calls").read_text()
+    assert "-e .[docs]" in calls
+    assert "-m sphinx -q -W --keep-going -b html docs build/docs" in calls
