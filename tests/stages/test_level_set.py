@@ -93,13 +93,13 @@ def test_a_small_second_piece_is_no_dust() -> None:
 
 
 def flanged(points: Array) -> Array:
-    """A ball of 10 mm with a flange 5 mm wide and .6 mm thick, between two planes of the lattice."""
-    flange = np.maximum(np.abs(points[:, 2] - 0.5) - 0.3, np.linalg.norm(points[:, :2], axis=1) - 15.0)
-    return np.minimum(round_distance(10.0)(points), flange)
+    """A ball of 6 mm with a flange 5 mm wide and .6 mm thick, between two planes of the lattice."""
+    flange = np.maximum(np.abs(points[:, 2] - 0.5) - 0.3, np.linalg.norm(points[:, :2], axis=1) - 11.0)
+    return np.minimum(round_distance(6.0)(points), flange)
 
 
 def test_a_part_too_thin_for_the_lattice_does_not_go_without_a_word() -> None:
-    prior = meshed(flanged, 17.0, 0.25)
+    prior = meshed(flanged, 12.0, 0.3)
     case, start = started(prior, sampled(prior, 100, 0.5, SEED), 0.5)
     coarse = LevelSet()(case, start)
     fine = LevelSet(spacing=0.4)(case, start)
@@ -116,23 +116,23 @@ def test_a_tunnel_that_the_lattice_cannot_see_costs_no_correction() -> None:
     """
 
     def drilled(points: Array) -> Array:
-        return np.maximum(
-            round_distance(20.0)(points), 0.7 - np.hypot(points[:, 0] - 13.0, points[:, 1] - 1.0)
-        )
+        tunnel = 0.7 - np.hypot(points[:, 0] - 7.8, points[:, 1] - 1.0)
+        return np.maximum(round_distance(12.0)(points), tunnel)
 
-    prior = meshed(drilled, 22.0, 0.4)
-    truth = meshed(bumped, 26.0)
-    case, start = started(prior, sampled(truth, 600, 0.5, SEED), 0.5, fitted=False)
+    prior = meshed(drilled, 14.0, 0.6)
+    assert components_and_euler(prior.vertices, prior.faces) == (1, 0)
+    truth = meshed(lambda at: bumped(at, 12.0), 18.0)
+    case, start = started(prior, sampled(truth, 300, 0.5, SEED), 0.5, fitted=False)
     found = LevelSet(spacing=2.0)(case, start)
     assert np.abs(found.surface.fields["correction_mm"]).max() > 1.5  # of the bump's 3 mm
     assert "mesh-differs" in {warning.code for warning in found.warnings}
 
 
-def bumped(points: Array) -> Array:
-    """A ball of 20 mm with a bump of 3 mm at the top."""
+def bumped(points: Array, ball: float = 20.0) -> Array:
+    """A ball with a bump of 3 mm at the top."""
     radius = np.linalg.norm(points, axis=1)
     up = points[:, 2] / np.maximum(radius, 1e-9)
-    return radius - 20.0 - 3.0 * np.exp(-(2.0 - 2.0 * up) / 0.25)
+    return radius - ball - 3.0 * np.exp(-(2.0 - 2.0 * up) / 0.25)
 
 
 def test_a_correction_is_the_same_however_the_lattice_lies() -> None:
@@ -376,7 +376,7 @@ def test_points_of_a_far_smaller_surface_give_no_surface() -> None:
     prior = meshed(round_distance(24.0), 28.0, 2.0)
     case, start = started(prior, sampled(meshed(round_distance(4.0), 8.0), 100, 0.5, SEED), 0.5, fitted=False)
     with pytest.raises(SolverError, match=r"level_set: the (surface shrank to nothing|mesh encloses)"):
-        LevelSet()(case, Estimate(prior, start.T_map_prior, "start"))
+        LevelSet(spacing=2.0)(case, Estimate(prior, start.T_map_prior, "start"))
 
 
 @pytest.mark.parametrize(("factor", "said"), [(1.1, "33% more"), (0.9, "27% less")])

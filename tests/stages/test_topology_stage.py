@@ -11,6 +11,7 @@ from starts import started
 
 from data_synth import atrium
 from o3dls import ICP, Deform, Landmarks, LevelSet, Pipeline, Topology
+from o3dls.case import Case
 from o3dls.errors import PipelineError
 from o3dls.estimate import Estimate
 from o3dls.evaluation.distances import distances
@@ -21,10 +22,16 @@ BALL = meshed(round_distance(16.0), 20.0)
 TUBED = meshed(ball_with_tube, 34.0)
 
 
-def test_a_vein_that_the_truth_lacks_is_removed_and_said() -> None:
+@pytest.fixture(scope="module")
+def removed() -> tuple[Case, Estimate, Estimate]:
+    """A case whose truth lacks a vein, the motion that the stage starts from, and what it makes of it."""
     prior = replace(TUBED, fields={"height": TUBED.vertices[:, 2]})
     case, start = started(prior, sampled(BALL, 800, 0.5, SEED), 0.5)
-    found = Topology()(case, start)
+    return case, start, Topology()(case, start)
+
+
+def test_a_vein_that_the_truth_lacks_is_removed_and_said(removed: tuple[Case, Estimate, Estimate]) -> None:
+    _, start, found = removed
     assert found.status.startswith("removed a part at (")
     assert found.facts["changes"] == [found.status]
     assert [warning.code for warning in found.warnings] == ["topology-changed"]
@@ -41,9 +48,10 @@ def test_a_vein_that_the_truth_lacks_is_removed_and_said() -> None:
     assert found.surface.fields["sd_mm"].mean() > 0.0
 
 
-def test_the_level_set_after_it_keeps_the_motion_and_tells_of_the_changes() -> None:
-    case, start = started(TUBED, sampled(BALL, 800, 0.5, SEED), 0.5)
-    changed = Topology()(case, start)
+def test_the_level_set_after_it_keeps_the_motion_and_tells_of_the_changes(
+    removed: tuple[Case, Estimate, Estimate],
+) -> None:
+    case, _, changed = removed
     found = LevelSet()(case, changed)
     for name in ("T_map_prior", "motion", "fit", "weights"):
         assert getattr(found, name) is getattr(changed, name)
