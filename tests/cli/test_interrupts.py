@@ -57,7 +57,7 @@ import o3dls.report.writer as writer
 real = writer.write_report
 def report(*a, **k):
     doomed = Doomed(); del doomed
-    import time; time.sleep(20)
+    import time; time.sleep(50)
 writer.write_report = report
 """
 HALF_MADE = """
@@ -123,7 +123,7 @@ def test_where_a_library_swallows_it_the_code_says_so_in_the_end(finished_run: P
 def test_in_a_destructor(finished_run: Path, tmp_path: Path) -> None:
     begun = time.perf_counter()
     struck(IN_A_DESTRUCTOR, signal.SIGTERM, "report", finished_run, "--out", "page.html", cwd=tmp_path)
-    assert time.perf_counter() - begun < 15.0  # it did not sleep on
+    assert time.perf_counter() - begun < 40.0  # it did not sleep on
     assert list(tmp_path.iterdir()) == []
 
 

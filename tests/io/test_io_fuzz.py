@@ -35,7 +35,7 @@ from o3dls.io.points import read_points, write_points
 from o3dls.io.transforms import read_transform, write_transform
 
 FILES = int(os.environ.get("O3DLS_FUZZ", "60"))
-SLOWEST = 5.0  # seconds for one file
+SLOWEST = 5.0  # seconds of this process for one file
 Mutation = Callable[[bytes, np.random.Generator], bytes]
 
 
@@ -135,7 +135,7 @@ def check(name: str, path: Path, data: bytes, read: Callable[[Path], object]) ->
         for _ in range(rng.integers(1, 4)):
             damaged = MUTATIONS[rng.integers(len(MUTATIONS))](damaged, rng) or b"\0"
         path.write_bytes(damaged)
-        start = time.perf_counter()
+        start = time.process_time()
         try:
             sentence = answer(read, path)
         except Exception as error:
@@ -144,8 +144,8 @@ def check(name: str, path: Path, data: bytes, read: Callable[[Path], object]) ->
         assert sentence is None or path.stem in sentence, (
             f"{name}, file {k}: the error names no file: {sentence}"
         )
-        assert time.perf_counter() - start < SLOWEST, (
-            f"{name}, file {k} took {time.perf_counter() - start:.1f} s"
+        assert time.process_time() - start < SLOWEST, (
+            f"{name}, file {k} took {time.process_time() - start:.1f} s"
         )
 
 

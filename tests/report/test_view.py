@@ -124,7 +124,7 @@ def test_without_a_display_no_browser_is_looked_for(run: Path, monkeypatch: pyte
 def test_a_browser_that_runs_until_it_is_closed_is_not_waited_for(
     run: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    shown_by(Opened(seconds=5.0), monkeypatch)
+    shown_by(Opened(seconds=60.0), monkeypatch)
     began = time.monotonic()
     show(run / "report.html", wait=0.1)
-    assert time.monotonic() - began < 2.0
+    assert time.monotonic() - began < 30.0  # far more than it takes, far less than it runs
