@@ -7,6 +7,7 @@ import json
 import subprocess
 import sys
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -27,7 +28,7 @@ from o3dls.run_warning import RunWarning
 from o3dls.runs.export.finished import export_run
 from o3dls.runs.folder import read_run
 from o3dls.runs.log import log_of_failure
-from o3dls.runs.run import record
+from o3dls.runs.run import Run, record
 from o3dls.runs.writers import Writer
 from o3dls.stages.deform import Deform
 
@@ -392,9 +393,14 @@ def test_the_deviation_in_the_files_is_that_of_the_estimate(tmp_path: Path) -> N
     np.testing.assert_allclose(written, run.estimates["deform"].surface.fields["sd_mm"], rtol=1e-5)
 
 
+@cache
+def nudged(*writers: type[Writer]) -> Run:
+    """A run that is written again and again: writing changes nothing of it."""
+    return Pipeline([Nudge()], [kind() for kind in writers], folds=0).run(ball_case())
+
+
 def a_run(folder: Path) -> Path:
-    run = Pipeline([Nudge()], [Note()], folds=0).run(ball_case())
-    return run.write(folder)
+    return nudged(Note).write(folder)
 
 
 @pytest.mark.parametrize("name", ["thesis.docx", "export/thesis.docx", "case2/points.csv", "case/notes.txt"])
@@ -409,13 +415,13 @@ def test_a_run_with_a_file_that_is_not_ours_is_not_replaced(
     (out / name).parent.mkdir(exist_ok=True)
     (out / name).write_text("keep me")
     with pytest.raises(InputError, match=f"run: holds {name}, which o3dls did not write and would remove"):
-        Pipeline([Nudge()], folds=0).run(ball_case()).write(out, force=True)
+        nudged().write(out, force=True)
     assert (out / name).read_text() == "keep me"
     assert [path.name for path in tmp_path.iterdir()] == ["run"]
     (out / name).unlink()
     (out / ".DS_Store").write_text("")
     (out / "empty").mkdir()
-    Pipeline([Nudge()], folds=0).run(ball_case()).write(out, force=True)
+    nudged().write(out, force=True)
     assert not (out / "note.txt").exists()
 
 
@@ -425,7 +431,7 @@ def test_a_link_in_a_run_folder_is_not_ours_either(tmp_path: Path) -> None:
     (out / "link").symlink_to(tmp_path / "there")
     (out / "thesis.docx").write_text("")
     with pytest.raises(InputError, match=r"run: holds link and 1 more, which"):
-        Pipeline([Nudge()], folds=0).run(ball_case()).write(out, force=True)
+        nudged().write(out, force=True)
 
 
 def test_what_report_and_export_add_to_a_run_is_replaced_with_it(tmp_path: Path) -> None:
@@ -436,5 +442,5 @@ def test_what_report_and_export_add_to_a_run_is_replaced_with_it(tmp_path: Path)
     listed = [json.loads(line) for line in (out / "manifest.txt").read_text().splitlines()]
     assert {"export/nudge.stl", "export/nudge.stl.json", "another.html", "another.pdf", "note.txt"} < files
     assert sorted(listed) == sorted(files - {"manifest.txt"})
-    Pipeline([Nudge()], folds=0).run(ball_case()).write(out, force=True)
+    nudged().write(out, force=True)
     assert not (out / "export").exists()
