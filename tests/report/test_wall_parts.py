@@ -67,9 +67,12 @@ def test_harm_without_points_is_said_on_the_first_screen(harmed: Path) -> None:
     found = next(one for one in checks(subject) if one.name == "Against icp")
     assert found.grade == "amber"
     assert f"{MAPPED}: closer by" in found.said
-    head = report_page(subject).split("<nav")[0]
-    assert f'<th scope="row">{PRIOR_ONLY}</th>' in head
-    assert "<strong>farther by " in head
+    page = report_page(subject)
+    head, whole = page[page.index("<header>") :].split('id="outcome"')
+    assert f"Against icp: {found.short}" in head
+    assert found.short.startswith("farther by ")
+    assert f'<th scope="row">{PRIOR_ONLY}</th>' in whole
+    assert "<strong>farther by " in whole
 
 
 def test_without_harm_none_is_said(tmp_path: Path) -> None:
