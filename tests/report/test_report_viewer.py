@@ -105,23 +105,15 @@ KEEP = """() => {
         return made;
     };
 }"""
-KEPT = """() => {
-    const copy = document.createElement('canvas');
-    Object.assign(copy, { width: drawing.width, height: drawing.height });
-    const context = copy.getContext('2d');
-    context.drawImage(drawing, 0, 0);
-    return context.getImageData(0, 0, copy.width, copy.height).data.filter((one) => one).length;
-}"""
 
 
-def test_what_was_drawn_can_be_copied_later(browser: Any, report: Path) -> None:
-    """Some drivers copy a picture when the frame is over: the buffer has to have it still."""
+def test_the_drawing_buffer_is_kept(browser: Any, report: Path) -> None:
+    """Some drivers copy later than asked, which drawing by software does not show: what was asked counts."""
     page = browser.new_page()
     page.add_init_script(f"({KEEP})()")
     page.goto(report.resolve().as_uri())
     page.wait_for_function("document.documentElement.dataset.ready !== undefined")
-    page.wait_for_timeout(300)  # some frames later
-    assert page.evaluate(KEPT) > 1000
+    assert page.evaluate("drawing.getContext('webgl2').getContextAttributes().preserveDrawingBuffer")
     page.close()
 
 
