@@ -226,6 +226,7 @@ def test_the_value_under_the_pointer_is_that_of_the_surface(visit: Visit, run: P
 
 def test_a_click_keeps_the_place_until_escape_or_a_click_beside(visit: Visit) -> None:
     without_points(visit)
+    without_names(visit)
     before = [visit.picture(k) for k in (0, 1)]
     for leave in (lambda: visit.page.keyboard.press("Escape"), lambda: click(visit, 1, 26, 22)):
         click(visit, 0, 3, -3)
