@@ -16,6 +16,7 @@ from o3dls.motion.map_shift.search import find_map_shift
 from o3dls.motion.observations import Data
 from o3dls.motion.result import MotionFit
 from o3dls.noise.shifted_part import MapPart, MapShift
+from o3dls.settings import with_numbers
 
 NOISE = 1.0
 OFFSET = np.array([1.0, -6.0, 5.0])  # 7.9 mm
@@ -75,6 +76,18 @@ def test_one_side_of_a_plane_is_found_with_its_offset() -> None:
     held = shift.part.holds(points, np.arange(300.0))
     assert (held != beyond).mean() < 0.05
     assert within(shift, OFFSET)
+
+
+def test_one_side_of_a_small_map_is_not_told_from_another_anatomy() -> None:
+    """The same step in 120 points, fewer than are asked; with the limit below them it is found."""
+    points = sampled(moved_body(), 120, 8_839, NOISE)
+    points[points[:, 0] > np.quantile(points[:, 0], 0.6)] += OFFSET
+    fit = fitted(points)
+    assert found(fit) is None
+    asked = with_numbers(fit.problem.settings, {"map_shift.least_points": 100})
+    shift = found(replace(fit, problem=replace(fit.problem, settings=asked)))
+    assert shift is not None
+    assert shift.part.direction is not None
 
 
 @pytest.mark.parametrize("dimension", [2, 3])

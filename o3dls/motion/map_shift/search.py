@@ -69,7 +69,8 @@ def _trials(fit: MotionFit) -> Iterator[Trial]:
     here, measured = offset_model(problem, state), problem.data
     found = best_offsets(here, measured)
     # a cause in time is the usual one, and hidden while all points pull at one surface
-    asked = [one for k, one in enumerate(found) if k < settings.rivals or one.part.direction is None]
+    rivals = settings.rivals if len(measured.points) >= settings.least_points else 0
+    asked = [one for k, one in enumerate(found) if k < rivals or one.part.direction is None]
     worth = [one for one in asked if _worth_a_fit(here, one)]
     if worth and energy is None:
         run = settled(problem)
