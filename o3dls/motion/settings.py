@@ -158,6 +158,11 @@ class MapShiftSettings:
     )
     least_offset: float = number(0.15, "rms radii", "of one side of a plane: bends move it by as much")
     over_motion: float = number(3.2, "1", "that offset over the rms motion: 2.9 in a map that is whole")
+    large_offset: float = number(
+        0.25,
+        "rms radii",
+        "from which it must be over the motion in proportion: a slip leaves motions as they are",
+    )
 
 
 @dataclass(frozen=True)

@@ -127,7 +127,7 @@ def _without(problem: MotionProblem, measured: Data, found: Offset, alone: float
 
 def _stands_out(trial: Trial, share: float = 1.0) -> bool:
     """Whether an offset has the evidence that it needs, or a share of it; one by a plane must also be longer
-    than the motions are that resemble it.
+    than the motions are that resemble it, and the more so the longer it is.
     """
     settings = trial.problem.settings.map_shift
     enough = max(settings.evidence, settings.evidence_per_point * len(trial.problem.data.points))
@@ -135,7 +135,8 @@ def _stands_out(trial: Trial, share: float = 1.0) -> bool:
         return trial.evidence >= share * enough
     rest, moved = trial.problem.rest.at, trial.run.state.moved
     motion = moved - apply(fit_similarity(rest, moved), rest)
-    usual = settings.over_motion * float(np.sqrt((motion**2).sum(axis=1).mean()))
+    over = settings.over_motion * max(trial.found.length / (settings.large_offset * trial.problem.size), 1.0)
+    usual = over * float(np.sqrt((motion**2).sum(axis=1).mean()))
     long = max(settings.least_offset * trial.problem.size, usual)
     return trial.found.length >= share * long
 
