@@ -7,7 +7,8 @@
 FOLDER holds priors/ls_prior and priors/toronto; what is in them is third parties' and goes into the cases
 only. Development cases (the default, seeds below 1000) are for choosing and for benchmarks.tune, judging
 cases (from 2000) are for nothing but the score. `cross` takes five atria for development and the other ten
-for judging; `families` moves all fifteen for judging, by other motions. Names are groups and seeds as
+for judging; `pairs` takes every one of them as prior of every other, with few points; `families` moves all
+fifteen for judging, by other motions. Names are groups and seeds as
 benchmarks.accuracy reads them:
 
     cross_<points>_<noise>_<even|clustered>[_outliers]_<seed>      outliers: 5 %
@@ -24,7 +25,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from fnmatch import fnmatch
 from functools import cache
-from itertools import product
+from itertools import permutations, product
 from pathlib import Path
 from time import perf_counter
 
@@ -60,7 +61,12 @@ POINTS = (100, 250, 1000, 4000, 20_000)
 NOISE = (1.0, 2.0)
 MOTIONS = (1.0, 2.0)
 OUTLIERS = 0.05
-FIRST_SEED = {"cross": {False: 101, True: 2101}, "families": {False: 301, True: 2301}}
+FIRST_SEED = {
+    "cross": {False: 101, True: 2101},
+    "pairs": {False: 501, True: 2501},
+    "families": {False: 301, True: 2301},
+}
+FEW = (100, 250)
 
 
 @dataclass(frozen=True)
@@ -92,6 +98,15 @@ def crossed(judging: bool) -> Iterator[Wanted]:
             yield Wanted(f"{group}_{seed}", seed, how, atria[a], atria[b])
 
 
+def paired(judging: bool) -> Iterator[Wanted]:
+    """Every ordered pair of atria, mapped evenly with few points; the seed is the pair's."""
+    atria = JUDGING if judging else DEVELOPMENT
+    for points, noise in product(FEW, NOISE):
+        for seed, (prior, truth) in enumerate(permutations(atria, 2), FIRST_SEED["pairs"][judging]):
+            how = Mapping(points, noise, False, 0.0)
+            yield Wanted(f"cross_{points}_{noise:g}_even_{seed}", seed, how, prior, truth)
+
+
 def moved(judging: bool) -> Iterator[Wanted]:
     """Every atrium by a motion of every family, plain and large, with and without landmarks: twice for
     judging, so that each is mapped evenly and in clusters once.
@@ -107,7 +122,7 @@ def moved(judging: bool) -> Iterator[Wanted]:
             )
 
 
-SETS = {"cross": crossed, "families": moved}
+SETS = {"cross": crossed, "pairs": paired, "families": moved}
 
 
 def made(wanted: Wanted, data: Path) -> Case:

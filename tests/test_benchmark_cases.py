@@ -39,6 +39,14 @@ def test_development_and_judging_share_no_seed_and_no_name(which: str) -> None:
     assert max(w.seed for w in development) < 1000 < 2000 < min(w.seed for w in judging)
 
 
+def test_every_atrium_is_the_prior_of_every_other_once_per_kind() -> None:
+    kinds: dict[str, set[tuple[str, str | None]]] = {}
+    for one in make_cases.paired(judging=False):
+        kinds.setdefault(one.name.rpartition("_")[0], set()).add((one.prior, one.truth))
+    assert len(kinds) == 4
+    assert all(len(pairs) == 20 and all(a != b for a, b in pairs) for pairs in kinds.values())
+
+
 def test_crossed_pairs_of_judging_are_twenty_and_of_other_atria() -> None:
     pairs = [{(w.prior, w.truth) for w in make_cases.crossed(judging)} for judging in (False, True)]
     assert len(pairs[1]) == 20

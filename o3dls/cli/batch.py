@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from . import completion
 from .interrupts import first_told
-from .options import as_json, progress
+from .options import as_json, overrides, progress
 from .words import DONE, FILE, FOLDER, INTERRUPTED, NOT_VALID, WRONG_INPUT, say, say_json
 
 if TYPE_CHECKING:
@@ -62,14 +61,7 @@ def _part(_: click.Context, __: click.Parameter, value: str | None) -> tuple[int
     show_default=True,
     help="folder for the run folders, cohort.csv and cohort.html",
 )
-@click.option(
-    "--set",
-    "settings",
-    multiple=True,
-    metavar="STAGE.PARAM=VALUE",
-    shell_complete=completion.settings,
-    help="override a parameter of the pipeline; may be repeated",
-)
+@overrides
 @click.option(
     "--jobs", type=click.IntRange(min=1), default=1, show_default=True, help="cases that run at one time"
 )
@@ -89,20 +81,20 @@ def _part(_: click.Context, __: click.Parameter, value: str | None) -> tuple[int
     "--timeout",
     callback=_amount(SECONDS, "10m"),
     metavar="TIME",
-    help="end a case that takes longer: 90s, 10m, 2h, 1d",
+    help="time limit of a case: 90s, 10m, 2h, 1d",
 )
 @click.option(
     "--memory",
     callback=_amount(BYTES, "2GB"),
     metavar="SIZE",
-    help="end a case whose process takes more: 800MB, 2GB, 2GiB",
+    help="memory limit of a case: 800MB, 2GB, 2GiB",
 )
 @click.option(
     "--retries",
     type=click.IntRange(min=0),
     default=1,
     show_default=True,
-    help="how often a case is begun again whose process was ended from outside",
+    help="retries of a case whose process was killed",
 )
 @as_json
 @progress

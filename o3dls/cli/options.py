@@ -8,7 +8,17 @@ from typing import Any
 
 import click
 
+from . import completion
+
 as_json = click.option("--json", "as_json", is_flag=True, help="print the result as JSON")
+overrides = click.option(
+    "--set",
+    "settings",
+    multiple=True,
+    metavar="STAGE.PARAM=VALUE",
+    shell_complete=completion.settings,
+    help="override a parameter of the pipeline; may be repeated",
+)
 
 
 def progress(command: Any) -> Any:
@@ -19,7 +29,7 @@ def progress(command: Any) -> Any:
         is_flag=True,
         expose_value=False,
         callback=_from(logging.WARNING),
-        help="of the progress only warnings",
+        help="print only warnings and results",
     )
     verbose = click.option(
         "-v",
@@ -27,7 +37,7 @@ def progress(command: Any) -> Any:
         is_flag=True,
         expose_value=False,
         callback=_from(logging.DEBUG),
-        help="also the parameters of each stage, and each fit of the cross-validation",
+        help="also print the parameters of each stage and each fit of the cross-validation",
     )
     return quiet(verbose(command))
 

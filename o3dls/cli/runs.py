@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from . import completion
-from .options import as_json, progress
+from .options import as_json, overrides, progress
 from .words import DONE, FILE, FOLDER, NOT_VALID, WRONG_INPUT, complain, say, say_json, say_lines
 
 if TYPE_CHECKING:
@@ -47,14 +47,7 @@ def demo(out: Path, force: bool, as_json: bool) -> int:
 @click.option("--units", help="units of the case where its files do not say: mm, cm, m, um, in, px")
 @click.option("--frame", help="frame of the points: LPS, RAS or unknown")
 @click.option("--out", type=FOLDER, help="run folder to make; overrides the pipeline's")
-@click.option(
-    "--set",
-    "settings",
-    multiple=True,
-    metavar="STAGE.PARAM=VALUE",
-    shell_complete=completion.settings,
-    help="override a parameter of the pipeline; may be repeated",
-)
+@overrides
 @click.option("--force", is_flag=True, help="replace an earlier run in the same folder")
 @as_json
 @progress

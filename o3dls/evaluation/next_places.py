@@ -172,7 +172,7 @@ def _chosen(
         gains = np.where(open_, wall.gains(sigma, believed), -1.0)
         best = int(gains.argmax())
         if gains[best] < LEAST_GAIN:
-            ended = f"one more point would take less than {LEAST_GAIN:.0%} of the mean variance"
+            ended = f"one more point would lower the mean variance by less than {LEAST_GAIN:.0%}"
             return Advice(tuple(found), ended)
         after = wall.measured(best, sigma, believed)
         near = np.linalg.norm(surface.vertices - at[best], axis=1) < AROUND / APART * apart

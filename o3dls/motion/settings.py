@@ -151,11 +151,7 @@ class MapShiftSettings:
     landmark_odds: float = number(7.0, "nats", "against landmarks that move along, as against none that stay")
     evidence: float = number(10.0, "nats", "of a shifted part; in time, whole maps have 3 at most,")
     evidence_per_point: float = number(0.04, "nats", "and of many points more: what they show they share")
-    least_points: int = number(
-        150,
-        "points",
-        "that tell one side of a plane from another anatomy: of 40 such maps of 100, 5 seemed shifted",
-    )
+    least_points: int = number(150, "points", "that tell one side of a plane from another anatomy")
     least_offset: float = number(0.15, "rms radii", "of one side of a plane: bends move it by as much")
     over_motion: float = number(3.2, "1", "that offset over the rms motion: 2.9 in a map that is whole")
     large_offset: float = number(

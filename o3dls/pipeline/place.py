@@ -43,7 +43,7 @@ class Death:
     of_this_task: bool
 
 
-OUTSIDE = Death("ended from outside", from_outside=True, of_this_task=False)
+OUTSIDE = Death("killed from outside", from_outside=True, of_this_task=False)
 
 
 class Place(Generic[T]):

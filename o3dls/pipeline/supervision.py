@@ -43,10 +43,10 @@ class Limits:
         all.
         """
         if self.seconds is not None and seconds > self.seconds:
-            said = f"took more than {self.seconds:g} s (the limit of time), and was ended"
+            said = f"took more than {self.seconds:g} s and was stopped (--timeout)"
             return Death(said, from_outside=False, of_this_task=True)
         if self.memory is not None and resident(process) > self.memory:
-            said = f"took more than {self.memory / MB:g} MB of memory (the limit), and was ended"
+            said = f"took more than {self.memory / MB:g} MB of memory and was stopped (--memory)"
             return Death(said, from_outside=False, of_this_task=False)  # others may have left some taken
         return None
 
@@ -153,4 +153,4 @@ class _Line(Generic[T]):
         if not death.from_outside:
             return death.reason
         times = "once" if self.deaths[task] == 1 else f"{self.deaths[task]} times"
-        return f"its process was ended from outside, {times}; is there too little memory?"
+        return f"its process was killed from outside, {times}; is there too little memory?"

@@ -119,7 +119,7 @@ def test_a_process_that_is_ended_from_outside_costs_no_other_case(tmp_path: Path
     )
     assert [outcome.case for outcome in outcomes] == ["one", "few", "two"]
     assert [bool(outcome.rows) for outcome in outcomes] == [True, False, True]
-    assert "ended from outside" in str(outcomes[1].error)
+    assert "killed from outside" in str(outcomes[1].error)
 
 
 def test_a_table_of_another_batch_is_only_replaced_when_told(tmp_path: Path) -> None:

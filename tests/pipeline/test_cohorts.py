@@ -185,7 +185,7 @@ def test_a_process_that_dies_once_is_replaced_and_the_dead_are_counted(tmp_path:
     assert [outcome.error for outcome in outcomes] == [None, None]
     (tmp_path / "marks/few").unlink()
     outcomes = run_cohort(planned(folders[1:], pipeline), tmp_path / "again", limits=Limits(retries=0))
-    assert outcomes[0].error == "its process was ended from outside, once; is there too little memory?"
+    assert outcomes[0].error == "its process was killed from outside, once; is there too little memory?"
 
 
 BATCH = """
@@ -277,7 +277,7 @@ def test_a_case_beyond_its_time_is_ended_and_leaves_nothing_half_written(tmp_pat
     ended = timed(study, tmp_path / "runs", Limits(seconds=limit))
     (one, before), (few, after), (two, _) = ended
     assert (one.error, two.error) == (None, None)
-    assert few.error == "took more than 4 s (the limit of time), and was ended"
+    assert few.error == "took more than 4 s and was stopped (--timeout)"
     assert limit <= after - before < limit + ENDED
     whole(tmp_path / "runs")
     assert not (tmp_path / "runs/few").exists()
@@ -293,7 +293,7 @@ def test_a_case_beyond_its_memory_is_ended(tmp_path: Path) -> None:
         planned(folders, Pipeline([Heavy()], folds=0)), tmp_path / "runs", limits=Limits(60.0, limit)
     )
     assert [one.error for one in outcomes] == [
-        "took more than 900 MB of memory (the limit), and was ended",
+        "took more than 900 MB of memory and was stopped (--memory)",
         None,
     ]
     assert time.monotonic() - began < 60.0  # it was the memory, not the time

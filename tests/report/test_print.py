@@ -15,8 +15,9 @@ from o3dls.pipeline.pipeline import Pipeline
 from o3dls.plugins.stage import Stage
 from o3dls.report.page import NOTICE
 from o3dls.report.writer import compare, write_report
-from tests.browser import Visit, chromium
+from tests.browser import Visit
 from tests.finished import NASTY, Icp, LevelSet, bulged_case, finished, finished_2d, renamed
+from tests.viewer import FIXTURES
 
 MOST_PAGES = 8
 PAGES = {"A4": 710, "Letter": 733}  # and pixels of their width between margins of 11 mm, 96 to the inch
@@ -25,15 +26,7 @@ PRINT = "() => window.dispatchEvent(new Event('beforeprint'))"
 AFTER = "() => window.dispatchEvent(new Event('afterprint'))"
 
 
-@pytest.fixture(scope="module")
-def launch() -> Iterator[Callable[..., Any]]:
-    with chromium() as started:
-        yield started
-
-
-@pytest.fixture(scope="module")
-def browser(launch: Callable[..., Any]) -> Any:
-    return launch()
+_, _, launch, browser, _ = FIXTURES
 
 
 def as_many_as_the_demo() -> list[Stage]:

@@ -21,8 +21,9 @@ from o3dls.case import Case
 from o3dls.io.meshes.registry import write_surface
 from o3dls.report.subject import read_subject
 from o3dls.report.writer import compare, write_report
-from tests.browser import Visit, chromium
+from tests.browser import Visit
 from tests.finished import NASTY, bulged_case, fine_sphere, finished, finished_2d, renamed
+from tests.viewer import FIXTURES
 
 MOST_BYTES = 4_000_000
 READY_MS = 2_000  # software rendering, two surfaces of 36 000 faces (the demo has fewer), on two quiet cores
@@ -33,25 +34,7 @@ LOADED = 3.0
 SEEN = 2.0  # mean change of a colour channel (of 255) that counts as a changed picture
 
 
-@pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return finished(tmp_path_factory.mktemp("page") / "run")
-
-
-@pytest.fixture(scope="module")
-def report(run: Path) -> Path:
-    return write_report([run])
-
-
-@pytest.fixture(scope="module")
-def launch() -> Iterator[Callable[..., Any]]:
-    with chromium() as started:
-        yield started
-
-
-@pytest.fixture(scope="module")
-def browser(launch: Callable[..., Any]) -> Any:
-    return launch()
+run, report, launch, browser, _ = FIXTURES
 
 
 @pytest.fixture
