@@ -200,7 +200,8 @@ def _check_writable(out: Path) -> None:
     _check_link(out)
     there = next(folder for folder in real.parents if folder.exists())
     try:
-        trial = Path(mkdtemp(prefix=".", dir=there))
+        # named as what becomes of it, so that remove_partial finds what a killed process leaves
+        trial = Path(mkdtemp(prefix=_mark(real, os.getpid()), dir=there))
         try:
             (trial / real.relative_to(there) / LONGEST).mkdir(parents=True)
         finally:

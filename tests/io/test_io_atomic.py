@@ -15,7 +15,7 @@ from tiny import ball_case
 
 from o3dls.cli.main import answer
 from o3dls.errors import InputError
-from o3dls.io.atomic import write_file
+from o3dls.io.atomic import check_free, remove_partial, write_file
 from o3dls.io.case_writer import write_case
 from tests.finished import finished
 
@@ -116,3 +116,18 @@ def test_a_file_is_on_the_disk_before_it_has_its_name(
     write_file(tmp_path / "a.txt", "é\n")
     assert done == ["on disk", "renamed"]
     assert (tmp_path / "a.txt").read_bytes() == "é\n".encode()
+
+
+def test_what_a_process_that_is_killed_while_it_asks_leaves_is_found(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A folder cannot be tried without making one, and a killed process does not take it away."""
+    with monkeypatch.context() as patched:
+        patched.setattr("o3dls.io.atomic.shutil.rmtree", lambda *_, **__: None)
+        check_free(tmp_path / "run")
+    assert len(list(tmp_path.iterdir())) == 1
+    remove_partial(tmp_path / "other", os.getpid())
+    remove_partial(tmp_path / "run", os.getpid() + 1)
+    assert len(list(tmp_path.iterdir())) == 1
+    remove_partial(tmp_path / "run", os.getpid())
+    assert list(tmp_path.iterdir()) == []
