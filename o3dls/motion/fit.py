@@ -7,6 +7,7 @@ none, the prior as it is or smoothed.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -54,9 +55,11 @@ def trial_fit(vertices: Array, faces: Ints, pose: Array, data: Data, settings: M
 
 
 def settled(problem: MotionProblem) -> Iterated:
-    """Rounds of a problem from nothing until the surface stands still. Raises SolverError as `fit_motion`."""
+    """Rounds of a problem from nothing until the surface stands still, or its energy does. Raises SolverError
+    as `fit_motion`.
+    """
     with one_blas_thread():
-        return _iterate(problem, begin(problem))
+        return _iterate(problem, begin(problem), enough=problem.settings.selection.steady_energy)
 
 
 def _fit_from_nothing(
@@ -150,8 +153,10 @@ def _iterate_robustly(problem: MotionProblem) -> Iterated:
     return replace(run, facts=facts)
 
 
-def _iterate(problem: MotionProblem, state: State, *, anneal: bool = True) -> Iterated:
-    """Rounds until the vertices stand still: from nothing, or without annealing from an earlier state."""
+def _iterate(problem: MotionProblem, state: State, *, anneal: bool = True, enough: float = 0.0) -> Iterated:
+    """Rounds until the vertices stand still, or the energy changes by less than `enough` (nats): from
+    nothing, or without annealing from an earlier state.
+    """
     settings = problem.settings.iteration
     trace: list[dict[str, float]] = []
     for k in range(settings.iterations):
@@ -160,8 +165,13 @@ def _iterate(problem: MotionProblem, state: State, *, anneal: bool = True) -> It
         state, solved, record = step(problem, state, iteration, tuning=anneal and k in settings.tune_at)
         trace.append(record)
         tuned = not anneal or k > max(settings.tune_at)
-        if tuned and record["step"] < settings.tolerance * problem.size:
+        if tuned and (record["step"] < settings.tolerance * problem.size or _steady(trace, enough)):
             break
     # vertices may slide along a surface that stands still
     along = ((state.moved - at) * vertex_normals(at, problem.faces)).sum(axis=1)
     return Iterated(problem, state, solved, tuple(trace), float(np.abs(along).mean()))
+
+
+def _steady(trace: Sequence[Mapping[str, float]], enough: float) -> bool:
+    """Whether the energy changed by less than `enough` in the last round."""
+    return len(trace) > 1 and abs(trace[-1]["energy"] - trace[-2]["energy"]) < enough

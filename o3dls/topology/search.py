@@ -22,7 +22,7 @@ from ..levelset.normal_displacement import Wall
 from ..levelset.observation import Measured, Noise, observe
 from ..motion.fit import fit_motion, trial_fit
 from ..motion.observations import Data
-from ..motion.result import Iterated, MotionFit
+from ..motion.result import MotionFit
 from ..motion.settings import MotionSettings
 from .change import Change, changed
 from .cuts import removals
@@ -78,7 +78,7 @@ class TopologySearch:
         """The points of the fit as they look from a wall that has moved to them, or not yet: then their
         distances tell the noise.
         """
-        data = self._part(fit)
+        data = _part(fit, self.settings.most_points)
         weights = fit.state.weights[~fit.problem.data.inside]
         relative = np.ones(len(data.points))
         if moved:
@@ -96,26 +96,26 @@ class TopologySearch:
         unchanged = self.remade(fit, None)
         if components_and_euler(unchanged.vertices, unchanged.faces) != _kind(fit):
             return
-        part = self._part(fit)
+        part = _part(fit, self.settings.trial_points)
         whole = trial_fit(*self.anew(fit, unchanged, part)).energy
         for change in changes:
             after = trial_fit(*self.anew(fit, self.remade(fit, change), part))
-            if self.explains(change, after):
-                yield replace(change, gain=whole - after.energy - change.price)
+            yield replace(change, gain=whole - after.energy - change.price)
 
     def best(self, fit: MotionFit) -> tuple[MotionFit, Change] | None:
         """The change of most evidence that keeps some in the whole fit, with that fit: its trial had neither
-        the pose alone nor a second start to fall back to.
+        the pose alone nor a second start to fall back to, and fewer points.
         """
         judged = self.judged(fit, list(self.proposals(fit)))
         earned = [change for change in judged if change.gain >= self.settings.evidence]
         for change in sorted(earned, key=lambda change: change.gain, reverse=True):
             after = fit_motion(*self.anew(fit, self.remade(fit, change), fit.problem.data))
-            if after.energy + change.price < fit.energy:
-                return after, change
+            gain = fit.energy - after.energy - change.price
+            if gain > 0.0 and self.explains(change, after):
+                return after, replace(change, gain=gain)
         return None
 
-    def explains(self, change: Change, after: Iterated) -> bool:
+    def explains(self, change: Change, after: MotionFit) -> bool:
         """Whether the points that ask for a change lie on the new wall, in the median. Points that float in
         the mouth of a part that was never touched gain something by any wall near them, many points gain
         much, and yet it does not run through them.
@@ -155,10 +155,11 @@ class TopologySearch:
         )
         return prior, posed.faces, motion.T_map_prior, data, settings
 
-    def _part(self, fit: MotionFit) -> Data:
-        """An even part of many points: what changes the topology is no detail."""
-        data = fit.problem.data
-        return data.at(data.part(self.settings.most_points))
+
+def _part(fit: MotionFit, most: int) -> Data:
+    """An even part of many points: what changes the topology is no detail."""
+    data = fit.problem.data
+    return data.at(data.part(most))
 
 
 def posed_prior(fit: MotionFit) -> Surface:

@@ -65,7 +65,8 @@ class TopologySettings:
 
     evidence: float = number(5.0, "nats", "that a change must earn: a rare thing needs good reasons")
     most_changes: int = number(4, "", "of one prior: more would be another one")
-    most_points: int = number(1000, "points", "of a kind that propose and judge: topology is no detail")
+    most_points: int = number(1000, "points", "of a kind that propose: topology is no detail,")
+    trial_points: int = number(500, "points", "of a kind that judge: four times as fast as all that propose")
     judged: int = number(3, "", "tubes, and cuts, that are judged: those that the likelihood prefers")
     half_band: float = number(3.0, "spacings", "half width of the band on which the prior is changed")
     cuts: CutSettings = field(default_factory=CutSettings)

@@ -113,8 +113,8 @@ def test_a_tube_across_whose_mouth_points_show_the_wall_is_removed_and_said() ->
     assert len(made) == 1
     assert made[0].removes
     assert "removed a part at (2" in made[0].sentence("mm")
-    # but for the mesh of the prior
-    assert made[0].gain == pytest.approx(before.energy - after.energy - made[0].price, rel=0.2)
+    # of all points, whatever part of them was tried first
+    assert made[0].gain == pytest.approx(before.energy - after.energy - made[0].price)
     assert components_and_euler(after.vertices, after.motion.faces) == (1, 2)
     assert apart(surface(after), truth) < 0.2 * apart(tubed(), truth)
 
@@ -313,23 +313,29 @@ def proposed(odd: Array, price: float = 0.0) -> Change:
     )
 
 
-@pytest.mark.parametrize(("explained", "gains"), [(True, [33.0]), (False, [])])
-def test_a_change_gains_what_the_fit_gains_less_its_price(
-    explained: bool, gains: list[float], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_change_gains_what_the_fit_gains_less_its_price(monkeypatch: pytest.MonkeyPatch) -> None:
     energies = iter([100.0, 60.0])  # without the change, with it
     monkeypatch.setattr(TopologySearch, "remade", lambda self, fit, *rest: surface(fit))
     monkeypatch.setattr("o3dls.topology.search.trial_fit", lambda *_: SimpleNamespace(energy=next(energies)))
-    monkeypatch.setattr(TopologySearch, "explains", lambda self, change, after: explained)
     judged = SEARCH.judged(bent_fit(), [proposed(np.zeros((0, 3)), price=7.0)])
-    assert [change.gain for change in judged] == gains
+    assert [change.gain for change in judged] == [33.0]
 
 
-@pytest.mark.parametrize(("energies", "taken"), [([95.0], 9.0), ([101.0, 80.0], 6.0), ([101.0, 99.5], None)])
+@pytest.mark.parametrize(
+    ("energies", "explained", "taken"),
+    [
+        ([95.0], True, 4.0),
+        ([101.0, 80.0], True, 19.0),
+        ([101.0, 99.5], True, None),
+        ([95.0, 80.0], False, None),
+    ],
+)
 def test_a_change_that_the_whole_fit_does_not_keep_is_not_made(
-    energies: list[float], taken: float | None, monkeypatch: pytest.MonkeyPatch
+    energies: list[float], explained: bool, taken: float | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Trials gained 9, 6 and 4 nats; a whole fit from 100 must come below that by the price, 1 nat."""
+    """Trials gained 9, 6 and 4 nats; a whole fit from 100 must come below that by the price, 1 nat, with the
+    points that asked for the change on its wall.
+    """
     gains = [6.0, 9.0, 4.0]
     changes = [replace(proposed(np.zeros((0, 3)), price=1.0), gain=gain) for gain in gains]
     refits = iter(energies)
@@ -338,6 +344,7 @@ def test_a_change_that_the_whole_fit_does_not_keep_is_not_made(
     monkeypatch.setattr(TopologySearch, "remade", lambda self, fit, change: change)
     monkeypatch.setattr(TopologySearch, "anew", lambda self, fit, posed, data: ())
     monkeypatch.setattr("o3dls.topology.search.fit_motion", lambda: SimpleNamespace(energy=next(refits)))
+    monkeypatch.setattr(TopologySearch, "explains", lambda self, change, after: explained)
     before = SimpleNamespace(energy=100.0, problem=SimpleNamespace(data=None))
     found = SEARCH.best(before)  # type: ignore[arg-type]
     assert (found and found[1].gain) == taken
