@@ -31,13 +31,16 @@ def demo(out: Path, force: bool, as_json: bool) -> int:
     from ..io.case_reader import read_case
     from ..pipeline.batch import run_into
     from ..pipeline.file import default_pipeline
+    from ..pipeline.workers import second_process
     from ..resources import demo_case
     from ..runs.folder import repeats
 
     plan = default_pipeline()
-    case = read_case(demo_case())
-    force = force or ((out / "run.json").is_file() and repeats(out, plan.record(), case))
-    return _told(run_into(plan, case, out, force=force), out, as_json=as_json)
+    with second_process(plan.folds) as pool:
+        case = read_case(demo_case())
+        force = force or ((out / "run.json").is_file() and repeats(out, plan.record(), case))
+        done = run_into(plan, case, out, force=force, pool=pool)
+    return _told(done, out, as_json=as_json)
 
 
 @click.command()
@@ -66,6 +69,7 @@ def run(
     from ..io.case_reader import read_case
     from ..pipeline.batch import run_into
     from ..pipeline.file import default_pipeline, read_pipeline
+    from ..pipeline.workers import second_process
 
     if pipeline and pipeline.is_dir():
         raise InputError(
@@ -75,8 +79,10 @@ def run(
     folder = _needed(case or plan.case, "--case")
     out = _needed(out or plan.out, "--out")
     check_free(out, force, "run", [source for source in (folder, reading["points"], pipeline) if source])
-    subject = read_case(folder, **reading)
-    done = run_into(plan if pipeline else plan.allowed_by(subject), subject, out, force=force)
+    with second_process(plan.folds) as pool:
+        subject = read_case(folder, **reading)
+        plan = plan if pipeline else plan.allowed_by(subject)
+        done = run_into(plan, subject, out, force=force, pool=pool)
     return _told(done, out, as_json=as_json)
 
 

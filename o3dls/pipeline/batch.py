@@ -6,6 +6,7 @@ import logging
 import os
 import traceback
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
 from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -38,11 +39,15 @@ SHARE = 0.05  # of the time, at most, goes into writing the table of the cases t
 log = logging.getLogger("o3dls")
 
 
-def run_into(pipeline: Pipeline, case: Case, out: Path, *, force: bool = False) -> Run:
-    """Run a pipeline and write its folder; a failure leaves only a log beside it that says why."""
+def run_into(
+    pipeline: Pipeline, case: Case, out: Path, *, force: bool = False, pool: Executor | None = None
+) -> Run:
+    """Run a pipeline and write its folder; a failure leaves only a log beside it that says why. `pool`:
+    processes that may help.
+    """
     check_free(out, force, "run")
     with log_of_failure(out):
-        run = pipeline.run(case)
+        run = pipeline.run(case, pool)
         run.write(out, force=force)
     forget_failure(out)
     return run

@@ -5,8 +5,12 @@ refitted without each.
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Mapping
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, wait
+from contextlib import contextmanager, suppress
 from dataclasses import replace
+from threading import Thread
 
 import numpy as np
 
@@ -15,6 +19,7 @@ from ..case import Case
 from ..errors import O3dlsError
 from ..estimate import Estimate
 from ..evaluation.distances import distances
+from ..runs.log import recorded_log
 
 BLOCKS_PER_FOLD = 3
 FEWEST_IN_BLOCK = 5
@@ -27,25 +32,95 @@ def cross_validate(fit: Fit, case: Case, folds: int) -> dict[str, Array]:
     """Distances (k,) of the case's eam points to the estimates fitted without their block, by estimate, in
     file order; without the offset of a part of the map where the fold's last estimate took one out.
     """
-    rows = np.flatnonzero(case.points.type == "eam")
-    of = fold_of(case.points.xyz[rows], folds)
-    left_out: dict[str, Array] = {}
-    for fold in range(folds):
-        log.info("fold %d of %d: %d points left out", fold + 1, folds, (of == fold).sum())
-        away = rows[of == fold]
+    return Folds(fit, case, folds).left_out()
+
+
+class Folds:
+    """The refits of a cross-validation: from the first one on here, once they are asked for, and from the
+    last one on in a process of `pool`, which begins at once. Either gives the same.
+    """
+
+    def __init__(self, fit: Fit, case: Case, folds: int, pool: Executor | None = None) -> None:
+        self._fit, self._case, self._count = fit, case, folds
+        self._rows = np.flatnonzero(case.points.type == "eam")
+        self._fold_of = fold_of(case.points.xyz[self._rows], folds)
+        self._waiting = deque(range(folds))
+        self._beside: dict[int, Future[tuple[dict[str, Array], list[str]]]] = {}
+        self._thread = Thread(target=self._begin_beside, args=(pool,), daemon=True) if pool else None
+        if self._thread:
+            self._thread.start()
+
+    def left_out(self) -> dict[str, Array]:
+        """The distances, as `cross_validate` gives them. Raises what a fit raises, with its fold."""
+        found: dict[int, dict[str, Array]] = {}
+        while (fold := _taken(self._waiting.popleft)) is not None:
+            with self._named(fold):
+                found[fold] = _gaps(self._fit, self._case, self._away(fold))
+        if self._thread:
+            self._thread.join()
+        for fold in sorted(set(range(self._count)) - found.keys()):
+            with self._named(fold):
+                found[fold] = self._from_beside(fold)
+        gaps = {name: np.zeros(len(self._rows)) for name in found[0]}
+        for fold, by_name in found.items():
+            for name, values in by_name.items():
+                gaps[name][self._fold_of == fold] = values
+        return gaps
+
+    def _begin_beside(self, pool: Executor) -> None:
+        """One by one, as a process that is still to begin shall not keep a fold that can be done here."""
+        with suppress(RuntimeError, CancelledError):  # the other process, or the whole, was ended
+            pool.submit(int).result()
+            while (fold := _taken(self._waiting.pop)) is not None:
+                away = self._away(fold)
+                self._beside[fold] = pool.submit(_gaps_and_log, self._fit, self._case, away)
+                wait([self._beside[fold]])
+
+    def _from_beside(self, fold: int) -> dict[str, Array]:
         try:
-            estimates = fit(without(case, away))
+            found, lines = self._beside[fold].result()
+        except (KeyError, BrokenExecutor, CancelledError):  # its process was ended, as where memory is short
+            return _gaps(self._fit, self._case, self._away(fold))
+        for line in lines:
+            log.debug("%s", line)
+        return found
+
+    def _away(self, fold: int) -> Ints:
+        return self._rows[self._fold_of == fold]
+
+    @contextmanager
+    def _named(self, fold: int) -> Iterator[None]:
+        """Within this a fold is done: the log and errors name it."""
+        log.info("fold %d of %d: %d points left out", fold + 1, self._count, len(self._away(fold)))
+        try:
+            yield
         except O3dlsError as error:
-            where = f"fold {fold + 1} of {folds} of the cross-validation"
+            self._waiting.clear()
+            where = f"fold {fold + 1} of {self._count} of the cross-validation"
             raise type(error)(
-                f"in {where}, with {len(away)} points left out: {error}; folds = 0 leaves it away"
+                f"in {where}, with {len(self._away(fold))} points left out: {error}; folds = 0 leaves it away"
             ) from error
-        last = list(estimates.values())[-1]
-        left = last.corrected(case).points.xyz[away]
-        for name, estimate in estimates.items():
-            gaps = left_out.setdefault(name, np.zeros(len(rows)))
-            gaps[of == fold] = distances(left, estimate.surface)
-    return left_out
+
+
+def _taken(take: Callable[[], int]) -> int | None:
+    """The next fold, which no other thread has; None where there is no more."""
+    try:
+        return take()
+    except IndexError:
+        return None
+
+
+def _gaps(fit: Fit, case: Case, away: Ints) -> dict[str, Array]:
+    """By estimate, the distances of the points `away` to what is fitted without them."""
+    estimates = fit(without(case, away))
+    left = list(estimates.values())[-1].corrected(case).points.xyz[away]
+    return {name: distances(left, estimate.surface) for name, estimate in estimates.items()}
+
+
+def _gaps_and_log(fit: Fit, case: Case, away: Ints) -> tuple[dict[str, Array], list[str]]:
+    """The same, with the lines of the log of that process, which nobody reads there."""
+    with recorded_log(logging.DEBUG) as lines:
+        return _gaps(fit, case, away), lines
 
 
 def too_many(case: Case, folds: int) -> list[str]:

@@ -7,7 +7,9 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from time import perf_counter
 from typing import Any, Self
@@ -22,7 +24,7 @@ from ..run_warning import each_once, of_stage
 from ..runs.run import Run
 from ..runs.scoring import scored
 from ..runs.writers import Writer
-from .cross_validation import cross_validate, too_many
+from .cross_validation import Folds, too_many
 from .doubts import doubtful_points
 from .start import components_without_points, doubtful_pose, misfit, pose_unknown, start_estimate
 
@@ -80,32 +82,30 @@ class Pipeline:
         """An estimate and those that it started from, back to `start`."""
         return [name, *self.chain(self.sources[name])] if name in self.sources else [name]
 
-    def run(self, case: Case | None = None) -> Run:
-        """Fit, cross-validate and score.
+    def run(self, case: Case | None = None, pool: Executor | None = None) -> Run:
+        """Fit, cross-validate and score; `pool`: processes that may do some folds of the cross-validation.
 
         Raises InputError where the case cannot be fitted so, SolverError where a stage fails.
         """
         from ..parallel import compiling_said  # numba is not for those who only check a file
 
         with compiling_said():
-            return self._run(case or self._own_case())
+            return self._run(case or self._own_case(), pool)
 
-    def _run(self, case: Case) -> Run:
+    def _run(self, case: Case, pool: Executor | None) -> Run:
         begin = perf_counter()
         if why := self.refusals(case):
             raise InputError("; ".join(why))
+        folds = Folds(partial(self.fit, level=logging.DEBUG), case, self.folds, pool) if self.folds else None
         estimates = self.fit(case)
         estimates = self._with_start_warnings(case.visible(), estimates)
         for warning in each_once(one for estimate in estimates.values() for one in estimate.warnings):
             log.warning("%s", warning.sentence)
-        left_out = (
-            cross_validate(lambda part: self.fit(part, logging.DEBUG), case, self.folds) if self.folds else {}
-        )
         run = scored(
             estimates[self.names[-1]].corrected(case),
             estimates,
             fitted={name: self.fitted(name) for name in estimates},
-            left_out=left_out,
+            left_out=folds.left_out() if folds else {},
             pipeline=self.record(),
         )
         made_in = run.provenance | {"seconds": perf_counter() - begin}

@@ -14,7 +14,7 @@ from multiprocessing.connection import Connection
 from threading import Thread
 from typing import Any
 
-from ..parallel import limit_threads
+from .. import parallel
 
 GRACE = 2.0  # seconds in which a process that was told to end may remove what it has half made
 
@@ -47,6 +47,18 @@ def workers(processes: int, beside: int = 0) -> Iterator[Executor]:
 
 
 @contextmanager
+def second_process(folds: int) -> Iterator[Executor | None]:
+    """A process beside this one for the folds of a cross-validation, which begins at once, as it has much to
+    import; None where there are no folds, or no core for it.
+    """
+    if not folds or parallel.THREADS < 2:
+        yield None
+        return
+    with workers(1, beside=1) as pool:
+        yield pool
+
+
+@contextmanager
 def _unheard() -> Iterator[None]:
     """A process that begins within this never hears of Ctrl-C, which would end it in its imports with a
     traceback; this one hears of it afterwards.
@@ -65,7 +77,7 @@ def _begin(processes: int, parent: Connection) -> None:
     """Prepare a process of the pool: it has its share of the cores, and ends when told, or when its parent is
     no more.
     """
-    limit_threads(processes)
+    parallel.limit_threads(processes)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # reaches all processes of a terminal; the parent decides
     signal.signal(signal.SIGTERM, _told)
     Thread(target=_end_with, args=(parent,), daemon=True).start()

@@ -2,20 +2,29 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+import logging
+import os
+import time
+from collections.abc import Iterator
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
 from tiny import Nudge, Spy, ball_case
 
+from o3dls import parallel
 from o3dls.case import Case
 from o3dls.errors import InputError, SolverError
 from o3dls.estimate import Estimate
 from o3dls.evaluation.distances import distances
-from o3dls.pipeline.cross_validation import blocks, cross_validate, fold_of, without
+from o3dls.pipeline.cross_validation import Folds, blocks, cross_validate, fold_of, without
 from o3dls.pipeline.pipeline import Pipeline
+from o3dls.pipeline.start import start_estimate
+from o3dls.pipeline.workers import second_process, workers
 
 FOLDS = 4
+log = logging.getLogger("o3dls")
 
 
 @pytest.mark.parametrize("count", [1, 2, 5, 12, 15])
@@ -98,3 +107,76 @@ def test_there_are_no_more_folds_than_points() -> None:
         InputError, match="folds = 13: 12 points of type eam are there: must be at most 12, or 0"
     ):
         Pipeline([Nudge()], folds=13).run(ball_case(points=12))
+
+
+@pytest.fixture(scope="module")
+def pool() -> Iterator[Executor]:
+    """A process beside this one, which has begun."""
+    with workers(1, beside=1) as pool:
+        pool.submit(int).result()
+        yield pool
+
+
+@dataclass(frozen=True)
+class SlowHere:
+    """A fit of Nudge that waits in the process that it was made in, so that the other does folds too."""
+
+    process: int
+    refused: bool = False  # in the other process
+    ends: bool = False  # the other process
+
+    def __call__(self, case: Case) -> dict[str, Estimate]:
+        here = os.getpid() == self.process
+        if here:
+            time.sleep(0.2)
+        elif self.ends:
+            os._exit(1)
+        elif self.refused:
+            raise SolverError("too few points")
+        log.debug("fitted")
+        return {"pid": start_estimate(case), "nudge": Nudge()(case, start_estimate(case))}
+
+
+def test_a_second_process_does_folds_from_the_last_one_on_and_gives_the_same(
+    pool: Executor, caplog: pytest.LogCaptureFixture
+) -> None:
+    case, fit = ball_case(), SlowHere(os.getpid())
+    folds = Folds(fit, case, FOLDS, pool)
+    with caplog.at_level(logging.DEBUG, "o3dls"):
+        found = folds.left_out()
+    assert FOLDS - 1 in folds._beside
+    assert 0 not in folds._beside
+    assert caplog.messages.count("fitted") == FOLDS  # -v prints what the other process says too
+    assert sum(message.startswith("fold ") for message in caplog.messages) == FOLDS
+    alone = cross_validate(fit, case, FOLDS)
+    assert list(found) == list(alone)
+    for name, gaps in alone.items():
+        np.testing.assert_array_equal(found[name], gaps)
+
+
+def test_a_fold_that_cannot_be_fitted_in_the_other_process_is_named(pool: Executor) -> None:
+    folds = Folds(SlowHere(os.getpid(), refused=True), ball_case(), FOLDS, pool)
+    with pytest.raises(SolverError, match=r"in fold [234] of 4 of .*15 points left out: too few points"):
+        folds.left_out()
+
+
+def test_a_fold_whose_process_is_ended_is_done_here() -> None:
+    case = ball_case()
+    with workers(1, beside=1) as pool:
+        pool.submit(int).result()
+        found = Folds(SlowHere(os.getpid(), ends=True), case, FOLDS, pool).left_out()
+    for name, gaps in cross_validate(SlowHere(os.getpid()), case, FOLDS).items():
+        np.testing.assert_array_equal(found[name], gaps)
+
+
+def test_there_is_a_second_process_only_for_folds_and_where_a_core_is_left(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(parallel, "THREADS", 1)
+    with second_process(FOLDS) as pool:
+        assert pool is None
+    monkeypatch.setattr(parallel, "THREADS", 2)
+    with second_process(0) as pool:
+        assert pool is None
+    with second_process(FOLDS) as pool:
+        assert pool is not None
