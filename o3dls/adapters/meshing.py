@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from ..arrays import Array, Ints
 from ..errors import SolverError
-from ..geometry.closest_point import ClosestPoint
 from ..geometry.components import component_labels, components_and_euler, largest_component
 from ..geometry.flipped_faces import flipped, relaxed
 from ..geometry.surface import Surface, interpolated
@@ -69,7 +68,7 @@ def extract(
     if flipped(clean).any():  # next to cuts, which follow the lattice
         even = relaxed(clean)
         clean = clean if self_intersections(even) else even
-    shift = ClosestPoint(raw.vertices, raw.faces).distance(clean.vertices)
+    shift = raw.closest_point.distance(clean.vertices)
     return Extraction(clean, float(shift.mean()), float(shift.max()), len(raw.faces))
 
 
@@ -125,7 +124,7 @@ def carry_fields(source: Surface, target: Surface) -> Surface:
 
     if not source.fields:
         return target
-    _, face, _, weights = ClosestPoint(source.vertices, source.faces).query(target.vertices)
+    _, face, _, weights = source.closest_point.query(target.vertices)
     corners = source.faces[face]
     nearest = np.take_along_axis(corners, weights.argmax(axis=1)[:, None], axis=1)[:, 0]
 

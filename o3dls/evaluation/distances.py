@@ -24,9 +24,7 @@ Record = dict[str, float | int | None]
 
 def distances(points: Array, surface: Surface) -> Array:
     """Exact unsigned distances (n,) of points (n, d) to the triangles or segments of a surface."""
-    from ..geometry.closest_point import ClosestPoint
-
-    return ClosestPoint(surface.vertices, surface.faces).distance(points)
+    return surface.closest_point.distance(points)
 
 
 def sample(surface: Surface, count: int = SAMPLES, seed: int = SAMPLING_SEED) -> Array:
@@ -124,35 +122,18 @@ def dice(a: Surface, b: Surface) -> float:
 
 
 def occupancy(surface: Surface, axes: list[Array]) -> NDArray[np.bool_]:
-    """True at the nodes of the grid of `axes` (one array of coordinates per dimension) that a closed surface
-    encloses.
+    """True at the nodes of the grid of `axes` (one array of evenly spaced coordinates per dimension) that a
+    closed surface encloses.
     """
-    return _enclosed_2d(surface, *axes) if surface.dimension == 2 else _enclosed_3d(surface, axes)
+    from ..levelset.grid.winding import winding
 
-
-def _enclosed_3d(surface: Surface, axes: list[Array]) -> NDArray[np.bool_]:
-    import open3d as o3d
-
-    centre = surface.vertices.mean(axis=0)  # ray casting is in float32: keep the numbers small
-    nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1) - centre
-    scene = o3d.t.geometry.RaycastingScene()
-    tensor = o3d.core.Tensor.from_numpy
-    scene.add_triangles(
-        tensor((surface.vertices - centre).astype(np.float32)), tensor(surface.faces.astype(np.uint32))
-    )
-    return np.asarray(scene.compute_occupancy(tensor(nodes.astype(np.float32))).numpy() > 0.5)
-
-
-def _enclosed_2d(surface: Surface, x: Array, y: Array) -> NDArray[np.bool_]:
-    """Parity of the crossings left of each node, one grid line at a time."""
-    a, b = surface.vertices[surface.faces[:, 0]], surface.vertices[surface.faces[:, 1]]
-    inside = np.zeros((len(x), len(y)), dtype=bool)
-    for k, level in enumerate(y):
-        across = (a[:, 1] <= level) != (b[:, 1] <= level)
-        p, q = a[across], b[across]
-        crossings = np.sort(p[:, 0] + (level - p[:, 1]) / (q[:, 1] - p[:, 1]) * (q[:, 0] - p[:, 0]))
-        inside[:, k] = np.searchsorted(crossings, x) % 2 == 1
-    return inside
+    shape = np.array([*map(len, axes), 1][:3])
+    local = np.zeros((len(surface.vertices), 3))
+    for k, axis in enumerate(axes):
+        local[:, k] = (surface.vertices[:, k] - axis[0]) / (axis[-1] - axis[0]) * (len(axis) - 1)
+    nodes = np.indices(tuple(shape), dtype=np.int32).reshape(3, -1).T
+    number, _ = winding(np.ascontiguousarray(nodes), local, surface.faces, shape)
+    return np.asarray((number != 0).reshape(tuple(map(len, axes))))
 
 
 def _held_out(points: Array, unseen: NDArray[np.bool_] | None, surface: Surface) -> dict[str, Array]:

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays import Array, Ints
-from ..geometry.closest_point import ClosestPoint
 from ..geometry.surface import Surface
 
 
@@ -26,7 +25,5 @@ class Projection:
 
 def project(xyz: Array, surface: Surface) -> Projection:
     """The closest points of a surface to points (k, d)."""
-    squared, face, foot, weights = ClosestPoint(surface.vertices, surface.faces).query(
-        np.asarray(xyz, dtype=np.float64)
-    )
+    squared, face, foot, weights = surface.closest_point.query(np.asarray(xyz, dtype=np.float64))
     return Projection(np.sqrt(squared), face, foot, weights)

@@ -95,4 +95,6 @@ def _edges(surface: Surface) -> Ints:
     """Undirected edges (k, 2), each once."""
     f = surface.faces
     pairs = f if surface.dimension == 2 else np.vstack([f[:, [0, 1]], f[:, [1, 2]], f[:, [2, 0]]])
-    return np.unique(np.sort(pairs, axis=1), axis=0)
+    low, high = np.sort(pairs, axis=1).T
+    most = int(f.max()) + 1
+    return np.column_stack(np.divmod(np.unique(low * most + high), most))  # one number sorts faster than two

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,9 @@ from numpy.typing import NDArray
 from ..arrays import Array, Ints
 from ..errors import InputError
 from .similarity import apply
+
+if TYPE_CHECKING:
+    from .closest_point import ClosestPoint
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,6 +89,13 @@ class Surface:
         """Each vertex's share (n,) of the area of its faces; the shares add up to the area."""
         of_corner = np.repeat(self.face_areas / self.dimension, self.dimension)
         return np.asarray(np.bincount(self.faces.ravel(), of_corner, len(self.vertices)), dtype=np.float64)
+
+    @cached_property
+    def closest_point(self) -> ClosestPoint:
+        """The tree by which closest points are found, made once for all that is measured on the surface."""
+        from .closest_point import ClosestPoint  # compiled code is not for those who only read a file
+
+        return ClosestPoint(self.vertices, self.faces)
 
     @property
     def area(self) -> float:

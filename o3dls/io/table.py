@@ -21,6 +21,7 @@ from .atomic import write_file
 from .text import LARGEST_WHOLE, decode, number, read_bytes
 
 FORMULA = re.compile("'*[=+@-]")
+ZEROS = re.compile(r"^[-+]?0\d", re.MULTILINE)  # a number would lose them
 LARGEST_TABLE = 1 << 26  # bytes: half a million points; a table takes ten times as much memory
 LONGEST_LINE = 1 << 16  # letters: fewer than the CSV reader takes of one cell
 MOST_COLUMNS = 1000  # an export has fifty, and a run adds two for each estimate
@@ -50,9 +51,11 @@ class Table:
         """A column as numbers (n,); empty and `nan` cells become NaN where `missing` is allowed. Raises
         InputError.
         """
+        cells = self.columns[name]
+        if (plain := _plain_numbers(cells, missing)) is not None:
+            return plain
         return np.array(
-            [self._number(row, name, cell, missing) for row, cell in enumerate(self.columns[name])],
-            dtype=np.float64,
+            [self._number(row, name, cell, missing) for row, cell in enumerate(cells)], dtype=np.float64
         )
 
     def _number(self, row: int, name: str, cell: str, missing: bool) -> float:
@@ -77,6 +80,13 @@ class Table:
         are text.
         """
         cells = self.columns[name]
+        plain = _plain_numbers(cells, missing=True) if any(cells) else None
+        if (
+            plain is not None
+            and not ZEROS.search("\n".join(cells))
+            and not (abs(plain) > LARGEST_WHOLE).any()
+        ):
+            return plain
         if any(cells) and all(_is_number(cell) for cell in cells):
             return self.numbers(name, missing=True)
         return np.array(cells, dtype=str)
@@ -90,9 +100,19 @@ def _is_number(cell: str) -> bool:
         value = number(cell or "nan")
     except ValueError:
         return False
-    return not re.match(r"[-+]?0\d", cell) and not (
-        re.fullmatch(r"[-+]?\d+", cell) and abs(value) > LARGEST_WHOLE
-    )
+    return not ZEROS.match(cell) and not (re.fullmatch(r"[-+]?\d+", cell) and abs(value) > LARGEST_WHOLE)
+
+
+def _plain_numbers(cells: Sequence[str], missing: bool) -> Array | None:
+    """All cells as numbers at one go; None where one may be none, and each is to be looked at."""
+    filled = [cell or "nan" for cell in cells] if missing else cells
+    try:
+        found = np.fromiter(map(float, filled), np.float64, len(cells))
+    except ValueError:
+        return None
+    gaps = sum(cell.lower() == "nan" for cell in filled) if missing else 0
+    alike = not any("_" in cell for cell in cells) and np.isfinite(found).sum() + gaps == len(cells)
+    return found if alike else None
 
 
 def read_table(path: str | Path, required: Iterable[str], aliases: Mapping[str, str] | None = None) -> Table:
@@ -170,22 +190,26 @@ def write_table(
     InputError for line breaks.
     """
     note = "# " + " ".join(f"{key}={value}" for key, value in notes.items()) + "\n" if notes else ""
-    cells = (
-        [_cell(v, f"{path}: column '{name}'") for v in values.tolist()] for name, values in columns.items()
-    )
-    write_file(
-        path, note + _line(map(_marked, columns)) + "".join(_line(row) for row in zip(*cells, strict=True))
-    )
+    cells = (_cells(values, f"{path}: column '{name}'") for name, values in columns.items())
+    header = [_quoted(_marked(name)) for name in columns]
+    write_file(path, note + "".join(_line(row) for row in (header, *zip(*cells, strict=True))))
 
 
 def _line(cells: Iterable[str]) -> str:
-    """Cells as one line of CSV; in quotes where a comma, a semicolon, a quote or a # at the beginning, as of
-    a comment, would be misread.
+    return (",".join(cells) or '""') + "\n"  # an empty line would be no row
+
+
+def _cells(values: NDArray[Any], where: str) -> list[str]:
+    if values.dtype.kind == "f":
+        return ["" if value != value else repr(value) for value in values.tolist()]
+    return [_quoted(_cell(value, where)) for value in values.tolist()]
+
+
+def _quoted(cell: str) -> str:
+    """A cell in quotes where a comma, a semicolon, a quote or a # at the beginning, as of a comment, would be
+    misread.
     """
-    line = ",".join(
-        '"' + c.replace('"', '""') + '"' if c[:1] == "#" or re.search('[,;"]', c) else c for c in cells
-    )
-    return (line or '""') + "\n"  # an empty line would be no row
+    return '"' + cell.replace('"', '""') + '"' if cell[:1] == "#" or re.search('[,;"]', cell) else cell
 
 
 def _cell(value: Any, where: str) -> str:

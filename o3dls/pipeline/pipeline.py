@@ -83,7 +83,7 @@ class Pipeline:
         return [name, *self.chain(self.sources[name])] if name in self.sources else [name]
 
     def run(self, case: Case | None = None, pool: Executor | None = None) -> Run:
-        """Fit, cross-validate and score; `pool`: processes that may do some folds of the cross-validation.
+        """Fit, cross-validate and score; `pool`: a process for some folds, and nothing else afterwards.
 
         Raises InputError where the case cannot be fitted so, SolverError where a stage fails.
         """
@@ -101,11 +101,14 @@ class Pipeline:
         estimates = self._with_start_warnings(case.visible(), estimates)
         for warning in each_once(one for estimate in estimates.values() for one in estimate.warnings):
             log.warning("%s", warning.sentence)
+        left_out = folds.left_out() if folds else {}
+        if pool:
+            pool.shutdown(wait=False)  # a process takes its time to end
         run = scored(
             estimates[self.names[-1]].corrected(case),
             estimates,
             fitted={name: self.fitted(name) for name in estimates},
-            left_out=folds.left_out() if folds else {},
+            left_out=left_out,
             pipeline=self.record(),
         )
         made_in = run.provenance | {"seconds": perf_counter() - begin}

@@ -32,15 +32,13 @@ def signed_lattice(surface: Surface) -> Lattice:
     """Distances of the nodes around a surface of vertices (n, d); inside is where the nearest face looks
     away.
     """
-    from ..geometry.closest_point import ClosestPoint
-
     d = surface.dimension
     margin = MARGIN * rms_radius(surface.vertices)
     low = surface.vertices.min(axis=0) - margin
     high = surface.vertices.max(axis=0) + margin
     spacing = float((high - low).max()) / (NODES - 1)
     sides = [low[k] + spacing * np.arange(int(np.ceil((high[k] - low[k]) / spacing)) + 1) for k in range(d)]
-    tree = ClosestPoint(surface.vertices, surface.faces)
+    tree = surface.closest_point
     normals = surface.face_normals
     hint = None
     layers = []

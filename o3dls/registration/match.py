@@ -49,10 +49,8 @@ class SurfaceMatcher:
     """
 
     def __init__(self, surface: Surface) -> None:
-        from ..geometry.closest_point import ClosestPoint
-
         self.surface = surface
-        self.tree = ClosestPoint(surface.vertices, surface.faces)
+        self.tree = surface.closest_point
         self.radius = rms_radius(surface.vertices)
 
     def match(self, points: Array, T_map_prior: Array, last: Pairs | None = None) -> Pairs:

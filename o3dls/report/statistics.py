@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -50,9 +51,7 @@ def paired_difference(first: Array, second: Array, positions: Array) -> Differen
     labels = spatial_blocks(positions)
     sums = np.bincount(labels, change)
     counts = np.bincount(labels)
-    drawn = np.random.default_rng(SEED).multinomial(
-        len(counts), np.full(len(counts), 1 / len(counts)), size=ROUNDS
-    )
+    drawn = _drawn(len(counts))
     enough = len(counts) >= FEWEST_BLOCKS
     low, high = np.percentile((drawn @ sums) / (drawn @ counts), [2.5, 97.5]) if enough else (np.nan, np.nan)
     return Difference(
@@ -64,6 +63,13 @@ def paired_difference(first: Array, second: Array, positions: Array) -> Differen
         len(change),
         len(counts),
     )
+
+
+@lru_cache(maxsize=8)  # a page has some thirty differences, most of them of MOST_BLOCKS blocks
+def _drawn(blocks: int) -> Ints:
+    """How often (ROUNDS, blocks) each block is drawn in each round."""
+    rng = np.random.default_rng(SEED)
+    return rng.multinomial(blocks, np.full(blocks, 1 / blocks), size=ROUNDS)
 
 
 def difference_over_cases(differences: Sequence[Difference]) -> Difference:

@@ -147,6 +147,13 @@ class Subject:
             for name, one in shown.items()
         }
 
+    @cached_property
+    def front_png(self) -> bytes:
+        """These surfaces side by side in the first of the views: page and slides show the same."""
+        from .drawing import figures
+
+        return figures.pictures_png(self)
+
     @property
     def finals(self) -> list[Result]:
         """The last estimate of each run."""
@@ -161,9 +168,8 @@ class Subject:
         return datetime.fromtimestamp((self.folders[-1] / "run.json").stat().st_mtime, UTC).date().isoformat()
 
     def style(self, name: str) -> int:
-        """Number of the colour and dash that an estimate has everywhere in the report, by its method.
-
-        Those shown come first, so that theirs differ.
+        """Number of the colour and dash that an estimate has everywhere in the report, by its method. Those
+        shown come first, so that theirs differ.
         """
         names = list(dict.fromkeys([*self.shown, *self.results]))
         return places([self.results[one].key for one in names])[names.index(name)]
@@ -185,9 +191,8 @@ class Subject:
 
 
 def read_subject(folders: Sequence[Path], compare: Sequence[str] = ()) -> Subject:
-    """The subject of a report on finished run folders of one case.
-
-    Raises InputError where they are of several cases, or none is given.
+    """The subject of a report on finished run folders of one case. Raises InputError where they are of
+    several, or none is given.
     """
     from ..runs.folder import read_record, read_run
 
@@ -236,8 +241,7 @@ def _check_same_case(folders: Sequence[Path], runs: Sequence[Run]) -> None:
         if case_key(run.case) != case_key(runs[0].case):
             raise InputError(
                 f"{folder}: is of case '{run.case.name}', {folders[0]} of '{runs[0].case.name}', with "
-                "another prior or other points; "
-                "a report shows runs of one case; for several cases there is o3dls compare"
+                "another prior or other points; a report shows one case; for several there is o3dls compare"
             )
 
 

@@ -49,10 +49,8 @@ def displacement(prior: Surface, estimate: Estimate) -> Array:
 
     Outward is positive.
     """
-    from ..geometry.closest_point import ClosestPoint
-
     rest = prior.with_vertices(apply(estimate.T_map_prior, prior.vertices))
-    squared, face, foot, weights = ClosestPoint(rest.vertices, rest.faces).query(estimate.surface.vertices)
+    squared, face, foot, weights = rest.closest_point.query(estimate.surface.vertices)
     normal = np.einsum("nk,nkd->nd", weights, rest.vertex_normals[rest.faces[face]])
     return np.asarray(np.sqrt(squared) * np.sign(((estimate.surface.vertices - foot) * normal).sum(axis=1)))
 

@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from scipy.spatial.transform import Rotation
 
 from o3dls.geometry.surface import Surface
-from o3dls.report.drawing import slides
+from o3dls.report.drawing import figures, slides
 from o3dls.report.drawing.caption import made
 from o3dls.report.drawing.display import decimated
 from o3dls.report.drawing.fields import Field, colour_table, colours_of, known_fields, robust_range
@@ -286,7 +286,8 @@ def test_every_picture_says_what_it_is(
         drawn.append(figure)
         return png(figure, dpi)
 
-    monkeypatch.setattr(slides, "png", kept)
+    for module in (slides, figures):
+        monkeypatch.setattr(module, "png", kept)
     subject = read_subject([make(tmp_path / "run")])
     slides.write_slides(subject, tmp_path / "figures", tmp_path / "report.pdf")
     told = made(subject)

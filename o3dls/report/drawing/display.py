@@ -58,10 +58,8 @@ def decimated(surface: Surface, most: int = MOST_FACES, wanted: int = DISPLAY_FA
     """
     if len(surface.faces) <= most or surface.dimension == 2:
         return surface
-    from ...geometry.closest_point import ClosestPoint
-
     small = _fewer_faces(surface, wanted)
-    _, face, _, weights = ClosestPoint(surface.vertices, surface.faces).query(small.vertices)
+    _, face, _, weights = surface.closest_point.query(small.vertices)
     fields = {
         key: read_at(key, values, surface.faces[face], weights) for key, values in surface.fields.items()
     }

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 PIXELS = (640, 500)  # width and height of one picture
 MARGIN = 1.12
+WHOLE = (0.02, 0.03, 0.96, 0.95)  # left, bottom, width, height of what is drawn above the caption
 INK = "#16191d"
 
 
@@ -47,13 +48,19 @@ def png(figure: Figure, dpi: int = 130) -> bytes:
     return buffer.getvalue()
 
 
-def pictures_png(subject: Subject) -> bytes:
-    """Estimates side by side, coloured by the most telling field, in the first of the views."""
-    columns = len(subject.shown)
-    with plain_figure(3.6 * columns + 0.6, 4.5) as figure:
-        draw_pictures(figure, subject, (0.02, 0.03, 0.96, 0.95))
-        draw_caption(figure, caption(subject))
+def pictures_png(subject: Subject, *, behind: bool = False) -> bytes:
+    """Estimates side by side, coloured by the most telling field, in the first of the views or from
+    behind.
+    """
+    with side_by_side(subject) as figure:
+        draw_pictures(figure, subject, WHOLE, behind=behind)
+        draw_caption(figure, caption(subject, behind=behind))
         return png(figure)
+
+
+def side_by_side(subject: Subject) -> AbstractContextManager[Figure]:
+    """A figure as wide as the estimates that are shown."""
+    return plain_figure(3.6 * len(subject.shown) + 0.6, 4.5)
 
 
 def draw_caption(figure: Figure, text: str) -> None:

@@ -19,7 +19,19 @@ from ..subject import SETS, Subject
 from ..verdict import verdict, warnings
 from .caption import caption, made
 from .fields import colours_of, point_field
-from .figures import INK, draw_bar, draw_caption, draw_pictures, drawable, plain_figure, png, shrunk
+from .figures import (
+    INK,
+    WHOLE,
+    draw_bar,
+    draw_caption,
+    draw_pictures,
+    drawable,
+    pictures_png,
+    plain_figure,
+    png,
+    shrunk,
+    side_by_side,
+)
 from .views import orientation
 
 if TYPE_CHECKING:
@@ -43,30 +55,20 @@ def write_slides(subject: Subject, folder: Path, pdf: Path) -> None:
 
 def _surface_pngs(subject: Subject) -> dict[str, bytes]:
     """The estimates side by side from the front and from behind; in 2D as outlines."""
-    columns = len(subject.shown)
-    found = {}
-    for name, behind in _picture_names(subject).items():
-        with plain_figure(3.6 * columns + 0.6, 4.5) as figure:
-            _surfaces(figure, subject, (0.02, 0.03, 0.96, 0.95), behind=behind)
-            draw_caption(figure, caption(subject, behind=behind))
-            found[name] = png(figure)
-    return found
-
-
-def _picture_names(subject: Subject) -> dict[str, bool]:
-    """Names of the pictures by their view, and whether it is that from behind."""
     if subject.case.dimension == 2:
-        return {"outlines.png": False}
-    if orientation(subject).patient:
-        return {"surfaces_ap.png": False, "surfaces_pa.png": True}
-    return {"surfaces_prior_minus_y.png": False, "surfaces_prior_plus_y.png": True}
+        with side_by_side(subject) as figure:
+            _surfaces(figure, subject, WHOLE)
+            draw_caption(figure, caption(subject))
+            return {"outlines.png": png(figure)}
+    patient = orientation(subject).patient
+    views = ("ap", "pa") if patient else ("prior_minus_y", "prior_plus_y")
+    pictures = (subject.front_png, pictures_png(subject, behind=True))
+    return {f"surfaces_{view}.png": data for view, data in zip(views, pictures, strict=True)}
 
 
-def _surfaces(
-    figure: Figure, subject: Subject, box: tuple[float, float, float, float], *, behind: bool = False
-) -> None:
+def _surfaces(figure: Figure, subject: Subject, box: tuple[float, float, float, float]) -> None:
     if subject.case.dimension == 3:
-        draw_pictures(figure, subject, box, behind=behind)
+        draw_pictures(figure, subject, box)
         return
     left, bottom, width, height = box
     each = width / len(subject.shown)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from ..drawing.distance_charts import spread_section
-from ..drawing.figures import pictures_png
 from ..drawing.scene import scene
 from ..drawing.views import orientation
 from ..mapping.sections import next_section, region_section
@@ -44,7 +43,7 @@ def picture_section(subject: Subject) -> Section | None:
     )
     note = tag("p", shapes + frame + more, class_="soft")
     static = image(
-        pictures_png(subject),
+        subject.front_png,
         f"{' and '.join(subject.shown)} side by side, from {next(iter(seen.views()))}, in one colour scale",
     )
     return Section("pictures", "Side by side", join(static, viewer_scripts(scene(subject)), note))
