@@ -84,6 +84,9 @@ def test_a_script_beside_a_clone_named_o3dls_finds_the_package(clone: Path) -> N
     done = dev(clone, "setup")
     assert done.returncode == 0
     assert ". .venv/bin/activate" in done.stderr
+    assert (clone / "calls").read_text().count("doctor --compile") == 1
+    assert dev(clone, "setup").returncode == 0
+    assert (clone / "calls").read_text().count("doctor --compile") == 1  # it is done
     build = "from setuptools.build_meta import build_editable as build; print(build('out'))"
     made = subprocess.run(
         [sys.executable, "-c", build], cwd=clone, capture_output=True, text=True, check=True

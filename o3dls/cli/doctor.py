@@ -7,11 +7,18 @@ from __future__ import annotations
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from time import perf_counter
 
+import numpy as np
+
+from ..case import Case, Points
 from ..errors import O3dlsError
+from ..geometry.surface import outline
 
 MODULES = (
     "numpy",
@@ -86,6 +93,30 @@ def diagnose() -> list[Check]:
         _kernel_cache(),
         _renderer(),
     ]
+
+
+def compile_loops() -> float:
+    """Compile what the default pipeline and its report run, in 3D and in 2D, by doing so once: numba keeps it
+    for those who run this version, with this Python, on this kind of processor. Seconds.
+    """
+    from ..io.case_reader import read_case
+    from ..pipeline.file import default_pipeline
+    from ..resources import demo_case
+
+    begin = perf_counter()
+    plan = replace(default_pipeline(), folds=0)
+    for case in (read_case(demo_case()), _plane()):
+        with TemporaryDirectory(prefix="o3dls-") as folder:
+            plan.allowed_by(case).run(case).write(Path(folder) / "run")
+    return perf_counter() - begin
+
+
+def _plane() -> Case:
+    """An ellipse, and points on one that is wider."""
+    angle = np.linspace(0.0, 2 * np.pi, 120, endpoint=False)
+    around = np.column_stack([np.cos(angle), np.sin(angle)])
+    points = around[::2] * [24.0, 16.0]
+    return Case("plane", outline(around * [20.0, 15.0]), Points(points, np.full(len(points), "eam")))
 
 
 def _python() -> Check:

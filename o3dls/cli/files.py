@@ -11,7 +11,7 @@ from typing import Any
 import click
 
 from . import completion
-from .options import as_json
+from .options import as_json, progress
 from .words import DONE, FILE, FOLDER, NOT_VALID, complain, say, say_json, say_lines
 
 
@@ -158,11 +158,19 @@ def import_(study: Path, out: Path, map_name: str | None, **options: Any) -> Non
 
 
 @click.command()
+@click.option("--compile", "compiles", is_flag=True, help="compile all loops now, and check nothing")
 @as_json
-def doctor(as_json: bool) -> int:
-    """Check this machine, and say how to fix each fault."""
-    from .doctor import diagnose
+@progress
+def doctor(compiles: bool, as_json: bool) -> int:
+    """Check this machine, and say how to fix each fault; or compile the loops of a new installation, which
+    the first run would do else.
+    """
+    from .doctor import compile_loops, diagnose
 
+    if compiles:
+        seconds = compile_loops()
+        say_json({"seconds": seconds}) if as_json else say(f"compiled in {seconds:.0f} s")
+        return DONE
     checks = diagnose()
     if as_json:
         say_json(list(map(asdict, checks)))

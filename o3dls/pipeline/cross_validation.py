@@ -86,7 +86,7 @@ class Folds:
         return found
 
     def _away(self, fold: int) -> Ints:
-        return self._rows[self._fold_of == fold]
+        return np.asarray(self._rows[self._fold_of == fold])
 
     @contextmanager
     def _named(self, fold: int) -> Iterator[None]:

@@ -147,13 +147,6 @@ class Subject:
             for name, one in shown.items()
         }
 
-    @cached_property
-    def front_png(self) -> bytes:
-        """These surfaces side by side in the first of the views: page and slides show the same."""
-        from .drawing import figures
-
-        return figures.pictures_png(self)
-
     @property
     def finals(self) -> list[Result]:
         """The last estimate of each run."""

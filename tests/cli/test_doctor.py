@@ -5,16 +5,20 @@ purpose.
 from __future__ import annotations
 
 import ast
+import re
 import sys
 from importlib.metadata import EntryPoint
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from click.testing import CliRunner
 from conftest import ROOT
 
 from o3dls.cli import doctor
+from o3dls.cli.commands import cli
 from o3dls.cli.doctor import Check
+from o3dls.runs.run import Run
 
 
 def attributes(path: Path) -> set[str]:
@@ -115,6 +119,29 @@ def test_a_renderer_that_hangs_fails_or_crashes_is_not_needed(
     check = doctor._renderer()
     assert (check.found, check.ok, check.needed) == (found, False, False)
     assert check.remedy.startswith("sudo apt-get install libegl1")
+
+
+def test_it_compiles_every_loop_of_a_run_and_its_report(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In a process whose folder for compiled code is empty it would take half a minute: here the runs that
+    compile are looked at.
+    """
+    done = list[tuple[int, int, bool]]()
+    write = Run.write
+
+    def written(run: Run, folder: Path) -> Path:
+        out = write(run, folder)
+        done.append(
+            (run.case.dimension, run.provenance["pipeline"]["folds"], (out / "report.html").is_file())
+        )
+        return out
+
+    monkeypatch.setattr(Run, "write", written)
+    ended = CliRunner().invoke(cli, ["doctor", "--compile", "-q"])
+    assert ended.exit_code == 0, ended.output
+    assert re.fullmatch(r"compiled in \d+ s\n", ended.stdout)
+    assert done == [(3, 0, True), (2, 0, True)]
 
 
 def test_the_real_renderer_answers_in_time() -> None:

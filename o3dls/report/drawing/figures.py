@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from functools import cache
 from typing import TYPE_CHECKING, Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -27,6 +28,7 @@ PIXELS = (640, 500)  # width and height of one picture
 MARGIN = 1.12
 WHOLE = (0.02, 0.03, 0.96, 0.95)  # left, bottom, width, height of what is drawn above the caption
 INK = "#16191d"
+_fronts = WeakKeyDictionary[Subject, bytes]()
 
 
 @contextmanager
@@ -56,6 +58,13 @@ def pictures_png(subject: Subject, *, behind: bool = False) -> bytes:
         draw_pictures(figure, subject, WHOLE, behind=behind)
         draw_caption(figure, caption(subject, behind=behind))
         return png(figure)
+
+
+def front_png(subject: Subject) -> bytes:
+    """The first of these, which page and slides share: it is drawn once for a subject."""
+    if subject not in _fronts:
+        _fronts[subject] = pictures_png(subject)
+    return _fronts[subject]
 
 
 def side_by_side(subject: Subject) -> AbstractContextManager[Figure]:

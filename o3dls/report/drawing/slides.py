@@ -26,6 +26,7 @@ from .figures import (
     draw_caption,
     draw_pictures,
     drawable,
+    front_png,
     pictures_png,
     plain_figure,
     png,
@@ -62,7 +63,7 @@ def _surface_pngs(subject: Subject) -> dict[str, bytes]:
             return {"outlines.png": png(figure)}
     patient = orientation(subject).patient
     views = ("ap", "pa") if patient else ("prior_minus_y", "prior_plus_y")
-    pictures = (subject.front_png, pictures_png(subject, behind=True))
+    pictures = (front_png(subject), pictures_png(subject, behind=True))
     return {f"surfaces_{view}.png": data for view, data in zip(views, pictures, strict=True)}
 
 

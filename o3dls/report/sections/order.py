@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ..drawing.distance_charts import spread_section
+from ..drawing.figures import front_png
 from ..drawing.scene import scene
 from ..drawing.views import orientation
 from ..mapping.sections import next_section, region_section
@@ -43,7 +44,7 @@ def picture_section(subject: Subject) -> Section | None:
     )
     note = tag("p", shapes + frame + more, class_="soft")
     static = image(
-        subject.front_png,
+        front_png(subject),
         f"{' and '.join(subject.shown)} side by side, from {next(iter(seen.views()))}, in one colour scale",
     )
     return Section("pictures", "Side by side", join(static, viewer_scripts(scene(subject)), note))
