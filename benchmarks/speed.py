@@ -21,10 +21,11 @@ from statistics import median
 from time import perf_counter, process_time
 from typing import Any
 
-from benchmarks import speed_points
+from benchmarks import speed_cli, speed_points
 
 Row = dict[str, Any]
 THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
+HEAD = f"{'what':30}{'value':>9}    {'processor':>9}    {'asked':>10}  {'error':>8}  status"
 FACES = 30_000
 FLOATING = 0.8  # from the middle of the chamber to the wall: some 6 mm off it
 LIMITS = {  # what is asked for
@@ -38,6 +39,7 @@ LIMITS = {  # what is asked for
     "one more point, off": (0.05, "mm"),
     "the same floating inside, off": (0.05, "mm"),
     **speed_points.limits(),
+    **speed_cli.LIMITS,
 }
 
 
@@ -285,11 +287,17 @@ def main() -> None:
     parser.add_argument("--repeat", type=int, default=5, help="runs of which the median counts")
     parser.add_argument("--part", choices=PARTS, action="append", help="only these; default: all")
     parser.add_argument("--json", action="store_true", help="one JSON line per measurement and nothing else")
+    parser.add_argument("--cli", action="store_true", help="o3dls run on the demo case: first, later, parts")
     arguments = parser.parse_args()
+    if arguments.cli:
+        print(HEAD)
+        for row in speed_cli.rows(arguments.repeat):
+            print(_line(row))
+        return
     if arguments.json and arguments.part and len(arguments.part) == 1:
         _say(PARTS[arguments.part[0]](arguments.seed, arguments.repeat))
         return
-    print(f"{'what':22}{'value':>9}    {'processor':>9}    {'asked':>10}  {'error':>8}  status")
+    print(HEAD)
     for part in arguments.part or PARTS:  # each in a process of its own: memory and caches do not mix
         for row in _apart(part, arguments.seed, arguments.repeat):
             print(_line(row), flush=True)
@@ -336,7 +344,7 @@ def _line(row: Row) -> str:
     held_out = "" if error is None else f"{error:.3f} mm"
     cpu = f"{row['cpu']:.3f}" if "cpu" in row else ""
     return (
-        f"{row['what']:22}{row['value']:>9.3f} {row['unit']:2} {cpu:>9}    {asked:>10}  {held_out:>8} "
+        f"{row['what']:30}{row['value']:>9.3f} {row['unit']:2} {cpu:>9}    {asked:>10}  {held_out:>8} "
         f" {row['status']}"
     )
 

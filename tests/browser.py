@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import shutil
 import subprocess
 import sys
@@ -28,30 +29,49 @@ WITHOUT_WEBGL = ("--disable-gpu", "--disable-3d-apis", "--disable-software-raste
 
 @contextmanager
 def chromium() -> Iterator[Callable[..., Any]]:
-    """A function that starts a browser, with or without WebGL; all are closed at the end."""
+    """A function that gives a browser, with or without WebGL, which a process starts once; what was opened in
+    it is closed at the end.
+    """
+    given = []
+
+    def launch(*, webgl: bool = True) -> Any:
+        given.append(_browser(webgl))
+        return given[-1]
+
+    _driver()
+    yield launch
+    for browser in given:
+        for context in browser.contexts:
+            context.close()
+
+
+@cache
+def _driver() -> Any:
+    """Playwright, until the process ends."""
     playwright = pytest.importorskip(
         "playwright.sync_api", reason="playwright is not installed: pages are not tested"
     )
     if why := _broken_driver():
         pytest.skip(f"Playwright's driver does not start: pages are not tested: {why}")
-    with playwright.sync_playwright() as started:
-        own = started.chromium.executable_path
-        path = next(filter(None, map(shutil.which, NAMES)), own if Path(own).is_file() else None)
-        if path is None:
-            pytest.skip("no Chromium: pages are not tested")
-        browsers = []
+    started = playwright.sync_playwright().start()
+    atexit.register(started.stop)  # and with it every browser
+    return started
 
-        def launch(*, webgl: bool = True) -> Any:
-            args = [*QUIET, *(WITH_WEBGL if webgl else WITHOUT_WEBGL)]
-            try:
-                browsers.append(started.chromium.launch(executable_path=path, args=args))
-            except playwright.Error as error:
-                pytest.skip(f"{path} does not start: pages are not tested: {error.message.splitlines()[0]}")
-            return browsers[-1]
 
-        yield launch
-        for browser in browsers:
-            browser.close()
+@cache
+def _browser(webgl: bool) -> Any:
+    from playwright.sync_api import Error
+
+    chromium = _driver().chromium
+    own = chromium.executable_path
+    path = next(filter(None, map(shutil.which, NAMES)), own if Path(own).is_file() else None)
+    if path is None:
+        pytest.skip("no Chromium: pages are not tested")
+    args = [*QUIET, *(WITH_WEBGL if webgl else WITHOUT_WEBGL)]
+    try:
+        return chromium.launch(executable_path=path, args=args)
+    except Error as error:
+        pytest.skip(f"{path} does not start: pages are not tested: {error.message.splitlines()[0]}")
 
 
 @cache

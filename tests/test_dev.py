@@ -12,6 +12,8 @@ from pathlib import Path
 import pytest
 from conftest import ROOT
 
+from tests.browser import chromium
+
 TOOLS = ("sh", "dirname", "sed", "cat", "cksum", "grep", "touch", "uname", "tail", "mkdir")
 LIBRARIES = "libGL.so.1 libEGL.so.1 libOpenGL.so.0 libusb-1.0.so.0"
 PYTHON = """#!/bin/sh
@@ -145,3 +147,12 @@ def test_docs_builds_the_site_and_stops_at_a_warning(clone: Path) -> None:
     calls = (clone / "calls").read_text()
     assert "-e .[docs]" in calls
     assert "-m sphinx -q -W --keep-going -b html docs build/docs" in calls
+
+
+def test_a_process_starts_its_browser_once_and_leaves_no_page_in_it() -> None:
+    with chromium() as launch:
+        first = launch(webgl=False)
+        first.new_page()
+    assert first.contexts == []
+    with chromium() as launch:
+        assert launch(webgl=False) is first

@@ -1,0 +1,106 @@
+"""Where the time of `o3dls run` on the demo case goes: a first run, whose loops are compiled, later ones, and
+the parts of one; each in a process of its own, as from the shell.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from statistics import median
+from tempfile import TemporaryDirectory
+from time import perf_counter
+from typing import Any
+
+from o3dls.resources import demo_case, pipeline_file
+
+Row = dict[str, Any]
+LIMITS = {  # what is asked for, on two cores that do nothing else
+    "later run, no folds": (3.5, "s"),
+    "later run": (7.0, "s"),
+    "first run / later run": (1.3, "x"),
+}
+PARTS = {  # of one process: what is said of it, by the end of its file and its function
+    "imports": ("importlib._bootstrap>", "_find_and_load"),
+    "reading the case": ("io/case_reader.py", "read_case"),
+    "checking it": ("pipeline/pipeline.py", "refusals"),
+    "fit": ("pipeline/pipeline.py", "fit"),
+    "scoring": ("runs/scoring.py", "scored"),
+    "writing estimates": ("runs/estimate_files.py", "write_estimate"),
+    "report: page": ("report/page.py", "report_page"),
+    "report: slides": ("drawing/slides.py", "write_slides"),
+    "verdict": ("cli/summary.py", "summary"),
+}
+PROFILED = """
+import cProfile, json, pstats, sys
+parts = json.loads(sys.argv.pop(1))
+profile = cProfile.Profile()
+try:
+    profile.enable()
+    from o3dls.cli.main import main
+    main()
+except SystemExit as end:
+    profile.disable()
+    assert not end.code, "the run failed"
+found = pstats.Stats(profile)
+seconds = {
+    said: sum(row[3] for (path, _, name), row in found.stats.items() if path.endswith(file) and name == function)
+    for said, (file, function) in parts.items()
+}
+print(json.dumps(seconds))
+"""
+
+
+def rows(repeat: int) -> list[Row]:
+    """First and later runs with and without cross-validation, and the parts of one, by the clock; beside it
+    the seconds of the processor, of all processes of a run.
+    """
+    with TemporaryDirectory(prefix="o3dls-speed-") as name:
+        folder = Path(name)
+        alone = folder / "no_folds.toml"
+        alone.write_text(f"folds = 0\n{pipeline_file('default').read_text(encoding='utf-8')}")
+        kept = {"NUMBA_CACHE_DIR": str(folder / "compiled")}
+        o3dls = [sys.executable, "-m", "o3dls"]
+        found = [
+            _row("nothing but the start", o3dls + ["--version"], kept, repeat),
+            _row("compiling (doctor --compile)", [*o3dls, "doctor", "--compile", "-q"], kept, 1),
+            _row("first run after it", _run(folder, o3dls), kept, 1),
+            _row("later run", _run(folder, o3dls), kept, repeat),
+            _row("later run, no folds", _run(folder, o3dls, str(alone)), kept, repeat),
+        ]
+        ratio = {"value": found[2]["value"] / found[3]["value"], "unit": "x", "status": ""}
+        return [*found, {"what": "first run / later run", **ratio}, *_parts(folder, str(alone), kept)]
+
+
+def _run(folder: Path, o3dls: list[str], *pipeline: str) -> list[str]:
+    out = str(folder / "run")
+    return [*o3dls, "run", *pipeline, "--case", str(demo_case()), "--out", out, "--force", "-q"]
+
+
+def _row(what: str, command: list[str], variables: Mapping[str, str], repeat: int) -> Row:
+    clock, cpu = [], []
+    for _ in range(repeat):
+        begin, before = perf_counter(), _children()
+        subprocess.run(command, env=os.environ | variables, check=True, capture_output=True)
+        clock.append(perf_counter() - begin)
+        cpu.append(_children() - before)
+    return {"what": what, "value": median(clock), "cpu": median(cpu), "unit": "s", "status": ""}
+
+
+def _children() -> float:
+    """Seconds of the processor of the processes that this one has begun and that have ended."""
+    spent = os.times()
+    return spent.children_user + spent.children_system
+
+
+def _parts(folder: Path, alone: str, variables: Mapping[str, str]) -> list[Row]:
+    """Of a later run without folds, by the clock; imports happen in other parts too, and count in both."""
+    command = [sys.executable, "-c", PROFILED, json.dumps(PARTS), *_run(folder, [], alone)]
+    done = subprocess.run(command, env=os.environ | variables, check=True, capture_output=True, text=True)
+    seconds = json.loads(done.stdout.splitlines()[-1])
+    return [
+        {"what": f"  {said}", "value": value, "unit": "s", "status": ""} for said, value in seconds.items()
+    ]
