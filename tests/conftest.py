@@ -19,6 +19,14 @@ os.environ["PYTHONPATH"] = os.pathsep.join(
 )
 
 
+LONG = ("test_paper.py", "test_tutorial.py", "test_readme.py", "test_cli.py", "test_topology.py")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Files that take long come first, so that no process is left alone with one of them at the end."""
+    items.sort(key=lambda item: item.path.name not in LONG)
+
+
 @pytest.fixture(scope="session")
 def shared_data() -> Path:
     """Folder of third-party and phantom data, which is not in the repository; O3DLS_DATA names another

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import ClassVar
 
@@ -16,6 +17,7 @@ from o3dls.geometry.surface import Surface
 from o3dls.pipeline.pipeline import Pipeline
 from o3dls.plugins.stage import Stage
 from o3dls.run_warning import RunWarning
+from o3dls.runs.run import Run
 from tests.tiny import disc_case, sphere
 
 SEED = 551_908
@@ -112,13 +114,24 @@ def finished(
     folder: Path, case: Case | None = None, *, folds: int = 0, writes: tuple[object, ...] = ()
 ) -> Path:
     """The folder of a finished run of `icp` and `level_set`."""
-    run = Pipeline([Icp(), LevelSet()], writes=writes, folds=folds).run(case or bulged_case())
-    return run.write(folder)
+    if case is None and not writes:
+        return _run(3, folds).write(folder)
+    return _pipeline(folds, writes).run(case or bulged_case()).write(folder)
 
 
 def finished_2d(folder: Path) -> Path:
     """The same in two dimensions, in pixels."""
-    return finished(folder, disc_case())
+    return _run(2).write(folder)
+
+
+def _pipeline(folds: int, writes: tuple[object, ...] = ()) -> Pipeline:
+    return Pipeline([Icp(), LevelSet()], writes=writes, folds=folds)
+
+
+@cache
+def _run(dimension: int, folds: int = 0) -> Run:
+    """What most tests write, fitted and scored once in a process."""
+    return _pipeline(folds).run(bulged_case() if dimension == 3 else disc_case())
 
 
 def fine_sphere(faces: int) -> Surface:
