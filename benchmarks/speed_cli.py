@@ -35,9 +35,9 @@ PARTS = {  # of one process: what is said of it, by the end of its file and its 
     "verdict": ("cli/summary.py", "summary"),
 }
 PROFILED = """
-import cProfile, json, pstats, sys
+import cProfile, json, pstats, sys, time
 parts = json.loads(sys.argv.pop(1))
-profile = cProfile.Profile()
+profile = cProfile.Profile(time.process_time)
 try:
     profile.enable()
     from o3dls.cli.main import main
@@ -45,18 +45,18 @@ try:
 except SystemExit as end:
     profile.disable()
     assert not end.code, "the run failed"
-found = pstats.Stats(profile)
-seconds = {
-    said: sum(row[3] for (path, _, name), row in found.stats.items() if path.endswith(file) and name == function)
-    for said, (file, function) in parts.items()
-}
+found = pstats.Stats(profile).stats.items()
+seconds = dict.fromkeys(parts, 0.0)
+for said, (file, function) in parts.items():
+    for (path, _, name), row in found:
+        seconds[said] += row[3] if path.endswith(file) and name == function else 0.0
 print(json.dumps(seconds))
 """
 
 
 def rows(repeat: int) -> list[Row]:
-    """First and later runs with and without cross-validation, and the parts of one, by the clock; beside it
-    the seconds of the processor, of all processes of a run.
+    """First and later runs with and without cross-validation, by the clock and, of all their processes, of
+    the processor; and the parts of one by the processor alone.
     """
     with TemporaryDirectory(prefix="o3dls-speed-") as name:
         folder = Path(name)
@@ -65,7 +65,7 @@ def rows(repeat: int) -> list[Row]:
         kept = {"NUMBA_CACHE_DIR": str(folder / "compiled")}
         o3dls = [sys.executable, "-m", "o3dls"]
         found = [
-            _row("nothing but the start", o3dls + ["--version"], kept, repeat),
+            _row("nothing but the start", [*o3dls, "--version"], kept, repeat),
             _row("compiling (doctor --compile)", [*o3dls, "doctor", "--compile", "-q"], kept, 1),
             _row("first run after it", _run(folder, o3dls), kept, 1),
             _row("later run", _run(folder, o3dls), kept, repeat),
@@ -97,10 +97,11 @@ def _children() -> float:
 
 
 def _parts(folder: Path, alone: str, variables: Mapping[str, str]) -> list[Row]:
-    """Of a later run without folds, by the clock; imports happen in other parts too, and count in both."""
+    """Of a later run without folds, of its process; imports happen in other parts too, and count in both."""
     command = [sys.executable, "-c", PROFILED, json.dumps(PARTS), *_run(folder, [], alone)]
     done = subprocess.run(command, env=os.environ | variables, check=True, capture_output=True, text=True)
     seconds = json.loads(done.stdout.splitlines()[-1])
     return [
-        {"what": f"  {said}", "value": value, "unit": "s", "status": ""} for said, value in seconds.items()
+        {"what": f"  {said}", "value": value, "cpu": value, "unit": "s", "status": ""}
+        for said, value in seconds.items()
     ]
