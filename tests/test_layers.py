@@ -40,6 +40,7 @@ LAYERS = (
     "report",
     "open3d_api",
     "paper",
+    "live",
     "cli",
     "__main__",
 )
