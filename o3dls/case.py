@@ -118,6 +118,11 @@ class Points:
         return np.asarray(self.columns.get(column, np.full(len(self), np.nan)), dtype=np.float64)
 
 
+def no_points(dimension: int) -> Points:
+    """Points of a case before the first is taken."""
+    return Points(np.zeros((0, dimension)), np.zeros(0, dtype=str))
+
+
 @dataclass(frozen=True, eq=False)
 class Truth:
     """What only evaluation may see: surface, held-out points (n, d), their `unseen` mask, correspondence

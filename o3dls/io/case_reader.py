@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from ..arrays import Array
-from ..case import MILLIMETRES, Case, Points
+from ..case import MILLIMETRES, Case, Points, no_points
 from ..errors import InputError
 from ..geometry.similarity import is_pose
 from .case_coordinates import check_scale, coordinates, millimetres_per_unit
@@ -27,11 +27,13 @@ def read_case(
     points: str | Path | None = None,
     units: str | None = None,
     frame: str | None = None,
+    fewest: int = FEWEST_POINTS,
 ) -> Case:
     """The case in a folder, lengths in mm (px where it says so).
 
-    `points` replace its own, `units` and `frame` say what it does not. Raises InputError for everything that
-    is missing, unknown or cannot be meant.
+    `points` replace its own, `units` and `frame` say what it does not. fewest: points of type eam that must
+    be there; where it is 0 there need be no file of them. Raises InputError for everything that is missing,
+    unknown or cannot be meant.
     """
     opened = open_folder(Path(folder), {k: v for k, v in (("units", units), ("frame", frame)) if v})
     prior = surface_of(opened, "prior")
@@ -40,8 +42,11 @@ def read_case(
             f"{opened.path}: no prior surface; there must be a file prior.ply (or .stl, .vtp, .mesh, "
             ".nii.gz and others)"
         )
-    table = _points_table(opened, points)
-    measured, frame = _points(opened, table), _frame(opened, table)
+    if fewest == 0 and points is None and opened.find("points") is None:
+        measured, frame = no_points(opened.dimension), str(opened.settings.get("frame", "unknown"))
+    else:
+        table = _points_table(opened, points)
+        measured, frame = _points(opened, table, fewest), _frame(opened, table)
     case = Case(
         name=opened.settings.get("name", opened.path.resolve().name),
         prior=prior.surface,
@@ -91,13 +96,15 @@ def _points_table(folder: Folder, points: str | Path | None) -> Table:
     return table
 
 
-def _points(folder: Folder, table: Table) -> Points:
+def _points(folder: Folder, table: Table, fewest: int) -> Points:
+    if len(table) == fewest == 0:
+        return no_points(folder.dimension)
     stated = table.notes.get("units", "unknown")
     points = scaled(points_of(table, folder.dimension), millimetres_per_unit(folder, table.path, stated))
     fitted = int((points.type == "eam").sum())
-    if fitted < FEWEST_POINTS:
+    if fitted < fewest:
         raise InputError(
-            f"{table.path}: {fitted} points of type eam: at least {FEWEST_POINTS} are needed to fit a surface"
+            f"{table.path}: {fitted} points of type eam: at least {fewest} are needed to fit a surface"
         )
     if folder.dimension == 3 and "units" not in folder.settings and stated == "unknown":
         check_scale(table.path, points.xyz, np.inf)  # a few points may lie close together

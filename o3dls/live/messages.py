@@ -6,10 +6,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, cast
 
 from ..errors import CONTROL, InputError, did_you_mean
 from ..geometry.similarity import is_pose
+from ..io.points import NAMES, NO_FORCE, NUMBERS
 
 Message = dict[str, Any]
 TYPES = ("eam", "inside", "ablation", "outlier")  # of a point; an outlier is kept in the journal alone
@@ -83,17 +84,29 @@ def _values(where: str, value: object) -> dict[str, float | str]:
     if not isinstance(value, Mapping):
         raise InputError(f"{where}: must be an object of names and values")
     found: dict[str, float | str] = {}
-    for name, one in value.items():
-        if not isinstance(name, str) or not name.strip() or name in RESERVED:
-            raise InputError(f"{where}: {name!r} names no value: it must be a word, none of {RESERVED}")
-        if not (isinstance(one, str) or _finite(one)):
-            raise InputError(f"{where}: {name} = {one!r}: must be a finite number or a text")
-        if isinstance(one, str) and CONTROL.search(one):
-            raise InputError(f"{where}: {name} = {one!r}: holds a line break or a control character")
-        if name == "sigma" and (isinstance(one, str) or one <= 0.0):
-            raise InputError(f"{where}: sigma = {one!r}: is a noise level and must be above 0")
-        found[name] = one if isinstance(one, str) else float(one)
+    for given, one in value.items():
+        name = NAMES.get(str(given).lower(), given)  # as a column of that name is read
+        if not isinstance(name, str) or not name.strip() or CONTROL.search(name) or name in RESERVED:
+            raise InputError(f"{where}: {given!r} names no value: must be a word, none of {RESERVED}")
+        found[name] = _value(f"{where}: {name} = {one!r}", name, one)
     return found
+
+
+def _value(where: str, name: str, value: object) -> float | str:
+    """A number or a text, as columns of points may hold it."""
+    if isinstance(value, str) and name not in NUMBERS:
+        if CONTROL.search(value):
+            raise InputError(f"{where}: holds a line break or a control character")
+        return value
+    if not _finite(value) or name == "name":
+        kind = "a text" if name == "name" else "a finite number"
+        raise InputError(f"{where}: must be {kind}{'' if name in (*NUMBERS, 'name') else ' or a text'}")
+    number = float(cast(float, value))
+    if name == "sigma" and number <= 0.0:
+        raise InputError(f"{where}: is a noise level and must be above 0")
+    if name == "force" and number <= NO_FORCE:
+        raise InputError(f"{where}: is no force; leave it out where none was measured")
+    return number
 
 
 def _identity(where: str, value: object) -> int:

@@ -678,3 +678,14 @@ def test_a_prior_wound_inwards_is_refused() -> None:
         InputError, match="case case: the prior's faces are wound inwards: reverse the order of their corners"
     ):
         Case("case", prior, Points(np.eye(3), np.full(3, "eam")))
+
+
+@pytest.mark.parametrize("header", [None, "x,y,z\n"])
+def test_a_case_may_be_read_before_its_first_point(tmp_path: Path, header: str | None) -> None:
+    write_case(tmp_path / "case", Case("new", cube(), Points(np.zeros((0, 3)), np.zeros(0, dtype=str))))
+    (tmp_path / "case" / "points.csv").unlink()
+    if header:
+        (tmp_path / "case" / "points.csv").write_text(header, encoding="utf-8")
+    assert len(read_case(tmp_path / "case", fewest=0).points) == 0
+    with pytest.raises(InputError, match="points"):
+        read_case(tmp_path / "case")
