@@ -92,11 +92,14 @@ def resume_journal(folder: Path) -> Journal:
     """
     path = folder / NAME
     file = _opened(path)
-    found = read_journal(path)
-    if found.cut:
-        whole = path.read_bytes()
-        file.truncate(whole.rfind(b"\n") + 1)
-        file.seek(0, os.SEEK_END)
+    try:
+        found = read_journal(path)
+        if found.cut:
+            file.truncate(path.read_bytes().rfind(b"\n") + 1)
+            file.seek(0, os.SEEK_END)
+    except BaseException:
+        file.close()
+        raise
     return Journal(path, found.head, found.actions, found.cut, file)
 
 
