@@ -10,6 +10,7 @@ from .. import __version__
 from ..errors import O3dlsError, SolverError
 from . import batch as cli_batch
 from . import files as cli_files
+from . import live as cli_live
 from . import runs as cli_runs
 from . import settings as cli_settings
 from .interrupts import heeded
@@ -60,7 +61,7 @@ def cli() -> None:
     check_memory()
 
 
-for module in (cli_runs, cli_batch, cli_settings, cli_files):
+for module in (cli_runs, cli_batch, cli_live, cli_settings, cli_files):
     for command in vars(module).values():
         if isinstance(command, click.Command):
             cli.add_command(command)

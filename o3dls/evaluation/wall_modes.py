@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 from ..arrays import ROUNDING, Array, Ints
@@ -20,11 +22,16 @@ def wall_modes(prior: Surface, motion: Motion | None) -> WallModes | None:
         return motion.modes
     if not isinstance(motion, FittedMotion):
         return None
-    places = spread(prior.vertices, PLACES)
+    places = _places(prior)
     normals = prior.with_vertices(motion(prior.vertices)).vertex_normals
     values, vectors = np.linalg.eigh(motion.joint(prior.vertices[places], normals[places]))
     strongest = np.flatnonzero(values > ROUNDING * values[-1])[::-1][:MODES]
     return WallModes(places, vectors[:, strongest] * np.sqrt(values[strongest]))
+
+
+@lru_cache(maxsize=2)  # of the prior of a session that is asked again and again
+def _places(prior: Surface) -> Ints:
+    return spread(prior.vertices, PLACES)
 
 
 def spread(points: Array, count: int) -> Ints:

@@ -119,8 +119,14 @@ def read_table(path: str | Path, required: Iterable[str], aliases: Mapping[str, 
     """The table in a CSV file. Raises InputError naming file, line and column for anything that does not
     fit.
     """
-    path = Path(path)
-    text = decode(read_bytes(path, LARGEST_TABLE), path)
+    return table_of(read_bytes(Path(path), LARGEST_TABLE), Path(path), required, aliases)
+
+
+def table_of(
+    data: bytes, path: Path, required: Iterable[str], aliases: Mapping[str, str] | None = None
+) -> Table:
+    """The same from the bytes of a file, which `path` names in errors."""
+    text = decode(data, path)
     lines = [(at, line) for at, line in enumerate(text.splitlines(), 1) if line.strip()]
     for at, line in lines:
         if len(line) > LONGEST_LINE:

@@ -30,8 +30,8 @@ class Point:
     def record(self) -> Message:
         """The point as events show it."""
         values = dict(self.values) | ({"name": self.name} if self.name else {})
-        kind = "undone" if self.undone else self.type
-        return {"id": self.id, "xyz": list(self.xyz), "type": kind, "values": values}
+        undone = {"undone": True} if self.undone else {}
+        return {"id": self.id, "xyz": list(self.xyz), "type": self.type, "values": values, **undone}
 
 
 @dataclass
@@ -116,6 +116,15 @@ class Session:
     def kept(self) -> list[Point]:
         """The points that count, in the order in which they came."""
         return [point for point in self.points.values() if not point.undone and point.type != "outlier"]
+
+    def copy(self) -> Session:
+        """The session as it is now, which further actions do not change."""
+        return replace(
+            self,
+            points=dict(self.points),
+            landmarks=dict(self.landmarks),
+            prior_landmarks=dict(self.prior_landmarks),
+        )
 
     def case(self) -> Case:
         """The case as it stands, with a column `id` of the points' numbers. Outliers are in the journal

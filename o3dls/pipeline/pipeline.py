@@ -94,11 +94,9 @@ class Pipeline:
 
     def _run(self, case: Case, pool: Executor | None) -> Run:
         begin = perf_counter()
-        if why := self.refusals(case):
-            raise InputError("; ".join(why))
+        self._check(case)
         folds = Folds(partial(self.fit, level=logging.DEBUG), case, self.folds, pool) if self.folds else None
-        estimates = self.fit(case)
-        estimates = self._with_start_warnings(case.visible(), estimates)
+        estimates = self.judged(case)
         for warning in each_once(one for estimate in estimates.values() for one in estimate.warnings):
             log.warning("%s", warning.sentence)
         left_out = folds.left_out() if folds else {}
@@ -113,6 +111,17 @@ class Pipeline:
         )
         made_in = run.provenance | {"seconds": perf_counter() - begin}
         return replace(run, provenance=made_in, out=self.out, additions=self.writes)
+
+    def judged(self, case: Case) -> dict[str, Estimate]:
+        """As `fit`, with the warnings on the start, which every estimate depends on. Raises InputError and
+        SolverError as `run`.
+        """
+        self._check(case)
+        return self._with_start_warnings(case.visible(), self.fit(case))
+
+    def _check(self, case: Case) -> None:
+        if why := self.refusals(case):
+            raise InputError("; ".join(why))
 
     def fit(self, case: Case, level: int = logging.INFO) -> dict[str, Estimate]:
         """Estimates by name, `start` first.

@@ -32,8 +32,12 @@ class Expected:
 
 def expected_error(subject: Subject) -> Expected | None:
     """The expected error of the last estimate in the unit of the case; None where it has no posterior."""
-    surface = subject.last.estimate.surface
-    sd = surface.fields.get(f"sd_{subject.unit}")
+    return expected_of(subject.last.estimate.surface, subject.unit)
+
+
+def expected_of(surface: Surface, unit: str) -> Expected | None:
+    """The same of a surface with the fields `sd_<unit>` and `prior_only`."""
+    sd = surface.fields.get(f"sd_{unit}")
     far = surface.fields.get("prior_only")
     if sd is None or far is None:
         return None

@@ -1,0 +1,201 @@
+"""The command `live`: a session in which points come one by one, and the surface follows."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from threading import Event, Thread
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from .options import as_json
+from .words import DONE, FILE, FOLDER, NOT_VALID, complain, say, say_json
+
+if TYPE_CHECKING:
+    from ..live.finish import Finished
+    from ..live.host import Host
+    from ..live.sources.source import Source
+
+SOURCES = ("watch", "igtl", "replay")
+LOOK = 0.2  # seconds between two looks at whether the session has ended: a signal is heard meanwhile
+Message = dict[str, Any]
+
+
+@click.command()
+@click.argument("case", type=FOLDER, required=False)
+@click.option("--watch", type=FILE, help="take points from this CSV file or export folder, which grows")
+@click.option("--igtl", metavar="HOST:PORT", help="take points from this OpenIGTLink server")
+@click.option("--replay", type=FILE, help="take the points of this CSV file, as if they came now")
+@click.option("--rate", type=click.FloatRange(0.0, 1000.0, min_open=True), help="points a second of --replay")
+@click.option("--record", type=FOLDER, help="folder of the journal; one with a journal is gone on from")
+@click.option("--port", type=click.IntRange(0, 65535), default=0, help="of the page; 0: any that is free")
+@click.option("--no-browser", is_flag=True, help="do not open the page")
+@click.option("--headless", is_flag=True, help="no page: actions are lines of JSON on stdin")
+@as_json
+def live(
+    case: Path | None,
+    record: Path | None,
+    port: int,
+    no_browser: bool,
+    headless: bool,
+    as_json: bool,
+    **given: Any,
+) -> int:
+    """Take points one by one; a page shows how the surface of CASE follows them.
+
+    At the end of the session its case folder and the run of the default pipeline on it are in the record
+    folder. With --json the session's events are printed, one a line.
+    """
+    from ..live.host import Host
+    from ..live.record import default_record, open_record
+
+    _check(given)
+    if case is None and record is None:
+        raise click.UsageError("no CASE given, and no --record folder to go on from")
+    record = record or default_record()
+    journal, session = open_record(record, case)
+    if journal.cut:
+        complain(journal.cut)
+    tellers: list[Callable[[Message], None]] = [_print if as_json else _complain]
+
+    def tell(message: Message) -> None:
+        for one in tellers:
+            one(message)
+
+    host = Host(journal, session, tell)
+    stop = Event()
+    try:
+        source = _source(given, host)
+        with _page(host, tellers, port, opened=not no_browser) if not headless else _stdin(host):
+            host.begin()
+            _wait(host, source, stop, ends=headless and given["replay"] is not None)
+            return _told(host, record, as_json=as_json)
+    finally:
+        stop.set()
+        host.close()
+
+
+def _check(given: Message) -> None:
+    named = [f"--{name}" for name in SOURCES if given[name] is not None]
+    if len(named) > 1:
+        raise click.UsageError(f"{' and '.join(named)}: a session has one source of points")
+    if given["rate"] is not None and given["replay"] is None:
+        raise click.UsageError("--rate: is of --replay, which is not given")
+
+
+def _source(given: Message, host: Host) -> Source | None:
+    """The source that the options name, which leaves out what an earlier part of the session has taken."""
+    frame = host.session.prior.frame
+    if given["igtl"] is not None:
+        from ..live.sources.igtl import Igtl
+
+        name, _, port = given["igtl"].rpartition(":")
+        if not name or not port.isdigit() or not 0 < int(port) < 65536:
+            raise click.UsageError(f"--igtl {given['igtl']}: must be HOST:PORT, such as localhost:18944")
+        return Igtl(name, int(port), frame)
+    from ..live.sources.source import identities
+
+    before = identities(host.journal.actions)
+    if given["watch"] is not None:
+        from ..live.sources.watch import Watch
+
+        return Watch(given["watch"], frame, before)
+    if given["replay"] is not None:
+        from ..live.sources.replay import Replay
+
+        return Replay(given["replay"], given["rate"], before)
+    return None
+
+
+@contextmanager
+def _page(host: Host, tellers: list[Callable[[Message], None]], port: int, *, opened: bool) -> Iterator[None]:
+    """Serve the page while the block runs."""
+    from ..live.server import LiveServer
+
+    server = LiveServer(host.act, port=port)
+    tellers.append(server.publish)
+    try:
+        say(server.url, error=True)
+        if opened:
+            click.launch(server.url)
+        yield
+    finally:
+        server.close()
+
+
+@contextmanager
+def _stdin(host: Host) -> Iterator[None]:
+    """Do the actions that are read from stdin, a line of JSON each, while the block runs."""
+    Thread(target=_obey, args=(host,), daemon=True).start()
+    yield
+
+
+def _obey(host: Host) -> None:
+    for line in sys.stdin:
+        try:
+            action = json.loads(line)
+        except ValueError:
+            action = line.strip()
+        if action != "":
+            host.act(action)
+
+
+def _wait(host: Host, source: Source | None, stop: Event, *, ends: bool) -> None:
+    """Follow the source until the session has ended; where it `ends` with its source, it is ended then."""
+    from ..live.sources.source import begin
+
+    done = Event()
+    if source is not None:
+        begin(source, host, stop, done)
+    while not host.ended.wait(LOOK):
+        if ends and done.is_set():
+            done.clear()
+            host.act({"do": "end"})
+    stop.set()
+
+
+def _told(host: Host, record: Path, *, as_json: bool) -> int:
+    """Finish the session, and say what it leaves."""
+    from ..errors import O3dlsError
+    from ..live.finish import finish
+    from ..live.messages import error
+
+    try:
+        found = finish(record, host.session, host.last)
+    except O3dlsError as refused:
+        host.tell(error(f"the session has ended without a run: {refused}"))
+        raise
+    host.tell(
+        {
+            "event": "end",
+            "run": str(found.out),
+            "case": str(found.case),
+            "from_motion_mm": found.from_motion,
+            "from_final_mm": found.from_final,
+        }
+    )
+    if not as_json:
+        say(_sentence(found))
+    return NOT_VALID if found.run.faults else DONE
+
+
+def _sentence(found: Finished) -> str:
+    apart = (
+        f"; the surface shown last lies {found.from_motion:.2f} mm from its motion (mean)"
+        if found.from_motion is not None
+        else ""
+    )
+    return f"{found.out}: the run, {found.case}: the case{apart}"
+
+
+def _print(message: Message) -> None:
+    say_json(message, line=True)
+
+
+def _complain(message: Message) -> None:
+    if message["event"] == "error":
+        complain(message["text"])

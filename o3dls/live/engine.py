@@ -1,0 +1,213 @@
+"""The engine of a session: a process that owns the estimate. Actions come in, events go out."""
+
+from __future__ import annotations
+
+import signal
+from multiprocessing.connection import Connection
+from queue import Empty, SimpleQueue
+from threading import Thread
+from time import monotonic
+from typing import Any
+
+import numpy as np
+
+from ..arrays import Array
+from ..errors import O3dlsError
+from ..estimate import Estimate
+from .background import Background
+from .display import Display
+from .fitting import Current, FullFit, can_be_fitted, current
+from .messages import Message, error, event, number
+from .session import Session
+from .standing import Advisor, Standing
+
+APART = 0.1  # seconds at least between two events `surface`
+TICK = 1.0  # seconds between two events `state` while a fit runs
+CLOSED = "closed"
+
+
+def serve(connection: Connection, session: Session) -> None:
+    """The body of the process: actions are received, events sent, until the other end closes."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # reaches all processes of a terminal; the command decides
+    inbox: SimpleQueue[tuple[str, Any]] = SimpleQueue()
+    Thread(target=_receive, args=(connection, inbox), daemon=True).start()
+    try:
+        with Background(lambda fit: inbox.put(("fit", fit))) as background:
+            Engine(session, connection.send, inbox, background).run()
+    except (BrokenPipeError, ConnectionResetError):
+        pass  # the command is no more; its journal is whole
+
+
+def _receive(connection: Connection, inbox: SimpleQueue[tuple[str, Any]]) -> None:
+    try:
+        while True:
+            inbox.put(("action", connection.recv()))
+    except (EOFError, OSError):
+        inbox.put((CLOSED, None))
+
+
+class Engine:
+    """The estimate of a session, and what is said of it. send: takes an event; inbox: actions, ended fits,
+    advice.
+    """
+
+    def __init__(self, session: Session, send: Any, inbox: SimpleQueue[Any], background: Background) -> None:
+        self.session, self.send, self.inbox, self.background = session, send, inbox, background
+        self.display, self.advisor = Display(session.prior.prior), Advisor(session.prior.prior)
+        self.standing = Standing()
+        self.fit: FullFit | None = None
+        self.now: Current | None = None
+        self.changed, self.ending = True, False
+        self.refused: Session | None = None  # what the last fit was made of, where it was refused
+        self.posed: Array | None = None  # by landmarks or the case, before there is a fit
+        self.unseen, self.drawn = False, -np.inf  # whether pages lack the surface; when it was last sent
+        self.unadvised, self.advising = False, False
+        self.known = -1.0  # when the state was last sent
+
+    def run(self) -> None:
+        """Answer until the other end closes, or the session has ended."""
+        self.send(self.display.scene(self.session.case(), None))
+        while not self.ending:
+            if not self._heed(self._wait()):
+                return
+            if self.changed:
+                self._update()
+            self._draw()
+            if self.inbox.empty():
+                self._begin_fit()
+                self._advise()
+            if self.background.seconds is not None and monotonic() - self.known > TICK:
+                self._say()
+        self.send(event("last", vertices=None if self.now is None else self.now.estimate.surface.vertices))
+
+    def _wait(self) -> float | None:
+        """Seconds until something is due; None where only a message can make a difference."""
+        if self.changed:
+            return 0.0
+        due = []
+        if self.unseen:
+            due.append(self.drawn + APART)
+        if self.background.seconds is not None:
+            due.append(self.known + TICK)
+        return max(0.0, min(due) - monotonic()) if due else None
+
+    def _heed(self, seconds: float | None) -> bool:
+        """Take in what has come, waiting for it as long; False where the other end has closed."""
+        try:
+            kind, what = self.inbox.get(timeout=seconds) if seconds != 0.0 else self.inbox.get_nowait()
+            while True:
+                if kind == CLOSED:
+                    return False
+                self._take(kind, what)
+                kind, what = self.inbox.get_nowait()
+        except Empty:
+            return True
+
+    def _take(self, kind: str, what: Any) -> None:
+        if kind == "action":
+            self.ending = what["do"] == "end"
+            self.session.apply(what)
+            self.changed = True
+        elif kind == "fit":
+            self._take_over(what)
+        else:
+            self.advising = False
+            self.standing.advice = what
+            self._say()
+
+    def _take_over(self, fit: FullFit) -> None:
+        """A full fit has ended: what came meanwhile is put in by the next update."""
+        self.background.taken()
+        self.changed = True
+        if fit.estimate is None:
+            self.refused, self.standing.refusal = fit.session, f"the full fit was refused: {fit.refused}"
+        else:
+            self.fit, self.refused, self.standing.refusal = fit, None, ""
+
+    def _update(self) -> None:
+        self.changed = False
+        self.standing.points = len(self.session.kept)
+        if self.fit is not None:
+            first = self.now is None
+            try:
+                self.now = current(self.fit, self.session)
+            except O3dlsError as failed:
+                self.send(error(f"the estimate stays as it was: {failed}"))
+            if first and self.now is not None:
+                self.send(self.display.scene(self.now.case, self.now.estimate))
+        else:
+            self._pose()
+        self.unseen = self.now is not None
+        if self.now is None:
+            self._say()
+
+    def _pose(self) -> None:
+        """Before there is a fit: show the prior in the pose that landmarks or the case give, if it is new."""
+        start = _start(self.session)
+        if start is None or (self.posed is not None and np.array_equal(start.T_map_prior, self.posed)):
+            return
+        self.posed, self.standing.status = start.T_map_prior, start.status
+        self.send(self.display.scene(self.session.case(), start))
+
+    def _draw(self) -> None:
+        """Send the surface, not too often; after it, what is known of the points, and where it stands."""
+        if not self.unseen or self.now is None or monotonic() - self.drawn < APART:
+            return
+        self.unseen, self.drawn = False, monotonic()
+        now = self.now
+        self.send(self.display.surface(now.case, now.estimate, max(self.session.points, default=0)))
+        if not self.inbox.empty():
+            return  # a point waits: the rest is for what comes of it
+        self.send(_weights(now))
+        self.standing.judge(now.case, now.estimate, len(now.fitted))
+        self.unadvised = True
+        self._say()
+
+    def _begin_fit(self) -> None:
+        """Begin a full fit where one is due, none runs, and the last was not refused of the same points."""
+        due = self.now is None or self.now.outdated
+        same = self.refused is not None and self.refused == self.session
+        if due and not same and self.background.seconds is None and can_be_fitted(self.session):
+            self.background.begin(self.session)
+            self._say()
+
+    def _advise(self) -> None:
+        """Choose the places to touch next, beside what else is done."""
+        if not self.unadvised or self.advising or self.now is None:
+            return
+        self.unadvised, self.advising = False, True
+        now = self.now
+        Thread(
+            target=lambda: self.inbox.put(("advice", self.advisor(now.case, now.estimate))), daemon=True
+        ).start()
+
+    def _say(self) -> None:
+        self.known = monotonic()
+        seconds = self.background.seconds
+        self.standing.fit = "idle" if seconds is None else "running" if seconds < 1 else f"{seconds:.0f} s"
+        self.send(event("state", **self.standing.record()))
+
+
+def _start(session: Session) -> Estimate | None:
+    """The prior in the pose that landmarks or the case give; None where they give none."""
+    from ..pipeline.start import start_estimate
+    from ..registration.landmarks import fix_a_pose
+
+    case = session.case()
+    known = case.init is not None or fix_a_pose(*case.landmark_pairs()[1:])
+    return start_estimate(case) if known else None
+
+
+def _weights(now: Current) -> Message:
+    """Of every mapping point its number, its probability of contact and its distance from the surface."""
+    eam = now.case.points.of("eam")
+    fit = now.estimate.fit
+    if fit is None or now.estimate.weights is None or not len(eam):
+        return event("weights", ids=[], weights=[], distances=[])
+    distances = np.sqrt(fit.problem.tree.at(now.estimate.surface.vertices).query(eam.xyz)[0])
+    return event(
+        "weights",
+        ids=[int(one) for one in eam.columns["id"].tolist()],
+        weights=[number(round(one, 3)) for one in now.estimate.weights.tolist()],
+        distances=[round(one, 3) for one in distances.tolist()],
+    )

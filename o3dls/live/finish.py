@@ -1,0 +1,56 @@
+"""The end of a session: its case as a folder, and the run of the default pipeline on it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ..arrays import Array
+from ..io.case_reader import read_case
+from ..io.case_writer import write_case
+from ..runs.run import Run
+from .session import Session
+
+CASE, RUN = "case", "run"  # folders in the record folder
+
+
+@dataclass(frozen=True, eq=False)
+class Finished:
+    """What a session leaves: its folders, the run, and how far the last surface that was shown lies (mean, in
+    the case's unit) from the run's own motion of the prior and from its final surface; None where none was
+    shown.
+    """
+
+    case: Path
+    out: Path
+    run: Run
+    from_motion: float | None
+    from_final: float | None
+
+
+def finish(record: Path, session: Session, last: Array | None) -> Finished:
+    """Write the case of a session and run the default pipeline on it, as `o3dls run` does. last: vertices
+    (n, 3) of the surface that was shown last.
+
+    Raises InputError where the case cannot be run: its folder is there all the same.
+    """
+    from ..pipeline.batch import run_into
+    from ..pipeline.file import default_pipeline
+
+    folder, out = record / CASE, record / RUN
+    write_case(folder, session.case(), force=True)
+    case = read_case(folder)
+    run = run_into(default_pipeline().allowed_by(case), case, out, force=True)
+    return Finished(folder, out, run, *_apart(last, run))
+
+
+def _apart(last: Array | None, run: Run) -> tuple[float | None, float | None]:
+    from ..evaluation.distances import distances
+
+    if last is None or "deform" not in run.estimates:
+        return None, None
+    moved = run.estimates["deform"].surface.vertices
+    final = run.estimates[run.final].surface
+    return float(np.linalg.norm(moved - last, axis=1).mean()), float(distances(last, final).mean())

@@ -1,0 +1,144 @@
+"""The estimate of a session: a full fit now and then, and between two of them what came since, put in by
+`Deform.update`. The same full fit and the same points give the same estimate, however they came.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..case import FITTED_TYPES, Case
+from ..errors import O3dlsError
+from ..estimate import Estimate
+from ..run_warning import each_once
+from .session import LANDMARK, Point, Session
+
+if TYPE_CHECKING:
+    from ..pipeline.pipeline import Pipeline
+    from ..stages.deform import Deform
+
+FEWEST_POINTS = 10  # of type eam: fewer are not fitted
+OUTDATED = "outdated-amplitudes"
+
+
+@dataclass(frozen=True, eq=False)
+class FullFit:
+    """A fit from nothing, and the session as it was then; refused: why there is none, in words."""
+
+    session: Session
+    estimate: Estimate | None = None
+    refused: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Current:
+    """The estimate as it is now, the case that it is of, and the numbers of the points that it knows.
+
+    outdated: whether a full fit should be made again.
+    """
+
+    case: Case
+    estimate: Estimate
+    fitted: frozenset[int]
+    outdated: bool
+
+
+def can_be_fitted(session: Session) -> bool:
+    """Whether there are points enough for a full fit."""
+    return sum(point.type == "eam" for point in session.kept) >= FEWEST_POINTS
+
+
+def full_fit(session: Session) -> FullFit:
+    """The estimate that the stage `deform` of a run on the session's case makes, with the warnings of that
+    run so far; refused where the run would be.
+    """
+    case = session.case()
+    plan = _plan().allowed_by(case)
+    try:
+        estimate = plan.judged(case)[plan.names[-1]]
+    except O3dlsError as error:
+        return FullFit(session, refused=str(error))
+    return FullFit(session, replace(estimate, warnings=each_once(estimate.warnings)))
+
+
+def current(fit: FullFit, now: Session) -> Current:
+    """The estimate of a full fit with the points that came since.
+
+    Where points or landmarks of the fit have changed it keeps them as they were, and is outdated. Raises
+    SolverError where no motion can be solved for.
+    """
+    assert fit.estimate is not None
+    known = _fitted(fit.session)
+    stale = _stale(fit.session, now)
+    session = _with_points_of(fit.session, now) if stale else now
+    case = _arranged(session, list(known))
+    estimate = fit.estimate
+    if set(_fitted(session)) != set(known):
+        estimate = _deform().update(case, estimate)
+    outdated = stale or any(warning.code == OUTDATED for warning in estimate.warnings)
+    return Current(case, estimate, frozenset(_fitted(session)), outdated)
+
+
+@lru_cache
+def _plan() -> Pipeline:
+    """The stages of the default pipeline as far as `deform`."""
+    from ..pipeline.file import default_pipeline
+
+    plan = default_pipeline()
+    stages = plan.stages[: plan.names.index("deform")]
+    return replace(plan, stages=stages, writes=(), folds=0)
+
+
+def _deform() -> Deform:
+    from ..stages.deform import Deform
+
+    stage = _plan().stages[-1]
+    assert isinstance(stage, Deform)
+    return stage
+
+
+def _fitted(session: Session) -> dict[int, Point]:
+    return {point.id: point for point in session.kept if point.type in FITTED_TYPES}
+
+
+def _stale(then: Session, now: Session) -> bool:
+    """Whether something that a full fit was made of is another now; what the points measured beside is not
+    looked at.
+    """
+    points = _fitted(now)
+    changed = any(_seen(points.get(number)) != _seen(point) for number, point in _fitted(then).items())
+    return changed or _marks(then) != _marks(now) or then.pose != now.pose
+
+
+def _seen(point: Point | None) -> tuple[object, ...] | None:
+    """What a fit sees of a point."""
+    if point is None:
+        return None
+    return (point.xyz, point.type, point.values.get("sigma"), point.values.get("force"))
+
+
+def _marks(session: Session) -> tuple[object, ...]:
+    named = {point.name: list(point.xyz) for point in session.kept if point.type == LANDMARK}
+    return (session.landmarks | named, session.prior_landmarks)
+
+
+def _with_points_of(then: Session, now: Session) -> Session:
+    """The session of a full fit, with the points that came later; without landmarks that did."""
+    late = {
+        number: point
+        for number, point in now.points.items()
+        if number not in then.points and point.type != LANDMARK
+    }
+    return replace(then, points={**then.points, **late})
+
+
+def _arranged(session: Session, first: list[int]) -> Case:
+    """The case with some points, by their numbers, before all others."""
+    case = session.case()
+    place = {number: k for k, number in enumerate(first)}
+    numbers = [int(one) if one else 0 for one in case.points.columns["id"].tolist()]
+    behind = [place.get(number, len(first)) for number in numbers]
+    return replace(case, points=case.points.select(np.argsort(behind, kind="stable")))

@@ -1,0 +1,103 @@
+"""Where a session stands, as the event `state` says it: errors expected, places to touch next, warnings."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from ..case import Case
+from ..errors import InputError
+from ..estimate import Estimate
+from ..evaluation.interpolation import REACH
+from ..evaluation.next_places import suggest
+from ..geometry.surface import Surface
+from ..report.drawing.display import decimated
+from ..report.expected import expected_of
+from .messages import Message, number
+
+PLACES = 3  # to touch next
+FACES = 6_000  # of the surface by which they are chosen: its vertices are 4 mm apart on an atrium
+MOST_HISTORY = 300  # entries; where there are more, every other of the older half goes
+
+
+class Advisor:
+    """Chooses the places of one prior that are best to touch next, on a copy of it with few faces."""
+
+    def __init__(self, prior: Surface) -> None:
+        self.prior = decimated(replace(prior, fields={}), FACES, FACES)
+
+    def __call__(self, case: Case, estimate: Estimate) -> Message:
+        """The keys `next` and, where there are fewer than three, `ended`: why."""
+        if estimate.motion is None:
+            return {"next": [], "ended": "there is no motion yet"}
+        surface = self.prior.with_vertices(estimate.motion(self.prior.vertices))
+        try:
+            found = suggest(replace(case, prior=self.prior), replace(estimate, surface=surface), PLACES)
+        except InputError as error:
+            return {"next": [], "ended": str(error)}
+        places = [
+            {"xyz": one.xyz.tolist(), "before": one.before, "after": one.after, "gain": one.gain}
+            for one in found.places
+        ]
+        return {"next": places, **({"ended": found.ended} if found.ended else {})}
+
+
+@dataclass
+class Standing:
+    """What the event `state` says. expected: errors of the mapped wall and the rest; history: of them over
+    the number of points.
+    """
+
+    points: int = 0
+    fitted: int = 0
+    expected: tuple[float | None, float | None] = (None, None)
+    history: list[tuple[int, float | None, float | None]] = field(default_factory=list)
+    advice: Message = field(default_factory=lambda: {"next": [], "ended": "there is no estimate yet"})
+    warnings: list[dict[str, str]] = field(default_factory=list)
+    refusal: str = ""  # of the last full fit
+    status: str = ""
+    fit: str = "idle"
+
+    def judge(self, case: Case, estimate: Estimate, fitted: int) -> None:
+        """Take in a new estimate."""
+        self.fitted, self.status = fitted, estimate.status
+        self.expected = expected(case, estimate)
+        self.warnings = [
+            {"code": one.code, "stage": one.stage, "text": one.sentence} for one in estimate.warnings
+        ]
+        if self.history and self.history[-1][0] == fitted:
+            self.history.pop()
+        self.history.append((fitted, *self.expected))
+        if len(self.history) > MOST_HISTORY:
+            half = len(self.history) // 2
+            self.history = self.history[:half:2] + self.history[half:]
+
+    def record(self) -> dict[str, Any]:
+        """The content of the event."""
+        refusals = [{"code": "fit-refused", "stage": "live", "text": self.refusal}] if self.refusal else []
+        return {
+            "points": self.points,
+            "fitted": self.fitted,
+            "mapped_mm": self.expected[0],
+            "unmapped_mm": self.expected[1],
+            "history": [list(one) for one in self.history],
+            **self.advice,
+            "warnings": [*self.warnings, *refusals],
+            "status": self.status,
+            "fit": self.fit,
+        }
+
+
+def expected(case: Case, estimate: Estimate) -> tuple[float | None, float | None]:
+    """Errors that the posterior expects of the wall near points and of the rest; None where there is none."""
+    surface = estimate.surface
+    points = case.points.of("eam").xyz
+    if not len(points):
+        return None, None
+    gap = np.asarray(cKDTree(points).query(surface.vertices)[0])
+    far = np.asarray(gap > REACH, dtype=np.float64)
+    found = expected_of(replace(surface, fields={**surface.fields, "prior_only": far}), case.units)
+    return (None, None) if found is None else (number(found.mapped), number(found.prior_only))
