@@ -67,18 +67,25 @@ class Engine:
     def run(self) -> None:
         """Answer until the other end closes, or the session has ended."""
         self.send(self.display.scene(self.session.case(), None))
-        while not self.ending:
-            if not self._heed(self._wait()):
-                return
-            if self.changed:
-                self._update()
-            self._draw()
-            if self.inbox.empty():
-                self._begin_fit()
-                self._advise()
-            if self.background.seconds is not None and monotonic() - self.known > TICK:
-                self._say()
-        self.send(event("last", vertices=None if self.now is None else self.now.estimate.surface.vertices))
+        while self.step():
+            pass
+        if self.ending:
+            shown = None if self.now is None else self.now.estimate.surface.vertices
+            self.send(event("last", vertices=shown))
+
+    def step(self) -> bool:
+        """Take in what has come, and do what is due: False once there is no more to do."""
+        if not self._heed(self._wait()):
+            return False
+        if self.changed:
+            self._update()
+        self._draw()
+        if self.inbox.empty():
+            self._begin_fit()
+            self._advise()
+        if self.background.seconds is not None and monotonic() - self.known > TICK:
+            self._say()
+        return not self.ending
 
     def _wait(self) -> float | None:
         """Seconds until something is due; None where only a message can make a difference."""

@@ -63,9 +63,7 @@ def test_a_line_that_is_half_written_waits_for_its_end(tmp_path: Path) -> None:
     assert watch._whole(path.read_bytes(), 0.0) == (HEADER + "1,0,0,1\n").encode()
     watch._give(watch._read(watch._whole(path.read_bytes(), 0.0) or b""), desk)
     path.write_text(HEADER + "1,0,0,1\n12.5,0,0,1", encoding="utf-8")
-    watch._give(
-        watch._read(watch._whole(path.read_bytes(), STILL) or b""), desk
-    )  # it stands still
+    watch._give(watch._read(watch._whole(path.read_bytes(), STILL) or b""), desk)  # it stands still
     assert desk.xs == [1, 12.5]
 
 
