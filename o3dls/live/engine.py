@@ -61,7 +61,7 @@ class Engine:
         self.refused: Session | None = None  # what the last fit was made of, where it was refused
         self.posed: Array | None = None  # by landmarks or the case, before there is a fit
         self.unseen, self.drawn = False, -np.inf  # whether pages lack the surface; when it was last sent
-        self.unadvised, self.advising = False, False
+        self.unjudged, self.unadvised, self.advising = False, False, False
         self.known = -1.0  # when the state was last sent
 
     def run(self) -> None:
@@ -89,7 +89,7 @@ class Engine:
 
     def _wait(self) -> float | None:
         """Seconds until something is due; None where only a message can make a difference."""
-        if self.changed:
+        if self.changed or self.unjudged:
             return 0.0
         due = []
         if self.unseen:
@@ -157,18 +157,20 @@ class Engine:
         self.send(self.display.scene(self.session.case(), start))
 
     def _draw(self) -> None:
-        """Send the surface, not too often; after it, what is known of the points, and where it stands."""
-        if not self.unseen or self.now is None or monotonic() - self.drawn < APART:
-            return
-        self.unseen, self.drawn = False, monotonic()
+        """Send the surface, not too often; where no point waits, what is known of the points, and where it
+        stands.
+        """
         now = self.now
-        self.send(self.display.surface(now.case, now.estimate, max(self.session.points, default=0)))
-        if not self.inbox.empty():
-            return  # a point waits: the rest is for what comes of it
-        self.send(_weights(now))
-        self.standing.judge(now.case, now.estimate, len(now.fitted))
-        self.unadvised = True
-        self._say()
+        if now is None:
+            return
+        if self.unseen and monotonic() - self.drawn >= APART:
+            self.unseen, self.unjudged, self.drawn = False, True, monotonic()
+            self.send(self.display.surface(now.case, now.estimate, max(self.session.points, default=0)))
+        if self.unjudged and self.inbox.empty():
+            self.unjudged, self.unadvised = False, True
+            self.send(_weights(now))
+            self.standing.judge(now.case, now.estimate, len(now.fitted))
+            self._say()
 
     def _begin_fit(self) -> None:
         """Begin a full fit where one is due, none runs, and the last was not refused of the same points."""

@@ -10,8 +10,10 @@ import random
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from queue import SimpleQueue
 from threading import Thread
@@ -23,9 +25,11 @@ import pytest
 from o3dls.io.case_reader import read_case
 from o3dls.io.case_writer import write_case
 from o3dls.io.meshes.registry import read_surface
+from o3dls.io.points import write_points
 from o3dls.live.journal import read_journal
 from o3dls.live.messages import Message
 from o3dls.live.session import actions_of
+from o3dls.pipeline.file import default_pipeline
 from tests.live.desk import until
 from tests.tiny import ball_case
 
@@ -110,9 +114,11 @@ def session(*arguments: str | Path) -> Iterator[Session]:
 
 def engines(command: int) -> list[int]:
     """The processes that a command has begun for its engine."""
-    listed = subprocess.run(["ps", "-eo", "pid,ppid,args"], capture_output=True, text=True, check=True)
+    listed = subprocess.run(["ps", "-wweo", "pid,ppid,args"], capture_output=True, text=True, check=True)
     rows = (line.split(None, 2) for line in listed.stdout.splitlines()[1:])
-    return [int(pid) for pid, parent, args in rows if int(parent) == command and "spawn_main" in args]
+    found = [int(pid) for pid, parent, args in rows if int(parent) == command and "spawn_main" in args]
+    assert found
+    return found
 
 
 @pytest.fixture(scope="module")
@@ -122,8 +128,6 @@ def cases(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[Message]
     folder = tmp_path_factory.mktemp("live") / "ball"
     write_case(folder, case)
     marks = case.points.select(case.points.type == "landmark")
-    from o3dls.io.points import write_points
-
     write_points(folder / "points.csv", marks)
     for name in ("truth.ply", "held_out.csv", "correspondence.csv", "outliers.csv"):
         (folder / name).unlink(missing_ok=True)
@@ -134,7 +138,7 @@ def cases(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[Message]
 def test_a_session_is_killed_gone_on_from_and_ends_as_a_run(
     cases: tuple[Path, list[Message]], tmp_path: Path
 ) -> None:
-    """One session through its whole life: points, refusals, an engine that dies, the end, and what it left."""
+    """One session through its life: points, refusals, an engine that dies, the end, and what it left."""
     folder, takes = cases
     record = tmp_path / "record"
     with session(folder, "--record", record) as live:
@@ -179,8 +183,6 @@ def _check_what_is_left(record: Path, takes: list[Message]) -> None:
     assert case.points.numbers("bipolar")[numbers == 6].tolist() == [0.25]
     for k in (1, 2, 6):
         assert case.points.xyz[numbers == k][0].tolist() == takes[k - 1]["xyz"]
-    from o3dls.pipeline.file import default_pipeline
-
     run = default_pipeline().allowed_by(case).fit(case)
     last = list(run)[-1]
     live = read_surface(record / "run" / "estimates" / last / "surface.ply")
@@ -223,9 +225,6 @@ def test_an_engine_that_is_killed_at_any_moment_comes_back(
             until(lambda k=k: len(live.taken) == k + 1, SLOW)
             before = len(live.of("state"))
             until(lambda before=before: len(live.of("state")) > before, SLOW)
-            live.process.stderr and None
-            import time
-
             time.sleep(12.0 * rng.random())  # more than it takes to begin, so that it is no loop of ends
             for one in engines(live.process.pid):
                 os.kill(one, signal.SIGKILL)
@@ -248,16 +247,13 @@ def test_what_cannot_be_is_refused_at_once(cases: tuple[Path, list[Message]], tm
 
 
 def test_another_prior_is_not_gone_on_with(cases: tuple[Path, list[Message]], tmp_path: Path) -> None:
-    folder, takes = cases
+    folder, _ = cases
     record = tmp_path / "record"
     with session(folder, "--record", record) as live:
         until(lambda: live.events, SLOW)
     case = ball_case()
-    write_case(tmp_path / "other", case)
-    from dataclasses import replace
-
     other = replace(case, prior=case.prior.with_vertices(1.01 * case.prior.vertices))
-    write_case(tmp_path / "other", other, force=True)
+    write_case(tmp_path / "other", other)
     live = Session([tmp_path / "other", "--record", record])
     assert live.close() == 2
     assert "its prior is not that of" in live.errors.get()
