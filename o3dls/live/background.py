@@ -1,5 +1,5 @@
-"""Full fits in a process of their own: one at a time, at low priority and with one thread, so that no point
-waits for one.
+"""Full fits in a process of their own: one at a time, with one thread, and at low priority once there is an
+estimate, so that no point waits for one.
 """
 
 from __future__ import annotations
@@ -31,6 +31,7 @@ class Background:
         self._open = ExitStack()
         self._pool: Executor | None = None
         self._since: float | None = None
+        self._first = True  # of its process: nothing is shown before it, so it is in a hurry
 
     def __enter__(self) -> Background:
         self._process()  # its imports take longer than a fit
@@ -58,10 +59,14 @@ class Background:
     def taken(self) -> None:
         """The result of the last fit has been taken over."""
         self._since = None
+        if self._first and self._pool is not None:
+            self._first = False
+            self._pool.submit(_step_back)
 
     def _process(self) -> Executor:
         if self._pool is None:
             self._pool = self._open.enter_context(workers(1, CORES))
+            self._first = True
             self._pool.submit(_prepare)
         return self._pool
 
@@ -79,8 +84,11 @@ class Background:
 
 
 def _prepare() -> None:
-    """Have everything imported that a fit needs, and step back behind the process that takes the points."""
+    """Have everything imported that a fit needs."""
     from ..stages.deform import Deform  # noqa: F401
 
+
+def _step_back() -> None:
+    """Stand back behind the process that takes the points."""
     if hasattr(os, "nice"):
         os.nice(NICE)

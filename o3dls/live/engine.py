@@ -40,10 +40,11 @@ def serve(connection: Connection, session: Session) -> None:
 
 def _receive(connection: Connection, inbox: SimpleQueue[tuple[str, Any]]) -> None:
     try:
-        while True:
-            inbox.put(("action", connection.recv()))
+        while (received := connection.recv()) is not None:
+            inbox.put(("action", received))
     except (EOFError, OSError):
-        inbox.put((CLOSED, None))
+        pass  # the command was killed
+    inbox.put((CLOSED, None))
 
 
 class Engine:

@@ -87,7 +87,8 @@ class Host:
         with self._acting:
             self.closing = True
             if self._engine is not None:
-                self._engine.close()
+                with suppress(OSError):
+                    self._engine.send(None)
             self.journal.close()
 
     def _act(self, given: Any) -> Message:
@@ -131,6 +132,7 @@ class Host:
         except (EOFError, OSError):
             process.join(GRACE)
             self._lost(engine)
+            engine.close()
 
     def _heard(self, message: Message) -> None:
         if message["event"] == "last":

@@ -19,7 +19,7 @@ from ..report.expected import expected_of
 from .messages import Message, number
 
 PLACES = 3  # to touch next
-FACES = 6_000  # of the surface by which they are chosen: its vertices are 4 mm apart on an atrium
+FACES = 4_000  # of the surface by which they are chosen: its vertices are 5 mm apart on an atrium
 MOST_HISTORY = 300  # entries; where there are more, every other of the older half goes
 
 

@@ -36,7 +36,7 @@ from tests.tiny import ball_case
 pytest.importorskip("o3dls.live.display")
 KILLS = int(os.environ.get("O3DLS_LIVE_KILLS", "2"))  # 20 take some minutes
 SEED = 640_917
-SLOW = 90.0  # seconds that a session may take to begin on a busy machine
+SLOW = 300.0  # seconds: full fits stand back behind all else on a busy machine
 needs_kill = pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="this system has no kill -9")
 
 

@@ -1,0 +1,178 @@
+"""A live session under load: python -m benchmarks.live [--faces 30000] [--points 300] [--rates 2 10]
+[--many 5000]
+
+Points of the true wall of the built-in atrium, 1 mm beside it, come at an even rate. Printed is for each rate
+how many were lost or out of order, with how many the first surface came, and from then on the time from a
+point to the event `surface` that knows it (median, 95th percentile and most, in ms; without what a page takes
+to draw it); then the memory of the engine while many more points come as fast as it takes them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from threading import Condition
+from time import monotonic, sleep
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from o3dls.case import Case
+    from o3dls.live.host import Host
+
+SEED = 517_203
+NOISE = 1.0  # mm, sd per axis
+PATIENCE = 120.0  # seconds for what was sent last
+TOGETHER = 25  # points that are sent before their surface is waited for, where many come
+Message = dict[str, Any]
+
+
+@dataclass
+class Heard:
+    """What a session told: when the surface knew each point, and the order of the points."""
+
+    known: dict[int, float] = field(default_factory=dict)
+    points: list[int] = field(default_factory=list)
+    newest: int = 0
+    first: int = 0  # point of the first surface
+    fitted: int = 0
+    changed: Condition = field(default_factory=Condition)
+
+    def __call__(self, message: Message) -> None:
+        with self.changed:
+            if message["event"] == "point":
+                self.points.append(message["id"])
+            elif message["event"] == "surface":
+                now = monotonic()
+                for number in range(self.newest + 1, message["after"] + 1):
+                    self.known[number] = now
+                self.newest = message["after"]
+                self.first = self.first or self.newest
+            elif message["event"] == "state":
+                self.fitted = message["fitted"]
+            self.changed.notify_all()
+
+    def wait(self, number: int) -> bool:
+        """Whether the surface comes to know a point."""
+        with self.changed:
+            return self.changed.wait_for(lambda: self.newest >= number, PATIENCE)
+
+
+@contextmanager
+def session(case: Case, folder: Path) -> Iterator[tuple[Host, Heard]]:
+    """A session of a case that knows its landmarks and no points."""
+    from o3dls.io.case_writer import write_case
+    from o3dls.io.points import write_points
+    from o3dls.live.host import Host
+    from o3dls.live.record import open_record
+
+    write_case(folder / "case", case)
+    write_points(folder / "case" / "points.csv", case.points.of("landmark"))
+    heard = Heard()
+    host = Host(*open_record(folder / "record", folder / "case"), heard)
+    host.begin()
+    try:
+        yield host, heard
+    finally:
+        host.close()
+
+
+def mapped(faces: int, points: int) -> tuple[Case, list[Message]]:
+    """The built-in atrium with a prior of about so many faces, and points beside its true wall."""
+    import numpy as np
+
+    from o3dls.evaluation.distances import sample
+    from o3dls.io.case_reader import read_case
+    from o3dls.resources import demo_case
+
+    case = read_case(demo_case())
+    assert case.truth is not None
+    assert case.truth.surface is not None
+    rng = np.random.default_rng(SEED)
+    at = sample(case.truth.surface, points, SEED) + NOISE * rng.standard_normal((points, 3))
+    return replace(case, prior=finer(case.prior, faces), truth=None), [
+        {"do": "take", "xyz": one} for one in rng.permutation(at).tolist()
+    ]
+
+
+def finer(prior: Any, faces: int) -> Any:
+    """A surface with about so many faces, by subdivision and decimation."""
+    import numpy as np
+    import open3d as o3d
+
+    from o3dls.geometry.surface import Surface
+
+    mesh = o3d.geometry.TriangleMesh(
+        o3d.utility.Vector3dVector(prior.vertices), o3d.utility.Vector3iVector(prior.faces.astype(np.int32))
+    )
+    while len(mesh.triangles) < faces:
+        mesh = mesh.subdivide_loop(1)
+    mesh = mesh.simplify_quadric_decimation(faces)
+    return Surface(np.asarray(mesh.vertices), np.asarray(mesh.triangles))
+
+
+def at_rate(case: Case, takes: list[Message], rate: float) -> str:
+    """A row of the table: points at an even rate, and how long each waited for its surface."""
+    import numpy as np
+
+    with tempfile.TemporaryDirectory() as folder, session(case, Path(folder)) as (host, heard):
+        sent = {}
+        sleep(10.0)  # processes begin
+        begin = monotonic()
+        for k, one in enumerate(takes):
+            sleep(max(0.0, begin + k / rate - monotonic()))
+            sent[k + 1] = monotonic()
+            host.act(one)
+        last = heard.wait(len(takes))
+    lost = len(takes) - len(heard.points) + (not last)
+    turned = sum(b <= a for a, b in zip(heard.points, heard.points[1:], strict=False))
+    waits = 1e3 * np.array([heard.known[k] - sent[k] for k in sent if k > heard.first and k in heard.known])
+    p50, p95 = np.percentile(waits, [50, 95])
+    row = [rate, len(takes), lost, turned, heard.first, round(p50), round(p95), round(waits.max())]
+    return f"| {' | '.join(map(str, row))} |"
+
+
+def memory(case: Case, takes: list[Message]) -> Iterator[str]:
+    """Rows of the table of the engine's memory while many points come."""
+    from multiprocessing import active_children
+
+    from o3dls.pipeline.supervision import MB, resident
+
+    with tempfile.TemporaryDirectory() as folder, session(case, Path(folder)) as (host, heard):
+        for k, one in enumerate(takes, 1):
+            host.act(one)
+            if k % TOGETHER == 0 and k > TOGETHER:
+                heard.wait(k)
+            if k % (len(takes) // 10) == 0:
+                engine = max(resident(child.pid or 0) for child in active_children())
+                yield f"| {k} | {heard.newest} | {engine / MB:.0f} | {resident(os.getpid()) / MB:.0f} |"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--faces", type=int, default=30_000)
+    parser.add_argument("--points", type=int, default=300)
+    parser.add_argument("--rates", type=float, nargs="*", default=[2.0, 10.0])
+    parser.add_argument("--many", type=int, default=5000)
+    given = parser.parse_args()
+    case, takes = mapped(given.faces, given.points)
+    print(f"prior of {len(case.prior.faces)} faces\n")
+    print(
+        "| points a second | points | lost | out of order | median ms | 95 % ms | most ms |\n|" + "---|" * 7
+    )
+    for rate in given.rates:
+        print(at_rate(case, takes, rate), flush=True)
+    if given.many:
+        print("\n| points | in the surface | engine MB | command MB |\n|---|---|---|---|")
+        for row in memory(*mapped(given.faces, given.many)):
+            print(row, flush=True)
+
+
+if __name__ == "__main__":
+    main()
