@@ -85,6 +85,19 @@ def _check(given: Message) -> None:
         raise click.UsageError(f"{' and '.join(named)}: a session has one source of points")
     if given["rate"] is not None and given["replay"] is None:
         raise click.UsageError("--rate: is of --replay, which is not given")
+    for name in ("watch", "replay"):  # before a record is begun
+        if given[name] is not None and not given[name].exists():
+            raise click.UsageError(f"--{name} {given[name]}: no such file")
+    if given["igtl"] is not None:
+        _address(given["igtl"])
+
+
+def _address(given: str) -> tuple[str, int]:
+    """Host and port."""
+    name, _, port = given.rpartition(":")
+    if not name or not port.isdecimal() or not 0 < int(port) < 65536:
+        raise click.UsageError(f"--igtl {given}: must be HOST:PORT, such as localhost:18944")
+    return name, int(port)
 
 
 def _source(given: Message, host: Host) -> Source | None:
@@ -93,10 +106,7 @@ def _source(given: Message, host: Host) -> Source | None:
     if given["igtl"] is not None:
         from ..live.sources.igtl import Igtl
 
-        name, _, port = given["igtl"].rpartition(":")
-        if not name or not port.isdigit() or not 0 < int(port) < 65536:
-            raise click.UsageError(f"--igtl {given['igtl']}: must be HOST:PORT, such as localhost:18944")
-        return Igtl(name, int(port), frame)
+        return Igtl(*_address(given["igtl"]), frame)
     from ..live.sources.source import identities
 
     before = identities(host.journal.actions)

@@ -22,12 +22,15 @@ from typing import Any
 import numpy as np
 import pytest
 
+from o3dls.cli.commands import run_command
+from o3dls.errors import InputError
 from o3dls.io.case_reader import read_case
 from o3dls.io.case_writer import write_case
 from o3dls.io.meshes.registry import read_surface
 from o3dls.io.points import write_points
 from o3dls.live.journal import read_journal
 from o3dls.live.messages import Message
+from o3dls.live.record import open_record
 from o3dls.live.session import actions_of
 from o3dls.pipeline.file import default_pipeline
 from tests.live.desk import until
@@ -231,29 +234,37 @@ def test_an_engine_that_is_killed_at_any_moment_comes_back(
         until(lambda: live.of("state") and live.of("state")[-1]["points"] == KILLS, SLOW)
 
 
-def test_what_cannot_be_is_refused_at_once(cases: tuple[Path, list[Message]], tmp_path: Path) -> None:
-    folder, _ = cases
-    for arguments, reason in (
-        (["--record", tmp_path / "none"], "name the case folder"),
+@pytest.mark.parametrize(
+    ("options", "reason"),
+    [
+        (["--record", "none"], "name the case folder"),
         ([], "no CASE given"),
-        ([folder, "--watch", "a.csv", "--igtl", "localhost:1"], "one source of points"),
-        ([folder, "--rate", "2"], "is of --replay"),
-        ([folder, "--igtl", "localhost", "--record", tmp_path / "a"], "must be HOST:PORT"),
-        ([folder, "--watch", tmp_path / "no.csv", "--record", tmp_path / "b"], "no such file"),
-    ):
-        live = Session(arguments)  # type: ignore[arg-type]
-        assert live.close() == 2, reason
-        assert reason in "".join(live.errors.get() for _ in range(live.errors.qsize()))
+        (["CASE", "--watch", "a.csv", "--igtl", "localhost:1"], "one source of points"),
+        (["CASE", "--rate", "2"], "is of --replay"),
+        (["CASE", "--igtl", "localhost"], "must be HOST:PORT"),
+        (["CASE", "--watch", "no.csv"], "no such file"),
+    ],
+)
+def test_what_cannot_be_is_refused_at_once(
+    cases: tuple[Path, list[Message]],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    options: list[str],
+    reason: str,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    given = [str(cases[0]) if one == "CASE" else one for one in options]
+    assert run_command(["live", *given]) == 2
+    assert reason in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())  # no record of a session that never was
 
 
 def test_another_prior_is_not_gone_on_with(cases: tuple[Path, list[Message]], tmp_path: Path) -> None:
-    folder, _ = cases
-    record = tmp_path / "record"
-    with session(folder, "--record", record) as live:
-        until(lambda: live.events, SLOW)
+    journal, _ = open_record(tmp_path / "record", cases[0])
+    journal.close()
     case = ball_case()
     other = replace(case, prior=case.prior.with_vertices(1.01 * case.prior.vertices))
     write_case(tmp_path / "other", other)
-    live = Session([tmp_path / "other", "--record", record])
-    assert live.close() == 2
-    assert "its prior is not that of" in live.errors.get()
+    with pytest.raises(InputError, match="its prior is not that of"):
+        open_record(tmp_path / "record", tmp_path / "other")

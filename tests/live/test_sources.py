@@ -97,6 +97,21 @@ def test_a_watched_file_in_another_frame_is_refused(tmp_path: Path) -> None:
     assert "states frame RAS, and the case is in LPS" in desk.errors[0]
 
 
+def test_an_export_that_grows_is_read_once_it_stands_still(tmp_path: Path) -> None:
+    """An EnSite export of one map: what was there is not taken again."""
+    from tests.io.test_io_study import DXL
+
+    folder = tmp_path / "export"
+    folder.mkdir()
+    lines = DXL.splitlines(keepends=True)
+    (folder / "map.csv").write_text("".join(lines[:-2] + lines[-1:]), encoding="utf-8")
+    with followed(Watch(folder, "unknown")) as desk:
+        until(lambda: desk.xs == [1])
+        (folder / "map.csv").write_text(DXL, encoding="utf-8")
+        until(lambda: desk.xs == [1, 7])
+    assert not desk.errors
+
+
 def test_what_an_earlier_part_of_the_session_took_does_not_come_again(tmp_path: Path) -> None:
     path = tmp_path / "points.csv"
     path.write_text(HEADER + "1,0,0,1\n2,0,0,1\n", encoding="utf-8")
