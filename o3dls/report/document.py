@@ -11,13 +11,18 @@ from collections.abc import Sequence
 from .markup import Html, tag
 
 
-def document(title: str, style: str, body: Html, scripts: Sequence[str] = ()) -> str:
-    """The whole page. `scripts` are the texts of script elements that may run where the body holds them."""
+def document(
+    title: str, style: str, body: Html, scripts: Sequence[str] = (), *, connects: bool = False
+) -> str:
+    """The whole page. `scripts` are the texts of script elements that may run where the body holds them;
+    they may talk to the server that the page came from where it `connects`.
+    """
+    rules = policy(style, body, scripts) + ("; connect-src 'self'" if connects else "")
     head = tag(
         "head",
         tag("meta", charset="utf-8"),
         tag("meta", name="viewport", content="width=device-width, initial-scale=1"),
-        tag("meta", http_equiv="Content-Security-Policy", content=policy(style, body, scripts)),
+        tag("meta", http_equiv="Content-Security-Policy", content=rules),
         tag("title", title),
         tag("style", Html(style)),
     )

@@ -40,13 +40,23 @@ def asset(name: str, folder: str = "static") -> str:
 
 def viewer_code() -> tuple[str, str]:
     """The scripts of the 3D viewer: three.js, and ours in one scope."""
-    ours = "\n".join(asset(name) for name in SCRIPTS)
     library = f"/* three.js\n{asset('three.LICENSE.txt', 'vendor')}*/\n{asset('three.min.js', 'vendor')}"
+    return library, f'"use strict";\n{viewer_started()};'
+
+
+def viewer_started(more: str = "", given: str = "undefined") -> str:
+    """The expression that starts the viewer, which may run once the page holds its markup and its scene.
+
+    `more` is code in its scope, run before it paints for the first time; `given` is what the expression gives
+    afterwards: undefined where there is no WebGL.
+    """
+    *parts, start = map(asset, SCRIPTS)
+    ours = "\n".join([*parts, more, start, f"return {given};"])
     # without WebGL the static pictures stay; a context is slow to make, so the one that tells draws too
     # and it keeps what it drew, since a driver may copy a picture later than it is asked to
     settings = "{ antialias: true, alpha: true, preserveDrawingBuffer: true }"
     context = f"document.createElement('canvas').getContext('webgl2', {settings})"
-    return library, f'"use strict";\n((webgl) => {{\nif (!webgl) return;\n{ours}\n}})({context});'
+    return f"((webgl) => {{\nif (!webgl) return undefined;\n{ours}\n}})({context})"
 
 
 def viewer_scripts(scene: object) -> Html:

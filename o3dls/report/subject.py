@@ -157,7 +157,9 @@ class Subject:
 
     @property
     def date(self) -> str:
-        """Day (UTC) on which the last run ended, by the time of its run.json."""
+        """Day (UTC) on which the last run ended, by the time of its run.json; today where none is written."""
+        if not self.folders:
+            return datetime.now(UTC).date().isoformat()
         return datetime.fromtimestamp((self.folders[-1] / "run.json").stat().st_mtime, UTC).date().isoformat()
 
     def style(self, name: str) -> int:

@@ -84,7 +84,10 @@ function setStep() {
 function setAttribute(geometry, name, data) {
   const count = geometry.getAttribute("position").count;
   const values = data ? unpack(data) : new Float32Array(count).fill(MISSING);
-  geometry.setAttribute(name, new THREE.BufferAttribute(values, 1));
+  const there = geometry.getAttribute(name);
+  if (!there) return geometry.setAttribute(name, new THREE.BufferAttribute(values, 1));
+  there.array.set(values); // a buffer that is replaced would stay on the graphics card
+  there.needsUpdate = true;
 }
 
 function showBar(id, map, name, range) {

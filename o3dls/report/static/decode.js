@@ -3,9 +3,9 @@
 const scene = JSON.parse(document.getElementById("scene").textContent);
 const MISSING = -1e30; // a value that no field has; the shader paints it grey
 
-// `place` in the arrays of the page, each of which stands there once.
+// `place` in the arrays of the page, each of which stands there once; or the array itself, which came later.
 function bytes(place) {
-  const raw = atob(scene.arrays[place]);
+  const raw = atob(typeof place === "string" ? place : scene.arrays[place]);
   const out = new Uint8Array(raw.length);
   for (let i = 0; i < raw.length; i++) out[i] = raw.charCodeAt(i);
   return out;
@@ -22,10 +22,10 @@ function unpack({ data, low, high }) {
 }
 
 // Coordinates stored in 16 bits inside the scene's box, so all meshes share one grid.
-function unpackPositions(data) {
+function unpackPositions(data, { low, size } = scene.box) {
   const packed = uint16(data);
   const out = new Float32Array(packed.length);
-  for (let i = 0; i < packed.length; i++) out[i] = scene.box.low[i % 3] + (packed[i] * scene.box.size[i % 3]) / 65535;
+  for (let i = 0; i < packed.length; i++) out[i] = low[i % 3] + (packed[i] * size[i % 3]) / 65535;
   return out;
 }
 

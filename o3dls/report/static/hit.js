@@ -43,6 +43,7 @@ function hitSurface({ geometry }, ray) {
 
 // The nearest ball under the ray that the wall, at a depth, does not hide; undefined where there is none.
 function hitPoint({ rows }, ray, depth) {
+  const { size } = shapesNow();
   const reach = 1.3 * size; // a little beside a small ball still means it
   const flat = besideRay(cloud.positions, ray);
   const depthOf = (i) => placeOf(i).sub(ray.origin).dot(ray.forward);

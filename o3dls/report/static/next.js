@@ -1,6 +1,8 @@
 // Where to map next: numbers over the pictures, which a box takes away.
 
-if (scene.next.length) {
+if (scene.next.length) offerNext();
+
+function offerNext() {
   checkbox($("kinds").parentElement, "next places", (on) => {
     settings.next = on;
     invalidate();

@@ -31,6 +31,7 @@ function readHovered() {
 function pin(found) {
   pinned = found;
   write(describe(found) || HINT, "polite");
+  host.dispatchEvent(new Event("pin"));
   invalidate();
 }
 

@@ -12,17 +12,24 @@ const cloud = {
 const OUTLIER = [0.8, 0.2, 0.6];
 const SLAB = 3; // mm beside the cut within which points stay
 
-const many = cloud.kinds.length > 2000; // then smaller and coarser balls
-const size = many ? 0.7 : 1.2;
-const shapes = {
-  ball: { geometry: new THREE.IcosahedronGeometry(size, many ? 0 : 2), material: ballMaterial(0.76 * size) },
-  cube: { geometry: new THREE.BoxGeometry(1.6 * size, 1.6 * size, 1.6 * size), material: ballMaterial(0.8 * size) },
-  diamond: { geometry: new THREE.OctahedronGeometry(1.4 * size), material: ballMaterial(0.9 * size) },
-};
+const FINE = 2000; // more points have smaller and coarser balls
+const fine = makeShapes(1.2, 2);
+const coarse = makeShapes(0.7, 0);
+const shapesNow = () => (cloud.kinds.length > FINE ? coarse : fine);
+
+function makeShapes(size, detail) {
+  return {
+    size,
+    ball: { geometry: new THREE.IcosahedronGeometry(size, detail), material: ballMaterial(0.76 * size) },
+    cube: { geometry: new THREE.BoxGeometry(1.6 * size, 1.6 * size, 1.6 * size), material: ballMaterial(0.8 * size) },
+    diamond: { geometry: new THREE.OctahedronGeometry(1.4 * size), material: ballMaterial(0.9 * size) },
+  };
+}
 
 function paintPoints(panel, settings) {
   for (const mesh of panel.balls) {
     panel.world.remove(mesh);
+    mesh.geometry.dispose();
     mesh.dispose();
   }
   const rows = { ball: [], cube: [], diamond: [] };
@@ -45,9 +52,10 @@ function beside(i) {
 }
 
 function instances(panel, settings, shape, rows) {
-  const geometry = shapes[shape].geometry.clone();
+  const { geometry: form, material } = shapesNow()[shape];
+  const geometry = form.clone();
   const tint = new Float32Array(3 * rows.length);
-  const mesh = new THREE.InstancedMesh(geometry, shapes[shape].material, rows.length);
+  const mesh = new THREE.InstancedMesh(geometry, material, rows.length);
   const place = new THREE.Matrix4();
   rows.forEach((i, k) => {
     mesh.setMatrixAt(k, place.makeTranslation(...cloud.positions.subarray(3 * i, 3 * i + 3)));

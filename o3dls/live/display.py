@@ -1,0 +1,155 @@
+"""The surface of a session as its pages draw it: the prior with few faces, in the viewer of the report."""
+
+from __future__ import annotations
+
+import secrets
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from .. import __version__
+from ..arrays import TINY, Array
+from ..case import Case, Points
+from ..errors import InputError
+from ..estimate import Estimate
+from ..evaluation.distances import moved
+from ..evaluation.interpolation import REACH
+from ..geometry.closest_point import ClosestPoint
+from ..geometry.surface import Surface
+from ..registration.landmark_names import partners
+from ..report.drawing.display import decimated
+from ..report.drawing.packing import grid, packed
+from ..report.drawing.scene import scene
+from ..report.subject import Result, Subject
+from ..runs.run import Run
+
+FACES = 10_000
+NAME = "live"
+TYPES = ("eam", "ablation", "inside", "outlier")  # of points that pages show
+NEAR = 5.0  # mm: the end of the colours of points; it stays, so that a colour means one thing all session
+Event = dict[str, Any]
+
+
+class Display:
+    """What pages see of the estimates of one prior: events `scene` and `surface`, the faces chosen once.
+
+    Estimates must be the prior's own faces moved, as those of `deform` are; None is the prior in its own
+    frame, before anything has brought it to the map.
+    """
+
+    def __init__(self, prior: Surface) -> None:
+        bare = replace(prior, fields={})
+        self.prior = decimated(bare, FACES, FACES)
+        self.identity = secrets.token_hex(4)  # changes with the scene: events `surface` name it
+        _, face, _, self._weights = ClosestPoint(bare.vertices, bare.faces).query(self.prior.vertices)
+        self._corners, self._faces = bare.faces[face], bare.faces
+
+    def scene(self, case: Case, estimate: Estimate | None) -> Event:
+        """The event that starts the picture: all that the report's viewer reads, no points, and `prior`, the
+        same vertices in the prior's frame, by which a click becomes a landmark there.
+        """
+        self.identity = secrets.token_hex(4)
+        shown = self._shown(case, estimate)
+        data = scene(_subject(replace(case, prior=self.prior), replace(shown, motion=None)))
+        ranges = {f"distance_to_nearest_point_{case.units}": [0.0, 2 * REACH]}
+        for field in data["fields"]:
+            field["range"] = ranges.get(field["key"], field["range"])
+        data["points"] |= {"names": list(TYPES), "range": [0.0, NEAR]}
+        low, size = _box(self.prior.vertices)
+        data["prior"] = {"box": _written(low, size), "positions": grid(self.prior.vertices, low, size)}
+        marks = landmarks(case, estimate)
+        content = {"scene": data, "posed": estimate is not None, "landmarks": marks}
+        return {"event": "scene", "id": self.identity, **content}
+
+    def surface(self, case: Case, estimate: Estimate, after: int) -> Event:
+        """The event that moves the picture: positions and fields of the same vertices, after the point
+        `after` was put in.
+        """
+        surface = self._shown(case, estimate).surface
+        low, size = _box(surface.vertices)
+        return {
+            "event": "surface",
+            "of": self.identity,
+            "after": after,
+            "box": _written(low, size),
+            "positions": grid(surface.vertices, low, size),
+            "fields": {key: packed(values) for key, values in surface.fields.items()},
+            "landmarks": landmarks(case, estimate),
+        }
+
+    def _shown(self, case: Case, estimate: Estimate | None) -> Estimate:
+        """The estimate with the display's faces and fields; the prior's own frame where there is none."""
+        if estimate is None:
+            return Estimate(self.prior, np.eye(4), "no pose yet")
+        if not np.array_equal(estimate.surface.faces, self._faces):
+            raise InputError("live: the estimate has other faces than the prior, so it cannot be its motion")
+        surface = self.prior.with_vertices(self._at(estimate.surface.vertices))
+        fields = {f"distance_to_nearest_point_{case.units}": _gaps(case.points.of("eam"), surface)}
+        key = f"sd_{case.units}"
+        if key in estimate.surface.fields:
+            fields = {key: self._at(estimate.surface.fields[key]), **fields}
+        return replace(estimate, surface=replace(surface, fields=fields), weights=None)
+
+    def _at(self, values: Array) -> Array:
+        """Values (n, ...) of the prior's vertices at those of the display."""
+        return np.asarray(np.einsum("nk,nk...->n...", self._weights, values[self._corners]))
+
+
+def landmarks(case: Case, estimate: Estimate | None) -> list[Event]:
+    """Every landmark by name, with the sides that have it and `at`, where it stands in the picture: as marked
+    in the map, else where the prior's lies now. One that only the map has stands nowhere before the pose.
+    """
+    marks = case.points.of("landmark")
+    names = [str(name) for name in marks.columns.get("name", ())]
+    pairs = partners(list(case.prior_landmarks), names)
+    here = np.array(list(case.prior_landmarks.values())).reshape(-1, 3)
+    there = here if estimate is None else moved(estimate, here) if len(here) else here
+    found = [
+        {"name": name, "prior": True, "map": k in pairs, "at": there[k].tolist()}
+        for k, name in enumerate(case.prior_landmarks)
+    ]
+    if estimate is not None:
+        for k, row in pairs.items():
+            found[k]["at"] = marks.xyz[row].tolist()
+    alone = [k for k in range(len(names)) if k not in pairs.values()]
+    at = [None if estimate is None else marks.xyz[k].tolist() for k in alone]
+    more = [
+        {"name": names[k], "prior": False, "map": True, "at": one} for k, one in zip(alone, at, strict=True)
+    ]
+    return [*found, *more]
+
+
+def _gaps(points: Points, surface: Surface) -> Array:
+    """Distance of each vertex (n,) to the nearest point; NaN where there are no points."""
+    from scipy.spatial import cKDTree
+
+    if not len(points):
+        return np.full(len(surface.vertices), np.nan)
+    return np.asarray(cKDTree(points.xyz).query(surface.vertices)[0])
+
+
+def _subject(case: Case, estimate: Estimate) -> Subject:
+    """What the report's drawing reads of a run, of this one estimate; of the points the landmarks alone."""
+    points = case.points.of("landmark")
+    distances = {f"distance_{NAME}_{case.units}": np.zeros(len(points))}
+    run = Run(
+        replace(case, points=points, truth=None),
+        {NAME: estimate},
+        fitted={NAME: ("eam",)},
+        scores={NAME: {"ablation": {}}},  # a set of its own: not fitted
+        validity={NAME: {}},
+        provenance={},
+        points=replace(points, columns={**points.columns, **distances}),
+    )
+    made = {"versions": {"o3dls": __version__}}
+    return Subject({NAME: Result(NAME, NAME, run)}, [NAME], [run], [made], [])
+
+
+def _box(vertices: Array) -> tuple[Array, Array]:
+    low = vertices.min(axis=0)
+    return low, np.maximum(np.ptp(vertices, axis=0), TINY)
+
+
+def _written(low: Array, size: Array) -> Event:
+    return {"low": low.tolist(), "size": size.tolist()}
