@@ -25,7 +25,7 @@ from ..report.subject import Result, Subject
 from ..runs.run import Run
 
 FACES = 10_000
-NAME = "live"
+NAME = "the surface now"
 TYPES = ("eam", "ablation", "inside", "outlier")  # of points that pages show
 NEAR = 5.0  # mm: the end of the colours of points; it stays, so that a colour means one thing all session
 Event = dict[str, Any]
@@ -55,6 +55,8 @@ class Display:
         ranges = {f"distance_to_nearest_point_{case.units}": [0.0, 2 * REACH]}
         for field in data["fields"]:
             field["range"] = ranges.get(field["key"], field["range"])
+        data["meshes"], data["ghostStyles"] = data["meshes"][:1], {}  # the prior's ghost would stay behind
+        data["estimates"][0]["ghosts"] = {}
         data["points"] |= {"names": list(TYPES), "range": [0.0, NEAR]}
         low, size = _box(self.prior.vertices)
         data["prior"] = {"box": _written(low, size), "positions": grid(self.prior.vertices, low, size)}

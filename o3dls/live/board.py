@@ -1,0 +1,160 @@
+"""What pages are told: events in order, the newest state for who comes late, and a bounded box for each."""
+
+from __future__ import annotations
+
+import json
+import secrets
+from collections import deque
+from dataclasses import dataclass, field
+from threading import Condition, Lock
+from typing import Any
+
+Event = dict[str, Any]
+KEPT = 512  # events that a page which was away may catch up with one by one
+WAITING = 256  # events that a page may be behind; a slower one is told the newest state instead
+WHOLE = ("surface", "state", "tip", "role")  # of these the newest says all: those before it need not be sent
+
+
+@dataclass(frozen=True)
+class Sent:
+    """An event as text, with its number, 0 for what is said to one page alone."""
+
+    seq: int
+    kind: str
+    text: str
+
+
+@dataclass(eq=False)
+class Box:
+    """The events that wait for one page. Nobody who puts one in ever waits."""
+
+    waiting: deque[Sent] = field(default_factory=deque)
+    overrun: bool = False
+    closed: bool = False
+    changed: Condition = field(default_factory=Condition)
+
+    def put(self, one: Sent) -> None:
+        with self.changed:
+            if one.kind in WHOLE:
+                self.waiting = deque(other for other in self.waiting if other.kind != one.kind)
+            self.waiting.append(one)
+            if len(self.waiting) > WAITING:
+                self.waiting.clear()
+                self.overrun = True
+            self.changed.notify()
+
+    def close(self) -> None:
+        with self.changed:
+            self.closed = True
+            self.changed.notify()
+
+    def take(self, seconds: float) -> tuple[list[Sent], bool]:
+        """All that waits, after at most so many seconds, and whether more was thrown away."""
+        with self.changed:
+            self.changed.wait_for(lambda: self.waiting or self.overrun or self.closed, seconds)
+            found, overrun = list(self.waiting), self.overrun
+            self.waiting.clear()
+            self.overrun = False
+            return found, overrun
+
+
+class Board:
+    """The session as pages know it. Safe to use from several threads."""
+
+    def __init__(self) -> None:
+        self.session = secrets.token_hex(4)  # numbers begin anew with it
+        self._lock = Lock()
+        self._seq = 0
+        self._log: deque[Sent] = deque(maxlen=KEPT)
+        self._newest: dict[str, Sent] = {}  # of the kinds that say all of something
+        self._points: dict[int, Event] = {}
+        self._boxes: list[Box] = []
+
+    def publish(self, event: Event) -> None:
+        """Number an event, remember what it changes, and put it into the box of every page."""
+        with self._lock:
+            self._seq += 1
+            kind = event["event"]
+            sent = Sent(self._seq, kind, _text({**event, "seq": self._seq}))
+            self._log.append(sent)
+            self._remember(kind, event, sent)
+            for box in self._boxes:
+                box.put(sent)
+
+    def join(self, last: str = "") -> Box:
+        """A box for one page more, which begins with what it missed since the event `last`, else with the
+        newest of everything.
+        """
+        box = Box()
+        with self._lock:
+            for one in self._missed(last):
+                box.waiting.append(one)  # however many: nothing of it may be lost
+            self._boxes.append(box)
+        return box
+
+    def leave(self, box: Box) -> None:
+        with self._lock:
+            self._boxes.remove(box)
+
+    def newest(self) -> list[Sent]:
+        """The newest of everything, in the order in which a page needs it."""
+        with self._lock:
+            return self._snapshot()
+
+    def last(self, kind: str) -> Event | None:
+        """The newest event of a kind that says all of something; None before there is one."""
+        with self._lock:
+            found = self._newest.get(kind)
+            return None if found is None else json.loads(found.text)
+
+    def name(self, sent: Sent) -> str:
+        """The name of an event over sessions, which a page gives when it comes back."""
+        return f"{self.session}-{sent.seq}"
+
+    def _missed(self, last: str) -> list[Sent]:
+        session, _, number = last.rpartition("-")
+        seen = int(number) if session == self.session and number.isdecimal() else None
+        first = self._log[0].seq if self._log else 1
+        if seen is None or not first - 1 <= seen <= self._seq:
+            return self._snapshot()
+        return [one for one in self._log if one.seq > seen and self._says_more(one)]
+
+    def _says_more(self, one: Sent) -> bool:
+        return one.kind not in WHOLE or self._newest.get(one.kind) is one
+
+    def _snapshot(self) -> list[Sent]:
+        newest = self._newest
+        points = Sent(self._seq, "points", _text(self._all_points()))
+        found = [newest.get("scene"), newest.get("surface"), points, newest.get("state"), newest.get("tip")]
+        return [one for one in [*found, newest.get("end")] if one is not None]
+
+    def _all_points(self) -> Event:
+        return {"event": "points", "seq": self._seq, "points": list(self._points.values())}
+
+    def _remember(self, kind: str, event: Event, sent: Sent) -> None:
+        if kind in (*WHOLE, "scene", "end"):
+            self._newest[kind] = sent
+        if kind == "scene":
+            self._newest.pop("surface", None)  # it was of the scene before
+        elif kind == "point":
+            _put(self._points, event)
+        elif kind == "weights":
+            for name, weight, distance in zip(
+                event["ids"], event["weights"], event["distances"], strict=True
+            ):
+                if name in self._points:
+                    self._points[name] |= {"weight": weight, "distance": distance}
+
+
+def _put(points: dict[int, Event], given: Event) -> None:
+    """What is new of a point over what was known of it; one that was taken back is gone."""
+    if given.get("type") == "undone":
+        points.pop(given["id"], None)
+        return
+    content = {key: value for key, value in given.items() if key not in ("event", "seq")}
+    points[given["id"]] = points.get(given["id"], {}) | content
+
+
+def _text(event: Event) -> str:
+    """One line of JSON. Raises ValueError where a number is not finite: browsers would not read it."""
+    return json.dumps(event, allow_nan=False, separators=(",", ":"))

@@ -1,0 +1,228 @@
+"""What a page may ask of the server, and what everything else is told.
+
+A link with the token opens the page and leaves the token as a cookie that scripts cannot read and that no
+other site's request carries. Host and Origin must be ours: a name turned to this machine gets nothing.
+"""
+
+from __future__ import annotations
+
+import hmac
+import json
+import logging
+import select
+from http.cookies import CookieError, SimpleCookie
+from http.server import BaseHTTPRequestHandler
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+from urllib.parse import parse_qs, urlsplit
+
+from ..errors import O3dlsError
+from .board import Box, Sent
+from .page import live_page
+
+if TYPE_CHECKING:
+    from .server import LiveServer
+
+MOST = 16_384  # bytes of an action
+PAGES = 5  # a browser opens six connections to one server, and an action needs one
+BEAT = 1.0  # seconds after which a silent page is looked after
+PATIENCE = 10.0  # seconds that a page may take to ask or to read
+DRAIN = 1_000_000  # bytes of a body that is too long are read, so that the page hears why it is refused
+NAME = 64  # letters of a page's name, at most
+HEADERS = {
+    "Cache-Control": "no-store",
+    "X-Content-Type-Options": "nosniff",
+    "X-Frame-Options": "DENY",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Resource-Policy": "same-origin",
+}
+log = logging.getLogger("o3dls")
+PATHS = {"/": "GET", "/events": "GET", "/report": "GET", "/act": "POST", "/role": "POST"}
+
+
+class Refusal(Exception):
+    """An answer that is not what was asked for: status and one sentence."""
+
+    def __init__(self, status: int, text: str) -> None:
+        super().__init__(text)
+        self.status = status
+
+
+class Handler(BaseHTTPRequestHandler):
+    """One request. `live` is the server whose pages ask."""
+
+    live: LiveServer
+    timeout = PATIENCE
+    server_version, sys_version = "o3dls", ""
+    disable_nagle_algorithm = True
+
+    def do_GET(self) -> None:
+        self._answer("GET")
+
+    def do_POST(self) -> None:
+        self._answer("POST")
+
+    def do_other(self) -> None:
+        self._answer(self.command)
+
+    do_PUT = do_DELETE = do_PATCH = do_HEAD = do_OPTIONS = do_TRACE = do_CONNECT = do_other
+
+    def log_message(self, format: str, *args: Any) -> None:
+        """Nothing: the link holds the token."""
+
+    def _answer(self, method: str) -> None:
+        try:
+            self._route(method)
+        except Refusal as refusal:
+            self._send(refusal.status, {"error": str(refusal)})
+        except O3dlsError as error:
+            self._send(422, {"error": str(error)})
+        except OSError:
+            raise  # the page went away
+        except Exception:  # what the session did with an action must not look as if nothing had happened
+            log.exception("live: %s %s failed", method, urlsplit(self.path).path)
+            self._send(500, {"error": "an error inside o3dls; its log says which"})
+
+    def send_error(self, code: int, message: str | None = None, explain: str | None = None) -> None:
+        """What the base class refuses: broken requests and methods without a name here."""
+        self.command = self.command or ""
+        self._send(405 if code == 501 else code, {"error": message or "no request that is understood"})
+
+    def _route(self, method: str) -> None:
+        asked = urlsplit(self.path)
+        self._check_sender()
+        given = parse_qs(asked.query)
+        self._check_token(given.get("token", [""])[0] if asked.path == "/" else "")
+        if asked.path not in PATHS:
+            raise Refusal(404, "there is no such page")
+        if method != PATHS[asked.path]:
+            raise Refusal(405, f"{asked.path} takes {PATHS[asked.path]} alone")
+        if asked.path == "/":
+            self._page()
+        elif asked.path == "/events":
+            self._events(self._named(given.get("page", [""])[0]))
+        elif asked.path == "/report":
+            self._report()
+        else:
+            self._post(asked.path, self._named(self.headers.get("X-Page", "")))
+
+    def _check_sender(self) -> None:
+        """Raises Refusal where the request was meant for another server, or comes from another's page."""
+        hosts = [f"{name}:{self.live.port}" for name in ("127.0.0.1", "localhost")]
+        host, origin = self.headers.get("Host", ""), self.headers.get("Origin")
+        if host not in hosts:
+            raise Refusal(403, "this server answers to its own address alone")
+        if origin is None and self.command != "GET":
+            raise Refusal(403, "a request that changes something must say where it comes from (Origin)")
+        if origin not in (None, f"http://{host}"):
+            raise Refusal(403, "this server answers its own page alone")
+
+    def _check_token(self, given: str) -> None:
+        try:
+            cookies = SimpleCookie(self.headers.get("Cookie", ""))
+        except CookieError:
+            cookies = SimpleCookie()
+        kept = cookies[self._cookie].value if self._cookie in cookies else ""
+        if not any(hmac.compare_digest(one.encode(), self.live.token.encode()) for one in (given, kept)):
+            raise Refusal(403, "open the page by the link that o3dls live printed: it holds the token")
+
+    @property
+    def _cookie(self) -> str:
+        """A name of its own for each port, since browsers give all ports of a machine the same cookies."""
+        return f"o3dls_live_{self.live.port}"
+
+    def _named(self, page: str) -> str:
+        if not (page.isascii() and page.isalnum() and len(page) <= NAME):
+            raise Refusal(400, "a page must name itself in letters and digits")
+        return page
+
+    def _page(self) -> None:
+        cookie = f"{self._cookie}={self.live.token}; HttpOnly; SameSite=Strict; Path=/"
+        self._send_html(live_page(), {"Set-Cookie": cookie})
+
+    def _report(self) -> None:
+        from ..report.browser import page_of
+
+        ended = self.live.board.last("end")
+        if not ended or not ended.get("run"):
+            raise Refusal(404, "there is no report before the session has ended")
+        self._send_html(page_of(Path(ended["run"])).read_text(encoding="utf-8"), {})
+
+    def _post(self, path: str, page: str) -> None:
+        content = self._body()
+        if path == "/role":
+            granted = self.live.ask_role(page)
+            self._send(200 if granted else 409, {"ok": True} if granted else {"error": "another page acts"})
+            return
+        if not self.live.roles.acts(page):
+            raise Refusal(409, "this page looks on: another page acts")
+        found = self.live.act(content)
+        self._send(422 if "error" in found else 200, found)
+
+    def _body(self) -> dict[str, Any]:
+        if self.headers.get_content_type() != "application/json":
+            raise Refusal(415, "an action is sent as application/json")
+        length = self.headers.get("Content-Length", "")
+        if not (length.isascii() and length.isdecimal()):
+            raise Refusal(411, "an action must say its length")
+        if int(length) > MOST:
+            self.rfile.read(min(int(length), DRAIN))
+            raise Refusal(413, f"an action may have {MOST} bytes")
+        try:
+            found = json.loads(self.rfile.read(int(length)), parse_constant=_no_number)
+        except (ValueError, RecursionError, TimeoutError) as error:
+            raise Refusal(400, "an action must be JSON, with finite numbers") from error
+        if not isinstance(found, dict):
+            raise Refusal(400, "an action must be a JSON object")
+        return found
+
+    def _events(self, page: str) -> None:
+        if self.live.pages >= PAGES:
+            raise Refusal(503, f"{PAGES} pages are open already: close one")
+        self.send_response(200)
+        self._head({"Content-Type": "text/event-stream"})
+        box = self.live.enter(page, self.headers.get("Last-Event-ID", ""))
+        try:
+            while not box.closed and not self._gone():
+                self._write(box)
+        except OSError:  # the page went away, or did not read for too long
+            pass
+        finally:
+            self.live.leave(page, box)
+
+    def _write(self, box: Box) -> None:
+        """Send what waits, or a sign of life."""
+        found, overrun = box.take(BEAT)
+        if overrun:
+            found = [*self.live.board.newest(), *(one for one in found if not one.seq)]
+        self.wfile.write("".join(map(self._written, found)).encode() or b": here\n\n")
+
+    def _written(self, one: Sent) -> str:
+        name = f"id: {self.live.board.name(one)}\n" if one.seq else ""
+        return f"{name}event: {one.kind}\ndata: {one.text}\n\n"
+
+    def _gone(self) -> bool:
+        """Whether the page has closed its connection."""
+        ready, _, _ = select.select([self.connection], [], [], 0)
+        return bool(ready) and self.connection.recv(1) == b""
+
+    def _send(self, status: int, content: dict[str, Any]) -> None:
+        self._send_bytes(status, json.dumps(content).encode(), {"Content-Type": "application/json"})
+
+    def _send_html(self, page: str, headers: dict[str, str]) -> None:
+        self._send_bytes(200, page.encode(), {"Content-Type": "text/html; charset=utf-8", **headers})
+
+    def _send_bytes(self, status: int, content: bytes, headers: dict[str, str]) -> None:
+        self.send_response(status)
+        self._head({"Content-Length": str(len(content)), **headers})
+        if self.command != "HEAD":
+            self.wfile.write(content)
+
+    def _head(self, headers: dict[str, str]) -> None:
+        for name, value in {**HEADERS, **headers}.items():
+            self.send_header(name, value)
+        self.end_headers()
+
+
+def _no_number(text: str) -> float:
+    raise ValueError(f"{text} is no finite number")

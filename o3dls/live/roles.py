@@ -1,0 +1,41 @@
+"""Which page acts: the first that came, until it has gone and another asks; all others look."""
+
+from __future__ import annotations
+
+from collections import Counter
+from threading import Lock
+
+
+class Roles:
+    """Pages by the names they gave themselves, how often each is connected, and the one that acts."""
+
+    def __init__(self) -> None:
+        self._lock = Lock()
+        self._here: Counter[str] = Counter()
+        self._acting: str | None = None
+
+    def enter(self, page: str) -> None:
+        with self._lock:
+            self._here[page] += 1
+            self._acting = self._acting or page
+
+    def leave(self, page: str) -> None:
+        """The role stays with a page that has gone, since it may be loading anew."""
+        with self._lock:
+            self._here -= Counter([page])
+
+    def ask(self, page: str) -> bool:
+        """Whether a page that is here acts from now on: it has the role, or who had it has gone."""
+        with self._lock:
+            if self._here[page] and not self._here[self._acting or ""]:
+                self._acting = page
+            return self._acting == page
+
+    def acts(self, page: str) -> bool:
+        with self._lock:
+            return self._acting == page
+
+    def free(self) -> bool:
+        """Whether the page that acts has gone."""
+        with self._lock:
+            return not self._here[self._acting or ""]

@@ -1,0 +1,280 @@
+"""The server of a session's pages: whom it answers, what it refuses, and in which order events come."""
+
+from __future__ import annotations
+
+import http.client
+import json
+import socket
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from o3dls.errors import InputError
+from o3dls.live.handler import MOST, PAGES
+from o3dls.live.server import LiveServer
+from tests.live.test_board import point
+
+RESEARCH = "Research use only"
+
+
+class Session:
+    """A server whose actions are written down; what the action `refuse` does is refused."""
+
+    def __init__(self) -> None:
+        self.done: list[dict[str, Any]] = []
+        self.server = LiveServer(self.act)
+
+    def act(self, action: dict[str, Any]) -> dict[str, Any]:
+        if action.get("do") == "refuse":
+            raise InputError("refuse: there is no point 7")
+        if action.get("do") == "break":
+            raise RuntimeError("inside")
+        self.done.append(action)
+        return {"ok": True, "id": len(self.done)}
+
+    def cookie(self) -> str:
+        return f"o3dls_live_{self.server.port}={self.server.token}"
+
+    def ask(self, method: str, path: str, body: Any = None, **headers: str | None) -> tuple[int, str, Any]:
+        """Status, text and headers of an answer; the headers are those of our page but for what is given."""
+        host = f"127.0.0.1:{self.server.port}"
+        own = {"Host": host, "Cookie": self.cookie(), "Origin": f"http://{host}", "X-Page": "a"}
+        given = (
+            own | {"Content-Type": "application/json"} | {k.replace("_", "-"): v for k, v in headers.items()}
+        )
+        connection = http.client.HTTPConnection(host, timeout=10)
+        text = body if isinstance(body, bytes) or body is None else json.dumps(body).encode()
+        connection.request(method, path, text, {k: v for k, v in given.items() if v is not None})
+        answer = connection.getresponse()
+        found = answer.status, answer.read().decode(), dict(answer.getheaders())
+        connection.close()
+        return found
+
+
+class Page:
+    """The events of one page, over a plain connection."""
+
+    def __init__(self, session: Session, name: str = "a", last: str = "") -> None:
+        host = f"127.0.0.1:{session.server.port}"
+        self.connection = http.client.HTTPConnection(host, timeout=10)
+        headers = {"Cookie": session.cookie(), "Last-Event-ID": last}
+        self.connection.request("GET", f"/events?page={name}", headers=headers)
+        self.answer = self.connection.getresponse()
+        self.last = last
+
+    def read(self) -> dict[str, Any]:
+        """The next event; signs of life are passed over."""
+        lines: list[str] = []
+        while True:
+            line = self.answer.readline().decode().rstrip("\n")
+            if line:
+                lines.append(line)
+            elif fields := dict(one.split(": ", 1) for one in lines if not one.startswith(":")):
+                self.last = fields.get("id", self.last)
+                return dict(json.loads(fields["data"]))
+            else:
+                lines = []
+
+    def until(self, kind: str) -> dict[str, Any]:
+        while (event := self.read())["event"] != kind:
+            pass
+        return event
+
+    def close(self) -> None:
+        self.answer.close()
+        self.connection.close()
+
+
+@pytest.fixture
+def session() -> Iterator[Session]:
+    made = Session()
+    yield made
+    made.server.close()
+
+
+@pytest.fixture
+def page(session: Session) -> Iterator[Page]:
+    opened = Page(session)
+    opened.until("role")
+    yield opened
+    opened.close()
+
+
+def test_the_link_opens_the_page_and_leaves_a_cookie_that_no_script_reads(session: Session) -> None:
+    path = "/" + session.server.url.partition("/?")[2].join(["?", ""])
+    status, text, headers = session.ask("GET", path, Cookie=None)
+    assert status == 200
+    assert RESEARCH in text
+    assert "HttpOnly; SameSite=Strict" in headers["Set-Cookie"]
+    assert headers["X-Frame-Options"] == "DENY"
+    assert session.ask("GET", "/")[0] == 200  # the cookie is enough from then on
+
+
+def test_the_page_runs_its_own_scripts_and_asks_nobody_else(session: Session) -> None:
+    text = session.ask("GET", "/")[1]
+    rules = text.partition('Content-Security-Policy" content="')[2].partition('"')[0]
+    assert "default-src 'none'" in rules.replace("&#x27;", "'")
+    assert "connect-src 'self'" in rules.replace("&#x27;", "'")
+    assert "unsafe" not in rules
+
+
+@pytest.mark.parametrize("path", ["/", "/?token=wrong", "/events?page=a", "/report", "/nothing"])
+def test_without_the_token_nothing_is_answered(session: Session, path: str) -> None:
+    for cookie in (None, "o3dls_live_1=wrong", "=;=", f"o3dls_live_{session.server.port}=wrong"):
+        status, text, _ = session.ask("GET", path, Cookie=cookie)
+        assert (status, "by the link" in json.loads(text)["error"]) == (403, True)
+
+
+def test_the_token_in_a_link_opens_the_page_alone(session: Session) -> None:
+    assert session.ask("GET", f"/events?page=a&token={session.server.token}", Cookie=None)[0] == 403
+
+
+@pytest.mark.parametrize(
+    "host", ["evil.example", "evil.example:80", "127.0.0.1", "127.0.0.1:1", "localhost.evil", ""]
+)
+def test_a_name_that_is_turned_to_this_machine_gets_nothing(session: Session, host: str) -> None:
+    status, text, _ = session.ask("GET", f"/?token={session.server.token}", Host=host)
+    assert (status, "own address" in text) == (403, True)
+
+
+@pytest.mark.parametrize("origin", ["http://evil.example", "null", "http://127.0.0.1:1", "https://127.0.0.1"])
+def test_another_site_cannot_act(session: Session, page: Page, origin: str) -> None:
+    status, text, _ = session.ask("POST", "/act", {"do": "undo"}, Origin=origin)
+    assert (status, "own page alone" in text) == (403, True)
+    assert session.ask("POST", "/act", {"do": "undo"}, Origin=None)[0] == 403
+    assert session.done == []
+
+
+@pytest.mark.parametrize(
+    ("body", "headers", "status"),
+    [
+        (b"x" * (MOST + 1), {}, 413),
+        (b"not JSON", {}, 400),
+        (b'{"do": "take", "xyz": [NaN, 0, 0]}', {}, 400),
+        (b"[1]", {}, 400),
+        (b"[" * 9000, {}, 400),
+        (b"\xff\xfe", {}, 400),
+        (b"do=undo", {"Content_Type": "application/x-www-form-urlencoded"}, 415),
+        (b"{}", {"Content_Length": "two"}, 411),
+        (b"{}", {"X_Page": ""}, 400),
+        (b"{}", {"X_Page": "a b"}, 400),
+        (b"{}", {"X_Page": "a" * 65}, 400),
+    ],
+)
+def test_what_is_no_action_is_refused(
+    session: Session, page: Page, body: bytes, headers: dict[str, str], status: int
+) -> None:
+    found, text, _ = session.ask("POST", "/act", body, **headers)
+    assert found == status
+    assert json.loads(text)["error"]
+    assert session.done == []
+
+
+@pytest.mark.parametrize(
+    ("method", "path", "status"),
+    [
+        *[(method, "/", 405) for method in ("POST", "PUT", "DELETE", "PATCH", "OPTIONS", "HEAD", "BREW")],
+        ("GET", "/act", 405),
+        ("GET", "/nothing", 404),
+        ("GET", "/../../etc/passwd", 404),
+        ("GET", "/report", 404),
+        ("GET", "/events", 400),
+        ("POST", "/nothing", 404),
+    ],
+)
+def test_other_paths_and_methods_are_told_so(session: Session, method: str, path: str, status: int) -> None:
+    if path == "/events":
+        path = "/events?page=a/b"
+    found, text, headers = session.ask(method, path)
+    assert found == status
+    assert method == "HEAD" or json.loads(text)["error"]
+    assert "Server" not in headers or "Python" not in headers["Server"]
+
+
+def test_the_page_that_acts_is_answered_and_another_looks_on(session: Session, page: Page) -> None:
+    assert session.ask("POST", "/act", {"do": "undo"})[:2] == (200, '{"ok": true, "id": 1}')
+    other = Page(session, "b")
+    assert other.until("role") == {"event": "role", "acts": False, "free": False}
+    assert session.ask("POST", "/act", {"do": "undo"}, X_Page="b")[0] == 409
+    assert session.ask("POST", "/role", {}, X_Page="b")[0] == 409
+    page.close()
+    while not other.until("role")["free"]:
+        pass
+    assert session.ask("POST", "/role", {}, X_Page="b")[0] == 200
+    assert other.until("role")["acts"]
+    assert session.ask("POST", "/act", {"do": "undo"}, X_Page="b")[0] == 200
+    other.close()
+
+
+def test_what_the_session_refuses_is_said_and_what_breaks_too(session: Session, page: Page) -> None:
+    status, text, _ = session.ask("POST", "/act", {"do": "refuse"})
+    assert (status, json.loads(text)["error"]) == (422, "refuse: there is no point 7")
+    status, text, _ = session.ask("POST", "/act", {"do": "break"})
+    assert (status, json.loads(text)["error"]) == (500, "an error inside o3dls; its log says which")
+
+
+def test_events_come_in_order_and_none_is_lost_at_ten_points_a_second(session: Session, page: Page) -> None:
+    for k in range(50):  # five times as fast: what holds then holds at ten
+        session.server.publish(point(k + 1))
+        session.server.publish({"event": "surface", "after": k + 1})
+        time.sleep(0.02)
+    numbers = [page.until("point")["id"] for _ in range(50)]
+    assert numbers == list(range(1, 51))
+
+
+def test_a_page_that_comes_back_gets_what_it_missed(session: Session, page: Page) -> None:
+    session.server.publish(point(1))
+    page.until("point")
+    page.close()
+    for k in (2, 3):
+        session.server.publish(point(k))
+    again = Page(session, "a", page.last)
+    assert [again.until("point")["id"] for _ in range(2)] == [2, 3]
+    again.close()
+
+
+def test_a_page_that_does_not_read_stops_nobody(session: Session) -> None:
+    slow = socket.create_connection(("127.0.0.1", session.server.port))
+    host = f"127.0.0.1:{session.server.port}"
+    slow.sendall(
+        f"GET /events?page=slow HTTP/1.1\r\nHost: {host}\r\nCookie: {session.cookie()}\r\n\r\n".encode()
+    )
+    reader = Page(session, "b")
+    reader.until("role")
+    before = time.monotonic()
+    for k in range(2000):
+        session.server.publish(point(k + 1, values={"note": "x" * 2000}))
+    assert time.monotonic() - before < 2.0  # 4 MB; waiting for the slow one would take its 10 s of patience
+    session.server.publish({"event": "state", "points": 2000})
+    assert reader.until("state")["points"] == 2000
+    slow.close()
+    reader.close()
+
+
+def test_more_pages_than_a_browser_can_serve_are_refused(session: Session) -> None:
+    pages = [Page(session, f"p{k}") for k in range(PAGES)]
+    for one in pages:
+        one.until("role")
+    assert session.ask("GET", "/events?page=more")[0] == 503
+    for one in pages:
+        one.close()
+
+
+def test_the_end_lets_pages_go_and_closing_twice_does_nothing() -> None:
+    session = Session()
+    page = Page(session)
+    page.until("role")
+    session.server.close()
+    session.server.close()
+    assert page.answer.read() == b""
+    page.close()
+
+
+def test_other_hosts_and_taken_ports_are_refused(session: Session) -> None:
+    with pytest.raises(InputError, match=r"host = '0\.0\.0\.0'.*this machine alone"):
+        LiveServer(session.act, host="0.0.0.0")
+    for port in (session.server.port, 70_000):
+        with pytest.raises(InputError, match=f"port = {port}: cannot be listened on"):
+            LiveServer(session.act, port=port)
