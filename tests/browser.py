@@ -88,12 +88,12 @@ def _broken_driver() -> str:
 
 
 class Visit:
-    """A page that was opened, with what went wrong and what it asked of the network."""
+    """A page, opened from a file or an address, with what went wrong and what it asked of the network."""
 
     def __init__(
         self,
         browser: Any,
-        path: Path,
+        path: Path | str,
         *,
         width: int = 1440,
         height: int = 900,
@@ -111,10 +111,10 @@ class Visit:
             ),
         )
         self.page.on("request", lambda request: self.requests.append(request.url))
-        self.page.goto(path.resolve().as_uri())
+        self.page.goto(path if isinstance(path, str) else path.resolve().as_uri())
         if wait:
             self.page.wait_for_function(
-                "document.documentElement.dataset.ready !== undefined", timeout=60_000
+                "() => document.documentElement.dataset.ready !== undefined", timeout=60_000
             )
 
     def picture(self, index: int) -> Any:

@@ -1,8 +1,9 @@
 // The report's viewer kept up to date: positions, fields and points go into the scene that is there. Runs in the viewer's scope.
 
 const TIP = 7; // pixels of an arm of the cross at the catheter's tip
+const TELL_AFTER = 150; // ms
 const priorPlaces = unpackPositions(scene.prior.positions, scene.prior.box); // of the same vertices, in the prior's frame
-const shownNow = { newest: null, tip: null, points: [], pinnedId: null };
+const shownNow = { newest: null, tip: null, points: [], pinnedId: null, telling: 0 };
 
 offerNext();
 $("ghost").parentElement.hidden = true; // nothing to compare with
@@ -32,9 +33,17 @@ function moveSurface({ box, positions, fields }) {
   if (settings.field) setAttribute(geometry, "value", known[settings.field.key]);
   if (pinned?.corners) followPinned(pinned, position);
   if ($("cut").value !== "") cut();
-  else markBars();
-  refreshReadout();
   invalidate();
+  tellSoon();
+}
+
+// What is written beside the picture may come a little after it.
+function tellSoon() {
+  shownNow.telling ||= setTimeout(() => {
+    shownNow.telling = 0;
+    markBars();
+    refreshReadout();
+  }, TELL_AFTER);
 }
 
 // The ring stays on its place of the wall.

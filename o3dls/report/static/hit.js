@@ -2,6 +2,7 @@
 
 function rayAt({ canvas }, { clientX, clientY }) {
   const box = canvas.getBoundingClientRect();
+  camera.lookAt(target); // it may have been turned since the picture was drawn
   fitCamera(box.width / box.height);
   const x = (2 * (clientX - box.left)) / box.width - 1;
   const y = 1 - (2 * (clientY - box.top)) / box.height;

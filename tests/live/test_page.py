@@ -1,0 +1,347 @@
+"""The page of a session in a browser: what it shows as events come, and what it does."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import o3dls
+from o3dls.arrays import Array
+from o3dls.errors import InputError
+from o3dls.geometry.closest_point import ClosestPoint
+from o3dls.io.case_reader import read_case
+from o3dls.live.server import LiveServer
+from tests.browser import Visit, chromium, violations
+from tests.live.scripted import FIRST, Script, script, state
+
+PATIENCE = 20_000  # ms for what comes at once on a quiet machine
+
+
+class Played:
+    """A server that has told the script's beginning; actions are kept, and those named are refused."""
+
+    def __init__(self, played: Script) -> None:
+        self.script, self.done, self.refused = played, [], ""
+        self.server = LiveServer(self.act)
+
+    def act(self, action: dict[str, Any]) -> dict[str, Any]:
+        if action["do"] == self.refused:
+            raise InputError(f"{self.refused}: the disk is full")
+        self.done.append(action)
+        return {"ok": True, "id": len(self.done)}
+
+    def begin(self) -> Played:
+        for event in (self.script.scene, *self.script.points[:FIRST], state(FIRST, tip=True)):
+            self.server.publish(event)
+        return self
+
+
+@pytest.fixture(scope="module")
+def played() -> Script:
+    return script(more=3)
+
+
+@pytest.fixture(scope="module")
+def launch() -> Iterator[Callable[..., Any]]:
+    with chromium() as started:
+        yield started
+
+
+@pytest.fixture(scope="module")
+def browser(launch: Callable[..., Any]) -> Any:
+    return launch()
+
+
+@pytest.fixture
+def session(played: Script) -> Iterator[Played]:
+    made = Played(played).begin()
+    yield made
+    made.server.close()
+
+
+@pytest.fixture
+def visit(browser: Any, session: Played) -> Iterator[Visit]:
+    opened = Visit(browser, session.server.url)
+    says(opened, "#role-now", "This page acts.")
+    yield opened
+    assert [text for text in opened.errors if "willReadFrequently" not in text] == []  # said of these tests
+    own = f"http://127.0.0.1:{session.server.port}/"
+    assert [url for url in opened.requests if not url.startswith((own, "blob:", "data:"))] == []
+    opened.page.close()
+
+
+def says(visit: Visit, selector: str, text: str) -> None:
+    """Wait until an element says a text."""
+    visit.page.locator(selector, has_text=re.compile(re.escape(text))).first.wait_for(
+        state="attached", timeout=PATIENCE
+    )
+
+
+def drawn(visit: Visit, seq: int) -> Array:
+    """The picture once the event of this number was drawn."""
+    visit.page.wait_for_function(
+        "seq => Number(document.documentElement.dataset.drawn) >= seq", arg=seq, timeout=PATIENCE
+    )
+    visit.settle()
+    return np.asarray(visit.picture(0))
+
+
+def sequence(session: Played) -> int:
+    found = session.server.board.last("surface")
+    assert found is not None
+    return int(found["seq"])
+
+
+def press(visit: Visit, name: str) -> None:
+    visit.page.get_by_role("button", name=name, exact=True).click()
+
+
+def test_what_comes_is_shown_without_loading_anew(visit: Visit, session: Played) -> None:
+    says(visit, "#points-now", f"{FIRST}, {FIRST} fitted")
+    says(visit, "#warning-list", "deform: 20 points are few for a motion")
+    assert visit.page.locator("#next-list li").count() == 3
+    assert "mapped wall 1.20 mm" in visit.page.locator("#history").get_attribute("aria-label")
+    assert "token" not in visit.page.url
+    visit.page.evaluate("window.same = true")
+    before = visit.picture(0)
+    far = session.script.surfaces[-1]
+    shifted = {**far, "box": {**far["box"], "low": [at + 5.0 for at in far["box"]["low"]]}}
+    session.server.publish(session.script.points[FIRST])
+    session.server.publish(shifted)
+    session.server.publish(session.script.weights[0])
+    session.server.publish(state(FIRST + 1, fit="7 s", source="hung up: no more data"))
+    after = drawn(visit, sequence(session))
+    assert np.abs(after - before).mean() > 1.0  # of 255: another place of the whole surface
+    says(visit, "#points-now", f"{FIRST + 1}, {FIRST + 1} fitted")
+    says(visit, "#fit-now", "running for 7 s")
+    says(visit, "#source-now", "hung up: no more data")
+    assert visit.page.evaluate("window.same")
+    assert visit.page.evaluate("document.documentElement.dataset.points") == str(FIRST + 1)
+
+
+def test_a_surface_of_another_scene_is_not_drawn(visit: Visit, session: Played) -> None:
+    before = visit.picture(0)
+    far = session.script.surfaces[-1]
+    session.server.publish({**far, "of": "another", "box": {**far["box"], "low": [500.0, 0.0, 0.0]}})
+    session.server.publish(state(FIRST + 3))
+    says(visit, "#points-now", f"{FIRST + 3},")
+    visit.settle()
+    assert np.abs(visit.picture(0) - before).mean() < 0.5  # as in tests/viewer.py
+
+
+def test_a_scene_of_the_same_faces_moves_the_picture_and_one_in_another_frame_loads_anew(
+    visit: Visit, session: Played
+) -> None:
+    visit.page.evaluate("window.same = true")
+    press(visit, "PA")
+    visit.page.wait_for_function("() => location.hash.includes('view=PA')", timeout=PATIENCE)
+    session.server.publish({**session.script.scene, "id": "second"})
+    session.server.publish({**session.script.surfaces[0], "of": "second"})
+    drawn(visit, sequence(session))
+    assert visit.page.evaluate("window.same")
+    session.server.publish(session.script.unplaced)
+    visit.page.wait_for_function("() => window.same === undefined", timeout=PATIENCE)
+    visit.page.locator("#unplaced").wait_for(state="visible", timeout=PATIENCE)
+    says(visit, "#view-name", "PA")
+    says(visit, "#role-now", "This page acts.")  # it finds its name again
+    assert visit.page.evaluate("document.documentElement.dataset.points") == str(FIRST)
+
+
+def test_one_page_acts_and_another_looks_until_it_asks(visit: Visit, browser: Any, session: Played) -> None:
+    other = Visit(browser, session.server.url)
+    says(other, "#role-now", "This page looks on: another page acts.")
+    assert other.page.get_by_role("button", name="Undo last").is_disabled()
+    assert not other.page.get_by_role("button", name="Act from this page").is_visible()
+    visit.page.goto("about:blank")
+    other.page.get_by_role("button", name="Act from this page").click(timeout=PATIENCE)
+    says(other, "#role-now", "This page acts.")
+    press(other, "Undo last")
+    says(other, "#answer", "The point is taken back.")
+    assert session.done == [{"do": "undo"}]
+    other.page.close()
+
+
+def test_a_page_that_is_opened_again_shows_what_is_now(browser: Any, session: Played) -> None:
+    first = Visit(browser, session.server.url)
+    first.page.close()
+    for event in (session.script.points[FIRST], session.script.surfaces[0], state(FIRST + 1)):
+        session.server.publish(event)
+    again = Visit(browser, session.server.url)
+    says(again, "#points-now", f"{FIRST + 1},")
+    assert again.page.evaluate("document.documentElement.dataset.points") == str(FIRST + 1)
+    drawn(again, sequence(session))
+    again.page.close()
+
+
+def test_points_are_taken_retyped_labelled_and_taken_back(visit: Visit, session: Played) -> None:
+    visit.page.locator("#take-type").select_option("inside")
+    press(visit, "Take point")
+    says(visit, "#answer", "Point 1 is taken.")
+    visit.page.get_by_label("Point", exact=True).fill("7")
+    says(visit, "#chosen-now", "eam, bipolar")
+    says(visit, "#readout", "Point 7, eam")
+    visit.page.locator("#new-type").select_option("outlier")
+    press(visit, "Change type")
+    says(visit, "#answer", "Point 7 is outlier now.")
+    visit.page.get_by_label("value", exact=True).fill("0.25")
+    press(visit, "Set")
+    says(visit, "#answer", "Point 7 is labelled.")
+    press(visit, "Take back")
+    says(visit, "#answer", "The point is taken back.")
+    assert session.done == [
+        {"do": "take", "tip": True, "type": "inside"},
+        {"do": "retype", "point": 7, "type": "outlier"},
+        {"do": "label", "point": 7, "values": {"bipolar": 0.25}},
+        {"do": "undo", "point": 7},
+    ]
+    session.server.publish({**session.script.points[6], "type": "undone"})
+    says(visit, "#chosen-now", "There is no such point.")
+    assert visit.page.get_by_role("button", name="Take back").is_disabled()
+
+
+def test_a_point_is_picked_in_the_picture(visit: Visit, session: Played) -> None:
+    middle = {"id": 99, "xyz": session.script.scene["scene"]["centre"], "type": "inside", "values": {}}
+    visit.page.get_by_label("Translucent").fill("0.9")
+    for other in session.script.points[:FIRST]:
+        session.server.publish({**other, "type": "undone"})
+    session.server.publish({"event": "point", **middle})
+    visit.page.wait_for_function("() => document.documentElement.dataset.points === '1'", timeout=PATIENCE)
+    visit.settle()
+    visit.page.locator("#panels canvas").click()
+    says(visit, "#readout", "Point 99, inside")
+    assert visit.page.get_by_label("Point", exact=True).input_value() == "99"
+
+
+def test_what_is_refused_is_said(visit: Visit, session: Played) -> None:
+    session.refused = "undo"
+    press(visit, "Undo last")
+    says(visit, "#answer.refused", "Refused: undo: the disk is full")
+    session.server.publish({"event": "error", "text": "the source sent garbage"})
+    says(visit, "#answer.refused", "Refused: the source sent garbage")
+    press(visit, "Next point is this landmark")
+    says(visit, "#answer.refused", "Refused: a landmark needs a name")
+    assert [one for one in visit.errors if "422" not in one] == []
+    visit.errors.clear()  # the browser's own word for a status
+
+
+def test_a_landmark_is_placed_on_the_prior_by_a_click_and_by_keys(visit: Visit, session: Played) -> None:
+    prior = read_case(Path(o3dls.__file__).parent / "demo_case").prior
+    visit.page.get_by_label("Name", exact=True).fill("LAA")
+    visit.page.locator("#panels canvas").click()
+    says(visit, "#place-now", "Chosen on the prior")
+    press(visit, "Place on the prior")
+    says(visit, "#answer", "LAA is placed on the prior.")
+    visit.page.locator("#panels canvas").focus()
+    visit.page.keyboard.press("ArrowRight")
+    button = visit.page.get_by_role("button", name="Choose the middle of the picture")
+    button.focus()
+    visit.page.keyboard.press("Enter")
+    visit.page.get_by_role("button", name="Place on the prior").focus()
+    visit.page.keyboard.press("Enter")
+    visit.page.wait_for_timeout(300)
+    press(visit, "Next point is this landmark")
+    says(visit, "#answer", "The next point is LAA.")
+    clicked, chosen, following = session.done
+    assert following == {"do": "landmark", "name": "LAA", "next": True}
+    places = np.array([clicked["xyz"], chosen["xyz"]])
+    gaps = np.sqrt(ClosestPoint(prior.vertices, prior.faces).query(places)[0])
+    assert gaps.max() < 0.3  # mm: the page has fewer faces than the prior
+    assert np.linalg.norm(places[0] - places[1]) > 1.0  # the picture was turned by 10 degrees
+
+
+def test_the_end_is_asked_for_once_and_links_the_report(
+    visit: Visit, session: Played, tmp_path: Path
+) -> None:
+    (tmp_path / "report.html").write_text("<p>the report of the run</p>", encoding="utf-8")
+    (tmp_path / "run.json").write_text("{}", encoding="utf-8")
+    press(visit, "End session")
+    visit.page.get_by_role("dialog").get_by_role("button", name="Go on").click()
+    assert session.done == []
+    press(visit, "End session")
+    visit.page.get_by_role("dialog").get_by_role("button", name="End session").click()
+    says(visit, "#answer", "The session ends")
+    assert session.done == [{"do": "end"}]
+    session.server.publish({"event": "end", "run": str(tmp_path), "case": "the/case"})
+    says(visit, "#ended", "the case in the/case")
+    assert visit.page.get_by_role("button", name="Undo last").is_disabled()
+
+
+def test_a_lost_connection_is_said(browser: Any, session: Played) -> None:
+    opened = Visit(browser, session.server.url)
+    says(opened, "#connection", "Connected")
+    session.server.close()
+    says(opened, "#connection", "Connection lost: what is shown is old.")
+    assert opened.page.get_by_role("button", name="Undo last").is_disabled()
+    opened.page.close()
+
+
+def test_before_a_pose_points_are_not_drawn_into_another_frame(browser: Any, played: Script) -> None:
+    session = Played(played)
+    for event in (played.unplaced, *played.points[:5]):
+        session.server.publish(event)
+    opened = Visit(browser, session.server.url)
+    opened.page.locator("#unplaced").wait_for(state="visible", timeout=PATIENCE)
+    opened.page.wait_for_function("() => document.documentElement.dataset.points === '5'", timeout=PATIENCE)
+    assert not opened.page.locator("#point-bar").is_visible()
+    opened.page.close()
+    session.server.close()
+
+
+def test_without_webgl_all_but_the_picture_works(launch: Callable[..., Any], session: Played) -> None:
+    opened = Visit(launch(webgl=False), session.server.url, wait=False)
+    says(opened, "#waiting", "no WebGL")
+    says(opened, "#points-now", f"{FIRST},")
+    press(opened, "Undo last")
+    says(opened, "#answer", "The point is taken back.")
+    opened.page.close()
+
+
+@pytest.mark.parametrize(("width", "scheme"), [(1440, "light"), (390, "dark")])
+def test_the_page_is_accessible_and_fits(browser: Any, session: Played, width: int, scheme: str) -> None:
+    opened = Visit(browser, session.server.url, width=width, color_scheme=scheme)
+    says(opened, "#role-now", "This page acts.")
+    assert violations(opened) == []
+    assert opened.page.evaluate("document.documentElement.scrollWidth") <= width
+    assert "Research use only" in opened.page.locator("header").inner_text()
+    press(opened, "End session")
+    assert violations(opened) == []
+    opened.page.close()
+
+
+def test_every_state_of_the_numbers_is_drawn(visit: Visit, session: Played) -> None:
+    for history in (
+        [],
+        [[10, None, None]],
+        [[10, 1.0, None]],
+        [[10, 1.0, 1.0]],
+        [[10, 0.0, 0.0], [11, 2.0, 2.01]],
+    ):
+        session.server.publish(state(FIRST, history=history, next=[], ended="no place is left", warnings=[]))
+        says(visit, "#next-ended", "no place is left")
+        visit.settle()
+    assert visit.page.locator("#warning-list").is_hidden()
+    texts = visit.page.locator("#history text")
+    heights = {
+        texts.nth(k).inner_html(): float(texts.nth(k).get_attribute("y") or 0) for k in range(texts.count())
+    }
+    assert abs(heights["mapped"] - heights["unmapped"]) >= 12  # names beside each other stay readable
+
+
+def test_the_report_is_served_once_the_session_has_ended(session: Played, tmp_path: Path) -> None:
+    from tests.finished import finished
+
+    run = finished(tmp_path / "run")
+    session.server.publish({"event": "end", "run": str(run), "case": str(run / "case")})
+    import http.client
+
+    host = f"127.0.0.1:{session.server.port}"
+    asked = http.client.HTTPConnection(host)
+    cookie = f"o3dls_live_{session.server.port}={session.server.token}"
+    asked.request("GET", "/report", headers={"Cookie": cookie})
+    assert b"Side by side" in asked.getresponse().read()
+    asked.close()
