@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 MOST = 16_384  # bytes of an action
 PAGES = 5  # a browser opens six connections to one server, and an action needs one
 BEAT = 1.0  # seconds after which a silent page is looked after
+RETRY = 1000  # ms after which a page that lost its connection comes back
 PATIENCE = 10.0  # seconds that a page may take to ask or to read
 DRAIN = 1_000_000  # bytes of a body that is too long are read, so that the page hears why it is refused
 NAME = 64  # letters of a page's name, at most
@@ -183,6 +184,7 @@ class Handler(BaseHTTPRequestHandler):
         self._head({"Content-Type": "text/event-stream"})
         box = self.live.enter(page, self.headers.get("Last-Event-ID", ""))
         try:
+            self.wfile.write(f"retry: {RETRY}\n\n".encode())
             while not box.closed and not self._gone():
                 self._write(box)
         except OSError:  # the page went away, or did not read for too long

@@ -6,6 +6,7 @@ import secrets
 from collections.abc import Callable
 from http.server import ThreadingHTTPServer
 from threading import Lock, Thread
+from time import monotonic, sleep
 from typing import Any
 
 from ..errors import InputError
@@ -14,6 +15,8 @@ from .handler import Handler
 from .roles import Roles
 
 LOCAL = ("127.0.0.1", "localhost")
+ANEW = 2.0  # seconds in which a page that loads anew is back
+LOOK = 0.1  # seconds between two looks at whether pages are open
 Act = Callable[[dict[str, Any]], dict[str, Any]]
 
 
@@ -91,6 +94,15 @@ class LiveServer:
     def pages(self) -> int:
         """How many are connected."""
         return len(self._boxes)
+
+    def wait(self) -> None:
+        """Return once no page is open any more: after the end of a session, so that its report can be read. A
+        page that loads anew is not gone.
+        """
+        gone = monotonic() - (0.0 if self.pages else ANEW)
+        while self.pages or monotonic() - gone < ANEW:
+            gone = monotonic() if self.pages else gone
+            sleep(LOOK)
 
     def close(self) -> None:
         """Let every page go and stop. A second time does nothing."""

@@ -271,6 +271,20 @@ def test_the_end_is_asked_for_once_and_links_the_report(
     assert visit.page.get_by_role("button", name="Undo last").is_disabled()
 
 
+def test_a_page_comes_back_by_itself_and_misses_nothing(visit: Visit, session: Played) -> None:
+    says(visit, "#connection", "Connected")
+    visit.page.evaluate("window.same = true")
+    ((box, _),) = session.server._boxes.values()
+    box.close()
+    for event in session.script.points[FIRST : FIRST + 3]:
+        session.server.publish(event)
+    visit.page.wait_for_function(
+        "count => document.documentElement.dataset.points === String(count)", arg=FIRST + 3, timeout=PATIENCE
+    )
+    says(visit, "#connection", "Connected")
+    assert visit.page.evaluate("window.same")
+
+
 def test_a_lost_connection_is_said(browser: Any, session: Played) -> None:
     opened = Visit(browser, session.server.url)
     says(opened, "#connection", "Connected")

@@ -7,6 +7,7 @@ import json
 import socket
 import time
 from collections.abc import Iterator
+from threading import Thread
 from typing import Any
 
 import pytest
@@ -71,7 +72,7 @@ class Page:
             line = self.answer.readline().decode().rstrip("\n")
             if line:
                 lines.append(line)
-            elif fields := dict(one.split(": ", 1) for one in lines if not one.startswith(":")):
+            elif fields := dict(one.split(": ", 1) for one in lines if not one.startswith((":", "retry"))):
                 self.last = fields.get("id", self.last)
                 return dict(json.loads(fields["data"]))
             else:
@@ -260,6 +261,27 @@ def test_more_pages_than_a_browser_can_serve_are_refused(session: Session) -> No
     assert session.ask("GET", "/events?page=more")[0] == 503
     for one in pages:
         one.close()
+
+
+def test_the_server_waits_for_a_page_that_is_open_or_loads_anew(session: Session) -> None:
+    page = Page(session)
+    page.until("role")
+    waiting = Thread(target=session.server.wait)
+    waiting.start()
+    page.close()
+    time.sleep(1.2)  # a beat: it was seen to have gone
+    again = Page(session)
+    waiting.join(2.5)
+    assert waiting.is_alive()
+    again.close()
+    waiting.join(10.0)
+    assert not waiting.is_alive()
+
+
+def test_the_server_does_not_wait_where_no_page_is_open(session: Session) -> None:
+    before = time.monotonic()
+    session.server.wait()
+    assert time.monotonic() - before < 1.0
 
 
 def test_the_end_lets_pages_go_and_closing_twice_does_nothing() -> None:

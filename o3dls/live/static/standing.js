@@ -134,7 +134,7 @@ function takeEnd(event) {
   session.ended = true;
   const line = byId("ended");
   const link = document.createElement("a");
-  Object.assign(link, { href: "report", textContent: "Open the report of the run" });
+  Object.assign(link, { href: "report", target: "_blank", textContent: "Open the report of the run" });
   line.replaceChildren("The session has ended. ", ...(event.run ? [link, `. The run is in ${event.run}`] : []), event.case ? `, the case in ${event.case}.` : "");
   line.hidden = false;
   allow();

@@ -18,7 +18,9 @@ const uint32 = (place) => new Uint32Array(bytes(place).buffer);
 function unpack({ data, low, high }) {
   const packed = uint16(data);
   const step = (high - low) / 65534;
-  return Float32Array.from(packed, (k) => (k === 65535 ? MISSING : low + k * step));
+  const out = new Float32Array(packed.length);
+  for (let i = 0; i < packed.length; i++) out[i] = packed[i] === 65535 ? MISSING : low + packed[i] * step;
+  return out;
 }
 
 // Coordinates stored in 16 bits inside the scene's box, so all meshes share one grid.
