@@ -51,7 +51,10 @@ class Display:
         """
         self.identity = secrets.token_hex(4)
         shown = self._shown(case, estimate)
-        data = scene(_subject(replace(case, prior=self.prior), replace(shown, motion=None)))
+        drawn = replace(case, prior=self.prior)
+        if estimate is None:  # nothing of the map stands in the prior's frame
+            drawn = replace(drawn, points=case.points.of(), frame=case.prior_frame)
+        data = scene(_subject(drawn, replace(shown, motion=None)))
         ranges = {f"distance_to_nearest_point_{case.units}": [0.0, 2 * REACH]}
         for field in data["fields"]:
             field["range"] = ranges.get(field["key"], field["range"])

@@ -101,6 +101,15 @@ def test_before_a_pose_the_prior_stands_in_its_own_frame_and_says_so() -> None:
     assert np.abs(shown - rest).max() < 4 * CODE * 40.0
 
 
+def test_before_a_pose_nothing_of_the_map_tells_what_is_where_on_the_prior() -> None:
+    marks = {"RSPV": np.array([500.0, 0.0, 0.0]), "LSPV": np.array([600.0, 0.0, 0.0])}
+    case = replace(case_with(POINTS, marks), frame="LPS")
+    found = Display(case.prior).scene(case, None)["scene"]
+    assert found["landmarks"] == []
+    assert "prior" in found["viewsBy"]
+    assert max(np.abs(found["box"]["low"])) < 25.0  # the box of the prior alone
+
+
 def test_a_new_scene_has_a_new_name() -> None:
     case = case_with(POINTS)
     display = Display(case.prior)

@@ -6,6 +6,7 @@ const LINES = [{ name: "mapped", at: 1, style: "s0" }, { name: "unmapped", at: 2
 function drawHistory(history) {
   const known = LINES.map((line) => ({ ...line, places: history.filter((row) => row[line.at] !== null).map((row) => [row[0], row[line.at]]) })).filter(({ places }) => places.length);
   const svg = byId("history");
+  svg.closest("figure").hidden = !known.length;
   if (!known.length) return svg.replaceChildren();
   const every = known.flatMap(({ places }) => places);
   const [first, last] = [Math.min(...every.map(([n]) => n)), Math.max(...every.map(([n]) => n))];
