@@ -12,7 +12,13 @@ from typing import Any
 Event = dict[str, Any]
 KEPT = 512  # events that a page which was away may catch up with one by one
 WAITING = 256  # events that a page may be behind; a slower one is told the newest state instead
-WHOLE = ("surface", "state", "tip", "role")  # of these the newest says all: those before it need not be sent
+WHOLE = (
+    "scene",
+    "surface",
+    "state",
+    "tip",
+    "role",
+)  # of these the newest says all: those before it need not be sent
 
 
 @dataclass(frozen=True)
@@ -65,7 +71,8 @@ class Board:
         self.session = secrets.token_hex(4)  # numbers begin anew with it
         self._lock = Lock()
         self._seq = 0
-        self._log: deque[Sent] = deque(maxlen=KEPT)
+        self._log: deque[Sent] = deque()  # but for kinds of which the newest says all
+        self._forgotten = 0  # the number of the last event that was in it
         self._newest: dict[str, Sent] = {}  # of the kinds that say all of something
         self._points: dict[int, Event] = {}
         self._boxes: list[Box] = []
@@ -76,7 +83,6 @@ class Board:
             self._seq += 1
             kind = event["event"]
             sent = Sent(self._seq, kind, _text({**event, "seq": self._seq}))
-            self._log.append(sent)
             self._remember(kind, event, sent)
             for box in self._boxes:
                 box.put(sent)
@@ -114,13 +120,10 @@ class Board:
     def _missed(self, last: str) -> list[Sent]:
         session, _, number = last.rpartition("-")
         seen = int(number) if session == self.session and number.isdecimal() else None
-        first = self._log[0].seq if self._log else 1
-        if seen is None or not first - 1 <= seen <= self._seq:
+        if seen is None or not self._forgotten <= seen <= self._seq:
             return self._snapshot()
-        return [one for one in self._log if one.seq > seen and self._says_more(one)]
-
-    def _says_more(self, one: Sent) -> bool:
-        return one.kind not in WHOLE or self._newest.get(one.kind) is one
+        newest = [one for kind, one in self._newest.items() if kind in WHOLE]
+        return sorted((one for one in [*self._log, *newest] if one.seq > seen), key=lambda one: one.seq)
 
     def _snapshot(self) -> list[Sent]:
         newest = self._newest
@@ -132,8 +135,12 @@ class Board:
         return {"event": "points", "seq": self._seq, "points": list(self._points.values())}
 
     def _remember(self, kind: str, event: Event, sent: Sent) -> None:
-        if kind in (*WHOLE, "scene", "end"):
+        if kind in (*WHOLE, "end"):
             self._newest[kind] = sent
+        if kind not in WHOLE:
+            self._log.append(sent)
+            if len(self._log) > KEPT:
+                self._forgotten = self._log.popleft().seq
         if kind == "scene":
             self._newest.pop("surface", None)  # it was of the scene before
         elif kind == "point":

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import pickle
 from typing import Any
 
 import pytest
@@ -90,6 +91,17 @@ def test_who_names_no_event_that_is_kept_gets_all_that_is_new(last: str) -> None
         board.publish(point(k + 1))
     found, _ = board.join(last.format(session=board.session)).take(0.0)
     assert len(points_of(found)) == KEPT + 5
+
+
+def test_a_long_session_keeps_no_old_surfaces_and_scenes() -> None:
+    board = Board()
+    for _ in range(50):
+        board.publish({"event": "scene", "id": "a"})
+        board.publish(point(1))
+        board.publish({"event": "surface", "of": "a", "positions": "x" * 1000})
+    assert len(pickle.dumps((board._log, board._newest))) < 50_000  # 50 surfaces are more
+    back = board.join(f"{board.session}-140")
+    assert taken(back) == [("point", 143), ("point", 146), ("scene", 148), ("point", 149), ("surface", 150)]
 
 
 def test_a_page_that_does_not_read_is_told_that_it_fell_behind_and_costs_no_more() -> None:

@@ -290,7 +290,7 @@ def test_the_end_lets_pages_go_and_closing_twice_does_nothing() -> None:
     page.until("role")
     session.server.close()
     session.server.close()
-    assert page.answer.read() == b""
+    assert page.answer.read() in (b"", b": here\n\n")  # it ends, if need be after a sign of life
     page.close()
 
 
