@@ -124,6 +124,30 @@ def test_what_comes_is_shown_without_loading_anew(visit: Visit, session: Played)
     assert visit.page.evaluate("document.documentElement.dataset.points") == str(FIRST + 1)
 
 
+def test_an_opaque_surface_is_painted_in_one_go(visit: Visit) -> None:
+    calls = "() => JSON.parse(document.documentElement.dataset.drawCalls)"
+    assert visit.page.evaluate(calls) == [2]  # the surface, and all balls
+    visit.page.get_by_label("Translucent").fill("0.5")
+    visit.settle()
+    assert visit.page.evaluate(calls) == [3]
+
+
+def test_buffers_on_the_graphics_card_do_not_pile_up(visit: Visit, session: Played) -> None:
+    visit.page.evaluate("""() => {
+        window.alive = 0;
+        const { prototype } = WebGL2RenderingContext;
+        for (const [name, step] of [['createBuffer', 1], ['deleteBuffer', -1]]) {
+            const own = prototype[name];
+            prototype[name] = function (...given) { window.alive += step; return own.apply(this, given); };
+        }
+    }""")
+    for k in range(12):
+        session.server.publish(session.script.points[FIRST + k % 3])
+        session.server.publish(session.script.surfaces[k % 3])
+        drawn(visit, sequence(session))
+    assert visit.page.evaluate("window.alive") <= 5  # those of the balls, drawn anew each time
+
+
 def test_a_surface_of_another_scene_is_not_drawn(visit: Visit, session: Played) -> None:
     before = visit.picture(0)
     far = session.script.surfaces[-1]

@@ -141,6 +141,8 @@ function setTranslucency(amount) {
       mesh.material.needsUpdate = true;
     }
     [back.renderOrder, front.renderOrder] = [1, 2];
+    back.visible = amount > 0; // what hides what is behind it is painted in one go
+    front.material.side = amount > 0 ? THREE.FrontSide : THREE.DoubleSide;
   }
   invalidate();
 }

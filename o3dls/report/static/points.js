@@ -12,10 +12,9 @@ const cloud = {
 const OUTLIER = [0.8, 0.2, 0.6];
 const SLAB = 3; // mm beside the cut within which points stay
 
-const FINE = 2000; // more points have smaller and coarser balls
-const fine = makeShapes(1.2, 2);
-const coarse = makeShapes(0.7, 0);
-const shapesNow = () => (cloud.kinds.length > FINE ? coarse : fine);
+const FEW = 100, MANY = 2000; // more points have coarser balls, and many smaller ones
+const [smooth, fine, coarse] = [makeShapes(1.2, 2), makeShapes(1.2, 1), makeShapes(0.7, 0)];
+const shapesNow = () => (cloud.kinds.length > MANY ? coarse : cloud.kinds.length > FEW ? fine : smooth);
 
 function makeShapes(size, detail) {
   return {
