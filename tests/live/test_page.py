@@ -19,6 +19,7 @@ from o3dls.live.server import LiveServer
 from tests.browser import Visit, chromium, violations
 from tests.live.scripted import FIRST, Script, script, state
 
+TIP = [20.0, -10.0, 5.0]
 PATIENCE = 20_000  # ms for what comes at once on a quiet machine
 
 
@@ -36,7 +37,7 @@ class Played:
         return {"ok": True, "id": len(self.done)}
 
     def begin(self) -> Played:
-        for event in (self.script.scene, *self.script.points[:FIRST], state(FIRST, tip=True)):
+        for event in (self.script.scene, *self.script.points[:FIRST], state(FIRST, tip=TIP)):
             self.server.publish(event)
         return self
 
@@ -218,7 +219,7 @@ def test_points_are_taken_retyped_labelled_and_taken_back(visit: Visit, session:
     press(visit, "Take back")
     says(visit, "#answer", "The point is taken back.")
     assert session.done == [
-        {"do": "take", "tip": True, "type": "inside"},
+        {"do": "take", "xyz": TIP, "type": "inside"},
         {"do": "retype", "point": 7, "type": "outlier"},
         {"do": "label", "point": 7, "values": {"bipolar": 0.25}},
         {"do": "undo", "point": 7},
@@ -226,6 +227,20 @@ def test_points_are_taken_retyped_labelled_and_taken_back(visit: Visit, session:
     session.server.publish({**session.script.points[6], "type": "undone"})
     says(visit, "#chosen-now", "There is no such point.")
     assert visit.page.get_by_role("button", name="Take back").is_disabled()
+
+
+def test_the_tip_is_drawn_and_without_one_no_point_can_be_taken(visit: Visit, session: Played) -> None:
+    take = visit.page.get_by_role("button", name="Take point")
+    says(visit, "#tip-now", "Tip at 20.0, -10.0, 5.0")
+    with_tip = visit.picture(0)
+    session.server.publish({"event": "tip", "xyz": None})
+    says(visit, "#tip-now", "No live tip")
+    assert take.is_disabled()
+    visit.settle()
+    assert (visit.picture(0) != with_tip).any()
+    session.server.publish({"event": "tip", "xyz": TIP})
+    says(visit, "#tip-now", "Tip at 20.0")
+    assert take.is_enabled()
 
 
 def test_a_point_is_picked_in_the_picture(visit: Visit, session: Played) -> None:

@@ -81,7 +81,7 @@ function named(then) {
 function connectActions() {
   const on = (id, press) => byId(id).addEventListener("click", press);
   const point = () => byId("chosen").valueAsNumber;
-  on("take", () => act({ do: "take", tip: true, type: byId("take-type").value }));
+  on("take", () => act({ do: "take", xyz: session.tip, type: byId("take-type").value }));
   on("undo", () => act({ do: "undo" }));
   on("take-back", () => act({ do: "undo", point: point() }));
   on("retype", () => act({ do: "retype", point: point(), type: byId("new-type").value }));

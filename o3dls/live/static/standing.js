@@ -86,9 +86,7 @@ function takeState(state) {
   write("source-now", state.source ?? "none: points come from this page");
   byId("source-now").classList.toggle("wrong-now", /hung up|refused|lost/.test(state.source ?? ""));
   write("status-now", state.status ?? "");
-  byId("take").disabled = !state.tip;
-  write("tip-now", state.tip ? "" : "No live tip: points come from the source.");
-  if (!state.tip) takeTip({ xyz: null });
+  takeTip({ xyz: state.tip ?? null });
   drawHistory(state.history ?? []);
   listNext(state.next ?? [], state.ended);
   listWarnings(state.warnings ?? []);
@@ -127,6 +125,8 @@ function item(text) {
 
 function takeTip({ xyz }) {
   session.tip = xyz;
+  byId("take").disabled = !xyz;
+  write("tip-now", xyz ? `Tip at ${xyz.map((one) => one.toFixed(1)).join(", ")}` : "No live tip: points come from the source.");
   session.view?.showTip(session.posed ? xyz : null);
 }
 
