@@ -169,10 +169,14 @@ def test_a_scene_of_the_same_faces_moves_the_picture_and_one_in_another_frame_lo
     session.server.publish({**session.script.surfaces[0], "of": "second"})
     drawn(visit, sequence(session))
     assert visit.page.evaluate("window.same")
-    session.server.publish(session.script.unplaced)
+    content = session.script.scene["scene"]
+    fewer = {**content, "fields": content["fields"][:1]}
+    session.server.publish({**session.script.scene, "id": "third", "scene": fewer})
     visit.page.wait_for_function("() => window.same === undefined", timeout=PATIENCE)
-    visit.page.locator("#unplaced").wait_for(state="visible", timeout=PATIENCE)
     says(visit, "#view-name", "PA")
+    session.server.publish(session.script.unplaced)
+    visit.page.locator("#unplaced").wait_for(state="visible", timeout=PATIENCE)
+    says(visit, "#view-name", "prior")  # whose own axes are all that is known
     says(visit, "#role-now", "This page acts.")  # it finds its name again
     assert visit.page.evaluate("document.documentElement.dataset.points") == str(FIRST)
 
