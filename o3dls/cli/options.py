@@ -21,6 +21,25 @@ overrides = click.option(
 )
 
 
+def prior_choice(command: Any) -> Any:
+    """Options that say which surface of the prior's file is meant."""
+    for option in reversed(
+        (
+            click.option("--cap", is_flag=True, help="close the openings of the prior"),
+            click.option("--label", type=int, help="label volume: the label to take"),
+            click.option("--part", help="the named segment or volume of the prior"),
+            click.option(
+                "--box", type=float, nargs=6, help="label volume: cut to least x y z, most x y z (mm, LPS)"
+            ),
+            click.option(
+                "--layer", "--phase", "layer", type=int, help="4D volume: the layer or phase, from 0"
+            ),
+        )
+    ):
+        command = option(command)
+    return command
+
+
 def progress(command: Any) -> Any:
     """Options of a command that takes its time: how much it says of its progress."""
     quiet = click.option(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -10,15 +11,17 @@ from ..arrays import Array
 from ..case import MILLIMETRES, Case, Points, no_points
 from ..errors import InputError
 from ..geometry.similarity import is_pose
-from .case_coordinates import check_scale, coordinates, millimetres_per_unit
+from .case_coordinates import check_scale, coordinates, in_frame, millimetres_per_unit
 from .case_settings import Folder, open_folder
 from .case_surfaces import phases_of, surface_of
 from .case_truth import truth_of
+from .markups import read_markups
 from .points import points_of, read_points_table, scaled
-from .table import Table
+from .table import Table, read_table
 from .text import decode, read_bytes, rectangle
 
 FEWEST_POINTS = 10
+MARKUPS = (".json", ".fcsv")
 
 
 def read_case(
@@ -35,7 +38,12 @@ def read_case(
     be there; where it is 0 there need be no file of them. Raises InputError for everything that is missing,
     unknown or cannot be meant.
     """
-    opened = open_folder(Path(folder), {k: v for k, v in (("units", units), ("frame", frame)) if v})
+    given = {k: v for k, v in (("units", units), ("frame", frame)) if v}
+    return case_of(open_folder(Path(folder), given), points)
+
+
+def case_of(opened: Folder, points: str | Path | None = None) -> Case:
+    """The case of a folder whose settings are known; `points` replace its own. Raises InputError."""
     prior = surface_of(opened, "prior")
     if prior is None:
         raise InputError(
@@ -113,21 +121,34 @@ def _points(folder: Folder, table: Table, fewest: int) -> Points:
 
 def _landmarks(folder: Folder, space: str) -> dict[str, Array]:
     """Places named on the prior, in its frame `space`."""
-    axes = tuple("xyz"[: folder.dimension])
-    table = folder.table("prior_landmarks", ("name", *axes))
-    if table is None:
+    path = folder.find("prior_landmarks")
+    if path is None:
         return {}
-    _unique(table, table.columns["name"])
-    return dict(zip(table.columns["name"], coordinates(folder, table, axes, space), strict=True))
+    if path.suffix.lower() in MARKUPS:
+        return _markups(folder, path, space)
+    axes = tuple("xyz"[: folder.dimension])
+    table = read_table(path, ("name", *axes))
+    names = table.columns["name"]
+    _unique(names, [table.where(row, "name") for row in range(len(names))])
+    return dict(zip(names, coordinates(folder, table, axes, space), strict=True))
 
 
-def _unique(table: Table, names: list[str]) -> None:
-    for row, name in enumerate(names):
+def _markups(folder: Folder, path: Path, space: str) -> dict[str, Array]:
+    """Places that Slicer named on the prior."""
+    if folder.dimension != 3 or folder.units == "px":
+        raise InputError(
+            f"{path}: Slicer's markups are places in 3D, in mm; write a table name,x,y in their place"
+        )
+    marks = read_markups(path)
+    _unique(marks.names, [str(path)] * len(marks.names))
+    return dict(zip(marks.names, in_frame(marks.xyz, marks.space, space), strict=True))
+
+
+def _unique(names: Sequence[str], places: Sequence[str]) -> None:
+    for row, (name, where) in enumerate(zip(names, places, strict=True)):
         if not name or name in names[:row]:
             fault = "is there twice" if name else "is empty"
-            raise InputError(
-                f"{table.where(row, 'name')}: '{name}' {fault}; each landmark needs a name of its own"
-            )
+            raise InputError(f"{where}: '{name}' {fault}; each landmark needs a name of its own")
 
 
 def _init(folder: Folder) -> Array | None:

@@ -114,6 +114,15 @@ def open_folder(path: Path, overrules: Mapping[str, str]) -> Folder:
     return folder
 
 
+def new_folder(path: Path, settings: dict[str, Any]) -> Folder:
+    """A case folder that is still to be made, with settings as options give them. Raises InputError for a
+    wrong one.
+    """
+    for key, value in settings.items():
+        _check_setting(f"--{key}", key, value)
+    return Folder(path, settings, {})
+
+
 def _is_box(value: Any) -> bool:
     return len(value) == 6 and all(type(v) in (int, float) for v in value)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+from collections.abc import Sequence
 from typing import Any
 
 from ..errors import PipelineError, did_you_mean
@@ -16,7 +17,7 @@ def listing() -> str:
     lines = []
     for kind, group in GROUPS.items():
         names = sorted(registered(group))
-        lines += [f"[[{kind}]] use = {name:<12} {_meaning(load(kind, name))}" for name in names]
+        lines += [f"[[{kind}]] use = {name:<12} {meaning(load(kind, name))}" for name in names]
     return "\n".join(lines)
 
 
@@ -42,6 +43,19 @@ def table(name: str) -> str:
     return "\n".join([f"| `{name}` | default | bounds | meaning |", "|---|---|---|---|", *rows])
 
 
+def commented(name: str, keys: Sequence[str]) -> list[tuple[str, str]]:
+    """Some parameters of a stage or writer, each at its default as a pipeline file writes it, and its unit,
+    meaning and bounds. Raises PipelineError.
+    """
+    known = {p.name: p for p in describe(_named(name))}
+    return [(f"{p.name} = {as_toml(p.default)}", _about(p)) for p in map(known.__getitem__, keys)]
+
+
+def _about(p: Parameter) -> str:
+    unit = f"{p.unit}: " if p.unit else ""
+    return f"{unit}{p.meaning} ({p.limits or p.kind})"
+
+
 def _named(name: str) -> type[Plugin]:
     """The stage or writer of a name."""
     for kind, group in GROUPS.items():
@@ -59,7 +73,8 @@ def _own(plugin: type[Plugin]) -> list[Parameter]:
     return [p for p in describe(plugin) if p.name not in common]
 
 
-def _meaning(plugin: type[Plugin]) -> str:
+def meaning(plugin: type[Plugin]) -> str:
+    """What a stage or writer does: the first paragraph of its docstring, on one line."""
     return " ".join((inspect.getdoc(plugin) or "").split("\n\n")[0].split())
 
 
