@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import re
 import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -12,11 +14,12 @@ from conftest import ROOT
 from test_packaging import PROJECT
 
 GITHUB = ROOT / ".github"
+ON = True  # the key `on`, as YAML 1.1 reads it
 WORKFLOW = GITHUB / "workflows" / "test.yml"
 TOP = {
     *("pyproject.toml", "constraints.txt", "README.md", "LICENSE", "CHANGELOG.md", "CITATION.cff"),
     *("o3dls", "pipelines", "tests", "data_synth", "benchmarks", "docs", "tools"),
-    *("dev", ".ci", ".github", ".gitignore"),
+    *("dev", ".ci", ".github", ".gitignore", ".pre-commit-config.yaml"),
 }
 LINK = re.compile(r"\]\(([^)#:]+)(#[\w-]+)?\)")
 
@@ -28,8 +31,8 @@ def load(path: Path) -> Any:
 
 def test_the_workflow_calls_the_command_of_the_readme_on_every_python() -> None:
     workflow = load(WORKFLOW)
-    assert workflow.keys() == {"name", "on", "permissions", "jobs"}
-    assert workflow["on"].keys() == {"push", "pull_request"}
+    assert workflow.keys() == {"name", ON, "permissions", "concurrency", "jobs"}
+    assert workflow[ON].keys() == {"push", "pull_request", "workflow_dispatch"}
     (job,) = workflow["jobs"].values()
     assert job.keys() >= {"runs-on", "strategy", "steps"}
     assert job["strategy"]["matrix"]["python"] == ["3.11", "3.12", "3.13", "3.14"]
@@ -41,6 +44,43 @@ def test_the_workflow_calls_the_command_of_the_readme_on_every_python() -> None:
     # `./dev` takes the interpreter from there
     assert job["env"]["PYTHON"] == "python"
     assert "${PYTHON:-" in (ROOT / "dev").read_text()
+
+
+def test_the_workflow_can_neither_write_nor_be_told_what_to_run() -> None:
+    """The reason to do without a checker of workflows; see SEC001 in pyproject.toml."""
+    workflow = load(WORKFLOW)
+    assert list(WORKFLOW.parent.iterdir()) == [WORKFLOW]
+    assert workflow["permissions"] == {"contents": "read"}
+    assert workflow[ON]["workflow_dispatch"] is None  # no input
+    (job,) = workflow["jobs"].values()
+    assert "permissions" not in job
+    checkout = next(step for step in job["steps"] if step.get("uses", "").startswith("actions/checkout"))
+    assert checkout["with"] == {"persist-credentials": False}
+    used = set(re.findall(r"\$\{\{ *([\w.]+) *\}\}", WORKFLOW.read_text(encoding="utf-8")))
+    assert used == {"github.workflow", "github.ref", "matrix.python"}
+
+
+def test_repo_review_has_nothing_against_the_repository() -> None:
+    pytest.importorskip("sp_repo_review", reason="sp-repo-review is not installed")
+    command = [sys.executable, "-m", "repo_review", str(ROOT), "--format", "json"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    checks = json.loads(done.stdout)["checks"]
+    assert len(checks) > 40
+    assert not {name: check["err_msg"] for name, check in checks.items() if check["result"] is False}
+    # what is ignored has a reason, and is a check that there is
+    ignored = PROJECT["tool"]["repo-review"]["ignore"]
+    assert all(len(reason.split()) > 3 for reason in ignored.values())
+    assert not ignored.keys() & {name for name, check in checks.items() if check["result"]}
+
+
+def test_the_hooks_call_tools_that_the_tests_install() -> None:
+    config = load(ROOT / ".pre-commit-config.yaml")
+    (local,) = config["repos"]
+    installed = " ".join(PROJECT["project"]["optional-dependencies"]["test"])
+    for hook in local["hooks"]:
+        python, _, tool, *_ = hook["entry"].split()
+        assert python == "python"
+        assert f"{tool}>=" in installed
 
 
 @pytest.mark.parametrize("name", ["bug", "wish"])

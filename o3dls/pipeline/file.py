@@ -76,10 +76,12 @@ def all_mistakes(path: str | Path, case: str | Path | None = None) -> list[str]:
     """
     mistakes: list[str] = []
     pipeline: Pipeline | None = None
-    with _noted(mistakes):
+    try:
         pipeline = read_pipeline(path)
-    folder = case or (pipeline and pipeline.case)
-    if pipeline and pipeline.out:
+    except O3dlsError as error:
+        mistakes += map(str, error.args)
+    folder = case or (None if pipeline is None else pipeline.case)
+    if pipeline is not None and pipeline.out:
         with _noted(mistakes):
             check_free(pipeline.out, True, "run", [Path(source) for source in (path, folder) if source])
     if folder:
@@ -87,7 +89,7 @@ def all_mistakes(path: str | Path, case: str | Path | None = None) -> list[str]:
 
         with _noted(mistakes), compiling_said():
             subject = read_case(folder)
-            mistakes += pipeline.refusals(subject) if pipeline else []
+            mistakes += [] if pipeline is None else pipeline.refusals(subject)
     return mistakes
 
 

@@ -60,7 +60,7 @@ def _entry(subject: Subject, name: str) -> Entry:
         case_key=case_key(subject.case),
         group=group,
         unit=subject.unit,
-        first=first.key if first in shown and first else None,
+        first=first.key if first is not None and first in shown else None,
         last=last.key,
         measured={one.key: one.measured(group, last) for one in shown if group},
         made={one.key: _made(one, pipeline, group) for one in shown},
