@@ -98,6 +98,15 @@ def test_the_sdist_builds_the_same_wheel(source: Path, tmp_path: Path) -> None:
     assert packed(build("wheel", next(tmp_path.iterdir()))) == packed(build("wheel", source))
 
 
+def test_what_is_uploaded_passes_the_check_of_twine(source: Path) -> None:
+    pytest.importorskip("twine", reason="twine is not installed")
+    made = [str(build(what, source)) for what in ("wheel", "sdist")]
+    command = [sys.executable, "-m", "twine", "check", "--strict", *made]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout
+    assert done.stdout.count("PASSED") == 2
+
+
 def test_every_installed_package_is_the_locked_one() -> None:
     pins = {
         canonicalize_name(r.name): r
