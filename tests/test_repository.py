@@ -13,6 +13,8 @@ import pytest
 from conftest import ROOT
 from test_packaging import PROJECT
 
+from o3dls import __version__
+
 GITHUB = ROOT / ".github"
 ON = True  # the key `on`, as YAML 1.1 reads it
 WORKFLOW = GITHUB / "workflows" / "test.yml"
@@ -101,6 +103,13 @@ def test_links_of_the_pages_lead_somewhere(name: str) -> None:
         titles = re.findall(r"^#+ (.*)$", target.read_text(encoding="utf-8"), re.MULTILINE)
         anchors = {"#" + re.sub(r"[^\w-]", "", title.lower().replace(" ", "-")) for title in titles}
         assert not heading or heading in anchors
+
+
+def test_the_changes_of_a_release_are_short_enough_to_be_read() -> None:
+    _, *releases = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8").split("\n## ")
+    assert releases[0].startswith(__version__)
+    assert all(release.count("\n") <= 80 for release in releases)
+    assert LINK.search(releases[0])  # details stand in the documentation
 
 
 def test_the_top_of_the_repository_stays_short() -> None:
