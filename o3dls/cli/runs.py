@@ -73,7 +73,7 @@ def run(
 
     if pipeline and pipeline.is_dir():
         raise InputError(
-            f"{pipeline}: is a folder and no pipeline file; if it is a case, say --case {pipeline}"
+            f"{pipeline}: is a folder, not a pipeline file; if it is a case, say --case {pipeline}"
         )
     plan = read_pipeline(pipeline, settings) if pipeline else default_pipeline(settings)
     folder = _needed(case or plan.case, "--case")
@@ -133,7 +133,7 @@ def schema() -> None:
     required=True,
     help="folder to make: index.html, index.md, figures, and the numbers behind them",
 )
-@click.option("--quick", is_flag=True, help="few seeds and levels: one minute instead of three")
+@click.option("--quick", is_flag=True, help="few seeds and levels: about one minute instead of six")
 @click.option("--force", is_flag=True, help="replace an earlier page in the same folder")
 def paper(out: Path, quick: bool, force: bool) -> None:
     """Compute the paper's experiments and the questions it left open, with fixed seeds, and write one page
