@@ -158,3 +158,12 @@ def test_every_link_leads_to_a_file_and_a_heading_as_the_host_names_it(page: Pat
 def prose(page: Path) -> str:
     """The text of a page without its blocks of code."""
     return re.sub(r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
+
+
+def test_the_method_opens_without_an_equation_and_with_pictures() -> None:
+    opening = METHOD.partition("## Notation and energy")[0]
+    assert "$$" not in opening
+    pictures = re.findall(r"!\[[^\]]{20,}\]\(([\w.]+)\)", opening)
+    assert pictures == ["method_stages.png", "error_over_points.png"]
+    assert all((DOCS / picture).is_file() for picture in pictures)
+    assert len(opening.split()) < 2000  # ten minutes at 200 words each
