@@ -15,7 +15,8 @@ from docutils.utils.math import latex2mathml
 DOCS = Path(__file__).resolve().parent
 sys.path[:0] = [str(DOCS), str(DOCS.parent)]
 
-import site_pages  # noqa: E402  # it stands beside this file
+import site_access  # noqa: E402  # they stand beside this file
+import site_pages  # noqa: E402
 
 import o3dls  # noqa: E402  # of this clone
 
@@ -55,5 +56,6 @@ def _math(translator: Any, node: Any, *, block: bool) -> None:
 
 def setup(app: Any) -> None:
     app.connect("source-read", site_pages.read)
+    app.connect("build-finished", site_access.finished)
     inline, block = (lambda t, n: _math(t, n, block=False)), (lambda t, n: _math(t, n, block=True))
     app.add_html_math_renderer("mathml", (inline, None), (block, None))

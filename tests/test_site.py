@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import runpy
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -11,7 +12,7 @@ from typing import Any
 from urllib.parse import unquote, urlsplit
 
 import pytest
-from browser import Visit, chromium
+from browser import Visit, chromium, violations
 from conftest import ROOT
 
 import o3dls
@@ -130,3 +131,33 @@ def test_no_page_is_wider_than_the_window(site: Path, launch: Callable[..., Any]
         if wide > width:
             wider[path.name] = wide
     assert not wider
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("width", "scheme"), [(1440, "light"), (390, "dark")])
+def test_axe_finds_nothing_on_any_page(
+    width: int, scheme: str, site: Path, launch: Callable[..., Any]
+) -> None:
+    browser = launch(webgl=False)
+    found = {}
+    for path in sorted(site.glob("*.html")):
+        visit = Visit(browser, path, width=width, wait=False, color_scheme=scheme)
+        if wrong := violations(visit):
+            found[path.name] = wrong
+        visit.page.close()
+    assert not found
+
+
+def test_the_pages_have_what_axe_asks_for(site: Path) -> None:
+    """Without a browser: each change of the HTML finds its place, and a second time changes nothing."""
+    changes = runpy.run_path(str(ROOT / "docs" / "site_access.py"))
+    pages = [path.read_text(encoding="utf-8") for path in sorted(site.glob("*.html"))]
+    assert all(changes["accessible"](page) == page for page in pages)
+    for mark in (
+        'aria-level="2"',
+        'aria-label="Pages"',
+        '<pre tabindex="0">',
+        'container" tabindex',
+        "<h1>Search</h1>",
+    ):
+        assert any(mark in page for page in pages), mark
