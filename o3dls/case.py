@@ -63,7 +63,7 @@ class Points:
                 )
         for kind in set(self.type) - set(POINT_TYPES):
             raise InputError(
-                f"points: '{kind}' is no type of point" + did_you_mean(str(kind), list(POINT_TYPES))
+                f"points: '{kind}' is not a type of point" + did_you_mean(str(kind), list(POINT_TYPES))
             )
         if not (finite := np.isfinite(self.xyz).all(axis=-1)).all():
             row = int(np.argmin(finite))
@@ -187,7 +187,7 @@ class Case:
                 raise InputError(f"case {self.name}: {key} = '{frame}': must be one of {', '.join(SPACES)}")
         if self.init is not None and not is_pose(self.init, self.dimension):
             raise InputError(
-                f"case {self.name}: init is no pose: it must be a rotation, a shift and one scale"
+                f"case {self.name}: init is not a pose: it must be a rotation, a shift and one scale"
             )
         for name, at in self.prior_landmarks.items():
             if np.shape(at) != (self.dimension,) or not np.isfinite(at).all():

@@ -23,7 +23,7 @@ TURN = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        ((XYZ, np.full(3, "eem")), "'eem' is no type of point: did you mean 'eam'"),
+        ((XYZ, np.full(3, "eem")), "'eem' is not a type of point: did you mean 'eam'"),
         ((XYZ, EAM[:2]), r"column 'type' has shape \(2,\): there are 3 points"),
         ((XYZ, EAM, {"lat": np.zeros(4)}), r"column 'lat' has shape \(4,\)"),
         ((XYZ[0], EAM), r"must be \(n, 2\) or \(n, 3\)"),
@@ -43,7 +43,7 @@ def test_points_may_be_lists() -> None:
     ("options", "sentence"),
     [
         ({"frame": "XYZ"}, "frame = 'XYZ': must be one of LPS, RAS, unknown"),
-        ({"init": np.eye(3)}, "init is no pose"),
+        ({"init": np.eye(3)}, "init is not a pose"),
         (
             {"prior_landmarks": {"LSPV": np.zeros(2)}},
             "landmark 'LSPV' of the prior is .*: must be 3 finite numbers",

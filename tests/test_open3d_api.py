@@ -96,11 +96,15 @@ def test_arguments_of_another_kind_are_refused_in_words() -> None:
     shear = np.eye(4)
     shear[0, 1] = 0.7
     for arguments, options, sentence in (
-        ((cloud, mesh), {}, "prior: an object of type .*PointCloud is no surface: must be a mesh of Open3D"),
+        (
+            (cloud, mesh),
+            {},
+            "prior: an object of type .*PointCloud is not a surface: must be a mesh of Open3D",
+        ),
         ((mesh, mesh), {}, "points: an object of type .*TriangleMesh holds no points: must be a cloud of"),
         ((mesh, "points.csv"), {}, "points: an object of type builtins.str holds no points"),
-        ((mesh, cloud), {"init": np.eye(3)}, "init is no pose"),
-        ((mesh, cloud), {"init": shear}, "init is no pose"),
+        ((mesh, cloud), {"init": np.eye(3)}, "init is not a pose"),
+        ((mesh, cloud), {"init": shear}, "init is not a pose"),
         ((mesh, cloud), {"max_correspondence_distance": np.nan}, "must be above 0"),
         (
             (mesh, cloud),

@@ -81,13 +81,13 @@ def stated_surface(thing: Any, where: str, *, frame: str | None = None, **choice
         return file
     if given:
         raise InputError(
-            f"{where}: '{next(iter(given))}' means nothing for {_kind(thing)}, only for label volumes"
+            f"{where}: '{next(iter(given))}' does not apply to {_kind(thing)}, only to label volumes"
         )
     if isinstance(thing, Surface):
         return SurfaceFile(thing)
     read = _pair if isinstance(thing, tuple | list) and len(thing) == 2 else _reader(MESHES, thing)
     if read is None:
-        raise InputError(f"{where}: an object of type {_kind(thing)} is no surface: must be {SURFACES}")
+        raise InputError(f"{where}: an object of type {_kind(thing)} is not a surface: must be {SURFACES}")
     vertices, faces, fields, cells = read(thing, where)
     if (
         vertices.ndim != 2

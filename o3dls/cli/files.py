@@ -130,7 +130,7 @@ def send(run_folder: Path, **options: Any) -> None:
     count, closed = send_run(run_folder, **options)
     say(f"{count} bytes sent")
     if not closed:
-        complain("the receiver has not closed the connection, so whether it read them all is not known")
+        complain("the receiver did not close the connection, so it may not have read all of them")
 
 
 @click.command("import")
@@ -232,7 +232,7 @@ def doctor(compiles: bool, as_json: bool) -> int:
 )
 @click.option("--json", "as_json", is_flag=True, help="print JSON in place of the table")
 def next_(run_folder: Path, k: int, reachable: Path | None, as_json: bool) -> None:
-    """Name the places where one more mapping point would make the last surface surest, by its posterior."""
+    """Name the places where one more mapping point would reduce the uncertainty of the last surface most."""
     from ..report.mapping.table import next_places
 
     say_lines(next_places(run_folder, k, reachable, as_json=as_json))

@@ -17,7 +17,7 @@ WORST_FIRST: tuple[Grade, ...] = ("bad", "amber", "good")
 ADVICE = {
     "bad": "do not rely on it",
     "amber": "look at this before you rely on it",
-    "good": "no check speaks against it",
+    "good": "no check found a problem",
 }
 MOST_REASONS = 2  # so that all fits into five lines
 

@@ -52,7 +52,9 @@ def to_surface(
     unknown method, arrays that do not fit together, or where no point has a value near the wall.
     """
     if method not in METHODS:
-        raise InputError(f"method '{method}' is no interpolator" + did_you_mean(method, list(METHODS)))
+        raise InputError(
+            f"method '{method}' is not an interpolation method" + did_you_mean(method, list(METHODS))
+        )
     if not (reach > 0 and width > 0 and (cycle is None or 0 < cycle < np.inf)):
         raise InputError(
             f"reach {reach}, width {width} and cycle {cycle} must be positive, and the cycle finite"

@@ -118,11 +118,11 @@ def suggest(
     modes = wall_modes(case.prior, estimate.motion)
     if modes is None or estimate.motion is None or not estimate.sigma:
         raise InputError(
-            f"case {case.name}: the estimate has no joint posterior, so nothing says where a point would "
-            "tell most; run a pipeline with the stage 'deform', with this version"
+            f"case {case.name}: the estimate has no joint posterior, so the next places cannot be "
+            "found; run a pipeline with the stage 'deform' again, with this version"
         )
     if k < 1:
-        raise InputError(f"k = {k}: at least one place must be asked for")
+        raise InputError(f"k = {k}: must be at least 1")
     n = len(estimate.surface.vertices)
     reachable = np.ones(n, dtype=bool) if reachable is None else _checked("reachable", reachable, n) > 0
     weights = np.ones(n) if weights is None else _checked("weights", weights, n)

@@ -160,7 +160,7 @@ def check_free(
 def _exists(path: Path) -> bool:
     """Whether a path is there. Raises InputError for one that cannot be, such as a name that is too long."""
     if "\0" in str(path):
-        raise InputError(f"{path}: cannot be a path: it holds a byte of zero; name another")
+        raise InputError(f"{path}: cannot be a path: it contains a zero byte; name another")
     try:
         return path.exists()
     except OSError as error:
@@ -171,7 +171,7 @@ def _check_replaceable(out: Path, kind: str | None, reads: Sequence[Path]) -> No
     there = _kind(out)
     if there is None or there != (kind or there):
         raise InputError(
-            f"{out}: is no {kind or ' or '.join(MARKS)}, so it is not ours to replace; name another folder"
+            f"{out}: is not a {kind or ' or '.join(MARKS)}, so o3dls does not replace it; name another folder"
         )
     for source in reads:
         if _real(source).is_relative_to(_real(out)):

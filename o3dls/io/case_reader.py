@@ -80,8 +80,8 @@ def _frame(folder: Folder, table: Table) -> str:
     given = str(folder.settings.get("frame", "unknown"))
     if "unknown" not in (stated, given) and stated != given:
         raise InputError(
-            f"{table.path}: states frame {stated}, and --frame or case.toml says {given}; leave that "
-            "away, or correct the file"
+            f"{table.path}: states frame {stated}, and --frame or case.toml says {given}; omit "
+            "that, or correct the file"
         )
     return given if stated == "unknown" else stated
 
@@ -147,7 +147,7 @@ def _markups(folder: Folder, path: Path, space: str) -> dict[str, Array]:
 def _unique(names: Sequence[str], places: Sequence[str]) -> None:
     for row, (name, where) in enumerate(zip(names, places, strict=True)):
         if not name or name in names[:row]:
-            fault = "is there twice" if name else "is empty"
+            fault = "appears twice" if name else "is empty"
             raise InputError(f"{where}: '{name}' {fault}; each landmark needs a name of its own")
 
 
@@ -164,7 +164,7 @@ def _init(folder: Folder) -> Array | None:
         raise InputError(f"{path}: must hold {n} rows of {n} finite numbers, without a header")
     if not is_pose(matrix, folder.dimension):
         raise InputError(
-            f"{path}: is no pose: must be a rotation, a shift and one scale, with "
+            f"{path}: is not a pose: must be a rotation, a shift and one scale, with "
             f"{np.eye(n)[-1].tolist()} as the last row"
         )
     matrix[:-1, -1] *= folder.scale()

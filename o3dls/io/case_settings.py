@@ -51,7 +51,7 @@ class Folder:
         if stated in MILLIMETRES and "px" in (stated, self.units) and stated != self.units:
             raise InputError(
                 f"{self.path}: a file states units {stated}, and the case is in {self.units}; pixels are "
-                "of no length: "
+                "not a length: "
                 "correct the file, or the units in case.toml or --units"
             )
         return MILLIMETRES[stated if stated in MILLIMETRES else self.settings.get("units", "mm")]
@@ -92,7 +92,7 @@ class Folder:
         return None if path is None else read_table(path, required)
 
 
-def open_folder(path: Path, overrules: Mapping[str, str]) -> Folder:
+def open_folder(path: Path, overrides: Mapping[str, str]) -> Folder:
     """Settings of a folder. Raises InputError for a missing folder or a wrong case.toml."""
     if not path.is_dir():
         raise InputError(f"{path}: no such case folder")
@@ -101,16 +101,15 @@ def open_folder(path: Path, overrules: Mapping[str, str]) -> Folder:
         folder.settings = read_toml(toml)
         for key, value in folder.settings.items():
             _check_setting(f"{toml}: {key}", key, value)
-    for key, value in overrules.items():
+    for key, value in overrides.items():
         _check_setting(f"--{key}", key, value)
-    for key, given in overrules.items():
+    for key, given in overrides.items():
         stated = folder.settings.get(key, "unknown")
         if "unknown" not in (stated, given) and stated != given:
             raise InputError(
-                f"{toml}: states {key} {stated}, and --{key} says {given}; leave --{key} away, or correct "
-                "the file"
+                f"{toml}: states {key} {stated}, and --{key} says {given}; omit --{key}, or correct the file"
             )
-    folder.settings |= overrules
+    folder.settings |= overrides
     return folder
 
 

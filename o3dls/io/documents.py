@@ -56,7 +56,7 @@ def parse_json(text: str, where: str) -> Any:
         bounded(value, where)
         return value
     except json.JSONDecodeError as error:
-        raise InputError(f"{where}: is no JSON: {error}") from None
+        raise InputError(f"{where}: is not JSON: {error}") from None
     except RecursionError:
         raise InputError(_too_deep(where)) from None
     except ValueError as error:
@@ -69,7 +69,7 @@ class _NoNumber(ValueError):
 
 
 def _no_number(word: str) -> None:
-    raise _NoNumber(f"is no JSON: {word} is no number there")
+    raise _NoNumber(f"is not JSON: {word} is not a number there")
 
 
 def bounded(value: Any, where: str) -> None:

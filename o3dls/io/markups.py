@@ -53,7 +53,7 @@ def _read_json(path: Path, text: str) -> Markups:
     tree = parse_json(text, str(path))
     lists = tree.get("markups") if isinstance(tree, dict) else None
     if not isinstance(lists, list) or not lists or not all(isinstance(item, dict) for item in lists):
-        raise InputError(f"{path}: has no list 'markups'; it is no Slicer markups file")
+        raise InputError(f"{path}: has no list 'markups'; it is not a Slicer markups file")
     found = [_json_points(path, item) for item in lists]
     spaces = {part.space for part in found}
     if len(spaces) > 1:
@@ -81,7 +81,7 @@ def _json_points(path: Path, item: Mapping[str, Any]) -> Markups:
     points = item.get("controlPoints", [])
     for k, point in enumerate(points if isinstance(points, list) else [points]):
         if not isinstance(point, dict):
-            raise InputError(f"{path}: control point {k} is no object")
+            raise InputError(f"{path}: control point {k} is not an object")
         if point.get("positionStatus", "defined") != "defined":
             continue
         position = point.get("position")

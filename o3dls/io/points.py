@@ -70,7 +70,9 @@ def _measured(name: str, values: Array, where: Callable[[int], str]) -> Array:
         )
     if name == "force" and (values <= NO_FORCE).any():
         row = int(np.argmax(values <= NO_FORCE))
-        raise InputError(f"{where(row)}: {values[row]:g} is no force; leave it empty where none was measured")
+        raise InputError(
+            f"{where(row)}: {values[row]:g} is not a contact force; leave it empty where none was measured"
+        )
     return values
 
 
@@ -81,7 +83,7 @@ def _types(table: Table) -> NDArray[np.str_]:
     for row, kind in enumerate(table.columns["type"]):
         if kind not in POINT_TYPES:
             raise InputError(
-                f"{table.where(row, 'type')}: '{kind}' is no type of point"
+                f"{table.where(row, 'type')}: '{kind}' is not a type of point"
                 + did_you_mean(kind, list(POINT_TYPES))
             )
     return np.array(table.columns["type"], dtype=str)
@@ -117,7 +119,7 @@ def _array(values: ArrayLike, where: str) -> NDArray[Any]:
     try:
         return np.array(values)
     except ValueError as error:  # rows of several lengths
-        raise InputError(f"{where}: a column is no array: {error}") from None
+        raise InputError(f"{where}: a column is not an array: {error}") from None
 
 
 def _numbers(name: str, values: NDArray[Any], where: str) -> Array:

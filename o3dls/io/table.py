@@ -184,7 +184,7 @@ def _header(
     for name in header:
         if not name or header.count(name) > 1:
             raise InputError(
-                f"{path}: line {line}: column name '{name}' {'is there twice' if name else 'is empty'}"
+                f"{path}: line {line}: column name '{name}' {'appears twice' if name else 'is empty'}"
             )
     return header
 

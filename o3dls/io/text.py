@@ -56,7 +56,7 @@ def cells_of(line: str, delimiter: str, where: str) -> list[str]:
     try:
         return next(csv.reader([line], delimiter=delimiter))
     except csv.Error as error:  # such as a cell of more than 131072 letters
-        raise InputError(f"{where}: is no line of cells: {error}") from None
+        raise InputError(f"{where}: is not a line of cells: {error}") from None
 
 
 def number_rows(lines: Sequence[str], columns: int, path: str | Path, at: Sequence[int], what: str) -> Array:
@@ -147,7 +147,7 @@ def is_count(word: str) -> bool:
 
 
 def integers(values: Array, where: str) -> Ints:
-    """The same numbers as int64. Raises InputError where one is no whole number."""
+    """The same numbers as int64. Raises InputError where one is not a whole number."""
     bad = ~(np.abs(values) < LARGEST_WHOLE) | (values != np.floor(values))  # not-a-number compares false
     if bad.any():
         raise InputError(f"{where}: {values[bad][0]:g} must be a whole number")

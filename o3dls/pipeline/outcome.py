@@ -74,7 +74,7 @@ def gathered(runs: Path) -> list[Outcome]:
     A run that cannot be read is an outcome too. Raises InputError where there is neither.
     """
     if not runs.is_dir():
-        raise InputError(f"{runs}: is no folder; name the one that `o3dls batch` wrote its runs into")
+        raise InputError(f"{runs}: is not a folder; name the one that `o3dls batch` wrote its runs into")
     failed = {path.name.removesuffix(FAILED): path for path in runs.glob(f"*{FAILED}") if path.is_file()}
     made = [
         folder

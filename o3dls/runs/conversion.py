@@ -47,7 +47,7 @@ def convert(
     The format of the one is told by its content, of the other by its suffix (or `format`). units, frame: what
     the source is in where it does not say so itself. to: the frame to write, LPS or RAS. cap: close openings.
     faces: decimate to so many. choice: label, part, box, layer, hidden of the reader. Gives sentences on what
-    was done. Raises InputError where something contradicts the file, is missing, or means nothing for the
+    was done. Raises InputError where something contradicts the file, is missing, or does not apply to the
     kind of file.
     """
     source, target = Path(source), Path(target)
@@ -63,13 +63,13 @@ def convert(
     suffix, pose = source.suffix.lower(), is_transform(source)
     if suffix not in (*TABLES, *MARKUPS) and not pose:
         raise InputError(
-            f"{source}: is no surface, points (.csv), named places (.mrk.json, .fcsv) or pose (.tfm, "
+            f"{source}: is not a surface, points (.csv), named places (.mrk.json, .fcsv) or pose (.tfm, "
             ".txt, .mat) that o3dls knows; is it damaged?"
         )
     if cap or faces is not None or format or any(value is not None for value in choice.values()):
         raise InputError(
-            f"{source}: is no surface, so cap, faces, format, label, part, box, layer and hidden mean "
-            "nothing for it"
+            f"{source}: is not a surface, so cap, faces, format, label, part, box, layer and hidden do "
+            "not apply to it"
         )
     write = _transform if pose else _markups if suffix in MARKUPS else _points
     return write(source, target, units, frame, to)
@@ -96,7 +96,7 @@ def _surface(
         *(f"{source}: {note}" for note in file.notes),
     ]
     if to and surface.dimension == 2:
-        raise InputError(f"{source}: is an outline in 2D, and LPS and RAS are frames in 3D; leave --to away")
+        raise InputError(f"{source}: is an outline in 2D, and LPS and RAS are frames in 3D; omit --to")
     if to and _turns(source, space, to):
         surface = surface.transformed(TURN)
     if cap:
@@ -156,8 +156,7 @@ def _settled(source: Path, what: str, stated: str, given: str | None) -> str:
     """
     if given and stated not in ("unknown", given):
         raise InputError(
-            f"{source}: states {what} {stated}, and {given} was given; leave --{what} away if the file "
-            "is right"
+            f"{source}: states {what} {stated}, and {given} was given; omit --{what} if the file is right"
         )
     return given or stated
 
@@ -200,7 +199,7 @@ def decimated(surface: Surface, faces: int) -> Surface:
 def _markups(source: Path, target: Path, units: str | None, frame: str | None, to: str | None) -> list[str]:
     """Slicer's named places to Slicer's file or to a table `name,x,y,z`."""
     if units:
-        raise InputError(f"{source}: Slicer's markups state their units; leave --units away")
+        raise InputError(f"{source}: Slicer's markups state their units; omit --units")
     marks = read_markups(source, frame)
     _settled(source, "frame", marks.space, frame)
     return _write_places(source, target, marks.in_space(to) if to else marks)
@@ -242,7 +241,7 @@ def _points(source: Path, target: Path, units: str | None, frame: str | None, to
 
 def _transform(source: Path, target: Path, units: str | None, frame: str | None, to: str | None) -> list[str]:
     if units:
-        raise InputError(f"{source}: a pose moves by mm; leave --units away")
+        raise InputError(f"{source}: a pose moves by mm; omit --units")
     matrix, stated = read_transform(source)
     space = _settled(source, "frame", stated, frame)
     if to and _turns(source, space, to):

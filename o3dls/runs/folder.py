@@ -25,7 +25,7 @@ def read_record(folder: str | Path) -> dict[str, Any]:
     """The content of a folder's run.json. Raises InputError where it is none, or was damaged."""
     path = Path(folder) / "run.json"
     if not path.is_file():
-        raise InputError(f"{folder}: is no run folder: it has no run.json")
+        raise InputError(f"{folder}: is not a run folder: it has no run.json")
     return check_record(read_json(path), str(path))
 
 

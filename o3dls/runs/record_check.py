@@ -117,7 +117,7 @@ class _Record(_Part):
     @model_validator(mode="after")
     def _consistent(self) -> _Record:
         if "start" not in self.estimates:
-            raise _mistake("estimates: has no 'start', so it is no finished run; run it again")
+            raise _mistake("estimates: has no 'start', so it is not a finished run; run it again")
         for name, one in self.estimates.items():
             self._check(f"estimates.{name}", name, one)
         return self
@@ -161,6 +161,6 @@ def _sentence(detail: ErrorDetails) -> str:
         return detail["msg"]
     place = "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in detail["loc"])[1:]
     if detail["type"] == "missing":
-        return f"has no '{place}', so it is no finished run; run it again"
+        return f"has no '{place}', so it is not a finished run; run it again"
     wanted = WANTED.get(detail["type"], detail["msg"].removeprefix("Input should be "))
     return f"{place} = {json.dumps(detail['input']):.80}: must be {wanted}"

@@ -233,17 +233,17 @@ def test_what_stands_in_memory_is_checked_as_a_file_is() -> None:
         (
             PRIOR,
             columns | {"force": np.full(len(XYZ), -10000.0)},
-            "row 0, column 'force': -10000 is no force",
+            "row 0, column 'force': -10000 is not a contact force",
         ),
         (PRIOR, columns | {"y": XYZ[1:, 1]}, r"x, y, z have shapes .*: must be columns of one length"),
-        (PRIOR, columns | {"z": [[1], [1, 2]]}, "points: a column is no array"),
+        (PRIOR, columns | {"z": [[1], [1, 2]]}, "points: a column is not an array"),
         (PRIOR, columns | {"lat": BIPOLAR[1:]}, "column 'lat' has shape"),
-        (o3d, XYZ, "prior: an object of type builtins.module is no surface: must be a mesh of Open3D"),
+        (o3d, XYZ, "prior: an object of type builtins.module is not a surface: must be a mesh of Open3D"),
         (PRIOR, o3d, "points: an object of type builtins.module holds no points: must be a cloud of Open3D"),
     ):
         with pytest.raises(InputError, match=sentence):
             case_of(prior, points)
-    with pytest.raises(InputError, match=r"'label' means nothing for .*Surface, only for label volumes"):
+    with pytest.raises(InputError, match=r"'label' does not apply to .*Surface, only to label volumes"):
         case_of(PRIOR, XYZ, label=1)
     with pytest.raises(InputError, match="no setting 'unit' of a case: did you mean 'units'"):
         o3dls.register(PRIOR, XYZ, unit="m")

@@ -132,7 +132,7 @@ def test_check_names_mistakes_of_folders_too(case: Path, tmp_path: Path) -> None
     (tmp_path / "pipe.toml").write_text(f'case = "{case.name}"\nout = "taken"\n{ICP}')
     lines = o3dls("check", "pipe.toml", cwd=tmp_path).stderr.splitlines()
     assert len(lines) == 2
-    assert "taken: is no run" in lines[0]
+    assert "taken: is not a run" in lines[0]
     assert "no prior surface" in lines[1]
 
 
@@ -201,7 +201,9 @@ def test_only_a_run_is_replaced_by_a_run(case: Path, pipeline: Path, tmp_path: P
     for source, out in ((case, case), ("runs/case", "runs"), ("runs/case", case)):
         refused(o3dls("run", pipeline, "--case", source, "--out", out, "--force", cwd=tmp_path), "replace")
     refused(o3dls("demo", "--out", case, cwd=tmp_path), "exists already; name another folder or use --force")
-    refused(o3dls("demo", "--out", case, "--force", cwd=tmp_path), "is no run, so it is not ours to replace")
+    refused(
+        o3dls("demo", "--out", case, "--force", cwd=tmp_path), "is not a run, so o3dls does not replace it"
+    )
     assert sorted(tmp_path.rglob("*")) == before
 
 
@@ -236,7 +238,7 @@ def test_misuse_of_the_command_itself_is_one_line(pipeline: Path, tmp_path: Path
     refused(o3dls("run", pipeline, "--casee", "x", cwd=tmp_path), "--casee")
     refused(
         o3dls("run", tmp_path, cwd=tmp_path),
-        f"{tmp_path}: is a folder and no pipeline file; if it is a case, say --case {tmp_path}",
+        f"{tmp_path}: is a folder, not a pipeline file; if it is a case, say --case {tmp_path}",
     )
     refused(o3dls("runn", cwd=tmp_path), "runn")
 

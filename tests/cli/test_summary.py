@@ -47,7 +47,7 @@ def test_it_has_at_most_five_lines_and_names_every_reason(
     assert all(one.name in text for one in given[:count])
     assert text.splitlines()[-2:] == [f"open {run / 'report.html'}", str(run)]
     assert found.word == (WORDS["amber"] if count else WORDS["good"])
-    assert ("no check speaks against it; no data for: Unknown" in text) == (count == 0)
+    assert ("no check found a problem; no data for: Unknown" in text) == (count == 0)
     assert [one["check"] for one in found.record["reasons"]] == [one.name for one in given[:count]]
 
 

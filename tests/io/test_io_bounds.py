@@ -114,10 +114,10 @@ def test_cells_too_long_for_the_reader(tmp_path: Path) -> None:
     long = "a" * 200_000
     marks = tmp_path / "marks.fcsv"
     marks.write_text(f"# CoordinateSystem = LPS\n# columns = id,x,y,z,label\n1,2,3,4,{long}\n")
-    with pytest.raises(InputError, match=r"marks\.fcsv: line 3: is no line of cells: field larger"):
+    with pytest.raises(InputError, match=r"marks\.fcsv: line 3: is not a line of cells: field larger"):
         read_markups(marks)
     for text in (f"roving x,y\n1,{long}\n", f"roving x,{long}\n"):
-        with pytest.raises(InputError, match=r"map\.csv: line \d: is no line of cells: field larger"):
+        with pytest.raises(InputError, match=r"map\.csv: line \d: is not a line of cells: field larger"):
             parse(tmp_path / "map.csv", text.encode(), ["roving x"])
 
 
@@ -180,7 +180,7 @@ def test_packed_data_in_very_many_parts(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("announced", "sentence"),
     [
-        (64, "an element of type 0 and 0 bytes is no array of numbers"),
+        (64, "an element of type 0 and 0 bytes is not an array of numbers"),
         ((1 << 30) + 8, "a variable unpacks to 1073741832 bytes: at most"),
     ],
 )

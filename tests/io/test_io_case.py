@@ -126,7 +126,7 @@ def test_delimiters_aliases_and_comments(delimiter: str, tmp_path: Path) -> None
         ("x,y,z,sigma\n1,2,3,\n1,2,4,0\n", "line 3, column 'sigma': a noise level must be above 0, not 0"),
         (
             "x,y,z,type\n1,2,3,abblation\n",
-            "line 2, column 'type': 'abblation' is no type of point: did you mean 'ablation'",
+            "line 2, column 'type': 'abblation' is not a type of point: did you mean 'ablation'",
         ),
         ("x,y,z\n1,2,1_0\n", "line 2, column 'z': '1_0' is not a number"),
         ("x,y,z\n1,2,3\n# the end\n", "line 3 begins with #: comments belong above the header"),
@@ -135,7 +135,7 @@ def test_delimiters_aliases_and_comments(delimiter: str, tmp_path: Path) -> None
             "line 3 begins with #: .* a name that begins so stands in quotes",
         ),
         ("# space=scanner\nx,y,z\n1,2,3\n", "states space=scanner: must be one of LPS, RAS, unknown"),
-        ("x,y,z,x\n1,2,3,4\n", "'x' is there twice"),
+        ("x,y,z,x\n1,2,3,4\n", "'x' appears twice"),
         ("x,y,z,\n1,2,3,4\n", "is empty"),
         ("x,y,z\n", "a header but no points"),
         ("# nothing\n", "no header line"),
@@ -317,7 +317,7 @@ def test_a_case_in_code_is_in_millimetres_and_finite() -> None:
 def test_a_force_that_stands_for_none_is_refused(tmp_path: Path) -> None:
     (tmp_path / "p.csv").write_text("x,y,z,force\n1,2,3,-2.5\n4,5,6,\n7,8,9,-10000\n")
     with pytest.raises(
-        InputError, match=r"p\.csv: line 4, column 'force': -10000 is no force; leave it empty"
+        InputError, match=r"p\.csv: line 4, column 'force': -10000 is not a contact force; leave it empty"
     ):
         read_points(tmp_path / "p.csv")
 
@@ -341,12 +341,12 @@ def test_a_force_that_stands_for_none_is_refused(tmp_path: Path) -> None:
         (
             "prior_landmarks.csv",
             "name,x,y,z\nA,1,2,3\nA,1,2,3\n",
-            "line 3, column 'name': 'A' is there twice",
+            "line 3, column 'name': 'A' appears twice",
         ),
         ("prior_landmarks.csv", "name,x,y\nA,1,2\n", "no column 'z'"),
         ("init.csv", "1,0,0\n0,1,0\n", "must hold 4 rows of 4"),
-        ("init.csv", "1,0,0,0\n0,1,0,0\n0,0,-1,0\n0,0,0,1\n", "init.csv: is no pose"),
-        ("init.csv", "1,0.7,0,0\n0,1,0,0\n0,0,1,0\n0,0,0,1\n", "init.csv: is no pose"),
+        ("init.csv", "1,0,0,0\n0,1,0,0\n0,0,-1,0\n0,0,0,1\n", "init.csv: is not a pose"),
+        ("init.csv", "1,0.7,0,0\n0,1,0,0\n0,0,1,0\n0,0,0,1\n", "init.csv: is not a pose"),
         ("init.csv", "1,0,0,1_0\n0,1,0,0\n0,0,1,0\n0,0,0,1\n", "must hold 4 rows of 4"),
         ("outliers.csv", "row\n99\n", "outliers.csv names row 99: points have rows 0 to 19"),
         ("outliers.csv", "row\n0\n-1\n", "outliers.csv names row -1: points have rows 0 to 19"),
@@ -465,7 +465,7 @@ def test_staged_folder_appears_whole_and_replaces_only_our_own(tmp_path: Path) -
     with staged_folder(out, force=True) as staged:
         (staged / "other.txt").write_text("new")
     assert [p.name for p in out.iterdir()] == ["other.txt"]
-    with pytest.raises(InputError, match="not ours to replace"), staged_folder(out, force=True):
+    with pytest.raises(InputError, match="so o3dls does not replace it"), staged_folder(out, force=True):
         pass
     assert [p.name for p in tmp_path.iterdir()] == ["run"]
 
@@ -479,7 +479,7 @@ def test_a_folder_is_only_replaced_by_one_of_its_kind(there: str, new: str, tmp_
     (tmp_path / "out" / there).write_text("")
     write_manifest(tmp_path / "out")
     with (
-        pytest.raises(InputError, match="so it is not ours to replace"),
+        pytest.raises(InputError, match="so o3dls does not replace it"),
         staged_folder(tmp_path / "out", force=True) as folder,
     ):
         (folder / new).write_text("")

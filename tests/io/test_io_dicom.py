@@ -185,7 +185,7 @@ def test_slices_that_are_missing_or_uneven_are_not_closed_up(tmp_path: Path) -> 
     assert middle(file.surface.vertices)[2] == pytest.approx(ORIGIN[2] + 13.5 * SPACING[2], abs=0.1)
     uneven = np.cumsum(np.where(np.arange(SHAPE[0]) % 2, 1.0, 3.3))
     path = segmentation(tmp_path / "uneven.dcm", labels(), ["LA", "LV"], series(np.eye(3), uneven))
-    with pytest.raises(InputError, match="no parallel slices at equal distances: resample it"):
+    with pytest.raises(InputError, match="not parallel slices at equal distances: resample it"):
         read_surface_file(path, part="LA")
 
 

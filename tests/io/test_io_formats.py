@@ -394,7 +394,7 @@ def test_markups_of_old_and_new_slicer_are_the_same_places(shared_data: Path) ->
         ('{"markups": [{"coordinateSystem": "IJK"}]}', "must be LPS or RAS"),
         ('{"markups": [{"coordinateUnits": {"a": 1}}]}', "coordinateUnits .* one of mm"),
         ('{"markups": [{"controlPoints": [{"position": [1, 2]}]}]}', "must be three numbers"),
-        ('{"markups": ', "is no JSON"),
+        ('{"markups": ', "is not JSON"),
     ],
 )
 def test_wrong_markups_are_refused(text: str, sentence: str, tmp_path: Path) -> None:
@@ -600,7 +600,7 @@ def test_objects_of_other_libraries_and_back() -> None:
     np.testing.assert_array_equal(
         points_of(o3d.t.geometry.PointCloud.from_legacy(cloud)).xyz, marker().vertices.astype(np.float32)
     )
-    with pytest.raises(InputError, match="is no surface: must be a mesh of Open3D"):
+    with pytest.raises(InputError, match="is not a surface: must be a mesh of Open3D"):
         surface_of("mesh")
 
 
@@ -636,7 +636,7 @@ def test_objects_that_are_no_mesh_are_refused() -> None:
         cloud,
         trimesh.Scene(cloud),
     ):
-        with pytest.raises(InputError, match=r"is no surface|mesh is empty"):
+        with pytest.raises(InputError, match=r"is not a surface|mesh is empty"):
             surface_of(thing)
     assert surface_of(trimesh.primitives.Box()).area == pytest.approx(6.0)
     for thing in (tensor.PointCloud(), trimesh.Scene(), "points"):
@@ -653,7 +653,7 @@ def test_conversion_says_what_it_needs(tmp_path: Path) -> None:
         convert(path, out)
     with pytest.raises(InputError, match="its frame is not known"):
         convert(path, out, units="m", to="RAS")
-    with pytest.raises(InputError, match="'label' means nothing for a off file"):
+    with pytest.raises(InputError, match="'label' does not apply to a off file"):
         convert(path, out, units="m", label=3)
     convert(path, out, units="m", frame="RAS", to="LPS")
     file = read_surface_file(out)
@@ -711,7 +711,7 @@ def test_names_of_places_survive_or_are_refused(tmp_path: Path) -> None:
 
 def test_a_pose_takes_no_units(tmp_path: Path) -> None:
     write_transform(tmp_path / "a.txt", POSE, "LPS")
-    with pytest.raises(InputError, match="leave --units away"):
+    with pytest.raises(InputError, match="omit --units"):
         convert(tmp_path / "a.txt", tmp_path / "b.txt", units="cm")
 
 
@@ -734,7 +734,7 @@ def test_capital_suffixes_mean_the_same(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", ["broken.stl", "short.stl", "new.nii", "old.mat"])
 def test_what_is_no_file_of_ours_is_said_to_be_none(name: str, tmp_path: Path) -> None:
     (tmp_path / name).write_bytes(b"solid of ten" if name == "short.stl" else b"\0\1\2" * 60)
-    with pytest.raises(InputError, match=rf"{name}: is no surface, points .* that o3dls knows"):
+    with pytest.raises(InputError, match=rf"{name}: is not a surface, points .* that o3dls knows"):
         convert(tmp_path / name, tmp_path / "o.ply")
 
 
@@ -745,7 +745,7 @@ def test_outlines_in_2d_are_refused_where_they_have_no_room(tmp_path: Path) -> N
             InputError, match=f"{name}: .* is for surfaces in 3D; outlines in 2D are written as csv"
         ):
             convert(tmp_path / "o.csv", tmp_path / name)
-    with pytest.raises(InputError, match="leave --to away"):
+    with pytest.raises(InputError, match="omit --to"):
         convert(tmp_path / "o.csv", tmp_path / "p.csv", to="LPS")
     convert(tmp_path / "o.csv", tmp_path / "p.csv")
     assert read_surface(tmp_path / "p.csv").volume == pytest.approx(2100)  # mm2

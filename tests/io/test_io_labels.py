@@ -236,7 +236,7 @@ def test_a_grey_image_is_no_label_volume(tmp_path: Path) -> None:
     image = np.random.default_rng(3).integers(0, 832, (20, 20, 20)).astype(np.int16)
     sitk.WriteImage(sitk.GetImageFromArray(image), str(tmp_path / "grey.nrrd"))
     with pytest.raises(
-        InputError, match=r"rather a grey image than a label volume: segment the chamber first"
+        InputError, match=r"which looks like a grey image, not a label volume: segment the chamber first"
     ):
         read_surface_file(tmp_path / "grey.nrrd")
 
@@ -260,7 +260,7 @@ def test_labels_stored_as_floats_are_labels_and_what_is_not_finite_is_none() -> 
     assert surface_of(Image(values, np.eye(4)), "a.nii").metadata["label"] == 3
     for wrong in (np.nan, np.inf, 0.5, -1e12):
         values[0, 0, 0] = wrong
-        with pytest.raises(InputError, match="no whole numbers; it is an image"):
+        with pytest.raises(InputError, match="not whole numbers; it is an image"):
             surface_of(Image(values, np.eye(4)), "a.nii")
 
 
@@ -331,7 +331,7 @@ def test_pieces_that_are_left_out_are_told(tmp_path: Path) -> None:
 def test_what_is_no_label_volume_is_refused(tmp_path: Path) -> None:
     grey = sitk.GetImageFromArray(np.random.default_rng(SEED).normal(size=(5, 6, 7)))
     sitk.WriteImage(grey, str(tmp_path / "a.nrrd"))
-    with pytest.raises(InputError, match="no whole numbers; it is an image"):
+    with pytest.raises(InputError, match="not whole numbers; it is an image"):
         read_surface_file(tmp_path / "a.nrrd")
     sitk.WriteImage(sitk.GetImageFromArray(np.ones((5, 6, 7), np.uint8)), str(tmp_path / "b.nii"))
     header = bytearray((tmp_path / "b.nii").read_bytes())

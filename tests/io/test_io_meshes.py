@@ -122,7 +122,7 @@ def test_other_binary_files_are_not_taken_for_stl(tmp_path: Path) -> None:
     noise = np.random.default_rng(40_129)
     for _ in range(20):
         path.write_bytes(noise.bytes(80) + np.uint32(3).tobytes() + noise.bytes(500))
-        with pytest.raises(InputError, match="no surface file that o3dls knows"):
+        with pytest.raises(InputError, match="not a surface file that o3dls knows"):
             read_surface(path)
 
 

@@ -129,7 +129,7 @@ GRID = f"{HEAD}POINTS 4 float\n0 0 0 1 0 0 0 1 0 0 0 1\n"
         ("CELLS 1 5\n4 0 1 2 3\nCELL_TYPES 2\n10 10\n", "there are 2 CELL_TYPES and 1 CELLS"),
         ("CELLS 1 5\n4 0 1 2 4\nCELL_TYPES 1\n10\n", "a cell names vertex 4: there are 4, counted from 0"),
         ("CELLS 1 4\n3 0 1 2\nCELL_TYPES 1\n10\n", "of VTK's type 10 has 3 corners: must be 4"),
-        ("CELLS 1 5\n4 0 1 2 3\nCELLS 1 5\n4 0 1 2 3\n", "CELLS are there twice"),
+        ("CELLS 1 5\n4 0 1 2 3\nCELLS 1 5\n4 0 1 2 3\n", "CELLS appear twice"),
     ],
 )
 def test_grids_that_do_not_hold_together_are_refused(cells: str, sentence: str, tmp_path: Path) -> None:

@@ -160,7 +160,7 @@ def test_archives_that_cannot_be_opened_say_why(tmp_path: Path) -> None:
         read_study(tmp_path / "a.zip")
     whole = zipped(carto_folder(tmp_path / "s"), tmp_path / "b.zip").read_bytes()
     (tmp_path / "b.zip").write_bytes(whole[: len(whole) // 2])
-    with pytest.raises(InputError, match="no readable zip"):
+    with pytest.raises(InputError, match="not a readable zip"):
         read_study(tmp_path / "b.zip")
     for at, bits, sentence in (
         (6, 1, "password"),
@@ -364,7 +364,7 @@ def test_phase_and_frame_of_a_prior_are_those_that_are_said(tmp_path: Path) -> N
 
 def test_what_is_said_of_a_prior_needs_one(tmp_path: Path) -> None:
     folder = carto_folder(tmp_path / "s")
-    with pytest.raises(InputError, match="cap, label: means nothing without a prior"):
+    with pytest.raises(InputError, match="cap, label: needs a prior"):
         import_study(folder, "1-Map", tmp_path / "case", cap=True, label=0, part=None)
     import_study(folder, "1-Map", tmp_path / "case", cap=False, label=None)
 

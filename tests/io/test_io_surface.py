@@ -133,7 +133,7 @@ def test_truncated_files_are_refused(name: str, share: float, tmp_path: Path) ->
 @pytest.mark.parametrize(
     ("content", "sentence"),
     [
-        (b"\x93\x07garbage" * 40, "no surface file that o3dls knows"),
+        (b"\x93\x07garbage" * 40, "not a surface file that o3dls knows"),
         (b"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\n", "no line 'end_header'"),
         (
             b"ply\nformat ascii 1.0\nelement vertex 1\nproperty int x\nproperty int y\nproperty int "
@@ -144,7 +144,7 @@ def test_truncated_files_are_refused(name: str, share: float, tmp_path: Path) ->
         (b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 nan 0\n3 0 1 2\n", "vertex 2 is not finite"),
         (b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 3\n", r"names vertices \[0, 1, 3\]: there are 3"),
         (b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 1\n", "names one vertex twice"),
-        (b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 1.5\n", "no whole number"),
+        (b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 1.5\n", "not a whole number"),
         (b"OFF\n3 0 0\n0 0 0\n1 0 0\n0 1 0\n", "3 vertices and 0 triangles"),
         (b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 0 1 2\n", "counts from 1"),
         (b"v 0 0 0\nv 1 0 0\nv 0 one 0\nf 1 2 3\n", "line 3: vertex 'one' is not a number"),
@@ -174,7 +174,7 @@ def test_truncated_files_are_refused(name: str, share: float, tmp_path: Path) ->
             b"# vtk DataFile Version 3.0\nt\nASCII\nDATASET STRUCTURED_POINTS\n",
             "line 4: .* must be DATASET POLYDATA",
         ),
-        (b"<?xml version='1.0'?><VTKFile type='PolyData'><PolyData>", "no well-formed XML"),
+        (b"<?xml version='1.0'?><VTKFile type='PolyData'><PolyData>", "not well-formed XML"),
     ],
 )
 def test_broken_files_are_named_with_place_and_reason(content: bytes, sentence: str, tmp_path: Path) -> None:

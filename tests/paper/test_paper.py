@@ -184,7 +184,7 @@ def test_a_folder_that_is_not_ours_is_not_replaced(tmp_path: Path) -> None:
     from o3dls.paper.compute import make
 
     (tmp_path / "letter.txt").write_text("keep me")
-    with pytest.raises(InputError, match="not ours to replace"):
+    with pytest.raises(InputError, match="so o3dls does not replace it"):
         make(tmp_path, quick=True, force=True)
 
 

@@ -235,7 +235,7 @@ def test_a_batch_never_replaces_its_cases(tmp_path: Path) -> None:
     folders = cases(tmp_path, one=60, two=60)
     (folders[1] / "run.json").write_text("{}")
     before = sorted(tmp_path.rglob("*"))
-    with pytest.raises(InputError, match="one: is no run, so it is not ours to replace"):
+    with pytest.raises(InputError, match="one: is not a run, so o3dls does not replace it"):
         run_all(folders, Pipeline([Nudge()], folds=0), tmp_path, force=True)
     assert sorted(tmp_path.rglob("*")) == before
 

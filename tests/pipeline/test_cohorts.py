@@ -438,5 +438,5 @@ def test_a_run_never_replaces_a_case_that_is_read(place: str, tmp_path: Path) ->
 def test_a_folder_without_runs_is_no_cohort(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="holds no runs"):
         gathered(tmp_path)
-    with pytest.raises(InputError, match="is no folder"):
+    with pytest.raises(InputError, match="is not a folder"):
         gathered(tmp_path / "none")

@@ -206,7 +206,7 @@ def test_reports_in_two_dimensions(tmp_path: Path) -> None:
 def test_unknown_estimate_and_folder_are_named(run: Path, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"no estimate 'levelset': did you mean 'level_set'\?"):
         write_report([run], tmp_path / "x.html", compare=["levelset"])
-    with pytest.raises(InputError, match="is no run folder"):
+    with pytest.raises(InputError, match="is not a run folder"):
         write_report([tmp_path])
     assert not list(tmp_path.glob("*.html"))
 

@@ -83,7 +83,7 @@ def test_a_page_that_is_not_that_of_the_run_is_made_elsewhere(kind: str, tmp_pat
 
 def test_what_is_no_run_is_refused_before_a_page_is_taken(tmp_path: Path) -> None:
     (tmp_path / "report.html").write_text("some page")
-    with pytest.raises(InputError, match="is no run folder"):
+    with pytest.raises(InputError, match="is not a run folder"):
         page_of(tmp_path)
 
 

@@ -62,7 +62,7 @@ def test_the_section_has_a_row_for_each_number_in_the_pictures(subject: Subject)
     drawn = scene(subject)["next"]
     assert numbers == [one["name"] for one in drawn]
     assert [one["at"] for one in drawn] == [place.xyz.tolist() for place in found.places]
-    assert "no advice for a procedure" in section.body
+    assert "not advice for a procedure" in section.body
     assert 'id="next"' in report_page(subject)
 
 

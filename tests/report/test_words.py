@@ -57,7 +57,7 @@ def found(text: str) -> list[str]:
 def test_texts_of_the_code_have_none_of_the_words(package: str) -> None:
     for path in (ROOT / "o3dls" / package).rglob("*.py"):
         for text in literals(path):
-            # a key of a record, such as a column of a trace, is no text: it has no space
+            # a key of a record, such as a column of a trace, is not text: it has no space
             assert " " not in text or not found(text), (path.name, text)
 
 

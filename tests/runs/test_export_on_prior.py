@@ -180,7 +180,7 @@ def test_what_cannot_be_is_said(run: Path, tmp_path: Path) -> None:
     with pytest.raises(PipelineError, match="grid belongs to the formats mask"):
         Export(format="ply", grid=Path("a.nii"))
     (tmp_path / "text.nii").write_text("no image")
-    with pytest.raises(InputError, match="is no image whose grid could be taken"):
+    with pytest.raises(InputError, match="is not an image whose grid could be taken"):
         export_run(run, tmp_path / "a.nrrd", format="mask_nrrd", on="prior", grid=tmp_path / "text.nii")
     with pytest.raises(InputError, match="no such image"):
         export_run(run, tmp_path / "a.nrrd", format="mask_nrrd", on="prior", grid=tmp_path / "b.nii")

@@ -28,16 +28,16 @@ EDITS = [
     (f"{ONE}.scores.truth.dice", [1], f"{ONE}.scores.truth.dice = [1]: must be a number"),
     (f"{ONE}.seconds", "x", f'{ONE}.seconds = "x": must be a number'),
     (f"{ONE}.seconds", 10**30, "has a whole number beyond 64 bits"),
-    (f"{ONE}.seconds", float("nan"), "is no JSON: NaN is no number there"),
+    (f"{ONE}.seconds", float("nan"), "is not JSON: NaN is not a number there"),
     (f"{ONE}.iterations", True, f"{ONE}.iterations = true: must be a whole number"),
     (f"{ONE}.warnings", 3, f"{ONE}.warnings = 3: must be a list"),
     (f"{ONE}.validity.watertight", 3, f"{ONE}.validity.watertight = 3: must be true or false"),
     (f"{ONE}.sigma_mm", "1 mm", f"{ONE}.sigma_mm: must be there, a number or null"),
     (f"{ONE}.facts", {"observability": [3]}, f"{ONE}.facts.observability[0] = 3: must be a table"),
     ("pipeline", 3, "pipeline = 3: must be a table"),
-    ("pipeline.stage", [{}], "has no 'pipeline.stage[0].use', so it is no finished run"),
+    ("pipeline.stage", [{}], "has no 'pipeline.stage[0].use', so it is not a finished run"),
     ("case.units", "cm", "case.units = \"cm\": must be 'mm' or 'px'"),
-    ("case", {}, "has no 'case.name', so it is no finished run"),
+    ("case", {}, "has no 'case.name', so it is not a finished run"),
     ("estimates", {}, "estimates: has no 'start'"),
 ]
 
@@ -90,7 +90,7 @@ def test_the_name_of_an_estimate_leads_to_no_other_folder(whole: Path, name: str
         ("[" * 100_000, "in each other more than 20 deep"),
         ('{"a":' * 300 + "1" + "}" * 300, "in each other more than 20 deep"),
         ("9" * 5000, "has a whole number beyond 64 bits"),
-        ('{"schema": "o3dls/run/2", "seconds": 1e', "is no JSON"),
+        ('{"schema": "o3dls/run/2", "seconds": 1e', "is not JSON"),
     ],
 )
 def test_deep_and_long_records_are_refused_at_once(text: str, sentence: str, tmp_path: Path) -> None:

@@ -341,11 +341,11 @@ def test_an_invalid_surface_is_written_and_named() -> None:
 @pytest.mark.parametrize(
     ("content", "sentence"),
     [
-        (None, "is no run folder"),
+        (None, "is not a run folder"),
         ("{", "run.json"),
         ("[]", "run.json: schema is not there: must be 'o3dls/run/2'"),
         ('{"schema": "other/2"}', "schema is 'other/2': must be 'o3dls/run/2'"),
-        ('{"schema": "o3dls/run/2"}', "run.json: has no 'case', so it is no finished run"),
+        ('{"schema": "o3dls/run/2"}', "run.json: has no 'case', so it is not a finished run"),
     ],
 )
 def test_what_is_no_run_is_refused(tmp_path: Path, content: str | None, sentence: str) -> None:

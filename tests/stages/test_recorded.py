@@ -1,4 +1,4 @@
-"""The recorded pose is taken as it is, and refused where there is none or where it is no pose."""
+"""The recorded pose is taken as it is, and refused where there is none or where it is not a pose."""
 
 from dataclasses import replace
 

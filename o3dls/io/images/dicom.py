@@ -34,7 +34,7 @@ def check_no_series(folder: Path) -> None:
     if any(_is_dicom(path) for path in files):
         raise InputError(
             f"{folder}: is a folder of DICOM files; a segmentation (SEG) is one of them: name it. Slices of "
-            f"CT or MR are no segmentation: {SEGMENT_FIRST}"
+            f"CT or MR are not a segmentation: {SEGMENT_FIRST}"
         )
 
 
@@ -106,7 +106,7 @@ def _image(path: Path, segmentation: Any) -> Image:
     geometry = segmentation.get_volume_geometry()
     if geometry is None:
         raise InputError(
-            f"{path}: its frames are no parallel slices at equal distances: resample it, as in 3D Slicer"
+            f"{path}: its frames are not parallel slices at equal distances: resample it, as in 3D Slicer"
         )
     count(path, [int(n) for n in geometry.spatial_shape])
     numbers = [int(number) for number in segmentation.segment_numbers]

@@ -106,8 +106,8 @@ def _chosen(
     if label is None:
         if len(labels) > MANY_LABELS and not segments:
             raise InputError(
-                f"{path}: holds {len(labels)} different values, rather a grey image than a label volume: "
-                "segment the chamber first and save its labels; if these are labels, say --label"
+                f"{path}: holds {len(labels)} different values, which looks like a grey image, not a label "
+                "volume: segment the chamber first and save its labels; if these are labels, say --label"
             )
         if len(labels) != 1:
             raise InputError(f"{path}: holds {len(labels)} labels" + hint)
@@ -152,11 +152,11 @@ def _labels(path: str, values: NDArray[Any]) -> list[int]:
 
 
 def _whole(path: str, values: NDArray[Any]) -> set[int]:
-    """The different values of a slice. Raises InputError where one is no whole number."""
+    """The different values of a slice. Raises InputError where one is not a whole number."""
     found = np.unique(values)
     if found.dtype.kind == "f" and not ((found == np.round(found)) & (np.abs(found) < 1e9)).all():
         raise InputError(
-            f"{path}: holds values that are no whole numbers; it is an image, not a label volume"
+            f"{path}: holds values that are not whole numbers; it is an image, not a label volume"
         )
     return {int(value) for value in found}
 

@@ -147,7 +147,7 @@ def _qform(header: Any, where: str) -> Array:
     try:
         return np.asarray(header.get_qform(), dtype=np.float64)
     except (HeaderDataError, ValueError) as error:
-        raise InputError(f"{where}: its qform is no rotation: {error}") from None
+        raise InputError(f"{where}: its qform is not a rotation: {error}") from None
 
 
 def _agree(where: str, affine: Array, pixdim: Array) -> None:

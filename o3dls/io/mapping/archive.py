@@ -49,7 +49,7 @@ class Archive:
         try:
             file = zipfile.ZipFile(io.BytesIO(data))
         except (zipfile.BadZipFile, NotImplementedError, ValueError, EOFError, zlib.error) as error:
-            raise InputError(f"{path}: is no readable zip: {error}; it is truncated or damaged") from None
+            raise InputError(f"{path}: is not a readable zip: {error}; it is truncated or damaged") from None
         found = {info.filename.replace("\\", "/"): (file, info) for info in file.infolist()[:MOST_FILES]}
         found = {
             name: where

@@ -50,7 +50,7 @@ def _load_hdf5(path: Path, data: bytes) -> dict[str, Any]:
             return {name: _plain(file[name], file) for name in file if not name.startswith("#")}
     except Exception as error:  # a foreign parser, which raises whatever it meets
         raise InputError(
-            f"{path}: is no readable MATLAB 7.3 file: {error}; it is truncated or damaged"
+            f"{path}: is not a readable MATLAB 7.3 file: {error}; it is truncated or damaged"
         ) from error
 
 

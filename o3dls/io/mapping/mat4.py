@@ -39,15 +39,15 @@ def read_mat4(path: Path, data: bytes) -> list[tuple[str, Array]]:
 
     # scipy reads as version 5 what is none of 4, and crashes on damaged ones
     if first_name(data) is None:
-        raise InputError(f"{path}: is no MATLAB 4 file")
+        raise InputError(f"{path}: is not a MATLAB 4 file")
     try:
         names = [name for name, *_ in whosmat(io.BytesIO(data))]  # type: ignore[arg-type]  # the stubs leave files out
         found = loadmat(io.BytesIO(data))  # type: ignore[arg-type]  # the stubs leave files out
         values = [(name, np.asarray(found[name], dtype=np.float64).ravel()) for name in names]
     except Exception as error:  # a foreign parser, which raises whatever it meets
         raise InputError(
-            f"{path}: is no readable MATLAB 4 file: {error}; it is truncated or damaged"
+            f"{path}: is not a readable MATLAB 4 file: {error}; it is truncated or damaged"
         ) from error
     if len(set(names)) < len(names):
-        raise InputError(f"{path}: a variable of {', '.join(names)} is there twice")
+        raise InputError(f"{path}: a variable of {', '.join(names)} appears twice")
     return values

@@ -75,13 +75,13 @@ class Elements:
     def numbers(self) -> NDArray[Any]:
         kind, body = self.take()
         if kind not in NUMBERS or len(body) % np.dtype(NUMBERS[kind]).itemsize:
-            raise self.error(f"an element of type {kind} and {len(body)} bytes is no array of numbers")
+            raise self.error(f"an element of type {kind} and {len(body)} bytes is not an array of numbers")
         return np.frombuffer(body, self.order + NUMBERS[kind])
 
     def text(self) -> str:
         kind, body = self.take()
         if kind not in TEXT:
-            raise self.error(f"an element of type {kind} is no text")
+            raise self.error(f"an element of type {kind} is not text")
         wide = TEXT[kind] in ("utf-16", "utf-32")
         return body.decode(TEXT[kind] + ("-be" if self.order == ">" else "-le") * wide, errors="replace")
 
@@ -112,10 +112,10 @@ def read_mat5(path: Path, data: bytes) -> dict[str, Any]:
         if kind == PACKED:
             kind, body = run.inside(_unpacked(run, body)).take()
         if kind != MATRIX:
-            raise run.error(f"a variable of type {kind} is no array")
+            raise run.error(f"a variable of type {kind} is not an array")
         name, value = _matrix(run.inside(body))
         if name in variables:
-            raise run.error(f"variable '{name}' is there twice")
+            raise run.error(f"variable '{name}' appears twice")
         variables[name] = value
     if len(run.data) - run.at > 0:
         raise run.error("the last element is incomplete")

@@ -44,7 +44,7 @@ def import_study(
     """
     given = [name for name, value in choice.items() if value is not None and value is not False]
     if prior is None and given:
-        raise InputError(f"{', '.join(given)}: means nothing without a prior; name it with --prior")
+        raise InputError(f"{', '.join(given)}: needs a prior; name one with --prior")
     check_free(out, force, "case", [Path(path) for path in (study, prior, landmarks) if path is not None])
     found = read_study(study, map_name)
     with staged_folder(out, force) as folder:
@@ -145,7 +145,7 @@ def _settled_frame(prior: Path, stated: str, given: str | None) -> str:
     if given not in (*SPACES, None):
         raise InputError(f"frame = '{given}': must be one of {', '.join(SPACES)}")
     if given is not None and stated not in ("unknown", given):
-        raise InputError(f"{prior}: states frame {stated}, and {given} was given; leave --frame away")
+        raise InputError(f"{prior}: states frame {stated}, and {given} was given; omit --frame")
     return stated if given is None else given
 
 

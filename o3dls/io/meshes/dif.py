@@ -108,7 +108,7 @@ def parse_xml(path: Path, data: bytes) -> ElementTree.Element:
         return ElementTree.fromstring(data, parser)
     except (ElementTree.ParseError, ValueError, LookupError) as error:
         raise InputError(
-            f"{path}: is no well-formed XML: {error}; the file is truncated or damaged"
+            f"{path}: is not well-formed XML: {error}; the file is truncated or damaged"
         ) from None
 
 

@@ -154,7 +154,7 @@ def _off_polygons(path: Path, rows: list[tuple[int, str]]) -> list[Array]:
     wrong = np.flatnonzero((shapes[:, 0] < 3) | (shapes[:, 0] >= shapes[:, 1]))
     if len(wrong):
         raise InputError(
-            f"{path}: line {rows[wrong[0]][0]}: '{rows[wrong[0]][1][:40]}' is no face: a count and as "
+            f"{path}: line {rows[wrong[0]][0]}: '{rows[wrong[0]][1][:40]}' is not a face: a count and as "
             "many corners"
         )
     for corners, width in np.unique(shapes, axis=0):

@@ -89,7 +89,7 @@ def _parse_header(path: Path, lines: list[str]) -> tuple[str, list[Element]]:
             case ["ply"] | ["comment" | "obj_info", *_] | []:
                 pass
             case _:
-                raise InputError(f"{path}: line {number}: '{line[:80]}' is no PLY header line")
+                raise InputError(f"{path}: line {number}: '{line[:80]}' is not a PLY header line")
     if order is None:
         raise InputError(f"{path}: PLY header has no 'format' line")
     for element in elements:

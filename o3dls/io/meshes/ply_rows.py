@@ -45,7 +45,7 @@ def truncated(path: Path, element: Element, found: int) -> InputError:
 
 
 def whole(count: Any) -> int:
-    """A count as it stands in a file; -1, which no list has, where it is no whole number."""
+    """A count as it stands in a file; -1, which no list has, where it is not a whole number."""
     return int(count) if np.isfinite(count) and count == np.floor(count) and abs(count) < 1e12 else -1
 
 

@@ -106,11 +106,12 @@ def read_surface_file(
     if known is None and path.suffix.lower() != ".csv":
         names = ", ".join(f.name for f in FORMATS)
         raise InputError(
-            f"{path}: is no surface file that o3dls knows ({names}, csv in 2D); it begins with {data[:16]!r}"
+            f"{path}: is not a surface file that o3dls knows ({names}, csv in 2D); "
+            f"it begins with {data[:16]!r}"
         )
     for name in given:
         if known is None or name not in known.options:
-            raise InputError(f"{path}: '{name}' means nothing for a {known.name if known else 'csv'} file")
+            raise InputError(f"{path}: '{name}' does not apply to a {known.name if known else 'csv'} file")
     return known.read(path, data, **given) if known else polyline.read_polyline(path)
 
 

@@ -110,7 +110,7 @@ def check_faces(path: Path, faces: Array | Ints, n: int) -> None:
     broken = np.flatnonzero((faces != np.floor(faces)).any(axis=1) | np.isnan(faces).any(axis=1))
     if len(broken):
         raise InputError(
-            f"{path}: triangle {broken[0]} has an index that is no whole number: {_row(faces[broken[0]])}"
+            f"{path}: triangle {broken[0]} has an index that is not a whole number: {_row(faces[broken[0]])}"
         )
     bad = np.flatnonzero(((faces < 0) | (faces >= n)).any(axis=1))
     if len(bad):

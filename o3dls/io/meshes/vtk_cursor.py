@@ -72,13 +72,13 @@ class Cursor:
     def count(self, word: str) -> int:
         """A number of things that the rest of the file could hold."""
         if not is_count(word) or int(word) > len(self.data):
-            raise self.error(f"'{word[:20]}' is no count that a file of {len(self.data)} bytes can hold")
+            raise self.error(f"'{word[:20]}' is not a count that a file of {len(self.data)} bytes can hold")
         return int(word)
 
     def numbers(self, n: int, kind: str) -> Array:
         """The next n numbers of a VTK type, as float64."""
         if kind not in TYPES:
-            raise self.error(f"'{kind[:20]}' is no VTK type; there are {', '.join(TYPES)}")
+            raise self.error(f"'{kind[:20]}' is not a VTK type; there are {', '.join(TYPES)}")
         return self._binary_numbers(n, kind) if self.binary else self._ascii_numbers(n)
 
     def integers(self, n: int, kind: str) -> Ints:

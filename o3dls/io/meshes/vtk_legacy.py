@@ -48,7 +48,7 @@ def read(path: Path, data: bytes) -> SurfaceFile:
                 vertices = cursor.numbers(cursor.count(n) * 3, kind).reshape(-1, 3)
             case [what, n, size] if what in KINDS:
                 if what in parts:
-                    raise cursor.error(f"{what} are there twice")
+                    raise cursor.error(f"{what} appear twice")
                 parts[what] = _cells(cursor, cursor.count(n), cursor.count(size), KINDS[what])
             case ["CELL_TYPES", n]:
                 types = cursor.integers(cursor.count(n), "int")
@@ -148,7 +148,7 @@ def _attribute(cursor: Cursor, words: list[str], n: int) -> Fields:
             return _drop(cursor, 4 * cursor.count(size), "unsigned_char" if cursor.binary else "float")
         case ["FIELD", _, arrays]:
             return _field(cursor, cursor.count(arrays))
-    raise cursor.error(f"'{' '.join(words)[:60]}' is no VTK keyword that is known here")
+    raise cursor.error(f"'{' '.join(words)[:60]}' is not a known VTK keyword")
 
 
 def _drop(cursor: Cursor, count: int, kind: str) -> Fields:

@@ -61,7 +61,7 @@ def open_xml(path: Path, data: bytes) -> tuple[ElementTree.Element, bytes]:
         return ElementTree.fromstring(data), appended
     except ElementTree.ParseError as error:
         raise InputError(
-            f"{path}: is no well-formed XML: {error}; the file is truncated or damaged"
+            f"{path}: is not well-formed XML: {error}; the file is truncated or damaged"
         ) from None
 
 
@@ -98,7 +98,7 @@ class Arrays:
     def count(self, piece: ElementTree.Element, name: str) -> int:
         text = piece.get(name, "0").strip()
         if not is_count(text) or int(text) > self.size:
-            raise InputError(f"{self.path}: {name}='{text[:20]}' is no count")
+            raise InputError(f"{self.path}: {name}='{text[:20]}' is not a count")
         return int(text)
 
     def text(self, root: ElementTree.Element, name: str) -> str | None:

@@ -17,11 +17,10 @@ from .advice import HEAD, located, shown_advice
 from .wall_regions import wall_regions
 
 MEANING = (
-    "are places of the wall where one more mapping point would make the surface "
-    "surest, by the posterior of the motion, each with those before it in mind. This is what the prior, the "
-    "points and their noise let expect, and not what will be found. The posterior does not know whether a "
-    "catheter gets there, nor whether there is wall and no mitral valve. For research only, no advice for a "
-    "procedure."
+    "are places of the wall where one more mapping point would reduce the uncertainty most, by "
+    "the posterior of the motion; each place takes those before it into account. This is an expectation from "
+    "the prior, the points and their noise, not a measurement. The posterior cannot tell whether a catheter "
+    "can reach a place, or whether it is wall or mitral valve. For research only; not advice for a procedure."
 )
 
 

@@ -13,7 +13,7 @@ from ...io.table import read_table
 from ..subject import Subject, read_subject
 from .advice import HEAD, Located, advice, located
 
-NOTICE = "What the posterior expects, not what will be found. Research use only, no advice for a procedure."
+NOTICE = "What the posterior expects, not what will be found. Research use only; not advice for a procedure."
 
 
 def next_places(folder: Path, k: int, reachable: Path | None = None, *, as_json: bool = False) -> str:

@@ -54,7 +54,9 @@ def write_labels_like(path: Path, surface: Surface, grid: Path, space: str) -> d
 
     data = read_bytes(grid)
     if not knows(data):
-        raise InputError(f"{grid}: is no image whose grid could be taken: must be NRRD, NIfTI or MetaImage")
+        raise InputError(
+            f"{grid}: is not an image whose grid could be taken: must be NRRD, NIfTI or MetaImage"
+        )
     image = read_image(grid, data)
     turn = TURN if {space, image.space} == {"LPS", "RAS"} else np.eye(4)
     affine = turn @ image.affine

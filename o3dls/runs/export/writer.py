@@ -83,7 +83,7 @@ class Export(Writer):
         if self.vmin is not None and self.vmax is not None and not self.vmin < self.vmax:
             raise PipelineError(f"export: vmin = {self.vmin:g} must be below vmax = {self.vmax:g}")
         if self.format == "dif" and self.frame == "RAS":
-            raise PipelineError("export: DIF files are in LPS by definition; leave frame away")
+            raise PipelineError("export: DIF files are in LPS by definition; omit frame")
         if self.grid is not None and not self.format.startswith("mask"):
             raise PipelineError(
                 f"export: grid belongs to the formats mask_nrrd and mask_nifti, not {self.format}"

@@ -50,8 +50,8 @@ def read(path: Path, data: bytes, *, hidden: bool = False) -> SurfaceFile:
     mesh = parse(path, data)
     if not np.allclose(mesh.matrix, np.eye(4).ravel()):
         raise InputError(
-            f"{path}: its Matrix is not the identity, which o3dls has never seen proven; apply it with "
-            "the system's own tools"
+            f"{path}: its Matrix is not the identity, and how the system applies it is not documented; "
+            "apply it with the system's own tools"
         )
     triangles = mesh.triangles if hidden else mesh.triangles[mesh.triangle_groups >= 0]
     triangles = triangles[(triangles != np.roll(triangles, 1, axis=1)).all(axis=1)]

@@ -76,7 +76,7 @@ def _sections(path: Path, text: str) -> dict[str, Section]:
     for heading, after in zip_longest(headings, headings[1:]):
         line = text.count("\n", 0, heading.end()) + 1
         if heading[1] in sections:
-            raise InputError(f"{path}: line {line - 1}: section [{heading[1]}] is there twice")
+            raise InputError(f"{path}: line {line - 1}: section [{heading[1]}] appears twice")
         sections[heading[1]] = Section(text[heading.end() : after.start() if after else len(text)], line)
     for name in SECTIONS[:3]:
         if name not in sections:
