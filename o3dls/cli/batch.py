@@ -66,6 +66,12 @@ def _part(_: click.Context, __: click.Parameter, value: str | None) -> tuple[int
     "--jobs", type=click.IntRange(min=1), default=1, show_default=True, help="cases that run at one time"
 )
 @click.option(
+    "--scheduler",
+    metavar="ADDRESS",
+    help="run the cases on the workers of a dask scheduler, tcp://host:port; local: on --jobs workers of "
+    "this machine",
+)
+@click.option(
     "--resume/--force",
     default=True,
     help="skip the cases whose runs are there, of the same files, pipeline and version (the default), or "
@@ -135,6 +141,7 @@ def _made(
     out: Path,
     *,
     jobs: int,
+    scheduler: str | None,
     resume: bool,
     timeout: float | None,
     memory: float | None,
@@ -154,7 +161,15 @@ def _made(
     with bar(len(study)) as shown, first_told(stop.set):
         hear = _listener(len(study), shown, as_json)
         return run_cohort(
-            study, out, jobs=jobs, limits=limits, force=not resume, table=table, stop=stop, told=hear
+            study,
+            out,
+            jobs=jobs,
+            scheduler=scheduler,
+            limits=limits,
+            force=not resume,
+            table=table,
+            stop=stop,
+            told=hear,
         )
 
 

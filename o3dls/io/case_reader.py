@@ -39,11 +39,11 @@ def read_case(
     unknown or cannot be meant.
     """
     given = {k: v for k, v in (("units", units), ("frame", frame)) if v}
-    return case_of(open_folder(Path(folder), given), points)
+    return case_of(open_folder(Path(folder), given), points, fewest)
 
 
-def case_of(opened: Folder, points: str | Path | None = None) -> Case:
-    """The case of a folder whose settings are known; `points` replace its own. Raises InputError."""
+def case_of(opened: Folder, points: str | Path | None = None, fewest: int = FEWEST_POINTS) -> Case:
+    """The case of a folder whose settings are known; parameters and errors as of `read_case`."""
     prior = surface_of(opened, "prior")
     if prior is None:
         raise InputError(

@@ -7,9 +7,10 @@ import os
 import traceback
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
+from tempfile import NamedTemporaryFile
 from threading import Event
 from time import perf_counter
 
@@ -32,6 +33,7 @@ from .outcome import (
     write_table,
 )
 from .pipeline import Pipeline
+from .scheduler import spread
 from .study import Planned
 from .supervision import Ended, Limits, watched
 
@@ -58,6 +60,7 @@ def run_cohort(
     out: Path,
     *,
     jobs: int = 1,
+    scheduler: str | None = None,
     limits: Limits | None = None,
     force: bool = False,
     table: bool = True,
@@ -70,20 +73,26 @@ def run_cohort(
     replaced. A case that fails, or that is ended, does not stop the others, and leaves NAME.failed.json. The
     table is there from the first case on; the page of an earlier batch is removed.
 
+    scheduler: do them on the workers of this scheduler of dask, `tcp://host:port`, all of which must see the
+    folders; `local`: on `jobs` workers of this machine.
     force: make every case again, and replace the table of other cases too. table: False for a part of a study
     whose parts share a folder: table and page are left alone. stop: once it is set, no more cases are begun.
     told: called with each outcome as it comes. Raises InputError before any work where two runs would have
-    one name, or something that is no run, or that is read, would be replaced.
+    one name, or something that is no run, or that is read, would be replaced; and where a scheduler or its
+    workers cannot do it.
     """
     _check_names(study, out)
     _check_places(study, out, force)
     if table:
         check_table(out, None if force else [one.name for one in study])
         (out / PAGE).unlink(missing_ok=True)  # it speaks of runs that are replaced now
-    tasks = [_Task(one, out / one.name, force) for one in study]
+    since = _time_of_files(out) if force else None
+    tasks = [_Task(one, out / one.name, since, Path.cwd()) for one in study]
     found: dict[str, Outcome] = {}
     written = _Written(out) if table else None
-    with closing(watched(tasks, jobs, limits or Limits(), stop or Event())) as results:
+    how = limits or Limits(), stop or Event()
+    done = spread(tasks, scheduler, jobs, *how, out) if scheduler else watched(tasks, jobs, *how)
+    with closing(done) as results:
         for task, result in results:
             outcome = Outcome(task.name, [], [], result.reason) if isinstance(result, Ended) else result
             if outcome.error:
@@ -97,6 +106,13 @@ def run_cohort(
     if table and found:
         write_table(out, found.values())
     return [found[one.name] for one in study if one.name in found]
+
+
+def _time_of_files(out: Path) -> float:
+    """The time that a file has which is written now into a folder: another machine's, where it keeps them."""
+    out.mkdir(parents=True, exist_ok=True)
+    with NamedTemporaryFile(dir=out, prefix=".batch.partial-") as file:
+        return os.fstat(file.fileno()).st_mtime
 
 
 def _log(outcome: Outcome, done: int, of: int) -> None:
@@ -156,18 +172,30 @@ def _check_places(study: Sequence[Planned], out: Path, force: bool) -> None:
 
 @dataclass(frozen=True, eq=False)
 class _Task:
-    """One case, what to do with it, and where its run goes."""
+    """One case, what to do with it, and where its run goes.
+
+    since: make it again where its run is older, by the time of files; work: the folder that relative paths
+    start from.
+    """
 
     plan: Planned
     out: Path
-    force: bool
+    since: float | None
+    work: Path
 
     @property
     def name(self) -> str:
         """The name of the run's folder."""
         return self.plan.name
 
+    @property
+    def reads(self) -> Path:
+        """The case folder."""
+        return self.work / self.plan.folder
+
     def __call__(self) -> Outcome:
+        with suppress(OSError):  # another machine may not have it, and then all paths must be absolute
+            os.chdir(self.work)
         with recorded_log(logging.WARNING) as warnings:
             try:
                 return self._outcome()
@@ -186,12 +214,16 @@ class _Task:
     def _outcome(self) -> Outcome:
         case = read_case(self.plan.folder)
         pipeline = self.plan.pipeline.allowed_by(case) if self.plan.trim else self.plan.pipeline
-        if not self.force and is_done(self.out, pipeline.record(), case):
+        if not self._too_old() and is_done(self.out, pipeline.record(), case):
             forget_failure(self.out)
             return replace(outcome_of(self.out), skipped=True)
         run_into(pipeline, case, self.out, force=True)
         return outcome_of(self.out)
 
+    def _too_old(self) -> bool:
+        record = self.out / "run.json"
+        return self.since is not None and not (record.exists() and record.stat().st_mtime > self.since)
+
     def abandoned(self, process: int) -> None:
         """Remove what a process that was ended left half made."""
-        remove_partial(self.out, process)
+        remove_partial(self.work / self.out, process)

@@ -10,6 +10,7 @@ from concurrent.futures import Executor, Future
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
+from pathlib import Path
 from time import monotonic
 from typing import Any, Generic, Protocol, TypeVar
 
@@ -25,6 +26,10 @@ class Task(Protocol[T_co]):
 
     @property
     def name(self) -> str: ...
+
+    @property
+    def reads(self) -> Path:
+        """The folder that it reads."""
 
     def __call__(self) -> T_co: ...
 

@@ -79,22 +79,29 @@ def watched(
 
     Once `stop` is set no more are begun. Closing this ends what runs.
     """
-    line = _Line(tasks, limits)
     places: list[Place[T]] = [Place(limits.exceeded, jobs - 1) for _ in range(min(jobs, len(tasks)))]
     try:
-        while busy := line.begun(places, stop):
-            wait([place.future for place in busy], timeout=POLL, return_when=FIRST_COMPLETED)
-            for place in busy:
-                found = place.look()
-                if found is None:
-                    continue
-                task, result = found
-                if not isinstance(result, Death):
-                    yield task, result
-                elif not line.again(task, result):
-                    yield task, Ended(line.reason(task, result))
+        yield from attended(places, tasks, limits, stop)
     finally:
         end(places)
+
+
+def attended(
+    places: Sequence[Place[T]], tasks: Sequence[Task[T]], limits: Limits, stop: Event
+) -> Generator[tuple[Task[T], T | Ended]]:
+    """The same in given places, which are left open, for tasks that come later."""
+    line = _Line(tasks, limits)
+    while busy := line.begun(places, stop):
+        wait([place.future for place in busy], timeout=POLL, return_when=FIRST_COMPLETED)
+        for place in busy:
+            found = place.look()
+            if found is None:
+                continue
+            task, result = found
+            if not isinstance(result, Death):
+                yield task, result
+            elif not line.again(task, result):
+                yield task, Ended(line.reason(task, result))
 
 
 def end(places: Sequence[Place[T]]) -> None:

@@ -1,5 +1,6 @@
 """A cohort on machines that fail: no case is lost or done twice, limits end what they should, and the table
-is the same however it was computed. O3DLS_COHORT=1000 makes the cohort so large.
+is the same however it was computed: by one process, some, or workers of dask. O3DLS_COHORT=1000 makes the
+cohort so large.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from threading import Event, Thread
@@ -35,7 +37,8 @@ from o3dls.pipeline.supervision import Limits, resident
 from o3dls.report.writer import write_cohort
 from o3dls.runs.writers import Writer
 
-CASES = int(os.environ.get("O3DLS_COHORT", "10"))
+CASES = int(os.environ.get("O3DLS_COHORT", "24"))
+SHARDS = max(4, CASES // 25)
 SEED = 702_344
 ENDED = 5.0  # seconds after the limit by which a case must have ended
 ICP = 'folds = 0\n[[stage]]\nuse = "icp"\n'
@@ -100,9 +103,14 @@ def cases(folder: Path, **points: int) -> list[Path]:
 
 
 def many(folder: Path, count: int) -> list[Path]:
-    """So many cases of different points, and one that cannot be read."""
+    """So many cases of different points, quick to score, and one that cannot be read."""
     (folder / "broken").mkdir(parents=True)
-    return [folder / "broken", *cases(folder, **{f"c{k:04d}": 45 + k % 30 for k in range(count)})]
+    ball = ball_case(45)
+    truth = replace(ball.truth, surface=None) if ball.truth else None  # its volume takes most of the time
+    for k in range(count):
+        points = replace(ball.points, xyz=ball.points.xyz + k / 1024)
+        write_case(folder / f"c{k:04d}", replace(ball, name=f"c{k:04d}", points=points, truth=truth))
+    return [folder / "broken", *(folder / f"c{k:04d}" for k in range(count))]
 
 
 def table(out: Path) -> str:
@@ -144,29 +152,44 @@ def killed(stop: Event, told: list[Outcome], dead: list[int]) -> None:
     """Kill a process at work some times, each after another case has ended: so all come to an end."""
     rng = random.Random(SEED)
     ended = 0
-    while len(dead) < max(3, CASES // 10) and not stop.wait(rng.uniform(0.0, 0.2)):
-        at_work = [
-            child
-            for child in children(os.getpid())
-            if b"spawn_main" in Path(f"/proc/{child}/cmdline").read_bytes()
-        ]
+    while len(dead) < max(3, CASES // 20) and not stop.wait(rng.uniform(0.0, 0.2)):
+        at_work = spawned(os.getpid())
+        at_work += [process for worker in at_work for process in spawned(worker)]
         if len(told) > ended and at_work:
             ended = len(told)
-            os.kill(victim := rng.choice(at_work), signal.SIGKILL)
-            dead.append(victim)
+            victim = rng.choice(at_work)
+            with suppress(ProcessLookupError):
+                os.kill(victim, signal.SIGKILL)
+                dead.append(victim)
+
+
+def spawned(process: int) -> list[int]:
+    """The processes for cases, or for workers, that a process began."""
+    found = []
+    for child in children(process):
+        with suppress(OSError):
+            if b"spawn_main" in Path(f"/proc/{child}/cmdline").read_bytes():
+                found.append(child)
+    return found
+
+
+ENGINES = pytest.mark.parametrize("scheduler", [None, "local"])
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="finds the processes in /proc")
+@ENGINES
 def test_processes_that_are_killed_at_random_lose_no_case_and_change_no_number(
-    cohort: tuple[list[Path], Path], tmp_path: Path
+    scheduler: str | None, cohort: tuple[list[Path], Path], tmp_path: Path
 ) -> None:
+    if scheduler:
+        pytest.importorskip("distributed")
     folders, alone = cohort
     stop, dead, told = Event(), list[int](), list[Outcome]()
     killer = Thread(target=killed, args=(stop, told, dead))
     killer.start()
     try:
-        limits = Limits(retries=100)
-        run_cohort(planned(folders, QUICK), tmp_path / "runs", jobs=2, limits=limits, told=told.append)
+        how: Any = {"scheduler": scheduler, "limits": Limits(retries=100), "told": told.append}
+        run_cohort(planned(folders, QUICK), tmp_path / "runs", jobs=2, **how)
     finally:
         stop.set()
         killer.join()
@@ -192,21 +215,27 @@ BATCH = """
 import sys
 from pathlib import Path
 from test_cohorts import QUICK, planned, run_cohort
-run_cohort(planned(map(Path, sys.argv[2:]), QUICK), Path(sys.argv[1]), jobs=2)
+if __name__ == "__main__":
+    folders = sorted(Path(sys.argv[2]).iterdir())
+    run_cohort(planned(folders, QUICK), Path(sys.argv[1]), jobs=2, scheduler=sys.argv[3] or None)
 """
 
 
+@ENGINES
 def test_a_batch_that_was_killed_goes_on_where_it_was(
-    cohort: tuple[list[Path], Path], tmp_path: Path
+    scheduler: str | None, cohort: tuple[list[Path], Path], tmp_path: Path
 ) -> None:
+    if scheduler:
+        pytest.importorskip("distributed")
     folders, alone = cohort
     out = tmp_path / "runs"
-    with subprocess.Popen([sys.executable, "-c", BATCH, out, *folders], cwd=Path(__file__).parent) as process:
-        while len(list(out.glob("c*/run.json"))) < 3:
+    command = [sys.executable, "-c", BATCH, out, folders[0].parent, scheduler or ""]
+    with subprocess.Popen(command, cwd=Path(__file__).parent) as process:
+        while len(list(out.glob("c*/run.json"))) < CASES // 4:
             assert process.poll() is None
             time.sleep(0.02)
         process.kill()
-    time.sleep(3.0)  # its processes have two seconds to end
+    time.sleep(5.0)  # its processes have two seconds to end, and workers of dask hear of it first
     before = {path: path.stat().st_ino for path in out.glob("c*/run.json")}
     outcomes = run_cohort(planned(folders, QUICK), out)
     assert [one.case for one in outcomes if one.skipped] == sorted(path.parent.name for path in before)
@@ -225,7 +254,7 @@ def test_shards_that_are_gathered_give_the_table_and_page_of_one_batch(
     folders, alone = cohort
     out = tmp_path / alone.name
     study = planned(folders, QUICK)
-    parts = [shard(study[::-1], k, 4) for k in (1, 2, 3, 4)]
+    parts = [shard(study[::-1], k, SHARDS) for k in range(1, SHARDS + 1)]
     assert sorted(one.name for part in parts for one in part) == sorted(one.name for one in study)
     for part in parts:
         run_cohort(part, out, table=False)
@@ -242,12 +271,12 @@ def test_shards_that_are_gathered_give_the_table_and_page_of_one_batch(
 def test_a_case_is_done_only_by_a_whole_run_of_the_same_files_pipeline_and_version(
     what: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from o3dls.pipeline.batch import _Task
+    from o3dls.pipeline.batch import _Task, _time_of_files
 
     (folder,) = cases(tmp_path / "cases", one=60)
     out, plan = tmp_path / "one", QUICK
-    assert _Task(planned([folder], QUICK)[0], out, False)().error is None
-    assert _Task(planned([folder], QUICK)[0], out, False)().skipped
+    assert _Task(planned([folder], QUICK)[0], out, None, tmp_path)().error is None
+    assert _Task(planned([folder], QUICK)[0], out, None, tmp_path)().skipped
     if what == "files":
         write_case(folder, replace(ball_case(61), name="one"), force=True)
     elif what == "pipeline":
@@ -258,9 +287,11 @@ def test_a_case_is_done_only_by_a_whole_run_of_the_same_files_pipeline_and_versi
         (out / "run.json").write_text(json.dumps(record))
     elif what == "damage":
         (out / "estimates/nudge/surface.ply").unlink()
-    outcome = _Task(planned([folder], plan)[0], out, what == "force")()
+    since = _time_of_files(tmp_path) if what == "force" else None
+    outcome = _Task(planned([folder], plan)[0], out, since, tmp_path)()
     assert (outcome.error, outcome.skipped) == (None, False)
-    assert _Task(planned([folder], plan)[0], out, False)().skipped
+    # also where it was to be made again: the process, or worker, may have been lost after it was done
+    assert _Task(planned([folder], plan)[0], out, since, tmp_path)().skipped
 
 
 def timed(tasks: Any, out: Path, limits: Limits) -> Iterator[tuple[Outcome, float]]:
@@ -344,10 +375,16 @@ main()
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no groups of processes that get a signal")
 @pytest.mark.parametrize("times", [1, 2])
-def test_ctrl_c_lets_the_running_case_end_and_a_second_one_ends_it(times: int, tmp_path: Path) -> None:
+@ENGINES
+def test_ctrl_c_lets_the_running_case_end_and_a_second_one_ends_it(
+    scheduler: str | None, times: int, tmp_path: Path
+) -> None:
+    if scheduler:
+        pytest.importorskip("distributed")
     cases(tmp_path, one=60, two=60)
     (tmp_path / "pipe.toml").write_text(ICP + '[[write]]\nuse = "long"\n')
     command = [sys.executable, "-c", INTERRUPTED, "batch", "one", "two", "--pipeline", "pipe.toml"]
+    command += ["--scheduler", scheduler] if scheduler else []
     path = os.pathsep.join(filter(None, [str(Path(__file__).parent), os.environ.get("PYTHONPATH")]))
     with subprocess.Popen(
         command,
@@ -365,7 +402,7 @@ def test_ctrl_c_lets_the_running_case_end_and_a_second_one_ends_it(times: int, t
             time.sleep(0.5)  # a second signal that comes before the first was heard is none
         error = process.communicate(timeout=60.0)[1]
     assert process.returncode == 130, error
-    assert "stopping: 1 running end, 1 are not begun" in error
+    assert ("stopping: what runs ends" if scheduler else "stopping: 1 running end, 1 are not begun") in error
     assert error.endswith("o3dls: interrupted\n")
     left = sorted(path.name for path in (tmp_path / "runs").iterdir())
     assert left == (["cohort.csv", "one"] if times == 1 else ["one.failed.log"])
