@@ -1,13 +1,10 @@
-"""Commands on finished runs, files and the machine: report, compare, next, export, convert, import, init,
-doctor, view.
+"""Commands on finished runs, files and the machine: report, compare, next, export, convert, import, doctor,
+view.
 """
 
 from __future__ import annotations
 
-import shlex
-import sys
 from dataclasses import asdict
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -154,47 +151,6 @@ def import_(study: Path, out: Path, map_name: str | None, **options: Any) -> Non
     lines = [*(f"took {line}" for line in found.took), *(f"left {line}" for line in found.left)]
     for line in (*lines, *found.notes, out):
         say(line)
-
-
-@click.command()
-@click.argument("folder", metavar="DIR", type=FOLDER)
-@click.option("--prior", type=FILE, help="surface or label volume that is the prior")
-@click.option("--points", type=FILE, help="table of the mapping points: x, y, z and type")
-@click.option(
-    "--landmarks", type=FILE, help="places named on the prior: .mrk.json, .fcsv, or .csv with name,x,y,z"
-)
-@click.option("--units", help="units of files that do not state theirs: mm, cm, m, um, in, px")
-@click.option("--frame", help="frame of points and label volumes that state none: LPS, RAS or unknown")
-@prior_choice
-@click.option("--out", type=FOLDER, help="run folder that the pipeline names; default: run in DIR")
-@click.option("--force", is_flag=True, help="replace the folder if it is a case")
-def init(folder: Path, prior: Path | None, points: Path | None, **options: Any) -> None:
-    """Make a case folder of a prior and a points file, with a commented pipeline.toml to run and to change.
-
-    Asks for the files that are not given.
-    """
-    from ..pipeline.new_case import make_case
-
-    if prior is None or points is None:
-        prior, points, options["landmarks"] = _asked(prior, points, options["landmarks"])
-    pipeline = make_case(folder, prior, points, **options)
-    say(pipeline)
-    say(f"to run it: o3dls run {shlex.quote(str(pipeline))}", error=True)
-
-
-def _asked(prior: Path | None, points: Path | None, landmarks: Path | None) -> tuple[Path, Path, Path | None]:
-    """The files of a new case: those that are not given are asked for."""
-    missing = [f"--{name} FILE" for name, path in (("prior", prior), ("points", points)) if path is None]
-    if not sys.stdin.isatty():
-        raise click.UsageError(f"there is no terminal to ask on: give {' and '.join(missing)}")
-    ask = partial(click.prompt, err=True, show_default=False)
-    prior = prior or Path(ask("Prior: file of the surface or label volume"))
-    points = points or Path(ask("Points: table with columns x, y, z and type"))
-    if landmarks is None and (
-        named := ask("Landmarks: file of places named on the prior (Enter: none)", default="")
-    ):
-        landmarks = Path(named)
-    return prior, points, landmarks
 
 
 @click.command()

@@ -43,7 +43,8 @@ def spread(
     """
     with client_of(address, jobs) as client, ordered(out) as order:
         _check_workers(client, order)
-        yield from _Spread(client, order, limits).results(tasks, stop)
+        sent: _Spread[T] = _Spread(client, order, limits)
+        yield from sent.results(tasks, stop)
 
 
 @contextmanager
@@ -96,8 +97,10 @@ def _cluster(workers: int) -> Iterator[Any]:
     import dask
     from distributed import LocalCluster
 
-    cores = max(1, len(os.sched_getaffinity(0)) // workers) if hasattr(os, "sched_getaffinity") else 1
-    environ = {"distributed.nanny.pre-spawn-environ.NUMBA_NUM_THREADS": cores}
+    environ = {}
+    if not os.environ.get("NUMBA_NUM_THREADS"):
+        cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+        environ["distributed.nanny.pre-spawn-environ.NUMBA_NUM_THREADS"] = max(1, cores // workers)
     with dask.config.set(environ):
         with unheard():  # the workers are told by the client
             cluster = LocalCluster(

@@ -8,15 +8,19 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from threading import Event, Thread, Timer
 from typing import Any
 
 import pytest
+from conftest import ROOT
 from test_cohorts import ICP, QUICK, SlowNote, cases, many, table, whole
-from tiny import Nudge
+from test_readme import BLOCK
+from tiny import Nudge, disc_case
 
 from o3dls.errors import InputError
+from o3dls.io.case_writer import write_case
 from o3dls.io.documents import read_json
 from o3dls.pipeline.batch import run_cohort
 from o3dls.pipeline.on_worker import Order, done_here, ordered
@@ -188,3 +192,32 @@ def test_a_worker_that_cannot_do_the_cases_is_named_at_once(
         with pytest.raises(InputError, match=r"worker tcp://127.0.0.1:\d+: does not see .*none, where"):
             client.submit(done_here, None, Limits(), lost, None).result()
     assert not (tmp_path / "runs/one").exists()
+
+
+def scripts() -> dict[str, str]:
+    """The scripts of the page by what they are for, and whether they are spared."""
+    page = (ROOT / "docs/cohorts.md").read_text(encoding="utf-8")
+    return {
+        block["code"]: block["spared"] or ""
+        for block in BLOCK.finditer(page)
+        if block["language"] == "python"
+    }
+
+
+def test_the_page_has_a_script_for_every_kind_of_cluster() -> None:
+    for code in scripts():
+        compile(code, "cohorts.md", "exec")
+    names = ("LocalCluster", "SSHCluster", "SLURMCluster", "PBSCluster", "SGECluster")
+    assert [name for code in scripts() for name in names if f"import {name}" in code] == list(names)
+
+
+@pytest.mark.slow
+def test_the_script_for_this_machine_runs(tmp_path: Path) -> None:
+    (code,) = (code for code, spared in scripts().items() if not spared)
+    write_case(tmp_path / "cases/disc", replace(disc_case(), name="disc"))
+    (tmp_path / "quick.toml").write_text(ICP)
+    quick = code.replace('"cases/*"', '"cases/*", "--pipeline", "quick.toml"')
+    (tmp_path / "script.py").write_text(quick)
+    done = subprocess.run([sys.executable, "script.py"], cwd=tmp_path, capture_output=True, text=True)
+    assert "1 of 1: disc" in done.stderr
+    assert "disc" in table(tmp_path / "runs")

@@ -19,6 +19,7 @@ from o3dls.case import Case
 from o3dls.errors import InputError
 from o3dls.estimate import Estimate
 from o3dls.pipeline.pipeline import Pipeline
+from o3dls.report.cohort import cases
 from o3dls.report.cohort.cases import Block, outcome
 from o3dls.report.cohort.entries import Entry, read_entries, told_apart
 from o3dls.report.cohort.page import cohort_page, summary
@@ -29,6 +30,7 @@ from o3dls.report.writer import compare
 from tests.finished import NASTY, Icp, LevelSet, bulged_case, finished
 
 SEED = 305_117
+MOST_BYTES = 3_000_000  # of a page of a thousand cases
 POSITIONS = np.random.default_rng(SEED).normal(size=(60, 3))
 HOW_MADE = {"icp": {"icp.use": "icp"}, "level_set": {"icp.use": "icp", "level_set.use": "level_set"}}
 
@@ -308,6 +310,17 @@ def test_a_run_without_points_to_judge_by_is_named() -> None:
     page = cohort_page([*THRICE, mute], Path("all.html"))
     assert "Without points to judge by: quiet." in page
     assert "3 cases, 5 runs compared" in page
+
+
+def test_the_page_of_a_thousand_cases_is_small(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = Difference(2.0, 1.5, -0.5, -0.6, -0.4, 60, 9)
+    monkeypatch.setattr(cases, "paired_difference", lambda *_: found)  # whose resampling takes seconds
+    many = [entry(f"case_{k:04d}_of_a_hospital", icp=2.0, level_set=1.0 + k / 1000) for k in range(1000)]
+    failed = {f"broken_{k:04d}": "no prior surface; there must be a file prior.ply" for k in range(50)}
+    page = cohort_page(many, Path("cohort.html"), failed)
+    assert "1000 cases, 1000 runs compared" in page
+    assert len(Tables(page).found["runs-0"]) == 1001
+    assert len(page.encode()) < MOST_BYTES
 
 
 def test_a_cell_without_a_number_is_ordered_last() -> None:
