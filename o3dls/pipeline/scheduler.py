@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import os
 import re
+import signal
 import socket
 from collections import Counter
 from collections.abc import Generator, Iterator, Sequence
@@ -20,7 +21,6 @@ from ..errors import InputError
 from .on_worker import Order, done_here, ordered, released
 from .place import Task
 from .supervision import Ended, Limits
-from .workers import unheard
 
 LOCAL = "local"  # in place of an address: a scheduler of our own
 ADDRESS = re.compile(r"(tcp|tls)://(.+):(\d{1,5})")
@@ -61,6 +61,7 @@ def client_of(address: str, jobs: int) -> Iterator[Any]:
         ) from None
     if address == LOCAL:
         with _cluster(jobs) as cluster, Client(cluster, set_as_default=False) as client:
+            client.register_plugin(_deaf())
             yield client
         return
     try:
@@ -102,16 +103,28 @@ def _cluster(workers: int) -> Iterator[Any]:
         cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
         environ["distributed.nanny.pre-spawn-environ.NUMBA_NUM_THREADS"] = max(1, cores // workers)
     with dask.config.set(environ):
-        with unheard():  # the workers are told by the client
-            cluster = LocalCluster(
-                n_workers=workers,
-                threads_per_worker=1,
-                memory_limit=0,
-                dashboard_address="127.0.0.1:0",  # any port: one that is taken would be warned of
-                silence_logs="ERROR",
-            )
+        cluster = LocalCluster(
+            n_workers=workers,
+            threads_per_worker=1,
+            memory_limit=0,
+            dashboard_address="127.0.0.1:0",  # any port: one that is taken would be warned of
+            silence_logs="ERROR",
+        )
         with cluster:
             yield cluster
+
+
+def _deaf() -> Any:
+    """What makes workers, also those that replace others, ignore Ctrl-C, which reaches all processes of a
+    terminal: the client tells them.
+    """
+    from distributed import WorkerPlugin
+
+    class Deaf(WorkerPlugin):
+        def setup(self, worker: Any) -> None:
+            signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+    return Deaf()
 
 
 def _check_workers(client: Any, order: Order) -> None:

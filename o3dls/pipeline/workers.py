@@ -36,7 +36,7 @@ def workers(processes: int, beside: int = 0) -> Iterator[Executor]:
         ) as pool,
     ):
         try:
-            with unheard():
+            with _unheard():
                 for _ in range(processes):
                     pool.submit(int)  # begins a process
             yield pool
@@ -59,7 +59,7 @@ def second_process(folds: int) -> Iterator[Executor | None]:
 
 
 @contextmanager
-def unheard() -> Iterator[None]:
+def _unheard() -> Iterator[None]:
     """A process that begins within this never hears of Ctrl-C, which would end it in its imports with a
     traceback; this one hears of it afterwards.
     """
