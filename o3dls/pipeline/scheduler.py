@@ -59,6 +59,7 @@ def client_of(address: str, jobs: int) -> Iterator[Any]:
         raise InputError(
             "--scheduler: needs dask.distributed, which is not installed: pip install 'o3dls[cluster]'"
         ) from None
+    logging.getLogger("distributed").propagate = False  # it has a handler of its own, for warnings
     if address == LOCAL:
         with _cluster(jobs) as cluster, Client(cluster, set_as_default=False) as client:
             client.register_plugin(_deaf())
