@@ -75,7 +75,7 @@ def main() -> None:
         folders = [folder / "cases" / f"atrium_{k:02d}" for k in range(asked.cases)]
         for k, case in enumerate(folders):
             write_case(case, replace(atrium(seed=FIRST_SEED + k), name=case.name))
-        batch(folders[:1], folder / "warm", 1)  # compiles the loops
+        batch(folders[:2], folder / "warm", 1)  # compiles the loops
         one, two = (batch(folders, folder / f"by_{n}", n) for n in (1, 2))
     print(f"{'workers':10}{'clock, s':>10}{'cpu, s':>10}")
     for n, took in ((1, one), (2, two)):
