@@ -163,9 +163,7 @@ def main() -> None:
     given = parser.parse_args()
     case, takes = mapped(given.faces, given.points)
     print(f"prior of {len(case.prior.faces)} faces\n")
-    print(
-        "| points a second | points | lost | out of order | median ms | 95 % ms | most ms |\n|" + "---|" * 7
-    )
+    print("| points a second | points | lost | out of order | first | median | 95 % | most |\n|" + "---|" * 8)
     for rate in given.rates:
         print(at_rate(case, takes, rate), flush=True)
     if given.many:
