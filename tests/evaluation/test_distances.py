@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from tiny import SHIFT, ball_case, disc_case, sphere
 
+from o3dls.arrays import Array, Ints
 from o3dls.estimate import Estimate
 from o3dls.evaluation.distances import (
     dice,
@@ -19,6 +20,8 @@ from o3dls.evaluation.distances import (
     summary,
     truth_scores,
 )
+from o3dls.evaluation.projection import project
+from o3dls.geometry.closest_point import ClosestPoint
 from o3dls.geometry.similarity import similarity
 from o3dls.geometry.surface import Surface, outline
 
@@ -142,3 +145,18 @@ def test_pixels_are_scored_in_pixels() -> None:
     found = truth_scores(sets, case.prior, case.truth.surface, "px")  # type: ignore[union-attr, arg-type]
     assert set(found) == {"assd_px", "hd95_px", "dice", "within_1px", "within_2px", "within_3px"}
     assert found["assd_px"] == pytest.approx(2 / np.pi, rel=0.02)  # mean of |cos| over the circle
+
+
+def test_all_that_is_measured_on_a_surface_shares_one_tree(monkeypatch: pytest.MonkeyPatch) -> None:
+    made = list[int]()
+    build = ClosestPoint.__init__
+
+    def counted(self: ClosestPoint, vertices: Array, faces: Ints) -> None:
+        made.append(len(faces))
+        build(self, vertices, faces)
+
+    monkeypatch.setattr(ClosestPoint, "__init__", counted)
+    ball = sphere(10.0, 12)
+    near = project(2.0 * ball.vertices, ball)
+    np.testing.assert_array_equal(near.distance, distances(2.0 * ball.vertices, ball))
+    assert made == [len(ball.faces)]

@@ -7,7 +7,9 @@ import re
 from pathlib import Path
 
 import numpy as np
+import pytest
 
+from o3dls.errors import InputError
 from o3dls.io.table import read_table, write_table
 
 SPREADSHEET = [
@@ -51,3 +53,32 @@ def test_a_semicolon_in_the_name_of_a_column_parts_nothing(tmp_path: Path) -> No
     write_table(tmp_path / "table.csv", {"a;b": np.array(["1;2", "3"]), "x": np.arange(2.0)})
     back = read_table(tmp_path / "table.csv", ["x"])
     assert back.columns == {"a;b": ["1;2", "3"], "x": ["0.0", "1.0"]}
+
+
+@pytest.mark.parametrize(
+    ("cells", "kind"),
+    [
+        (["1.5", "", "-2e3"], "f"),
+        (["nan", "1"], "f"),
+        (["007", "008"], "U"),
+        (["1", "-01"], "U"),
+        (["9007199254740995", "1"], "U"),
+        (["1_0", "2"], "U"),
+        (["", ""], "U"),
+    ],
+)
+def test_columns_read_at_one_go_are_as_cell_by_cell(cells: list[str], kind: str, tmp_path: Path) -> None:
+    path = tmp_path / "t.csv"
+    path.write_text("name,a\n" + "".join(f"x,{cell}\n" for cell in cells))
+    values = read_table(path, ()).values("a")
+    assert values.dtype.kind == kind
+    if kind == "f":
+        np.testing.assert_array_equal(values, [float(cell or "nan") for cell in cells])
+
+
+@pytest.mark.parametrize("cell", ["+nan", "inf", "1_0", "1,5"])
+def test_a_cell_that_is_no_number_here_is_refused_among_others_that_are(cell: str, tmp_path: Path) -> None:
+    path = tmp_path / "t.csv"
+    path.write_text(f'a\n1\n"{cell}"\n')
+    with pytest.raises(InputError, match="line 3"):
+        read_table(path, ()).numbers("a", missing=True)

@@ -25,7 +25,7 @@ from o3dls.report.drawing.raster import Canvas, View
 from o3dls.report.drawing.slices import slice_surface
 from o3dls.report.drawing.views import by_veins, in_frame, orientation
 from o3dls.report.sections.scores import mean_table
-from o3dls.report.subject import read_subject
+from o3dls.report.subject import Subject, read_subject
 from o3dls.report.verdict import verdict
 from o3dls.report.verdict import warnings as warned
 from o3dls.report.writer import write_report
@@ -389,3 +389,18 @@ def test_a_triangle_seen_edge_on_draws_nothing() -> None:
     flat = Surface(np.array([[0.0, 0, 0], [0, 10, 0], [0, 0, 10]]), np.array([[0, 1, 2]]))
     canvas.surface(flat, np.zeros((3, 3)))
     assert (canvas.pixels() == 255).all()
+
+
+def test_page_and_slides_share_the_picture_from_the_front(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drawn = list[bool]()
+
+    def counted(subject: Subject, *, behind: bool = False) -> bytes:
+        drawn.append(behind)
+        return pictures_png(subject, behind=behind)
+
+    for module in (figures, slides):
+        monkeypatch.setattr(module, "pictures_png", counted)
+    write_report([finished(tmp_path / "run")], slides=True)
+    assert drawn == [False, True]
