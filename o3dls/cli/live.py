@@ -123,7 +123,7 @@ def _source(given: Message, host: Host) -> Source | None:
 
 @contextmanager
 def _page(host: Host, tellers: list[Callable[[Message], None]], port: int, *, opened: bool) -> Iterator[None]:
-    """Serve the page while the block runs."""
+    """Serve the page while the block runs, and then until nobody reads the report there any more."""
     from ..live.server import LiveServer
 
     server = LiveServer(host.act, port=port)
@@ -133,6 +133,7 @@ def _page(host: Host, tellers: list[Callable[[Message], None]], port: int, *, op
         if opened:
             click.launch(server.url)
         yield
+        server.wait()
     finally:
         server.close()
 

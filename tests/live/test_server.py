@@ -12,6 +12,7 @@ from typing import Any
 
 import pytest
 
+import o3dls.cli.live as live_command
 from o3dls.errors import InputError
 from o3dls.live.handler import MOST, PAGES
 from o3dls.live.server import LiveServer
@@ -282,6 +283,27 @@ def test_the_server_does_not_wait_where_no_page_is_open(session: Session) -> Non
     before = time.monotonic()
     session.server.wait()
     assert time.monotonic() - before < 1.0
+
+
+def test_the_command_serves_the_report_until_its_page_is_closed() -> None:
+    session, tellers = Session(), []  # type: ignore[var-annotated]
+    opened: list[Page] = []
+
+    def serve() -> None:
+        with live_command._page(session, tellers, 0, opened=False):  # type: ignore[arg-type]
+            session.server.close()
+            session.server = tellers[0].__self__
+            opened.append(Page(session))
+            opened[0].until("role")
+
+    serving = Thread(target=serve)
+    serving.start()
+    serving.join(4.0)
+    assert serving.is_alive()
+    assert session.ask("GET", "/")[0] == 200
+    opened[0].close()
+    serving.join(10.0)
+    assert not serving.is_alive()
 
 
 def test_the_end_lets_pages_go_and_closing_twice_does_nothing() -> None:
