@@ -43,8 +43,10 @@ def off(case: Case, estimate: Estimate) -> float:
     return float(distances(case.truth.held_out, estimate.surface).mean())
 
 
-def with_points(case: Case, at: Array, noise: Array) -> Case:
-    """The case with more mapping points: on the true wall nearest to places (k, 3), and off it by noise."""
+def with_points(case: Case, at: Array, noise: Array, *, snapped: bool = True) -> Case:
+    """The case with more mapping points: on the true wall nearest to places (k, 3), or at these where they
+    are not `snapped`, and off it by noise.
+    """
     import numpy as np
     from scipy.spatial import cKDTree
 
@@ -52,7 +54,8 @@ def with_points(case: Case, at: Array, noise: Array) -> Case:
     assert case.truth.held_out is not None
     wall = case.truth.held_out
     points = case.points
-    xyz = np.vstack([points.xyz, wall[cKDTree(wall).query(at)[1]] + noise[: len(at)]])
+    at = wall[cKDTree(wall).query(at)[1]] if snapped else at
+    xyz = np.vstack([points.xyz, at + noise[: len(at)]])
     kinds = np.r_[points.type, np.repeat("eam", len(at))]
     empty = {
         name: np.full(len(at), "" if values.dtype.kind == "U" else np.nan)
