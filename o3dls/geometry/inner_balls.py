@@ -20,14 +20,16 @@ def inner_balls(at: Array, normals: Array, points: Array) -> tuple[Array, Array]
     """
     tree = cKDTree(points)
     radius = np.full(len(at), float(np.linalg.norm(np.ptp(points, axis=0))) / 2)
+    left = np.arange(len(at))  # balls that are not empty yet
     for _ in range(ROUNDS):
-        gap, nearest = tree.query(at - radius[:, None] * normals)
-        away = at - points[nearest]
-        height = (away * normals).sum(axis=1)
-        smaller = (gap < (1.0 - SAME) * radius) & (height > 0.0)
-        if not smaller.any():
+        gap, nearest = tree.query(at[left] - radius[left, None] * normals[left])
+        away = at[left] - points[nearest]
+        height = (away * normals[left]).sum(axis=1)
+        smaller = (gap < (1.0 - SAME) * radius[left]) & (height > 0.0)
+        left = left[smaller]
+        if not len(left):
             break
-        radius[smaller] = (away[smaller] ** 2).sum(axis=1) / (2.0 * height[smaller])
+        radius[left] = (away[smaller] ** 2).sum(axis=1) / (2.0 * height[smaller])
     return at - radius[:, None] * normals, radius
 
 
