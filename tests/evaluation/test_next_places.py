@@ -163,7 +163,7 @@ def test_it_turns_with_the_map(half_mapped: tuple[Case, Estimate]) -> None:
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [
-        ({"k": 0}, "at least one place"),
+        ({"k": 0}, "must be at least 1"),
         ({"weights": np.ones(3)}, "weights has shape \\(3,\\)"),
         ({"reachable": np.zeros(1106)}, "above 0 somewhere"),
         ({"weights": np.full(1106, np.nan)}, "must be finite"),
