@@ -16,8 +16,11 @@ from o3dls.errors import InputError
 from o3dls.geometry.closest_point import ClosestPoint
 from o3dls.io.case_reader import read_case
 from o3dls.live.server import LiveServer
-from tests.browser import Visit, chromium, violations
+from tests.browser import Visit, violations
 from tests.live.scripted import FIRST, Script, script, state
+from tests.viewer import FIXTURES
+
+_, _, launch, browser, _ = FIXTURES
 
 TIP = [20.0, -10.0, 5.0]
 PATIENCE = 20_000  # ms for what comes at once on a quiet machine
@@ -45,17 +48,6 @@ class Played:
 @pytest.fixture(scope="module")
 def played() -> Script:
     return script(more=3)
-
-
-@pytest.fixture(scope="module")
-def launch() -> Iterator[Callable[..., Any]]:
-    with chromium() as started:
-        yield started
-
-
-@pytest.fixture(scope="module")
-def browser(launch: Callable[..., Any]) -> Any:
-    return launch()
 
 
 @pytest.fixture
