@@ -69,6 +69,8 @@ def test_an_extra_of_a_requirement_and_what_is_not_installed(tmp_path: Path) -> 
 def test_a_package_that_says_nothing_is_named_unless_it_has_a_file(tmp_path: Path) -> None:
     here = environment(tmp_path, ("bare", []), ("filed", []))
     (tmp_path / "filed-1.0.dist-info/RECORD").write_text("filed-1.0.dist-info/licenses/LICENSE.txt,,\n")
+    (tmp_path / "filed-1.0.dist-info/licenses").mkdir()
+    (tmp_path / "filed-1.0.dist-info/licenses/LICENSE.txt").touch()  # what is not there, some leave out
     assert LICENCES["faults"](here) == ["bare: says nothing of its licence"]
 
 

@@ -12,11 +12,11 @@ from typing import Any
 from urllib.parse import unquote, urlsplit
 
 import pytest
-from browser import Visit, chromium, violations
 from conftest import ROOT
 
 import o3dls
 from o3dls.cli.commands import cli
+from tests.browser import Visit, chromium, violations
 
 LOADS = {"script": "src", "img": "src", "iframe": "src", "source": "src", "link": "href"}
 

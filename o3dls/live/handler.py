@@ -13,15 +13,13 @@ import select
 from http.cookies import CookieError, SimpleCookie
 from http.server import BaseHTTPRequestHandler
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 from urllib.parse import parse_qs, urlsplit
 
 from ..errors import O3dlsError
-from .board import Box, Sent
+from .board import Board, Box, Sent
 from .page import live_page
-
-if TYPE_CHECKING:
-    from .server import LiveServer
+from .roles import Roles
 
 MOST = 16_384  # bytes of an action
 PAGES = 5  # a browser opens six connections to one server, and an action needs one
@@ -49,10 +47,30 @@ class Refusal(Exception):
         self.status = status
 
 
+class Pages(Protocol):
+    """What a request needs of the server, `server.LiveServer`."""
+
+    board: Board
+    roles: Roles
+    token: str
+    port: int
+
+    @property
+    def pages(self) -> int: ...
+
+    def act(self, action: dict[str, Any], /) -> dict[str, Any]: ...
+
+    def ask_role(self, page: str, /) -> bool: ...
+
+    def enter(self, page: str, last: str, /) -> Box: ...
+
+    def leave(self, page: str, box: Box, /) -> None: ...
+
+
 class Handler(BaseHTTPRequestHandler):
     """One request. `live` is the server whose pages ask."""
 
-    live: LiveServer
+    live: Pages
     timeout = PATIENCE
     server_version, sys_version = "o3dls", ""
     disable_nagle_algorithm = True

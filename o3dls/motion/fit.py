@@ -48,18 +48,18 @@ def fit_motion(
 
 
 def trial_fit(vertices: Array, faces: Ints, pose: Array, data: Data, settings: MotionSettings) -> Iterated:
-    """Rounds until the surface stands still, without what `fit_motion` weighs after them: for comparing the
-    energies of one surface and another. Parameters and errors as there.
+    """Rounds until the surface stands still or the energy does, without what `fit_motion` weighs after them:
+    for comparing the energies of one surface and another. Parameters and errors as there.
     """
-    return settled(motion_problem(vertices, faces, pose, data, settings))
+    problem = motion_problem(vertices, faces, pose, data, settings)
+    with one_blas_thread():
+        return _iterate(problem, begin(problem), enough=settings.selection.steady_energy)
 
 
 def settled(problem: MotionProblem) -> Iterated:
-    """Rounds of a problem from nothing until the surface stands still, or its energy does. Raises SolverError
-    as `fit_motion`.
-    """
+    """Rounds of a problem from nothing until the surface stands still. Raises SolverError as `fit_motion`."""
     with one_blas_thread():
-        return _iterate(problem, begin(problem), enough=problem.settings.selection.steady_energy)
+        return _iterate(problem, begin(problem))
 
 
 def _fit_from_nothing(

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from browser import Visit, chromium
 from click.testing import CliRunner, Result
 
 from o3dls import Case, Deform, InputError, Pipeline, Points
@@ -22,6 +21,7 @@ from o3dls.report.mapping.sections import next_section, region_section
 from o3dls.report.mapping.wall_regions import landmarks_in_map
 from o3dls.report.page import report_page
 from o3dls.report.subject import Subject, read_subject
+from tests.browser import Visit, chromium
 from tests.chamber import chamber, measured
 from tests.fields import body
 from tests.finished import bulged_case, finished, finished_2d
