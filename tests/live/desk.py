@@ -36,9 +36,9 @@ class Desk:
         return [one["xyz"][0] for one in self.actions]
 
 
-def until(true: Callable[[], object], seconds: float = 20.0) -> None:
-    """Wait until something is true; fail where it does not become so."""
+def until(true: Callable[[], object], seconds: float = 20.0, told: Callable[[], object] = str) -> None:
+    """Wait until something is true; fail with what is `told` where it does not become so."""
     end = time.monotonic() + seconds
     while not true():
-        assert time.monotonic() < end, "it did not happen in time"
+        assert time.monotonic() < end, f"it did not happen in time: {told()}"
         time.sleep(0.01)

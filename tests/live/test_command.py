@@ -87,6 +87,12 @@ class Session:
         return {one["id"] for one in self.of("point")}
 
     @property
+    def told(self) -> object:
+        """What explains a session that does not go on."""
+        errors = [self.errors.get() for _ in range(self.errors.qsize())]
+        return self.process.poll(), self.of("error"), self.of("state")[-1:], errors
+
+    @property
     def fitted(self) -> int:
         states = self.of("state")
         return int(states[-1]["fitted"]) if states else 0
@@ -169,7 +175,7 @@ def test_a_session_is_killed_gone_on_from_and_ends_as_a_run(
             {"do": "landmark", "name": "north", "next": True},
             {"do": "undo"},
         )
-        until(lambda: live.fitted >= len(takes) - 3, SLOW)
+        until(lambda: live.fitted >= len(takes) - 3, SLOW, lambda: live.told)
         live.do({"do": "end"})
         assert live.close() in (0, 1)
     end = live.of("end")[0]
