@@ -20,6 +20,8 @@ from threading import Condition
 from time import monotonic, sleep
 from typing import TYPE_CHECKING, Any
 
+from benchmarks.speed import refined
+
 if TYPE_CHECKING:
     from o3dls.case import Case
     from o3dls.live.host import Host
@@ -94,25 +96,9 @@ def mapped(faces: int, points: int) -> tuple[Case, list[Message]]:
     assert case.truth.surface is not None
     rng = np.random.default_rng(SEED)
     at = sample(case.truth.surface, points, SEED) + NOISE * rng.standard_normal((points, 3))
-    return replace(case, prior=finer(case.prior, faces), truth=None), [
+    return replace(case, prior=refined(case.prior, faces), truth=None), [
         {"do": "take", "xyz": one} for one in rng.permutation(at).tolist()
     ]
-
-
-def finer(prior: Any, faces: int) -> Any:
-    """A surface with about so many faces, by subdivision and decimation."""
-    import numpy as np
-    import open3d as o3d
-
-    from o3dls.geometry.surface import Surface
-
-    mesh = o3d.geometry.TriangleMesh(
-        o3d.utility.Vector3dVector(prior.vertices), o3d.utility.Vector3iVector(prior.faces.astype(np.int32))
-    )
-    while len(mesh.triangles) < faces:
-        mesh = mesh.subdivide_loop(1)
-    mesh = mesh.simplify_quadric_decimation(faces)
-    return Surface(np.asarray(mesh.vertices), np.asarray(mesh.triangles))
 
 
 def at_rate(case: Case, takes: list[Message], rate: float) -> str:

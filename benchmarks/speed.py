@@ -75,12 +75,12 @@ def problem(seed: int, points: int = 250) -> tuple[Any, Any]:
     from o3dls.pipeline.start import start_estimate
 
     case = atrium(seed, points=points)
-    case = replace(case, prior=_refined(case.prior))
+    case = replace(case, prior=refined(case.prior, FACES))
     return case, start_estimate(case.visible())
 
 
-def _refined(prior: Any) -> Any:
-    """The prior with about FACES faces, by splitting every face in four and decimating."""
+def refined(prior: Any, faces: int) -> Any:
+    """The prior with about so many faces, by splitting every face in four and decimating."""
     import numpy as np
     import open3d as o3d
 
@@ -89,9 +89,9 @@ def _refined(prior: Any) -> Any:
     mesh = o3d.geometry.TriangleMesh(
         o3d.utility.Vector3dVector(prior.vertices), o3d.utility.Vector3iVector(prior.faces.astype(np.int32))
     )
-    while len(mesh.triangles) < FACES:
+    while len(mesh.triangles) < faces:
         mesh = mesh.subdivide_midpoint(1)
-    mesh = mesh.simplify_quadric_decimation(FACES)
+    mesh = mesh.simplify_quadric_decimation(faces)
     return Surface(np.asarray(mesh.vertices), np.asarray(mesh.triangles))
 
 
