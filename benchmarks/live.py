@@ -12,7 +12,7 @@ from __future__ import annotations
 import argparse
 import os
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -43,8 +43,11 @@ class Heard:
     first: int = 0  # point of the first surface
     fitted: int = 0
     changed: Condition = field(default_factory=Condition)
+    others: list[Callable[[Message], None]] = field(default_factory=list)  # who hear it too
 
     def __call__(self, message: Message) -> None:
+        for other in self.others:
+            other(message)
         with self.changed:
             if message["event"] == "point":
                 self.points.append(message["id"])

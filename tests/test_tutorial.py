@@ -1,5 +1,5 @@
 """docs/tutorial.md is run as it stands: from a study with no landmark and an oblique label volume of 5 mm
-slices to a report and a mesh on the image, in four commands.
+slices to a report and a mesh on the image, in four commands. docs/tutorial_live.md is run without its page.
 """
 
 from __future__ import annotations
@@ -14,7 +14,9 @@ from test_readme import BLOCK, execute
 
 from o3dls import read_surface
 from o3dls.evaluation.distances import distances, sample
+from o3dls.io.points import read_points
 
+LIVE = (ROOT / "docs/tutorial_live.md").read_text(encoding="utf-8")
 PAGE = (ROOT / "docs/tutorial.md").read_text(encoding="utf-8")
 
 
@@ -61,3 +63,17 @@ def test_the_voltages_lie_on_the_image(done: Path) -> None:
     assert set(np.unique(ours)) == {0, 1, 2, 3}
     # the surface passes no centre of a voxel
     assert ((ours > 0) != (theirs > 0)).sum() <= 0.01 * (theirs > 0).sum()
+
+
+@pytest.mark.slow
+def test_the_live_session_ends_as_a_run(tmp_path: Path) -> None:
+    shown, *others = [block for block in BLOCK.finditer(LIVE) if "o3dls live" in block["code"]]
+    assert shown["spared"]
+    assert len(others) == 1
+    for block in BLOCK.finditer(LIVE):
+        if not block["spared"]:
+            execute(block["language"], block["code"], tmp_path)
+    points = read_points(tmp_path / "session/case/points.csv")
+    assert (points.type == "eam").sum() == 100
+    assert (points.type == "landmark").sum() == 4
+    assert np.isfinite(read_surface(tmp_path / "wall.vtp").fields["bipolar"]).any()

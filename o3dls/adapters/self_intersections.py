@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from ..geometry.surface import Surface, crossed_by
 
+BLOCK = 64  # segments that are compared with all the others at once
 SHAKEN = 1e-8  # diagonals: a nanometre of an atrium
 
 
@@ -20,7 +21,8 @@ def crossing(surface: Surface) -> NDArray[np.bool_]:
     hundreds of them, not millions.
     """
     if surface.dimension == 2:
-        return np.array([crossed_by(surface, k).any() for k in range(len(surface.faces))], dtype=bool)
+        rows = [slice(k, k + BLOCK) for k in range(0, len(surface.faces), BLOCK)]
+        return np.concatenate([crossed_by(surface, block).any(axis=1) for block in rows])
     return _crossing_triangles(surface)
 
 

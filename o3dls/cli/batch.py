@@ -63,7 +63,7 @@ def _part(_: click.Context, __: click.Parameter, value: str | None) -> tuple[int
 )
 @overrides
 @click.option(
-    "--jobs", type=click.IntRange(min=1), default=1, show_default=True, help="cases that run at one time"
+    "--jobs", type=click.IntRange(min=1), show_default="1", help="cases that run at one time on this machine"
 )
 @click.option(
     "--scheduler",
@@ -140,7 +140,7 @@ def _made(
     study: Sequence[Any],
     out: Path,
     *,
-    jobs: int,
+    jobs: int | None,
     scheduler: str | None,
     resume: bool,
     timeout: float | None,
@@ -153,9 +153,12 @@ def _made(
     from threading import Event
 
     from ..pipeline.batch import run_cohort
+    from ..pipeline.scheduler import LOCAL
     from ..pipeline.supervision import Limits
     from .progress import bar
 
+    if jobs and scheduler not in (None, LOCAL):
+        raise click.UsageError(f"--jobs: {scheduler} has workers of its own; leave --jobs out")
     limits = Limits(timeout, int(memory) if memory else None, retries)
     stop = Event()
     with bar(len(study)) as shown, first_told(stop.set):
@@ -163,7 +166,7 @@ def _made(
         return run_cohort(
             study,
             out,
-            jobs=jobs,
+            jobs=jobs or 1,
             scheduler=scheduler,
             limits=limits,
             force=not resume,

@@ -180,13 +180,16 @@ def outline(points: Array) -> Surface:
     return surface if surface.volume >= 0.0 else Surface(points[::-1], surface.faces)
 
 
-def crossed_by(outline: Surface, k: int) -> NDArray[np.bool_]:
-    """Which segments (m,) of an outline cross segment k."""
-    a, b = outline.vertices[outline.faces[:, 0]], outline.vertices[outline.faces[:, 1]]
-    apart = (_side(a[k], b[k], a) * _side(a[k], b[k], b) < 0.0) & (
-        _side(a, b, a[k]) * _side(a, b, b[k]) < 0.0
-    )
-    return np.asarray(apart & ~np.isin(outline.faces, outline.faces[k]).any(axis=1))
+def crossed_by(outline: Surface, k: int | slice) -> NDArray[np.bool_]:
+    """Which segments (m,) of an outline cross segment k, or (s, m) for a slice of s segments."""
+    a, b = outline.vertices[outline.faces.T]
+    a_k, b_k = a[k][..., None, :], b[k][..., None, :]
+    apart = (_side(a_k, b_k, a) * _side(a_k, b_k, b) < 0.0) & (_side(a, b, a_k) * _side(a, b, b_k) < 0.0)
+    first, last = outline.faces.T
+    neighbours = np.zeros_like(apart)
+    for end in outline.faces[k].T:
+        neighbours |= (first == end[..., None]) | (last == end[..., None])
+    return np.asarray(apart & ~neighbours)
 
 
 def _side(a: Array, b: Array, point: Array) -> Array:

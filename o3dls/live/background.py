@@ -77,7 +77,7 @@ class Background:
             result = future.result()
         except BrokenProcessPool:
             self._pool = None
-            result = FullFit(session, refused="the process of the full fit was ended from outside")
+            result = FullFit(session, refused="its process was ended from outside", lost=True)
         except Exception as error:  # our own mistake in a fit must not cost the session
             result = FullFit(session, refused=f"internal error, please report it: {error!r}")
         self._done(replace(result, session=session))

@@ -60,6 +60,7 @@ class Engine:
         self.now: Current | None = None
         self.changed, self.ending = True, False
         self.refused: Session | None = None  # what the last fit was made of, where it was refused
+        self.lost: Session | None = None  # or was lost, and is made again once
         self.posed: Array | None = None  # by landmarks or the case, before there is a fit
         self.unseen, self.drawn = False, -np.inf  # whether pages lack the surface; when it was last sent
         self.unjudged, self.unadvised, self.advising = False, False, False
@@ -127,7 +128,9 @@ class Engine:
         """A full fit has ended: what came meanwhile is put in by the next update."""
         self.background.taken()
         self.changed = True
-        if fit.estimate is None:
+        if fit.lost and self.lost != fit.session:
+            self.lost = fit.session
+        elif fit.estimate is None:
             self.refused, self.standing.refusal = fit.session, f"the full fit was refused: {fit.refused}"
         else:
             self.fit, self.refused, self.standing.refusal = fit, None, ""

@@ -26,11 +26,14 @@ OUTDATED = "outdated-amplitudes"
 
 @dataclass(frozen=True, eq=False)
 class FullFit:
-    """A fit from nothing, and the session as it was then; refused: why there is none, in words."""
+    """A fit from nothing, and the session as it was then; refused: why there is none, in words; lost: its
+    process was ended from outside, so the same fit may well succeed.
+    """
 
     session: Session
     estimate: Estimate | None = None
     refused: str = ""
+    lost: bool = False
 
 
 @dataclass(frozen=True, eq=False)

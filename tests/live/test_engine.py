@@ -223,6 +223,18 @@ def test_a_fit_that_is_refused_is_said_and_waits_for_a_change(case: Case, action
     assert len(driven.background.begun) == 2
 
 
+def test_a_fit_whose_process_is_killed_is_made_again_once(case: Case, actions: list[Message]) -> None:
+    driven = Driven(case, actions[: 8 + FEW])
+    for begun in (2, 2):
+        driven.inbox.put(("fit", FullFit(driven.background.begun[-1], refused="killed", lost=True)))
+        driven.settle()
+        assert len(driven.background.begun) == begun
+    assert [one["text"] for one in driven.of("state")[-1]["warnings"]] == ["the full fit was refused: killed"]
+    driven.do(actions[8 + FEW])
+    driven.fit()
+    assert "fit-refused" not in {one["code"] for one in driven.of("state")[-1]["warnings"]}
+
+
 def test_the_live_estimate_is_that_of_a_run(begun: tuple[Session, FullFit]) -> None:
     from o3dls.pipeline.file import default_pipeline
 

@@ -25,6 +25,7 @@ import numpy as np
 import pytest
 from tiny import Nudge, ball_case
 
+from data_synth import star
 from o3dls.case import Case
 from o3dls.errors import InputError
 from o3dls.estimate import Estimate
@@ -36,13 +37,14 @@ from o3dls.pipeline.study import planned, read_study, shard
 from o3dls.pipeline.supervision import Limits, resident
 from o3dls.report.writer import write_cohort
 from o3dls.runs.writers import Writer
+from o3dls.stages.icp import ICP
 
 CASES = int(os.environ.get("O3DLS_COHORT", "24"))
 SHARDS = max(4, CASES // 25)
 SEED = 702_344
 ENDED = 5.0  # seconds after the limit by which a case must have ended
-ICP = 'folds = 0\n[[stage]]\nuse = "icp"\n'
-QUICK = Pipeline([Nudge()], folds=0)
+PIPELINE = 'folds = 0\n[[stage]]\nuse = "icp"\n'
+QUICK = Pipeline([ICP()], folds=0)
 
 
 class Heavy(Nudge):
@@ -103,13 +105,10 @@ def cases(folder: Path, **points: int) -> list[Path]:
 
 
 def many(folder: Path, count: int) -> list[Path]:
-    """So many cases of different points, quick to score, and one that cannot be read."""
+    """So many small cases of data_synth, each of another seed, and one that cannot be read."""
     (folder / "broken").mkdir(parents=True)
-    ball = ball_case(45)
-    truth = replace(ball.truth, surface=None) if ball.truth else None  # its volume takes most of the time
     for k in range(count):
-        points = replace(ball.points, xyz=ball.points.xyz + k / 1024)
-        write_case(folder / f"c{k:04d}", replace(ball, name=f"c{k:04d}", points=points, truth=truth))
+        write_case(folder / f"c{k:04d}", replace(star(seed=SEED + k), name=f"c{k:04d}"))
     return [folder / "broken", *(folder / f"c{k:04d}" for k in range(count))]
 
 
@@ -280,13 +279,13 @@ def test_a_case_is_done_only_by_a_whole_run_of_the_same_files_pipeline_and_versi
     if what == "files":
         write_case(folder, replace(ball_case(61), name="one"), force=True)
     elif what == "pipeline":
-        plan = Pipeline([Nudge(share=0.5)], folds=0)
+        plan = Pipeline([ICP(tolerance=0.5)], folds=0)
     elif what == "version":
         record = json.loads((out / "run.json").read_text())
         record["versions"]["o3dls"] = "0.0.1"
         (out / "run.json").write_text(json.dumps(record))
     elif what == "damage":
-        (out / "estimates/nudge/surface.ply").unlink()
+        (out / "estimates/icp/surface.ply").unlink()
     since = _time_of_files(tmp_path) if what == "force" else None
     outcome = _Task(planned([folder], plan)[0], out, since, tmp_path)()
     assert (outcome.error, outcome.skipped) == (None, False)
@@ -294,10 +293,12 @@ def test_a_case_is_done_only_by_a_whole_run_of_the_same_files_pipeline_and_versi
     assert _Task(planned([folder], plan)[0], out, since, tmp_path)().skipped
 
 
-def timed(tasks: Any, out: Path, limits: Limits) -> Iterator[tuple[Outcome, float]]:
+def timed(tasks: Any, out: Path, limits: Limits, **how: Any) -> Iterator[tuple[Outcome, float]]:
     began = time.monotonic()
     ends: list[tuple[Outcome, float]] = []
-    run_cohort(tasks, out, limits=limits, told=lambda one: ends.append((one, time.monotonic() - began)))
+    run_cohort(
+        tasks, out, limits=limits, told=lambda one: ends.append((one, time.monotonic() - began)), **how
+    )
     return iter(ends)
 
 
@@ -382,7 +383,7 @@ def test_ctrl_c_lets_the_running_case_end_and_a_second_one_ends_it(
     if scheduler:
         pytest.importorskip("distributed")
     cases(tmp_path, one=60, two=60)
-    (tmp_path / "pipe.toml").write_text(ICP + '[[write]]\nuse = "long"\n')
+    (tmp_path / "pipe.toml").write_text(PIPELINE + '[[write]]\nuse = "long"\n')
     command = [sys.executable, "-c", INTERRUPTED, "batch", "one", "two", "--pipeline", "pipe.toml"]
     command += ["--scheduler", scheduler] if scheduler else []
     path = os.pathsep.join(filter(None, [str(Path(__file__).parent), os.environ.get("PYTHONPATH")]))
@@ -410,7 +411,7 @@ def test_ctrl_c_lets_the_running_case_end_and_a_second_one_ends_it(
 
 def test_a_table_gives_each_row_its_pipeline_and_settings(tmp_path: Path) -> None:
     cases(tmp_path / "cases", one=60, two=60)
-    (tmp_path / "quick.toml").write_text(ICP)
+    (tmp_path / "quick.toml").write_text(PIPELINE)
     (tmp_path / "study.csv").write_text(
         "case,pipeline,set.icp.tolerance,name\n"
         "cases/one,quick.toml,,\n"
@@ -442,7 +443,7 @@ def test_a_table_gives_each_row_its_pipeline_and_settings(tmp_path: Path) -> Non
     ],
 )
 def test_a_mistake_in_a_table_is_named_with_its_line(text: str, said: str, tmp_path: Path) -> None:
-    (tmp_path / "quick.toml").write_text(ICP)
+    (tmp_path / "quick.toml").write_text(PIPELINE)
     (tmp_path / "study.csv").write_text(text)
     with pytest.raises(InputError, match=rf"study\.csv: {said}|study\.csv.*{said}"):
         read_study([tmp_path / "study.csv"])

@@ -15,7 +15,7 @@ from typing import Any
 
 import pytest
 from conftest import ROOT
-from test_cohorts import ICP, QUICK, SlowNote, cases, many, table, whole
+from test_cohorts import ENDED, PIPELINE, QUICK, Heavy, SlowNote, cases, many, table, timed, whole
 from test_readme import BLOCK
 from tiny import Nudge, disc_case
 
@@ -75,7 +75,7 @@ def test_a_worker_that_is_killed_in_the_middle_costs_nothing(
     scheduler: tuple[str, subprocess.Popen[str]], tmp_path: Path
 ) -> None:
     many(tmp_path / "cases", 8)
-    (tmp_path / "pipe.toml").write_text(ICP)
+    (tmp_path / "pipe.toml").write_text(PIPELINE)
     batch = [sys.executable, "-m", "o3dls", "batch", "cases/*", "--pipeline", "pipe.toml", "--out"]
     workers = [worker(scheduler[0], "--no-nanny", cwd="/"), worker(scheduler[0], cwd="/")]
     try:
@@ -128,12 +128,25 @@ def test_without_workers_the_batch_says_so_and_can_be_stopped(
     whole(tmp_path / "runs")
 
 
-def test_a_case_on_a_worker_has_its_limits(tmp_path: Path) -> None:
+def test_a_case_on_a_worker_has_its_limit_of_time(tmp_path: Path) -> None:
+    limit = 20.0  # far more than a quick case takes, also on a busy machine
     folders = cases(tmp_path / "cases", one=60, few=30)
     study = planned(folders, Pipeline([Nudge()], [SlowNote()], folds=0))
-    limits = Limits(seconds=20.0)  # far more than a quick case takes, also on a busy machine
-    outcomes = run_cohort(study, tmp_path / "runs", scheduler="local", limits=limits)
-    assert [one.error for one in outcomes] == [None, "took more than 20 s and was stopped (--timeout)"]
+    (one, before), (few, after) = timed(study, tmp_path / "runs", Limits(seconds=limit), scheduler="local")
+    assert one.error is None
+    assert few.error == "took more than 20 s and was stopped (--timeout)"
+    assert after - before < limit + ENDED
+    whole(tmp_path / "runs")
+
+
+def test_a_case_on_a_worker_has_its_limit_of_memory(tmp_path: Path) -> None:
+    folders = cases(tmp_path / "cases", one=60, few=30)
+    study = planned(folders, Pipeline([Heavy()], folds=0))
+    limits = Limits(60.0, 900_000_000)
+    (one, before), (few, after) = timed(study, tmp_path / "runs", limits, scheduler="local")
+    assert one.error is None
+    assert few.error == "took more than 900 MB of memory and was stopped (--memory)"
+    assert after - before < 60.0  # it was the memory, not the time
     whole(tmp_path / "runs")
 
 
@@ -215,7 +228,7 @@ def test_the_page_has_a_script_for_every_kind_of_cluster() -> None:
 def test_the_script_for_this_machine_runs(tmp_path: Path) -> None:
     (code,) = (code for code, spared in scripts().items() if not spared)
     write_case(tmp_path / "cases/disc", replace(disc_case(), name="disc"))
-    (tmp_path / "quick.toml").write_text(ICP)
+    (tmp_path / "quick.toml").write_text(PIPELINE)
     quick = code.replace('"cases/*"', '"cases/*", "--pipeline", "quick.toml"')
     (tmp_path / "script.py").write_text(quick)
     done = subprocess.run([sys.executable, "script.py"], cwd=tmp_path, capture_output=True, text=True)
