@@ -118,6 +118,7 @@ function showLandmarks(landmarks) {
 
 function showNext(places) {
   scene.next = places.map(({ xyz }, k) => ({ name: String(k + 1), at: xyz }));
+  panels.forEach((panel) => { panel.hidden = null; });
   invalidate();
 }
 

@@ -1,16 +1,18 @@
-// Landmarks behind the wall: found by one ray each when the camera has come to rest, and then written faintly.
+// Landmarks and proposed places behind the wall: found by one ray each when the camera has come to rest, and then written faintly.
 
-const FREE = 2; // mm of wall before a landmark that do not hide it: it lies on the wall itself
+const FREE = 2; // mm of wall that do not hide a place: it lies on the wall itself
 const REST = 150; // ms without a new picture
 let resting = 0;
 
 function findHidden() {
   clearTimeout(resting);
-  if (!scene.landmarks.length || !settings.labels) return;
+  const marks = settings.labels ? scene.landmarks : [];
+  const next = settings.next ? scene.next : [];
+  if (!marks.length && !next.length) return;
   resting = setTimeout(() => {
     const changed = panels.filter((panel) => panel.shown).map((panel) => {
-      const found = scene.landmarks.map(({ at }) => hides(panel, at));
-      const same = panel.hidden && found.every((one, k) => one === panel.hidden[k]);
+      const found = { marks: marks.map(({ at }) => hides(panel, at)), next: next.map(({ at }) => hides(panel, at)) };
+      const same = panel.hidden && JSON.stringify(found) === JSON.stringify(panel.hidden);
       panel.hidden = found;
       return !same;
     });

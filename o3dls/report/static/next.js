@@ -9,9 +9,10 @@ function offerNext() {
   }).id = "places";
 }
 
-function drawNumber({ name, at }, context, width, height, ratio) {
+function drawNumber({ name, at, strength }, context, width, height, ratio) {
   const [x, y] = project(...at, width, height);
   context.font = `bold ${12 * ratio}px system-ui, sans-serif`;
+  context.globalAlpha = strength;
   context.fillStyle = "#fff";
   context.strokeStyle = "#111";
   context.lineWidth = 2 * ratio;
@@ -24,4 +25,5 @@ function drawNumber({ name, at }, context, width, height, ratio) {
   context.textBaseline = "middle";
   context.fillText(name, x, y);
   context.textAlign = "start";
+  context.globalAlpha = 1;
 }

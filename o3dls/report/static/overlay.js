@@ -1,5 +1,6 @@
 // What is written over the pictures: contours in the cut, landmark names, axes and a scale bar.
 
+const FAINT = 0.35; // of what is behind the wall
 const overlays = []; // what pages with more to show draw over every picture
 let contours = []; // of the cut: [{name, colour, dash, segments: Float32Array of x1 y1 z1 x2 y2 z2}]
 
@@ -13,8 +14,8 @@ function drawOverlay(panel, context, ratio) {
   const ink = getComputedStyle(panel.canvas).color;
   context.lineJoin = context.lineCap = "round";
   for (const contour of contours) drawContour(contour, context, width, height, ratio);
-  if (settings.labels) scene.landmarks.forEach((mark, k) => drawLabel({ ...mark, strength: panel.hidden?.[k] ? 0.35 : 1 }, context, width, height, ratio, ink));
-  if (settings.next) for (const mark of [...scene.next].reverse()) drawNumber(mark, context, width, height, ratio);
+  if (settings.labels) scene.landmarks.forEach((mark, k) => drawLabel({ ...mark, strength: panel.hidden?.marks[k] ? FAINT : 1 }, context, width, height, ratio, ink));
+  if (settings.next) for (let k = scene.next.length - 1; k >= 0; k--) drawNumber({ ...scene.next[k], strength: panel.hidden?.next[k] ? FAINT : 1 }, context, width, height, ratio);
   overlays.forEach((draw) => draw(context, width, height, ratio, ink));
   drawPinned(context, width, height, ratio, ink);
   drawMeasured(context, width, height, ratio, ink);

@@ -1,4 +1,4 @@
-// Measured points: balls (fitted), cubes (ablation) and diamonds (judged outliers), coloured by their own value where the chosen field was measured, else by their distance to the panel's surface.
+// Measured points: balls (fitted; grey those inside), cubes (ablation) and diamonds (judged outliers), coloured by their own value where the chosen field was measured, else by their distance to the panel's surface.
 
 const cloud = {
   positions: unpackPositions(scene.points.positions),
@@ -9,7 +9,7 @@ const cloud = {
   outliers: scene.estimates.map((estimate) => bytes(estimate.outliers)),
   rows: uint32(scene.points.rows), // of points.csv, from 0
 };
-const OUTLIER = [0.8, 0.2, 0.6];
+const OUTLIER = [0.8, 0.2, 0.6], INSIDE = [0.55, 0.55, 0.55]; // no wall: their distance from it is no error
 const SLAB = 3; // mm beside the cut within which points stay
 
 const FEW = 100, MANY = 2000; // more points have coarser balls, and many smaller ones
@@ -68,6 +68,7 @@ function instances(panel, settings, shape, rows) {
 function pointColour(panel, { field, pointRange }, i) {
   const own = ownValues(field);
   if (own) return colourOf(field.map, own[i], ...shared.range.value);
+  if (scene.points.names[cloud.kinds[i]] === "inside") return INSIDE;
   return colourOf("points", cloud.residuals[panel.estimate][i], ...pointRange);
 }
 
