@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from .. import parallel
 from ..arrays import Array
 from ..errors import InputError, did_you_mean
 from ..geometry.surface import Surface
@@ -123,7 +124,8 @@ def _gaussian(wall: Projection, values: Array, surface: Surface, width: float) -
     """Weighted mean of the nearest data; a vertex beyond all weights takes the very nearest."""
     from scipy.spatial import cKDTree
 
-    found = cKDTree(wall.foot).query(surface.vertices, k=np.arange(1, min(NEIGHBOURS, len(values)) + 1))
+    nearest = np.arange(1, min(NEIGHBOURS, len(values)) + 1)
+    found = cKDTree(wall.foot).query(surface.vertices, k=nearest, workers=parallel.THREADS)
     distance, row = np.asarray(found[0]), np.asarray(found[1])
     # the nearest has weight 1: no underflow
     weights = np.exp((distance[:, :1] ** 2 - distance**2) / (2 * width**2))

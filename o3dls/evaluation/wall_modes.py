@@ -16,6 +16,7 @@ PLACES = 500  # 4 to 5 mm apart on an atrium: a third of the shortest correlatio
 MODES = 150  # of an atrium's posterior they hold 99 %
 
 
+@lru_cache(maxsize=4)  # of the estimates of one run that share their motion
 def wall_modes(prior: Surface, motion: Motion | None) -> WallModes | None:
     """The joint posterior of a motion of the prior; None where it has none, or its run did not keep it."""
     if isinstance(motion, RecordedMotion):

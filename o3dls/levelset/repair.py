@@ -21,7 +21,10 @@ Crossing = Callable[[Surface], NDArray[np.bool_]]
 
 @dataclass(frozen=True, eq=False)
 class Attempt:
-    """A level set, the radius (a length) of the closing in it, and what else was done, in words."""
+    """A level set, the radius (a length) of the closing in it, and what else was done, in words.
+
+    Where something was done its band is only as wide as its zero set needs, and it is no distance.
+    """
 
     phi: SignedDistance
     closing: float
@@ -45,16 +48,19 @@ class Repair:
         rim that a fold turned inside out is anatomy, joined to the rest where walls cross; then without
         islands; then without what is inside out. thorough: with wide closings too.
         """
-        band = cache(lambda wall, radius, inverted: self._band(wall, radius, inverted=inverted))
-        few = self.settings.closings[: self.settings.few_closings]
-        yield Attempt(band(surface, 0.0, True), 0.0)
+        lattice = self.settings
+        band = cache(
+            lambda wall, radius, inverted: self._band(wall, radius, lattice.thin_band, inverted=inverted)
+        )
+        few = lattice.closings[: lattice.few_closings]
+        yield Attempt(self._band(surface, 0.0, lattice.half_band, inverted=True), 0.0)
         joined = self._joined(surface)
         done = () if joined is surface else ("crossing walls were joined",)
         if done:
             yield Attempt(band(joined, 0.0, True), 0.0, done)
         for radius in (self.spacing * closing for closing in few):
             yield Attempt(closed(band(joined, radius, True), radius), radius, done)
-        closings = self.settings.closings if thorough else few
+        closings = lattice.closings if thorough else few
         for wall, inverted, lost in (
             (joined, True, (*done, "islands were removed")),
             (surface, False, ("islands and inverted parts were removed",)),
@@ -65,7 +71,7 @@ class Repair:
 
     def united(self, surface: Surface) -> SignedDistance:
         """The level set of a surface, united where it runs into itself."""
-        return self._whole(self._band(surface, 0.0, inverted=False))
+        return self._whole(self._band(surface, 0.0, self.settings.half_band, inverted=False))
 
     def _joined(self, surface: Surface) -> Surface:
         """A surface that encloses all that this one does and, around its faces that cross, what is nearer to
@@ -76,16 +82,18 @@ class Repair:
         if not crossing.any():
             return surface
         radius = self.settings.joint * self.spacing * surface.dimension**0.5
-        phi = self._band(surface, radius, inverted=True)
+        phi = self._band(surface, radius, self.settings.thin_band, inverted=True)
         around = np.zeros(len(surface.vertices), dtype=bool)
         around[surface.faces[crossing]] = True
         walls = ClosestPoint(surface.vertices, surface.faces[around[surface.faces].any(axis=1)])
         joint = np.sqrt(walls.query(phi.band.positions)[0]) - radius
         return Surface(*zero_set(phi.band, np.minimum(phi.phi, joint)))
 
-    def _band(self, surface: Surface, radius: float, *, inverted: bool) -> SignedDistance:
-        """The signed distance of a surface, so wide that something is left when it grows by the radius."""
-        width = radius + self.settings.half_band * self.spacing
+    def _band(self, surface: Surface, radius: float, half: float, *, inverted: bool) -> SignedDistance:
+        """The signed distance of a surface, `half` spacings wide, and so much wider that something is left
+        when it grows by the radius.
+        """
+        width = radius + half * self.spacing
         return signed_distance(surface.vertices, surface.faces, self.spacing, width, inverted=inverted)
 
     def _whole(self, phi: SignedDistance) -> SignedDistance:
@@ -100,5 +108,5 @@ def closed(phi: SignedDistance, radius: float) -> SignedDistance:
     if radius == 0.0:
         return phi
     outer = zero_set(phi.band, phi.phi - radius)
-    grown = signed_distance(*outer, phi.band.spacing, radius + 2.0 * phi.band.spacing)
+    grown = signed_distance(*outer, phi.band.spacing, phi.band.width)
     return replace(grown, phi=grown.phi + radius)

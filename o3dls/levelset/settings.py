@@ -63,6 +63,9 @@ class LatticeSettings:
     """How phi is kept whole on a lattice."""
 
     half_band: float = number(3.0, "spacings", "half width of the band of phi")
+    thin_band: float = number(
+        2.0, "spacings", "the same where only the zero set matters: more than the diagonal of a cell"
+    )
     joint: float = number(0.5, "cell diagonals", "half the thickness of a sheet that the lattice cannot miss")
     closings: tuple[float, ...] = number(
         (0.5, 1.0, 2.0, 3.0), "spacings", "radii tried to close what runs into itself, the least first"

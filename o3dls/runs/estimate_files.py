@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 from collections.abc import Collection, Mapping
 from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +22,7 @@ from ..io.table import read_table, write_table
 from ..run_warning import CODES, RunWarning
 
 if TYPE_CHECKING:
+    from ..motion.interface import Motion
     from ..motion.recorded import RecordedMotion, WallModes
 
 MODES = "posterior.npy"  # rows: vertex of the prior, then its part in each mode of the errors
@@ -65,8 +67,7 @@ def _write_motion(path: Path, case: Case, estimate: Estimate) -> None:
 
     if estimate.motion is None:
         return
-    moved = case.prior.with_vertices(estimate.motion(case.prior.vertices))
-    deviation = estimate.motion.sd(case.prior.vertices, moved.vertex_normals)
+    moved, deviation = _moved(case.prior, estimate.motion)
     moved = replace(moved, fields={f"sd_{case.units}": deviation})
     write_surface(path, moved, space=case.frame, units=case.units)
     if modes := wall_modes(case.prior, estimate.motion):
@@ -74,6 +75,13 @@ def _write_motion(path: Path, case: Case, estimate: Estimate) -> None:
         with io.BytesIO() as content:
             np.save(content, table, allow_pickle=False)
             write_file(path.with_name(MODES), content.getvalue())
+
+
+@lru_cache(maxsize=1)  # estimates of one run share their motion
+def _moved(prior: Surface, motion: Motion) -> tuple[Surface, Array]:
+    """The prior where a motion brought it, and the deviation (n,) along its normals there."""
+    moved = prior.with_vertices(motion(prior.vertices))
+    return moved, motion.sd(prior.vertices, moved.vertex_normals)
 
 
 def _read_modes(path: Path, vertices: int) -> WallModes | None:

@@ -117,14 +117,14 @@ class LevelSet(Stage):
             smallest=reached.smallest,
             raw=reached.wall if reached.exact else None,
         )
-        wall = reached.wall
+        wall, width = reached.wall, LatticeSettings().half_band * self.spacing
         # a polyline needs no repair, and a grid would cut its tips
         if wall.dimension == 2 and reached.unchanged:
-            width = LatticeSettings().half_band * self.spacing
             phi = signed_distance(wall.vertices, wall.faces, self.spacing, width)
             return replace(reached, phi=phi, warnings=()), replace(mesh, surface=wall)
         if reached.warnings and not reached.exact:  # where gaps were closed or parts cut, phi is no distance
-            reached = replace(reached, phi=reinitialise(reached.phi.band, reached.phi.phi))
+            band = reached.phi.band
+            reached = replace(reached, phi=reinitialise(band, reached.phi.phi, max(width, band.width)))
         return reached, mesh
 
     def _estimate(self, case: Case, start: Estimate, reached: Refinement, mesh: Extraction) -> Estimate:

@@ -11,9 +11,12 @@ from scipy.ndimage import binary_dilation
 from ...arrays import Array, Ints
 from ...errors import InputError
 from ...geometry.closest_point import ClosestPoint
+from ...parallel import by_rows
 from .band import PAD, Band
 from .scatter import gather_band, scatter_distance, touched_blocks
 from .winding import winding
+
+WORTH = 2  # layers of blocks that are worth a thread
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,6 +104,9 @@ def _unsigned(
 ) -> tuple[NDArray[np.int32], Array, NDArray[np.int32]]:
     bits = 3 if dimension == 3 else 0  # blocks of 8 x 8 x 8 or 8 x 8 x 1 nodes
     table, count = touched_blocks(corners, reach, box, bits)
-    best, owner = scatter_distance(corners, reach, box, bits, table, count)
+    best = np.full((count, 64 << bits), np.inf, dtype=np.float32)
+    owner = np.full(best.shape, -1, dtype=np.int32)
+    layers = (np.arange(len(table)),)
+    by_rows(scatter_distance, WORTH, layers, corners, reach, box, bits, table, best, owner)
     nodes, gap, face = gather_band(table, bits, box, best, owner)
     return nodes, gap, face

@@ -79,9 +79,9 @@ def _outward(vertices: Array, faces: Ints, band: Band, phi: Array, cells: Ints, 
     return np.asarray(np.where(wrong[:, None], faces[:, ::-1], faces))
 
 
-def reinitialise(band: Band, phi: Array) -> SignedDistance:
+def reinitialise(band: Band, phi: Array, width: float | None = None) -> SignedDistance:
     """The exact signed distance of the zero set of phi, on the band around where that set now is: |grad phi|
-    = 1 again.
+    = 1 again. width: of the new band, by default that of the old.
     """
     vertices, faces = zero_set(band, phi)
-    return signed_distance(vertices, faces, band.spacing, band.width)
+    return signed_distance(vertices, faces, band.spacing, band.width if width is None else width)

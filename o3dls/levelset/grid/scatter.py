@@ -47,17 +47,15 @@ def _face_box(face, reach, shape, first, last):  # type: ignore[no-untyped-def]
         last[a] = min(shape[a] - 1, int(np.floor(high + reach)))
 
 
-@njit(cache=True)
-def scatter_distance(corners, reach, shape, bits, table, count):  # type: ignore[no-untyped-def]
-    """Smallest squared distance (lattice units) of the nodes within `reach` to any face, and that face, per
-    block.
+@njit(cache=True, nogil=True)
+def scatter_distance(layers, corners, reach, shape, bits, table, best, owner):  # type: ignore[no-untyped-def]
+    """Fill in the smallest squared distance (lattice units) of the nodes within `reach` to any face, and that
+    face, per block, in adjoining layers of blocks along the first axis.
 
     A face looks along the rows of its grown box, only where its plane and its bounding sphere are within
     reach; most of these nodes are turned away by a bound, the distance from the circle around the face, that
     their best face so far already beats.
     """
-    best = np.full((count, 64 << bits), np.float32(np.inf), dtype=np.float32)
-    owner = np.full((count, 64 << bits), -1, dtype=np.int32)
     first, last = np.empty(3, dtype=np.int64), np.empty(3, dtype=np.int64)
     shape_of = np.empty(13)
     mask = (1 << bits) - 1
@@ -65,6 +63,9 @@ def scatter_distance(corners, reach, shape, bits, table, count):  # type: ignore
     for m in range(corners.shape[0]):
         face = corners[m]
         _face_box(face, reach, shape, first, last)
+        first[0], last[0] = max(first[0], layers[0] << 3), min(last[0], (layers[-1] << 3) + 7)
+        if first[0] > last[0]:
+            continue
         _measure(face, shape_of)
         cx, cy, cz, radius, nx, ny, nz = shape_of[:7]
         ax, ay, az = face[0]
