@@ -75,6 +75,7 @@ def session(case: Case, folder: Path) -> Iterator[tuple[Host, Heard]]:
     from o3dls.live.host import Host
     from o3dls.live.record import open_record
 
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # of the engine's process, as on the command line
     write_case(folder / "case", case)
     write_points(folder / "case" / "points.csv", case.points.of("landmark"))
     heard = Heard()

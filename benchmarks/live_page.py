@@ -48,8 +48,10 @@ def scripted(page: Any, server: LiveServer, surfaces: list[Any], events: int, ra
     return [drawn[str(first + k)] - sent[k] for k in range(events) if str(first + k) in drawn]
 
 
-def in_session(launch: Any, points: int, rate: float, before: int, faces: int) -> list[float]:
-    """Milliseconds from taking each point to the first picture that knows it."""
+def in_session(
+    launch: Any, points: int, rate: float, before: int, faces: int
+) -> tuple[list[float], list[float]]:
+    """Milliseconds from taking each point to the first picture that knows it, and to the engine's event."""
     case, takes = mapped(faces, before + points)
     numbers = {}  # by the event's, the newest point that it knows
 
@@ -68,7 +70,7 @@ def in_session(launch: Any, points: int, rate: float, before: int, faces: int) -
             page.wait_for_timeout(100)
         page.wait_for_timeout(10_000)  # the full fit that many points at once ask for
         page.evaluate(WATCH)
-        sent, begin = [], time.time()
+        sent, begin, wall = [], time.time(), time.time() - time.monotonic()
         for k, one in enumerate(takes[before:]):
             time.sleep(max(0.0, begin + k / rate - time.time()))
             sent.append(time.time() * 1000)
@@ -77,11 +79,12 @@ def in_session(launch: Any, points: int, rate: float, before: int, faces: int) -
         page.wait_for_timeout(2000)
         drawn = {int(seq): at for seq, at in page.evaluate("window.drawnAt").items() if int(seq) in numbers}
         server.close()
+    engine = [1000 * (heard.known[before + k] + wall) - at for k, at in enumerate(sent, 1)]
     waits = []
     for k, at in enumerate(sent, before + 1):
         known = [when for seq, when in drawn.items() if numbers[seq] >= k]
         waits += [min(known) - at] if known else []
-    return waits
+    return waits, engine
 
 
 def opened(launch: Any, server: LiveServer) -> Any:
@@ -114,13 +117,16 @@ def main() -> None:
     asked = parser.parse_args()
     with chromium() as launch:
         if asked.script:
-            found = from_script(launch, asked.points, asked.rate)
+            found, engine = from_script(launch, asked.points, asked.rate), []
         else:
-            found = in_session(launch, asked.points, asked.rate, asked.before, asked.faces)
+            found, engine = in_session(launch, asked.points, asked.rate, asked.before, asked.faces)
     print(f"{len(found)} of {asked.points} points drawn, {asked.rate:g} a second")
     for percentile, limit in LIMITS[asked.script].items():
         print(f"p{percentile}, ms {np.percentile(found, percentile):10.0f}   limit {limit:g}")
     print(f"most, ms {max(found):8.0f}")
+    if engine:
+        p50, p95 = np.percentile(engine, [50, 95])
+        print(f"of these to the engine's event: p50 {p50:.0f}, p95 {p95:.0f}")
 
 
 if __name__ == "__main__":

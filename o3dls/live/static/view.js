@@ -2,8 +2,9 @@
 
 const TIP = 7; // pixels of an arm of the cross at the catheter's tip
 const TELL_AFTER = 150; // ms
+const DRAW_AFTER = 150; // ms: what is drawn with the next surface, or after so long without one, as frames take time from the fit
 const priorPlaces = unpackPositions(scene.prior.positions, scene.prior.box); // of the same vertices, in the prior's frame
-const shownNow = { newest: null, tip: null, points: [], pinnedId: null, telling: 0 };
+const shownNow = { newest: null, tip: null, points: [], pinnedId: null, telling: 0, drawing: 0 };
 
 offerNext();
 $("ghost").parentElement.hidden = true; // nothing to compare with
@@ -33,8 +34,17 @@ function moveSurface({ box, positions, fields }) {
   if (settings.field) setAttribute(geometry, "value", known[settings.field.key]);
   if (pinned?.corners) followPinned(pinned, position);
   if ($("cut").value !== "") cut();
+  clearTimeout(shownNow.drawing);
+  shownNow.drawing = 0;
   invalidate();
   tellSoon();
+}
+
+function drawSoon() {
+  shownNow.drawing ||= setTimeout(() => {
+    shownNow.drawing = 0;
+    invalidate();
+  }, DRAW_AFTER);
 }
 
 // What is written beside the picture may come a little after it.
@@ -83,7 +93,7 @@ function showPoints(points, newest) {
   scene.points.ids = points.map(({ id }) => String(id));
   if (shownNow.pinnedId !== null) repin();
   $("point-bar").hidden = Boolean(ownValues(settings.field)) || !points.length;
-  paintAllPoints();
+  paintAllPoints(drawSoon);
   if ($("worst").open) listWorst();
   $("worst").hidden = !points.some(({ distance }) => distance !== null && distance !== undefined);
   refreshReadout();
@@ -113,16 +123,17 @@ function showLandmarks(landmarks) {
   scene.landmarks = landmarks.filter(({ at }) => at);
   panels.forEach((panel) => { panel.hidden = null; });
   $("labels").parentElement.hidden = !scene.landmarks.length;
-  invalidate();
+  drawSoon();
 }
 
 function showNext(places) {
   scene.next = places.map(({ xyz }, k) => ({ name: String(k + 1), at: xyz }));
   panels.forEach((panel) => { panel.hidden = null; });
-  invalidate();
+  drawSoon();
 }
 
 function showTip(xyz) {
+  if (JSON.stringify(xyz) === JSON.stringify(shownNow.tip)) return;
   shownNow.tip = xyz;
   invalidate();
 }

@@ -126,10 +126,10 @@ function connectBar(id, apply, automatic, signed = () => false) {
   });
 }
 
-function paintAllPoints() {
+function paintAllPoints(draw = invalidate) {
   panels.forEach((panel) => paintPoints(panel, settings));
   markBars();
-  invalidate();
+  draw();
 }
 
 function setTranslucency(amount) {
