@@ -75,7 +75,9 @@ def test_the_tests_run_in_two_processes_and_take_arguments(clone: Path) -> None:
     (clone / "browser").touch()
     assert dev(clone, "test", "-k", "two words").returncode == 0
     options = "-q -n 2 --dist loadfile --no-loadscope-reorder"
-    assert (clone / "calls").read_text().splitlines()[-1] == f"-m pytest {options} -k two words"
+    assert (clone / "calls").read_text().splitlines()[-1] == f"-m pytest {options} -m not slow -k two words"
+    assert dev(clone, "test", "--all", "-x").returncode == 0
+    assert (clone / "calls").read_text().splitlines()[-1] == f"-m pytest {options} -x"
 
 
 def test_a_script_beside_a_clone_named_o3dls_finds_the_package(clone: Path) -> None:
