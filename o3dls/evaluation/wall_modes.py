@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -16,18 +17,41 @@ PLACES = 500  # 4 to 5 mm apart on an atrium: a third of the shortest correlatio
 MODES = 150  # of an atrium's posterior they hold 99 %
 
 
-@lru_cache(maxsize=4)  # of the estimates of one run that share their motion
-def wall_modes(prior: Surface, motion: Motion | None) -> WallModes | None:
+@dataclass(frozen=True, eq=False)
+class WallPosterior:
+    """The joint posterior at some vertices `places` (m,) of the prior: where they came to lie, at (m, d), and
+    the covariance (m, m) of their errors along the moved normals.
+    """
+
+    places: Ints
+    at: Array
+    covariance: Array
+
+
+def wall_posterior(prior: Surface, motion: Motion | None) -> WallPosterior | None:
     """The joint posterior of a motion of the prior; None where it has none, or its run did not keep it."""
     if isinstance(motion, RecordedMotion):
-        return motion.modes
+        if motion.modes is None:
+            return None
+        places, modes = motion.modes.places, motion.modes.modes
+        return WallPosterior(places, motion(prior.vertices[places]), modes @ modes.T)
     if not isinstance(motion, FittedMotion):
         return None
-    places = _places(prior)
-    normals = prior.with_vertices(motion(prior.vertices)).vertex_normals
-    values, vectors = np.linalg.eigh(motion.joint(prior.vertices[places], normals[places]))
+    places, moved = _places(prior), motion(prior.vertices)
+    normals = prior.with_vertices(moved).vertex_normals[places]
+    return WallPosterior(places, moved[places], motion.joint(prior.vertices[places], normals))
+
+
+@lru_cache(maxsize=4)  # of the estimates of one run that share their motion
+def wall_modes(prior: Surface, motion: Motion | None) -> WallModes | None:
+    """The strongest modes of the joint posterior, which a run folder keeps."""
+    if isinstance(motion, RecordedMotion):
+        return motion.modes
+    if (found := wall_posterior(prior, motion)) is None:
+        return None
+    values, vectors = np.linalg.eigh(found.covariance)
     strongest = np.flatnonzero(values > ROUNDING * values[-1])[::-1][:MODES]
-    return WallModes(places, vectors[:, strongest] * np.sqrt(values[strongest]))
+    return WallModes(found.places, vectors[:, strongest] * np.sqrt(values[strongest]))
 
 
 @lru_cache(maxsize=2)  # of the prior of a session that is asked again and again

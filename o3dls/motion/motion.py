@@ -40,6 +40,7 @@ class FittedMotion:
     probability: float
     pose_alone: Array
     inflation: float
+    tree: ClosestPoint  # of the faces, wherever the vertices are
 
     def __call__(self, points: Array) -> Array:
         places = self._reference(points)
@@ -89,12 +90,14 @@ class FittedMotion:
 
     @cached_property
     def _tree(self) -> ClosestPoint:
-        return ClosestPoint(self.vertices, self.faces)
+        return self.tree.at(self.vertices)
 
     def _reference(self, points: Array) -> Places:
         """Positions in the reference pose, shifted as the surface nearest to them was, and that surface's
         normals.
         """
+        if points is self.vertices:
+            return self.rest
         _, face, _, bary = self._tree.query(points)
         corner = self.faces[face]
         shift = (self.rest.at - apply(self.T_map_prior, self.vertices))[corner]

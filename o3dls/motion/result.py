@@ -94,6 +94,7 @@ def motion_fit(run: Iterated, probability: float, pose_alone: Array, least: floa
         probability=probability,
         pose_alone=pose_alone,
         inflation=problem.settings.inflation,
+        tree=problem.tree,
     )
     normals = vertex_normals(state.moved, problem.faces)[problem.nodes]
     sd = np.maximum(problem.from_nodes @ motion.sd_in_reference(problem.at_nodes, normals), 0.0)
