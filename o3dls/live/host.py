@@ -19,8 +19,8 @@ from .journal import Journal
 from .messages import Message, action, error, event
 from .session import Session
 
-SOON = 10.0  # seconds: an engine that ends in less, so often one after the other, is not begun again
-MOST_ENDS = 3
+SOON = 5.0  # seconds: an engine that ends in less, so often one after the other, is not begun again
+MOST_ENDS = 5
 GRACE = 5.0  # seconds in which an engine that is told to may end
 
 
@@ -42,13 +42,14 @@ class Host:
         self._acting, self._telling = Lock(), Lock()
         self._state: Message = {}
         self._engine: Connection | None = None
-        self._begun: list[float] = []
+        self._begun = 0.0
+        self._short_lives = 0  # of engines, one after the other
 
     def begin(self) -> None:
         """Tell what is known so far, and begin the engine."""
-        for point in self.session.points.values():
-            self.tell(event("point", **point.record(), weight=None, distance=None))
-        with self._acting:
+        with self._acting:  # page and stdin may act already
+            for point in self.session.points.values():
+                self.tell(event("point", **point.record(), weight=None, distance=None))
             self._begin()
 
     def act(self, given: Any) -> Message:
@@ -119,7 +120,7 @@ class Host:
         process.start()
         theirs.close()
         self._engine = ours
-        self._begun.append(monotonic())
+        self._begun = monotonic()
         if self.ending:
             ours.send({"do": "end"})
         Thread(target=self._listen, args=(ours, process), daemon=True).start()
@@ -153,8 +154,8 @@ class Host:
         with self._acting:
             if self.closing or self.ended.is_set() or engine is not self._engine:
                 return
-            soon = [begun for begun in self._begun if monotonic() - begun < SOON * MOST_ENDS]
-            if len(soon) >= MOST_ENDS and monotonic() - self._begun[-1] < SOON:
+            self._short_lives = self._short_lives + 1 if monotonic() - self._begun < SOON else 0
+            if self._short_lives >= MOST_ENDS:
                 self._engine = None
                 if self.ending:
                     self.ended.set()
