@@ -10,6 +10,9 @@ from ..arrays import Array
 class Motion(Protocol):
     """A fitted motion of the prior: prior frame to map frame, with its uncertainty."""
 
+    def __hash__(self) -> int:
+        """Of the object itself: two motions are never compared."""
+
     def __call__(self, points: Array) -> Array:
         """Positions (n, d) in the map frame of points (n, d) of the prior frame."""
 
