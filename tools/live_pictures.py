@@ -32,6 +32,7 @@ python -m data_synth atrium patient --seed 7 --points 100
 grep -v landmark patient/points.csv > map.csv
 grep -E '^x,|landmark' patient/points.csv > landmarks.csv
 mv landmarks.csv patient/points.csv
+rm patient/outliers.csv
 """
 
 
