@@ -16,8 +16,6 @@ from .band import PAD, Band
 from .scatter import gather_band, scatter_distance, touched_blocks
 from .winding import winding
 
-WORTH = 2  # layers of blocks that are worth a thread
-
 
 @dataclass(frozen=True, eq=False)
 class SignedDistance:
@@ -107,6 +105,7 @@ def _unsigned(
     best = np.full((count, 64 << bits), np.inf, dtype=np.float32)
     owner = np.full(best.shape, -1, dtype=np.int32)
     layers = (np.arange(len(table)),)
-    by_rows(scatter_distance, WORTH, layers, corners, reach, box, bits, table, best, owner)
+    # two layers of blocks are worth a thread
+    by_rows(scatter_distance, 2, layers, corners, reach, box, bits, table, best, owner)
     nodes, gap, face = gather_band(table, bits, box, best, owner)
     return nodes, gap, face
