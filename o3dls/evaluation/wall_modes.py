@@ -29,29 +29,29 @@ class WallPosterior:
 
 
 def wall_posterior(prior: Surface, motion: Motion | None) -> WallPosterior | None:
-    """The joint posterior of a motion of the prior; None where it has none, or its run did not keep it."""
-    if isinstance(motion, RecordedMotion):
-        if motion.modes is None:
-            return None
-        places, modes = motion.modes.places, motion.modes.modes
-        return WallPosterior(places, motion(prior.vertices[places]), modes @ modes.T)
-    if not isinstance(motion, FittedMotion):
+    """The joint posterior of a motion of the prior, by its modes, as a run folder keeps it; None where it has
+    none, or its run did not keep it.
+    """
+    if motion is None or (modes := wall_modes(prior, motion)) is None:
         return None
-    places, moved = _places(prior), motion(prior.vertices)
-    normals = prior.with_vertices(moved).vertex_normals[places]
-    return WallPosterior(places, moved[places], motion.joint(prior.vertices[places], normals))
+    at = motion(prior.vertices[modes.places])
+    return WallPosterior(modes.places, at, modes.modes @ modes.modes.T)
 
 
 @lru_cache(maxsize=4)  # of the estimates of one run that share their motion
 def wall_modes(prior: Surface, motion: Motion | None) -> WallModes | None:
-    """The strongest modes of the joint posterior, which a run folder keeps."""
+    """The strongest modes of the joint posterior of a motion of the prior; None where it has none, or its run
+    did not keep it.
+    """
     if isinstance(motion, RecordedMotion):
         return motion.modes
-    if (found := wall_posterior(prior, motion)) is None:
+    if not isinstance(motion, FittedMotion):
         return None
-    values, vectors = np.linalg.eigh(found.covariance)
+    places = _places(prior)
+    normals = prior.with_vertices(motion(prior.vertices)).vertex_normals[places]
+    values, vectors = np.linalg.eigh(motion.joint(prior.vertices[places], normals))
     strongest = np.flatnonzero(values > ROUNDING * values[-1])[::-1][:MODES]
-    return WallModes(found.places, vectors[:, strongest] * np.sqrt(values[strongest]))
+    return WallModes(places, vectors[:, strongest] * np.sqrt(values[strongest]))
 
 
 @lru_cache(maxsize=2)  # of the prior of a session that is asked again and again
