@@ -28,6 +28,8 @@ GREETING = 100_000  # bytes, at most, of a scheduler's first message
 ANSWERS = 5.0  # seconds in which a scheduler must answer
 POLL = 0.2  # seconds between two looks at what the user wants
 QUIET = 10.0  # seconds without a result after which it is looked whether there are workers
+# what dask does a hundred times a second for its dashboard, which nobody sees, on cores that the cases need
+QUIETER = {"distributed.worker.profile.enabled": False, "distributed.admin.tick.interval": "200ms"}
 log = logging.getLogger("o3dls")
 T = TypeVar("T")
 
@@ -99,11 +101,11 @@ def _cluster(workers: int) -> Iterator[Any]:
     import dask
     from distributed import LocalCluster
 
-    environ = {}
+    settings: dict[str, Any] = dict(QUIETER)
     if not os.environ.get("NUMBA_NUM_THREADS"):
         cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-        environ["distributed.nanny.pre-spawn-environ.NUMBA_NUM_THREADS"] = max(1, cores // workers)
-    with dask.config.set(environ):
+        settings["distributed.nanny.pre-spawn-environ.NUMBA_NUM_THREADS"] = max(1, cores // workers)
+    with dask.config.set(settings):
         cluster = LocalCluster(
             n_workers=workers,
             threads_per_worker=1,
