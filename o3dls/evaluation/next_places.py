@@ -14,7 +14,8 @@ from ..errors import InputError
 from ..estimate import Estimate
 from ..geometry.inner_balls import depth_in_tubes
 from ..geometry.similarity import rms_radius
-from .wall_modes import WallPosterior, wall_posterior
+from ..motion.recorded import WallModes
+from .wall_modes import wall_modes
 
 Mask = NDArray[np.bool_]
 MEAN_OVER_SD = float(np.sqrt(2 / np.pi))  # of the absolute value of a normal variable
@@ -114,8 +115,8 @@ def suggest(
     radii). There are fewer than k where the next takes less than 2 % of the mean variance. Raises InputError
     where the estimate has no posterior, or an argument does not fit its surface.
     """
-    posterior = wall_posterior(case.prior, estimate.motion)
-    if posterior is None or not estimate.sigma:
+    modes = wall_modes(case.prior, estimate.motion)
+    if modes is None or estimate.motion is None or not estimate.sigma:
         raise InputError(
             f"case {case.name}: the estimate has no joint posterior, so the next places cannot be "
             "found; run a pipeline with the stage 'deform' again, with this version"
@@ -125,8 +126,9 @@ def suggest(
     n = len(estimate.surface.vertices)
     reachable = np.ones(n, dtype=bool) if reachable is None else _checked("reachable", reachable, n) > 0
     weights = np.ones(n) if weights is None else _checked("weights", weights, n)
-    wall = _wall(case, estimate, posterior, weights)
-    vertex = np.asarray(cKDTree(estimate.surface.vertices).query(posterior.at)[1], dtype=np.int64)
+    at = estimate.motion(case.prior.vertices[modes.places])
+    wall = _wall(case, estimate, modes, at, weights)
+    vertex = np.asarray(cKDTree(estimate.surface.vertices).query(at)[1], dtype=np.int64)
     believed = 1.0 if estimate.weights is None else float(estimate.weights.mean())
     return _chosen(case, estimate, wall, vertex, reachable[vertex], k, believed)
 
@@ -140,10 +142,11 @@ def _checked(name: str, given: Array | Mask, n: int) -> Array:
     return values
 
 
-def _wall(case: Case, estimate: Estimate, posterior: WallPosterior, weights: Array) -> _Wall:
-    surface, covariance = estimate.surface, posterior.covariance
+def _wall(case: Case, estimate: Estimate, modes: WallModes, at: Array, weights: Array) -> _Wall:
+    surface = estimate.surface
+    covariance = modes.modes @ modes.modes.T
     first = np.maximum(np.diag(covariance), TINY)
-    of = np.asarray(cKDTree(posterior.at).query(surface.vertices)[1], dtype=np.int64)
+    of = np.asarray(cKDTree(at).query(surface.vertices)[1], dtype=np.int64)
     sd = np.asarray(surface.fields.get(f"sd_{case.units}", np.sqrt(first)[of]), dtype=np.float64)
     known = np.isfinite(sd)
     return _Wall(covariance, first, of, np.where(known, sd, 0.0), weights * surface.vertex_areas * known)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -17,30 +16,9 @@ PLACES = 500  # 4 to 5 mm apart on an atrium: a third of the shortest correlatio
 MODES = 150  # of an atrium's posterior they hold 99 %
 
 
-@dataclass(frozen=True, eq=False)
-class WallPosterior:
-    """The joint posterior at some vertices `places` (m,) of the prior: where they came to lie, at (m, d), and
-    the covariance (m, m) of their errors along the moved normals.
-    """
-
-    places: Ints
-    at: Array
-    covariance: Array
-
-
-def wall_posterior(prior: Surface, motion: Motion | None) -> WallPosterior | None:
-    """The joint posterior of a motion of the prior, by its modes, as a run folder keeps it; None where it has
-    none, or its run did not keep it.
-    """
-    if motion is None or (modes := wall_modes(prior, motion)) is None:
-        return None
-    at = motion(prior.vertices[modes.places])
-    return WallPosterior(modes.places, at, modes.modes @ modes.modes.T)
-
-
 @lru_cache(maxsize=4)  # of the estimates of one run that share their motion
 def wall_modes(prior: Surface, motion: Motion | None) -> WallModes | None:
-    """The strongest modes of the joint posterior of a motion of the prior; None where it has none, or its run
+    """The joint posterior of a motion of the prior, by its strongest modes; None where it has none, or its run
     did not keep it.
     """
     if isinstance(motion, RecordedMotion):
