@@ -18,7 +18,7 @@ MODES = 150  # of an atrium's posterior they hold 99 %
 
 @lru_cache(maxsize=4)  # of the estimates of one run that share their motion
 def wall_modes(prior: Surface, motion: Motion | None) -> WallModes | None:
-    """The joint posterior of a motion of the prior, by its strongest modes; None where it has none, or its run
+    """The joint posterior of a motion of the prior by its strongest modes; None where it has none, or its run
     did not keep it.
     """
     if isinstance(motion, RecordedMotion):
