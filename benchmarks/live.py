@@ -4,7 +4,8 @@
 Points of the true wall of the built-in atrium, 1 mm beside it, come at an even rate. Printed is for each rate
 how many were lost or out of order, with how many the first surface came, and from then on the time from a
 point to the event `surface` that knows it (median, 95th percentile and most, in ms; without what a page takes
-to draw it); then the memory of the engine while many more points come as fast as it takes them.
+to draw it), and the most of those points alone that waited while a full fit ran or was taken over; then the
+memory of the engine while many more points come as fast as it takes them.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from math import inf, isfinite
 from pathlib import Path
 from threading import Condition
 from time import monotonic, sleep
@@ -42,6 +44,7 @@ class Heard:
     newest: int = 0
     first: int = 0  # point of the first surface
     fitted: int = 0
+    fits: list[list[float]] = field(default_factory=list)  # when full fits began and ended
     changed: Condition = field(default_factory=Condition)
     others: list[Callable[[Message], None]] = field(default_factory=list)  # who hear it too
 
@@ -59,7 +62,18 @@ class Heard:
                 self.first = self.first or self.newest
             elif message["event"] == "state":
                 self.fitted = message["fitted"]
+                self._full_fit(message["fit"] != "idle", monotonic())
             self.changed.notify_all()
+
+    def _full_fit(self, runs: bool, now: float) -> None:
+        if runs and (not self.fits or isfinite(self.fits[-1][1])):
+            self.fits.append([now, inf])
+        elif not runs and self.fits and not isfinite(self.fits[-1][1]):
+            self.fits[-1][1] = now
+
+    def beside_a_fit(self, sent: float, known: float) -> bool:
+        """Whether a full fit ran, or was taken over, while a point waited."""
+        return any(sent < end and begin < known for begin, end in self.fits)
 
     def wait(self, number: int) -> bool:
         """Whether the surface comes to know a point."""
@@ -120,9 +134,12 @@ def at_rate(case: Case, takes: list[Message], rate: float) -> str:
         last = heard.wait(len(takes))
     lost = len(takes) - len(heard.points) + (not last)
     turned = sum(b <= a for a, b in zip(heard.points, heard.points[1:], strict=False))
-    waits = 1e3 * np.array([heard.known[k] - sent[k] for k in sent if k > heard.first and k in heard.known])
+    later = [k for k in sent if k > heard.first and k in heard.known]
+    waits = 1e3 * np.array([heard.known[k] - sent[k] for k in later])
+    beside = np.array([heard.beside_a_fit(sent[k], heard.known[k]) for k in later])
     p50, p95 = np.percentile(waits, [50, 95])
-    row = [rate, len(takes), lost, turned, heard.first, round(p50), round(p95), round(waits.max())]
+    found = [p50, p95, waits.max(), np.max(waits[beside], initial=0.0)]
+    row = [rate, len(takes), lost, turned, heard.first, *map(round, found), int(beside.sum())]
     return f"| {' | '.join(map(str, row))} |"
 
 
@@ -153,7 +170,10 @@ def main() -> None:
     given = parser.parse_args()
     case, takes = mapped(given.faces, given.points)
     print(f"prior of {len(case.prior.faces)} faces\n")
-    print("| points a second | points | lost | out of order | first | median | 95 % | most |\n|" + "---|" * 8)
+    print(
+        "| points a second | points | lost | out of order | first | median | 95 % | most "
+        "| most beside a full fit | points beside one |\n|" + "---|" * 10
+    )
     for rate in given.rates:
         print(at_rate(case, takes, rate), flush=True)
     if given.many:

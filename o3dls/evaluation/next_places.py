@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,7 @@ from ..errors import InputError
 from ..estimate import Estimate
 from ..geometry.inner_balls import depth_in_tubes
 from ..geometry.similarity import rms_radius
+from ..geometry.surface import Surface
 from ..motion.recorded import WallModes
 from .wall_modes import wall_modes
 
@@ -111,9 +113,9 @@ def suggest(
 
     weights (n,) say how much each vertex of the estimate's surface counts beside its area, reachable (n,)
     where the catheter can get. Not proposed are places that are surer than the wall in the mean, that lie
-    within 5 mm of a mapping point or of each other, or deeper than 5 mm in a tube (for an atrium; 0.2 rms
-    radii). There are fewer than k where the next takes less than 2 % of the mean variance. Raises InputError
-    where the estimate has no posterior, or an argument does not fit its surface.
+    within 5 mm of a mapping point or of each other, or deeper than 5 mm in a tube of the prior (for an
+    atrium; 0.2 rms radii). There are fewer than k where the next takes less than 2 % of the mean variance.
+    Raises InputError where the estimate has no posterior, or an argument does not fit its surface.
     """
     modes = wall_modes(case.prior, estimate.motion)
     if modes is None or estimate.motion is None or not estimate.sigma:
@@ -130,7 +132,16 @@ def suggest(
     wall = _wall(case, estimate, modes, at, weights)
     vertex = np.asarray(cKDTree(estimate.surface.vertices).query(at)[1], dtype=np.int64)
     believed = 1.0 if estimate.weights is None else float(estimate.weights.mean())
-    return _chosen(case, estimate, wall, vertex, reachable[vertex], k, believed)
+    shallow = _depths(case.prior, modes.places.tobytes()) < APART
+    return _chosen(case, estimate, wall, vertex, reachable[vertex] & shallow, k, believed)
+
+
+@lru_cache(maxsize=2)  # of the prior of a session that is asked again and again
+def _depths(prior: Surface, places: bytes) -> Array:
+    """How deep (m,) vertices of the prior lie in its tubes, in rms radii."""
+    at = np.frombuffer(places, dtype=np.int64)
+    deep = depth_in_tubes(prior.vertices[at], prior.vertex_normals[at], prior.vertices)
+    return deep / rms_radius(prior.vertices)
 
 
 def _checked(name: str, given: Array | Mask, n: int) -> Array:
@@ -162,7 +173,6 @@ def _chosen(
     points = estimate.corrected(case).points.of("eam").xyz
     distance = np.asarray(cKDTree(points).query(at)[0]) if len(points) else np.full(len(at), np.inf)
     allowed = allowed & (distance > apart)
-    allowed &= depth_in_tubes(at, surface.vertex_normals[vertex], surface.vertices) < apart
     sigma = estimate.sigma or 0.0
     found: list[Place] = []
     for _ in range(k):
