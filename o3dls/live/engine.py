@@ -21,7 +21,7 @@ from .messages import Message, error, event, number
 from .session import Session
 from .standing import Advisor, Standing
 
-APART = 0.1  # seconds at least between two events `surface`
+APART = 0.1  # seconds between two events `surface` in the mean; after a pause two may come together
 TICK = 1.0  # seconds between two events `state` while a fit runs
 CLOSED = "closed"
 
@@ -62,7 +62,7 @@ class Engine:
         self.refused: Session | None = None  # what the last fit was made of, where it was refused
         self.lost: Session | None = None  # or was lost, and is made again once
         self.posed: Array | None = None  # by landmarks or the case, before there is a fit
-        self.unseen, self.drawn = False, -np.inf  # whether pages lack the surface; when it was last sent
+        self.unseen, self.next_draw = False, 0.0  # whether pages lack the surface; when it may be sent
         self.unjudged, self.unadvised, self.advising = False, False, False
         self.known = -1.0  # when the state was last sent
 
@@ -95,7 +95,7 @@ class Engine:
             return 0.0
         due = []
         if self.unseen:
-            due.append(self.drawn + APART)
+            due.append(self.next_draw)
         if self.background.seconds is not None:
             due.append(self.known + TICK)
         return max(0.0, min(due) - monotonic()) if due else None
@@ -167,8 +167,9 @@ class Engine:
         now = self.now
         if now is None:
             return
-        if self.unseen and monotonic() - self.drawn >= APART:
-            self.unseen, self.unjudged, self.drawn = False, True, monotonic()
+        if self.unseen and monotonic() >= self.next_draw:
+            self.unseen, self.unjudged = False, True
+            self.next_draw = max(self.next_draw + APART, monotonic())
             self.send(self.display.surface(now.case, now.estimate, max(self.session.points, default=0)))
         if self.unjudged and self.inbox.empty():
             self.unjudged, self.unadvised = False, True
