@@ -10,13 +10,16 @@ from concurrent.futures import Executor, Future
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack
 from dataclasses import replace
+from pathlib import Path
 from time import monotonic
 
 from ..pipeline.workers import workers
 from .fitting import FullFit, full_fit
 from .session import Session
 
-NICE = 10  # steps of priority below the process that takes the points
+NICE = 19  # steps of priority below what answers
+# Linux gives every session of processes its share of the cores, and counts priorities within one only
+AUTOGROUP = Path("/proc/self/autogroup")
 CORES = os.cpu_count() or 1  # as many processes share them: one thread is left
 
 
@@ -89,6 +92,9 @@ def _prepare() -> None:
 
 
 def _step_back() -> None:
-    """Stand back behind the process that takes the points."""
+    """Stand back behind the process that takes the points, and behind the pages."""
     if hasattr(os, "nice"):
         os.nice(NICE)
+    if AUTOGROUP.exists() and os.getpid() != os.getsid(0):
+        os.setsid()
+        AUTOGROUP.write_text(str(NICE))
