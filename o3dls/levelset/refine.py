@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..arrays import Array, Ints
+from ..arrays import Array
 from ..geometry.components import component_areas, components_and_euler
 from ..geometry.surface import Surface
 from ..run_warning import RunWarning
@@ -17,10 +17,9 @@ from .correction import Correction, Limits, fit_correction
 from .grid.distance import SignedDistance
 from .normal_displacement import Wall
 from .observation import Measured
-from .repair import Attempt, Crossing, Repair
+from .repair import Attempt, Crossing, Mesher, Repair
 
 COARSE = "walls are closer than the grid resolves"
-Mesher = Callable[[SignedDistance], tuple[Array, Ints]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +117,7 @@ def _kept_whole(
     """
     kind = components_and_euler(wall.rest, wall.faces)
     lattice = limits.settings.lattice
-    repair = Repair(limits.spacing, kind, crossing, lattice)
+    repair = Repair(limits.spacing, kind, crossing, lattice, mesh)
     for fraction in lattice.fractions if found.fields else (0.0,):
         final = _corrected(wall, fraction * found.u)
         for attempt in repair.attempts(final, thorough=fraction == 0.0):

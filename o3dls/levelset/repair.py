@@ -9,14 +9,15 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Array, Ints
 from ..geometry.closest_point import ClosestPoint
 from ..geometry.surface import Surface
 from .grid.distance import SignedDistance, signed_distance
-from .grid.isosurface import zero_set
 from .grid.operators import without_islands
 from .settings import LatticeSettings
 
 Crossing = Callable[[Surface], NDArray[np.bool_]]
+Mesher = Callable[[SignedDistance], tuple[Array, Ints]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +43,7 @@ class Repair:
     kind: tuple[int, int]
     crossing: Crossing
     settings: LatticeSettings
+    mesh: Mesher
 
     def attempts(self, surface: Surface, *, thorough: bool) -> Iterator[Attempt]:
         """Level sets of a surface, from no repair to the most: with all that it encloses, since the tip of a
@@ -59,14 +61,14 @@ class Repair:
         if done:
             yield Attempt(band(joined, 0.0, True), 0.0, done)
         for radius in (self.spacing * closing for closing in few):
-            yield Attempt(closed(band(joined, radius, True), radius), radius, done)
+            yield Attempt(self.closed(band(joined, radius, True), radius), radius, done)
         closings = lattice.closings if thorough else few
         for wall, inverted, lost in (
             (joined, True, (*done, "islands were removed")),
             (surface, False, ("islands and inverted parts were removed",)),
         ):
             for radius in (0.0, *(self.spacing * closing for closing in closings)):
-                phi = closed(self._whole(band(wall, radius, inverted)), radius)
+                phi = self.closed(self._whole(band(wall, radius, inverted)), radius)
                 yield Attempt(self._whole(phi), radius, lost)
 
     def united(self, surface: Surface) -> SignedDistance:
@@ -87,7 +89,7 @@ class Repair:
         around[surface.faces[crossing]] = True
         walls = ClosestPoint(surface.vertices, surface.faces[around[surface.faces].any(axis=1)])
         joint = np.sqrt(walls.query(phi.band.positions)[0]) - radius
-        return Surface(*zero_set(phi.band, np.minimum(phi.phi, joint)))
+        return Surface(*self.mesh(replace(phi, phi=np.minimum(phi.phi, joint))))
 
     def _band(self, surface: Surface, radius: float, half: float, *, inverted: bool) -> SignedDistance:
         """The signed distance of a surface, `half` spacings wide, and so much wider that something is left
@@ -100,13 +102,12 @@ class Repair:
         """The level set of a surface as one component, without the islands that a folded wall leaves."""
         return phi if self.kind[0] > 1 else replace(phi, phi=without_islands(phi.band, phi.phi))
 
-
-def closed(phi: SignedDistance, radius: float) -> SignedDistance:
-    """The level set grown by a radius and shrunk again: tunnels and gaps that a ball of the radius does not
-    enter are gone.
-    """
-    if radius == 0.0:
-        return phi
-    outer = zero_set(phi.band, phi.phi - radius)
-    grown = signed_distance(*outer, phi.band.spacing, phi.band.width)
-    return replace(grown, phi=grown.phi + radius)
+    def closed(self, phi: SignedDistance, radius: float) -> SignedDistance:
+        """The level set grown by a radius and shrunk again: tunnels and gaps that a ball of the radius does
+        not enter are gone.
+        """
+        if radius == 0.0:
+            return phi
+        outer = self.mesh(replace(phi, phi=phi.phi - radius))
+        grown = signed_distance(*outer, phi.band.spacing, phi.band.width)
+        return replace(grown, phi=grown.phi + radius)

@@ -88,18 +88,21 @@ class TopologySearch:
 
     def judged(self, fit: MotionFit, changes: list[Change]) -> Iterator[Change]:
         """Changes with what each gains once a motion is fitted anew. The prior without a change is meshed on
-        the same lattice: many points see the difference; where the lattice tears it, as a thin wall, that
-        would spoil the comparison, and nothing is judged.
+        the same lattice: many points see the difference; where a lattice tears it, as a thin wall, that would
+        spoil the comparison, and a finer one is taken, or nothing is judged.
         """
         if not changes:
             return
-        unchanged = self.remade(fit, None)
-        if components_and_euler(unchanged.vertices, unchanged.faces) != _kind(fit):
+        for coarser in self.settings.trial_spacings:
+            unchanged = self.remade(fit, None, coarser)
+            if self.whole(unchanged, posed_prior(fit)):
+                break
+        else:
             return
         part = _part(fit, self.settings.trial_points)
         whole = trial_fit(*self.anew(fit, unchanged, part)).energy
         for change in changes:
-            after = trial_fit(*self.anew(fit, self.remade(fit, change), part))
+            after = trial_fit(*self.anew(fit, self.remade(fit, change, coarser), part))
             yield replace(change, gain=whole - after.energy - change.price)
 
     def best(self, fit: MotionFit) -> tuple[MotionFit, Change] | None:
@@ -130,10 +133,17 @@ class TopologySearch:
         )
         return len(distance) >= cuts.witnesses and near
 
-    def remade(self, fit: MotionFit, change: Change | None) -> Surface:
-        """The prior in its pose after a change, or meshed anew without one."""
+    def whole(self, remade: Surface, before: Surface) -> bool:
+        """Whether a lattice kept a surface's topology, and no shred of it that has the same."""
+        kept, kind = (components_and_euler(one.vertices, one.faces) for one in (remade, before))
+        return kept == kind and remade.area > self.settings.least_area * before.area
+
+    def remade(self, fit: MotionFit, change: Change | None, coarser: float = 1.0) -> Surface:
+        """The prior in its pose after a change, or meshed anew without one, on a lattice that is so much
+        coarser.
+        """
         posed = posed_prior(fit)
-        return changed(posed, change, max(self.spacing, _edge(posed)), self.settings.half_band)
+        return changed(posed, change, coarser * max(self.spacing, _edge(posed)), self.settings.half_band)
 
     def anew(
         self, fit: MotionFit, posed: Surface, data: Data

@@ -67,6 +67,12 @@ class TopologySettings:
     most_changes: int = number(4, "", "of one prior: more would be another one")
     most_points: int = number(1000, "points", "of a kind that propose: topology is no detail,")
     trial_points: int = number(500, "points", "of a kind that judge: four times as fast as all that propose")
+    trial_spacings: tuple[float, ...] = number(
+        (2.0, 1.0),
+        "spacings",
+        "of lattices for trials: the first that keeps the prior whole",
+    )
+    least_area: float = number(0.8, "areas", "of the prior that must be left for it to be whole")
     judged: int = number(3, "", "tubes, and cuts, that are judged: those that the likelihood prefers")
     half_band: float = number(3.0, "spacings", "half width of the band on which the prior is changed")
     cuts: CutSettings = field(default_factory=CutSettings)

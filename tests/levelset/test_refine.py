@@ -4,6 +4,8 @@ without evidence.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from shapes import circle, meshed, round_distance, sampled
@@ -20,14 +22,14 @@ from o3dls.levelset.grid.isosurface import zero_set
 from o3dls.levelset.normal_displacement import Wall
 from o3dls.levelset.observation import Measured, Noise, observe
 from o3dls.levelset.refine import Mesher, Refinement, _kept_whole, refine_surface
-from o3dls.levelset.repair import Repair, closed
+from o3dls.levelset.repair import Repair
 from o3dls.levelset.residual_field import ResidualField
 from o3dls.levelset.settings import LatticeSettings
 
 SEED = 223_606
 
 
-REPAIR = Repair(1.0, (1, 2), crossing, LatticeSettings())
+REPAIR = Repair(1.0, (1, 2), crossing, LatticeSettings(), isosurface)
 
 
 def run(surface: Surface, points: Array, mesh: Mesher = isosurface) -> Refinement:
@@ -113,10 +115,15 @@ def test_walls_of_a_thin_part_that_passed_through_each_other_stay_one_part() -> 
         (8, "islands and inverted parts were removed"),
     ],
 )
-def test_it_is_the_mesh_that_has_to_be_whole(handled: int, said: str) -> None:
+def test_it_is_the_mesh_that_has_to_be_whole(
+    handled: int, said: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Where the first meshes have a handle that the level set has not, gaps are closed and pieces left out
     until there is none.
     """
+    monkeypatch.setattr(  # meshes of what is closed have none
+        "o3dls.levelset.refine.Repair", lambda *given: replace(Repair(*given), mesh=isosurface)
+    )
     ball = meshed(round_distance(10.0), 12.0)
     seen: list[SignedDistance] = []
 
@@ -169,5 +176,5 @@ def test_a_correction_that_would_tear_is_halved() -> None:
 
 def test_closing_gaps_leaves_the_rest_where_it_is() -> None:
     ball = meshed(round_distance(16.0), 20.0)
-    shut = closed(signed_distance(ball.vertices, ball.faces, 1.0, 5.0), 2.0)
+    shut = REPAIR.closed(signed_distance(ball.vertices, ball.faces, 1.0, 5.0), 2.0)
     np.testing.assert_allclose(np.linalg.norm(zero_set(shut.band, shut.phi)[0], axis=1), 16.0, atol=0.1)
