@@ -71,6 +71,17 @@ def test_a_missing_browser_is_said_with_its_remedy_and_looked_for_again(clone: P
     assert (clone / ".venv/stamp-browser").exists()
 
 
+def test_without_python_it_is_said_in_one_line_what_to_install(clone: Path) -> None:
+    (clone / "bin/python3").unlink()
+    script(clone / ".venv/bin/python", "#!/bin/sh\nexit 1\n")
+    script(clone / "bin/ldconfig", "#!/bin/sh\n")
+    done = dev(clone, "demo")
+    assert done.returncode == 1
+    (line,) = (line for line in done.stderr.splitlines() if "to fix this, run: " in line)
+    assert line.endswith(" python3 libgl1 libegl1 libopengl0 libusb-1.0-0 python3-venv ")
+    assert "PYTHON=/path/to/python ./dev demo" in done.stderr
+
+
 def test_the_tests_run_in_two_processes_and_take_arguments(clone: Path) -> None:
     (clone / "browser").touch()
     assert dev(clone, "test", "-k", "two words").returncode == 0
