@@ -19,11 +19,18 @@ os.environ["PYTHONPATH"] = os.pathsep.join(
 )
 
 
+SLOW = frozenset((Path(__file__).parent / "slow_tests.txt").read_text(encoding="utf-8").splitlines())
 LONG = ("test_paper.py", "test_tutorial.py", "test_readme.py", "test_cli.py", "test_topology.py")
 
 
+@pytest.hookimpl(tryfirst=True)  # before pytest leaves out what is marked
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Files that take long come first, so that no process is left alone with one of them at the end."""
+    """Tests that slow_tests.txt names are slow. Files that take long come first, so that no process is left
+    alone with one of them at the end.
+    """
+    for item in items:
+        if {item.nodeid.removeprefix("tests/"), item.nodeid.removeprefix("tests/").split("[")[0]} & SLOW:
+            item.add_marker("slow")
     items.sort(key=lambda item: item.path.name not in LONG)
 
 

@@ -74,7 +74,6 @@ def test_a_package_that_says_nothing_is_named_unless_it_has_a_file(tmp_path: Pat
     assert LICENCES["faults"](here) == ["bare: says nothing of its licence"]
 
 
-@pytest.mark.slow
 def test_the_bill_names_every_package_with_its_licence() -> None:
     pytest.importorskip("cyclonedx_py", reason="cyclonedx-bom is not installed")
     here = list(distributions())

@@ -8,15 +8,13 @@ import pytest
 from conftest import ROOT
 from test_readme import BLOCK, execute
 
-# what runs whole pipelines, or searches all rotations, takes its time
-SLOW = (
-    *("start", "points", "landmarks"),
+PAGES = (
+    *("start", "points", "landmarks", "pipeline_file", "frames_and_units", "label_volumes"),
     *("tutorial_icp", "tutorial_python", "tutorial_cohort", "tutorial_organs"),
 )
-PAGES = ("pipeline_file", "frames_and_units", "label_volumes")
 
 
-@pytest.mark.parametrize("name", [*PAGES, *(pytest.param(name, marks=pytest.mark.slow) for name in SLOW)])
+@pytest.mark.parametrize("name", PAGES)
 def test_what_a_page_shows_runs(name: str, tmp_path: Path) -> None:
     page = (ROOT / "docs" / f"{name}.md").read_text(encoding="utf-8")
     blocks = list(BLOCK.finditer(page))

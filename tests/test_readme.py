@@ -46,7 +46,6 @@ def folders(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     return {page: tmp_path_factory.mktemp(Path(page).stem) for page in EXECUTED}
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("page", "block"),
     BLOCKS,

@@ -119,3 +119,11 @@ def test_the_top_of_the_repository_stays_short() -> None:
     if done.returncode:
         pytest.skip("no clone of git")
     assert set(done.stdout.split()) <= TOP
+
+
+def test_the_slow_tests_are_tests() -> None:
+    listed = (ROOT / "tests/slow_tests.txt").read_text(encoding="utf-8").splitlines()
+    assert listed == sorted(set(listed))
+    for test in listed:
+        file, _, name = test.split("[")[0].partition("::")
+        assert f"def {name}(" in (ROOT / "tests" / file).read_text(encoding="utf-8"), test

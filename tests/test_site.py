@@ -133,7 +133,6 @@ def test_no_page_is_wider_than_the_window(site: Path, launch: Callable[..., Any]
     assert not wider
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("width", "scheme"), [(1440, "light"), (390, "dark")])
 def test_axe_finds_nothing_on_any_page(
     width: int, scheme: str, site: Path, launch: Callable[..., Any]

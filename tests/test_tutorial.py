@@ -39,7 +39,6 @@ def test_four_commands_follow_the_study() -> None:
     ]
 
 
-@pytest.mark.slow
 def test_the_wall_is_near_the_true_one(done: Path) -> None:
     """Nearer than the pose alone, and within half a millimetre more than the page says."""
     truth = read_surface(done / "study/true_wall.ply")
@@ -52,7 +51,6 @@ def test_the_wall_is_near_the_true_one(done: Path) -> None:
     assert (done / "run/report.html").stat().st_size > 10_000
 
 
-@pytest.mark.slow
 def test_the_voltages_lie_on_the_image(done: Path) -> None:
     wall, prior = read_surface(done / "wall.vtp"), read_surface(done / "case/prior.ply")
     np.testing.assert_allclose(wall.vertices, prior.vertices, atol=1e-9)
@@ -65,7 +63,6 @@ def test_the_voltages_lie_on_the_image(done: Path) -> None:
     assert ((ours > 0) != (theirs > 0)).sum() <= 0.01 * (theirs > 0).sum()
 
 
-@pytest.mark.slow
 def test_the_live_session_ends_as_a_run(tmp_path: Path) -> None:
     shown, *others = [block for block in BLOCK.finditer(LIVE) if "o3dls live" in block["code"]]
     assert shown["spared"]

@@ -104,9 +104,8 @@ class LevelSet(Stage):
 
     def _meshed(self, reached: Refinement) -> tuple[Refinement, Extraction]:
         """The mesh of what was reached, and its phi as a distance everywhere."""
-        from ..adapters.meshing import extract
+        from ..adapters.meshing import extract, isosurface
         from ..levelset.grid.distance import signed_distance
-        from ..levelset.grid.isosurface import reinitialise
         from ..levelset.settings import LatticeSettings
 
         mesh = extract(
@@ -123,8 +122,8 @@ class LevelSet(Stage):
             phi = signed_distance(wall.vertices, wall.faces, self.spacing, width)
             return replace(reached, phi=phi, warnings=()), replace(mesh, surface=wall)
         if reached.warnings and not reached.exact:  # where gaps were closed or parts cut, phi is no distance
-            band = reached.phi.band
-            reached = replace(reached, phi=reinitialise(band, reached.phi.phi, max(width, band.width)))
+            width = max(width, reached.phi.band.width)
+            reached = replace(reached, phi=signed_distance(*isosurface(reached.phi), self.spacing, width))
         return reached, mesh
 
     def _estimate(self, case: Case, start: Estimate, reached: Refinement, mesh: Extraction) -> Estimate:

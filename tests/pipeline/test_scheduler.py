@@ -70,7 +70,6 @@ def worker(address: str, *options: str, **how: Any) -> subprocess.Popen[str]:
     return dask("worker", address, "--nthreads", 1, "--host", "127.0.0.1", "--no-dashboard", *options, **how)
 
 
-@pytest.mark.slow
 def test_a_worker_that_is_killed_in_the_middle_costs_nothing(
     scheduler: tuple[str, subprocess.Popen[str]], tmp_path: Path
 ) -> None:
@@ -225,7 +224,6 @@ def test_the_page_has_a_script_for_every_kind_of_cluster() -> None:
     assert [name for code in scripts() for name in names if f"import {name}" in code] == list(names)
 
 
-@pytest.mark.slow
 def test_the_script_for_this_machine_runs(tmp_path: Path) -> None:
     (code,) = (code for code, spared in scripts().items() if not spared)
     write_case(tmp_path / "cases/disc", replace(disc_case(), name="disc"))
