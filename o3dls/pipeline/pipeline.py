@@ -96,7 +96,7 @@ class Pipeline:
         begin = perf_counter()
         self._check(case)
         folds = Folds(partial(self.fit, level=logging.DEBUG), case, self.folds, pool) if self.folds else None
-        estimates = self.judged(case)
+        estimates = self._judged(case)
         for warning in each_once(one for estimate in estimates.values() for one in estimate.warnings):
             log.warning("%s", warning.sentence)
         left_out = folds.left_out() if folds else {}
@@ -117,6 +117,9 @@ class Pipeline:
         SolverError as `run`.
         """
         self._check(case)
+        return self._judged(case)
+
+    def _judged(self, case: Case) -> dict[str, Estimate]:
         return self._with_start_warnings(case.visible(), self.fit(case))
 
     def _check(self, case: Case) -> None:
