@@ -12,8 +12,8 @@ from .interrupts import Interrupted, heeded, listen, too_late
 
 # before numpy: our systems are small, and threads made them ten times slower
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-# between two searches for garbage, where Python has 700: most objects live to the end, and searching for others
-# takes a twentieth of a run
+# between two searches for garbage, where Python has 700: most objects live to the end, and the searches take
+# a twentieth of a run
 ALLOCATIONS = 50_000
 
 
