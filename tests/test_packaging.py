@@ -15,12 +15,20 @@ from pathlib import Path
 import pytest
 from conftest import ROOT
 from packaging.requirements import Requirement
+from packaging.specifiers import SpecifierSet
 from packaging.utils import canonicalize_name
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 CONSTRAINTS = [
     line for line in (ROOT / "constraints.txt").read_text().splitlines() if not line.startswith("#")
 ]
+
+
+def installed_here() -> dict[str, str]:
+    """Versions by name of everything that o3dls with all its extras needs here, as far as it is installed."""
+    found = installed("o3dls", frozenset(PROJECT["project"]["optional-dependencies"]), {})
+    assert len(found) > 50, "the walk over the requirements found next to nothing"
+    return found
 
 
 def installed(name: str, extras: frozenset[str], seen: dict[str, str]) -> dict[str, str]:
@@ -113,8 +121,7 @@ def test_every_installed_package_is_the_locked_one() -> None:
         for r in map(Requirement, CONSTRAINTS)
         if r.marker is None or r.marker.evaluate()
     }
-    here = installed("o3dls", frozenset(PROJECT["project"]["optional-dependencies"]), {})
-    assert len(here) > 50, "the walk over the requirements found next to nothing"
+    here = installed_here()
     loose = {
         name: version
         for name, version in here.items()
@@ -123,6 +130,14 @@ def test_every_installed_package_is_the_locked_one() -> None:
     assert not loose, (
         f"not as in constraints.txt (./dev test installs it; python tools/lock.py writes it): {loose}"
     )
+
+
+def test_every_locked_package_takes_the_first_release_of_this_python() -> None:
+    """Debian 12 has 3.11.2; a package that asks for 3.11.5 cannot be installed there."""
+    first = f"{sys.version_info[0]}.{sys.version_info[1]}.0"
+    asked = {name: distribution(name).metadata["Requires-Python"] for name in installed_here()}
+    late = {name: python for name, python in asked.items() if python and first not in SpecifierSet(python)}
+    assert not late
 
 
 @pytest.mark.parametrize("python", ["3.11", "3.12", "3.13", "3.14"])
