@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import signal
 import sys
 import time
 from collections.abc import Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
+from multiprocessing.context import SpawnContext
 from threading import Thread
 from typing import Any
 
 from .. import parallel
+from ..errors import InputError
 
 GRACE = 2.0  # seconds in which a process that was told to end may remove what it has half made
+log = logging.getLogger("o3dls")
 
 
 @contextmanager
@@ -24,17 +28,12 @@ def workers(processes: int, beside: int = 0) -> Iterator[Executor]:
     """A pool of so many processes; what interrupts the block drops the tasks that wait and ends those that
     run.
 
-    beside: how many processes of other pools share the cores with these.
+    beside: how many processes of other pools share the cores with these. Raises InputError where the system
+    lets none begin.
     """
     spawn = get_context("spawn")  # fork hangs once numba has used its threads
     theirs, ours = spawn.Pipe(duplex=False)
-    with (
-        ours,
-        theirs,
-        ProcessPoolExecutor(
-            processes, spawn, initializer=_begin, initargs=(processes + beside, theirs)
-        ) as pool,
-    ):
+    with ours, theirs, _pool(processes, spawn, (processes + beside, theirs)) as pool:
         try:
             with _unheard():
                 for _ in range(processes):
@@ -46,15 +45,28 @@ def workers(processes: int, beside: int = 0) -> Iterator[Executor]:
             raise
 
 
+def _pool(processes: int, spawn: SpawnContext, given: tuple[int, Connection]) -> ProcessPoolExecutor:
+    try:
+        return ProcessPoolExecutor(processes, spawn, initializer=_begin, initargs=given)
+    except (OSError, ImportError) as error:  # ImportError: Python was built without semaphores
+        raise InputError(
+            f"no further process can be begun ({error}): processes need semaphores, on Linux in a /dev/shm "
+            "that this user may write to"
+        ) from None
+
+
 @contextmanager
 def second_process(folds: int) -> Iterator[Executor | None]:
     """A process beside this one for the folds of a cross-validation, which begins at once, as it has much to
-    import; None where there are no folds, or no core for it.
+    import; None where there are no folds, or no core for it, or the system lets none begin.
     """
-    if not folds or parallel.THREADS < 2:
-        yield None
-        return
-    with workers(1, beside=1) as pool:
+    with ExitStack() as open_:
+        pool = None
+        if folds and parallel.THREADS > 1:
+            try:
+                pool = open_.enter_context(workers(1, beside=1))
+            except InputError as error:
+                log.debug("%s", error)
         yield pool
 
 

@@ -169,6 +169,20 @@ def test_a_fold_whose_process_is_ended_is_done_here() -> None:
         np.testing.assert_array_equal(found[name], gaps)
 
 
+def test_where_no_process_can_be_begun_one_does_all_and_a_batch_says_why(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def refused(*_: object, **__: object) -> None:
+        raise PermissionError(13, "Permission denied")  # as of a /dev/shm that is root's alone
+
+    monkeypatch.setattr("o3dls.pipeline.workers.ProcessPoolExecutor", refused)
+    monkeypatch.setattr(parallel, "THREADS", 2)
+    with second_process(FOLDS) as pool:
+        assert pool is None
+    with pytest.raises(InputError, match=r"Permission denied.*/dev/shm"), workers(2):
+        pass
+
+
 def test_there_is_a_second_process_only_for_folds_and_where_a_core_is_left(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
