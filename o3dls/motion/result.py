@@ -129,12 +129,16 @@ def state_facts(problem: MotionProblem, state: State) -> dict[str, float]:
     return facts | {name: float(noise) for name, noise in zip(noises, state.scales.noises[1:], strict=True)}
 
 
-def sentence(fit: MotionFit, unit: str) -> str:
-    """How a fit went, lengths in `unit`."""
+def sentence(fit: MotionFit, unit: str, later: int = 0) -> str:
+    """How a fit went, lengths in `unit`. later: points that were put in since, in a round that cannot
+    converge.
+    """
     facts = fit.facts
     probability = fit.motion.probability
     still = f"while the surface still moved by {facts['last_step']:.2g} {unit} per iteration"
     found = ["converged" if fit.converged else f"stopped after {len(fit.trace)} iterations, {still}"]
+    if later:
+        found = [f"updated with {later} point{'s' * (later > 1)} since the full fit"]
     found += [f"noise {fit.sigma:.3g} {unit}", f"share of outliers {facts['outlier_fraction']:.0%}"]
     if probability < PROBABLE:
         alone = fit.motion.pose_alone

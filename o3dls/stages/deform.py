@@ -138,7 +138,7 @@ def _estimate(case: Case, fit: MotionFit, tuned_on: int) -> Estimate:
     return Estimate(
         surface=replace(case.prior, vertices=fit.vertices, fields=fields),
         T_map_prior=fit.similarity,
-        status=sentence(fit, case.units),
+        status=sentence(fit, case.units, len(fit.problem.data.points) - tuned_on),
         converged=fit.converged,
         iterations=len(fit.trace),
         sigma=fit.sigma,

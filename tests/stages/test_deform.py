@@ -287,6 +287,8 @@ def test_one_more_point_updates_an_estimate_as_a_fit_from_nothing_would() -> Non
     assert moved < 0.05
     assert updated.weights is not None
     assert len(updated.weights) == 150
+    assert fitted.status.startswith("converged; ")
+    assert updated.status.startswith("updated with 1 point since the full fit; noise ")
     with pytest.raises(InputError, match="fewer than"):
         stage.update(before, updated)
     with pytest.raises(InputError, match="must come from the stage 'deform'"):
