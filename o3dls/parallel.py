@@ -7,7 +7,7 @@ from __future__ import annotations
 import logging
 import os
 from collections.abc import Callable, Iterator
-from concurrent.futures import Executor, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from functools import lru_cache
 from itertools import pairwise
@@ -22,8 +22,6 @@ from .arrays import Array, Ints
 
 # the cores this process may use, unless the variable of that name says otherwise
 THREADS: int = config.NUMBA_NUM_THREADS
-# a process that may help this one, while there is one (pipeline.workers.second_process)
-helper: Executor | None = None
 
 log = logging.getLogger("o3dls")
 

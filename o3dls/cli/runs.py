@@ -15,9 +15,6 @@ from .options import as_json, overrides, prior_choice, progress
 from .words import DONE, FILE, FOLDER, NOT_VALID, WRONG_INPUT, complain, say, say_json, say_lines
 
 if TYPE_CHECKING:
-    from concurrent.futures import Executor
-
-    from ..pipeline.pipeline import Pipeline
     from ..runs.run import Run
 
 
@@ -42,8 +39,7 @@ def demo(out: Path, force: bool, as_json: bool) -> int:
     from ..runs.folder import repeats
 
     plan = default_pipeline()
-    with second_process(wanted=_helped(plan)) as pool:
-        _prepare(plan, pool)
+    with second_process(plan.folds) as pool:
         case = read_case(demo_case())
         force = force or ((out / "run.json").is_file() and repeats(out, plan.record(), case))
         done = run_into(plan, case, out, force=force, pool=pool)
@@ -86,8 +82,7 @@ def run(
     folder = _needed(case or plan.case, "--case")
     out = _needed(out or plan.out, "--out")
     check_free(out, force, "run", [source for source in (folder, reading["points"], pipeline) if source])
-    with second_process(wanted=_helped(plan)) as pool:
-        _prepare(plan, pool)
+    with second_process(plan.folds) as pool:
         subject = read_case(folder, **reading)
         plan = plan if pipeline else plan.allowed_by(subject)
         done = run_into(plan, subject, out, force=force, pool=pool)
@@ -191,19 +186,6 @@ def paper(out: Path, quick: bool, force: bool) -> None:
     from ..paper.compute import make
 
     say(make(out, quick=quick, force=force))
-
-
-def _helped(plan: Pipeline) -> bool:
-    """Whether a second process has something to do: folds, or the slides of a report."""
-    return plan.folds > 0 or any(getattr(writer, "slides", False) for writer in plan.writes)
-
-
-def _prepare(plan: Pipeline, pool: Executor | None) -> None:
-    """Have it import what slides need, where there are no folds to be done before them."""
-    from ..report.writer import prepare_slides
-
-    if pool and not plan.folds:
-        pool.submit(prepare_slides)
 
 
 def _needed(value: Path | None, option: str) -> Path:

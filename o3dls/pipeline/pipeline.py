@@ -83,7 +83,7 @@ class Pipeline:
         return [name, *self.chain(self.sources[name])] if name in self.sources else [name]
 
     def run(self, case: Case | None = None, pool: Executor | None = None) -> Run:
-        """Fit, cross-validate and score; `pool`: a process for some folds.
+        """Fit, cross-validate and score; `pool`: a process for some folds, and nothing else afterwards.
 
         Raises InputError where the case cannot be fitted so, SolverError where a stage fails.
         """
@@ -100,6 +100,8 @@ class Pipeline:
         for warning in each_once(one for estimate in estimates.values() for one in estimate.warnings):
             log.warning("%s", warning.sentence)
         left_out = folds.left_out() if folds else {}
+        if pool:
+            pool.shutdown(wait=False)  # a process takes its time to end
         run = scored(
             estimates[self.names[-1]].corrected(case),
             estimates,

@@ -56,25 +56,18 @@ def _pool(processes: int, spawn: SpawnContext, given: tuple[int, Connection]) ->
 
 
 @contextmanager
-def second_process(*, wanted: bool) -> Iterator[Executor | None]:
-    """A process that helps this one, with the folds of a cross-validation or with pictures; it begins at
-    once, as it has much to import. None where there is nothing for it to do, or no core for it, or the system
-    lets none begin.
+def second_process(folds: int) -> Iterator[Executor | None]:
+    """A process beside this one for the folds of a cross-validation, which begins at once, as it has much to
+    import; None where there are no folds, or no core for it, or the system lets none begin.
     """
     with ExitStack() as open_:
         pool = None
-        if wanted and parallel.THREADS > 1:
+        if folds and parallel.THREADS > 1:
             try:
                 pool = open_.enter_context(workers(1, beside=1))
             except InputError as error:
                 log.debug("%s", error)
-        parallel.helper = pool
-        try:
-            yield pool
-        finally:
-            parallel.helper = None
-            if pool:
-                pool.shutdown(wait=False)  # it takes its time to end
+        yield pool
 
 
 @contextmanager

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import BrokenExecutor, wait
-from contextlib import contextmanager, nullcontext, suppress
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
@@ -16,7 +14,6 @@ from ..runs.writers import Writer
 if TYPE_CHECKING:
     from ..pipeline.outcome import Outcome
     from ..runs.run import Run
-    from .subject import Subject
 
 REPORT, FIGURES = "report.html", "figures"
 PAGES = (".html", ".htm")
@@ -65,55 +62,15 @@ def write_report(
 
     subject = read_subject([Path(folder) for folder in folders], compare)
     path = _page(out or subject.folders[0] / REPORT)
+    text = report_page(subject)
     with noted(subject.folders[0]):
-        with _slides(subject, compare, path) if slides else nullcontext():
-            text = report_page(subject)
+        if slides:
+            from .drawing.slides import write_slides
+
+            figures = FIGURES if path.name == REPORT else f"{path.stem}_{FIGURES}"
+            write_slides(subject, path.parent / figures, path.with_suffix(".pdf"))
         write_file(path, text)  # nothing takes time any more: whoever interrupts it finds all or nothing
     return path
-
-
-@contextmanager
-def _slides(subject: Subject, compare: Sequence[str], path: Path) -> Iterator[None]:
-    """Draw the slides that belong to a page: in the process that helps this one while the block runs, else,
-    or where that process was ended, after it.
-    """
-    from .. import parallel
-
-    made = None
-    with suppress(RuntimeError):  # it was ended before
-        made = parallel.helper and parallel.helper.submit(_draw, subject.folders, compare, path)
-    try:
-        yield
-    finally:
-        if made:
-            wait([made])  # nothing is written once this has been left
-    ended = made and isinstance(made.exception(), BrokenExecutor)
-    if made and not ended:
-        made.result()
-    else:
-        _draw_slides(subject, path)
-
-
-def _draw(folders: Sequence[Path], compare: Sequence[str], path: Path) -> None:
-    from .subject import read_subject
-
-    _draw_slides(read_subject(folders, compare), path)
-
-
-def _draw_slides(subject: Subject, path: Path) -> None:
-    from .drawing.slides import write_slides
-
-    figures = FIGURES if path.name == REPORT else f"{path.stem}_{FIGURES}"
-    write_slides(subject, path.parent / figures, path.with_suffix(".pdf"))
-
-
-def prepare_slides() -> None:
-    """Import what slides need, in a process that will draw some."""
-    import matplotlib.backends.backend_agg
-    import matplotlib.backends.backend_pdf
-    import matplotlib.figure  # noqa: F401
-
-    from .drawing import slides  # noqa: F401
 
 
 def compare(folders: Sequence[str | Path], out: str | Path = "compare.html") -> Path:

@@ -177,20 +177,20 @@ def test_where_no_process_can_be_begun_one_does_all_and_a_batch_says_why(
 
     monkeypatch.setattr("o3dls.pipeline.workers.ProcessPoolExecutor", refused)
     monkeypatch.setattr(parallel, "THREADS", 2)
-    with second_process(wanted=True) as pool:
+    with second_process(FOLDS) as pool:
         assert pool is None
     with pytest.raises(InputError, match=r"Permission denied.*/dev/shm"), workers(2):
         pass
 
 
-def test_there_is_a_second_process_only_where_it_is_wanted_and_a_core_is_left(
+def test_there_is_a_second_process_only_for_folds_and_where_a_core_is_left(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(parallel, "THREADS", 1)
-    with second_process(wanted=True) as pool:
+    with second_process(FOLDS) as pool:
         assert pool is None
     monkeypatch.setattr(parallel, "THREADS", 2)
-    with second_process(wanted=False) as pool:
+    with second_process(0) as pool:
         assert pool is None
-    with second_process(wanted=True) as pool:
+    with second_process(FOLDS) as pool:
         assert pool is not None

@@ -4,7 +4,6 @@ lacks.
 
 from __future__ import annotations
 
-import os
 import re
 import warnings
 from collections.abc import Callable
@@ -16,9 +15,7 @@ import pytest
 from matplotlib.figure import Figure
 from scipy.spatial.transform import Rotation
 
-from o3dls import parallel
 from o3dls.geometry.surface import Surface
-from o3dls.pipeline.workers import second_process
 from o3dls.report.drawing import figures, slides
 from o3dls.report.drawing.caption import made
 from o3dls.report.drawing.display import decimated
@@ -331,29 +328,6 @@ def test_equal_runs_give_equal_slides(report: Path, tmp_path: Path) -> None:
     assert again.with_suffix(".pdf").read_bytes() == report.with_suffix(".pdf").read_bytes()
     for path in (report.parent / "figures").iterdir():
         assert path.read_bytes() == (tmp_path / "figures" / path.name).read_bytes()
-
-
-def test_a_process_that_helps_draws_equal_slides_and_where_it_was_killed_they_are_drawn_here(
-    report: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    drawn_here = []
-
-    def here(subject: Subject, path: Path) -> None:
-        drawn_here.append(path.parent.name)
-        slides.write_slides(subject, path.parent / "figures", path.with_suffix(".pdf"))
-
-    monkeypatch.setattr("o3dls.report.writer._draw_slides", here)
-    monkeypatch.setattr(parallel, "THREADS", 2)
-    with second_process(wanted=True) as pool:
-        assert pool
-        write_report([report.parent], tmp_path / "beside" / "report.html", slides=True)
-        pool.submit(os._exit, 1).exception()
-        write_report([report.parent], tmp_path / "killed" / "report.html", slides=True)
-    assert drawn_here == ["killed"]
-    for folder in ("beside", "killed"):
-        assert (tmp_path / folder / "report.pdf").read_bytes() == report.with_suffix(".pdf").read_bytes()
-        for path in (report.parent / "figures").iterdir():
-            assert path.read_bytes() == (tmp_path / folder / "figures" / path.name).read_bytes()
 
 
 def test_reports_in_one_folder_keep_their_own_pictures(report: Path, tmp_path: Path) -> None:
