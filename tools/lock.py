@@ -35,8 +35,7 @@ def resolve(version: str) -> dict[str, str]:
         report = Path(folder) / "report.json"
         here = interpreter(version)
         where = ["--python", here] if here else []
-        # its first release: Debian keeps an early one
-        target = ["--python-version", f"{version}.0", "--target", folder]
+        target = [] if here else ["--python-version", version, "--target", folder]
         options = [
             "--quiet",
             "--dry-run",

@@ -95,7 +95,7 @@ class TopologySearch:
             return
         for coarser in self.settings.trial_spacings:
             unchanged = self.remade(fit, None, coarser)
-            if self.whole(unchanged, posed_prior(fit)):
+            if self.keeps(fit, unchanged):
                 break
         else:
             return
@@ -133,10 +133,10 @@ class TopologySearch:
         )
         return len(distance) >= cuts.witnesses and near
 
-    def whole(self, remade: Surface, before: Surface) -> bool:
-        """Whether a lattice kept a surface's topology, and no shred of it that has the same."""
-        kept, kind = (components_and_euler(one.vertices, one.faces) for one in (remade, before))
-        return kept == kind and remade.area > self.settings.least_area * before.area
+    def keeps(self, fit: MotionFit, remade: Surface) -> bool:
+        """Whether a lattice kept the prior with its topology, and not a shred of it that has the same."""
+        kind = components_and_euler(remade.vertices, remade.faces)
+        return kind == _kind(fit) and remade.area > self.settings.least_area * posed_prior(fit).area
 
     def remade(self, fit: MotionFit, change: Change | None, coarser: float = 1.0) -> Surface:
         """The prior in its pose after a change, or meshed anew without one, on a lattice that is so much
