@@ -4,8 +4,9 @@
 Points of the true wall of the built-in atrium, 1 mm beside it, come at an even rate. Printed is for each rate
 how many were lost or out of order, with how many the first surface came, and from then on the time from a
 point to the event `surface` that knows it (median, 95th percentile and most, in ms; without what a page takes
-to draw it), and the most of those points alone that waited while a full fit ran or was taken over; then the
-memory of the engine while many more points come as fast as it takes them.
+to draw it); then median and most of those points alone that waited while a full fit ran or was taken over,
+and the most of the others; then the memory of the engine while many more points come as fast as it takes
+them.
 """
 
 from __future__ import annotations
@@ -138,8 +139,10 @@ def at_rate(case: Case, takes: list[Message], rate: float) -> str:
     waits = 1e3 * np.array([heard.known[k] - sent[k] for k in later])
     beside = np.array([heard.beside_a_fit(sent[k], heard.known[k]) for k in later])
     p50, p95 = np.percentile(waits, [50, 95])
-    found = [p50, p95, waits.max(), np.max(waits[beside], initial=0.0)]
-    row = [rate, len(takes), lost, turned, heard.first, *map(round, found), int(beside.sum())]
+    apart = [np.median(waits[beside]) if beside.any() else 0.0]
+    apart += [np.max(waits[beside], initial=0.0), np.max(waits[~beside], initial=0.0)]
+    found = [round(one) for one in (p50, p95, waits.max(), *apart)]
+    row = [rate, len(takes), lost, turned, heard.first, *found, int(beside.sum())]
     return f"| {' | '.join(map(str, row))} |"
 
 
@@ -172,7 +175,8 @@ def main() -> None:
     print(f"prior of {len(case.prior.faces)} faces\n")
     print(
         "| points a second | points | lost | out of order | first | median | 95 % | most "
-        "| most beside a full fit | points beside one |\n|" + "---|" * 10
+        "| median beside a full fit | most beside one | most of the others | points beside one |\n"
+        f"|{'---|' * 12}"
     )
     for rate in given.rates:
         print(at_rate(case, takes, rate), flush=True)

@@ -1,25 +1,31 @@
-"""Full fits in a process of their own: one at a time, with one thread, and at low priority once there is an
-estimate, so that no point waits for one.
+"""Full fits in a process of their own: one at a time, with one thread, and once there is an estimate at low
+priority and held while a point is put in and drawn, so that no point waits for one.
 """
 
 from __future__ import annotations
 
+import ctypes
 import os
+import signal
+import sys
 from collections.abc import Callable
 from concurrent.futures import Executor, Future
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import replace
 from pathlib import Path
 from time import monotonic
 
 from ..pipeline.workers import workers
-from .fitting import FullFit, full_fit
+from .fitting import FullFit, full_fit, prepare
 from .session import Session
 
+HELD = 0.15  # seconds that a fit is held for a point: what it mostly takes until a page has drawn it
+SHARE = 0.5  # most of its time that a fit is held, or it would never end where points come fast
 NICE = 19  # steps of priority below what answers
 # Linux gives every session of processes its share of the cores, and counts priorities within one only
 AUTOGROUP = Path("/proc/self/autogroup")
+END_WITH_PARENT = 1  # prctl(2): PR_SET_PDEATHSIG
 CORES = os.cpu_count() or 1  # as many processes share them: one thread is left
 
 
@@ -35,12 +41,17 @@ class Background:
         self._pool: Executor | None = None
         self._since: float | None = None
         self._first = True  # of its process: nothing is shown before it, so it is in a hurry
+        self._pid: int | None = None  # of the process, once it may be held
+        self._held = 0.0  # seconds, of the fit that runs
+        self._held_since: float | None = None
+        self.held_until: float | None = None  # when a fit that is held should go on
 
     def __enter__(self) -> Background:
         self._process()  # its imports take longer than a fit
         return self
 
     def __exit__(self, *error: object) -> None:
+        self.go_on()
         self._open.__exit__(SystemExit, SystemExit(), None)  # what runs is not waited for
 
     @property
@@ -51,26 +62,63 @@ class Background:
     def begin(self, session: Session) -> None:
         """Begin a full fit of a session as it is now."""
         kept = session.copy()
-        self._since = monotonic()
+        self._since, self._held = monotonic(), 0.0
         try:
             future = self._process().submit(full_fit, kept)
         except BrokenProcessPool:  # ended while it had nothing to do
-            self._pool = None
+            self._lost()
             future = self._process().submit(full_fit, kept)
         future.add_done_callback(lambda ended: self._ended(kept, ended))
 
     def taken(self) -> None:
         """The result of the last fit has been taken over."""
+        self.go_on()
         self._since = None
         if self._first and self._pool is not None:
             self._first = False
-            self._pool.submit(_step_back)
+            self._pool.submit(_step_back).add_done_callback(self._may_be_held)
+
+    def make_way(self) -> None:
+        """Hold the fit that runs, as a point has come, or let it go on where it was held for long enough."""
+        if sys.platform != "linux" or self._since is None or self._pid is None:
+            return
+        now = monotonic()
+        held = self._held + (0.0 if self._held_since is None else now - self._held_since)
+        if held > SHARE * (now - self._since):
+            self.go_on()
+            return
+        self.held_until = now + HELD
+        if self._held_since is None:
+            self._held_since = now
+            self._signal(signal.SIGSTOP)
+
+    def go_on(self) -> None:
+        """Let a fit go on that is held."""
+        if sys.platform != "linux" or self._held_since is None:
+            return
+        self._signal(signal.SIGCONT)
+        self._held += monotonic() - self._held_since
+        self._held_since = self.held_until = None
+
+    def _signal(self, number: int) -> None:
+        pid = self._pid
+        if pid is not None:
+            with suppress(ProcessLookupError):
+                os.kill(pid, number)
+
+    def _may_be_held(self, stepped_back: Future[int]) -> None:
+        if not stepped_back.cancelled() and stepped_back.exception() is None:
+            self._pid = stepped_back.result()
+
+    def _lost(self) -> None:
+        """The process was ended from outside."""
+        self._pool = self._pid = None
 
     def _process(self) -> Executor:
         if self._pool is None:
             self._pool = self._open.enter_context(workers(1, CORES))
             self._first = True
-            self._pool.submit(_prepare)
+            self._pool.submit(prepare)
         return self._pool
 
     def _ended(self, session: Session, future: Future[FullFit]) -> None:
@@ -79,22 +127,20 @@ class Background:
         try:
             result = future.result()
         except BrokenProcessPool:
-            self._pool = None
+            self._lost()
             result = FullFit(session, refused="its process was ended from outside", lost=True)
         except Exception as error:  # our own mistake in a fit must not cost the session
             result = FullFit(session, refused=f"internal error, please report it: {error!r}")
         self._done(replace(result, session=session))
 
 
-def _prepare() -> None:
-    """Have everything imported that a fit needs."""
-    from ..stages.deform import Deform  # noqa: F401
-
-
-def _step_back() -> None:
-    """Stand back behind the process that takes the points, and behind the pages."""
+def _step_back() -> int:
+    """Stand back behind the process that takes the points, and behind the pages; the process's number."""
     if hasattr(os, "nice"):
         os.nice(NICE)
     if AUTOGROUP.exists() and os.getpid() != os.getsid(0):
         os.setsid()
         AUTOGROUP.write_text(str(NICE))
+    if sys.platform == "linux":  # one that is held would not see that the other is no more
+        ctypes.CDLL(None).prctl(END_WITH_PARENT, signal.SIGKILL)
+    return os.getpid()

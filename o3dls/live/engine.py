@@ -16,12 +16,12 @@ from ..errors import O3dlsError
 from ..estimate import Estimate
 from .background import Background
 from .display import Display
-from .fitting import Current, FullFit, can_be_fitted, current
+from .fitting import Current, FullFit, can_be_fitted, current, prepare
 from .messages import Message, error, event, number
 from .session import Session
 from .standing import Advisor, Standing
 
-APART = 0.1  # seconds between two events `surface` in the mean; after a pause two may come together
+APART = 0.08  # seconds between two events `surface` in the mean; after a pause two may come together
 TICK = 1.0  # seconds between two events `state` while a fit runs
 CLOSED = "closed"
 
@@ -69,6 +69,7 @@ class Engine:
     def run(self) -> None:
         """Answer until the other end closes, or the session has ended."""
         self.send(self.display.scene(self.session.case(), None))
+        prepare()
         while self.step():
             pass
         if self.ending:
@@ -79,6 +80,8 @@ class Engine:
         """Take in what has come, and do what is due: False once there is no more to do."""
         if not self._heed(self._wait()):
             return False
+        if self.background.held_until is not None and monotonic() >= self.background.held_until:
+            self.background.go_on()
         if self.changed:
             self._update()
         self._draw()
@@ -93,7 +96,7 @@ class Engine:
         """Seconds until something is due; None where only a message can make a difference."""
         if self.changed or self.unjudged:
             return 0.0
-        due = []
+        due = [] if self.background.held_until is None else [self.background.held_until]
         if self.unseen:
             due.append(self.next_draw)
         if self.background.seconds is not None:
@@ -114,6 +117,7 @@ class Engine:
 
     def _take(self, kind: str, what: Any) -> None:
         if kind == "action":
+            self.background.make_way()
             self.ending = what["do"] == "end"
             self.session.apply(what)
             self.changed = True

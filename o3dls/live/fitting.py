@@ -54,6 +54,11 @@ def can_be_fitted(session: Session) -> bool:
     return sum(point.type == "eam" for point in session.kept) >= FEWEST_POINTS
 
 
+def prepare() -> None:
+    """Have everything imported that a fit needs."""
+    _plan()
+
+
 def full_fit(session: Session) -> FullFit:
     """The estimate that the stage `deform` of a run on the session's case makes, with the warnings of that
     run so far; refused where the run would be.

@@ -5,6 +5,7 @@ no point waits for a full fit.
 from __future__ import annotations
 
 from queue import SimpleQueue
+from time import monotonic
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ import pytest
 from o3dls.arrays import Array
 from o3dls.case import Case
 from o3dls.io.case_reader import read_case
+from o3dls.live.background import HELD
 from o3dls.live.engine import Engine
 from o3dls.live.fitting import FullFit, current, full_fit
 from o3dls.live.messages import Message, action
@@ -30,6 +32,8 @@ class Idle:
     def __init__(self) -> None:
         self.begun: list[Session] = []
         self.running = False
+        self.held_until: float | None = None
+        self.held = 0  # how often
 
     @property
     def seconds(self) -> float | None:
@@ -41,6 +45,12 @@ class Idle:
 
     def taken(self) -> None:
         self.running = False
+
+    def make_way(self) -> None:
+        self.held_until, self.held = monotonic() + HELD, self.held + 1
+
+    def go_on(self) -> None:
+        self.held_until = None
 
 
 class Driven:
@@ -260,3 +270,13 @@ def test_the_history_is_thinned_and_ends_with_now(begun: tuple[Session, FullFit]
     assert len(found) < MOST_HISTORY
     assert [one[0] for one in found[-2:]] == [MOST_HISTORY, MOST_HISTORY + 1]
     assert found[-1][1:] == list(expected(now.case, now.estimate))
+
+
+def test_a_fit_makes_way_for_a_point_and_then_goes_on(case: Case, actions: list[Message]) -> None:
+    driven = Driven(case, actions[:FEW])
+    driven.do(actions[FEW])
+    assert driven.background.held == 1
+    begin = monotonic()
+    while driven.background.held_until is not None and monotonic() < begin + 60.0:
+        driven.engine.step()  # sleeps until it is due
+    assert driven.background.held_until is None
