@@ -129,6 +129,8 @@ class Background:
         except BrokenProcessPool:
             self._lost()
             result = FullFit(session, refused="its process was ended from outside", lost=True)
+        except SystemExit:  # it was told to end, as the session has
+            return
         except Exception as error:  # our own mistake in a fit must not cost the session
             result = FullFit(session, refused=f"internal error, please report it: {error!r}")
         self._done(replace(result, session=session))
@@ -140,7 +142,8 @@ def _step_back() -> int:
         os.nice(NICE)
     if AUTOGROUP.exists() and os.getpid() != os.getsid(0):
         os.setsid()
-        AUTOGROUP.write_text(str(NICE))
+        with suppress(BlockingIOError):  # for all users but root, Linux takes ten such changes a second
+            AUTOGROUP.write_text(str(NICE))
     if sys.platform == "linux":  # one that is held would not see that the other is no more
         ctypes.CDLL(None).prctl(END_WITH_PARENT, signal.SIGKILL)
     return os.getpid()
