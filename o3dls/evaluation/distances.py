@@ -5,6 +5,7 @@ what it has not.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,9 +69,13 @@ def measure(case: Case, estimate: Estimate, fitted: tuple[str, ...]) -> dict[str
         prior, position = truth.correspondence
         sets["correspondence"] = _lengths(moved(estimate, prior) - position)
     if truth is not None and truth.surface is not None:
-        sets["truth_to_surface"] = distances(sample(truth.surface), estimate.surface)
-        sets["surface_to_truth"] = distances(sample(estimate.surface), truth.surface)
+        sets["truth_to_surface"], sets["surface_to_truth"] = _both_ways(truth.surface, estimate.surface)
     return {name: values for name, values in sets.items() if len(values)}
+
+
+@lru_cache(maxsize=1)  # estimates that follow each other may share their surface
+def _both_ways(truth: Surface, surface: Surface) -> tuple[Array, Array]:
+    return distances(sample(truth), surface), distances(sample(surface), truth)
 
 
 def scored_as_fitted(fitted: tuple[str, ...]) -> tuple[str, ...]:
@@ -105,6 +110,7 @@ def truth_scores(sets: Mapping[str, Array], surface: Surface, truth: Surface, un
     } | {f"within_{k}{unit}": float((to_surface <= k).mean()) for k in (1, 2, 3)}
 
 
+@lru_cache(maxsize=1)
 def dice(a: Surface, b: Surface) -> float:
     """Overlap 2|A and B| / (|A| + |B|) of what two closed surfaces enclose, counted on one grid of cell
     centres.

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .. import parallel
-from ..arrays import Array
+from ..arrays import Array, Ints
 from ..errors import InputError, did_you_mean
 from ..geometry.surface import Surface
 from .gaussian_process import process
@@ -122,14 +123,21 @@ def _nearest(wall: Projection, values: Array, surface: Surface, width: float) ->
 
 def _gaussian(wall: Projection, values: Array, surface: Surface, width: float) -> tuple[Array, Array | None]:
     """Weighted mean of the nearest data; a vertex beyond all weights takes the very nearest."""
-    from scipy.spatial import cKDTree
-
-    nearest = np.arange(1, min(NEIGHBOURS, len(values)) + 1)
-    found = cKDTree(wall.foot).query(surface.vertices, k=nearest, workers=parallel.THREADS)
-    distance, row = np.asarray(found[0]), np.asarray(found[1])
+    distance, row = _neighbours(wall.foot.tobytes(), surface)
     # the nearest has weight 1: no underflow
     weights = np.exp((distance[:, :1] ** 2 - distance**2) / (2 * width**2))
     return (weights * values[row]).sum(axis=1) / weights.sum(axis=1), None
+
+
+@lru_cache(maxsize=1)  # the columns of a map are mostly measured at the same points
+def _neighbours(data: bytes, surface: Surface) -> tuple[Array, Ints]:
+    """Distances and rows (n, k) of the data (m, d) that are nearest to each vertex, the nearest first."""
+    from scipy.spatial import cKDTree
+
+    places = np.frombuffer(data).reshape(-1, surface.dimension)
+    nearest = np.arange(1, min(NEIGHBOURS, len(places)) + 1)
+    distance, row = cKDTree(places).query(surface.vertices, k=nearest, workers=parallel.THREADS)
+    return np.asarray(distance), np.asarray(row)
 
 
 Interpolator = Callable[[Projection, Array, Surface, float], tuple[Array, Array | None]]

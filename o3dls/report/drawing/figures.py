@@ -30,6 +30,7 @@ WHOLE = (0.02, 0.03, 0.96, 0.95)  # left, bottom, width, height of what is drawn
 COMPRESSION = 3  # of 9: more takes half of a picture's time for a tenth of its size
 INK = "#16191d"
 _fronts = WeakKeyDictionary[Subject, bytes]()
+_painted = WeakKeyDictionary[Subject, dict[tuple[str, bool], Any]]()
 
 
 @contextmanager
@@ -93,7 +94,10 @@ def draw_pictures(
     view = _fitting_view(surfaces, orientation(subject).looking(behind=behind))
     for k, (name, surface) in enumerate(zip(subject.shown, surfaces, strict=True)):
         axes = figure.add_axes((left + k * each, bottom + 0.16 * height, each, 0.76 * height))
-        axes.imshow(painted(subject, name, surface, field, view), interpolation="antialiased")
+        pictures = _painted.setdefault(subject, {})  # slides show those of the page, at another size
+        if (name, behind) not in pictures:
+            pictures[name, behind] = _picture(subject, name, surface, field, view)
+        axes.imshow(pictures[name, behind], interpolation="antialiased")
         shrunk(axes.set_title(drawable(name), fontsize=11, parse_math=False), axes.bbox.width)
         axes.set_axis_off()
     values = [surface.fields[field.key] for surface in surfaces if field.key in surface.fields]
@@ -114,7 +118,7 @@ def _fitting_view(surfaces: Sequence[Surface], axes: Array) -> View:
     return View(axes, (low + high) / 2 @ axes, MARGIN * max(height, width * PIXELS[1] / PIXELS[0]))
 
 
-def painted(subject: Subject, name: str, surface: Surface, field: Field, view: View) -> Any:
+def _picture(subject: Subject, name: str, surface: Surface, field: Field, view: View) -> Any:
     """One picture: the surface in the colours of a field, the points in those of their distance."""
     from .raster import Canvas
 
