@@ -1,4 +1,4 @@
-"""benchmarks.speed --cli names parts of a run by file and function: they are there."""
+"""benchmarks.speed --cli names parts of a run by module and function: they are there."""
 
 from __future__ import annotations
 
