@@ -20,7 +20,7 @@ from ..pipeline.workers import workers
 from .fitting import FullFit, full_fit, prepare
 from .session import Session
 
-HELD = 0.25  # seconds that a fit is held for a point: what it takes at most until a page has drawn it
+HELD = 0.25  # seconds that a fit is held for a point: most are drawn by then
 SHARE = 0.5  # most of its time that a fit is held, or it would never end where points come fast
 NICE = 19  # steps of priority below what answers
 # Linux gives every session of processes its share of the cores, and counts priorities within one only

@@ -56,6 +56,8 @@ def can_be_fitted(session: Session) -> bool:
 
 def prepare() -> None:
     """Have everything imported that a fit needs."""
+    from ..motion.fit import fit_motion  # noqa: F401
+
     _plan()
 
 
