@@ -63,6 +63,14 @@ class MotionFit:
         return float(self.state.scales.noises[0])
 
     @property
+    def gradient(self) -> float:
+        """Root mean square gradient of the smooth fields, amplitudes over lengths: 0.05 to 0.19 in motions of
+        one heart, 0.2 to 0.4 where a prior is bent into another.
+        """
+        lengths = self.problem.covariance.lengths
+        return float(np.linalg.norm(self.state.scales.sds[: len(lengths)] / lengths))
+
+    @property
     def weights(self) -> Array:
         """Probability of contact (k,) of each mapping point."""
         data = self.problem.data

@@ -201,7 +201,13 @@ def believed(fit: MotionFit) -> Believed:
     noise = state.scales.noises[data.group] * data.relative
     inside = Inside(data.points[~wall], noise[~wall])
     return Believed(
-        data.points[wall], state.weights[wall], noise[wall], data.odds[wall], state.contact, inside
+        data.points[wall],
+        state.weights[wall],
+        noise[wall],
+        data.odds[wall],
+        state.contact,
+        inside,
+        fit.gradient,
     )
 
 

@@ -268,6 +268,27 @@ def test_a_part_without_points_is_surplus_in_a_whole_map_and_unmapped_in_another
     assert left(on_ball[on_ball[:, 0] < 2.0]).max() < 2.0
 
 
+@pytest.mark.parametrize("gradient", [0.1, 0.3])
+def test_a_vein_without_points_is_surplus_in_another_hearts_prior_if_points_close_its_mouth(
+    gradient: float,
+) -> None:
+    """Of a map that leaves wall out elsewhere too, and does not tell a vein of one's own that was not
+    visited.
+    """
+    on_ball = sampled(BALL, 250, SIGMA, SEED)
+    tube = TUBED.vertices[:, 0] > 20.0
+    prior = replace(TUBED, fields={"sd": np.full(len(TUBED.vertices), 0.5)})
+
+    def left(points: Array) -> float:
+        found = reconstructed(prior, replace(believed(points), gradient=gradient), "sd", Limits(1.0))
+        return 0.0 if found is None else float(distances(TUBED.vertices[tube], found.wall).mean())
+
+    gone = left(on_ball[on_ball[:, 0] > -10.0]) > 3.0
+    assert gone == (gradient > 0.2)
+    # the half of the ball that it stands on was not visited
+    assert left(on_ball[on_ball[:, 0] < 2.0]) < 1.0
+
+
 def test_a_pocket_without_points_is_filled_and_one_with_points_is_not() -> None:
     points = sampled(BALL, 2000, 0.0, SEED)
     prior = MovedPrior.of(BALL, points, 1.0, 2.5)

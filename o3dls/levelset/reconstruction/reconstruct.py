@@ -33,7 +33,8 @@ from .surplus import surplus
 class Reconstruction:
     """A field g on the moved prior, the points that it follows, their noise, how likely (n,) each touches,
     and by how many nats it predicts points better than the moved prior alone; rms radius of the prior,
-    distance between points, widths of the field's lattices; points (k, 3) that are known to be inside.
+    distance between points, widths of the field's lattices; points (k, 3) that are known to be inside;
+    whether the prior is another heart's.
     """
 
     prior: MovedPrior
@@ -46,6 +47,7 @@ class Reconstruction:
     between: float
     lengths: list[float]
     inside: Array
+    another: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +61,8 @@ class Inside:
 @dataclass(frozen=True, eq=False)
 class Believed:
     """Points (n, 3) as a motion left them: probabilities of contact (n,), noise (n,), factors (n,) on the
-    odds of being an outlier, and the mixture; and those that are known to be inside.
+    odds of being an outlier, and the mixture; those that are known to be inside; and the rms gradient of the
+    motion, which tells another heart's prior from the patient's own.
     """
 
     points: Array
@@ -68,6 +71,7 @@ class Believed:
     odds: Array
     contact: Contact
     inside: Inside = field(default_factory=lambda: Inside(np.zeros((0, 3)), np.zeros(0)))
+    gradient: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,6 +82,11 @@ class _Given:
     prior: MovedPrior
     scale: Scale
     settings: ReconstructionSettings
+
+    @property
+    def another(self) -> bool:
+        """Whether the prior is another heart's, by how rough its motion is."""
+        return self.believed.gradient > self.settings.surplus.another
 
     def enough(self, weights: Array) -> bool:
         """Whether as many points are believed, by probabilities (n,), as tell a wall by themselves."""
@@ -127,6 +136,7 @@ def reconstruct(
         scale.between,
         lengths,
         believed.inside.points,
+        given.another,
     )
 
 
@@ -140,10 +150,14 @@ def _asked(given: _Given, wall: Oriented, field_gain: float) -> tuple[float, Arr
     gain, enough = field_gain, field_gain >= settings.field_evidence
     if not enough:
         touching = wall.of(wall.weights > 0.5)
-        gain += surplus(prior.box, touching, prior, scale.radius, scale.between, settings.surplus)[1]
+        _, lacking = surplus(
+            prior.box, touching, prior, scale.radius, scale.between, settings.surplus, another=given.another
+        )
+        gain += lacking
+        enough = given.another and lacking > 0.0
         # most maps ask for nothing: even points that lay exactly on the new wall would not be evidence enough
         exact = np.zeros(len(wall.feet))
-        if gain + gain_off_prior(wall, prior, exact, contact, settings) < settings.evidence:
+        if not enough and gain + gain_off_prior(wall, prior, exact, contact, settings) < settings.evidence:
             return None
     residual = left_out_distances(wall, prior, scale, settings)
     gain += gain_off_prior(wall, prior, residual, contact, settings)

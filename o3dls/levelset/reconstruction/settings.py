@@ -117,6 +117,16 @@ class SurplusSettings:
     )
     fringe: float = number(0.8, "reaches / rms radius", "or, if it is less, so much: next to what is cut,")
     even: float = number(1.08, "1", "if points are spread as evenly: 1 at random, 1.2 and more in clusters")
+    another: float = number(
+        0.2,
+        "1",
+        "rms gradient of the motion from which the prior is as another heart's: one's own has 0.05 to 0.2",
+    )
+    expected_of_another: float = number(4.0, "points", "as `expected`, for such a prior,")
+    largest_of_another: float = number(0.3, "1", "as `largest`,")
+    closed_of_another: float = number(
+        0.2, "1", "and as `closed`: a cut through wall that was not visited has hardly a point on it"
+    )
 
 
 @dataclass(frozen=True)

@@ -1,12 +1,12 @@
 """Parts of the moved prior that the wall lacks: hardly a point lies on them, and points close their mouth or
-lie on nearly all other wall, evenly.
+lie on nearly all other wall, evenly. Another heart's prior needs less evidence: its veins are its own.
 
 Cut off where that costs least new wall without points (a minimum cut: Greig, Porteous and Seheult 1989).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,11 +41,24 @@ class _Inside:
 
 
 def surplus(
-    phi: Array, wall: Oriented, prior: MovedPrior, radius: float, between: float, settings: SurplusSettings
+    phi: Array,
+    wall: Oriented,
+    prior: MovedPrior,
+    radius: float,
+    between: float,
+    settings: SurplusSettings,
+    *,
+    another: bool = False,
 ) -> tuple[Mask, float]:
     """Such parts of the inside of phi as a mask of its nodes, and how many points they had room for: the nats
     by which the map is likelier without them.
+
+    another: whether the prior is another heart's, some parts of which are expected to lack.
     """
+    if another:
+        settings = replace(
+            settings, expected=settings.expected_of_another, largest=settings.largest_of_another
+        )
     stride = max(1, round(settings.cell * radius / prior.spacing))
     inside = _inside(phi, stride, wall, prior, between, settings)
     room = len(wall.feet) / max((inside.wall & inside.near).sum(), 1)
@@ -56,6 +69,9 @@ def surplus(
     whole = other.sum() < (by_chance + fringe) * inside.wall.sum()
     if whole and evenness(wall, prior, settings) < settings.even:
         parts = _parts(inside, settings.unsupported, room, settings)
+    elif another:
+        bare = _parts(inside, settings.unsupported, room, settings)
+        parts = [part for part in bare if _closed(part, inside) > settings.closed_of_another]
     else:
         resolved = between < settings.closed_between * radius
         parts = [part for part in sacs if resolved and _closed(part, inside) > settings.closed]
