@@ -200,15 +200,8 @@ def believed(fit: MotionFit) -> Believed:
     wall = ~data.inside
     noise = state.scales.noises[data.group] * data.relative
     inside = Inside(data.points[~wall], noise[~wall])
-    return Believed(
-        data.points[wall],
-        state.weights[wall],
-        noise[wall],
-        data.odds[wall],
-        state.contact,
-        inside,
-        fit.gradient,
-    )
+    touching = data.points[wall], state.weights[wall], noise[wall], data.odds[wall]
+    return Believed(*touching, state.contact, inside, fit.gradient)
 
 
 def _of_mapping(fit: MotionFit | None, weights: Array) -> Array:

@@ -125,18 +125,9 @@ def reconstruct(
     wall, sigma, contact = believed_at_last
     touching, field = _followed(given, wall.of(wall.weights > 0.5), contact)
     lengths = scale.lengths(float(np.median(touching.noise)), settings.splines)
+    weights, inside = wall.weights, believed.inside.points
     return Reconstruction(
-        prior,
-        field,
-        touching,
-        sigma,
-        wall.weights,
-        gain,
-        radius,
-        scale.between,
-        lengths,
-        believed.inside.points,
-        given.another,
+        prior, field, touching, sigma, weights, gain, radius, scale.between, lengths, inside, given.another
     )
 
 
