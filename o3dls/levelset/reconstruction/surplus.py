@@ -59,6 +59,10 @@ def surplus(
         settings = replace(
             settings, expected=settings.expected_of_another, largest=settings.largest_of_another
         )
+    even = evenness(wall, prior, settings) < settings.even
+    resolved = between < settings.closed_between * radius
+    if not (even or resolved or another):  # as most sparse maps, which tell nothing of what they lack
+        return np.zeros(phi.shape, dtype=bool), 0.0
     stride = max(1, round(settings.cell * radius / prior.spacing))
     inside = _inside(phi, stride, wall, prior, between, settings)
     room = len(wall.feet) / max((inside.wall & inside.near).sum(), 1)
@@ -67,13 +71,12 @@ def surplus(
     by_chance = np.exp(-np.pi * (inside.reach / between) ** 2)
     fringe = min(settings.fringe * inside.reach / radius, settings.elsewhere)
     whole = other.sum() < (by_chance + fringe) * inside.wall.sum()
-    if whole and evenness(wall, prior, settings) < settings.even:
+    if whole and even:
         parts = _parts(inside, settings.unsupported, room, settings)
     elif another:
         bare = _parts(inside, settings.unsupported, room, settings)
         parts = [part for part in bare if _closed(part, inside) > settings.closed_of_another]
     else:
-        resolved = between < settings.closed_between * radius
         parts = [part for part in sacs if resolved and _closed(part, inside) > settings.closed]
     away = np.zeros(inside.mask.shape, dtype=bool)
     away[inside.mask] = _union(parts, inside)
