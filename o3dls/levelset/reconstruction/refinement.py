@@ -13,7 +13,8 @@ from ..correction import Limits
 from ..grid.distance import signed_distance
 from ..refine import Refinement
 from .deviation import deviation
-from .reconstruct import Believed, reconstruct
+from .reconstruct import Believed, Reconstruction, reconstruct
+from .settings import ReconstructionSettings
 from .wall import reconstructed_wall
 
 SIMPLE = 2  # Euler number of a piece without handles: a reconstruction has no other
@@ -52,7 +53,7 @@ def reconstructed(surface: Surface, believed: Believed, sd: str, limits: Limits)
         phi=phi,
         wall=wall,
         sigma=found.sigma,
-        status=_sentence(found.gain, len(found.wall.feet)),
+        status=_sentence(found, removed, settings),
         converged=True,
         warnings=_removed(removed) + _filled(filled) + _cut(euler),
         facts={
@@ -67,10 +68,13 @@ def reconstructed(surface: Surface, believed: Believed, sd: str, limits: Limits)
     )
 
 
-def _sentence(gain: float, points: int) -> str:
+def _sentence(found: Reconstruction, removed: int, settings: ReconstructionSettings) -> str:
+    why = "it predicts left-out points better than the moved prior does"
+    if found.another and removed and found.gain < settings.evidence:
+        why = "parts of the prior, which bends as into another heart, are absent from the map"
     return (
-        f"the wall was reconstructed from {points} points, and from the moved prior where there are none: it "
-        f"predicts left-out points better than the moved prior does (evidence {gain:+.0f} nats)"
+        f"the wall was reconstructed from {len(found.wall.feet)} points, and from the moved prior where "
+        f"there are none: {why} (evidence {found.gain:+.0f} nats)"
     )
 
 
