@@ -113,6 +113,11 @@ def step(
 def _tuned(problem: MotionProblem, scales: Scales, fixed: Array, parts: list[Array], rows: Rows) -> Scales:
     """Amplitudes and noise levels that maximise the evidence, with priors by the noise of now."""
     usual = expected_scales(problem, float(scales.noises[0]) / problem.residual_sd)
+    s = problem.settings.covariance
+    if problem.residual_sd < s.most_residuals * problem.size:
+        # that the prior is another heart's is no sign of much noise
+        points = slice(scales.fields, scales.fields + problem.data.groups)
+        usual[points] = np.minimum(usual[points], np.log(s.most_usual_noise * problem.size))
     scales = replace(scales, prior_log=usual)
     return replace(scales, log=tune(scales, fixed, parts, rows, problem.settings.iteration))
 

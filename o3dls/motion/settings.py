@@ -42,6 +42,14 @@ class CovarianceSettings:
     noise_fraction: float = number(
         0.7, "1", "of the residuals of the start; the rest is motion, which is how amplitudes follow them"
     )
+    most_usual_noise: float = number(
+        0.045, "rms radii", "1.2 mm: residuals of the start that would mean more mean another heart's prior,"
+    )
+    most_residuals: float = number(
+        0.3,
+        "rms radii",
+        "of the start, for that: 8 mm; another heart's prior leaves 0.25, beyond it is wrong",
+    )
     most_noise_fraction: float = number(0.95, "1", "some motion there is")
     landmark_noise: float = number(0.08, "rms radii", "landmarks are picked to within 2 mm")
     least_noise: float = number(0.01, "rms radii", "no point is better than 0.3 mm")

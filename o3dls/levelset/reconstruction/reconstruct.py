@@ -34,7 +34,7 @@ class Reconstruction:
     """A field g on the moved prior, the points that it follows, their noise, how likely (n,) each touches,
     and by how many nats it predicts points better than the moved prior alone; rms radius of the prior,
     distance between points, widths of the field's lattices; points (k, 3) that are known to be inside;
-    whether the prior is another heart's.
+    the rms gradient of the motion.
     """
 
     prior: MovedPrior
@@ -47,7 +47,7 @@ class Reconstruction:
     between: float
     lengths: list[float]
     inside: Array
-    another: bool = False
+    gradient: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,8 +85,8 @@ class _Given:
 
     @property
     def another(self) -> bool:
-        """Whether the prior is another heart's, by how rough its motion is."""
-        return self.believed.gradient > self.settings.surplus.another
+        """Whether the prior may be another heart's, by how rough its motion is."""
+        return self.believed.gradient > self.settings.surplus.own
 
     def enough(self, weights: Array) -> bool:
         """Whether as many points are believed, by probabilities (n,), as tell a wall by themselves."""
@@ -125,10 +125,9 @@ def reconstruct(
     wall, sigma, contact = believed_at_last
     touching, field = _followed(given, wall.of(wall.weights > 0.5), contact)
     lengths = scale.lengths(float(np.median(touching.noise)), settings.splines)
-    weights, inside = wall.weights, believed.inside.points
-    return Reconstruction(
-        prior, field, touching, sigma, weights, gain, radius, scale.between, lengths, inside, given.another
-    )
+    inside, between = believed.inside.points, scale.between
+    known = radius, between, lengths, inside, believed.gradient
+    return Reconstruction(prior, field, touching, sigma, wall.weights, gain, *known)
 
 
 def _asked(given: _Given, wall: Oriented, field_gain: float) -> tuple[float, Array] | None:
@@ -142,7 +141,7 @@ def _asked(given: _Given, wall: Oriented, field_gain: float) -> tuple[float, Arr
     if not enough:
         touching = wall.of(wall.weights > 0.5)
         _, lacking = surplus(
-            prior.box, touching, prior, scale.radius, scale.between, settings.surplus, another=given.another
+            prior.box, touching, prior, scale.radius, scale.between, settings.surplus, given.believed.gradient
         )
         gain += lacking
         enough = given.another and lacking > 0.0

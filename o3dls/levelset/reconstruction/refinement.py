@@ -70,7 +70,7 @@ def reconstructed(surface: Surface, believed: Believed, sd: str, limits: Limits)
 
 def _sentence(found: Reconstruction, removed: int, settings: ReconstructionSettings) -> str:
     why = "it predicts left-out points better than the moved prior does"
-    if found.another and removed and found.gain < settings.evidence:
+    if found.gradient > settings.surplus.own and removed and found.gain < settings.evidence:
         why = "parts of the prior, which bends as into another heart, are absent from the map"
     return (
         f"the wall was reconstructed from {len(found.wall.feet)} points, and from the moved prior where "

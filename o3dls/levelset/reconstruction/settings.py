@@ -117,12 +117,16 @@ class SurplusSettings:
     )
     fringe: float = number(0.8, "reaches / rms radius", "or, if it is less, so much: next to what is cut,")
     even: float = number(1.08, "1", "if points are spread as evenly: 1 at random, 1.2 and more in clusters")
-    another: float = number(
-        0.2,
+    own: float = number(
+        0.14,
         "1",
-        "rms gradient of the motion from which the prior is as another heart's: one's own has 0.05 to 0.2",
+        "rms gradient of the motion up to which the prior is the patient's own: mostly 0.05 to 0.15,",
     )
-    expected_of_another: float = number(4.0, "points", "as `expected`, for such a prior,")
+    another: float = number(0.2, "1", "and from which it is as another heart's")
+    expected_at_own: float = number(
+        10.0, "points", "as `expected`, of a prior that may be another heart's: at `own`,"
+    )
+    expected_of_another: float = number(1.0, "points", "and from `another` on; by its logarithm in between;")
     largest_of_another: float = number(0.3, "1", "as `largest`,")
     closed_of_another: float = number(
         0.2, "1", "and as `closed`: a cut through wall that was not visited has hardly a point on it"

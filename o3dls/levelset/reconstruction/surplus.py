@@ -47,18 +47,17 @@ def surplus(
     radius: float,
     between: float,
     settings: SurplusSettings,
-    *,
-    another: bool = False,
+    gradient: float = 0.0,
 ) -> tuple[Mask, float]:
     """Such parts of the inside of phi as a mask of its nodes, and how many points they had room for: the nats
     by which the map is likelier without them.
 
-    another: whether the prior is another heart's, some parts of which are expected to lack.
+    gradient: rms gradient of the motion: above `settings.own` the prior may be another heart's, some parts of
+    which are expected to lack.
     """
+    another = gradient > settings.own
     if another:
-        settings = replace(
-            settings, expected=settings.expected_of_another, largest=settings.largest_of_another
-        )
+        settings = _of_another(gradient, settings)
     even = evenness(wall, prior, settings) < settings.even
     resolved = between < settings.closed_between * radius
     if not (even or resolved or another):  # as most sparse maps, which tell nothing of what they lack
@@ -75,13 +74,21 @@ def surplus(
         parts = _parts(inside, settings.unsupported, room, settings)
     elif another:
         bare = _parts(inside, settings.unsupported, room, settings)
-        parts = [part for part in bare if _closed(part, inside) > settings.closed_of_another]
+        certain = even and gradient >= settings.another
+        parts = [part for part in bare if certain or _closed(part, inside) > settings.closed_of_another]
     else:
         parts = [part for part in sacs if resolved and _closed(part, inside) > settings.closed]
     away = np.zeros(inside.mask.shape, dtype=bool)
     away[inside.mask] = _union(parts, inside)
     mask = _on_fine_lattice(away, inside.mask, stride, phi.shape) & (phi < 0.0)
     return mask, room * float((inside.wall & _union(parts, inside)).sum())
+
+
+def _of_another(gradient: float, settings: SurplusSettings) -> SurplusSettings:
+    """Settings for a prior that may be another heart's: the rougher its motion, the fewer points tell."""
+    sides = np.log([settings.expected_at_own, settings.expected_of_another])
+    expected = float(np.exp(np.interp(gradient, [settings.own, settings.another], sides)))
+    return replace(settings, expected=expected, largest=settings.largest_of_another)
 
 
 def _parts(inside: _Inside, unsupported: float, room: float, settings: SurplusSettings) -> list[Mask]:
