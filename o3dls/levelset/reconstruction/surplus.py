@@ -74,8 +74,7 @@ def surplus(
         parts = _parts(inside, settings.unsupported, room, settings)
     elif another:
         bare = _parts(inside, settings.unsupported, room, settings)
-        certain = even and gradient >= settings.another
-        parts = [part for part in bare if certain or _closed(part, inside) > settings.closed_of_another]
+        parts = [part for part in bare if _closed(part, inside) > settings.closed_of_another]
     else:
         parts = [part for part in sacs if resolved and _closed(part, inside) > settings.closed]
     away = np.zeros(inside.mask.shape, dtype=bool)
