@@ -53,12 +53,12 @@ def surplus(
     by which the map is likelier without them.
 
     gradient: rms gradient of the motion: above `settings.own` the prior may be another heart's, some parts of
-    which are expected to lack.
+    which are expected to lack. Between that and `settings.another` only an even map tells.
     """
-    another = gradient > settings.own
+    even = evenness(wall, prior, settings) < settings.even
+    another = gradient > (settings.own if even else settings.another)
     if another:
         settings = _of_another(gradient, settings)
-    even = evenness(wall, prior, settings) < settings.even
     resolved = between < settings.closed_between * radius
     if not (even or resolved or another):  # as most sparse maps, which tell nothing of what they lack
         return np.zeros(phi.shape, dtype=bool), 0.0
