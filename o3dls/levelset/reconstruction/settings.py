@@ -123,6 +123,9 @@ class SurplusSettings:
         "rms gradient of the motion up to which the prior is the patient's own: mostly 0.05 to 0.15,",
     )
     another: float = number(0.2, "1", "and from which it is as another heart's")
+    even_sd: float = number(
+        2.0, "sd", "of the spread by chance, 1 / sqrt(n): in between only such maps tell;"
+    )
     expected_at_own: float = number(
         10.0, "points", "as `expected`, of a prior that may be another heart's: at `own`,"
     )

@@ -53,10 +53,13 @@ def surplus(
     by which the map is likelier without them.
 
     gradient: rms gradient of the motion: above `settings.own` the prior may be another heart's, some parts of
-    which are expected to lack. Between that and `settings.another` only an even map tells.
+    which are expected to lack. Between that and `settings.another` only a map tells whose points
+    may be even.
     """
-    even = evenness(wall, prior, settings) < settings.even
-    another = gradient > (settings.own if even else settings.another)
+    spread = evenness(wall, prior, settings)
+    even = spread < settings.even
+    as_by_chance = spread < 1.0 + settings.even_sd / np.sqrt(len(wall.feet))
+    another = gradient > (settings.own if as_by_chance else settings.another)
     if another:
         settings = _of_another(gradient, settings)
     resolved = between < settings.closed_between * radius
