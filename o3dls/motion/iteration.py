@@ -115,7 +115,7 @@ def _tuned(problem: MotionProblem, scales: Scales, fixed: Array, parts: list[Arr
     usual = expected_scales(problem, float(scales.noises[0]) / problem.residual_sd)
     s = problem.settings.covariance
     if problem.residual_sd < s.most_residuals * problem.size:
-        # that the prior is another heart's is no sign of much noise
+        # residuals that another heart's prior leaves are no sign of much noise
         points = slice(scales.fields, scales.fields + problem.data.groups)
         usual[points] = np.minimum(usual[points], np.log(s.most_usual_noise * problem.size))
     scales = replace(scales, prior_log=usual)

@@ -43,12 +43,12 @@ class CovarianceSettings:
         0.7, "1", "of the residuals of the start; the rest is motion, which is how amplitudes follow them"
     )
     most_usual_noise: float = number(
-        0.045, "rms radii", "1.2 mm: residuals of the start that would mean more mean another heart's prior,"
+        0.045, "rms radii", "1.2 mm: what larger residuals of the start show is another heart's prior,"
     )
     most_residuals: float = number(
         0.3,
         "rms radii",
-        "of the start, for that: 8 mm; another heart's prior leaves 0.25, beyond it is wrong",
+        "8 mm: larger ones show a wrong start; another heart's prior leaves up to 0.25",
     )
     most_noise_fraction: float = number(0.95, "1", "some motion there is")
     landmark_noise: float = number(0.08, "rms radii", "landmarks are picked to within 2 mm")

@@ -83,11 +83,6 @@ class _Given:
     scale: Scale
     settings: ReconstructionSettings
 
-    @property
-    def another(self) -> bool:
-        """Whether the prior may be another heart's, by how rough its motion is."""
-        return self.believed.gradient > self.settings.surplus.own
-
     def enough(self, weights: Array) -> bool:
         """Whether as many points are believed, by probabilities (n,), as tell a wall by themselves."""
         return bool((weights > 0.5).sum() >= self.settings.least_points)
@@ -140,11 +135,11 @@ def _asked(given: _Given, wall: Oriented, field_gain: float) -> tuple[float, Arr
     gain, enough = field_gain, field_gain >= settings.field_evidence
     if not enough:
         touching = wall.of(wall.weights > 0.5)
-        _, lacking = surplus(
+        _, lacking, another = surplus(
             prior.box, touching, prior, scale.radius, scale.between, settings.surplus, given.believed.gradient
         )
         gain += lacking
-        enough = given.another and lacking > 0.0
+        enough = another and lacking > 0.0
         # most maps ask for nothing: even points that lay exactly on the new wall would not be evidence enough
         exact = np.zeros(len(wall.feet))
         if not enough and gain + gain_off_prior(wall, prior, exact, contact, settings) < settings.evidence:

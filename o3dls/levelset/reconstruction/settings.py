@@ -124,7 +124,7 @@ class SurplusSettings:
     )
     another: float = number(0.2, "1", "and from which it is as another heart's")
     even_sd: float = number(
-        2.0, "sd", "of the spread by chance, 1 / sqrt(n): in between only such maps tell;"
+        2.0, "sd", "of evenness by chance, 1 / sqrt(n): between the two only maps within it tell;"
     )
     expected_at_own: float = number(
         10.0, "points", "as `expected`, of a prior that may be another heart's: at `own`,"

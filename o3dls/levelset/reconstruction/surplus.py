@@ -48,13 +48,12 @@ def surplus(
     between: float,
     settings: SurplusSettings,
     gradient: float = 0.0,
-) -> tuple[Mask, float]:
-    """Such parts of the inside of phi as a mask of its nodes, and how many points they had room for: the nats
-    by which the map is likelier without them.
+) -> tuple[Mask, float, bool]:
+    """Such parts of the inside of phi as a mask of its nodes; how many points they had room for: the nats by
+    which the map is likelier without them; and whether the prior counts as another heart's.
 
     gradient: rms gradient of the motion: above `settings.own` the prior may be another heart's, some parts of
-    which are expected to lack. Between that and `settings.another` only a map tells whose points
-    may be even.
+    which are expected to be absent. Up to `settings.another` only a map whose points may be even tells.
     """
     spread = evenness(wall, prior, settings)
     even = spread < settings.even
@@ -64,7 +63,7 @@ def surplus(
         settings = _of_another(gradient, settings)
     resolved = between < settings.closed_between * radius
     if not (even or resolved or another):  # as most sparse maps, which tell nothing of what they lack
-        return np.zeros(phi.shape, dtype=bool), 0.0
+        return np.zeros(phi.shape, dtype=bool), 0.0, False
     stride = max(1, round(settings.cell * radius / prior.spacing))
     inside = _inside(phi, stride, wall, prior, between, settings)
     room = len(wall.feet) / max((inside.wall & inside.near).sum(), 1)
@@ -83,7 +82,7 @@ def surplus(
     away = np.zeros(inside.mask.shape, dtype=bool)
     away[inside.mask] = _union(parts, inside)
     mask = _on_fine_lattice(away, inside.mask, stride, phi.shape) & (phi < 0.0)
-    return mask, room * float((inside.wall & _union(parts, inside)).sum())
+    return mask, room * float((inside.wall & _union(parts, inside)).sum()), another
 
 
 def _of_another(gradient: float, settings: SurplusSettings) -> SurplusSettings:

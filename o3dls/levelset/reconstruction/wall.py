@@ -34,7 +34,7 @@ def reconstructed_wall(found: Reconstruction, settings: ReconstructionSettings) 
     begun = phi = _on_lattice(found, settings)
     phi, removed = without_pinched_off(phi, found, settings)
     shown = found.wall.of(~floating(found.wall, prior, settings.splines))
-    away, _ = surplus(phi, shown, prior, found.radius, found.between, settings.surplus, found.gradient)
+    away, _, _ = surplus(phi, shown, prior, found.radius, found.between, settings.surplus, found.gradient)
     parts, cut = label(away)
     there = np.unique(parts[tuple(_nodes(found.inside, found).T)])  # what is known to be inside is there
     away &= ~np.isin(parts, there)
