@@ -72,13 +72,13 @@ def without_handles(phi: Array, least: float) -> Array:
 def _grown(flat, simple, offsets):  # type: ignore[no-untyped-def]
     """Nodes of the inside that can be reached by simple additions."""
     inside = np.zeros(len(flat), np.bool_)
+    queued = np.zeros(len(flat), np.bool_)
     start = np.argmin(flat)
     queue = [(flat[start], start)]
     first = True
     while len(queue) > 0:
         _, node = heapq.heappop(queue)
-        if inside[node]:
-            continue
+        queued[node] = False  # one that is not simple now may be when another neighbour has joined
         if not first:
             pattern = 0
             for k in range(len(offsets)):
@@ -90,7 +90,8 @@ def _grown(flat, simple, offsets):  # type: ignore[no-untyped-def]
         inside[node] = True
         for k in range(len(offsets)):
             other = node + offsets[k]
-            if flat[other] < 0.0 and not inside[other]:
+            if flat[other] < 0.0 and not (inside[other] or queued[other]):
+                queued[other] = True
                 heapq.heappush(queue, (flat[other], other))
     return inside
 

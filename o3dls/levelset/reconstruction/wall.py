@@ -5,6 +5,7 @@ handles, and its zero set.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.ndimage import (
     binary_dilation,
     binary_erosion,
@@ -19,10 +20,12 @@ from ..grid.band import Band
 from ..grid.isosurface import zero_set
 from .equations import floating
 from .handles import without_handles
+from .normals import nearest
 from .reconstruct import Reconstruction
 from .settings import ReconstructionSettings
 from .surplus import surplus
 
+Mask = NDArray[np.bool_]
 EVEN = 0.8  # area of wall per node on it and squared spacing, for a surface of any direction
 
 
@@ -92,34 +95,52 @@ def without_pinched_off(
     hardly one lies on them, while the wall around the neck has some: a vein that the wall lacks, pinched off.
     """
     spacing = found.prior.spacing
-    inside = phi < 0.0
     neck = float(np.clip(settings.neck * found.between, spacing, settings.widest_neck * found.radius))
+    around = _around_wall(phi, int(np.ceil(neck / spacing)) + 2)
+    whole, phi = phi, phi[around]
+    inside = phi < 0.0
     core, parts = label(distance_transform_edt(inside) * spacing > neck)
     if parts < 2:
-        return phi, 0
+        return whole, 0
+    low = [side.start for side in around]
     sizes = np.bincount(core.ravel())
     sizes[0] = 0
     closest = distance_transform_edt(core == 0, return_distances=False, return_indices=True)
     part = np.where(inside, core[tuple(closest)], 0)
     wall = inside & binary_dilation(~inside)
-    areas = EVEN * spacing**2 * np.bincount(part[wall], minlength=parts + 1)
-    at = _nodes(found.wall.feet, found)
-    free = np.ones(phi.shape, dtype=bool)
-    free[tuple(at.T)] = False
-    near = distance_transform_edt(free) * spacing < settings.surplus.reach * found.between
-    walls = np.maximum(np.bincount(part[wall], minlength=parts + 1), 1)
-    supported = np.bincount(part[wall & near], minlength=parts + 1) / walls
-    expected = areas / found.between**2
-    expected[part[tuple(_nodes(found.inside, found).T)]] = 0.0
+    walls = np.bincount(part[wall], minlength=parts + 1)
+    at = _nodes(found.wall.feet, found) - low
+    near = _gaps(np.argwhere(wall), at) * spacing < settings.surplus.reach * found.between
+    supported = np.bincount(part[wall][near], minlength=parts + 1) / np.maximum(walls, 1)
+    expected = EVEN * spacing**2 * walls / found.between**2
+    known = np.clip(_nodes(found.inside, found) - low, 0, np.array(part.shape) - 1)
+    expected[part[tuple(known.T)]] = 0.0
     removed = 0
-    phi = phi.copy()
+    whole = whole.copy()
+    phi = whole[around]
     for k in range(1, parts + 1):
         if k == sizes.argmax() or expected[k] < settings.expected or supported[k] > settings.supported:
             continue
         mine = part == k
         joint = mine & binary_dilation(inside & ~mine)
-        around = distance_transform_edt(~joint)[tuple(at.T)] * spacing < neck + found.between
-        if not joint.any() or around.sum() >= settings.around_neck:
+        reach = (neck + found.between) / spacing
+        if not joint.any() or (_gaps(at, np.argwhere(joint)) < reach).sum() >= settings.around_neck:
             phi[mine] = np.maximum(-phi[mine], settings.least_outside * spacing)
             removed += 1
-    return phi, removed
+    return whole, removed
+
+
+def _around_wall(phi: Array, margin: int) -> tuple[slice, ...]:
+    """The part of a box that holds the zero set of phi and so many nodes around it."""
+    enclosed = (phi < 0.0) != (phi[0, 0, 0] < 0.0)
+    sides = []
+    for axis in range(3):
+        there = np.flatnonzero(enclosed.any(axis=tuple({0, 1, 2} - {axis})))
+        first, last = (there[0], there[-1]) if len(there) else (0, 0)
+        sides.append(slice(max(0, first - margin), last + margin + 1))
+    return tuple(sides)
+
+
+def _gaps(nodes: Ints, others: Ints) -> Array:
+    """Distances (n,) of nodes (n, 3) from the nearest of others (m, 3), in nodes."""
+    return nearest(others.astype(np.float64), nodes.astype(np.float64), 1)[0][:, 0]
