@@ -17,6 +17,7 @@ LIMITS = {  # seconds of all stages, by number of points: on the phantom, on rea
 }
 PEERS = ("thin-plate", "poisson")
 PAIR = "cross_{points}_1_even_101"  # of the development pairs
+RECONSTRUCTED = "cross_{points}_1_even_102"  # one whose wall is reconstructed
 
 
 def limits() -> dict[str, tuple[float, str]]:
@@ -38,12 +39,17 @@ def cases(seed: int, data: Path | None) -> Iterator[tuple[str, Any]]:
         yield f"phantom {count}", atrium(seed, points=count)
     if data is None:
         return
+    for count in COUNTS:
+        yield f"cross {count}", pair(count, data)
+        yield f"kit {count}", _kit(data, count, seed)
+
+
+def pair(count: int, data: Path, name: str = PAIR) -> Any:
+    """One atrium as prior of another, with so many points; `name` of a development pair."""
     from benchmarks.make_cases import crossed, made
 
     wanted = {one.name: one for one in crossed(judging=False)}
-    for count in COUNTS:
-        yield f"cross {count}", made(wanted[PAIR.format(points=count)], data)
-        yield f"kit {count}", _kit(data, count, seed)
+    return made(wanted[name.format(points=count)], data)
 
 
 def _kit(data: Path, count: int, seed: int) -> Any:
