@@ -133,6 +133,7 @@ class LevelSet(Stage):
         # a motion that is still moving leaves a level set that is
         moving = self.formulation == "default" and start.fit is not None and not start.fit.converged
         unfinished = ["the motion had not converged"] if moving else []
+        changes = [*start.facts.get("changes", []), *reached.facts.get("changes", [])]
         shifts = {"meshing_shift_mean": mesh.shift_mean, "meshing_shift_max": mesh.shift_max}
         return replace(
             start,
@@ -144,7 +145,7 @@ class LevelSet(Stage):
             weights=start.weights if reached.weights is None else _of_mapping(start.fit, reached.weights),
             phi=reached.phi,
             trace=reached.trace,
-            facts={**reached.facts, "changes": start.facts.get("changes", []), **shifts},
+            facts={**reached.facts, "changes": changes, **shifts},
         )
 
     def _by_default(self, case: Case, start: Estimate) -> Refinement:

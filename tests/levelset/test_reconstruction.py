@@ -26,9 +26,10 @@ from o3dls.levelset.reconstruction.fitting import Scale
 from o3dls.levelset.reconstruction.handles import without_handles
 from o3dls.levelset.reconstruction.moved_prior import MovedPrior
 from o3dls.levelset.reconstruction.normals import nearest, planes, turned_outward
+from o3dls.levelset.reconstruction.point_density import PointDensity
 from o3dls.levelset.reconstruction.reconstruct import Believed, Inside, Reconstruction, oriented_by_others
 from o3dls.levelset.reconstruction.refinement import reconstructed
-from o3dls.levelset.reconstruction.settings import ReconstructionSettings
+from o3dls.levelset.reconstruction.settings import HandleSettings, ReconstructionSettings
 from o3dls.levelset.reconstruction.splines import SplineField, SplineLattice
 from o3dls.levelset.reconstruction.wall import smooth_cuts, without_pinched_off
 from o3dls.levelset.reconstruction.winding import DipolePlaces
@@ -40,6 +41,11 @@ SEED = 223_606
 SIGMA = 0.6
 BALL = meshed(round_distance(16.0), 20.0)
 TUBED = meshed(ball_with_tube, 34.0)
+
+
+def silent(_phi: Array, _changed: object) -> float:
+    """The log likelihood of no points."""
+    return 0.0
 
 
 def believed(points: Array, weights: Array | None = None, sigma: float = SIGMA) -> Believed:
@@ -107,10 +113,58 @@ def test_normals_are_held_uncertain_where_the_wall_turns_between_points_and_nowh
 def test_handles_and_cavities_are_cut_and_a_ball_is_left_alone(seed: int) -> None:
     band, phi = whole_box(torus_distance(), 24.0, 1.0)
     noise = np.random.default_rng(SEED + seed).normal(0.0, 1.5, band.shape)  # islands and cavities besides
-    cut = without_handles(phi.reshape(band.shape) + noise, 0.3)
+    cut = without_handles(phi.reshape(band.shape) + noise, silent, HandleSettings(), 0.3, 8.0)
     assert components_and_euler(*zero_set(band, cut.ravel())) == (1, 2)
     ball = whole_box(round_distance(16.3), 24.0, 1.0)[1].reshape(band.shape)
-    np.testing.assert_array_equal(without_handles(ball, 0.3), ball)
+    np.testing.assert_array_equal(without_handles(ball, silent, HandleSettings(), 0.3, 8.0), ball)
+
+
+def test_the_smaller_change_is_made_a_narrow_tunnel_is_filled_and_a_thin_handle_cut() -> None:
+    at = np.moveaxis(np.mgrid[-24:25, -24:25, -24:25].astype(np.float64), 0, -1)
+    ball = np.linalg.norm(at, axis=-1) - 12.3
+    tunnel = 2.2 - np.linalg.norm(at[..., :2], axis=-1)  # through the middle: some 15 nodes of 470 fill it
+    torus = np.hypot(np.hypot(at[..., 0] - 12.0, at[..., 2]) - 9.0, at[..., 1]) - 2.2
+    for phi, grows in ((np.maximum(ball, tunnel), True), (np.minimum(ball, torus), False)):
+        band, _ = whole_box(round_distance(16.3), 24.0, 1.0)
+        whole = without_handles(phi, silent, HandleSettings(), 0.3, 8.0)
+        assert components_and_euler(*zero_set(band, phi.ravel())) == (1, 0)
+        assert components_and_euler(*zero_set(band, whole.ravel())) == (1, 2)
+        changed = (whole < 0.0).sum() - (phi < 0.0).sum()
+        assert 0 < (changed if grows else -changed) < 120  # three layers of a disc; of half the ball: 700
+
+
+def test_points_decide_on_handles_but_never_keep_an_island() -> None:
+    at = np.moveaxis(np.mgrid[-24:25, -24:25, -24:25].astype(np.float64), 0, -1)
+    torus = np.hypot(np.hypot(at[..., 0], at[..., 2]) - 14.0, at[..., 1]) - 4.2
+    island = np.linalg.norm(at, axis=-1) - 3.2
+    phi = np.minimum(torus, island)
+    band, _ = whole_box(round_distance(16.3), 24.0, 1.0)
+
+    def ringed(one: Array, _changed: object) -> float:
+        """Only the ring is likely."""
+        return 0.0 if ((one < 0.0) == (torus < 0.0))[island > 0.0].all() else -10.0
+
+    kept = without_handles(phi, ringed, HandleSettings(), 0.3, 8.0)
+    assert components_and_euler(*zero_set(band, kept.ravel())) == (1, 0)
+    np.testing.assert_array_equal(kept[island > 8.0], phi[island > 8.0])
+
+
+def test_wall_without_points_costs_as_points_without_wall_do() -> None:
+    band, phi = whole_box(round_distance(16.3), 24.0, 1.0)
+    ball = phi.reshape(band.shape)
+    rng = np.random.default_rng(SEED)
+    points = rng.normal(size=(2000, 3))
+    points *= 16.3 / np.linalg.norm(points, axis=1)[:, None]
+    points += rng.normal(0.0, SIGMA, points.shape)
+    at = np.moveaxis(np.mgrid[-24:25, -24:25, -24:25].astype(np.float64), 0, -1)
+    low = np.full(3, -24)
+    density = PointDensity(points, SIGMA, low, 1.0, HandleSettings())
+    for dent in (
+        np.maximum(ball, 4.0 - np.hypot(at[..., 0], at[..., 1])),
+        np.maximum(ball, at[..., 0] - 12.0),
+    ):
+        changed = dent != ball
+        assert density.log_likelihood(ball, changed) > density.log_likelihood(dent, changed) + 10.0
 
 
 def test_a_cluster_is_believed_unless_the_wall_in_front_of_it_has_points() -> None:
@@ -311,18 +365,28 @@ def test_a_pocket_without_points_is_filled_and_one_with_points_is_not() -> None:
     assert without_pinched_off(-phi, mapped, settings)[1] == 0
 
 
-def test_handles_of_the_prior_are_cut_with_a_warning() -> None:
-    def handled(at: Array) -> Array:
-        """A ball with a thin ring that stands on it."""
-        ring = np.hypot(np.hypot(at[:, 0] - 17.0, at[:, 1]) - 6.0, at[:, 2]) - 2.0
-        return np.minimum(round_distance(16.0)(at), ring)
+def handled(at: Array) -> Array:
+    """Signed distance of a ball with a thin ring that stands on it."""
+    ring = np.hypot(np.hypot(at[:, 0] - 17.0, at[:, 1]) - 6.0, at[:, 2]) - 2.0
+    return np.minimum(round_distance(16.0)(at), ring)
 
+
+def test_handles_that_points_show_are_made_with_a_warning() -> None:
+    ringed = meshed(handled, 28.0)
+    found = rebuilt(BALL, sampled(ringed, 4000, SIGMA, SEED))
+    assert found is not None
+    assert components_and_euler(found.wall.vertices, found.wall.faces) == (1, 0)
+    assert "1 handle was made that the prior lacks" in " ".join(w.sentence for w in found.warnings)
+    assert len(found.facts["changes"]) == 1
+
+
+def test_handles_of_the_prior_are_cut_with_a_warning() -> None:
     prior = meshed(handled, 28.0)
     assert components_and_euler(prior.vertices, prior.faces) == (1, 0)
     found = rebuilt(prior, sampled(TUBED, 1500, SIGMA, SEED))
     assert found is not None
     assert components_and_euler(found.wall.vertices, found.wall.faces) == (1, 2)
-    assert "a handle of the prior was cut" in " ".join(warning.sentence for warning in found.warnings)
+    assert "1 handle was cut that the prior has" in " ".join(warning.sentence for warning in found.warnings)
 
 
 def test_points_known_to_be_inside_are_inside_and_keep_the_part_they_lie_in() -> None:

@@ -1,29 +1,39 @@
-"""Topology of a level set on a box of nodes: one piece without handles or cavities.
+"""Topology of a level set on a box of nodes: one piece without cavities, and without handles but such as
+points show.
 
 The inside is grown from its deepest node, deepest nodes first, by such as change no topology ("simple
 points"), in the triangulation of the lattice that the zero set is taken from (Kuhn 1960). So what is left out
-cuts handles where they are thinnest.
+cuts handles where they are thinnest. Grown from the border, the outside leaves out what fills tunnels where
+they are narrowest. Of the two the likelier is done, where points say nothing the smaller change (as Han, Xu,
+Braga-Neto and Prince 2002 do).
 """
 
 from __future__ import annotations
 
 import heapq
+from collections.abc import Callable
 from functools import cache
 from itertools import product
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from scipy.ndimage import binary_dilation
+from scipy.ndimage import binary_dilation, label
 
 from ...arrays import Array, Ints
+from .settings import HandleSettings
+
+Mask = NDArray[np.bool_]
+Evidence = Callable[[Array, Mask], float]
 
 # neighbours in Kuhn's triangulation: steps of 0 and 1, or of 0 and -1
 STEPS = np.array([step for step in product((-1, 0, 1), repeat=3) if any(step) and min(step) * max(step) >= 0])
+TOUCHING = np.zeros((3, 3, 3), dtype=bool)
+TOUCHING[tuple(np.vstack([STEPS, [[0, 0, 0]]]).T + 1)] = True
 
 
 @cache
-def _simple_patterns() -> NDArray[np.bool_]:
+def _simple_patterns() -> Mask:
     """For every pattern of a node's neighbours (bit k: neighbour k is inside) whether the node can join or
     leave the inside without a change of topology: inside and outside are one piece each on the sphere of
     neighbours.
@@ -54,55 +64,138 @@ def _pieces(pattern: int, bits: Ints) -> int:
     return pieces
 
 
-def without_handles(phi: Array, least: float) -> Array:
-    """phi on a box with its inside cut into one simply connected piece: what is left out becomes at least
-    `least`.
+def without_handles(
+    phi: Array, evidence: Evidence, settings: HandleSettings, least: float, asked: float
+) -> Array:
+    """phi on a box with its inside made one simply connected piece, but for handles that points show; what is
+    changed becomes at least `least` in amount.
+
+    evidence: log likelihood of points near changed nodes (mask) under a phi; asked: nodes that the cut of a
+    handle takes for it to be asked.
     """
+    left_out = _left_out(phi)
+    decided, kept = _handles_decided(phi, left_out, evidence, settings, least, asked)
+    whole = np.where(kept, least, decided)
+    if kept.any() or decided is not phi:
+        left_out = _left_out(whole)
     for _ in range(2):  # the second time around what was left out: a cut as wide as the lattice can hold
-        inside = grown(np.ascontiguousarray(phi), _simple_patterns())
-        left_out = (phi < 0.0) & ~inside
         if not left_out.any():
-            return phi
-        wider = binary_dilation(left_out) & (phi < 0.0)
-        phi = np.where(wider, np.maximum(-phi, least), phi)
-    return np.where((phi < 0.0) & ~grown(phi, _simple_patterns()), least, phi)
+            break
+        whole = _cut(whole, left_out, least)
+        left_out = _left_out(whole)
+    return np.where(kept, decided, np.where(left_out, least, whole))
+
+
+def _handles_decided(
+    phi: Array, left_out: Mask, evidence: Evidence, settings: HandleSettings, least: float, asked: float
+) -> tuple[Array, Mask]:
+    """phi where every larger handle was cut, or its tunnel filled, or left, and nodes (mask) that would cut
+    those that were left. `left_out` is what the inside leaves out, when grown.
+    """
+    kept = np.zeros(phi.shape, dtype=bool)
+    cuts = label(left_out, TOUCHING)[0]
+    sizes = np.bincount(cuts.ravel())
+    sizes[0] = 0
+    for k in np.argsort(-sizes, kind="stable")[: settings.most_handles]:
+        if sizes[k] < asked:
+            break
+        mine = cuts == k
+        tunnel, disc = _tunnel(np.where(left_out & ~mine, least, phi), sizes[k], settings, least)
+        severed = _cut(phi, mine, least)
+        filled = np.where(disc, np.minimum(-phi, -least), phi)
+        if not tunnel.any():  # an island
+            phi = severed
+            continue
+        changed = (severed != phi) | (filled != phi)
+        as_it_is, without, closed = (evidence(one, changed) for one in (phi, severed, filled))
+        if as_it_is - max(without, closed) > settings.evidence:
+            kept |= mine
+        elif closed - np.log(_size(tunnel)) >= without - np.log(sizes[k]):
+            phi = filled
+        else:
+            phi = severed
+    return phi, kept
+
+
+def _tunnel(phi: Array, cut: int, settings: HandleSettings, least: float) -> tuple[Mask, Mask]:
+    """Nodes (mask) that fill the tunnel of a phi with one handle, which it takes `cut` nodes to cut, where it
+    is narrowest, and these as wide as the lattice can hold; none where nothing does, as where the inside is
+    in two.
+    """
+
+    def spares(nodes: Mask) -> bool:
+        """Whether the handle needs no cut when they are filled, but for a node or two elsewhere."""
+        return 2 * _size(_left_out(np.where(nodes, -least, phi))) < cut
+
+    fills = (phi >= 0.0) & ~_outside(phi)
+    if not spares(fills):
+        return np.zeros_like(fills), np.zeros_like(fills)
+    parts = label(fills, TOUCHING)[0]
+    sizes = np.bincount(parts.ravel())[1:]
+    # some are pockets, or lie in the tunnel of a handle that has been cut
+    for k in np.argsort(-sizes, kind="stable")[: settings.most_parts] if len(sizes) > 1 else ():
+        fewer = fills & (parts != k + 1)
+        if spares(fewer):
+            fills = fewer
+    wider = binary_dilation(fills) & (phi >= 0.0)
+    return fills, wider if spares(wider) else fills
+
+
+def _cut(phi: Array, nodes: Mask, least: float) -> Array:
+    """phi with the inside at nodes (mask) and next to them made outside."""
+    wider = binary_dilation(nodes) & (phi < 0.0)
+    return np.where(wider, np.maximum(-phi, least), phi)
+
+
+def _size(nodes: Mask) -> int:
+    return int(np.count_nonzero(nodes))
 
 
 @njit(cache=True)
-def _grown(flat, simple, offsets):  # type: ignore[no-untyped-def]
-    """Nodes of the inside that can be reached by simple additions."""
-    inside = np.zeros(len(flat), np.bool_)
+def _grow(flat, inside, simple, offsets):  # type: ignore[no-untyped-def]
+    """Add to the inside (mask, in place) nodes of negative values by simple additions, the lowest first. What
+    is inside to begin with has the lowest value of all.
+    """
     queued = np.zeros(len(flat), np.bool_)
-    start = np.argmin(flat)
-    queue = [(flat[start], start)]
-    first = True
+    queue = [(flat[start], start) for start in np.flatnonzero(inside)]
     while len(queue) > 0:
         _, node = heapq.heappop(queue)
         queued[node] = False  # one that is not simple now may be when another neighbour has joined
-        if not first:
+        if not inside[node]:
             pattern = 0
             for k in range(len(offsets)):
                 if inside[node + offsets[k]]:
                     pattern |= 1 << k
             if not simple[pattern]:
                 continue
-        first = False
-        inside[node] = True
+            inside[node] = True
         for k in range(len(offsets)):
             other = node + offsets[k]
             if flat[other] < 0.0 and not (inside[other] or queued[other]):
                 queued[other] = True
                 heapq.heappush(queue, (flat[other], other))
-    return inside
 
 
-def grown(phi: Array, simple: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """The largest inside (mask) that grows from the deepest node by simple nodes; the box's border is
-    outside.
-    """
-    closed = phi.copy()
-    for axis in range(3):
-        for end in (0, -1):
-            closed[(slice(None),) * axis + (end,)] = np.abs(closed[(slice(None),) * axis + (end,)])
+def _grown(phi: Array, start: Mask) -> Mask:
+    """Negative nodes (mask) that grow from others by simple additions; the border of the box is not grown."""
     offsets = STEPS @ np.array([phi.shape[1] * phi.shape[2], phi.shape[2], 1])
-    return np.asarray(_grown(closed.ravel(), simple, offsets).reshape(phi.shape))
+    inside = np.ascontiguousarray(start).ravel().copy()
+    _grow(np.ascontiguousarray(phi).ravel(), inside, _simple_patterns(), offsets)
+    return inside.reshape(phi.shape)
+
+
+def _left_out(phi: Array) -> Mask:
+    """Nodes inside (mask) that are not reached from the deepest one: they cut handles, or are islands."""
+    closed = np.pad(phi, 1, constant_values=1.0)
+    start = np.zeros(closed.shape, dtype=bool)
+    start[np.unravel_index(np.argmin(closed), closed.shape)] = True
+    return (phi < 0.0) & ~_grown(closed, start)[1:-1, 1:-1, 1:-1]
+
+
+def _outside(phi: Array) -> Mask:
+    """Nodes outside (mask) that are reached from beyond the box; the others fill tunnels or pockets."""
+    around = np.pad(np.pad(-phi, 1, constant_values=-np.inf), 1, constant_values=1.0)
+    start = np.zeros(around.shape, dtype=bool)
+    start[1:-1, 1:-1, 1:-1] = True
+    start[2:-2, 2:-2, 2:-2] = False
+    return _grown(around, start)[2:-2, 2:-2, 2:-2]

@@ -17,12 +17,10 @@ from .reconstruct import Believed, Reconstruction, reconstruct
 from .settings import ReconstructionSettings
 from .wall import reconstructed_wall
 
-SIMPLE = 2  # Euler number of a piece without handles: a reconstruction has no other
-
 
 def reconstructed(surface: Surface, believed: Believed, sd: str, limits: Limits) -> Refinement | None:
     """The moved prior reconstructed from points; None where these predict each other no better than it does,
-    or it is no single piece. Handles of the prior are cut.
+    or it is no single piece. Of handles only those stay or come that points show.
 
     sd: name of the field of the surface that holds the deviation which the motion leaves. The wall has the
     surface's fields at its closest points, the deviation of the reconstruction, and `correction`, how far it
@@ -47,6 +45,7 @@ def reconstructed(surface: Surface, believed: Believed, sd: str, limits: Limits)
         "correction": side * np.sqrt(squared),
     }
     wall = replace(wall, fields=fields)
+    changes = _handles_changed(euler, components_and_euler(wall.vertices, wall.faces)[1])
     width = limits.settings.lattice.half_band * limits.spacing
     phi = signed_distance(wall.vertices, wall.faces, limits.spacing, width)
     return Refinement(
@@ -55,13 +54,14 @@ def reconstructed(surface: Surface, believed: Believed, sd: str, limits: Limits)
         sigma=found.sigma,
         status=_sentence(found, removed, settings),
         converged=True,
-        warnings=_removed(removed) + _filled(filled) + _cut(euler),
+        warnings=_removed(removed) + _filled(filled) + _changed(changes),
         facts={
             "evidence_nats": found.gain,
             "amplitude": float(np.median(found.wall.amplitude)),
             "band_nodes": len(phi.band),
             "removed_parts": removed,
             "filled_pockets": filled,
+            "changes": changes,
         },
         weights=found.weights,
         exact=True,
@@ -96,9 +96,18 @@ def _filled(pockets: int) -> tuple[RunWarning, ...]:
     return (RunWarning("topology-changed", f"{were} filled ({why}): check it in the report"),)
 
 
-def _cut(euler: int) -> tuple[RunWarning, ...]:
-    """A warning where the prior had handles."""
-    if euler >= SIMPLE:
-        return ()
-    were = "a handle of the prior was" if euler == SIMPLE - 2 else "handles of the prior were"
-    return (RunWarning("topology-changed", f"{were} cut: a reconstruction has none; check it in the report"),)
+def _handles_changed(before: int, after: int) -> list[str]:
+    """What became of the handles of the prior, of such an Euler number, in a wall of another; none, if
+    nothing.
+    """
+    more = (before - after) // 2  # a handle takes two from the Euler number
+    if more == 0:
+        return []
+    were = "1 handle was" if abs(more) == 1 else f"{abs(more)} handles were"
+    if more > 0:
+        return [f"{were} made that the prior lacks: points are likelier with than without"]
+    return [f"{were} cut that the prior has: points do not show more than are left"]
+
+
+def _changed(changes: list[str]) -> tuple[RunWarning, ...]:
+    return tuple(RunWarning("topology-changed", f"{change}; check it in the report") for change in changes)

@@ -137,6 +137,20 @@ class SurplusSettings:
 
 
 @dataclass(frozen=True)
+class HandleSettings:
+    """Which handles a reconstruction keeps, and how it gets rid of the others."""
+
+    evidence: float = number(3.0, "nats", "by which points must be likelier with a handle than without")
+    least_cut: float = number(
+        0.009, "squared rms radii", "that cut a handle, for points to be asked: 8 mm^2; others are cut"
+    )
+    most_handles: int = number(6, "", "of which points are asked, those first whose cut is largest")
+    most_parts: int = number(8, "", "of what the outside leaves out that may be no part of the tunnel")
+    reach: float = number(4.0, "noises", "within which a place of the wall may have caused a point")
+    floor: float = number(1e-4, "1 / noise", "density of points that no wall caused")
+
+
+@dataclass(frozen=True)
 class ReconstructionSettings:
     """All numbers of the reconstruction."""
 
@@ -180,3 +194,4 @@ class ReconstructionSettings:
     normals: NormalSettings = field(default_factory=NormalSettings)
     amplitude: AmplitudeSettings = field(default_factory=AmplitudeSettings)
     surplus: SurplusSettings = field(default_factory=SurplusSettings)
+    handles: HandleSettings = field(default_factory=HandleSettings)

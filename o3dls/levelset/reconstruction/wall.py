@@ -1,5 +1,5 @@
 """From a reconstruction to its wall: phi on a lattice, without what points contradict, in one piece without
-handles, and its zero set.
+handles that they do not show, and its zero set.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from ..grid.isosurface import zero_set
 from .equations import floating
 from .handles import without_handles
 from .normals import nearest
+from .point_density import PointDensity
 from .reconstruct import Reconstruction
 from .settings import ReconstructionSettings
 from .surplus import surplus
@@ -30,10 +31,10 @@ EVEN = 0.8  # area of wall per node on it and squared spacing, for a surface of 
 
 
 def reconstructed_wall(found: Reconstruction, settings: ReconstructionSettings) -> tuple[Surface, int, int]:
-    """The wall of phi, one piece without handles; how many parts were taken away, and how many pockets of
-    the outside filled, because points contradict them.
+    """The wall of phi, one piece without handles but such as points show; how many parts were taken away,
+    and how many pockets of the outside filled, because points contradict them.
     """
-    prior = found.prior
+    prior, least = found.prior, settings.least_outside * found.prior.spacing
     begun = phi = _on_lattice(found, settings)
     phi, removed = without_pinched_off(phi, found, settings)
     shown = found.wall.of(~floating(found.wall, prior, settings.splines))
@@ -42,10 +43,14 @@ def reconstructed_wall(found: Reconstruction, settings: ReconstructionSettings) 
     there = np.unique(parts[tuple(_nodes(found.inside, found).T)])  # what is known to be inside is there
     away &= ~np.isin(parts, there)
     cut -= int(np.count_nonzero(there))
-    phi = np.where(away, np.maximum(-phi, settings.least_outside * prior.spacing), phi)
+    phi = np.where(away, np.maximum(-phi, least), phi)
     outside, filled = without_pinched_off(-phi, found, settings)
     phi = smooth_cuts(-outside, begun, settings.cut_smoothing)
-    phi = without_handles(phi, settings.least_outside * prior.spacing)
+    around = _around_wall(phi, 2)
+    corner = prior.low + [side.start for side in around]
+    density = PointDensity(found.wall.points, found.sigma, corner, prior.spacing, settings.handles)
+    asked = settings.handles.least_cut * (found.radius / prior.spacing) ** 2
+    phi[around] = without_handles(phi[around], density.log_likelihood, settings.handles, least, asked)
     cube = np.ones((3, 3, 3), dtype=bool)
     near = binary_dilation((phi < 0.0) & binary_dilation(phi >= 0.0, cube), cube)
     nodes = np.ascontiguousarray(np.argwhere(near), dtype=np.int32)
