@@ -26,7 +26,7 @@ NOISE = 2  # which part of a name cross_<points>_<noise>_... is the noise in mm
 
 
 class Row(NamedTuple):
-    """A case, handles of its prior, of its truth how many of these points show, and of the result."""
+    """A case and numbers of handles: of its prior, of its truth, of those that points show, of the result."""
 
     case: str
     prior: int

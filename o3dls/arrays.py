@@ -9,5 +9,6 @@ Array = NDArray[np.float64]
 
 
 Ints = NDArray[np.int64]
+Mask = NDArray[np.bool_]
 TINY = 1e-300  # keeps a denominator, or the argument of a logarithm, from being zero
 ROUNDING = 1e-12  # relative: what rounding may make of a number

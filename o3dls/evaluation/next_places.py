@@ -6,10 +6,9 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from ..arrays import TINY, Array, Ints
+from ..arrays import TINY, Array, Ints, Mask
 from ..case import Case
 from ..errors import InputError
 from ..estimate import Estimate
@@ -19,7 +18,6 @@ from ..geometry.surface import Surface
 from ..motion.recorded import WallModes
 from .wall_modes import wall_modes
 
-Mask = NDArray[np.bool_]
 MEAN_OVER_SD = float(np.sqrt(2 / np.pi))  # of the absolute value of a normal variable
 LEAST_GAIN = 0.02  # share of the mean variance: less is not worth a point
 APART = 0.2  # rms radii, 5 mm for an atrium: from points, from each other, and into tubes

@@ -7,17 +7,15 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_matrix, diags
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 from scipy.spatial import cKDTree
 
-from ..arrays import Array, Ints
+from ..arrays import Array, Ints, Mask
 from .differential import face_normals, neighbours, vertex_normals
 from .surface import Surface, crossed_by
 
-Mask = NDArray[np.bool_]
 # between a face's normal and where its surroundings' rotation took it: beyond 75 degrees it is folding
 LEAST_COSINE = 0.25
 SURROUNDINGS = 0.3  # rms radii

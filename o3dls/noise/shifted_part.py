@@ -8,11 +8,9 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..arrays import Array
+from ..arrays import Array, Mask
 
-Mask = NDArray[np.bool_]
 Landmarks = Literal["stay", "move", "part"]
 
 

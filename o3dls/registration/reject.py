@@ -7,13 +7,11 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..arrays import Array
+from ..arrays import Array, Mask
 from ..noise.robust import MAD_TO_SD
 from .match import Pairs
 
-Mask = NDArray[np.bool_]
 Rule = Callable[[Pairs, float], Mask]
 """A rule takes the pairs and the loosening (>= 1) of a coarse-to-fine schedule."""
 

@@ -9,14 +9,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arrays import Array
+from ...arrays import Array, Mask
 
 THIN = 0.6  # voxels: what this blur leaves nothing of encloses nothing
 THICK = 3.0  # widths of a voxel: between thinner slices no vein is lost that shows in them
 WIDEST = 1.0  # slice distances, radius: the sections of what is wider overlap, so it is another chamber
 FARTHEST = 0.7  # slice distances, from section to section: 5 mm wide at 66 degrees through 8 mm
 THINNEST = 1.5  # voxels, radius: less is dust
-Mask = NDArray[np.bool_]
 
 
 class Bridge(NamedTuple):

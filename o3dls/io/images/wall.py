@@ -7,11 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arrays import Array
+from ...arrays import Array, Mask
 from ...errors import InputError
 from ...geometry.similarity import apply
 from ...geometry.surface import Surface
-from .pieces import Bridge, Mask, filled, joined, thick, wide
+from .pieces import Bridge, filled, joined, thick, wide
 
 # voxels, standard deviations: take the steps of the voxels off
 MASK_SMOOTHING = 0.7

@@ -17,13 +17,11 @@ from itertools import product
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation, label
 
-from ...arrays import Array, Ints
+from ...arrays import Array, Ints, Mask
 from .settings import HandleSettings
 
-Mask = NDArray[np.bool_]
 Evidence = Callable[[Array, Mask], float]
 
 # neighbours in Kuhn's triangulation: steps of 0 and 1, or of 0 and -1

@@ -9,12 +9,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 from scipy.ndimage import distance_transform_edt, label
 from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 
-from ...arrays import Array, Ints
+from ...arrays import Array, Ints, Mask
 from .equations import Oriented
 from .moved_prior import MovedPrior
 from .normals import nearest
@@ -22,7 +21,6 @@ from .settings import SurplusSettings
 
 STEPS = np.vstack([np.eye(3, dtype=np.int64), -np.eye(3, dtype=np.int64)])
 UNITS = 1000.0  # of capacity in the area of one node, since flows are whole numbers
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,7 +5,6 @@ handles that they do not show, and its zero set.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import (
     binary_dilation,
     binary_erosion,
@@ -26,7 +25,6 @@ from .reconstruct import Reconstruction
 from .settings import ReconstructionSettings
 from .surplus import surplus
 
-Mask = NDArray[np.bool_]
 EVEN = 0.8  # area of wall per node on it and squared spacing, for a surface of any direction
 
 
