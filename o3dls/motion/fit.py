@@ -128,7 +128,7 @@ def _first_weights(earlier: MotionFit, data: Data, known: slice | Ints) -> Array
         outward = ((data.points[new] - foot) * normals).sum(axis=1)
         own = state.scales.noises[data.group[new]] * data.relative[new]
         variance = own**2 + (bary * earlier.sd[corners]).sum(axis=1) ** 2
-        weights[new], _ = update_contact(outward, variance, data.odds[new], state.contact)
+        weights[new], _ = update_contact(outward, variance, data.outlier_odds[new], state.contact)
     return weights
 
 

@@ -165,7 +165,9 @@ def believe(problem: MotionProblem, state: State, residual: Array, variance: Arr
     data = problem.data
     weights = np.zeros(len(residual))
     wall = ~data.inside
-    weights[wall], contact = update_contact(residual[wall], variance[wall], data.odds[wall], state.contact)
+    weights[wall], contact = update_contact(
+        residual[wall], variance[wall], data.outlier_odds[wall], state.contact
+    )
     fraction = contact.outlier_fraction
     touching = (1.0 - fraction) * contact_density(residual[~wall], variance[~wall])
     floating = fraction * contact.outlier_density(residual[~wall])
@@ -184,7 +186,7 @@ def contact_energy(data: Data, weights: Array, residual: Array, contact: Contact
     """
     wall = ~data.inside
     density = -np.log(np.sqrt(2.0 * np.pi) * noises[data.group] * data.relative)
-    labels = label_energy(weights[wall], residual[wall], data.odds[wall], contact)
+    labels = label_energy(weights[wall], residual[wall], data.outlier_odds[wall], contact)
     return labels + float(weights[~wall] @ density[~wall])
 
 

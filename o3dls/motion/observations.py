@@ -18,12 +18,12 @@ from .covariance import Observed
 @dataclass(frozen=True)
 class Data:
     """What is fitted: points (n, d), which of the noise groups each is in, its noise relative to the group's,
-    its odds of floating, whether it is known to be inside only; landmarks.
+    its own odds of floating, whether it is known to be inside only; landmarks.
 
     mapping: rows of the mapping points of the case, of which those at one place are one row;
     duplicate_distance: within what distance they are; groups: how many noise groups there are; typical_sigma:
     the `sigma` that relative noise is relative to, where points have one; order (n,): when each point was
-    taken, if not as they come.
+    taken, if not as they come; isolation (n,): factors on the odds of floating by the other points.
     """
 
     PER_POINT: ClassVar = ("points", "group", "relative", "odds", "inside")
@@ -40,6 +40,12 @@ class Data:
     typical_sigma: float | None = None
     duplicate_distance: float = 0.0
     order: Array | None = None
+    isolation: Array | None = None
+
+    @property
+    def outlier_odds(self) -> Array:
+        """Factor (n,) on the odds of being an outlier."""
+        return self.odds if self.isolation is None else self.odds * self.isolation
 
     @property
     def trusted(self) -> Array:
@@ -56,8 +62,8 @@ class Data:
 
     def at(self, which: slice | Ints) -> Data:
         """Some of the points, all of the landmarks."""
-        order = None if self.order is None else self.order[which]
-        return replace(self, order=order, **{name: getattr(self, name)[which] for name in self.PER_POINT})
+        known = [name for name in (*self.PER_POINT, "order", "isolation") if getattr(self, name) is not None]
+        return replace(self, **{name: getattr(self, name)[which] for name in known})
 
     def differs(self, other: Data) -> NDArray[np.bool_]:
         """Which points (n,) are not the same in other data of as many."""

@@ -73,7 +73,7 @@ class MotionProblem:
         touching = np.maximum(
             fit_mixture(outward.sum(axis=1), self.size, self.settings.contact).weights, LEAST_WEIGHT
         )
-        weights[wall] = touching / (touching + (1.0 - touching) * self.data.odds[wall])
+        weights[wall] = touching / (touching + (1.0 - touching) * self.data.outlier_odds[wall])
         return weights
 
     @cached_property

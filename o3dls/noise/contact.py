@@ -83,6 +83,27 @@ def update_contact(residual: Array, variance: Array, odds: Array, contact: Conta
     return weights, Contact(contact.depth, contact.scatter, fraction, inside, persistence, settings)
 
 
+def isolation_odds(points: Array, size: float, settings: ContactSettings) -> Array:
+    """Factor (n,), at least 1, on the odds of being an outlier of points (n, d) in a chamber of rms radius
+    `size` with few others around them.
+
+    Points on the wall fill a surface, those of a floating catheter a volume: the fewer there are in a ball,
+    by the median as many as `settings.neighbours`, the larger the share of outliers among them (a Poisson
+    mixture whose density of contact differs from place to place). It tells while the ball is small.
+    """
+    count = min(settings.neighbours, len(points) - 1)
+    if count < 1:
+        return np.ones(len(points))
+    tree = KDTree(points)
+    radius = float(np.median(tree.query(points, [count + 1])[0]))
+    tells = float(np.interp(radius / size, [settings.isolation_small, settings.isolation_large], [1.0, 0.0]))
+    if tells == 0.0:
+        return np.ones(len(points))
+    others = tree.query_ball_point(points, radius, return_length=True) - 1
+    least = settings.least_neighbours
+    return np.asarray(np.maximum((count + least) / (others + least), 1.0) ** tells)
+
+
 def inside_point_weights(
     points: Array, outside: NDArray[np.bool_], size: float, settings: ContactSettings
 ) -> Array:

@@ -22,6 +22,10 @@ class ContactSettings:
     persistence_pairs: float = number(
         20.0, "pairs", "weight of no persistence against pairs of outliers seen"
     )
+    neighbours: int = number(16, "points", "in a ball: points with fewer others around them are isolated,")
+    least_neighbours: float = number(0.3, "points", "as which none counts;")
+    isolation_small: float = number(0.25, "rms radii", "radius of a ball that tells: 1000 points and more,")
+    isolation_large: float = number(0.35, "rms radii", "and of one that tells nothing: 250 points")
     crowd: float = number(0.37, "rms radii", "inside points closer together bound the same part of the wall")
 
 

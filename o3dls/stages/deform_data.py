@@ -28,10 +28,8 @@ def observed(case: Case, stage: DeformParameters, before: Data | None = None) ->
     from ..noise.duplicates import distinct_places, duplicate_distance
 
     every = case.points.of(*stage.fits)
-    if before is None:
-        near = duplicate_distance(every.xyz, every.type, rms_radius(case.prior.vertices))
-    else:
-        near = before.duplicate_distance
+    size = rms_radius(case.prior.vertices)
+    near = duplicate_distance(every.xyz, every.type, size) if before is None else before.duplicate_distance
     typical = every.typical_sigma if before is None or before.typical_sigma is None else before.typical_sigma
     rows, same = distinct_places(every.xyz, every.type, near)
     points = every.select(rows)
@@ -50,7 +48,19 @@ def observed(case: Case, stage: DeformParameters, before: Data | None = None) ->
         typical_sigma=typical,
         duplicate_distance=near,
         order=points.taken,
+        isolation=_isolation(points, size),
     )
+
+
+def _isolation(points: Points, size: float) -> Array:
+    """Factor (n,) on the odds of being an outlier by how many others are near; `inside` points have none."""
+    from ..noise.contact import isolation_odds
+    from ..noise.settings import ContactSettings
+
+    factors = np.ones(len(points))
+    wall = points.type != "inside"
+    factors[wall] = isolation_odds(points.xyz[wall], size, ContactSettings())
+    return factors
 
 
 def outlier_odds(points: Points, force: float) -> Array:

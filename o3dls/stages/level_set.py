@@ -201,7 +201,7 @@ def believed(fit: MotionFit) -> Believed:
     wall = ~data.inside
     noise = state.scales.noises[data.group] * data.relative
     inside = Inside(data.points[~wall], noise[~wall])
-    touching = data.points[wall], state.weights[wall], noise[wall], data.odds[wall]
+    touching = data.points[wall], state.weights[wall], noise[wall], data.outlier_odds[wall]
     return Believed(*touching, state.contact, inside, fit.gradient)
 
 

@@ -418,13 +418,16 @@ def signed(surface: Surface, points: Array) -> Array:
 def test_wall_far_from_points_is_probably_not_there_unless_much_was_not_visited() -> None:
     settings = ReconstructionSettings()
     gap = np.r_[np.full(97, 0.3), 1.0, 1.4, 3.0]
-    even = absent(gap, 1.0, settings)
+    even = absent(gap, 1.0, 0.1, settings)
     assert (np.diff(even[96:]) > 0.0).all()
     assert even[0] < 0.05  # as likely as before, next to a point
     assert even[-1] > 0.5
-    clustered = absent(np.r_[gap, np.full(40, 5.0)], 1.0, settings)  # a quarter of the wall has no point near
+    clustered = absent(
+        np.r_[gap, np.full(40, 5.0)], 1.0, 0.1, settings
+    )  # a quarter of the wall has no point near
     assert clustered[-1] < 0.1
-    np.testing.assert_allclose(absent(2.0 * gap, 2.0, settings), even)  # whatever the unit
+    np.testing.assert_allclose(absent(2.0 * gap, 2.0, 0.1, settings), even)  # whatever the unit
+    assert (absent(gap, 1.0, 0.3, settings) > even).all()  # another heart's prior
 
 
 def test_a_cut_does_not_show_the_steps_of_the_lattice() -> None:

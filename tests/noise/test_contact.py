@@ -9,7 +9,15 @@ import numpy as np
 import pytest
 
 from o3dls.arrays import Array
-from o3dls.noise.contact import Contact, _chain, contact_density, label_energy, update_contact
+from o3dls.noise.contact import (
+    Contact,
+    _chain,
+    contact_density,
+    isolation_odds,
+    label_energy,
+    update_contact,
+)
+from o3dls.noise.settings import ContactSettings
 
 PLAIN = Contact(depth=8.0, scatter=32.0, outlier_fraction=0.1, inside_fraction=0.9)
 
@@ -161,3 +169,33 @@ def test_the_energy_of_the_beliefs_is_that_of_the_mixture_also_with_odds() -> No
     off = PLAIN.outlier_fraction * odds / (1.0 - PLAIN.outlier_fraction + PLAIN.outlier_fraction * odds)
     exact = -np.log((1.0 - off) * touching + off * floating).sum()
     assert label_energy(weights, residual, odds, PLAIN) - weights @ np.log(touching) == pytest.approx(exact)
+
+
+def test_a_point_that_is_alone_inside_is_more_likely_an_outlier_than_one_on_a_wall() -> None:
+    rng = np.random.default_rng(3)
+    wall = rng.normal(size=(2000, 3))
+    wall *= 30.0 / np.linalg.norm(wall, axis=1)[:, None]
+    alone = rng.uniform(-12.0, 12.0, size=(20, 3))
+    odds = isolation_odds(np.vstack([wall, alone]), 30.0, ContactSettings())
+    assert (odds >= 1.0).all()
+    assert np.median(odds[:2000]) < 1.2  # half of the balls hold the median count or more
+    assert odds[2000:].min() > 2.0 * np.quantile(odds[:2000], 0.95)
+    metres = isolation_odds(np.vstack([wall, alone]) / 1000.0, 0.03, ContactSettings())
+    np.testing.assert_allclose(metres, odds)
+    sparse = isolation_odds(np.vstack([wall[::10], alone[::10]]), 30.0, ContactSettings())
+    np.testing.assert_array_equal(sparse, np.ones(len(sparse)))  # the ball is as large as the chamber
+
+
+def test_a_crowd_of_points_is_not_held_to_be_alone() -> None:
+    rng = np.random.default_rng(4)
+    wall = rng.uniform(0.0, 100.0, size=(400, 3)) * [1.0, 1.0, 0.0]
+    crowd = rng.normal(size=(40, 3)) * 3.0 + [50.0, 50.0, -20.0]
+    odds = isolation_odds(np.vstack([wall, crowd]), 50.0, ContactSettings())
+    assert np.median(odds[400:]) == 1.0
+
+
+@pytest.mark.parametrize("count", [0, 1, 2])
+def test_of_hardly_any_points_none_is_alone(count: int) -> None:
+    np.testing.assert_array_equal(
+        isolation_odds(np.zeros((count, 3)), 1.0, ContactSettings()), np.ones(count)
+    )

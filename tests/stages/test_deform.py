@@ -143,6 +143,21 @@ def test_points_that_hardly_press_are_doubted() -> None:
     assert (pressed[:75] - plain[:75]).mean() < (pressed[75:] - plain[75:]).mean()
 
 
+def test_points_alone_in_the_chamber_are_doubted_and_those_known_to_be_inside_are_not() -> None:
+    case, _ = bent_case(count=1500)
+    middle = case.prior.vertices.mean(axis=0)
+    xyz, kind = case.points.xyz.copy(), case.points.type.copy()
+    alone = np.arange(0, 1500, 150)
+    xyz[alone] = middle + 0.3 * (xyz[alone] - middle)
+    kind[alone[::2]] = "inside"
+    data = observed(replace(case, points=replace(case.points, xyz=xyz, type=kind)), Deform())
+    assert (data.outlier_odds[alone[1::2]] > 5.0).all()
+    assert (data.outlier_odds[alone[::2]] == 1.0).all()
+    assert np.median(data.outlier_odds) < 1.5
+    few = data.at(slice(0, 300))  # a part of the points knows what the others have shown
+    np.testing.assert_array_equal(few.outlier_odds, data.outlier_odds[:300])
+
+
 def test_outliers_pull_where_every_point_is_believed() -> None:
     case, truth = bent_case()
     middle = case.prior.vertices.mean(axis=0)

@@ -30,19 +30,24 @@ def deviation(
     shared = (wall.feet, wall.amplitude, variance, lengths, shares / shares.sum())
     by_rows(_told, WORTH, (vertices, near, told), *shared)
     smooth = (1.0 - told) * (wall.amplitude[near[:, 0]] ** 2 + prior_sd**2)
-    return np.asarray(np.sqrt(smooth + absent(gap[:, 0], found.between, settings) * gap[:, 0] ** 2))
+    unlikely = absent(gap[:, 0], found.between, found.gradient, settings)
+    return np.asarray(np.sqrt(smooth + unlikely * gap[:, 0] ** 2))
 
 
-def absent(gap: Array, between: float, settings: ReconstructionSettings) -> Array:
+def absent(gap: Array, between: float, gradient: float, settings: ReconstructionSettings) -> Array:
     """Probability (v,) that there is no wall where the nearest point is `gap` (v,) away, of points that are
-    `between` apart.
+    `between` apart. Before points are seen it is larger for another heart's prior, which the rms gradient of
+    the motion tells.
 
     On a wall that was visited so large a circle is empty with the probability of a Poisson process, on the
     part of the wall that was not visited always.
     """
+    hearts = [settings.surplus.own, settings.surplus.another]
+    shares = np.log([settings.absent, settings.absent_of_another])
+    share = np.exp(np.interp(gradient, hearts, shares))
     unmapped = float((gap > settings.unmapped * between).mean())
     empty = unmapped + (1.0 - unmapped) * np.exp(-np.pi * (gap / between) ** 2)
-    return np.asarray(settings.absent / (settings.absent + (1.0 - settings.absent) * empty))
+    return np.asarray(share / (share + (1.0 - share) * empty))
 
 
 @njit(cache=True, nogil=True)

@@ -188,7 +188,10 @@ class ReconstructionSettings:
         1.0, "spacings", "sd of the average that takes the lattice's steps off cuts"
     )
     deviation_points: int = number(10, "points", "that the deviation of a vertex is asked of")
-    absent: float = number(0.02, "1", "of the wall that is found, before points are seen, is not there")
+    absent: float = number(0.02, "1", "of the wall that is found, before points are seen, is not there;")
+    absent_of_another: float = number(
+        0.08, "1", "and of a prior that counts as another heart's (`surplus.another`)"
+    )
     unmapped: float = number(1.5, "distances between points", "to the nearest one, of wall not visited")
     splines: SplineSettings = field(default_factory=SplineSettings)
     normals: NormalSettings = field(default_factory=NormalSettings)
