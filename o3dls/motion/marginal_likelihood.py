@@ -206,7 +206,11 @@ def laplace_correction(scales: Scales, fixed: Array, parts: list[Array], rows: R
     slopes = [
         np.exp(2.0 * log) * inverse @ part for log, part in zip(scales.log, parts, strict=False)
     ] + of_groups
-    information = 2.0 * np.array([[np.vdot(a, b.T) for b in slopes] for a in slopes])
+    information = np.zeros((len(slopes), len(slopes)))
+    for k, slope in enumerate(slopes):
+        turned = np.ascontiguousarray(slope.T)  # once, and not in every product
+        information[k, : k + 1] = [2.0 * np.vdot(other, turned) for other in slopes[: k + 1]]
+    information += np.tril(information, -1).T
     noises = np.arange(scales.fields, len(scales.log))
     information[noises, noises] += 2.0 * np.maximum(rows.scatter[1], 0.0)
     pull = (scales.log - scales.prior_log) / scales.prior_log_sd

@@ -92,6 +92,9 @@ def _of_another(gradient: float, settings: SurplusSettings) -> SurplusSettings:
 
 def _parts(inside: _Inside, unsupported: float, room: float, settings: SurplusSettings) -> list[Mask]:
     """Parts (n,) that lack points, cut off where wall without points costs `unsupported`."""
+    bare = (inside.wall & ~inside.near).sum()
+    if room * bare <= (1.0 - settings.supported) * settings.expected:  # all of it in one part is not enough
+        return []
     far = np.zeros(inside.mask.shape, dtype=bool)
     far[inside.mask] = _cut(inside, unsupported, settings)
     labels, count = label(far)

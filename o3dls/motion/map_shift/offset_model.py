@@ -12,6 +12,7 @@ from itertools import product
 from typing import NamedTuple
 
 import numpy as np
+from scipy import sparse
 from scipy.linalg import solve_triangular
 
 from ...arrays import Array, Ints
@@ -117,13 +118,25 @@ def _offsets(model: OffsetModel, data: Data, residual: Array) -> Iterator[Offset
         least = settings.least_part if direction is None else settings.least_side
         few = max(int(least * count), 1)
         cuts = np.arange(few, count - few + 1, max(count // settings.most_cuts, 1))
-        beyond = np.cumsum(of_points[rows[::-1]], axis=0)[::-1][cuts]
+        beyond = _sums_beyond(of_points, rows, cuts)
         parts = [cut_at(part, key, rows, cut) for cut in cuts]
         choices = _with_landmarks(parts, len(data.marks_map) > 0)
         yield max(
             (_likeliest(model, some, beyond + _moved(some, data, of_marks), residual) for some in choices),
             key=lambda one: one.nats,
         )
+
+
+def _sums_beyond(columns: Array, rows: Ints, cuts: Ints) -> Array:
+    """Sums of the columns (n, k, d) of the points from each cut on in sorted order: (cuts, k, d)."""
+    segment = np.empty(len(rows), dtype=np.int64)
+    segment[rows] = np.searchsorted(cuts, np.arange(len(rows)), side="right")
+    # a sparse product adds up what lies between two cuts without a sorted copy of all columns
+    between = sparse.csr_array(
+        (np.ones(len(rows)), (segment, np.arange(len(rows)))), shape=(len(cuts) + 1, len(rows))
+    )
+    sums = np.asarray(between @ columns.reshape(len(rows), -1))[1:]
+    return np.asarray(np.cumsum(sums[::-1], axis=0)[::-1].reshape(len(cuts), *columns.shape[1:]))
 
 
 def _likeliest(model: OffsetModel, parts: list[MapPart], columns: Array, residual: Array) -> Offset:
