@@ -16,17 +16,23 @@ from ..levelset.grid.operators import combine
 @dataclass(frozen=True, eq=False)
 class Change:
     """A proposed change: closed surface of the region that it removes or adds, log evidence `gain`, less the
-    `price` (nats) of what is rare beforehand, how many points are `witnesses`, and the `centre` (d,) to look
-    at, in the map frame.
+    price (nats) of what is rare beforehand, how many points are `witnesses`, and the `centre` (d,) to look
+    at, in the map frame. The price is `rarity`, and `gathers` for each point of a map: new wall should have
+    its share of them.
     """
 
     removes: bool
     region: tuple[Array, Ints]
     gain: float
-    price: float
+    rarity: float
+    gathers: float
     witnesses: int
     odd: Array  # the points (k, d) that ask for it: deep inside about a part, or far outside
     centre: Array
+
+    def price(self, points: int) -> float:
+        """Nats that it costs in a map of so many points."""
+        return self.rarity + self.gathers * points
 
     def sentence(self, unit: str) -> str:
         done = "removed a part" if self.removes else "added a tube"

@@ -140,12 +140,13 @@ def _cuts(part: Part, measured: Measured, settings: CutSettings) -> Iterator[Cha
     lost = part.core & (above > 0.0)
     nearby = np.isin(node, np.flatnonzero(lost)).any()
     region = zero_set(*band.whole(-above, band.spacing))
-    price = 0.0 if nearby else -settings.untouched
+    rarity = 0.0 if nearby else -settings.untouched
     yield Change(
         True,
         region,
-        float(best.sum()) - price,
-        price,
+        float(best.sum()) - rarity,
+        rarity,
+        0.0,
         witnesses,
         measured.points[deep],
         band.positions[lost].mean(axis=0),

@@ -103,7 +103,7 @@ class TopologySearch:
         whole = trial_fit(*self.anew(fit, unchanged, part)).energy
         for change in changes:
             after = trial_fit(*self.anew(fit, self.remade(fit, change, coarser), part))
-            yield replace(change, gain=whole - after.energy - change.price)
+            yield replace(change, gain=whole - after.energy - change.price(len(part.points)))
 
     def best(self, fit: MotionFit) -> tuple[MotionFit, Change] | None:
         """The change of most evidence that keeps some in the whole fit, with that fit: its trial had neither
@@ -113,7 +113,7 @@ class TopologySearch:
         earned = [change for change in judged if change.gain >= self.settings.evidence]
         for change in sorted(earned, key=lambda change: change.gain, reverse=True):
             after = fit_motion(*self.anew(fit, self.remade(fit, change), fit.problem.data))
-            gain = fit.energy - after.energy - change.price
+            gain = fit.energy - after.energy - change.price(len(fit.problem.data.points))
             if gain > 0.0 and self.explains(change, after):
                 return after, replace(change, gain=gain)
         return None

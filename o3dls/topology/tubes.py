@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -92,11 +93,10 @@ def _tubes(
             and _stands_alone(wall, region[0], all_settings)
         ):
             centre = tube[: 2 * surface.dimension].reshape(2, -1).mean(axis=0)
-            price = (
-                _rarity(wall, tube, radius, settings)
-                + settings.expected_points * len(whole.points) * exposed / surface.area
-            )
-            yield Change(False, region, float(gain.sum()) - price, price, witnesses, cluster, centre)
+            rarity = _rarity(wall, tube, radius, settings)
+            gathers = settings.expected_points * exposed / surface.area
+            change = Change(False, region, float(gain.sum()), rarity, gathers, witnesses, cluster, centre)
+            yield replace(change, gain=change.gain - change.price(len(whole.points)))
 
 
 def _exposed(wall: Wall, region: tuple[Array, Ints]) -> float:

@@ -114,7 +114,8 @@ def test_a_tube_across_whose_mouth_points_show_the_wall_is_removed_and_said() ->
     assert made[0].removes
     assert "removed a part at (2" in made[0].sentence("mm")
     # of all points, whatever part of them was tried first
-    assert made[0].gain == pytest.approx(before.energy - after.energy - made[0].price)
+    price = made[0].price(len(after.problem.data.points))
+    assert made[0].gain == pytest.approx(before.energy - after.energy - price)
     assert components_and_euler(after.vertices, after.motion.faces) == (1, 2)
     assert apart(surface(after), truth) < 0.2 * apart(tubed(), truth)
 
@@ -307,18 +308,33 @@ def bent_fit() -> MotionFit:
     )
 
 
-def proposed(odd: Array, price: float = 0.0) -> Change:
-    return Change(
-        False, (np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64)), 0.0, price, 5, odd, np.zeros(3)
-    )
+def proposed(odd: Array, rarity: float = 0.0, gathers: float = 0.0) -> Change:
+    region = np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64)
+    return Change(False, region, 0.0, rarity, gathers, 5, odd, np.zeros(3))
 
 
 def test_a_change_gains_what_the_fit_gains_less_its_price(monkeypatch: pytest.MonkeyPatch) -> None:
     energies = iter([100.0, 60.0])  # without the change, with it
     monkeypatch.setattr(TopologySearch, "remade", lambda self, fit, *rest: surface(fit))
     monkeypatch.setattr("o3dls.topology.search.trial_fit", lambda *_: SimpleNamespace(energy=next(energies)))
-    judged = SEARCH.judged(bent_fit(), [proposed(np.zeros((0, 3)), price=7.0)])
+    judged = SEARCH.judged(bent_fit(), [proposed(np.zeros((0, 3)), rarity=7.0)])
     assert [change.gain for change in judged] == [33.0]
+
+
+def test_a_trial_on_some_of_the_points_pays_for_these(monkeypatch: pytest.MonkeyPatch) -> None:
+    """New wall should have a tenth of the points: of the 80 of the trial, and not of all 160."""
+    fit = bent_fit()
+    data = fit.problem.data
+    doubled = data.at(np.repeat(np.arange(len(data.points)), 2))
+    fit = replace(fit, problem=replace(fit.problem, data=doubled))
+    search = replace(SEARCH, settings=replace(SEARCH.settings, trial_points=len(data.points)))
+    energies = iter([100.0, 60.0])
+    monkeypatch.setattr(TopologySearch, "remade", lambda self, fit, *rest: surface(fit))
+    monkeypatch.setattr("o3dls.topology.search.trial_fit", lambda *_: SimpleNamespace(energy=next(energies)))
+    change = proposed(np.zeros((0, 3)), gathers=0.1)
+    (judged,) = search.judged(fit, [change])
+    assert change.price(len(doubled.points)) == pytest.approx(0.2 * len(data.points))
+    assert judged.gain == pytest.approx(40.0 - 0.1 * len(data.points))
 
 
 @pytest.mark.parametrize(
@@ -337,7 +353,7 @@ def test_a_change_that_the_whole_fit_does_not_keep_is_not_made(
     points that asked for the change on its wall.
     """
     gains = [6.0, 9.0, 4.0]
-    changes = [replace(proposed(np.zeros((0, 3)), price=1.0), gain=gain) for gain in gains]
+    changes = [replace(proposed(np.zeros((0, 3)), rarity=1.0), gain=gain) for gain in gains]
     refits = iter(energies)
     monkeypatch.setattr(TopologySearch, "proposals", lambda self, fit: ())
     monkeypatch.setattr(TopologySearch, "judged", lambda self, fit, found: changes)
@@ -345,7 +361,8 @@ def test_a_change_that_the_whole_fit_does_not_keep_is_not_made(
     monkeypatch.setattr(TopologySearch, "anew", lambda self, fit, posed, data: ())
     monkeypatch.setattr("o3dls.topology.search.fit_motion", lambda: SimpleNamespace(energy=next(refits)))
     monkeypatch.setattr(TopologySearch, "explains", lambda self, change, after: explained)
-    before = SimpleNamespace(energy=100.0, problem=SimpleNamespace(data=None))
+    data = SimpleNamespace(points=np.zeros((80, 3)))
+    before = SimpleNamespace(energy=100.0, problem=SimpleNamespace(data=data))
     found = SEARCH.best(before)  # type: ignore[arg-type]
     assert (found and found[1].gain) == taken
     assert next(refits, None) is None  # and what has not earned its evidence is not fitted
