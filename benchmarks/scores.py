@@ -9,6 +9,7 @@ from o3dls.arrays import Array
 from o3dls.case import Case
 from o3dls.estimate import Estimate
 from o3dls.evaluation.distances import SAMPLES, distances, sample
+from o3dls.evaluation.interpolation import REACH
 from o3dls.evaluation.validity import validity
 from o3dls.geometry.surface import Surface
 
@@ -111,9 +112,9 @@ def on_wall(case: Case) -> NDArray[np.bool_]:
 
 
 def calibration(case: Case, estimate: Estimate) -> Record:
-    """sigma over the noise that the inliers really have; share of vertices within their 95 % band; rank
-    correlation of the deviation with the error, and what a perfect posterior of the same deviations would
-    reach.
+    """sigma over the noise that the inliers really have; share of vertices within their 95 % band, share that is
+    prior only, and share that is both; rank correlation of the deviation with the error, and what a perfect
+    posterior of the same deviations would reach.
     """
     truth = case.truth
     found = Record()
@@ -127,9 +128,19 @@ def calibration(case: Case, estimate: Estimate) -> Record:
         rows = np.linspace(0, len(sd) - 1, min(VERTICES, len(sd))).round().astype(int)
         error = distances(estimate.surface.vertices[rows], truth.surface)
         ideal = np.abs(np.random.default_rng(SEED).normal(size=len(rows)) * sd[rows])
-        found["cover95"] = float((error <= BAND_95 * sd[rows]).mean())
+        within = error <= BAND_95 * sd[rows]
+        far = _to_points(case, estimate.surface.vertices[rows]) > REACH
+        found["cover95"] = float(within.mean())
+        found |= {"prior_only": float(far.mean()), "prior_only_within": float((far & within).mean())}
         found["rank"], found["rank_ideal"] = _rank(sd[rows], error), _rank(sd[rows], ideal)
     return found
+
+
+def _to_points(case: Case, at: Array) -> Array:
+    """Distance of places (n, d) to the nearest mapping point, as the field `prior_only` of a run has it."""
+    from scipy.spatial import cKDTree
+
+    return np.asarray(cKDTree(case.points.of("eam").xyz).query(at)[0])
 
 
 def is_valid(case: Case, surface: Surface) -> float:

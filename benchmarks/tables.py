@@ -51,7 +51,7 @@ def _table(group: str, records: list[Record]) -> str:
     methods = [*(name for name in OURS if name in present), *(name for name in present if name not in OURS)]
     columns = [c for c in COLUMNS if any(c in r and np.isfinite(r[c]) for r in records)]
     cases = len({record["case"] for record in records})
-    rows = [[f"{group} ({cases})", *columns, "sigma/true", "in 95 %", "rank/ideal", "valid"]]
+    rows = [[f"{group} ({cases})", *columns, "sigma/true", "in 95 %", "prior only", "rank/ideal", "valid"]]
     for method in methods:
         own = [r for r in records if r["method"] == method]
         rows.append([method, *(_spread(_values(own, c)) for c in columns), *_quality(own)])
@@ -60,7 +60,7 @@ def _table(group: str, records: list[Record]) -> str:
             [
                 "asked of level_set",
                 *(f"{ASKED[group][c]:.2f}" if c in ASKED[group] else "" for c in columns),
-                *[""] * 4,
+                *[""] * 5,
             ]
         )
     widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
@@ -89,9 +89,16 @@ def _quality(records: list[Record]) -> list[str]:
     return [
         f"{ratio.mean():.3f}" if len(ratio) else "",
         f"{100 * cover.mean():.1f}" if len(cover) else "",
+        _of_prior_only(records),
         f"{rank.mean():.2f}/{ideal.mean():.2f}" if len(rank) else "",
         f"{valid.sum():.0f} of {len(valid)}" if len(valid) else "",
     ]
+
+
+def _of_prior_only(records: list[Record]) -> str:
+    """Share (%) of the wall far from all points, of all cases together, that is within its 95 % band."""
+    far, within = _values(records, "prior_only"), _values(records, "prior_only_within")
+    return f"{100 * within.sum() / far.sum():.1f}" if far.sum() > 0.0 else ""
 
 
 def _comparisons(records: list[Record]) -> list[str]:

@@ -4,6 +4,8 @@ chosen.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from shapes import ball_with_tube, circle, meshed, round_distance, torus
@@ -16,6 +18,7 @@ from o3dls.evaluation.validity import validity
 from o3dls.geometry.components import components_and_euler
 from o3dls.geometry.surface import Surface
 from o3dls.levelset.grid.distance import SignedDistance, signed_distance
+from o3dls.levelset.grid.isosurface import zero_set
 
 
 def field(surface: Surface, spacing: float = 1.0) -> SignedDistance:
@@ -127,3 +130,23 @@ def test_labels_are_carried_as_they_are() -> None:
         np.abs(target.vertices[:, 0] - 0.3) > 1.5
     ].all()
     assert len(set(carried["sd_mm"])) > 2  # .5 and 3.5: measured values have means
+
+
+def test_blocks_that_meet_along_a_diagonal_stay_the_two_pieces_that_the_zero_set_has() -> None:
+    """Nodes along x + y = 1 are joined in cubes and not by simplices: an isosurface makes two pieces one."""
+    ball = meshed(round_distance(8.0), 10.0)
+    phi = signed_distance(ball.vertices, ball.faces, 1.0, 9.0)
+    x, y, z = np.round(phi.band.positions).astype(int).T
+    low = (x >= -4) & (x <= 0) & (y >= 1) & (y <= 5)
+    high = (x >= 1) & (x <= 5) & (y >= -4) & (y <= 0)
+    phi = replace(phi, phi=np.where((low | high) & (np.abs(z) <= 2), -0.5, 0.5))
+    raw = Surface(*zero_set(phi.band, phi.phi))
+    assert components_and_euler(raw.vertices, raw.faces) == (2, 4)
+    assert components_and_euler(*isosurface(phi)) == (1, 2)
+    found = extract(phi, raw=raw)
+    assert components_and_euler(found.surface.vertices, found.surface.faces) == (2, 4)
+    assert validity(found.surface, raw)["self_intersections"] == 0
+    assert len(found.surface.faces) < 0.3 * len(raw.faces)
+    assert found.surface.volume == pytest.approx(
+        raw.volume, rel=0.15
+    )  # blocks of five nodes lose their edges
