@@ -112,7 +112,7 @@ def on_wall(case: Case) -> NDArray[np.bool_]:
 
 
 def calibration(case: Case, estimate: Estimate) -> Record:
-    """sigma over the noise that the inliers really have; share of vertices within their 95 % band, share that is
+    """sigma over the noise that inliers really have; share of vertices within their 95 % band, share that is
     prior only, and share that is both; rank correlation of the deviation with the error, and what a perfect
     posterior of the same deviations would reach.
     """
