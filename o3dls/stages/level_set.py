@@ -153,6 +153,7 @@ class LevelSet(Stage):
         from ..adapters.self_intersections import crossing
         from ..geometry.fold_repair import uncrossed
         from ..levelset.correction import Limits
+        from ..levelset.reconstruction.deviation import with_doubt
         from ..levelset.reconstruction.refinement import reconstructed
         from ..levelset.refine import refine_surface
         from ..levelset.settings import LevelSetSettings
@@ -163,10 +164,12 @@ class LevelSet(Stage):
         limits = Limits(self.spacing, self.coarse_to_fine, case.units, settings)
         surface = uncrossed(start.surface) if case.dimension == 2 else start.surface
         if self.reconstruct and start.fit is not None and case.dimension == 3:
-            found = reconstructed(surface, believed(start.fit), f"sd_{case.units}", limits)
+            points, sd = believed(start.fit), f"sd_{case.units}"
+            found = reconstructed(surface, points, sd, limits)
             if found is not None:
                 wall = carry_fields(surface, found.wall)
                 return replace(found, wall=replace(wall, fields={**wall.fields, **found.wall.fields}))
+            surface = with_doubt(surface, points, sd, settings.reconstruction)
         return refine_surface(
             surface,
             observer(case, start),

@@ -20,7 +20,7 @@ from o3dls.levelset.grid.band import Band
 from o3dls.levelset.grid.isosurface import zero_set
 from o3dls.levelset.reconstruction.amplitude import amplitudes
 from o3dls.levelset.reconstruction.contact import clusters_believed
-from o3dls.levelset.reconstruction.deviation import absent
+from o3dls.levelset.reconstruction.deviation import absent, with_doubt
 from o3dls.levelset.reconstruction.equations import Oriented, floating
 from o3dls.levelset.reconstruction.fitting import Scale
 from o3dls.levelset.reconstruction.handles import without_handles
@@ -428,6 +428,25 @@ def test_wall_far_from_points_is_probably_not_there_unless_much_was_not_visited(
     assert clustered[-1] < 0.1
     np.testing.assert_allclose(absent(2.0 * gap, 2.0, 0.1, settings), even)  # whatever the unit
     assert (absent(gap, 1.0, 0.3, settings) > even).all()  # another heart's prior
+
+
+def test_a_moved_prior_that_stays_is_doubted_where_an_even_map_has_no_point() -> None:
+    """A tube without a point, on a ball with points all over or mostly along two bands."""
+    prior = replace(TUBED, fields={"sd": np.full(len(TUBED.vertices), 0.5)})
+    tip = TUBED.vertices[:, 0] > 26.0
+    points = sampled(TUBED, 1500, SIGMA, 3)
+    every = points[points[:, 0] < 15.0]
+    points = every[:300]
+    even = with_doubt(prior, believed(points), "sd", ReconstructionSettings()).fields["sd"]
+    assert (even[tip] > 3.0).all()
+    near = nearest(points, TUBED.vertices, 1)[0][:, 0] < 2.0
+    np.testing.assert_array_equal(even[near], 0.5)  # next to points it is that of the motion
+    bands = (np.abs(every[:, 1:]) < 1.5).any(axis=1)
+    clustered = np.vstack([every[bands], every[~bands][::20]])
+    assert with_doubt(prior, believed(clustered), "sd", ReconstructionSettings()) is prior
+    assert (
+        with_doubt(prior, believed(points[:20]), "sd", ReconstructionSettings()) is prior
+    )  # too few to tell
 
 
 def test_a_cut_does_not_show_the_steps_of_the_lattice() -> None:

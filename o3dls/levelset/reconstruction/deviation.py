@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numba import njit
 
 from ...arrays import TINY, Array
+from ...geometry.surface import Surface
 from ...motion.covariance import WORTH
 from ...parallel import by_rows
 from .normals import nearest
-from .reconstruct import Reconstruction
+from .reconstruct import Believed, Reconstruction
 from .settings import ReconstructionSettings
 from .splines import correlation
+from .surplus import evenness, most_by_chance
 
 
 def deviation(
@@ -32,6 +36,22 @@ def deviation(
     smooth = (1.0 - told) * (wall.amplitude[near[:, 0]] ** 2 + prior_sd**2)
     unlikely = absent(gap[:, 0], found.between, found.gradient, settings)
     return np.asarray(np.sqrt(smooth + unlikely * gap[:, 0] ** 2))
+
+
+def with_doubt(surface: Surface, believed: Believed, sd: str, settings: ReconstructionSettings) -> Surface:
+    """A moved prior that stays as it is, whose field `sd` has the probability that wall is not there which an
+    even map lacks points on. Of another map a part was not visited, and smaller gaps are chance.
+    """
+    points = believed.points[believed.weights > 0.5]
+    few = len(points) < settings.least_points
+    if few or evenness(points, surface, settings.surplus) > most_by_chance(len(points), settings.surplus):
+        return surface
+    gap = nearest(points, surface.vertices, 1)[0][:, 0]
+    between = float(np.sqrt(surface.area / len(believed.points)))
+    bare = gap > settings.unmapped * between
+    unlikely = np.where(bare, absent(gap, between, believed.gradient, settings), 0.0)
+    deviation = np.sqrt(surface.fields[sd] ** 2 + unlikely * gap**2)
+    return replace(surface, fields={**surface.fields, sd: deviation})
 
 
 def absent(gap: Array, between: float, gradient: float, settings: ReconstructionSettings) -> Array:

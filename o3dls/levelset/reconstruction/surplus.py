@@ -14,6 +14,7 @@ from scipy.ndimage import distance_transform_edt, label
 from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 
 from ...arrays import Array, Ints, Mask
+from ...geometry.surface import Surface
 from .equations import Oriented
 from .moved_prior import MovedPrior
 from .normals import nearest
@@ -53,9 +54,9 @@ def surplus(
     gradient: rms gradient of the motion: above `settings.own` the prior may be another heart's, some parts of
     which are expected to be absent. Up to `settings.another` only a map whose points may be even tells.
     """
-    spread = evenness(wall, prior, settings)
+    spread = evenness(wall.feet, prior.surface, settings)
     even = spread < settings.even
-    as_by_chance = spread < 1.0 + settings.even_sd / np.sqrt(len(wall.feet))
+    as_by_chance = spread < most_by_chance(len(wall.feet), settings)
     another = gradient > (settings.own if as_by_chance else settings.another)
     if another:
         settings = _of_another(gradient, settings)
@@ -102,18 +103,23 @@ def _parts(inside: _Inside, unsupported: float, room: float, settings: SurplusSe
     return [part for part in parts if _lacks_points(part, inside, room, settings)]
 
 
-def evenness(wall: Oriented, prior: MovedPrior, settings: SurplusSettings) -> float:
-    """Mean squared distance of the moved prior's wall from the nearest point on it, where any is near, over
-    that of points spread at random with one density: about 1 for a map that is even, more where it clusters.
+def evenness(points: Array, surface: Surface, settings: SurplusSettings) -> float:
+    """Mean squared distance of a wall from the nearest of points (n, 3) on it, where any is near, over that
+    of points spread at random with one density: about 1 for a map that is even, more where it clusters.
     """
-    corners = prior.surface.vertices[prior.surface.faces]
-    feet = prior.tree.query(wall.feet)[2]
+    corners = surface.vertices[surface.faces]
+    feet = surface.closest_point.query(points)[2]
     squared = nearest(feet, corners.mean(axis=1), 1)[0][:, 0] ** 2
-    areas = prior.surface.face_areas
+    areas = surface.face_areas
     mapped = np.ones(len(areas), dtype=bool)
     for _ in range(2):  # what has no points is no part of what they are spread over
         mapped = squared < settings.reach**2 * areas[mapped].sum() / len(feet)
     return float(np.pi * (areas * squared)[mapped].sum() / areas[mapped].sum() ** 2 * len(feet))
+
+
+def most_by_chance(count: int, settings: SurplusSettings) -> float:
+    """The largest evenness that so many points may have which are spread at random."""
+    return 1.0 + settings.even_sd / float(np.sqrt(count))
 
 
 def _inside(
