@@ -40,7 +40,7 @@ def deviation(
 
 def with_doubt(surface: Surface, believed: Believed, sd: str, settings: ReconstructionSettings) -> Surface:
     """A moved prior that stays as it is, whose field `sd` has the probability that wall is not there which an
-    even map lacks points on. Of another map a part was not visited, and smaller gaps are chance.
+    even map lacks points on. Of one with more such wall a part was not visited, and smaller gaps are chance.
     """
     points = believed.points[believed.weights > 0.5]
     few = len(points) < settings.least_points
@@ -49,6 +49,8 @@ def with_doubt(surface: Surface, believed: Believed, sd: str, settings: Reconstr
     gap = nearest(points, surface.vertices, 1)[0][:, 0]
     between = float(np.sqrt(surface.area / len(believed.points)))
     bare = gap > settings.unmapped * between
+    if bare.mean() > settings.surplus.elsewhere:
+        return surface
     unlikely = np.where(bare, absent(gap, between, believed.gradient, settings), 0.0)
     deviation = np.sqrt(surface.fields[sd] ** 2 + unlikely * gap**2)
     return replace(surface, fields={**surface.fields, sd: deviation})
