@@ -201,7 +201,11 @@ def laplace_correction(scales: Scales, fixed: Array, parts: list[Array], rows: R
     What the points say nothing of costs nothing.
     """
     matrix, noise = assemble(scales.log, fixed, parts, rows)
-    _, inverse = solve(matrix, rows.residual)
+    return laplace_of_inverse(scales, parts, rows, noise, solve(matrix, rows.residual)[1])
+
+
+def laplace_of_inverse(scales: Scales, parts: list[Array], rows: Rows, noise: Array, inverse: Array) -> float:
+    """The same where the noise part (n,) of the covariance and its inverse (n, n) are known."""
     of_groups = [inverse * (noise * (rows.group == g)) for g in range(len(scales.noises))]
     slopes = [
         np.exp(2.0 * log) * inverse @ part for log, part in zip(scales.log, parts, strict=False)

@@ -13,13 +13,13 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy import sparse
-from scipy.linalg import solve_triangular
+from scipy.linalg.lapack import dtrtri
 
 from ...arrays import Array, Ints
 from ...noise.shifted_part import MapPart
 from ..covariance import grams
 from ..iteration import State, find_feet, gather_rows
-from ..marginal_likelihood import assemble, laplace_correction, solve
+from ..marginal_likelihood import assemble, laplace_of_inverse, solve
 from ..observations import Data
 from ..problem import MotionProblem
 
@@ -55,10 +55,10 @@ def offset_model(problem: MotionProblem, state: State) -> OffsetModel:
     """The model of a problem's points, no more than may have rows of their own, where a fit has come to."""
     rows = gather_rows(problem, find_feet(problem, state), replace(state, patches=None))
     fixed, parts = grams(problem.covariance, rows.observed)
-    matrix, _ = assemble(state.scales.log, fixed, parts, rows)
-    factor = solve(matrix, rows.residual)[0].factor
-    whitening = solve_triangular(factor, np.eye(len(factor)), lower=True, check_finite=False)
-    correction = laplace_correction(state.scales, fixed, parts, rows)
+    matrix, noise = assemble(state.scales.log, fixed, parts, rows)
+    posterior, inverse = solve(matrix, rows.residual)
+    whitening, _ = dtrtri(posterior.factor, lower=1)
+    correction = laplace_of_inverse(state.scales, parts, rows, noise, inverse)
     return OffsetModel(problem, rows.observed.directions, rows.residual, whitening, correction)
 
 
