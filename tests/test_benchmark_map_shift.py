@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import numpy as np
@@ -13,16 +12,14 @@ from o3dls.case import Case
 from o3dls.io.case_reader import read_case
 
 
-def phantom(name: str) -> Case:
+@pytest.fixture(scope="module")
+def phantom(shared_data: Path) -> Case:
     """A phantom atrium of the shared data."""
-    folder = Path(os.environ.get("O3DLS_DATA", "")) / "phantom" / name
-    if not folder.is_dir():
-        pytest.skip("O3DLS_DATA names no folder with phantom/la_02")
-    return read_case(folder)
+    return read_case(shared_data / "phantom" / "la_02")
 
 
-def test_half_of_the_points_move_and_landmarks_stay() -> None:
-    case = phantom("la_02")
+def test_half_of_the_points_move_and_landmarks_stay(phantom: Case) -> None:
+    case = phantom
     offset = np.array([0.0, 10.0, 0.0])
     for part in ("left", "later"):
         moved = (shifted(case, part, offset).points.xyz - case.points.xyz)[:, 1] > 0.0
@@ -35,8 +32,10 @@ def test_half_of_the_points_move_and_landmarks_stay() -> None:
     # of the later half at 15 mm, a plane explains more before the offset is out of the fit
     [("left", 10.0, "beyond the plane (1.00, 0.00, 0.00)"), ("later", 15.0, "taken from point 12")],
 )
-def test_a_shifted_phantom_is_named_and_comes_back(part: str, length: float, said: str) -> None:
-    case = phantom("la_02")
+def test_a_shifted_phantom_is_named_and_comes_back(
+    part: str, length: float, said: str, phantom: Case
+) -> None:
+    case = phantom
     found = deformed(shifted(case, part, np.array([0.0, 0.0, length])), "fit")
     assert said in named(found)
     assert "of 250 points" in named(found)
@@ -44,5 +43,5 @@ def test_a_shifted_phantom_is_named_and_comes_back(part: str, length: float, sai
     assert off(case, found) < off(case, deformed(case, "ignore")) + 0.15
 
 
-def test_a_phantom_that_is_whole_is_not_named() -> None:
-    assert not named(deformed(phantom("la_02"), "report"))
+def test_a_phantom_that_is_whole_is_not_named(phantom: Case) -> None:
+    assert not named(deformed(phantom, "report"))
