@@ -39,10 +39,13 @@ def by_rows(kernel: Callable[..., Any], least: int, rows: tuple[Array | Ints, ..
     wake a thread.
     """
     count = len(rows[0])
-    bounds = np.linspace(0, count, max(1, min(THREADS, count // least)) + 1).astype(int)
+    threads = min(THREADS, count // least)
+    if threads < 2:
+        kernel(*rows, *shared)
+        return
+    bounds = np.linspace(0, count, threads + 1).astype(int)
     mine, *others = (tuple(row[a:b] for row in rows) for a, b in pairwise(bounds))
-    pool = _pool(os.getpid()) if others else None
-    begun = [pool.submit(kernel, *part, *shared) for part in others] if pool else []
+    begun = [_pool(os.getpid()).submit(kernel, *part, *shared) for part in others]
     kernel(*mine, *shared)
     for part in begun:
         part.result()
