@@ -150,7 +150,7 @@ class MapShiftSettings:
     first_evidence: float = number(
         4.0, "nats", "in closed form, before a motion is fitted without the offset"
     )
-    first_in_order: float = number(-2.0, "nats", "likewise, of a part in time: whole maps have less")
+    first_in_order: float = number(-2.0, "nats", "likewise, of a part in time: most whole maps have less")
     first_offset: float = number(0.12, "rms radii", "that is worth such a fit")
     rivals: int = number(2, "", "offsets that are: the best one in closed form is not always the best")
     rounds: int = number(5, "", "most, of a fit without the offset and the offset again")

@@ -443,10 +443,11 @@ def test_a_moved_prior_that_stays_is_doubted_where_an_even_map_has_no_point() ->
     np.testing.assert_array_equal(even[near], 0.5)  # next to points it is that of the motion
     bands = (np.abs(every[:, 1:]) < 1.5).any(axis=1)
     clustered = np.vstack([every[bands], every[~bands][::20]])
-    assert with_doubt(prior, believed(clustered), "sd", ReconstructionSettings()) is prior
-    assert (
-        with_doubt(prior, believed(points[:20]), "sd", ReconstructionSettings()) is prior
-    )  # too few to tell
+    half = every[every[:, 2] > 0.0]  # even, but the other half was not visited
+    few = points[:20]
+    for map_points in (clustered, half, few):
+        assert with_doubt(prior, believed(map_points), "sd", ReconstructionSettings()) is prior
+    assert with_doubt(TUBED, believed(points), "sd", ReconstructionSettings()) is TUBED  # has no deviation
 
 
 def test_a_cut_does_not_show_the_steps_of_the_lattice() -> None:

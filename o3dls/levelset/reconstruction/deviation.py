@@ -43,8 +43,10 @@ def with_doubt(surface: Surface, believed: Believed, sd: str, settings: Reconstr
     even map lacks points on. Of one with more such wall a part was not visited, and smaller gaps are chance.
     """
     points = believed.points[believed.weights > 0.5]
-    few = len(points) < settings.least_points
-    if few or evenness(points, surface, settings.surplus) > most_by_chance(len(points), settings.surplus):
+    told = sd in surface.fields and len(points) >= settings.least_points
+    if not told or evenness(points, surface, settings.surplus) > most_by_chance(
+        len(points), settings.surplus
+    ):
         return surface
     gap = nearest(points, surface.vertices, 1)[0][:, 0]
     between = float(np.sqrt(surface.area / len(believed.points)))

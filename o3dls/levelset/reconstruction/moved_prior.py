@@ -39,7 +39,7 @@ class MovedPrior:
         box = np.full(end - low, clip)
         at = tuple(slice(o, o + n) for o, n in zip(band.low - low, band.shape, strict=True))
         box[at] = np.clip(band.dense(near.phi), -clip, clip)
-        return cls(surface, spacing, clip, low, box, ClosestPoint(surface.vertices, surface.faces))
+        return cls(surface, spacing, clip, low, box, surface.closest_point)
 
     def at(self, points: Array) -> Array:
         """Values (n,) at points (n, 3)."""
