@@ -7,8 +7,9 @@ none, the prior as it is or smoothed.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from ..arrays import Array, Ints
 from ..geometry.differential import unit_mean, vertex_normals
 from ..noise.contact import update_contact
 from ..parallel import one_blas_thread
-from .iteration import State, begin, step
+from .iteration import Solved, State, begin, step
 from .leverage_points import energy_with_strain, leverage_points
 from .model_selection import motion_evidence, preferred_smoothing
 from .observations import Data
@@ -47,13 +48,37 @@ def fit_motion(
         return _fit_from_nothing(vertices, faces, pose, data, settings or MotionSettings())
 
 
-def trial_fit(vertices: Array, faces: Ints, pose: Array, data: Data, settings: MotionSettings) -> Iterated:
-    """Rounds until the surface stands still or the energy does, without what `fit_motion` weighs after them:
-    for comparing the energies of one surface and another. Parameters and errors as there.
+class TrialFit:
+    """A fit whose rounds are run as they are asked for, until the surface stands still or the energy does,
+    without what `fit_motion` weighs after them: for comparing the energies of one surface and another.
+    Parameters and errors as there.
     """
-    problem = motion_problem(vertices, faces, pose, data, settings)
-    with one_blas_thread():
-        return _iterate(problem, begin(problem), enough=settings.selection.steady_energy)
+
+    def __init__(
+        self, vertices: Array, faces: Ints, pose: Array, data: Data, settings: MotionSettings
+    ) -> None:
+        problem = motion_problem(vertices, faces, pose, data, settings)
+        self._rounds = _rounds(problem, begin(problem), enough=settings.selection.steady_energy)
+        self._tuned = min(settings.iteration.tune_at)
+        self._energies: list[float] = []
+
+    def energy(self, k: int) -> float:
+        """Free energy (nats) of round k, or of the last one, if that was earlier."""
+        with one_blas_thread():
+            while len(self._energies) <= k and (reached := next(self._rounds, None)) is not None:
+                self._energies.append(reached.record["energy"])
+        return self._energies[min(k, len(self._energies) - 1)]
+
+    def lead(self, other: TrialFit, least: float) -> float:
+        """By how much (nats) its last energy is below the other's; or that of a round, the first after tuning
+        in which it is less than `least`.
+        """
+        k = self._tuned
+        while True:
+            k += 1
+            found = other.energy(k) - self.energy(k)
+            if found < least or k >= max(len(self._energies), len(other._energies)):
+                return found
 
 
 def settled(problem: MotionProblem) -> Iterated:
@@ -153,25 +178,38 @@ def _iterate_robustly(problem: MotionProblem) -> Iterated:
     return replace(run, facts=facts)
 
 
-def _iterate(problem: MotionProblem, state: State, *, anneal: bool = True, enough: float = 0.0) -> Iterated:
-    """Rounds until the vertices stand still, or the energy changes by less than `enough` (nats): from
-    nothing, or without annealing from an earlier state.
-    """
-    settings = problem.settings.iteration
+class Round(NamedTuple):
+    """Where one round has come to; `at` (n, d): the vertices on which it sought feet."""
+
+    at: Array
+    state: State
+    solved: Solved
+    record: dict[str, float]
+
+
+def _iterate(problem: MotionProblem, state: State, *, anneal: bool = True) -> Iterated:
+    """Rounds until the vertices stand still: from nothing, or without annealing from an earlier state."""
     trace: list[dict[str, float]] = []
+    for last in _rounds(problem, state, anneal=anneal):
+        trace.append(last.record)
+    # vertices may slide along a surface that stands still
+    along = ((last.state.moved - last.at) * vertex_normals(last.at, problem.faces)).sum(axis=1)
+    return Iterated(problem, last.state, last.solved, tuple(trace), float(np.abs(along).mean()))
+
+
+def _rounds(
+    problem: MotionProblem, state: State, *, anneal: bool = True, enough: float = 0.0
+) -> Iterator[Round]:
+    """Rounds until the vertices stand still, or the energy changes by less than `enough` (nats)."""
+    settings = problem.settings.iteration
+    energy = np.inf
     for k in range(settings.iterations):
-        at = state.feet_on
+        at, before = state.feet_on, energy
         iteration = k if anneal else None
         state, solved, record = step(problem, state, iteration, tuning=anneal and k in settings.tune_at)
-        trace.append(record)
+        yield Round(at, state, solved, record)
+        energy = record["energy"]
         tuned = not anneal or k > max(settings.tune_at)
-        if tuned and (record["step"] < settings.tolerance * problem.size or _steady(trace, enough)):
-            break
-    # vertices may slide along a surface that stands still
-    along = ((state.moved - at) * vertex_normals(at, problem.faces)).sum(axis=1)
-    return Iterated(problem, state, solved, tuple(trace), float(np.abs(along).mean()))
-
-
-def _steady(trace: Sequence[Mapping[str, float]], enough: float) -> bool:
-    """Whether the energy changed by less than `enough` in the last round."""
-    return len(trace) > 1 and abs(trace[-1]["energy"] - trace[-2]["energy"]) < enough
+        still = record["step"] < settings.tolerance * problem.size or abs(energy - before) < enough
+        if tuned and still:
+            return

@@ -137,15 +137,18 @@ def preferred_smoothing(run: Iterated) -> Smoothed | None:
     problem = run.problem
     settings = problem.settings.selection
     at = problem.rest.at
-    found = list[tuple[float, float, Array]]()
     most = run.energy + settings.smoothing_evidence
+    lengths = sorted((problem.size * x for x in settings.smoothing_lengths), reverse=True)
     # a smooth wall's normals: along its own, one of stairs folds at every step
     normals = vertex_normals(at - problem.rough, problem.faces)
-    for length in sorted(problem.size * x for x in settings.smoothing_lengths):
-        smooth = fair(at, roughness(at, problem.faces, length), normals)
+    smoother = list[Array]()
+    for length in lengths:
+        smoother.append(fair(at, roughness(at, problem.faces, length), normals))
         # most walls end here, before folds take their time
-        if not found and _trial_energy(problem, run.state, smooth) > most:
+        if _trial_energy(problem, run.state, smoother[-1]) > most + settings.decisive:
             return None
+    found = list[tuple[float, float, Array]]()
+    for length, smooth in zip(reversed(lengths), reversed(smoother), strict=True):
         smooth = repair_folds(at, smooth, problem.faces)[0]  # parts thinner than the length have folded
         found.append((_trial_energy(problem, run.state, smooth), length, smooth))
         if found[-1][0] > most:

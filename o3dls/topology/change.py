@@ -8,7 +8,7 @@ from ..arrays import Array, Ints
 from ..geometry.components import largest_component
 from ..geometry.differential import evened
 from ..geometry.surface import Surface
-from ..levelset.grid.distance import signed_distance
+from ..levelset.grid.distance import SignedDistance, signed_distance
 from ..levelset.grid.isosurface import zero_set
 from ..levelset.grid.operators import combine
 
@@ -41,15 +41,17 @@ class Change:
         return f"{done} at ({where}) {unit}, {support}"
 
 
-def changed(surface: Surface, change: Change | None, spacing: float, half_band: float) -> Surface:
-    """The surface after a change (None: as it is), meshed from its level set: one component,
-    without the fields of the old one.
-    """
-    width = half_band * spacing
-    before = signed_distance(surface.vertices, surface.faces, spacing, width)
+def level_set(surface: Surface, spacing: float, half_band: float) -> SignedDistance:
+    """The level set of a surface on which it can be changed, within so many spacings."""
+    return signed_distance(surface.vertices, surface.faces, spacing, half_band * spacing)
+
+
+def changed(before: SignedDistance, change: Change | None) -> Surface:
+    """The surface of a level set after a change (None: as it is): one component, without fields."""
     band, phi = before.band, before.phi
     if change is not None:
-        band, phi = combine(before, signed_distance(*change.region, spacing, width), remove=change.removes)
+        region = signed_distance(*change.region, band.spacing, band.width)
+        band, phi = combine(before, region, remove=change.removes)
     vertices, faces = largest_component(*zero_set(band, phi))
     return Surface(evened(vertices, faces), faces)
 

@@ -18,13 +18,14 @@ from ..arrays import Array, Ints
 from ..geometry.components import components_and_euler
 from ..geometry.similarity import apply, rms_radius
 from ..geometry.surface import Surface
+from ..levelset.grid.distance import SignedDistance
 from ..levelset.normal_displacement import Wall
 from ..levelset.observation import Measured, Noise, observe
-from ..motion.fit import fit_motion, trial_fit
+from ..motion.fit import TrialFit, fit_motion
 from ..motion.observations import Data
 from ..motion.result import MotionFit
 from ..motion.settings import MotionSettings
-from .change import Change, changed
+from .change import Change, changed, level_set
 from .cuts import removals
 from .settings import TopologySettings
 from .tubes import growth
@@ -94,16 +95,19 @@ class TopologySearch:
         if not changes:
             return
         for coarser in self.settings.trial_spacings:
-            unchanged = self.remade(fit, None, coarser)
+            before = self.level_set(fit, coarser)
+            unchanged = changed(before, None)
             if self.keeps(fit, unchanged):
                 break
         else:
             return
         part = _part(fit, self.settings.trial_points)
-        whole = trial_fit(*self.anew(fit, unchanged, part)).energy
+        whole = TrialFit(*self.anew(fit, unchanged, part))
         for change in changes:
-            after = trial_fit(*self.anew(fit, self.remade(fit, change, coarser), part))
-            yield replace(change, gain=whole - after.energy - change.price(len(part.points)))
+            price = change.price(len(part.points))
+            least = price + self.settings.evidence - self.settings.trial_lead
+            after = TrialFit(*self.anew(fit, changed(before, change), part))
+            yield replace(change, gain=after.lead(whole, least) - price)
 
     def best(self, fit: MotionFit) -> tuple[MotionFit, Change] | None:
         """The change of most evidence that keeps some in the whole fit, with that fit: its trial had neither
@@ -111,8 +115,11 @@ class TopologySearch:
         """
         judged = self.judged(fit, list(self.proposals(fit)))
         earned = [change for change in judged if change.gain >= self.settings.evidence]
+        if not earned:
+            return None
+        before = self.level_set(fit)
         for change in sorted(earned, key=lambda change: change.gain, reverse=True):
-            after = fit_motion(*self.anew(fit, self.remade(fit, change), fit.problem.data))
+            after = fit_motion(*self.anew(fit, changed(before, change), fit.problem.data))
             gain = fit.energy - after.energy - change.price(len(fit.problem.data.points))
             if gain > 0.0 and self.explains(change, after):
                 return after, replace(change, gain=gain)
@@ -138,12 +145,10 @@ class TopologySearch:
         kind = components_and_euler(remade.vertices, remade.faces)
         return kind == _kind(fit) and remade.area > self.settings.least_area * posed_prior(fit).area
 
-    def remade(self, fit: MotionFit, change: Change | None, coarser: float = 1.0) -> Surface:
-        """The prior in its pose after a change, or meshed anew without one, on a lattice that is so much
-        coarser.
-        """
+    def level_set(self, fit: MotionFit, coarser: float = 1.0) -> SignedDistance:
+        """The level set of the prior in its pose, on a lattice that is so much coarser."""
         posed = posed_prior(fit)
-        return changed(posed, change, coarser * max(self.spacing, _edge(posed)), self.settings.half_band)
+        return level_set(posed, coarser * max(self.spacing, _edge(posed)), self.settings.half_band)
 
     def anew(
         self, fit: MotionFit, posed: Surface, data: Data

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.sparse.csgraph import connected_components
@@ -24,8 +26,11 @@ from .settings import TopologySettings, TubeSettings
 
 def growth(wall: Wall, measured: Measured, settings: TopologySettings) -> Iterator[Change]:
     """Tubes whose union with the surface gains, round the points outside that ask for one."""
+    there = cache(lambda: _thin_parts(wall.surface, settings))
     for cluster in _clusters(wall.surface, measured, settings.tubes):
-        yield from _tubes(wall, measured, cluster, settings)
+        for tube in _tubes(wall, measured, cluster, settings.tubes):
+            if _stands_alone(wall, tube.region[0], there, settings.tubes):
+                yield tube
 
 
 def _clusters(surface: Surface, measured: Measured, settings: TubeSettings) -> Iterator[Array]:
@@ -46,25 +51,31 @@ def _far(measured: Measured, settings: TubeSettings) -> NDArray[np.bool_]:
     )
 
 
-def cone(points: Array, tube: Array) -> Array:
+@njit(cache=True)
+def cone(points, tube):  # type: ignore[no-untyped-def]
     """Signed distance (n,), nearly, of points (n, d) from a round-ended cone [start (d), end (d), log radii
     (2)].
     """
-    d = points.shape[1]
-    start = tube[:d]
-    end = tube[d : 2 * d]
-    radii = np.exp(tube[2 * d :])
-    axis = end - start
-    along = np.clip((points - start) @ axis / max(float(axis @ axis), TINY), 0.0, 1.0)
-    gap = np.linalg.norm(points - start - along[:, None] * axis, axis=1)
-    return np.asarray(gap - radii[0] - (radii[1] - radii[0]) * along)
+    n, d = points.shape
+    radius, other = np.exp(tube[2 * d]), np.exp(tube[2 * d + 1])
+    length2 = 0.0
+    for a in range(d):
+        length2 += (tube[d + a] - tube[a]) ** 2
+    off = np.empty(n)
+    for i in range(n):
+        along = 0.0
+        for a in range(d):
+            along += (points[i, a] - tube[a]) * (tube[d + a] - tube[a])
+        along = min(max(along / max(length2, TINY), 0.0), 1.0)
+        gap2 = 0.0
+        for a in range(d):
+            gap2 += (points[i, a] - tube[a] - along * (tube[d + a] - tube[a])) ** 2
+        off[i] = np.sqrt(gap2) - radius - (other - radius) * along
+    return off
 
 
-def _tubes(
-    wall: Wall, measured: Measured, cluster: Array, all_settings: TopologySettings
-) -> Iterator[Change]:
+def _tubes(wall: Wall, measured: Measured, cluster: Array, settings: TubeSettings) -> Iterator[Change]:
     """Likely tubes round a cluster, as changes, where enough points tell for them."""
-    settings = all_settings.tubes
     surface = wall.surface
     radius = body_radius(wall.surface)
     whole = measured
@@ -84,14 +95,12 @@ def _tubes(
     units = np.r_[np.full(2 * surface.dimension, radius), 1.0, 1.0]
     for tube in _fitted(cost, first, units, settings):
         gain = before - after(tube)
-        region = _mesh(tube, surface.dimension, settings.lattice)
         witnesses = int((gain > settings.telling).sum())
+        if witnesses < settings.witnesses:
+            continue
+        region = _mesh(tube, surface.dimension, settings.lattice)
         exposed = _exposed(wall, region)
-        if (
-            witnesses >= settings.witnesses
-            and not _of_a_chamber(whole, tube, exposed, radius, settings)
-            and _stands_alone(wall, region[0], all_settings)
-        ):
+        if not _of_a_chamber(whole, tube, exposed, radius, settings):
             centre = tube[: 2 * surface.dimension].reshape(2, -1).mean(axis=0)
             rarity = _rarity(wall, tube, radius, settings)
             gathers = settings.expected_points * exposed / surface.area
@@ -123,20 +132,24 @@ def _of_a_chamber(
     )
 
 
-def _stands_alone(wall: Wall, region: Array, settings: TopologySettings) -> bool:
+def _thin_parts(surface: Surface, settings: TopologySettings) -> list[Array]:
+    """Nodes (k, d) of each thin part that a surface has."""
+    found = parts(surface, (settings.tubes.ball,), settings.cuts)
+    return [part.field.band.positions[part.core] for part in found]
+
+
+def _stands_alone(
+    wall: Wall, region: Array, there: Callable[[], list[Array]], settings: TubeSettings
+) -> bool:
     """Whether a tube sticks out of the body, away from the thin parts that are there: a bump or a vein out of
     place is for the fields.
     """
-    radius = body_radius(wall.surface)
+    least = settings.sticks_out * body_radius(wall.surface)
     height = wall.look(region)[0]
-    if height.max() < settings.tubes.sticks_out * radius:
+    if height.max() < least:
         return False
     tip = region[height.argmax()]
-    others = [
-        np.linalg.norm(part.field.band.positions[part.core] - tip, axis=1).min()
-        for part in parts(wall.surface, (settings.tubes.ball,), settings.cuts)
-    ]
-    return min(others, default=np.inf) > settings.tubes.sticks_out * radius
+    return all(np.linalg.norm(part - tip, axis=1).min() > least for part in there())
 
 
 def _first(wall: Wall, cluster: Array, radius: float, settings: TubeSettings) -> Array:

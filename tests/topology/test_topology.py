@@ -19,13 +19,14 @@ from o3dls.geometry.similarity import apply, scale_of, similarity
 from o3dls.geometry.surface import Surface
 from o3dls.levelset.normal_displacement import Wall
 from o3dls.levelset.observation import Measured, Noise, observe
-from o3dls.motion.fit import fit_motion, trial_fit
+from o3dls.motion.fit import TrialFit, fit_motion, settled
+from o3dls.motion.problem import motion_problem
 from o3dls.motion.result import MotionFit
-from o3dls.topology.change import Change, body_radius, changed
+from o3dls.topology.change import Change, body_radius, changed, level_set
 from o3dls.topology.cuts import removals
 from o3dls.topology.search import TopologySearch, before_motion, change_topology
 from o3dls.topology.settings import TopologySettings
-from o3dls.topology.tubes import _stands_alone, cone, growth
+from o3dls.topology.tubes import _stands_alone, _thin_parts, cone, growth
 
 SIGMA = 1.0
 SEED = 173_205
@@ -170,7 +171,7 @@ def test_a_smaller_prior_makes_floating_points_no_likelier() -> None:
     """
     fit = bent_fit()
     smaller = surface(fit).with_vertices(0.9 * fit.motion.rest.at)
-    again = trial_fit(*SEARCH.anew(fit, smaller, fit.problem.data))
+    again = settled(motion_problem(*SEARCH.anew(fit, smaller, fit.problem.data)))
     assert again.state.contact.depth == pytest.approx(fit.state.contact.depth)
 
 
@@ -213,7 +214,7 @@ def test_a_change_is_closed_in_one_piece_and_near_where_it_must_be() -> None:
     cuts = removals(Wall(prior), seen(Wall(prior), sampled(ball(), 800, FINE, SEED), FINE), SETTINGS.cuts)
     change = max(cuts, key=lambda cut: cut.gain)
     for spacing in (1.0, 0.5):
-        after = changed(prior, change, spacing, SETTINGS.half_band)
+        after = changed(level_set(prior, spacing, SETTINGS.half_band), change)
         assert after.watertight
         assert components_and_euler(after.vertices, after.faces) == (1, 2)
         far = after.vertices[:, 0] < 5.0  # the other side of the body is the prior's
@@ -264,8 +265,8 @@ def test_a_tube_is_the_same_in_every_frame_and_unit(frame: Array) -> None:
     assert second is not None
     # of some hundred nats; a search that ends early misses four and more
     assert second.gain == pytest.approx(first.gain, abs=1.0)
-    after = changed(ball(), first, 1.0, SETTINGS.half_band).transformed(frame)
-    same = changed(ball().transformed(frame), second, unit, SETTINGS.half_band)
+    after = changed(level_set(ball(), 1.0, SETTINGS.half_band), first).transformed(frame)
+    same = changed(level_set(ball().transformed(frame), unit, SETTINGS.half_band), second)
     assert apart(same, after) < 0.1 * unit
 
 
@@ -281,7 +282,7 @@ def test_a_wall_that_the_lattice_would_tear_is_not_judged_on_it(monkeypatch: pyt
     )
     fit = replace(bent_fit(), motion=motion)
     assert components_and_euler(shell.vertices, shell.faces) == (1, 2)
-    monkeypatch.setattr("o3dls.topology.search.trial_fit", lambda *_: SimpleNamespace(energy=0.0))
+    monkeypatch.setattr("o3dls.topology.search.TrialFit", lambda *_: ended(0.0))
     monkeypatch.setattr(TopologySearch, "explains", lambda *_: True)
     change = replace(proposed(np.zeros((3, 3))), region=(ball().vertices, ball().faces))
     assert len(list(TopologySearch(0.5, SETTINGS).judged(fit, [change]))) == 1
@@ -313,11 +314,27 @@ def proposed(odd: Array, rarity: float = 0.0, gathers: float = 0.0) -> Change:
     return Change(False, region, 0.0, rarity, gathers, 5, odd, np.zeros(3))
 
 
+def ended(*energies: float) -> TrialFit:
+    """A trial whose rounds had such energies; amplitudes and noise were tuned in the first."""
+    trial = object.__new__(TrialFit)
+    trial._rounds, trial._tuned, trial._energies = iter(()), 0, list(energies)
+    return trial
+
+
+@pytest.mark.parametrize(
+    ("least", "lead"), [(-5.0, 2.0), (-1.0, -4.0)], ids=["to the end", "given up in the second round"]
+)
+def test_a_trial_is_given_up_once_it_is_far_behind(least: float, lead: float) -> None:
+    """The first round, in which amplitudes are tuned, does not count; who stands still keeps its energy."""
+    assert ended(99.0, 54.0, 49.0, 48.0).lead(ended(60.0, 50.0), least) == lead
+
+
 def test_a_change_gains_what_the_fit_gains_less_its_price(monkeypatch: pytest.MonkeyPatch) -> None:
+    fit = bent_fit()
     energies = iter([100.0, 60.0])  # without the change, with it
-    monkeypatch.setattr(TopologySearch, "remade", lambda self, fit, *rest: surface(fit))
-    monkeypatch.setattr("o3dls.topology.search.trial_fit", lambda *_: SimpleNamespace(energy=next(energies)))
-    judged = SEARCH.judged(bent_fit(), [proposed(np.zeros((0, 3)), rarity=7.0)])
+    monkeypatch.setattr("o3dls.topology.search.changed", lambda *_: surface(fit))
+    monkeypatch.setattr("o3dls.topology.search.TrialFit", lambda *_: ended(next(energies)))
+    judged = SEARCH.judged(fit, [proposed(np.zeros((0, 3)), rarity=7.0)])
     assert [change.gain for change in judged] == [33.0]
 
 
@@ -329,8 +346,8 @@ def test_a_trial_on_some_of_the_points_pays_for_these(monkeypatch: pytest.Monkey
     fit = replace(fit, problem=replace(fit.problem, data=doubled))
     search = replace(SEARCH, settings=replace(SEARCH.settings, trial_points=len(data.points)))
     energies = iter([100.0, 60.0])
-    monkeypatch.setattr(TopologySearch, "remade", lambda self, fit, *rest: surface(fit))
-    monkeypatch.setattr("o3dls.topology.search.trial_fit", lambda *_: SimpleNamespace(energy=next(energies)))
+    monkeypatch.setattr("o3dls.topology.search.changed", lambda *_: surface(fit))
+    monkeypatch.setattr("o3dls.topology.search.TrialFit", lambda *_: ended(next(energies)))
     change = proposed(np.zeros((0, 3)), gathers=0.1)
     (judged,) = search.judged(fit, [change])
     assert change.price(len(doubled.points)) == pytest.approx(0.2 * len(data.points))
@@ -357,7 +374,8 @@ def test_a_change_that_the_whole_fit_does_not_keep_is_not_made(
     refits = iter(energies)
     monkeypatch.setattr(TopologySearch, "proposals", lambda self, fit: ())
     monkeypatch.setattr(TopologySearch, "judged", lambda self, fit, found: changes)
-    monkeypatch.setattr(TopologySearch, "remade", lambda self, fit, change: change)
+    monkeypatch.setattr("o3dls.topology.search.changed", lambda before, change: change)
+    monkeypatch.setattr(TopologySearch, "level_set", lambda self, fit: None)
     monkeypatch.setattr(TopologySearch, "anew", lambda self, fit, posed, data: ())
     monkeypatch.setattr("o3dls.topology.search.fit_motion", lambda: SimpleNamespace(energy=next(refits)))
     monkeypatch.setattr(TopologySearch, "explains", lambda self, change, after: explained)
@@ -401,4 +419,5 @@ def test_points_of_more_noise_are_seen_with_it() -> None:
 )
 def test_a_tube_is_new_only_where_nothing_is_near(at: list[float], radius: float, alone: bool) -> None:
     vertices = meshed(round_distance(radius), radius + 2.0, 0.5).vertices + at
-    assert _stands_alone(Wall(tubed()), vertices, SETTINGS) == alone
+    there = _thin_parts(tubed(), SETTINGS)
+    assert _stands_alone(Wall(tubed()), vertices, lambda: there, SETTINGS.tubes) == alone
