@@ -18,7 +18,6 @@ from ..geometry.flipped_faces import flipped, relaxed
 from ..geometry.surface import Surface, interpolated
 from ..levelset.grid.distance import SignedDistance
 from ..levelset.grid.isosurface import zero_set
-from ..levelset.grid.regularised import regularised
 from .self_intersections import self_intersections
 
 # pieces with less than this share of the faces of one that is meant are dust, or what a fold has pinched off
@@ -46,8 +45,8 @@ def extract(
 ) -> Extraction:
     """The surface phi = 0, wound outward. smoothing: Taubin passes; keep: share of the isosurface's faces
     that decimation leaves; islands: whether pieces beside the largest stay; smallest: the smallest of these
-    that is meant, in areas of the largest, of which one with less than a tenth is dust; raw: the zero set
-    itself, for where an isosurface of phi has another topology. Smoothing that would make the surface cut
+    that is meant, in areas of the largest, of which one with less than a tenth is dust; raw: a mesh of the
+    zero set, for where an isosurface of phi has another topology. Smoothing that would make the surface cut
     itself is left out.
 
     Raises SolverError where phi has no zero set.
@@ -58,7 +57,6 @@ def extract(
     if raw is None or components_and_euler(*found) == components_and_euler(raw.vertices, raw.faces):
         raw = _chosen(*found, islands)
     else:
-        raw = regularised(raw, field.band.spacing)
         keep = min(1.0, keep * len(found[1]) / len(raw.faces))
     if field.band.dimension == 2:
         return Extraction(raw, 0.0, 0.0, len(raw.faces))

@@ -165,7 +165,7 @@ class LevelSet(Stage):
         surface = uncrossed(start.surface) if case.dimension == 2 else start.surface
         if self.reconstruct and start.fit is not None and case.dimension == 3:
             points, sd = believed(start.fit), f"sd_{case.units}"
-            found = reconstructed(surface, points, sd, limits)
+            found = reconstructed(surface, points, sd, limits, isosurface)
             if found is not None:
                 wall = carry_fields(surface, found.wall)
                 return replace(found, wall=replace(wall, fields={**wall.fields, **found.wall.fields}))

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from shapes import ball_with_tube, meshed, round_distance, sampled, torus, torus_distance, whole_box
 
+from o3dls.adapters.meshing import isosurface
 from o3dls.arrays import Array
 from o3dls.evaluation.distances import distances
 from o3dls.geometry.closest_point import ClosestPoint
@@ -57,7 +58,7 @@ def believed(points: Array, weights: Array | None = None, sigma: float = SIGMA) 
 
 def rebuilt(prior: Surface, points: Array, weights: Array | None = None) -> Refinement | None:
     prior = replace(prior, fields={"sd": np.full(len(prior.vertices), 0.5)})
-    return reconstructed(prior, believed(points, weights), "sd", Limits(1.0))
+    return reconstructed(prior, believed(points, weights), "sd", Limits(1.0), isosurface)
 
 
 def test_splines_are_a_partition_of_unity_with_exact_derivatives() -> None:
@@ -337,7 +338,8 @@ def test_a_vein_without_points_is_surplus_in_another_hearts_prior_if_points_clos
     prior = replace(TUBED, fields={"sd": np.full(len(TUBED.vertices), 0.5)})
 
     def left(points: Array) -> float:
-        found = reconstructed(prior, replace(believed(points), gradient=gradient), "sd", Limits(1.0))
+        known = replace(believed(points), gradient=gradient)
+        found = reconstructed(prior, known, "sd", Limits(1.0), isosurface)
         return 0.0 if found is None else float(distances(TUBED.vertices[tube], found.wall).mean())
 
     gone = left(on_ball[on_ball[:, 0] > -10.0]) > 3.0
@@ -402,7 +404,7 @@ def test_points_known_to_be_inside_are_inside_and_keep_the_part_they_lie_in() ->
     tip = TUBED.vertices[TUBED.vertices[:, 0] > 26.0]
     for inside, kept in ((np.zeros((0, 3)), False), (np.vstack([along, beyond]), True)):
         known = replace(believed(points), inside=Inside(inside, np.full(len(inside), SIGMA)))
-        found = reconstructed(prior, known, "sd", Limits(1.0))
+        found = reconstructed(prior, known, "sd", Limits(1.0), isosurface)
         assert found is not None
         assert (distances(tip, found.wall).max() < 2.0) == kept
         assert (signed(found.wall, inside) < SIGMA).all()

@@ -49,12 +49,12 @@ def _face_box(face, reach, shape, first, last):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def scatter_distance(layers, corners, reach, shape, bits, table, best, owner):  # type: ignore[no-untyped-def]
-    """Fill in the smallest squared distance (lattice units) of the nodes within `reach` to any face, and that
+    """Fill in the smallest distance (lattice units) of the nodes within `reach` to any face, and that
     face, per block, in adjoining layers of blocks along the first axis.
 
     A face looks along the rows of its grown box, only where its plane and its bounding sphere are within
-    reach; most of these nodes are turned away by a bound, the distance from the circle around the face, that
-    their best face so far already beats.
+    reach; most of these nodes are turned away by a bound, the distance from the sphere or the circle around
+    the face, that their best face so far already beats.
     """
     first, last = np.empty(3, dtype=np.int64), np.empty(3, dtype=np.int64)
     shape_of = np.empty(13)
@@ -87,18 +87,21 @@ def scatter_distance(layers, corners, reach, shape, bits, table, best, owner):  
                 row = ((i & 7) << 3 | (j & 7)) << bits
                 for k in range(low, high + 1):
                     block = table[i >> 3, j >> 3, k >> bits]
-                    limit = min(np.float64(best[block, row | (k & mask)]), reach * reach)
+                    limit = min(np.float64(best[block, row | (k & mask)]), reach)
+                    centre2 = aside2 + (k - cz) ** 2
+                    if centre2 > (limit + radius) ** 2:
+                        continue
                     away = tilt + (k - az) * nz
-                    if away * away > limit:
+                    if abs(away) > limit:
                         continue
                     # the centre lies in the plane: what is along it and outside the circle comes on top
-                    along = np.sqrt(max(aside2 + (k - cz) ** 2 - away * away, 0.0)) - radius
-                    if along > 0.0 and away * away + along * along > limit:
+                    along = np.sqrt(max(centre2 - away * away, 0.0)) - radius
+                    if along > 0.0 and away * away + along * along > limit * limit:
                         continue
                     x, y, z = i - ax, j - ay, k - az
                     gap2 = _segment_gap2(x, y, shape_of) if flat else _triangle_gap2(x, y, z, away, shape_of)
-                    if gap2 <= limit:
-                        best[block, row | (k & mask)] = gap2
+                    if gap2 <= limit * limit:
+                        best[block, row | (k & mask)] = np.sqrt(gap2)
                         owner[block, row | (k & mask)] = m
     return best, owner
 
@@ -178,7 +181,7 @@ def gather_band(table, bits, shape, best, owner):  # type: ignore[no-untyped-def
                         nodes[at, 0] = i
                         nodes[at, 1] = j
                         nodes[at, 2] = (bk << bits) + c
-                        gap[at] = np.sqrt(best[block, row + c])
+                        gap[at] = best[block, row + c]
                         face[at] = owner[block, row + c]
                         at += 1
     return nodes, gap, face

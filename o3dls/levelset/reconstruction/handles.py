@@ -121,9 +121,12 @@ def _tunnel(phi: Array, cut: int, settings: HandleSettings, least: float) -> tup
     in two.
     """
 
+    deep = phi < -least
+    begun = deep & ~_left_out(np.where(deep, phi, least))  # grown first whatever is filled
+
     def spares(nodes: Mask) -> bool:
         """Whether the handle needs no cut when they are filled, but for a node or two elsewhere."""
-        return 2 * _size(_left_out(np.where(nodes, -least, phi))) < cut
+        return 2 * _size(_left_out(np.where(nodes, -least, phi), begun)) < cut
 
     fills = (phi >= 0.0) & ~_outside(phi)
     if not spares(fills):
@@ -149,29 +152,35 @@ def _size(nodes: Mask) -> int:
     return int(np.count_nonzero(nodes))
 
 
+@njit(cache=True, inline="always")
+def _queue_around(node, flat, inside, offsets, queued, queue):  # type: ignore[no-untyped-def]
+    """Queue the neighbours of a node that may join the inside."""
+    for k in range(len(offsets)):
+        other = node + offsets[k]
+        if flat[other] < 0.0 and not (inside[other] or queued[other]):
+            queued[other] = True
+            heapq.heappush(queue, (flat[other], other))
+
+
 @njit(cache=True)
 def _grow(flat, inside, simple, offsets):  # type: ignore[no-untyped-def]
     """Add to the inside (mask, in place) nodes of negative values by simple additions, the lowest first. What
     is inside to begin with has the lowest value of all.
     """
     queued = np.zeros(len(flat), np.bool_)
-    queue = [(flat[start], start) for start in np.flatnonzero(inside)]
+    queue = [(0.0, 0) for _ in range(0)]
+    for start in np.flatnonzero(inside):
+        _queue_around(start, flat, inside, offsets, queued, queue)
     while len(queue) > 0:
         _, node = heapq.heappop(queue)
         queued[node] = False  # one that is not simple now may be when another neighbour has joined
-        if not inside[node]:
-            pattern = 0
-            for k in range(len(offsets)):
-                if inside[node + offsets[k]]:
-                    pattern |= 1 << k
-            if not simple[pattern]:
-                continue
-            inside[node] = True
+        pattern = 0
         for k in range(len(offsets)):
-            other = node + offsets[k]
-            if flat[other] < 0.0 and not (inside[other] or queued[other]):
-                queued[other] = True
-                heapq.heappush(queue, (flat[other], other))
+            if inside[node + offsets[k]]:
+                pattern |= 1 << k
+        if simple[pattern]:
+            inside[node] = True
+            _queue_around(node, flat, inside, offsets, queued, queue)
 
 
 def _grown(phi: Array, start: Mask) -> Mask:
@@ -182,12 +191,15 @@ def _grown(phi: Array, start: Mask) -> Mask:
     return inside.reshape(phi.shape)
 
 
-def _left_out(phi: Array) -> Mask:
-    """Nodes inside (mask) that are not reached from the deepest one: they cut handles, or are islands."""
-    closed = np.pad(phi, 1, constant_values=1.0)
-    start = np.zeros(closed.shape, dtype=bool)
-    start[np.unravel_index(np.argmin(closed), closed.shape)] = True
-    return (phi < 0.0) & ~_grown(closed, start)[1:-1, 1:-1, 1:-1]
+def _left_out(phi: Array, begun: Mask | None = None) -> Mask:
+    """Nodes inside (mask) that are not reached from the deepest one, or from those that have `begun` (mask):
+    they cut handles, or are islands.
+    """
+    if begun is None:
+        begun = np.zeros(phi.shape, dtype=bool)
+        begun[np.unravel_index(np.argmin(phi), phi.shape)] = True
+    grown = _grown(np.pad(phi, 1, constant_values=1.0), np.pad(begun, 1))
+    return (phi < 0.0) & ~grown[1:-1, 1:-1, 1:-1]
 
 
 def _outside(phi: Array) -> Mask:

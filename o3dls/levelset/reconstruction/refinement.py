@@ -12,17 +12,21 @@ from ...run_warning import RunWarning
 from ..correction import Limits
 from ..grid.distance import signed_distance
 from ..refine import Refinement
+from ..repair import Mesher
 from .deviation import deviation
 from .reconstruct import Believed, Reconstruction, reconstruct
 from .settings import ReconstructionSettings
 from .wall import reconstructed_wall
 
 
-def reconstructed(surface: Surface, believed: Believed, sd: str, limits: Limits) -> Refinement | None:
+def reconstructed(
+    surface: Surface, believed: Believed, sd: str, limits: Limits, mesh: Mesher
+) -> Refinement | None:
     """The moved prior reconstructed from points; None where these predict each other no better than it does,
     or it is no single piece. Of handles only those stay or come that points show.
 
-    sd: name of the field of the surface that holds the deviation which the motion leaves. The wall has the
+    sd: name of the field of the surface that holds the deviation which the motion leaves; mesh: what will
+    mesh phi. The wall has the
     surface's fields at its closest points, the deviation of the reconstruction, and `correction`, how far it
     lies outside the surface.
     """
@@ -33,7 +37,7 @@ def reconstructed(surface: Surface, believed: Believed, sd: str, limits: Limits)
     found = reconstruct(surface, believed, limits.spacing, settings)
     if found is None:
         return None
-    wall, removed, filled = reconstructed_wall(found, settings)
+    wall, removed, filled = reconstructed_wall(found, settings, mesh)
     squared, face, _, weights = found.prior.tree.query(wall.vertices)
     side = np.where(found.prior.at(wall.vertices) < 0.0, -1.0, 1.0)
     corners = surface.faces[face]

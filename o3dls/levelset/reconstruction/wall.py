@@ -14,9 +14,13 @@ from scipy.ndimage import (
 )
 
 from ...arrays import Array, Ints
+from ...geometry.components import components_and_euler
 from ...geometry.surface import Surface
 from ..grid.band import Band
+from ..grid.distance import SignedDistance
 from ..grid.isosurface import zero_set
+from ..grid.regularised import regularised
+from ..repair import Mesher
 from .equations import floating
 from .handles import without_handles
 from .normals import nearest
@@ -28,9 +32,14 @@ from .surplus import surplus
 EVEN = 0.8  # area of wall per node on it and squared spacing, for a surface of any direction
 
 
-def reconstructed_wall(found: Reconstruction, settings: ReconstructionSettings) -> tuple[Surface, int, int]:
+def reconstructed_wall(
+    found: Reconstruction, settings: ReconstructionSettings, mesh: Mesher
+) -> tuple[Surface, int, int]:
     """The wall of phi, one piece without handles but such as points show; how many parts were taken away,
     and how many pockets of the outside filled, because points contradict them.
+
+    mesh: what will mesh phi. Where that has another topology, as where walls are closer than the lattice
+    tells apart, the wall is a mesh of fewer faces than the zero set has.
     """
     prior, least = found.prior, settings.least_outside * found.prior.spacing
     begun = phi = _on_lattice(found, settings)
@@ -53,8 +62,11 @@ def reconstructed_wall(found: Reconstruction, settings: ReconstructionSettings) 
     near = binary_dilation((phi < 0.0) & binary_dilation(phi >= 0.0, cube), cube)
     nodes = np.ascontiguousarray(np.argwhere(near), dtype=np.int32)
     band = Band(prior.spacing, prior.clip, prior.low, phi.shape, nodes)
-    vertices, faces = zero_set(band, phi[near])
-    return Surface(vertices, faces), removed + cut, filled
+    wall = Surface(*zero_set(band, phi[near]))
+    meshed = mesh(SignedDistance(band, phi[near], np.full(len(band), -1, dtype=np.int32)))
+    if components_and_euler(*meshed) != components_and_euler(wall.vertices, wall.faces):
+        wall = regularised(wall, prior.spacing)
+    return wall, removed + cut, filled
 
 
 def smooth_cuts(phi: Array, before: Array, width: float) -> Array:
