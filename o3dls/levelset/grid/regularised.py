@@ -43,7 +43,7 @@ def _change_topology(faces: Ints, edges: Ints, group: Ints) -> Mask:
     two faces, or of two faces that would be one.
     """
     count = int(group.max()) + 1
-    ends, corners = np.sort(group[edges], axis=1), group[faces]
+    ends, corners = group[edges], group[faces]
     apart = ends[:, 0] != ends[:, 1]
     inner = ends[~apart, 0]
     whole = corners[(corners[:, 0] == corners[:, 1]) & (corners[:, 1] == corners[:, 2]), 0]
@@ -51,11 +51,15 @@ def _change_topology(faces: Ints, edges: Ints, group: Ints) -> Mask:
     bad: Mask = members - within + filled != 1
     left = _left(faces, group)
     kept, uses = _edges(left)
-    needed, found = (each[:, 0] * count + each[:, 1] for each in (ends[apart], kept))
     bad[kept[uses != 2].ravel()] = True
-    bad[ends[apart][~np.isin(needed, found)].ravel()] = True
-    same, uses = np.unique(np.sort(left, axis=1), axis=0, return_counts=True)
-    bad[same[uses > 1].ravel()] = True
+    needed, found = _keys(*ends[apart].T, count), kept[:, 0] * count + kept[:, 1]
+    at = np.minimum(np.searchsorted(found, needed), len(found) - 1)
+    bad[ends[apart][found[at] != needed].ravel()] = True
+    least, most = left.min(axis=1), left.max(axis=1)
+    face = (least * count + left.sum(axis=1) - least - most) * count + most  # groups are far fewer than 2^21
+    same, uses = np.unique(face, return_counts=True)
+    for corner in (same // count**2, same // count % count, same % count):
+        bad[corner[uses > 1]] = True
     # a vertex alone changes nothing by itself: what it meets is undone
     return np.asarray(bad & (members > 1))
 
@@ -69,6 +73,11 @@ def _left(faces: Ints, group: Ints) -> Ints:
 def _edges(faces: Ints) -> tuple[Ints, Ints]:
     """Edges (e, 2), the smaller end first, and how many faces (e,) have each."""
     count = int(faces.max(initial=0)) + 1
-    ends = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
-    keys, uses = np.unique(ends[:, 0] * count + ends[:, 1], return_counts=True)
+    keys = _keys(faces.T.ravel(), np.roll(faces, -1, axis=1).T.ravel(), count)
+    keys, uses = np.unique(keys, return_counts=True)
     return np.column_stack(np.divmod(keys, count)), uses
+
+
+def _keys(a: Ints, b: Ints, count: int) -> Ints:
+    """A number (e,) for each pair of less than `count`, in either order."""
+    return np.asarray(np.minimum(a, b) * count + np.maximum(a, b))
