@@ -52,7 +52,7 @@ def _change_topology(faces: Ints, edges: Ints, group: Ints) -> Mask:
     left = _left(faces, group)
     kept, uses = _edges(left)
     bad[kept[uses != 2].ravel()] = True
-    needed, found = _keys(*ends[apart].T, count), kept[:, 0] * count + kept[:, 1]
+    needed, found = (_keys(each[:, 0], each[:, 1], count) for each in (ends[apart], kept))
     at = np.minimum(np.searchsorted(found, needed), len(found) - 1)
     bad[ends[apart][found[at] != needed].ravel()] = True
     least, most = left.min(axis=1), left.max(axis=1)

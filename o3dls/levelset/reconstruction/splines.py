@@ -13,6 +13,8 @@ import numpy as np
 from numba import njit
 
 from ...arrays import Array, Ints
+from ...motion.covariance import WORTH
+from ...parallel import by_rows
 
 VARIANCE = 0.55**3  # of a field of unit coefficients: the mean of the squares of a spline's values, per axis
 
@@ -94,7 +96,8 @@ class SplineField:
         """Values (n,) at points (n, 3)."""
         total = np.zeros(len(points))
         for lattice, values in zip(self.lattices, self.coefficients, strict=True):
-            _add(total, points / lattice.spacing, lattice.low, lattice.columns, values)
+            rows = total, points / lattice.spacing
+            by_rows(_add, WORTH, rows, lattice.low, lattice.columns, values)
         return total
 
 
@@ -105,7 +108,7 @@ def _splines(part: Array) -> tuple[Array, Array]:
     return value, np.stack([-left, -2.0 * part, right], axis=-1)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _add(total, scaled, low, columns, values):  # type: ignore[no-untyped-def]
     """Add the sum of the splines at scaled points (n, 3) to `total` (n,)."""
     weights = np.empty((3, 3))
