@@ -73,12 +73,12 @@ class TrialFit:
         """By how much (nats) its last energy is below the other's; or that of a round, the first after tuning
         in which it is less than `least`.
         """
-        k = self._tuned
-        while True:
+        k, found, ended = self._tuned, np.inf, False
+        while found >= least and not ended:
             k += 1
             found = other.energy(k) - self.energy(k)
-            if found < least or k >= max(len(self._energies), len(other._energies)):
-                return found
+            ended = k >= max(len(self._energies), len(other._energies))
+        return found
 
 
 def settled(problem: MotionProblem) -> Iterated:

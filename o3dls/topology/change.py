@@ -41,11 +41,6 @@ class Change:
         return f"{done} at ({where}) {unit}, {support}"
 
 
-def level_set(surface: Surface, spacing: float, half_band: float) -> SignedDistance:
-    """The level set of a surface on which it can be changed, within so many spacings."""
-    return signed_distance(surface.vertices, surface.faces, spacing, half_band * spacing)
-
-
 def changed(before: SignedDistance, change: Change | None) -> Surface:
     """The surface of a level set after a change (None: as it is): one component, without fields."""
     band, phi = before.band, before.phi

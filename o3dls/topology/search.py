@@ -18,14 +18,14 @@ from ..arrays import Array, Ints
 from ..geometry.components import components_and_euler
 from ..geometry.similarity import apply, rms_radius
 from ..geometry.surface import Surface
-from ..levelset.grid.distance import SignedDistance
+from ..levelset.grid.distance import SignedDistance, signed_distance
 from ..levelset.normal_displacement import Wall
 from ..levelset.observation import Measured, Noise, observe
 from ..motion.fit import TrialFit, fit_motion
 from ..motion.observations import Data
 from ..motion.result import MotionFit
 from ..motion.settings import MotionSettings
-from .change import Change, changed, level_set
+from .change import Change, changed
 from .cuts import removals
 from .settings import TopologySettings
 from .tubes import growth
@@ -148,7 +148,8 @@ class TopologySearch:
     def level_set(self, fit: MotionFit, coarser: float = 1.0) -> SignedDistance:
         """The level set of the prior in its pose, on a lattice that is so much coarser."""
         posed = posed_prior(fit)
-        return level_set(posed, coarser * max(self.spacing, _edge(posed)), self.settings.half_band)
+        spacing = coarser * max(self.spacing, _edge(posed))
+        return signed_distance(posed.vertices, posed.faces, spacing, self.settings.half_band * spacing)
 
     def anew(
         self, fit: MotionFit, posed: Surface, data: Data

@@ -68,7 +68,7 @@ class TopologySettings:
     most_points: int = number(1000, "points", "of a kind that propose: topology is no detail,")
     trial_points: int = number(500, "points", "of a kind that judge: four times as fast as all that propose")
     trial_lead: float = number(
-        8.0, "nats", "that a trial may lack in a round after the first tuning: more it does not catch up"
+        8.0, "nats", "that a trial may lack in a round after the first tuning: no more is made up for later"
     )
     trial_spacings: tuple[float, ...] = number(
         (2.0, 1.0),

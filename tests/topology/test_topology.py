@@ -17,12 +17,13 @@ from o3dls.geometry.closest_point import ClosestPoint
 from o3dls.geometry.components import components_and_euler
 from o3dls.geometry.similarity import apply, scale_of, similarity
 from o3dls.geometry.surface import Surface
+from o3dls.levelset.grid.distance import SignedDistance, signed_distance
 from o3dls.levelset.normal_displacement import Wall
 from o3dls.levelset.observation import Measured, Noise, observe
 from o3dls.motion.fit import TrialFit, fit_motion, settled
 from o3dls.motion.problem import motion_problem
 from o3dls.motion.result import MotionFit
-from o3dls.topology.change import Change, body_radius, changed, level_set
+from o3dls.topology.change import Change, body_radius, changed
 from o3dls.topology.cuts import removals
 from o3dls.topology.search import TopologySearch, before_motion, change_topology
 from o3dls.topology.settings import TopologySettings
@@ -144,6 +145,10 @@ def test_a_handle_that_points_deny_is_removed() -> None:
     assert apart(surface(after), truth) < 0.3 * apart(prior, truth)
 
 
+def level_set(surface: Surface, spacing: float) -> SignedDistance:
+    return signed_distance(surface.vertices, surface.faces, spacing, SETTINGS.half_band * spacing)
+
+
 def test_a_tube_that_points_trace_is_grown_and_said() -> None:
     truth = tubed()
     points = sampled(truth, 400, SIGMA, SEED)
@@ -214,7 +219,7 @@ def test_a_change_is_closed_in_one_piece_and_near_where_it_must_be() -> None:
     cuts = removals(Wall(prior), seen(Wall(prior), sampled(ball(), 800, FINE, SEED), FINE), SETTINGS.cuts)
     change = max(cuts, key=lambda cut: cut.gain)
     for spacing in (1.0, 0.5):
-        after = changed(level_set(prior, spacing, SETTINGS.half_band), change)
+        after = changed(level_set(prior, spacing), change)
         assert after.watertight
         assert components_and_euler(after.vertices, after.faces) == (1, 2)
         far = after.vertices[:, 0] < 5.0  # the other side of the body is the prior's
@@ -265,8 +270,8 @@ def test_a_tube_is_the_same_in_every_frame_and_unit(frame: Array) -> None:
     assert second is not None
     # of some hundred nats; a search that ends early misses four and more
     assert second.gain == pytest.approx(first.gain, abs=1.0)
-    after = changed(level_set(ball(), 1.0, SETTINGS.half_band), first).transformed(frame)
-    same = changed(level_set(ball().transformed(frame), unit, SETTINGS.half_band), second)
+    after = changed(level_set(ball(), 1.0), first).transformed(frame)
+    same = changed(level_set(ball().transformed(frame), unit), second)
     assert apart(same, after) < 0.1 * unit
 
 

@@ -120,9 +120,8 @@ def _tunnel(phi: Array, cut: int, settings: HandleSettings, least: float) -> tup
     is narrowest, and these as wide as the lattice can hold; none where nothing does, as where the inside is
     in two.
     """
-
     deep = phi < -least
-    begun = deep & ~_left_out(np.where(deep, phi, least))  # grown first whatever is filled
+    begun = deep & ~_left_out(np.where(deep, phi, least))  # grown first, whatever is filled
 
     def spares(nodes: Mask) -> bool:
         """Whether the handle needs no cut when they are filled, but for a node or two elsewhere."""
@@ -164,11 +163,11 @@ def _queue_around(node, flat, inside, offsets, queued, queue):  # type: ignore[n
 
 @njit(cache=True)
 def _grow(flat, inside, simple, offsets):  # type: ignore[no-untyped-def]
-    """Add to the inside (mask, in place) nodes of negative values by simple additions, the lowest first. What
-    is inside to begin with has the lowest value of all.
+    """Add to the inside (mask, in place) nodes of negative values next to it by simple additions, the lowest
+    first.
     """
     queued = np.zeros(len(flat), np.bool_)
-    queue = [(0.0, 0) for _ in range(0)]
+    queue = [(0.0, 0) for _ in range(0)]  # empty, and the compiler knows of what
     for start in np.flatnonzero(inside):
         _queue_around(start, flat, inside, offsets, queued, queue)
     while len(queue) > 0:
@@ -195,7 +194,7 @@ def _left_out(phi: Array, begun: Mask | None = None) -> Mask:
     """Nodes inside (mask) that are not reached from the deepest one, or from those that have `begun` (mask):
     they cut handles, or are islands.
     """
-    if begun is None:
+    if begun is None or not begun.any():
         begun = np.zeros(phi.shape, dtype=bool)
         begun[np.unravel_index(np.argmin(phi), phi.shape)] = True
     grown = _grown(np.pad(phi, 1, constant_values=1.0), np.pad(begun, 1))

@@ -26,9 +26,8 @@ def reconstructed(
     or it is no single piece. Of handles only those stay or come that points show.
 
     sd: name of the field of the surface that holds the deviation which the motion leaves; mesh: what will
-    mesh phi. The wall has the
-    surface's fields at its closest points, the deviation of the reconstruction, and `correction`, how far it
-    lies outside the surface.
+    mesh phi. The wall has the surface's fields at its closest points, the deviation of the reconstruction,
+    and `correction`, how far it lies outside the surface.
     """
     pieces, euler = components_and_euler(surface.vertices, surface.faces)
     if pieces != 1:
