@@ -97,6 +97,14 @@ def _inside(
     return np.asarray((number != 0) if inverted else (number > 0))
 
 
+def _spread(count: int) -> Ints:
+    """An order of so many faces in which every 64th comes first, then every eighth: each node soon has one
+    that is near.
+    """
+    number = np.arange(count)
+    return np.argsort((number % 64 > 0).astype(int) + (number % 8 > 0), kind="stable")
+
+
 def _unsigned(
     corners: Array, reach: float, box: Ints, dimension: int
 ) -> tuple[NDArray[np.int32], Array, NDArray[np.int32]]:
@@ -106,6 +114,6 @@ def _unsigned(
     owner = np.full(best.shape, -1, dtype=np.int32)
     layers = (np.arange(len(table)),)
     # two layers of blocks are worth a thread
-    by_rows(scatter_distance, 2, layers, corners, reach, box, bits, table, best, owner)
+    by_rows(scatter_distance, 2, layers, _spread(len(corners)), corners, reach, box, bits, table, best, owner)
     nodes, gap, face = gather_band(table, bits, box, best, owner)
     return nodes, gap, face

@@ -48,62 +48,92 @@ def _face_box(face, reach, shape, first, last):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def scatter_distance(layers, corners, reach, shape, bits, table, best, owner):  # type: ignore[no-untyped-def]
+def scatter_distance(layers, order, corners, reach, shape, bits, table, best, owner):  # type: ignore[no-untyped-def]
     """Fill in the smallest distance (lattice units) of the nodes within `reach` to any face, and that
-    face, per block, in adjoining layers of blocks along the first axis.
+    face, per block, in adjoining layers of blocks along the first axis; faces in the order given.
 
-    A face looks along the rows of its grown box, only where its plane and its bounding sphere are within
-    reach; most of these nodes are turned away by a bound, the distance from the sphere or the circle around
-    the face, that their best face so far already beats.
+    A face looks at the layers of nodes of the blocks that its grown box touches. All nodes of a layer at once
+    are turned away by a bound, their distance from the circle around the face, which their best face so far
+    already beats: the sooner each has a good one, the more.
     """
     first, last = np.empty(3, dtype=np.int64), np.empty(3, dtype=np.int64)
     shape_of = np.empty(13)
-    mask = (1 << bits) - 1
-    flat = corners.shape[1] == 2
-    for m in range(corners.shape[0]):
-        face = corners[m]
-        _face_box(face, reach, shape, first, last)
+    lanes = 8 << bits  # nodes of a layer
+    thick = 1 << bits
+    steps_y = (np.arange(lanes) >> bits).astype(np.float32)
+    steps_z = (np.arange(lanes) & (thick - 1)).astype(np.float32)
+    spare = np.empty(lanes, dtype=np.float32)
+    worst = np.full((best.shape[0], 8), reach)  # distance of a layer's node that is farthest off
+    for m in order:
+        _face_box(corners[m], reach, shape, first, last)
         first[0], last[0] = max(first[0], layers[0] << 3), min(last[0], (layers[-1] << 3) + 7)
         if first[0] > last[0]:
             continue
-        _measure(face, shape_of)
-        cx, cy, cz, radius, nx, ny, nz = shape_of[:7]
-        ax, ay, az = face[0]
-        for i in range(first[0], last[0] + 1):
-            for j in range(first[1], last[1] + 1):
-                aside2 = (i - cx) ** 2 + (j - cy) ** 2
-                room = (reach + radius) ** 2 - aside2
-                if room < 0.0:
-                    continue
-                half = np.sqrt(room)
-                low = max(first[2], int(np.ceil(cz - half)))
-                high = min(last[2], int(np.floor(cz + half)))
-                tilt = (i - ax) * nx + (j - ay) * ny
-                if abs(nz) > 1e-3:
-                    up = az + (reach - tilt) / nz
-                    down = az - (reach + tilt) / nz
-                    low = max(low, int(np.ceil(min(up, down) - 1e-9)))
-                    high = min(high, int(np.floor(max(up, down) + 1e-9)))
-                row = ((i & 7) << 3 | (j & 7)) << bits
-                for k in range(low, high + 1):
-                    block = table[i >> 3, j >> 3, k >> bits]
-                    limit = min(np.float64(best[block, row | (k & mask)]), reach)
-                    centre2 = aside2 + (k - cz) ** 2
-                    if centre2 > (limit + radius) ** 2:
+        _measure(corners[m], shape_of)
+        cx, cy, cz, radius = shape_of[:4]
+        for bj in range(first[1] >> 3, (last[1] >> 3) + 1):
+            y = (bj << 3) - cy
+            for bk in range(first[2] >> bits, (last[2] >> bits) + 1):
+                z = (bk << bits) - cz
+                beside2 = max(y, -y - 7.0, 0.0) ** 2 + max(z, 1.0 - thick - z, 0.0) ** 2
+                for i in range(first[0], last[0] + 1):
+                    block, layer = table[i >> 3, bj, bk], i & 7
+                    if (i - cx) ** 2 + beside2 > (worst[block, layer] + radius) ** 2:
                         continue
-                    away = tilt + (k - az) * nz
-                    if abs(away) > limit:
+                    mine = best[block, layer * lanes : (layer + 1) * lanes]
+                    if _spare(mine, steps_y, steps_z, (i - cx, y, z), shape_of, reach, spare) == 0:
                         continue
-                    # the centre lies in the plane: what is along it and outside the circle comes on top
-                    along = np.sqrt(max(centre2 - away * away, 0.0)) - radius
-                    if along > 0.0 and away * away + along * along > limit * limit:
-                        continue
-                    x, y, z = i - ax, j - ay, k - az
-                    gap2 = _segment_gap2(x, y, shape_of) if flat else _triangle_gap2(x, y, z, away, shape_of)
-                    if gap2 <= limit * limit:
-                        best[block, row | (k & mask)] = np.sqrt(gap2)
-                        owner[block, row | (k & mask)] = m
+                    theirs = owner[block, layer * lanes : (layer + 1) * lanes]
+                    nearer = False
+                    for c in range(lanes):
+                        k = (bk << bits) + (c & (thick - 1))
+                        if spare[c] > 0.0 and k <= last[2]:
+                            node = i, (bj << 3) + (c >> bits), k
+                            nearer |= _try(m, node, corners[m], shape_of, reach, c, mine, theirs)
+                    if nearer:
+                        worst[block, layer] = min(reach, mine.max())
     return best, owner
+
+
+@njit(cache=True, fastmath=True)
+def _spare(best, steps_y, steps_z, start, face, reach, spare):  # type: ignore[no-untyped-def]
+    """How many nodes of a layer a face may be nearer to than the best so far: those where `spare`, the
+    difference of squared distances from that and from the circle around the face, is positive.
+
+    start: the layer's first node, from the centre of the circle. In single precision, of which the processor
+    does many at once, with room for its rounding.
+    """
+    x, y0, z0 = np.float32(start[0]), np.float32(start[1]), np.float32(start[2])
+    nx, ny, nz = np.float32(face[4]), np.float32(face[5]), np.float32(face[6])
+    radius, most = np.float32(face[3] + 1e-4), np.float32(reach + 1e-4)
+    zero, count = np.float32(0.0), np.int32(0)
+    for c in range(len(spare)):
+        y, z = y0 + steps_y[c], z0 + steps_z[c]
+        away = x * nx + y * ny + z * nz
+        along2 = x * x + y * y + z * z - away * away
+        along = np.sqrt(along2 if along2 > zero else zero) - radius
+        along = along if along > zero else zero
+        limit = best[c] if best[c] < most else most
+        more = limit * limit - (away * away + along * along)
+        spare[c] = more
+        count += np.int32(more > zero)
+    return count
+
+
+@njit(cache=True, inline="always")
+def _try(m, node, corners, face, reach, c, best, owner):  # type: ignore[no-untyped-def]
+    """Write a face's distance from a node, and its number, where that is the smallest so far."""
+    x, y, z = node[0] - corners[0, 0], node[1] - corners[0, 1], node[2] - corners[0, 2]
+    if len(corners) == 2:
+        gap2 = _segment_gap2(x, y, face)
+    else:
+        gap2 = _triangle_gap2(x, y, z, x * face[4] + y * face[5] + z * face[6], face)
+    limit = min(np.float64(best[c]), reach)
+    nearer = gap2 <= limit * limit
+    if nearer:
+        best[c] = np.sqrt(gap2)
+        owner[c] = m
+    return nearer
 
 
 @njit(cache=True)
