@@ -69,14 +69,17 @@ class Band:
     @cached_property
     def neighbours(self) -> NDArray[np.int32]:
         """Rows of the previous and the next node along every axis, (n, d, 2); -1 where the band ends."""
-        pairs = []
+        from .kernels import rows_of
+
+        pairs = np.full((len(self), self.dimension, 2), -1, dtype=np.int32)
         for axis, size in enumerate(self.shape):
             stride = int(np.prod(self.shape[axis + 1 :]))
-            at = self.nodes[:, axis]
-            pairs.append(
-                [self._rows(self.keys - stride, at > 0), self._rows(self.keys + stride, at < size - 1)]
-            )
-        return np.ascontiguousarray(np.moveaxis(np.array(pairs, dtype=np.int32), 2, 0))
+            after = rows_of(self.keys, self.keys + stride)
+            after[self.nodes[:, axis] == size - 1] = -1
+            there = np.flatnonzero(after >= 0)
+            pairs[:, axis, 1] = after
+            pairs[after[there], axis, 0] = there
+        return pairs
 
     def interpolation(self, points: Array) -> sparse.csr_matrix:
         """Multilinear interpolation from nodes to points, a (k, n) matrix whose rows sum to 1 (to 0 where no

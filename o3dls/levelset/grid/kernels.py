@@ -28,6 +28,49 @@ def fill_far(rows, keys, phi, width):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
+def rows_of(keys, wanted):  # type: ignore[no-untyped-def]
+    """Row (n,) of each wanted key among keys, both ascending; -1 where it is not there."""
+    rows = np.full(len(wanted), -1, dtype=np.int32)
+    at = 0
+    for k in range(len(wanted)):
+        while at < len(keys) and keys[at] < wanted[k]:
+            at += 1
+        if at < len(keys) and keys[at] == wanted[k]:
+            rows[k] = at
+    return rows
+
+
+@njit(cache=True)
+def crossed_cells(neighbours, phi):  # type: ignore[no-untyped-def]
+    """Corner rows (c, 2^d) of the lattice cells that phi changes sign in (bit a of a corner's number: a step
+    along axis a); neighbours (n, d, 2) as a band has them.
+    """
+    dimension = neighbours.shape[1]
+    wide = 1 << dimension
+    corners = np.empty(wide, dtype=np.int64)
+    cells = np.empty((0, wide), dtype=np.int64)
+    for filling in range(2):  # count, then fill
+        count = 0
+        for first in range(len(phi)):
+            corners[0] = first
+            inside = 1 if phi[first] < 0.0 else 0
+            whole = True
+            for axis in range(dimension):
+                for c in range(1 << axis):
+                    row = neighbours[corners[c], axis, 1]
+                    whole = whole and row >= 0
+                    corners[(1 << axis) + c] = max(row, 0)
+                    inside += 1 if phi[max(row, 0)] < 0.0 else 0
+            if whole and 0 < inside < wide:
+                if filling == 1:
+                    cells[count] = corners
+                count += 1
+        if filling == 0:
+            cells = np.empty((count, wide), dtype=np.int64)
+    return cells
+
+
+@njit(cache=True)
 def march_simplices(corners, phi, simplices):  # type: ignore[no-untyped-def]
     """Linear zero set of phi on simplices that split each lattice cell (Kuhn), manifold by construction.
 
@@ -76,6 +119,41 @@ def march_simplices(corners, phi, simplices):  # type: ignore[no-untyped-def]
                         source[count + f, 0], source[count + f, 1] = c, s
                 count += made
     return faces, source
+
+
+@njit(cache=True)
+def wind_outward(faces, vertices, positions, phi, cells, simplices, source):  # type: ignore[no-untyped-def]
+    """Turn (in place) every face of `march_simplices` so that its normal points to where phi is positive in
+    its simplex: from the mean inner to the mean outer corner.
+    """
+    size = faces.shape[1]
+    means, count = np.zeros((2, size)), np.zeros(2)
+    for m in range(faces.shape[0]):
+        means[:], count[:] = 0.0, 0.0
+        for k in range(size + 1):
+            row = cells[source[m, 0], simplices[source[m, 1], k]]
+            side = 0 if phi[row] < 0.0 else 1
+            count[side] += 1.0
+            for a in range(size):
+                means[side, a] += (positions[row, a] - means[side, a]) / count[side]
+        first, last = faces[m, 0], faces[m, size - 1]
+        along = 0.0
+        for a in range(size):
+            b, c = (a + 1) % size, (a + 2) % size
+            if size == 2:
+                normal = (1 - 2 * a) * (vertices[last, b] - vertices[first, b])
+            else:
+                normal = _edge(vertices, faces[m], 1, b) * _edge(vertices, faces[m], 2, c)
+                normal -= _edge(vertices, faces[m], 1, c) * _edge(vertices, faces[m], 2, b)
+            along += normal * (means[1, a] - means[0, a])
+        if along < 0.0:
+            faces[m, 0], faces[m, size - 1] = last, first
+
+
+@njit(cache=True, inline="always")
+def _edge(vertices, face, corner, axis):  # type: ignore[no-untyped-def]
+    """Along an axis, from the first corner of a face to another."""
+    return vertices[face[corner], axis] - vertices[face[0], axis]
 
 
 @njit(cache=True)
