@@ -10,7 +10,6 @@ Braga-Neto and Prince 2002 do).
 
 from __future__ import annotations
 
-import heapq
 from collections.abc import Callable
 from functools import cache
 from itertools import product
@@ -152,42 +151,69 @@ def _size(nodes: Mask) -> int:
 
 
 @njit(cache=True, inline="always")
-def _queue_around(node, flat, inside, offsets, queued, queue):  # type: ignore[no-untyped-def]
-    """Queue the neighbours of a node that may join the inside."""
+def _queue_around(node, rank, inside, offsets, queued, waiting, first):  # type: ignore[no-untyped-def]
+    """Queue the neighbours of a node that may join the inside; the lowest rank that waits, of `first` too."""
     for k in range(len(offsets)):
         other = node + offsets[k]
-        if flat[other] < 0.0 and not (inside[other] or queued[other]):
-            queued[other] = True
-            heapq.heappush(queue, (flat[other], other))
+        place = rank[other]
+        if place >= 0 and not (inside[other] or queued[place]):
+            queued[place] = True
+            waiting[place >> 8] += 1
+            first = min(first, place)
+    return first
 
 
 @njit(cache=True)
-def _grow(flat, inside, simple, offsets):  # type: ignore[no-untyped-def]
-    """Add to the inside (mask, in place) nodes of negative values next to it by simple additions, the lowest
-    first.
+def _grow(nodes, rank, inside, simple, offsets):  # type: ignore[no-untyped-def]
+    """Add to the inside (mask, in place) nodes next to it by simple additions, the first in `nodes` first.
+
+    rank: of every node of the box among these, or -1.
     """
-    queued = np.zeros(len(flat), np.bool_)
-    queue = [(0.0, 0) for _ in range(0)]  # empty, and the compiler knows of what
+    queued = np.zeros(len(nodes), np.bool_)
+    waiting = np.zeros((len(nodes) >> 8) + 2, np.int64)  # in each chunk of the queue
+    first = len(nodes)
     for start in np.flatnonzero(inside):
-        _queue_around(start, flat, inside, offsets, queued, queue)
-    while len(queue) > 0:
-        _, node = heapq.heappop(queue)
-        queued[node] = False  # one that is not simple now may be when another neighbour has joined
+        first = _queue_around(start, rank, inside, offsets, queued, waiting, first)
+    while first < len(nodes):
+        if waiting[first >> 8] == 0:
+            first = ((first >> 8) + 1) << 8
+            continue
+        if not queued[first]:
+            first += 1
+            continue
+        node = nodes[first]
+        queued[first] = False  # one that is not simple now may be when another neighbour has joined
+        waiting[first >> 8] -= 1
         pattern = 0
         for k in range(len(offsets)):
             if inside[node + offsets[k]]:
                 pattern |= 1 << k
         if simple[pattern]:
             inside[node] = True
-            _queue_around(node, flat, inside, offsets, queued, queue)
+            first = _queue_around(node, rank, inside, offsets, queued, waiting, first)
 
 
 def _grown(phi: Array, start: Mask) -> Mask:
-    """Negative nodes (mask) that grow from others by simple additions; the border of the box is not grown."""
+    """Negative nodes (mask) that grow from others by simple additions, the lowest first; the border of the
+    box is not grown.
+    """
     offsets = STEPS @ np.array([phi.shape[1] * phi.shape[2], phi.shape[2], 1])
     inside = np.ascontiguousarray(start).ravel().copy()
-    _grow(np.ascontiguousarray(phi).ravel(), inside, _simple_patterns(), offsets)
+    nodes = np.flatnonzero((phi.ravel() < 0.0) & ~inside)
+    nodes = nodes[_ascending(phi.ravel()[nodes])]
+    rank = np.full(phi.size, -1, dtype=np.int32)
+    rank[nodes] = np.arange(len(nodes))
+    _grow(nodes, rank, inside, _simple_patterns(), offsets)
     return inside.reshape(phi.shape)
+
+
+def _ascending(values: Array) -> Ints:
+    """Indices (n,) that sort negative values, equal ones as they come: by their bits, of which those that n
+    takes are an index and no more of the value, since numbers are sorted faster than indices.
+    """
+    index = np.arange(len(values))
+    room = (1 << len(values).bit_length()) - 1
+    return np.sort((~(-values).view(np.int64) & ~room) | index) & room
 
 
 def _left_out(phi: Array, begun: Mask | None = None) -> Mask:
