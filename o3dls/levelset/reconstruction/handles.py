@@ -16,9 +16,10 @@ from itertools import product
 
 import numpy as np
 from numba import njit
-from scipy.ndimage import binary_dilation, label
+from scipy.ndimage import label
 
 from ...arrays import Array, Ints, Mask
+from ..grid.masks import widened
 from .settings import HandleSettings
 
 Evidence = Callable[[Array, Mask], float]
@@ -136,13 +137,13 @@ def _tunnel(phi: Array, cut: int, settings: HandleSettings, least: float) -> tup
         fewer = fills & (parts != k + 1)
         if spares(fewer):
             fills = fewer
-    wider = binary_dilation(fills) & (phi >= 0.0)
+    wider = widened(fills) & (phi >= 0.0)
     return fills, wider if spares(wider) else fills
 
 
 def _cut(phi: Array, nodes: Mask, least: float) -> Array:
     """phi with the inside at nodes (mask) and next to them made outside."""
-    wider = binary_dilation(nodes) & (phi < 0.0)
+    wider = widened(nodes) & (phi < 0.0)
     return np.where(wider, np.maximum(-phi, least), phi)
 
 

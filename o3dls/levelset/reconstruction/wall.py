@@ -5,13 +5,7 @@ handles that they do not show, and its zero set.
 from __future__ import annotations
 
 import numpy as np
-from scipy.ndimage import (
-    binary_dilation,
-    binary_erosion,
-    distance_transform_edt,
-    gaussian_filter,
-    label,
-)
+from scipy.ndimage import distance_transform_edt, gaussian_filter, label
 
 from ...arrays import Array, Ints
 from ...geometry.components import components_and_euler
@@ -19,6 +13,7 @@ from ...geometry.surface import Surface
 from ..grid.band import Band
 from ..grid.distance import SignedDistance
 from ..grid.isosurface import zero_set
+from ..grid.masks import gaps, widened
 from ..grid.regularised import regularised
 from ..repair import Mesher
 from .equations import floating
@@ -58,8 +53,7 @@ def reconstructed_wall(
     density = PointDensity(found.wall.points, found.sigma, corner, prior.spacing, settings.handles)
     asked = settings.handles.least_cut * (found.radius / prior.spacing) ** 2
     phi[around] = without_handles(phi[around], density.log_likelihood, settings.handles, least, asked)
-    cube = np.ones((3, 3, 3), dtype=bool)
-    near = binary_dilation((phi < 0.0) & binary_dilation(phi >= 0.0, cube), cube)
+    near = widened((phi < 0.0) & widened(phi >= 0.0, corners=True), corners=True)
     nodes = np.ascontiguousarray(np.argwhere(near), dtype=np.int32)
     band = Band(prior.spacing, prior.clip, prior.low, phi.shape, nodes)
     wall = Surface(*zero_set(band, phi[near]))
@@ -72,7 +66,7 @@ def reconstructed_wall(
 def smooth_cuts(phi: Array, before: Array, width: float) -> Array:
     """phi without the steps of the lattice, averaged over `width` nodes, where its sign was changed."""
     changed = (phi < 0.0) != (before < 0.0)
-    edge = binary_dilation(changed, iterations=2) & ~binary_erosion(changed, iterations=2)
+    edge = widened(changed, 2) & widened(~changed, 2)
     near = 2.0 * np.median(np.abs(phi[edge])) if edge.any() else 0.0
     return np.where(edge, gaussian_filter(np.clip(phi, -near, near), width), phi)
 
@@ -84,14 +78,13 @@ def _on_lattice(found: Reconstruction, settings: ReconstructionSettings) -> Arra
     marked = np.zeros(phi.shape, dtype=bool)
     marked[tuple(_nodes(np.vstack([found.wall.feet, found.inside]), found).T)] = True
     reach = max(settings.around * prior.clip, settings.around_between * found.between)
-    gap = distance_transform_edt(~marked) * prior.spacing
+    alone = settings.bare_between * found.between
+    gap = gaps(marked, max(reach, alone) / prior.spacing) * prior.spacing
     near = (np.abs(phi) < prior.clip) | (gap < reach)
     at = np.argwhere(near) + prior.low
     phi[near] += found.field.at(np.asarray(at * prior.spacing, dtype=np.float64))
     # what is open to the outside has no wall: neither points nor the moved prior bound it
-    bare = (
-        (phi < 0.0) & (prior.box > settings.bare * prior.clip) & (gap > settings.bare_between * found.between)
-    )
+    bare = (phi < 0.0) & (prior.box > settings.bare * prior.clip) & (gap > alone)
     open_parts, _ = label((phi >= 0.0) | bare)
     phi[bare & (open_parts == open_parts[0, 0, 0])] = settings.least_outside * prior.spacing
     return phi
@@ -114,7 +107,7 @@ def without_pinched_off(
     around = _around_wall(phi, int(np.ceil(neck / spacing)) + 2)
     whole, phi = phi, phi[around]
     inside = phi < 0.0
-    core, parts = label(distance_transform_edt(inside) * spacing > neck)
+    core, parts = label(inside & (gaps(~inside, neck / spacing) * spacing > neck))
     if parts < 2:
         return whole, 0
     low = [side.start for side in around]
@@ -122,7 +115,7 @@ def without_pinched_off(
     sizes[0] = 0
     closest = distance_transform_edt(core == 0, return_distances=False, return_indices=True)
     part = np.where(inside, core[tuple(closest)], 0)
-    wall = inside & binary_dilation(~inside)
+    wall = inside & widened(~inside)
     walls = np.bincount(part[wall], minlength=parts + 1)
     at = _nodes(found.wall.feet, found) - low
     near = _gaps(np.argwhere(wall), at) * spacing < settings.surplus.reach * found.between
@@ -137,7 +130,7 @@ def without_pinched_off(
         if k == sizes.argmax() or expected[k] < settings.expected or supported[k] > settings.supported:
             continue
         mine = part == k
-        joint = mine & binary_dilation(inside & ~mine)
+        joint = mine & widened(inside & ~mine)
         reach = (neck + found.between) / spacing
         if not joint.any() or (_gaps(at, np.argwhere(joint)) < reach).sum() >= settings.around_neck:
             phi[mine] = np.maximum(-phi[mine], settings.least_outside * spacing)
