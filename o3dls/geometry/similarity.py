@@ -69,16 +69,20 @@ def is_pose(matrix: Array, dimension: int) -> bool:
 def fit_similarity(
     source: Array, target: Array, weights: Array | None = None, *, scale: bool = True
 ) -> Array:
-    """Least-squares similarity (or rigid motion) that maps source (n, d) onto target (n, d) (Umeyama
-    1991).
+    """Least-squares similarity (or rigid motion) that maps source (..., n, d) onto target (n, d) (Umeyama
+    1991): one for each source.
     """
-    w = np.ones(len(source)) if weights is None else np.asarray(weights, dtype=np.float64)
+    w = np.ones(len(target)) if weights is None else np.asarray(weights, dtype=np.float64)
     w = w / w.sum()
     mean_a, mean_b = w @ source, w @ target
-    a, b = source - mean_a, target - mean_b
+    a, b = source - mean_a[..., None, :], target - mean_b
     u, s, vt = np.linalg.svd((b * w[:, None]).T @ a)
-    sign = np.ones(source.shape[1])
-    sign[-1] = np.sign(np.linalg.det(u @ vt))
-    rotation = (u * sign) @ vt
-    factor = float((s * sign).sum() / (w @ (a**2).sum(axis=1))) if scale else 1.0
-    return similarity(rotation, mean_b - factor * rotation @ mean_a, factor)
+    sign = np.ones_like(s)
+    sign[..., -1] = np.sign(np.linalg.det(u @ vt))
+    rotation = (u * sign[..., None, :]) @ vt
+    factor = (s * sign).sum(axis=-1) / ((a**2).sum(axis=-1) @ w) if scale else np.ones(s.shape[:-1])
+    matrix = np.zeros((*s.shape[:-1], s.shape[-1] + 1, s.shape[-1] + 1))
+    matrix[..., :-1, :-1] = factor[..., None, None] * rotation
+    matrix[..., :-1, -1] = mean_b - (matrix[..., :-1, :-1] @ mean_a[..., None])[..., 0]
+    matrix[..., -1, -1] = 1.0
+    return matrix

@@ -76,17 +76,18 @@ def fix_a_pose(prior: Array, measured: Array) -> bool:
 
 def readings(prior: Array, measured: Array, weights: Array, *, scale: bool) -> list[Reading]:
     """Every reading of landmarks (n, d), as named first."""
-    d = prior.shape[1]
+    orders = _orders(len(prior))
     found = []
     for mirrored in (False, True):
-        flip = np.diag([-1.0 if mirrored else 1.0, *np.ones(d)])
-        for order in _orders(len(prior)):
-            turned = apply(flip, prior[list(order)])
-            matrix = fit_similarity(turned, measured, weights, scale=scale)
-            misses = errors(turned, measured, matrix)
-            found.append(
-                Reading(order, mirrored, matrix @ flip, float(np.sqrt(weights @ misses**2 / weights.sum())))
-            )
+        flip = np.diag([-1.0 if mirrored else 1.0, *np.ones(prior.shape[1])])
+        turned = apply(flip, prior)[np.array(orders)]
+        matrices = fit_similarity(turned, measured, weights, scale=scale)
+        moved = turned @ np.swapaxes(matrices[:, :-1, :-1], 1, 2) + matrices[:, None, :-1, -1]
+        rms = np.sqrt(((moved - measured) ** 2).sum(axis=2) @ weights / weights.sum())
+        found += [
+            Reading(order, mirrored, matrix @ flip, float(one))
+            for order, matrix, one in zip(orders, matrices, rms, strict=True)
+        ]
     return found
 
 
