@@ -40,11 +40,14 @@ class Wall:
         """Signed distance (n,), corner vertices (n, d) of the foot's face and its barycentric weights (n,
         d).
         """
-        squared, face, foot, weights = self.tree.query(points)
-        corners = self.faces[face]
-        outward = np.einsum("nc,ncd->nd", weights, self.normals[corners])
-        return (
-            np.sqrt(squared) * np.where(((points - foot) * outward).sum(axis=1) < 0.0, -1.0, 1.0),
-            corners,
-            weights,
-        )
+        distance, face, weights = self.nearest(points)
+        return distance, self.faces[face], weights
+
+    def nearest(self, points: Array, hint: Ints | None = None) -> tuple[Array, Ints, Array]:
+        """Signed distance (n,), face (n,) of the foot and its barycentric weights (n, d); `hint` (n,): faces
+        that are probably near.
+        """
+        squared, face, foot, weights = self.tree.query(points, hint=hint)
+        outward = np.einsum("nc,ncd->nd", weights, self.normals[self.faces[face]])
+        inside = ((points - foot) * outward).sum(axis=1) < 0.0
+        return np.sqrt(squared) * np.where(inside, -1.0, 1.0), face, weights

@@ -89,8 +89,9 @@ def _tubes(wall: Wall, measured: Measured, cluster: Array, settings: TubeSetting
         return likelihood.loss(np.minimum(distance, cone(measured.points, tube)) - measured.bias)
 
     def cost(tube: Array) -> float:
-        return float(after(tube).sum()) + _rarity(wall, tube, radius, settings)
+        return float(after(tube).sum()) + _rarity(foot, tube, radius, settings)
 
+    foot = _Foot(wall)
     first = _first(wall, cluster, radius, settings)
     units = np.r_[np.full(2 * surface.dimension, radius), 1.0, 1.0]
     for tube in _fitted(cost, first, units, settings):
@@ -102,7 +103,7 @@ def _tubes(wall: Wall, measured: Measured, cluster: Array, settings: TubeSetting
         exposed = _exposed(wall, region)
         if not _of_a_chamber(whole, tube, exposed, radius, settings):
             centre = tube[: 2 * surface.dimension].reshape(2, -1).mean(axis=0)
-            rarity = _rarity(wall, tube, radius, settings)
+            rarity = _rarity(foot, tube, radius, settings)
             gathers = settings.expected_points * exposed / surface.area
             change = Change(False, region, float(gain.sum()), rarity, gathers, witnesses, cluster, centre)
             yield replace(change, gain=change.gain - change.price(len(whole.points)))
@@ -165,11 +166,23 @@ def _first(wall: Wall, cluster: Array, radius: float, settings: TubeSettings) ->
     return np.concatenate([start, 0.5 * (middle + far), [size, size]])
 
 
-def _rarity(wall: Wall, tube: Array, radius: float, settings: TubeSettings) -> float:
+class _Foot:
+    """How high one place after another lies over a wall: each as a rule near the last."""
+
+    def __init__(self, wall: Wall) -> None:
+        self.wall = wall
+        self.face: Ints | None = None
+
+    def height(self, place: Array) -> float:
+        height, self.face, _ = self.wall.nearest(place[None], self.face)
+        return float(height[0])
+
+
+def _rarity(foot: _Foot, tube: Array, radius: float, settings: TubeSettings) -> float:
     """-log of how common a tube is: of usual radius, even, no longer than need be, and rooted in the body."""
     d = len(tube[:-2]) // 2
     sizes = (tube[-2:] - np.log(settings.radius * radius)) / settings.radius_log_sd
-    depth = wall.look(tube[None, :d])[0][0] / np.exp(tube[-2])
+    depth = foot.height(tube[:d]) / np.exp(tube[-2])
     length = float(np.linalg.norm(tube[d : 2 * d] - tube[:d])) / radius
     return float(
         0.5 * (sizes**2).sum()
