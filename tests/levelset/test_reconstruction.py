@@ -61,6 +61,16 @@ def rebuilt(prior: Surface, points: Array, weights: Array | None = None) -> Refi
     return reconstructed(prior, believed(points, weights), "sd", Limits(1.0), isosurface)
 
 
+def test_a_field_on_a_box_is_the_field_at_its_nodes() -> None:
+    rng = np.random.default_rng(3)
+    points = rng.uniform(-9.0, 14.0, (60, 3))
+    lattices = [SplineLattice.around(points, width) for width in (7.0, 3.1)]
+    field = SplineField(lattices, [rng.normal(size=one.count) for one in lattices])
+    low, shape, spacing = np.array([-14, -9, -12]), (25, 19, 22), 1.3  # reaches beyond the lattices
+    nodes = (np.indices(shape).reshape(3, -1).T + low) * spacing
+    np.testing.assert_allclose(field.on_box(low, shape, spacing).ravel(), field.at(nodes), atol=1e-12)
+
+
 def test_splines_are_a_partition_of_unity_with_exact_derivatives() -> None:
     points = np.random.default_rng(SEED).uniform(-9.0, 9.0, (300, 3))
     lattice = SplineLattice.around(points, 2.5)

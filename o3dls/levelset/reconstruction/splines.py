@@ -53,6 +53,16 @@ class SplineLattice:
         columns = self.columns[tuple(np.moveaxis(at, 2, 0))].astype(np.int32)
         return SplineRows(self.count, columns, value, slope / self.spacing)
 
+    def along(self, axis: int, scaled: Array) -> Array:
+        """Values (n, k) of the lattice's k splines along one axis, at scaled coordinates (n,)."""
+        base = np.round(scaled)
+        value, _ = _splines(scaled - base)
+        columns = base.astype(np.int64)[:, None] - self.low[axis] + np.arange(-1, 2)
+        there = (columns >= 0) & (columns < self.columns.shape[axis])
+        out = np.zeros((len(scaled), self.columns.shape[axis]))
+        out[np.nonzero(there)[0], columns[there]] = value[there]
+        return out
+
 
 @dataclass(frozen=True, eq=False)
 class SplineRows:
@@ -98,6 +108,18 @@ class SplineField:
         for lattice, values in zip(self.lattices, self.coefficients, strict=True):
             rows = total, points / lattice.spacing
             by_rows(_add, WORTH, rows, lattice.low, lattice.columns, values)
+        return total
+
+    def on_box(self, low: Ints, shape: tuple[int, ...], spacing: float) -> Array:
+        """Values on the nodes (index + low) * spacing of a box, one axis after the other."""
+        total = np.zeros(shape)
+        for lattice, values in zip(self.lattices, self.coefficients, strict=True):
+            field = np.where(lattice.columns >= 0, values[lattice.columns], 0.0)
+            for axis, count in enumerate(shape):
+                scaled = (np.arange(count) + low[axis]) * spacing / lattice.spacing
+                along = lattice.along(axis, scaled)
+                field = np.moveaxis(np.tensordot(along, field, (1, axis)), 0, axis)
+            total += field
         return total
 
 

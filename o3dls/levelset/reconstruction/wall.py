@@ -81,8 +81,7 @@ def _on_lattice(found: Reconstruction, settings: ReconstructionSettings) -> Arra
     alone = settings.bare_between * found.between
     gap = gaps(marked, max(reach, alone) / prior.spacing) * prior.spacing
     near = (np.abs(phi) < prior.clip) | (gap < reach)
-    at = np.argwhere(near) + prior.low
-    phi[near] += found.field.at(np.asarray(at * prior.spacing, dtype=np.float64))
+    phi += np.where(near, found.field.on_box(prior.low, phi.shape, prior.spacing), 0.0)
     # what is open to the outside has no wall: neither points nor the moved prior bound it
     bare = (phi < 0.0) & (prior.box > settings.bare * prior.clip) & (gap > alone)
     open_parts, _ = label((phi >= 0.0) | bare)
