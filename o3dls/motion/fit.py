@@ -59,7 +59,6 @@ class TrialFit:
     ) -> None:
         problem = motion_problem(vertices, faces, pose, data, settings)
         self._rounds = _rounds(problem, begin(problem), enough=settings.selection.steady_energy)
-        self._tuned = min(settings.iteration.tune_at)
         self._energies: list[float] = []
 
     def energy(self, k: int) -> float:
@@ -69,15 +68,15 @@ class TrialFit:
                 self._energies.append(reached.record["energy"])
         return self._energies[min(k, len(self._energies) - 1)]
 
-    def lead(self, other: TrialFit, least: float) -> float:
-        """By how much (nats) its last energy is below the other's; or that of a round, the first after tuning
-        in which it is less than `least`.
+    def lead(self, other: TrialFit, least: float, rounds: int) -> float:
+        """By how much (nats) its last energy is below the other's; or that of a round, the first after so
+        many `rounds` in which it is less than `least`.
         """
-        k, found, ended = self._tuned, np.inf, False
+        k, found, ended = rounds, np.inf, False
         while found >= least and not ended:
-            k += 1
             found = other.energy(k) - self.energy(k)
-            ended = k >= max(len(self._energies), len(other._energies))
+            k += 1
+            ended = k > max(len(self._energies), len(other._energies))
         return found
 
 

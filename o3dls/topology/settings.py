@@ -67,9 +67,8 @@ class TopologySettings:
     most_changes: int = number(4, "", "of one prior: more would be another one")
     most_points: int = number(1000, "points", "of a kind that propose: topology is no detail,")
     trial_points: int = number(500, "points", "of a kind that judge: four times as fast as all that propose")
-    trial_lead: float = number(
-        8.0, "nats", "that a trial may lack in a round after the first tuning: no more is made up for later"
-    )
+    trial_lead: float = number(8.0, "nats", "that a trial may lack in a round: no more is made up for later,")
+    trial_rounds: int = number(2, "rounds", "that do not count: in them noise is still taken for large")
     trial_spacings: tuple[float, ...] = number(
         (2.0, 1.0),
         "spacings",
