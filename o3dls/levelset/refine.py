@@ -24,8 +24,8 @@ COARSE = "walls are closer than the grid resolves"
 
 @dataclass(frozen=True, eq=False)
 class Refinement:
-    """A level set phi, the wall that it is the signed distance of (with fields per vertex), and how it was
-    reached.
+    """A level set phi, the wall that it is the signed distance of (with fields per vertex, unless `fields`
+    tells them), and how it was reached.
     """
 
     phi: SignedDistance
@@ -37,6 +37,7 @@ class Refinement:
     warnings: tuple[RunWarning, ...] = ()
     facts: Mapping[str, Any] = field(default_factory=dict)
     weights: Array | None = None  # (n,) probabilities of contact of the points, where they were asked again
+    fields: Callable[[Array], dict[str, Array]] | None = None  # values (n,) at places (n, d) of the wall
     exact: bool = False  # whether the wall is the zero set of phi, face by face
     unchanged: bool = False  # whether nothing was added to the moved prior
     # whether components beside the largest belong to the result: those of the wall, or what the paper's

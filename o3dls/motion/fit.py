@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import chain, count
 from typing import NamedTuple
 
 import numpy as np
@@ -59,6 +60,7 @@ class TrialFit:
     ) -> None:
         problem = motion_problem(vertices, faces, pose, data, settings)
         self._rounds = _rounds(problem, begin(problem), enough=settings.selection.steady_energy)
+        self._tuned = min(settings.iteration.tune_at)
         self._energies: list[float] = []
 
     def energy(self, k: int) -> float:
@@ -68,15 +70,14 @@ class TrialFit:
                 self._energies.append(reached.record["energy"])
         return self._energies[min(k, len(self._energies) - 1)]
 
-    def lead(self, other: TrialFit, least: float, rounds: int) -> float:
-        """By how much (nats) its last energy is below the other's; or that of a round, the first after so
-        many `rounds` in which it is less than `least`.
+    def lead(self, other: TrialFit, least: float, early: tuple[int, ...] = ()) -> float:
+        """By how much (nats) its last energy is below the other's; or that of a round, the first of some
+        `early` ones and of those after tuning in which it is less than `least`.
         """
-        k, found, ended = rounds, np.inf, False
-        while found >= least and not ended:
+        for k in chain(early, count(self._tuned + 1)):
             found = other.energy(k) - self.energy(k)
-            k += 1
-            ended = k > max(len(self._energies), len(other._energies))
+            if found < least or k >= max(len(self._energies), len(other._energies)):
+                break
         return found
 
 

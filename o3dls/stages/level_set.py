@@ -135,9 +135,12 @@ class LevelSet(Stage):
         unfinished = ["the motion had not converged"] if moving else []
         changes = [*start.facts.get("changes", []), *reached.facts.get("changes", [])]
         shifts = {"meshing_shift_mean": mesh.shift_mean, "meshing_shift_max": mesh.shift_max}
+        surface = carry_fields(reached.wall if reached.fields is None else start.surface, mesh.surface)
+        if reached.fields is not None:
+            surface = replace(surface, fields={**surface.fields, **reached.fields(surface.vertices)})
         return replace(
             start,
-            surface=_with_unit(carry_fields(reached.wall, mesh.surface), case.units),
+            surface=_with_unit(surface, case.units),
             status="; ".join([*unfinished, reached.status]),
             converged=reached.converged and not unfinished,
             iterations=sum(row["iteration"] > 0 for row in reached.trace),
@@ -149,7 +152,7 @@ class LevelSet(Stage):
         )
 
     def _by_default(self, case: Case, start: Estimate) -> Refinement:
-        from ..adapters.meshing import carry_fields, isosurface
+        from ..adapters.meshing import isosurface
         from ..adapters.self_intersections import crossing
         from ..geometry.fold_repair import uncrossed
         from ..levelset.correction import Limits
@@ -167,8 +170,7 @@ class LevelSet(Stage):
             points, sd = believed(start.fit), f"sd_{case.units}"
             found = reconstructed(surface, points, sd, limits, isosurface)
             if found is not None:
-                wall = carry_fields(surface, found.wall)
-                return replace(found, wall=replace(wall, fields={**wall.fields, **found.wall.fields}))
+                return found
             surface = with_doubt(surface, points, sd, settings.reconstruction)
         return refine_surface(
             surface,
@@ -253,7 +255,5 @@ def relative_sd(case: Case, start: Estimate) -> Array:
 
 def _with_unit(surface: Surface, unit: str) -> Surface:
     """The correction's field under the name that tells its unit."""
-    fields = {
-        f"{name}_{unit}" if name == "correction" else name: values for name, values in surface.fields.items()
-    }
-    return replace(surface, fields=fields)
+    names = {"correction": f"correction_{unit}"}
+    return replace(surface, fields={names.get(name, name): x for name, x in surface.fields.items()})

@@ -107,7 +107,7 @@ class TopologySearch:
             price = change.price(len(part.points))
             least = price + self.settings.evidence - self.settings.trial_lead
             after = TrialFit(*self.anew(fit, changed(before, change), part))
-            yield replace(change, gain=after.lead(whole, least, self.settings.trial_rounds) - price)
+            yield replace(change, gain=after.lead(whole, least, self.settings.early_rounds) - price)
 
     def best(self, fit: MotionFit) -> tuple[MotionFit, Change] | None:
         """The change of most evidence that keeps some in the whole fit, with that fit: its trial had neither

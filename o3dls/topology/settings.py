@@ -68,7 +68,11 @@ class TopologySettings:
     most_points: int = number(1000, "points", "of a kind that propose: topology is no detail,")
     trial_points: int = number(500, "points", "of a kind that judge: four times as fast as all that propose")
     trial_lead: float = number(8.0, "nats", "that a trial may lack in a round: no more is made up for later,")
-    trial_rounds: int = number(2, "rounds", "that do not count: in them noise is still taken for large")
+    early_rounds: tuple[int, ...] = number(
+        (2, 3),
+        "",
+        "that count besides those after tuning: noise is taken for 1.5 and 1.2 times what is usual",
+    )
     trial_spacings: tuple[float, ...] = number(
         (2.0, 1.0),
         "spacings",

@@ -320,9 +320,9 @@ def proposed(odd: Array, rarity: float = 0.0, gathers: float = 0.0) -> Change:
 
 
 def ended(*energies: float) -> TrialFit:
-    """A trial whose rounds had such energies."""
+    """A trial whose rounds had such energies; amplitudes and noise were tuned in the first."""
     trial = object.__new__(TrialFit)
-    trial._rounds, trial._energies = iter(()), list(energies)
+    trial._rounds, trial._tuned, trial._energies = iter(()), 0, list(energies)
     return trial
 
 
@@ -330,8 +330,15 @@ def ended(*energies: float) -> TrialFit:
     ("least", "lead"), [(-5.0, 2.0), (-1.0, -4.0)], ids=["to the end", "given up in the second round"]
 )
 def test_a_trial_is_given_up_once_it_is_far_behind(least: float, lead: float) -> None:
-    """The first round does not count; who stands still keeps its energy."""
-    assert ended(99.0, 54.0, 49.0, 48.0).lead(ended(60.0, 50.0), least, 1) == lead
+    """The first round, in which amplitudes are tuned, does not count; who stands still keeps its energy."""
+    assert ended(99.0, 54.0, 49.0, 48.0).lead(ended(60.0, 50.0), least) == lead
+
+
+def test_a_trial_that_is_far_behind_in_an_early_round_is_not_tuned() -> None:
+    trial, other = ended(9.0, 8.0, 7.0, 1.0), ended(6.0, 6.0, 6.0, 6.0)
+    trial._tuned = 2
+    assert trial.lead(other, -1.5) == 5.0
+    assert trial.lead(other, -1.5, (1,)) == -2.0
 
 
 def test_a_change_gains_what_the_fit_gains_less_its_price(monkeypatch: pytest.MonkeyPatch) -> None:

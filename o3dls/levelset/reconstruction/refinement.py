@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
+from ...arrays import Array
 from ...geometry.components import components_and_euler
 from ...geometry.surface import Surface, interpolated
 from ...run_warning import RunWarning
@@ -26,8 +25,8 @@ def reconstructed(
     or it is no single piece. Of handles only those stay or come that points show.
 
     sd: name of the field of the surface that holds the deviation which the motion leaves; mesh: what will
-    mesh phi. The wall has the surface's fields at its closest points, the deviation of the reconstruction,
-    and `correction`, how far it lies outside the surface.
+    mesh phi. The fields of the wall are the deviation of the reconstruction, and `correction`, how far it
+    lies outside the surface.
     """
     pieces, euler = components_and_euler(surface.vertices, surface.faces)
     if pieces != 1:
@@ -37,17 +36,6 @@ def reconstructed(
     if found is None:
         return None
     wall, removed, filled = reconstructed_wall(found, settings, mesh)
-    squared, face, _, weights = found.prior.tree.query(wall.vertices)
-    side = np.where(found.prior.at(wall.vertices) < 0.0, -1.0, 1.0)
-    corners = surface.faces[face]
-    before = (
-        interpolated(surface.fields[sd], corners, weights) if sd in surface.fields else np.zeros(len(face))
-    )
-    fields = {
-        sd: deviation(wall.vertices, before, found, settings),
-        "correction": side * np.sqrt(squared),
-    }
-    wall = replace(wall, fields=fields)
     changes = _handles_changed(euler, components_and_euler(wall.vertices, wall.faces)[1])
     width = limits.settings.lattice.half_band * limits.spacing
     phi = signed_distance(wall.vertices, wall.faces, limits.spacing, width)
@@ -67,8 +55,23 @@ def reconstructed(
             "changes": changes,
         },
         weights=found.weights,
+        fields=lambda places: _fields(places, sd, found, settings),
         exact=True,
     )
+
+
+def _fields(
+    places: Array, sd: str, found: Reconstruction, settings: ReconstructionSettings
+) -> dict[str, Array]:
+    """The deviation (n,) of the wall at places (n, 3), and how far they lie outside the moved prior."""
+    surface = found.prior.surface
+    squared, face, _, weights = found.prior.tree.query(places)
+    corners = surface.faces[face]
+    before = (
+        interpolated(surface.fields[sd], corners, weights) if sd in surface.fields else np.zeros(len(face))
+    )
+    side = np.where(found.prior.at(places) < 0.0, -1.0, 1.0)
+    return {sd: deviation(places, before, found, settings), "correction": side * np.sqrt(squared)}
 
 
 def _sentence(found: Reconstruction, removed: int, settings: ReconstructionSettings) -> str:
