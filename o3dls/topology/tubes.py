@@ -28,9 +28,7 @@ def growth(wall: Wall, measured: Measured, settings: TopologySettings) -> Iterat
     """Tubes whose union with the surface gains, round the points outside that ask for one."""
     there = cache(lambda: _thin_parts(wall.surface, settings))
     for cluster in _clusters(wall.surface, measured, settings.tubes):
-        for tube in _tubes(wall, measured, cluster, settings.tubes):
-            if _stands_alone(wall, tube.region[0], there, settings.tubes):
-                yield tube
+        yield from _tubes(wall, measured, cluster, there, settings.tubes)
 
 
 def _clusters(surface: Surface, measured: Measured, settings: TubeSettings) -> Iterator[Array]:
@@ -74,8 +72,16 @@ def cone(points, tube):  # type: ignore[no-untyped-def]
     return off
 
 
-def _tubes(wall: Wall, measured: Measured, cluster: Array, settings: TubeSettings) -> Iterator[Change]:
-    """Likely tubes round a cluster, as changes, where enough points tell for them."""
+def _tubes(
+    wall: Wall,
+    measured: Measured,
+    cluster: Array,
+    there: Callable[[], list[Array]],
+    settings: TubeSettings,
+) -> Iterator[Change]:
+    """Likely tubes round a cluster, as changes, where enough points tell for them, away from the thin parts
+    that are `there`.
+    """
     surface = wall.surface
     radius = body_radius(wall.surface)
     whole = measured
@@ -100,7 +106,10 @@ def _tubes(wall: Wall, measured: Measured, cluster: Array, settings: TubeSetting
         if witnesses < settings.witnesses:
             continue
         region = _mesh(tube, surface.dimension, settings.lattice)
-        exposed = _exposed(wall, region)
+        height, feet, _ = wall.nearest(region[0])
+        if not _stands_alone(region[0], height, radius, there, settings):
+            continue
+        exposed = _exposed(wall, region, feet)
         if not _of_a_chamber(whole, tube, exposed, radius, settings):
             centre = tube[: 2 * surface.dimension].reshape(2, -1).mean(axis=0)
             rarity = _rarity(foot, tube, radius, settings)
@@ -109,10 +118,12 @@ def _tubes(wall: Wall, measured: Measured, cluster: Array, settings: TubeSetting
             yield replace(change, gain=change.gain - change.price(len(whole.points)))
 
 
-def _exposed(wall: Wall, region: tuple[Array, Ints]) -> float:
-    """Area of a tube's surface outside the old one: evenly spread points would show it."""
+def _exposed(wall: Wall, region: tuple[Array, Ints], feet: Ints) -> float:
+    """Area of a tube's surface outside the old one, whose faces next to its vertices are `feet` (v,): evenly
+    spread points would show it.
+    """
     tube = Surface(*region)
-    outside = wall.look(tube.vertices[tube.faces].mean(axis=1))[0] > 0.0
+    outside = wall.nearest(tube.vertices[tube.faces].mean(axis=1), feet[tube.faces[:, 0]])[0] > 0.0
     return float(tube.face_areas[outside].sum())
 
 
@@ -140,16 +151,15 @@ def _thin_parts(surface: Surface, settings: TopologySettings) -> list[Array]:
 
 
 def _stands_alone(
-    wall: Wall, region: Array, there: Callable[[], list[Array]], settings: TubeSettings
+    vertices: Array, height: Array, radius: float, there: Callable[[], list[Array]], settings: TubeSettings
 ) -> bool:
-    """Whether a tube sticks out of the body, away from the thin parts that are there: a bump or a vein out of
-    place is for the fields.
+    """Whether a tube, whose vertices have a height (v,) over the wall, sticks out of a body of such a radius,
+    away from the thin parts that are there: a bump or a vein out of place is for the fields.
     """
-    least = settings.sticks_out * body_radius(wall.surface)
-    height = wall.look(region)[0]
+    least = settings.sticks_out * radius
     if height.max() < least:
         return False
-    tip = region[height.argmax()]
+    tip = vertices[height.argmax()]
     return all(np.linalg.norm(part - tip, axis=1).min() > least for part in there())
 
 

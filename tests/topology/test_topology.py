@@ -432,4 +432,5 @@ def test_points_of_more_noise_are_seen_with_it() -> None:
 def test_a_tube_is_new_only_where_nothing_is_near(at: list[float], radius: float, alone: bool) -> None:
     vertices = meshed(round_distance(radius), radius + 2.0, 0.5).vertices + at
     there = _thin_parts(tubed(), SETTINGS)
-    assert _stands_alone(Wall(tubed()), vertices, lambda: there, SETTINGS.tubes) == alone
+    height = Wall(tubed()).look(vertices)[0]
+    assert _stands_alone(vertices, height, body_radius(tubed()), lambda: there, SETTINGS.tubes) == alone
