@@ -19,7 +19,7 @@ from scipy.spatial import cKDTree
 from ..arrays import Array
 from ..geometry import twist as pose
 from ..parallel import by_rows
-from .kernels import add_correlated, kriging_weights, matern
+from .kernels import add_correlated, add_covariance, kriging_weights, matern
 
 WORTH = 500  # places that are worth a thread
 
@@ -150,13 +150,13 @@ def displacement(cov: Covariance, sds: Array, obs: Observed, alpha: Array, place
 
 def cross(cov: Covariance, sds: Array, a: Observed, b: Observed) -> Array:
     """Covariance (n, m) between two sets of observations."""
-    left = np.hstack([sd**2 * seen for sd, seen in zip(cov.whole_sds(sds), _seen(cov, a), strict=True)])
-    total = left @ np.hstack(_seen(cov, b)).T
+    seen = _seen(cov, a)
+    left = np.hstack([sd**2 * one for sd, one in zip(cov.whole_sds(sds), seen, strict=True)])
+    total = left @ np.hstack(seen if b is a else _seen(cov, b)).T
     lengths, variances = cov.smooth(sds)
-    for length, pulls in zip(lengths, _pulls(a, variances), strict=True):
-        shared = pulls @ np.column_stack([b.directions, b.normal_part]).T
-        shared *= matern(a.at, b.at, length)
-        total += shared
+    pulls = np.ascontiguousarray(np.moveaxis(_pulls(a, variances), 0, 1))
+    others = np.ascontiguousarray(np.column_stack([b.directions, b.normal_part]).T)
+    by_rows(add_covariance, WORTH, (a.at, pulls, total), b.at, others, lengths)
     return np.asarray(total)
 
 

@@ -15,8 +15,8 @@ import numpy as np
 from ..arrays import Array, Ints
 from ..noise.contact import Contact, contact_density, inside_point_weights, label_energy, update_contact
 from .correspondence import likely_feet
-from .covariance import displacement, grams
-from .marginal_likelihood import Posterior, Scales, assemble, free_energy, left_out, misfit, solve, tune
+from .covariance import cross, displacement, grams
+from .marginal_likelihood import Posterior, Scales, free_energy, left_out, misfit, solve, tune, with_noise
 from .observations import Data, Feet, Rows, gather, points_left_out
 from .problem import MotionProblem
 from .settings import IterationSettings
@@ -85,14 +85,15 @@ def step(
     # where on the surface each point may have come from, and what that says of the field
     feet = find_feet(problem, state, _noise_factor(iteration, settings))
     rows = gather_rows(problem, feet, state)
-    fixed, parts = grams(problem.covariance, rows.observed)
     # amplitudes and noise levels by the marginal likelihood
-    scales = _tuned(problem, state.scales, fixed, parts, rows) if tuning else state.scales
+    scales = _tuned(problem, state.scales, rows) if tuning else state.scales
     log = scales.log + _annealed(iteration, scales, problem.data.groups, settings)
     # the posterior of the field moves the surface
-    matrix, noise = assemble(log, fixed, parts, rows)
+    sds = np.exp(log[: scales.fields])
+    prior = cross(problem.covariance, sds, rows.observed, rows.observed)
+    matrix, noise = with_noise(prior, log[scales.fields :], rows)
     solved = Solved(rows, solve(matrix, rows.residual)[0])
-    moved = problem.rest.at + _field(problem, np.exp(log[: scales.fields]), solved)
+    moved = problem.rest.at + _field(problem, sds, solved)
     # each point's residual to the fit without it says whether it touches the wall
     noises = np.exp(log[scales.fields :])
     alone = left_out(solved.posterior, noise)
@@ -110,7 +111,7 @@ def step(
     return State(feet_on, moved, damping, scales, contact, weights, patches, length), solved, record
 
 
-def _tuned(problem: MotionProblem, scales: Scales, fixed: Array, parts: list[Array], rows: Rows) -> Scales:
+def _tuned(problem: MotionProblem, scales: Scales, rows: Rows) -> Scales:
     """Amplitudes and noise levels that maximise the evidence, with priors by the noise of now."""
     usual = expected_scales(problem, float(scales.noises[0]) / problem.residual_sd)
     s = problem.settings.covariance
@@ -119,7 +120,8 @@ def _tuned(problem: MotionProblem, scales: Scales, fixed: Array, parts: list[Arr
         points = slice(scales.fields, scales.fields + problem.data.groups)
         usual[points] = np.minimum(usual[points], np.log(s.most_usual_noise * problem.size))
     scales = replace(scales, prior_log=usual)
-    return replace(scales, log=tune(scales, fixed, parts, rows, problem.settings.iteration))
+    parts = grams(problem.covariance, rows.observed)
+    return replace(scales, log=tune(scales, *parts, rows, problem.settings.iteration))
 
 
 def expected_scales(problem: MotionProblem, noise_fraction: float) -> Array:

@@ -42,6 +42,25 @@ def add_correlated(a, out, b, lengths, values):  # type: ignore[no-untyped-def]
                 out[i, c] += total
 
 
+@njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})
+def add_covariance(a, pulls, out, b, others, lengths):  # type: ignore[no-untyped-def]
+    """Add to out (n, m) the correlations (n, m) times pulls (n, l, q) times others (q, m), over lengths
+    (l,).
+    """
+    squared, row, shared = np.empty((3, b.shape[0]))
+    columns = np.ascontiguousarray(b.T)
+    for i in range(a.shape[0]):
+        squared_distances(a[i], columns, squared)
+        for k in range(len(lengths)):
+            matern_decay(squared, SQRT5 / lengths[k], row)
+            shared[:] = 0.0
+            for c in range(others.shape[0]):
+                for j in range(len(shared)):
+                    shared[j] += pulls[i, k, c] * others[c, j]
+            for j in range(len(shared)):
+                out[i, j] += row[j] * shared[j]
+
+
 @njit(cache=True, inline="always")
 def squared_distances(place, columns, out):  # type: ignore[no-untyped-def]
     """Write the squared distances (m,) of a place (d,) from the columns (d, m)."""

@@ -163,7 +163,12 @@ def assemble(log: Array, fixed: Array, parts: list[Array], rows: Rows) -> tuple[
     matrix = fixed.copy()
     for k, part in enumerate(parts):
         matrix += np.exp(2.0 * log[k]) * part
-    noise = _noise(log[len(parts) :], rows)
+    return with_noise(matrix, log[len(parts) :], rows)
+
+
+def with_noise(matrix: Array, log: Array, rows: Rows) -> tuple[Array, Array]:
+    """A covariance (n, n) of the field (in place) with that of noise levels, and the noise part (n,)."""
+    noise = _noise(log, rows)
     matrix[np.diag_indices_from(matrix)] += noise
     return matrix, noise
 
