@@ -64,6 +64,15 @@ def _pool(process: int) -> ThreadPoolExecutor:
 
 
 @contextmanager
+def side_by_side() -> Iterator[ThreadPoolExecutor]:
+    """Threads, as many as cores, for work whose compiled loops and linear algebra let go of the interpreter's
+    lock; in each linear algebra has one.
+    """
+    with one_blas_thread(), ThreadPoolExecutor(THREADS) as threads:
+        yield threads
+
+
+@contextmanager
 def one_blas_thread() -> Iterator[None]:
     """Within this, linear algebra has one thread: on matrices of a few hundred rows two take three times as
     long, and on a busy machine they wait for each other without end.

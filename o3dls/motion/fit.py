@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import chain, count
+from threading import Lock
 from typing import NamedTuple
 
 import numpy as np
@@ -62,10 +63,11 @@ class TrialFit:
         self._rounds = _rounds(problem, begin(problem), enough=settings.selection.steady_energy)
         self._tuned = min(settings.iteration.tune_at)
         self._energies: list[float] = []
+        self._asked = Lock()
 
     def energy(self, k: int) -> float:
         """Free energy (nats) of round k, or of the last one, if that was earlier."""
-        with one_blas_thread():
+        with self._asked, one_blas_thread():
             while len(self._energies) <= k and (reached := next(self._rounds, None)) is not None:
                 self._energies.append(reached.record["energy"])
         return self._energies[min(k, len(self._energies) - 1)]
@@ -75,7 +77,7 @@ class TrialFit:
         `early` ones and of those after tuning in which it is less than `least`.
         """
         for k in chain(early, count(self._tuned + 1)):
-            found = other.energy(k) - self.energy(k)
+            found = -self.energy(k) + other.energy(k)  # its own first: others may ask for the same
             if found < least or k >= max(len(self._energies), len(other._energies)):
                 break
         return found

@@ -25,6 +25,7 @@ from ..motion.fit import TrialFit, fit_motion
 from ..motion.observations import Data
 from ..motion.result import MotionFit
 from ..motion.settings import MotionSettings
+from ..parallel import side_by_side
 from .change import Change, changed
 from .cuts import removals
 from .settings import TopologySettings
@@ -102,12 +103,16 @@ class TopologySearch:
         else:
             return
         part = _part(fit, self.settings.trial_points)
-        whole = TrialFit(*self.anew(fit, unchanged, part))
-        for change in changes:
+
+        def tried(change: Change) -> Change:
             price = change.price(len(part.points))
             least = price + self.settings.evidence - self.settings.trial_lead
             after = TrialFit(*self.anew(fit, changed(before, change), part))
-            yield replace(change, gain=after.lead(whole, least, self.settings.early_rounds) - price)
+            return replace(change, gain=after.lead(whole.result(), least, self.settings.early_rounds) - price)
+
+        with side_by_side() as threads:
+            whole = threads.submit(lambda: TrialFit(*self.anew(fit, unchanged, part)))
+            yield from threads.map(tried, changes)
 
     def best(self, fit: MotionFit) -> tuple[MotionFit, Change] | None:
         """The change of most evidence that keeps some in the whole fit, with that fit: its trial had neither

@@ -5,6 +5,7 @@ nothing happens.
 from __future__ import annotations
 
 from dataclasses import replace
+from threading import Lock
 from types import SimpleNamespace
 
 import numpy as np
@@ -322,7 +323,7 @@ def proposed(odd: Array, rarity: float = 0.0, gathers: float = 0.0) -> Change:
 def ended(*energies: float) -> TrialFit:
     """A trial whose rounds had such energies; amplitudes and noise were tuned in the first."""
     trial = object.__new__(TrialFit)
-    trial._rounds, trial._tuned, trial._energies = iter(()), 0, list(energies)
+    trial._rounds, trial._tuned, trial._energies, trial._asked = iter(()), 0, list(energies), Lock()
     return trial
 
 
