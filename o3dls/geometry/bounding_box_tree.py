@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def median_order(centres, leaves):  # type: ignore[no-untyped-def]
     """Faces by leaf, so that boxes hardly overlap.
 
@@ -40,7 +40,7 @@ def median_order(centres, leaves):  # type: ignore[no-untyped-def]
     return order
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _partition(values, order, left, right, middle):  # type: ignore[no-untyped-def]
     """Rearrange order[left : right + 1] so that no value before `middle` exceeds one behind it.
 
@@ -66,7 +66,7 @@ def _partition(values, order, left, right, middle):  # type: ignore[no-untyped-d
             return
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def corners_and_boxes(axes, vertices, faces, leaves):  # type: ignore[no-untyped-def]
     """Corners (m, 3, 3) of faces in tree order, and bounding boxes (low, high) of an implicit binary tree.
 
@@ -95,7 +95,7 @@ def corners_and_boxes(axes, vertices, faces, leaves):  # type: ignore[no-untyped
     return corners, boxes
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def box_gap(x, y, z, boxes, node):  # type: ignore[no-untyped-def]
     """Squared distance of a point from a box."""
     dx = max(boxes[node, 0, 0] - x, x - boxes[node, 1, 0], 0.0)

@@ -78,7 +78,7 @@ class ClosestPoint:
         return np.asarray(np.sqrt(self.query(points)[0]))
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _second_and_third(bx, by, bz, cx, cy, cz, x, y, z):  # type: ignore[no-untyped-def]
     """Barycentric weights of the second and third corner at the closest point, by Voronoi regions.
 
@@ -110,7 +110,7 @@ def _second_and_third(bx, by, bz, cx, cy, cz, x, y, z):  # type: ignore[no-untyp
     return vb / total, vc / total
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def closest_on_face(x, y, z, corners, k):  # type: ignore[no-untyped-def]
     """Squared distance of a point from face k, and the weights of its second and third corner."""
     ax, ay, az = corners[k, 0, 0], corners[k, 0, 1], corners[k, 0, 2]

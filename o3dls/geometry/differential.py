@@ -75,7 +75,7 @@ def _normals(vertices: Array, faces: Ints) -> tuple[Array, Array]:
     return normals, areas
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _summed(axes, vertices, faces):  # type: ignore[no-untyped-def]
     n, dim = len(vertices), len(axes)
     total = np.zeros((n, dim))
@@ -115,7 +115,7 @@ def _summed(axes, vertices, faces):  # type: ignore[no-untyped-def]
     return total, areas
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _curvature(vertices, faces, normals, areas, limit, smoothing):  # type: ignore[no-untyped-def]
     n, dim = vertices.shape
     value = np.zeros(n)

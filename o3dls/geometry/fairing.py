@@ -49,7 +49,7 @@ def roughness(vertices: Array, faces: Ints, length: float) -> Array:
     return np.asarray(rough[:, :dim])
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy")
 def _smoothed(begin, near, mass, pull, y, guess, error):  # type: ignore[no-untyped-def]
     """Columns x (n, 3) with (M + pull K) x = M y, K of a graph with unit weights, until no residual's norm
     exceeds `error`.

@@ -124,7 +124,7 @@ def _elements(corners, faces, out, axes, normals, rest, rest_normals):  # type: 
         out[k, 3 * dim + 3] = edge2
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy")
 def _nodes(axes, centres, leaves, boxes):  # type: ignore[no-untyped-def]
     """What every node of the tree holds.
 

@@ -10,7 +10,7 @@ FARTHEST = 40.0  # scaled distance beyond which no correlation is left
 NUGGET = 1e-6  # of the variance, since nodes can coincide: far below any noise
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def matern(a, b, length):  # type: ignore[no-untyped-def]
     """Matern 5/2 correlation (n, m) of two point sets, within 1e-11."""
     out = np.empty((a.shape[0], b.shape[0]))

@@ -154,7 +154,7 @@ def _fraction(off_wall: float, odds: Array) -> float:
     return fraction
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _chain(touching, floating, fraction, persistence):  # type: ignore[no-untyped-def]
     """Smoothed probability of state 0 (touching) along the chain, and the expected number of floating
     neighbours.

@@ -63,7 +63,7 @@ def _posterior(signed: Array, density: Array, sigma: float, fraction: float) -> 
     return np.asarray(inlier / (inlier + fraction * density))
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _fit(signed, density, sigma, fraction, least, bounds, iterations, tolerance):  # type: ignore[no-untyped-def]
     """Noise and outlier fraction at rest."""
     n = len(signed)

@@ -8,7 +8,7 @@ from numba import njit
 from ...arrays import ROUNDING
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def fill_far(rows, keys, phi, width):  # type: ignore[no-untyped-def]
     """Write band values into the rows of a box and carry their sign along each row; the pad makes every row
     start outside.
@@ -27,7 +27,7 @@ def fill_far(rows, keys, phi, width):  # type: ignore[no-untyped-def]
                 rows[row, k] = -width
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def rows_of(keys, wanted):  # type: ignore[no-untyped-def]
     """Row (n,) of each wanted key among keys, both ascending; -1 where it is not there."""
     rows = np.full(len(wanted), -1, dtype=np.int32)
@@ -40,7 +40,7 @@ def rows_of(keys, wanted):  # type: ignore[no-untyped-def]
     return rows
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def crossed_cells(neighbours, phi):  # type: ignore[no-untyped-def]
     """Corner rows (c, 2^d) of the lattice cells that phi changes sign in (bit a of a corner's number: a step
     along axis a); neighbours (n, d, 2) as a band has them.
@@ -70,7 +70,7 @@ def crossed_cells(neighbours, phi):  # type: ignore[no-untyped-def]
     return cells
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def march_simplices(corners, phi, simplices):  # type: ignore[no-untyped-def]
     """Linear zero set of phi on simplices that split each lattice cell (Kuhn), manifold by construction.
 
@@ -121,7 +121,7 @@ def march_simplices(corners, phi, simplices):  # type: ignore[no-untyped-def]
     return faces, source
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def wind_outward(faces, vertices, positions, phi, cells, simplices, source):  # type: ignore[no-untyped-def]
     """Turn (in place) every face of `march_simplices` so that its normal points to where phi is positive in
     its simplex: from the mean inner to the mean outer corner.
@@ -156,7 +156,7 @@ def _edge(vertices, face, corner, axis):  # type: ignore[no-untyped-def]
     return vertices[face[corner], axis] - vertices[face[0], axis]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def curvature(phi, neighbours, spacing):  # type: ignore[no-untyped-def]
     """div(grad phi / |grad phi|) per node by central differences; phi is continued evenly where the band
     ends.

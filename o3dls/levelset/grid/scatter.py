@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def touched_blocks(corners, reach, shape, bits):  # type: ignore[no-untyped-def]
     """Number the blocks of 2**bits nodes that a face's box, grown by `reach` nodes, can touch; -1 elsewhere.
 
@@ -36,7 +36,7 @@ def touched_blocks(corners, reach, shape, bits):  # type: ignore[no-untyped-def]
     return table, count
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _face_box(face, reach, shape, first, last):  # type: ignore[no-untyped-def]
     """First and last node per axis of a face's box grown by `reach`, clipped to the lattice."""
     for a in range(3):
@@ -95,7 +95,7 @@ def scatter_distance(layers, order, corners, reach, shape, bits, table, best, ow
     return best, owner
 
 
-@njit(cache=True, fastmath=True)
+@njit(cache=True, nogil=True, fastmath=True)
 def _spare(best, steps_y, steps_z, start, face, reach, spare):  # type: ignore[no-untyped-def]
     """How many nodes of a layer a face may be nearer to than the best so far: those where `spare`, the
     difference of squared distances from that and from the circle around the face, is positive.
@@ -136,7 +136,7 @@ def _try(m, node, corners, face, reach, c, best, owner):  # type: ignore[no-unty
     return nearer
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _measure(face, out):  # type: ignore[no-untyped-def]
     """Centre (3), radius, unit normal (3; zero where there is no area), edges ab (3) and ac (3) of a face."""
     corners = face.shape[0]
@@ -193,7 +193,7 @@ def _triangle_gap2(x, y, z, away, face):  # type: ignore[no-untyped-def]
     return best
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def gather_band(table, bits, shape, best, owner):  # type: ignore[no-untyped-def]
     """Nodes that have an owner, in C order: indices (n, 3), distance (n,), face (n,)."""
     n = (owner >= 0).sum()

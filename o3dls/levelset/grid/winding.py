@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def winding(nodes, vertices, faces, shape):  # type: ignore[no-untyped-def]
     """Winding number (n,) of a closed surface around lattice nodes in C order, and the rows (count) whose
     crossings do not cancel.
@@ -62,7 +62,7 @@ def winding(nodes, vertices, faces, shape):  # type: ignore[no-untyped-def]
     return number, open_rows
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _row_range(vertices, ids, axis, size):  # type: ignore[no-untyped-def]
     low = high = vertices[ids[0], axis]
     for c in range(1, ids.shape[0]):
@@ -70,7 +70,7 @@ def _row_range(vertices, ids, axis, size):  # type: ignore[no-untyped-def]
     return max(0, int(np.ceil(low))), min(size - 1, int(np.floor(high)))
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _side(vertices, u, v, x, y):  # type: ignore[no-untyped-def]
     """Side (+1 left, -1 right) of the directed edge u -> v that the node (x, y) lies on, never 0.
 
@@ -87,7 +87,7 @@ def _side(vertices, u, v, x, y):  # type: ignore[no-untyped-def]
     return flip if value > 0.0 else -flip
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _cross_triangle(vertices, ids, x, y):  # type: ignore[no-untyped-def]
     """Does the vertical line through (x, y) cross the triangle: -1 upward out of it, +1 into it, 0 no; and
     the height.
@@ -113,7 +113,7 @@ def _cross_triangle(vertices, ids, x, y):  # type: ignore[no-untyped-def]
     return -side, z  # counter-clockwise from above: the normal points up, the line leaves
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _cross_segment(vertices, ids, x):  # type: ignore[no-untyped-def]
     """The same for a segment and the vertical line through x; a vertex on the line belongs to the side of
     larger x.
