@@ -67,11 +67,13 @@ class TopologySettings:
     most_changes: int = number(4, "", "of one prior: more would be another one")
     most_points: int = number(1000, "points", "of a kind that propose: topology is no detail,")
     trial_points: int = number(500, "points", "of a kind that judge: four times as fast as all that propose")
-    trial_lead: float = number(8.0, "nats", "that a trial may lack in a round: no more is made up for later,")
+    trial_lead: float = number(
+        8.0, "nats", "that a trial may lack in a round and go on: no more is made up for later"
+    )
     early_rounds: tuple[int, ...] = number(
         (2, 3),
         "",
-        "that count besides those after tuning: noise is taken for 1.5 and 1.2 times what is usual",
+        "in which a trial may end too, before tuning: noise counts 1.5 and 1.2 times",
     )
     trial_spacings: tuple[float, ...] = number(
         (2.0, 1.0),

@@ -95,7 +95,7 @@ def scatter_distance(layers, order, corners, reach, shape, bits, table, best, ow
     return best, owner
 
 
-@njit(cache=True, nogil=True, fastmath=True)
+@njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})  # best distances begin infinite
 def _spare(best, steps_y, steps_z, start, face, reach, spare):  # type: ignore[no-untyped-def]
     """How many nodes of a layer a face may be nearer to than the best so far: those where `spare`, the
     difference of squared distances from that and from the circle around the face, is positive.

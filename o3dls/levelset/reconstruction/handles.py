@@ -153,7 +153,7 @@ def _size(nodes: Mask) -> int:
 
 @njit(cache=True, inline="always")
 def _queue_around(node, rank, inside, offsets, queued, waiting, first):  # type: ignore[no-untyped-def]
-    """Queue the neighbours of a node that may join the inside; the lowest rank that waits, of `first` too."""
+    """Queue the neighbours of a node that may join the inside; the lowest rank that waits, or `first`."""
     for k in range(len(offsets)):
         other = node + offsets[k]
         place = rank[other]
