@@ -20,6 +20,7 @@ LAYERS = (
     "errors",
     "run_warning",
     "parallel",
+    "cholesky",
     "settings",
     "geometry",
     "noise",

@@ -122,58 +122,66 @@ def closest_on_face(x, y, z, corners, k):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
+def nearest_face(x, y, z, guess, limit, corners, leaves, boxes, stack, stack_gap):  # type: ignore[no-untyped-def]
+    """The nearest face to a point whose squared distance is within `limit`, or -1; that distance, and the
+    weights of the face's second and third corner. stack, stack_gap (128,): room for nodes that wait.
+    """
+    m = corners.shape[0]
+    best = -1
+    best_v = 0.0
+    best_w = 0.0
+    if guess >= 0:
+        gap, v, w = closest_on_face(x, y, z, corners, guess)
+        if gap <= limit:
+            limit = gap
+            best = guess
+            best_v = v
+            best_w = w
+    stack[0] = 0
+    stack_gap[0] = box_gap(x, y, z, boxes, 0)
+    top = 1
+    while top > 0:
+        top -= 1
+        node = stack[top]
+        if stack_gap[top] > limit:
+            continue
+        while node < leaves - 1:  # down the nearer side; the farther waits
+            near, far = 2 * node + 1, 2 * node + 2
+            gap_near, gap_far = box_gap(x, y, z, boxes, near), box_gap(x, y, z, boxes, far)
+            if gap_far < gap_near:
+                near, far, gap_near, gap_far = far, near, gap_far, gap_near
+            if gap_far <= limit:
+                stack[top], stack_gap[top] = far, gap_far
+                top += 1
+            if gap_near > limit:
+                break
+            node = near
+        if node < leaves - 1:
+            continue
+        leaf = node - (leaves - 1)
+        for k in range(leaf * m // leaves, (leaf + 1) * m // leaves):
+            gap, v, w = closest_on_face(x, y, z, corners, k)
+            if gap < limit or (gap == limit and best < 0):
+                limit, best, best_v, best_w = gap, k, v, w
+    return best, limit, best_v, best_w
+
+
+@njit(cache=True, nogil=True)
 def _query(points, guess, best2, found, feet, weights, corners, leaves, boxes, bound2):  # type: ignore[no-untyped-def]
     """Fill in what is nearest to each point, where something is near enough."""
-    n, m = points.shape[0], corners.shape[0]
     stack = np.empty(128, dtype=np.int64)
     stack_gap = np.empty(128)
-    for i in range(n):
+    for i in range(points.shape[0]):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
-        limit = bound2
-        best = -1
-        best_v = 0.0
-        best_w = 0.0
-        if guess[i] >= 0:
-            gap, v, w = closest_on_face(x, y, z, corners, guess[i])
-            if gap <= limit:
-                limit = gap
-                best = guess[i]
-                best_v = v
-                best_w = w
-        stack[0] = 0
-        stack_gap[0] = box_gap(x, y, z, boxes, 0)
-        top = 1
-        while top > 0:
-            top -= 1
-            node = stack[top]
-            if stack_gap[top] > limit:
-                continue
-            while node < leaves - 1:  # down the nearer side; the farther waits
-                near, far = 2 * node + 1, 2 * node + 2
-                gap_near, gap_far = box_gap(x, y, z, boxes, near), box_gap(x, y, z, boxes, far)
-                if gap_far < gap_near:
-                    near, far, gap_near, gap_far = far, near, gap_far, gap_near
-                if gap_far <= limit:
-                    stack[top], stack_gap[top] = far, gap_far
-                    top += 1
-                if gap_near > limit:
-                    break
-                node = near
-            if node < leaves - 1:
-                continue
-            leaf = node - (leaves - 1)
-            for k in range(leaf * m // leaves, (leaf + 1) * m // leaves):
-                gap, v, w = closest_on_face(x, y, z, corners, k)
-                if gap < limit or (gap == limit and best < 0):
-                    limit, best, best_v, best_w = gap, k, v, w
+        best, gap, v, w = nearest_face(x, y, z, guess[i], bound2, corners, leaves, boxes, stack, stack_gap)
         if best >= 0:
-            best2[i], found[i] = limit, best
-            weights[i, 0] = 1.0 - best_v - best_w
-            weights[i, 1] = best_v
-            weights[i, 2] = best_w
+            best2[i], found[i] = gap, best
+            weights[i, 0] = 1.0 - v - w
+            weights[i, 1] = v
+            weights[i, 2] = w
             for axis in range(3):
                 feet[i, axis] = (
                     weights[i, 0] * corners[best, 0, axis]
-                    + best_v * corners[best, 1, axis]
-                    + best_w * corners[best, 2, axis]
+                    + v * corners[best, 1, axis]
+                    + w * corners[best, 2, axis]
                 )

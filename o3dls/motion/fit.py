@@ -8,9 +8,9 @@ none, the prior as it is or smoothed.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from concurrent.futures import Executor
 from dataclasses import replace
 from itertools import chain, count
-from threading import Lock
 from typing import NamedTuple
 
 import numpy as np
@@ -63,21 +63,22 @@ class TrialFit:
         self._rounds = _rounds(problem, begin(problem), enough=settings.selection.steady_energy)
         self._tuned = min(settings.iteration.tune_at)
         self._energies: list[float] = []
-        self._asked = Lock()
 
     def energy(self, k: int) -> float:
         """Free energy (nats) of round k, or of the last one, if that was earlier."""
-        with self._asked, one_blas_thread():
+        with one_blas_thread():
             while len(self._energies) <= k and (reached := next(self._rounds, None)) is not None:
                 self._energies.append(reached.record["energy"])
         return self._energies[min(k, len(self._energies) - 1)]
 
-    def lead(self, other: TrialFit, least: float, early: tuple[int, ...] = ()) -> float:
+    def lead(self, other: TrialFit, least: float, early: tuple[int, ...], beside: Executor) -> float:
         """By how much (nats) its last energy is below the other's; or that of a round, the first of some
-        `early` ones and of those after tuning in which it is less than `least`.
+        `early` ones and of those after tuning in which it is less than `least`. beside: the one thread of the
+        other fit, which several may ask at one time.
         """
         for k in chain(early, count(self._tuned + 1)):
-            found = -self.energy(k) + other.energy(k)  # its own first: others may ask for the same
+            asked = beside.submit(other.energy, k)
+            found = -self.energy(k) + asked.result()
             if found < least or k >= max(len(self._energies), len(other._energies)):
                 break
         return found

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.linalg.blas import dtrsm
-from scipy.linalg.lapack import dpotrf, dpotri
 from scipy.optimize import minimize
 
 from ..arrays import ROUNDING, Array
+from ..cholesky import factor_and_inverse
 from ..errors import SolverError
 from .observations import Rows
 from .settings import IterationSettings
@@ -40,14 +40,11 @@ def solve(matrix: Array, z: Array) -> tuple[Posterior, Array]:
     """Posterior for residuals z (n,) with covariance `matrix` (n, n), and the matrix's inverse. Raises
     SolverError if not positive.
     """
-    factor, fault = dpotrf(matrix, lower=1, clean=1)
+    factor, inverse, fault = factor_and_inverse(matrix)
     if fault:
         raise SolverError(
             f"the covariance of the residuals is not positive definite (minor {fault} of {len(z)})"
         )
-    inverse, _ = dpotri(factor, lower=1)  # the lower half; the upper stays zero, as dpotrf left it
-    inverse = inverse + inverse.T
-    inverse[np.diag_indices_from(inverse)] *= 0.5
     alpha = inverse @ z
     energy = 0.5 * float(z @ alpha) + float(np.log(np.diag(factor)).sum())
     if not np.isfinite(energy):

@@ -5,8 +5,10 @@ inside.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from ..arrays import Array
@@ -29,12 +31,12 @@ class Likelihood:
 
     def loss(self, distance: Array) -> Array:
         """-log p (n,) of signed distances (n,)."""
-        return np.asarray(-np.logaddexp(self._touching(distance), self._floating(distance)))
+        return losses(distance, *self.numbers)[0]  # type: ignore[no-any-return]
 
     def weight(self, distance: Array) -> Array:
         """Probability (n,) that a point is no outlier, at signed distances (n,)."""
-        touching = self._touching(distance)
-        return np.asarray(np.exp(touching - np.logaddexp(touching, self._floating(distance))))
+        loss, touching = losses(distance, *self.numbers)
+        return np.asarray(np.exp(touching + loss))
 
     def slope(self, distance: Array) -> Array:
         """d loss / d distance, (n,)."""
@@ -46,16 +48,24 @@ class Likelihood:
         """
         return np.asarray(np.where(self.one_sided & (distance < 0.0), 0.0, 1.0))
 
-    def _touching(self, distance: Array) -> Array:
-        """log p (n,) of the points as ones of the wall."""
-        wall = -0.5 * self.pull(distance) * (distance / self.sigma) ** 2
-        prior = (1.0 - self.contact.outlier_fraction) / (np.sqrt(2.0 * np.pi) * self.sigma)
-        return np.asarray(wall + np.log(prior))
+    @cached_property
+    def numbers(self) -> tuple[Array, NDArray[np.bool_], float, float, float]:
+        """What `losses` are computed from."""
+        outside, inside = self.contact.outlier_density(np.array([1.0, -1.0]))
+        return self.sigma, self.one_sided, float(self.contact.outlier_fraction), float(outside), float(inside)
 
-    def _floating(self, distance: Array) -> Array:
-        """log p (n,) of the points as outliers; being inside is no fault of those known to be."""
-        if self.contact.outlier_fraction == 0.0:
-            return np.full(len(distance), -np.inf)
-        anywhere = np.full(len(distance), self.contact.anywhere)
-        density = np.where(self.one_sided, anywhere, self.contact.outlier_density(distance))
-        return np.asarray(np.log(self.contact.outlier_fraction * density))
+
+@njit(cache=True, nogil=True)
+def losses(distance, sigma, one_sided, fraction, outside, inside):  # type: ignore[no-untyped-def]
+    """-log p (n,) of signed distances (n,), and the log p (n,) of these and of touching the wall: outliers, a
+    `fraction` of all, have the densities `outside` and `inside`; being inside is no fault of those known to
+    be.
+    """
+    loss, touching = np.empty(len(distance)), np.empty(len(distance))
+    for i in range(len(distance)):
+        free = one_sided[i] and distance[i] < 0.0
+        off = 0.0 if free else distance[i] / sigma[i]
+        touching[i] = np.log((1.0 - fraction) / (np.sqrt(2.0 * np.pi) * sigma[i])) - 0.5 * off * off
+        density = inside if distance[i] < 0.0 and not one_sided[i] else outside
+        loss[i] = -np.logaddexp(touching[i], np.log(fraction * density))
+    return loss, touching

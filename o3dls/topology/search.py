@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -108,10 +109,11 @@ class TopologySearch:
             price = change.price(len(part.points))
             least = price + self.settings.evidence - self.settings.trial_lead
             after = TrialFit(*self.anew(fit, changed(before, change), part))
-            return replace(change, gain=after.lead(whole.result(), least, self.settings.early_rounds) - price)
+            lead = after.lead(whole.result(), least, self.settings.early_rounds, beside)
+            return replace(change, gain=lead - price)
 
-        with side_by_side() as threads:
-            whole = threads.submit(lambda: TrialFit(*self.anew(fit, unchanged, part)))
+        with side_by_side() as threads, ThreadPoolExecutor(1) as beside:
+            whole = beside.submit(lambda: TrialFit(*self.anew(fit, unchanged, part)))
             yield from threads.map(tried, changes)
 
     def best(self, fit: MotionFit) -> tuple[MotionFit, Change] | None:

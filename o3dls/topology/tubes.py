@@ -7,7 +7,6 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.sparse.csgraph import connected_components
@@ -22,6 +21,7 @@ from ..levelset.observation import Measured
 from .change import Change, body_radius
 from .cuts import parts
 from .settings import TopologySettings, TubeSettings
+from .tube_cost import Foot, cone, losses_with, rarity
 
 
 def growth(wall: Wall, measured: Measured, settings: TopologySettings) -> Iterator[Change]:
@@ -49,29 +49,6 @@ def _far(measured: Measured, settings: TubeSettings) -> NDArray[np.bool_]:
     )
 
 
-@njit(cache=True)
-def cone(points, tube):  # type: ignore[no-untyped-def]
-    """Signed distance (n,), nearly, of points (n, d) from a round-ended cone [start (d), end (d), log radii
-    (2)].
-    """
-    n, d = points.shape
-    radius, other = np.exp(tube[2 * d]), np.exp(tube[2 * d + 1])
-    length2 = 0.0
-    for a in range(d):
-        length2 += (tube[d + a] - tube[a]) ** 2
-    off = np.empty(n)
-    for i in range(n):
-        along = 0.0
-        for a in range(d):
-            along += (points[i, a] - tube[a]) * (tube[d + a] - tube[a])
-        along = min(max(along / max(length2, TINY), 0.0), 1.0)
-        gap2 = 0.0
-        for a in range(d):
-            gap2 += (points[i, a] - tube[a] - along * (tube[d + a] - tube[a])) ** 2
-        off[i] = np.sqrt(gap2) - radius - (other - radius) * along
-    return off
-
-
 def _tubes(
     wall: Wall,
     measured: Measured,
@@ -92,12 +69,12 @@ def _tubes(
     before = likelihood.loss(distance - measured.bias)
 
     def after(tube: Array) -> Array:
-        return likelihood.loss(np.minimum(distance, cone(measured.points, tube)) - measured.bias)
+        return losses_with(measured.points, tube, distance, measured.bias, *likelihood.numbers)  # type: ignore[no-any-return]
 
     def cost(tube: Array) -> float:
-        return float(after(tube).sum()) + _rarity(foot, tube, radius, settings)
+        return float(after(tube).sum()) + rarity(foot, tube, radius, settings)
 
-    foot = _Foot(wall)
+    foot = Foot(wall)
     first = _first(wall, cluster, radius, settings)
     units = np.r_[np.full(2 * surface.dimension, radius), 1.0, 1.0]
     for tube in _fitted(cost, first, units, settings):
@@ -112,9 +89,9 @@ def _tubes(
         exposed = _exposed(wall, region, feet)
         if not _of_a_chamber(whole, tube, exposed, radius, settings):
             centre = tube[: 2 * surface.dimension].reshape(2, -1).mean(axis=0)
-            rarity = _rarity(foot, tube, radius, settings)
+            rare = rarity(foot, tube, radius, settings)
             gathers = settings.expected_points * exposed / surface.area
-            change = Change(False, region, float(gain.sum()), rarity, gathers, witnesses, cluster, centre)
+            change = Change(False, region, float(gain.sum()), rare, gathers, witnesses, cluster, centre)
             yield replace(change, gain=change.gain - change.price(len(whole.points)))
 
 
@@ -174,32 +151,6 @@ def _first(wall: Wall, cluster: Array, radius: float, settings: TubeSettings) ->
         foot - (middle - foot) / max(float(np.linalg.norm(middle - foot)), TINY) * settings.radius * radius
     )
     return np.concatenate([start, 0.5 * (middle + far), [size, size]])
-
-
-class _Foot:
-    """How high one place after another lies over a wall: each as a rule near the last."""
-
-    def __init__(self, wall: Wall) -> None:
-        self.wall = wall
-        self.face: Ints | None = None
-
-    def height(self, place: Array) -> float:
-        height, self.face, _ = self.wall.nearest(place[None], self.face)
-        return float(height[0])
-
-
-def _rarity(foot: _Foot, tube: Array, radius: float, settings: TubeSettings) -> float:
-    """-log of how common a tube is: of usual radius, even, no longer than need be, and rooted in the body."""
-    d = len(tube[:-2]) // 2
-    sizes = (tube[-2:] - np.log(settings.radius * radius)) / settings.radius_log_sd
-    depth = foot.height(tube[:d]) / np.exp(tube[-2])
-    length = float(np.linalg.norm(tube[d : 2 * d] - tube[:d])) / radius
-    return float(
-        0.5 * (sizes**2).sum()
-        + 0.5 * ((tube[-1] - tube[-2]) / settings.taper_log_sd) ** 2
-        + 2.0 * max(depth + settings.rooted, 0.0) ** 2
-        + length
-    )
 
 
 def _fitted(

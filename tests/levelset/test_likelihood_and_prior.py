@@ -41,6 +41,20 @@ def test_slope_of_the_loss(one_sided: bool, side: float) -> None:
     np.testing.assert_allclose(noise.slope(distance), central, atol=1e-8)
 
 
+@pytest.mark.parametrize("one_sided", [False, True])
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_loss_and_weight_are_those_of_the_mixture(one_sided: bool, side: float) -> None:
+    """Of those known to be inside, the wall's density is flat there, and outliers are nowhere likelier."""
+    noise = likelihood(one_sided)
+    distance = side * np.array([0.1, 0.7, 2.0, 4.0, 90.0, 0.4])
+    off = np.zeros(6) if one_sided and side < 0.0 else distance
+    touching = np.exp(-0.5 * (off / noise.sigma) ** 2) / np.sqrt(2.0 * np.pi * noise.sigma**2)
+    density = np.full(6, CONTACT.anywhere) if one_sided else CONTACT.outlier_density(distance)
+    wall, floating = (1.0 - CONTACT.outlier_fraction) * touching, CONTACT.outlier_fraction * density
+    np.testing.assert_allclose(noise.loss(distance), -np.log(wall + floating), rtol=1e-12)
+    np.testing.assert_allclose(noise.weight(distance), wall / (wall + floating), rtol=1e-12, atol=1e-300)
+
+
 def test_loss_is_a_normalised_density_but_for_the_reach_of_outliers() -> None:
     s = np.linspace(-15.0, 30.0, 90001)
     noise = Likelihood(np.full(len(s), 1.3), CONTACT, np.zeros(len(s), dtype=bool))

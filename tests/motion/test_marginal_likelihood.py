@@ -67,6 +67,8 @@ def test_solve_is_the_dense_formula() -> None:
     matrix, _ = assemble(LOG, *grams(covariance(3), rows.observed), rows)
     posterior, inverse = solve(matrix, rows.residual)
     np.testing.assert_allclose(inverse, np.linalg.inv(matrix), rtol=1e-8, atol=1e-10)
+    np.testing.assert_array_equal(inverse, inverse.T)
+    np.testing.assert_allclose(posterior.factor, np.linalg.cholesky(matrix), rtol=1e-8, atol=1e-10)
     np.testing.assert_allclose(posterior.alpha, np.linalg.solve(matrix, rows.residual), rtol=1e-8)
     gaussian = (
         0.5 * rows.residual @ np.linalg.solve(matrix, rows.residual) + 0.5 * np.linalg.slogdet(matrix)[1]

@@ -4,8 +4,8 @@ nothing happens.
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from threading import Lock
 from types import SimpleNamespace
 
 import numpy as np
@@ -28,7 +28,8 @@ from o3dls.topology.change import Change, body_radius, changed
 from o3dls.topology.cuts import removals
 from o3dls.topology.search import TopologySearch, before_motion, change_topology
 from o3dls.topology.settings import TopologySettings
-from o3dls.topology.tubes import _stands_alone, _thin_parts, cone, growth
+from o3dls.topology.tube_cost import Foot, cone
+from o3dls.topology.tubes import _stands_alone, _thin_parts, growth
 
 SIGMA = 1.0
 SEED = 173_205
@@ -295,6 +296,17 @@ def test_a_wall_that_the_lattice_would_tear_is_not_judged_on_it(monkeypatch: pyt
     assert list(TopologySearch(1.7, SETTINGS).judged(fit, [change])) == []
 
 
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_the_height_of_a_tubes_foot_is_that_of_any_place(dimension: int) -> None:
+    wall = Wall(body(dimension))
+    foot = Foot(wall)
+    places = np.random.default_rng(SEED).normal(size=(200, dimension)) * 0.8 * wall.radius
+    heights = wall.nearest(places)[0]
+    assert (heights < 0.0).sum() > 20
+    assert (heights > 0.0).sum() > 20
+    np.testing.assert_allclose([foot.height(place) for place in places], heights, atol=1e-9)
+
+
 def test_points_known_to_be_inside_grow_no_tube() -> None:
     wall = Wall(ball())
     measured = seen(wall, sampled(tubed(), 400, SIGMA, SEED))
@@ -323,30 +335,43 @@ def proposed(odd: Array, rarity: float = 0.0, gathers: float = 0.0) -> Change:
 def ended(*energies: float) -> TrialFit:
     """A trial whose rounds had such energies; amplitudes and noise were tuned in the first."""
     trial = object.__new__(TrialFit)
-    trial._rounds, trial._tuned, trial._energies, trial._asked = iter(()), 0, list(energies), Lock()
+    trial._rounds, trial._tuned, trial._energies = iter(()), 0, list(energies)
     return trial
 
 
+def lead(mine: TrialFit, other: TrialFit, least: float, early: tuple[int, ...] = ()) -> float:
+    with ThreadPoolExecutor(1) as beside:
+        return mine.lead(other, least, early, beside)
+
+
+def trials_end_at(monkeypatch: pytest.MonkeyPatch, unchanged: float, with_change: float) -> None:
+    """Trials of the prior as it is, and of a changed one, end at such energies."""
+    monkeypatch.setattr(
+        "o3dls.topology.search.changed", lambda _, change: with_change if change else unchanged
+    )
+    monkeypatch.setattr(TopologySearch, "keeps", lambda *_: True)
+    monkeypatch.setattr(TopologySearch, "anew", lambda self, fit, energy, data: (energy,))
+    monkeypatch.setattr("o3dls.topology.search.TrialFit", ended)
+
+
 @pytest.mark.parametrize(
-    ("least", "lead"), [(-5.0, 2.0), (-1.0, -4.0)], ids=["to the end", "given up in the second round"]
+    ("least", "found"), [(-5.0, 2.0), (-1.0, -4.0)], ids=["to the end", "given up in the second round"]
 )
-def test_a_trial_is_given_up_once_it_is_far_behind(least: float, lead: float) -> None:
+def test_a_trial_is_given_up_once_it_is_far_behind(least: float, found: float) -> None:
     """The first round, in which amplitudes are tuned, does not count; who stands still keeps its energy."""
-    assert ended(99.0, 54.0, 49.0, 48.0).lead(ended(60.0, 50.0), least) == lead
+    assert lead(ended(99.0, 54.0, 49.0, 48.0), ended(60.0, 50.0), least) == found
 
 
 def test_a_trial_that_is_far_behind_in_an_early_round_is_not_tuned() -> None:
     trial, other = ended(9.0, 8.0, 7.0, 1.0), ended(6.0, 6.0, 6.0, 6.0)
     trial._tuned = 2
-    assert trial.lead(other, -1.5) == 5.0
-    assert trial.lead(other, -1.5, (1,)) == -2.0
+    assert lead(trial, other, -1.5) == 5.0
+    assert lead(trial, other, -1.5, (1,)) == -2.0
 
 
 def test_a_change_gains_what_the_fit_gains_less_its_price(monkeypatch: pytest.MonkeyPatch) -> None:
     fit = bent_fit()
-    energies = iter([100.0, 60.0])  # without the change, with it
-    monkeypatch.setattr("o3dls.topology.search.changed", lambda *_: surface(fit))
-    monkeypatch.setattr("o3dls.topology.search.TrialFit", lambda *_: ended(next(energies)))
+    trials_end_at(monkeypatch, 100.0, 60.0)
     judged = SEARCH.judged(fit, [proposed(np.zeros((0, 3)), rarity=7.0)])
     assert [change.gain for change in judged] == [33.0]
 
@@ -358,9 +383,7 @@ def test_a_trial_on_some_of_the_points_pays_for_these(monkeypatch: pytest.Monkey
     doubled = data.at(np.repeat(np.arange(len(data.points)), 2))
     fit = replace(fit, problem=replace(fit.problem, data=doubled))
     search = replace(SEARCH, settings=replace(SEARCH.settings, trial_points=len(data.points)))
-    energies = iter([100.0, 60.0])
-    monkeypatch.setattr("o3dls.topology.search.changed", lambda *_: surface(fit))
-    monkeypatch.setattr("o3dls.topology.search.TrialFit", lambda *_: ended(next(energies)))
+    trials_end_at(monkeypatch, 100.0, 60.0)
     change = proposed(np.zeros((0, 3)), gathers=0.1)
     (judged,) = search.judged(fit, [change])
     assert change.price(len(doubled.points)) == pytest.approx(0.2 * len(data.points))
