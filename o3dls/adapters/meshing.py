@@ -6,6 +6,7 @@ In 2D the zero set itself is the contour, and nothing needs to be cleaned.
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -60,13 +61,15 @@ def extract(
         keep = min(1.0, keep * len(found[1]) / len(raw.faces))
     if field.band.dimension == 2:
         return Extraction(raw, 0.0, 0.0, len(raw.faces))
-    clean = _clean(raw, smoothing, keep, LOOSE * smallest)
+    with ThreadPoolExecutor(1) as beside:
+        tree = beside.submit(lambda: raw.closest_point)  # while pymeshlab works on the other core
+        clean = _clean(raw, smoothing, keep, LOOSE * smallest)
     if smoothing and self_intersections(clean):  # where two walls are closer than the lattice tells apart
         clean = _clean(raw, 0, keep, LOOSE * smallest)
     if flipped(clean).any():  # next to cuts, which follow the lattice
         even = relaxed(clean)
         clean = clean if self_intersections(even) else even
-    shift = raw.closest_point.distance(clean.vertices)
+    shift = tree.result().distance(clean.vertices)
     return Extraction(clean, float(shift.mean()), float(shift.max()), len(raw.faces))
 
 
@@ -105,7 +108,7 @@ def _clean(raw: Surface, smoothing: int, keep: float, loose: float = LOOSE) -> S
     if keep < 1.0:
         faces = int(keep * meshes.current_mesh().face_number())
         meshes.meshing_decimation_quadric_edge_collapse(
-            targetfacenum=faces, preservetopology=True, preservenormal=True
+            targetfacenum=faces, preservetopology=True, preservenormal=True, autoclean=False
         )
     meshes.meshing_remove_unreferenced_vertices()
     mesh = meshes.current_mesh()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from .differential import face_normals, vertex_normals
 from .surface import Surface
 
 
@@ -12,8 +13,9 @@ def flipped(surface: Surface) -> NDArray[np.bool_]:
     """Faces (m,) that look against the mean direction of the surface at their own corners, as folded-over
     faces do.
     """
-    around = surface.vertex_normals[surface.faces].sum(axis=1)
-    return np.asarray((around * surface.face_normals).sum(axis=1) < 0.0)
+    around = vertex_normals(surface.vertices, surface.faces)[surface.faces]
+    own = face_normals(surface.vertices, surface.faces)
+    return np.asarray(np.einsum("mcd,md->m", around, own) < 0.0)
 
 
 def relaxed(surface: Surface, rounds: int = 20) -> Surface:
