@@ -108,7 +108,7 @@ def _clean(raw: Surface, smoothing: int, keep: float, loose: float = LOOSE) -> S
     if keep < 1.0:
         faces = int(keep * meshes.current_mesh().face_number())
         meshes.meshing_decimation_quadric_edge_collapse(
-            targetfacenum=faces, preservetopology=True, preservenormal=True, autoclean=False
+            targetfacenum=faces, preservetopology=True, preservenormal=True
         )
     meshes.meshing_remove_unreferenced_vertices()
     mesh = meshes.current_mesh()
