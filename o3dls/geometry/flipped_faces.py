@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from .differential import face_normals, vertex_normals
 from .surface import Surface
 
 
@@ -13,6 +12,11 @@ def flipped(surface: Surface) -> NDArray[np.bool_]:
     """Faces (m,) that look against the mean direction of the surface at their own corners, as folded-over
     faces do.
     """
+    from .differential import (
+        face_normals,
+        vertex_normals,
+    )  # compiled code is not for those who only read a file
+
     around = vertex_normals(surface.vertices, surface.faces)[surface.faces]
     own = face_normals(surface.vertices, surface.faces)
     return np.asarray(np.einsum("mcd,md->m", around, own) < 0.0)
