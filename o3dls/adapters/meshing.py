@@ -19,10 +19,13 @@ from ..geometry.flipped_faces import flipped, relaxed
 from ..geometry.surface import Surface, interpolated
 from ..levelset.grid.distance import SignedDistance
 from ..levelset.grid.isosurface import zero_set
+from ..levelset.grid.regularised import regularised
 from .self_intersections import self_intersections
 
 # pieces with less than this share of the faces of one that is meant are dust, or what a fold has pinched off
 LOOSE = 0.1
+# spacings: cells that leave as few faces of a mesh of simplices, whose vertices lie on diagonals too
+WIDER = 1.15
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,27 +57,28 @@ def extract(
     """
     if not ((field.phi < 0.0).any() and (field.phi >= 0.0).any()):
         raise SolverError("the level set has no surface: phi does not change its sign")
-    found = isosurface(field)
-    if raw is None or components_and_euler(*found) == components_and_euler(raw.vertices, raw.faces):
-        raw = _chosen(*found, islands)
+    vertices, faces = isosurface(field)
+    cell = field.band.spacing
+    if raw is None or components_and_euler(vertices, faces) == components_and_euler(raw.vertices, raw.faces):
+        raw = Surface(vertices, faces) if islands else Surface(*largest_component(vertices, faces))
+        faces = raw.faces
     else:
-        keep = min(1.0, keep * len(found[1]) / len(raw.faces))
+        cell *= WIDER
     if field.band.dimension == 2:
         return Extraction(raw, 0.0, 0.0, len(raw.faces))
+    target = int(keep * len(faces))
+    even = regularised(raw, cell)  # of better shape, and what is few faces is soon decimated
+    start = even if len(even.faces) > target else raw
     with ThreadPoolExecutor(1) as beside:
         tree = beside.submit(lambda: raw.closest_point)  # while pymeshlab works on the other core
-        clean = _clean(raw, smoothing, keep, LOOSE * smallest)
+        clean = _clean(start, smoothing, target, LOOSE * smallest)
     if smoothing and self_intersections(clean):  # where two walls are closer than the lattice tells apart
-        clean = _clean(raw, 0, keep, LOOSE * smallest)
+        clean = _clean(start, 0, target, LOOSE * smallest)
     if flipped(clean).any():  # next to cuts, which follow the lattice
         even = relaxed(clean)
         clean = clean if self_intersections(even) else even
     shift = tree.result().distance(clean.vertices)
     return Extraction(clean, float(shift.mean()), float(shift.max()), len(raw.faces))
-
-
-def _chosen(vertices: Array, faces: Ints, islands: bool) -> Surface:
-    return Surface(vertices, faces) if islands else Surface(*largest_component(vertices, faces))
 
 
 def isosurface(field: SignedDistance) -> tuple[Array, Ints]:
@@ -92,9 +96,9 @@ def isosurface(field: SignedDistance) -> tuple[Array, Ints]:
     return vertices, mesh.triangle.indices.numpy()[:, ::-1]  # Open3D winds towards the smaller values
 
 
-def _clean(raw: Surface, smoothing: int, keep: float, loose: float = LOOSE) -> Surface:
-    """Repair non-manifold edges, drop dust, smooth lightly (Taubin 1995), decimate by quadrics; topology is
-    kept.
+def _clean(raw: Surface, smoothing: int, faces: int, loose: float = LOOSE) -> Surface:
+    """Repair non-manifold edges, drop dust, smooth lightly (Taubin 1995), decimate by quadrics to so many
+    faces; topology is kept.
     """
     import pymeshlab
 
@@ -105,8 +109,7 @@ def _clean(raw: Surface, smoothing: int, keep: float, loose: float = LOOSE) -> S
     meshes.meshing_remove_connected_component_by_face_number(mincomponentsize=int(loose * largest) + 1)
     if smoothing:
         meshes.apply_coord_taubin_smoothing(stepsmoothnum=smoothing)
-    if keep < 1.0:
-        faces = int(keep * meshes.current_mesh().face_number())
+    if faces < meshes.current_mesh().face_number():
         meshes.meshing_decimation_quadric_edge_collapse(
             targetfacenum=faces, preservetopology=True, preservenormal=True
         )
