@@ -61,6 +61,14 @@ def add_covariance(a, pulls, out, b, others, lengths):  # type: ignore[no-untype
                 out[i, j] += row[j] * shared[j]
 
 
+@njit(cache=True, nogil=True)
+def add_scaled(out, matrix, factor):  # type: ignore[no-untyped-def]
+    """Add to out (n, m) a matrix times a factor, in one pass."""
+    for i in range(out.shape[0]):
+        for j in range(out.shape[1]):
+            out[i, j] += factor * matrix[i, j]
+
+
 @njit(cache=True, inline="always")
 def squared_distances(place, columns, out):  # type: ignore[no-untyped-def]
     """Write the squared distances (m,) of a place (d,) from the columns (d, m)."""

@@ -15,6 +15,7 @@ from scipy.optimize import minimize
 from ..arrays import ROUNDING, Array
 from ..cholesky import factor_and_inverse
 from ..errors import SolverError
+from .kernels import add_scaled
 from .observations import Rows
 from .settings import IterationSettings
 
@@ -159,7 +160,7 @@ def assemble(log: Array, fixed: Array, parts: list[Array], rows: Rows) -> tuple[
     """
     matrix = fixed.copy()
     for k, part in enumerate(parts):
-        matrix += np.exp(2.0 * log[k]) * part
+        add_scaled(matrix, part, np.exp(2.0 * log[k]))
     return with_noise(matrix, log[len(parts) :], rows)
 
 

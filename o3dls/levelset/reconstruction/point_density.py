@@ -5,14 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from ...arrays import Array, Ints
+from ...arrays import Array, Ints, Mask
 from ...geometry.surface import Surface
 from ..grid.band import Band
 from ..grid.isosurface import zero_set
-from .normals import nearest
 from .settings import HandleSettings
 
 
@@ -26,13 +24,13 @@ class PointDensity:
     spacing: float
     settings: HandleSettings
 
-    def log_likelihood(self, phi: Array, changed: NDArray[np.bool_]) -> float:
+    def log_likelihood(self, phi: Array, changed: Mask) -> float:
         """Log density of the points near nodes (mask), as many as there are, given that they come from the
         wall near these, evenly. So wall without points costs as much as points without wall.
         """
         reach = self.settings.reach * self.sigma
         nodes = np.argwhere(changed)
-        near = self._gaps(nodes, self.points) < reach
+        near = self._within(reach, nodes, self.points)
         margin = int(np.ceil(2.0 * reach / self.spacing)) + 1
         low = np.maximum(nodes.min(axis=0) - margin, 0)
         part = phi[tuple(slice(a, b + margin + 1) for a, b in zip(low, nodes.max(axis=0), strict=True))]
@@ -42,14 +40,14 @@ class PointDensity:
         places, areas = wall.vertices[wall.faces].mean(axis=1), wall.face_areas
         if not near.any() or not len(places):
             return 0.0
-        whole = areas[self._gaps(nodes, places) < reach].sum()
+        whole = areas[self._within(reach, nodes, places)].sum()
         pairs = KDTree(self.points[near]).sparse_distance_matrix(KDTree(places), reach, output_type="ndarray")
         heights = areas[pairs["j"]] * np.exp(-0.5 * (pairs["v"] / self.sigma) ** 2)
         summed = np.bincount(pairs["i"], heights, minlength=int(near.sum()))
         density = summed / ((2.0 * np.pi) ** 1.5 * self.sigma**3) + self.settings.floor / self.sigma
         return float(np.log(density / whole).sum())
 
-    def _gaps(self, nodes: Ints, places: Array) -> Array:
-        """Distances (k,) of places (k, 3) from the nearest of nodes (m, 3)."""
+    def _within(self, reach: float, nodes: Ints, places: Array) -> Mask:
+        """Which places (k, 3) are nearer than that to one of the nodes (m, 3)."""
         at = np.asarray((nodes + self.low) * self.spacing, dtype=np.float64)
-        return nearest(at, places, 1)[0][:, 0]
+        return np.asarray(KDTree(at).query(places, distance_upper_bound=reach)[0] < reach)
