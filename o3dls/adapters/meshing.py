@@ -24,7 +24,7 @@ from .self_intersections import self_intersections
 
 # pieces with less than this share of the faces of one that is meant are dust, or what a fold has pinched off
 LOOSE = 0.1
-# spacings: cells that leave as few faces of a mesh of simplices, whose vertices lie on diagonals too
+# spacings: cells by which a mesh that is regularised already loses as many faces again
 WIDER = 1.15
 
 
@@ -62,12 +62,13 @@ def extract(
     if raw is None or components_and_euler(vertices, faces) == components_and_euler(raw.vertices, raw.faces):
         raw = Surface(vertices, faces) if islands else Surface(*largest_component(vertices, faces))
         faces = raw.faces
-    else:
+    elif len(raw.faces) < len(faces):
         cell *= WIDER
     if field.band.dimension == 2:
         return Extraction(raw, 0.0, 0.0, len(raw.faces))
     target = int(keep * len(faces))
-    even = regularised(raw, cell)  # of better shape, and what is few faces is soon decimated
+    # of better shape, and few faces are soon decimated
+    even = regularised(raw, cell) if keep < 1.0 else raw
     start = even if len(even.faces) > target else raw
     with ThreadPoolExecutor(1) as beside:
         tree = beside.submit(lambda: raw.closest_point)  # while pymeshlab works on the other core

@@ -12,10 +12,8 @@ def flipped(surface: Surface) -> NDArray[np.bool_]:
     """Faces (m,) that look against the mean direction of the surface at their own corners, as folded-over
     faces do.
     """
-    from .differential import (
-        face_normals,
-        vertex_normals,
-    )  # compiled code is not for those who only read a file
+    # compiled code is not for those who only read a file
+    from .differential import face_normals, vertex_normals
 
     around = vertex_normals(surface.vertices, surface.faces)[surface.faces]
     own = face_normals(surface.vertices, surface.faces)

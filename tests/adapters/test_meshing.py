@@ -16,9 +16,11 @@ from o3dls.errors import SolverError
 from o3dls.evaluation.distances import distances
 from o3dls.evaluation.validity import validity
 from o3dls.geometry.components import components_and_euler
+from o3dls.geometry.flipped_faces import flipped
 from o3dls.geometry.surface import Surface
 from o3dls.levelset.grid.distance import SignedDistance, signed_distance
 from o3dls.levelset.grid.isosurface import zero_set
+from o3dls.levelset.grid.regularised import regularised
 
 
 def field(surface: Surface, spacing: float = 1.0) -> SignedDistance:
@@ -44,6 +46,22 @@ def test_as_many_faces_are_left_as_asked(keep: float) -> None:
     found = extract(field(torus()), keep=keep)
     asked = keep * found.isosurface_faces
     assert asked - 3 < len(found.surface.faces) <= asked + 1  # a collapse takes two
+
+
+def test_regularising_leaves_six_tenths_of_an_isosurface() -> None:
+    """As docs/method.md says."""
+    surface = Surface(*isosurface(field(torus())))
+    assert len(regularised(surface, 1.0).faces) / len(surface.faces) == pytest.approx(0.6, abs=0.05)
+
+
+def test_a_fine_zero_set_of_another_topology_is_meshed_without_folds() -> None:
+    """It has twice as many faces and more: cells as wide as for a mesh regularised already would fold it."""
+    fine = field(meshed(ball_with_tube, 34.0, 0.5))
+    raw = Surface(*zero_set(fine.band, fine.phi))
+    found = extract(field(torus()), raw=raw).surface
+    assert components_and_euler(found.vertices, found.faces) == components_and_euler(raw.vertices, raw.faces)
+    assert self_intersections(found) == 0
+    assert not flipped(found).any()
 
 
 def test_triangles_are_even() -> None:
