@@ -55,7 +55,6 @@ def test_regularising_leaves_six_tenths_of_an_isosurface() -> None:
 
 
 def test_a_fine_zero_set_of_another_topology_is_meshed_without_folds() -> None:
-    """It has twice as many faces and more: cells as wide as for a mesh regularised already would fold it."""
     fine = field(meshed(ball_with_tube, 34.0, 0.5))
     raw = Surface(*zero_set(fine.band, fine.phi))
     found = extract(field(torus()), raw=raw).surface
