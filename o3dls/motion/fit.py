@@ -182,35 +182,31 @@ def _iterate_robustly(problem: MotionProblem) -> Iterated:
 
 
 class Round(NamedTuple):
-    """Where one round has come to; `at` (n, d): the vertices on which it sought feet."""
+    """Where one round has come to."""
 
-    at: Array
     state: State
     solved: Solved
     record: dict[str, float]
 
 
 def _iterate(problem: MotionProblem, state: State, *, anneal: bool = True) -> Iterated:
-    """Rounds until the vertices stand still: from nothing, or without annealing from an earlier state."""
+    """Rounds until the surface stands still: from nothing, or without annealing from an earlier state."""
     trace: list[dict[str, float]] = []
     for last in _rounds(problem, state, anneal=anneal):
         trace.append(last.record)
-    # vertices may slide along a surface that stands still
-    along = ((last.state.moved - last.at) * vertex_normals(last.at, problem.faces)).sum(axis=1)
-    return Iterated(problem, last.state, last.solved, tuple(trace), float(np.abs(along).mean()))
+    return Iterated(problem, last.state, last.solved, tuple(trace), trace[-1]["step"])
 
 
 def _rounds(
     problem: MotionProblem, state: State, *, anneal: bool = True, enough: float = 0.0
 ) -> Iterator[Round]:
-    """Rounds until the vertices stand still, or the energy changes by less than `enough` (nats)."""
+    """Rounds until the surface stands still, or the energy changes by less than `enough` (nats)."""
     settings = problem.settings.iteration
     energy = np.inf
     for k in range(settings.iterations):
-        at, before = state.feet_on, energy
-        iteration = k if anneal else None
+        before, iteration = energy, k if anneal else None
         state, solved, record = step(problem, state, iteration, tuning=anneal and k in settings.tune_at)
-        yield Round(at, state, solved, record)
+        yield Round(state, solved, record)
         energy = record["energy"]
         tuned = not anneal or k > max(settings.tune_at)
         still = record["step"] < settings.tolerance * problem.size or abs(energy - before) < enough

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..arrays import Array, Ints
+from ..geometry.differential import vertex_normals
 from ..noise.contact import Contact, contact_density, inside_point_weights, label_energy, update_contact
 from .correspondence import likely_feet
 from .covariance import cross, displacement, grams
@@ -22,24 +23,29 @@ from .problem import MotionProblem
 from .settings import IterationSettings
 
 
+class Step(NamedTuple):
+    """A round's step: vertices (n, d) where feet were sought, and by what (n, d) the field moves them on."""
+
+    begun: Array
+    change: Array
+
+
 @dataclass(frozen=True, eq=False)
 class State:
-    """What one round hands to the next: vertices (n, d) where feet are sought, and as moved by the field; how
-    much of a step is taken; amplitudes and noise levels; the mixture, and each point's probability of
-    contact.
+    """What one round hands to the next: vertices (n, d) where feet are sought, and as moved by the field;
+    amplitudes and noise levels; the mixture, and each point's probability of contact.
 
     patches (k,): which row each point falls into, once that stays: points that change rows would keep the
-    surface from standing still.
+    surface from standing still. past: the last rounds, whose steps the next one is mixed with.
     """
 
     feet_on: Array
     moved: Array
-    damping: float
     scales: Scales
     contact: Contact
     weights: Array
     patches: Ints | None = None
-    step: float = np.inf
+    past: tuple[Step, ...] = ()
 
 
 class Solved(NamedTuple):
@@ -71,7 +77,7 @@ def begin(problem: MotionProblem) -> State:
     least = np.r_[np.full(len(log) - noises, -np.inf), least_noise]
     scales = Scales(log, log, log_sd, least, len(log) - noises)
     contact = Contact.expected(problem.size, problem.settings.contact)
-    return State(problem.rest.at, problem.rest.at, 1.0, scales, contact, problem.first_weights)
+    return State(problem.rest.at, problem.rest.at, scales, contact, problem.first_weights)
 
 
 def step(
@@ -100,15 +106,19 @@ def step(
     out = points_left_out(rows, feet, state.weights, noise, *alone, noises, problem.data)
     weights, contact = believe(problem, state, *out)
     record = _energies(problem, state, solved, log[scales.fields :], out[0], contact)
-    length = float(np.linalg.norm(moved - state.feet_on, axis=1).mean())
-    fraction = contact.outlier_fraction
+    taken = Step(state.feet_on, moved - state.feet_on)
+    # vertices may slide along a surface that stands still
+    along = (taken.change * vertex_normals(state.feet_on, problem.faces)).sum(axis=1)
+    length, fraction = float(np.abs(along).mean()), contact.outlier_fraction
     record |= {"step": length, "sigma": float(scales.noises[0]), "outlier_fraction": fraction}
-    # feet are sought again on the way to there
-    damping = _damping(state, length, iteration, settings)
-    feet_on = state.feet_on + damping * (moved - state.feet_on)
+    # feet are sought again on the way to there; another field has other steps
+    early = iteration is not None and iteration < len(settings.noise_factors)
+    past = () if early or tuning else state.past
+    feet_on = mixed(taken, past, settings.longest_step)
+    past = (*past, taken)[-settings.mixed_steps :]
     late = iteration is None or iteration > max(settings.tune_at)
     patches = rows.of_point if late else None
-    return State(feet_on, moved, damping, scales, contact, weights, patches, length), solved, record
+    return State(feet_on, moved, scales, contact, weights, patches, past), solved, record
 
 
 def _tuned(problem: MotionProblem, scales: Scales, rows: Rows) -> Scales:
@@ -176,9 +186,9 @@ def believe(problem: MotionProblem, state: State, residual: Array, variance: Arr
     belief = touching / (touching + floating)
     outside = (residual[~wall] > 0.0) & (belief > 0.5)
     crowd = inside_point_weights(data.points[~wall], outside, problem.size, problem.settings.contact)
-    # damped, since points at the wall come and go
-    before = state.weights[~wall]
-    weights[~wall] = before + state.damping * (belief * crowd - before)
+    # points at the wall come and go
+    before, part = state.weights[~wall], problem.settings.iteration.inside_step if state.past else 1.0
+    weights[~wall] = before + part * (belief * crowd - before)
     return weights, contact
 
 
@@ -216,15 +226,20 @@ def _field(problem: MotionProblem, sds: Array, solved: Solved) -> Array:
     return np.asarray(problem.from_nodes @ field)
 
 
-def _damping(state: State, length: float, iteration: int | None, settings: IterationSettings) -> float:
-    """Part of the next step that is taken: halved while steps do not shrink, since exact points can hold the
-    feet in a cycle.
+def mixed(step: Step, past: tuple[Step, ...], longest: float) -> Array:
+    """Vertices (n, d) to go on from: as if, of all mixtures of this step and the past ones, that were taken
+    whose change is least (Anderson 1965); at most `longest` times the step away.
     """
-    if iteration is not None and iteration <= len(settings.noise_factors):
-        return 1.0
-    if length > settings.slow_step * state.step:
-        return max(settings.damping * state.damping, settings.least_damping)
-    return min(settings.damping_recovery * state.damping, 1.0)
+    if not past:
+        return step.begun + step.change
+    less = np.array([(step.change - other.change).ravel() for other in past])
+    way = np.array([(step.begun - other.begun).ravel() for other in past])
+    gram = less @ less.T
+    gram[np.diag_indices_from(gram)] += 1e-8 * np.trace(gram)  # equal changes say the same
+    share = np.linalg.lstsq(gram, less @ step.change.ravel())[0]
+    move = step.change - (share @ (way + less)).reshape(step.change.shape)
+    length, limit = (float(np.linalg.norm(one)) for one in (move, longest * step.change))
+    return np.asarray(step.begun + min(1.0, limit / max(length, 1e-300)) * move)
 
 
 def _annealed(iteration: int | None, scales: Scales, groups: int, settings: IterationSettings) -> Array:

@@ -21,7 +21,7 @@ PROBABLE = 0.95  # the status says of a motion less probable than this that it i
 @dataclass(frozen=True, eq=False)
 class Iterated:
     """Where iterations of a problem have come to: the last state and system, the history, how far the last
-    round moved the surface (mean; from nothing along its normals only), and what else is to be known.
+    round moved the surface (mean along its normals), and what else is to be known.
     """
 
     problem: MotionProblem

@@ -69,7 +69,7 @@ class IterationSettings:
     """How the fit iterates: what stands still, what is annealed, and what many points share."""
 
     iterations: int = number(25, "", "most of one fit; most fits stand still after 16 to 20")
-    tolerance: float = number(2e-4, "rms radii", "mean step of the surface that counts as standing still")
+    tolerance: float = number(2e-4, "rms radii", "mean step along the normals that counts as standing still")
     tune_at: tuple[int, ...] = number((5, 9, 13), "", "iterations at which the evidence sets the amplitudes")
     tuning_steps: int = number(12, "", "of L-BFGS per tuning: the next one goes on from there")
     tuning_memory: int = number(8, "", "steps that L-BFGS remembers: amplitudes are fewer")
@@ -81,10 +81,9 @@ class IterationSettings:
     )
     first_amplitude: float = number(0.3, "1", "on the amplitudes in the first round: stiff, then softer")
     amplitude_growth: float = number(0.14, "1", "a round: all of it after five")
-    slow_step: float = number(0.9, "1", "a step over the one before from which feet may go in a cycle,")
-    damping: float = number(0.5, "1", "what such steps are cut by,")
-    least_damping: float = number(0.125, "1", "not below this,")
-    damping_recovery: float = number(1.25, "1", "and what shrinking steps grow by again")
+    mixed_steps: int = number(2, "rounds", "before a round, with whose steps its own is mixed")
+    longest_step: float = number(2.0, "1", "over the step of the round alone, when mixed")
+    inside_step: float = number(0.5, "1", "of what `inside` points say later: they come and go")
     most_rows: int = number(600, "rows", "more points than this share rows by patches of the surface")
     patch: float = number(0.4, "shortest lengths", "smaller patches change little but the time")
     most_points: int = number(
