@@ -11,6 +11,7 @@ from ..geometry.surface import Surface
 from ..levelset.grid.distance import SignedDistance, signed_distance
 from ..levelset.grid.isosurface import zero_set
 from ..levelset.grid.operators import combine
+from ..levelset.grid.regularised import regularised
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +49,9 @@ def changed(before: SignedDistance, change: Change | None) -> Surface:
         region = signed_distance(*change.region, band.spacing, band.width)
         band, phi = combine(before, region, remove=change.removes)
     vertices, faces = largest_component(*zero_set(band, phi))
-    return Surface(evened(vertices, faces), faces)
+    if band.dimension == 2:
+        return Surface(evened(vertices, faces), faces)
+    return regularised(Surface(vertices, faces), band.spacing)
 
 
 def body_radius(surface: Surface, least_compact: float = 0.25) -> float:
