@@ -72,14 +72,23 @@ def extract(
     start = even if len(even.faces) > target else raw
     with ThreadPoolExecutor(1) as beside:
         tree = beside.submit(lambda: raw.closest_point)  # while pymeshlab works on the other core
-        clean = _clean(start, smoothing, target, LOOSE * smallest)
-    if smoothing and self_intersections(clean):  # where two walls are closer than the lattice tells apart
-        clean = _clean(start, 0, target, LOOSE * smallest)
-    if flipped(clean).any():  # next to cuts, which follow the lattice
-        even = relaxed(clean)
-        clean = clean if self_intersections(even) else even
-    shift = tree.result().distance(clean.vertices)
-    return Extraction(clean, float(shift.mean()), float(shift.max()), len(raw.faces))
+        smooth = _clean(start, smoothing, target, LOOSE * smallest)
+        crosses = beside.submit(lambda: smoothing and self_intersections(smooth))
+        mesh = _unfolded(smooth)
+    if crosses.result():  # where two walls are closer than the lattice tells apart
+        mesh = _unfolded(_clean(start, 0, target, LOOSE * smallest))
+    shift = tree.result().distance(mesh.vertices)
+    return Extraction(mesh, float(shift.mean()), float(shift.max()), len(raw.faces))
+
+
+def _unfolded(mesh: Surface) -> Surface:
+    """Relaxed where faces are turned over, as next to cuts, which follow the lattice; as it is where the
+    relaxed mesh would cut itself.
+    """
+    if not flipped(mesh).any():
+        return mesh
+    even = relaxed(mesh)
+    return mesh if self_intersections(even) else even
 
 
 def isosurface(field: SignedDistance) -> tuple[Array, Ints]:

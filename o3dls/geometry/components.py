@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy import sparse
-from scipy.sparse.csgraph import connected_components
+from numba import njit
 
 from ..arrays import Array, Ints
 from .surface import Surface, used_by
@@ -13,10 +12,38 @@ SMALL_COMPONENT = 0.01  # area of a piece over that of the largest: no vein, app
 
 
 def component_labels(count: int, faces: Ints) -> Ints:
-    """Number (count,) of the connected piece that each of `count` vertices belongs to."""
-    ends = np.roll(faces, -1, axis=1)
-    links = sparse.csr_matrix((np.ones(faces.size), (faces.ravel(), ends.ravel())), shape=(count, count))
-    return np.asarray(connected_components(links, directed=False)[1], dtype=np.int64)
+    """Number (count,) of the connected piece that each of `count` vertices belongs to by faces, or edges, (m,
+    d), in the order of their first vertices.
+    """
+    return np.asarray(_labels(count, faces))
+
+
+@njit(cache=True, nogil=True)
+def _labels(count, faces):  # type: ignore[no-untyped-def]
+    """Sets that are joined face by face; the first vertex of each stands for it."""
+    first = np.arange(count)
+    for k in range(len(faces)):
+        a = _first(first, faces[k, 0])
+        for c in range(1, faces.shape[1]):
+            b = _first(first, faces[k, c])
+            first[max(a, b)] = a = min(a, b)
+    pieces = 0
+    for vertex in range(count):
+        if first[vertex] == vertex:
+            first[vertex] = pieces
+            pieces += 1
+        else:  # an earlier one, which has its number
+            first[vertex] = first[first[vertex]]
+    return first
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _first(first, vertex):  # type: ignore[no-untyped-def]
+    """The first vertex of a set so far; the way to it is shortened."""
+    while first[vertex] != vertex:
+        first[vertex] = first[first[vertex]]
+        vertex = first[vertex]
+    return vertex
 
 
 def components_and_euler(vertices: Array, faces: Ints) -> tuple[int, int]:
@@ -40,9 +67,9 @@ def component_areas(surface: Surface) -> tuple[Ints, Array]:
 
 def largest_component(vertices: Array, faces: Ints) -> tuple[Array, Ints]:
     """The connected piece of a closed surface that encloses most, without the vertices of the others."""
-    label = component_labels(len(vertices), faces)
-    corners = vertices[faces] - vertices.mean(axis=0)
-    piece = np.bincount(label[faces[:, 0]], weights=np.linalg.det(corners))
-    kept = faces[label[faces[:, 0]] == piece.argmax()]
-    used, renumbered = used_by(len(vertices), kept)
+    label = component_labels(len(vertices), faces)[faces[:, 0]]
+    if (label != label[:1]).any():
+        corners = vertices[faces] - vertices.mean(axis=0)
+        faces = faces[label == np.bincount(label, weights=np.linalg.det(corners)).argmax()]
+    used, renumbered = used_by(len(vertices), faces)
     return vertices[used], renumbered

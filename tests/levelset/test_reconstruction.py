@@ -11,7 +11,7 @@ import pytest
 from shapes import ball_with_tube, meshed, round_distance, sampled, torus, torus_distance, whole_box
 
 from o3dls.adapters.meshing import isosurface
-from o3dls.arrays import Array
+from o3dls.arrays import Array, Ints
 from o3dls.evaluation.distances import distances
 from o3dls.geometry.closest_point import ClosestPoint
 from o3dls.geometry.components import components_and_euler
@@ -32,7 +32,7 @@ from o3dls.levelset.reconstruction.reconstruct import Believed, Inside, Reconstr
 from o3dls.levelset.reconstruction.refinement import reconstructed
 from o3dls.levelset.reconstruction.settings import HandleSettings, ReconstructionSettings
 from o3dls.levelset.reconstruction.splines import SplineField, SplineLattice
-from o3dls.levelset.reconstruction.wall import smooth_cuts, without_pinched_off
+from o3dls.levelset.reconstruction.wall import reconstructed_wall, smooth_cuts, without_pinched_off
 from o3dls.levelset.reconstruction.winding import DipolePlaces
 from o3dls.levelset.refine import Refinement
 from o3dls.noise.contact import Contact
@@ -44,9 +44,9 @@ BALL = meshed(round_distance(16.0), 20.0)
 TUBED = meshed(ball_with_tube, 34.0)
 
 
-def silent(_phi: Array, _changed: object) -> float:
-    """The log likelihood of no points."""
-    return 0.0
+def silent(phis: tuple[Array, ...], _changed: object) -> list[float]:
+    """The log likelihoods of no points."""
+    return [0.0] * len(phis)
 
 
 def believed(points: Array, weights: Array | None = None, sigma: float = SIGMA) -> Believed:
@@ -151,9 +151,10 @@ def test_points_decide_on_handles_but_never_keep_an_island() -> None:
     phi = np.minimum(torus, island)
     band, _ = whole_box(round_distance(16.3), 24.0, 1.0)
 
-    def ringed(one: Array, _changed: object) -> float:
+    def ringed(phis: tuple[Array, ...], _changed: object) -> list[float]:
         """Only the ring is likely."""
-        return 0.0 if ((one < 0.0) == (torus < 0.0))[island > 0.0].all() else -10.0
+        rings = (((phi < 0.0) == (torus < 0.0))[island > 0.0] for phi in phis)
+        return [0.0 if ring.all() else -10.0 for ring in rings]
 
     kept = without_handles(phi, ringed, HandleSettings(), 0.3, 8.0)
     assert components_and_euler(*zero_set(band, kept.ravel())) == (1, 0)
@@ -175,7 +176,8 @@ def test_wall_without_points_costs_as_points_without_wall_do() -> None:
         np.maximum(ball, at[..., 0] - 12.0),
     ):
         changed = dent != ball
-        assert density.log_likelihood(ball, changed) > density.log_likelihood(dent, changed) + 10.0
+        of_ball, of_dent = density.log_likelihoods((ball, dent), changed)
+        assert of_ball > of_dent + 10.0
 
 
 def test_a_cluster_is_believed_unless_the_wall_in_front_of_it_has_points() -> None:
@@ -377,6 +379,25 @@ def test_a_pocket_without_points_is_filled_and_one_with_points_is_not() -> None:
     assert (-filled[prior.box < -1.0] < 0.0).all()
     mapped = replace(found, wall=replace(rest, feet=np.vstack([points[:1000], 6.1 / 16.0 * points[1000:]])))
     assert without_pinched_off(-phi, mapped, settings)[1] == 0
+
+
+def test_a_wall_is_closed_though_the_field_asks_for_one_beyond_the_end_of_the_box() -> None:
+    class Rises(SplineField):
+        """A field that makes wall far from points, on one side."""
+
+        def on_box(self, low: Ints, shape: tuple[int, ...], spacing: float) -> Array:
+            return np.broadcast_to(-8.0 * (np.arange(shape[0]) + low[0] > 12.0)[:, None, None], shape)
+
+    points = sampled(BALL, 300, 0.0, SEED)
+    prior = MovedPrior.of(BALL, points, 1.0, 4.0)
+    wall = Oriented(points, np.zeros(300), points / 16.0, np.zeros(300), *np.ones((3, 300)))
+    found = Reconstruction(
+        prior, Rises([], []), wall, SIGMA, np.ones(300), 50.0, 16.0, 10.0, [5.0], np.zeros((0, 3))
+    )
+    surface, _, _ = reconstructed_wall(found, ReconstructionSettings(), isosurface)
+    assert surface.vertices[:, 0].max() > 22.0  # it reaches the end
+    assert components_and_euler(surface.vertices, surface.faces) == (1, 2)
+    assert surface.watertight
 
 
 def handled(at: Array) -> Array:

@@ -27,9 +27,8 @@ def gaps(mask: Mask, reach: float) -> Array:
     Squared distances along one axis after the other (Saito and Toriwaki 1994).
     """
     most = int(reach)
-    squared = _along_rows(np.ascontiguousarray(mask), most)
-    for axes in ((0, 1, 2), (1, 0, 2)):
-        squared = _across(squared.transpose(axes), most).transpose(axes)
+    squared = _across(_along_rows(np.ascontiguousarray(mask), most), most)
+    squared = _across(squared.reshape(1, len(mask), -1), most).reshape(mask.shape)
     return np.where(squared <= reach * reach, np.sqrt(squared), np.inf)
 
 

@@ -6,10 +6,9 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
-from scipy import sparse
-from scipy.sparse.csgraph import connected_components
 
 from ...arrays import Array, Ints, Mask
+from ...geometry.components import component_labels
 from ...geometry.surface import Surface
 
 
@@ -34,9 +33,7 @@ def _near_one_node(vertices: Array, edges: Ints, spacing: float) -> Ints:
     """
     node = np.round(vertices / spacing).astype(np.int64)
     same = (node[edges[:, 0]] == node[edges[:, 1]]).all(axis=1)
-    size = len(vertices)
-    graph = sparse.coo_array((np.ones(same.sum(), dtype=np.int8), tuple(edges[same].T)), shape=(size, size))
-    return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
+    return component_labels(len(vertices), edges[same])
 
 
 def _change_topology(faces: Ints, edges: Ints, group: Ints) -> Mask:

@@ -22,7 +22,7 @@ from ...arrays import Array, Ints, Mask
 from ..grid.masks import widened
 from .settings import HandleSettings
 
-Evidence = Callable[[Array, Mask], float]
+Evidence = Callable[[tuple[Array, ...], Mask], list[float]]
 
 # neighbours in Kuhn's triangulation: steps of 0 and 1, or of 0 and -1
 STEPS = np.array([step for step in product((-1, 0, 1), repeat=3) if any(step) and min(step) * max(step) >= 0])
@@ -68,8 +68,8 @@ def without_handles(
     """phi on a box with its inside made one simply connected piece, but for handles that points show; what is
     changed becomes at least `least` in amount.
 
-    evidence: log likelihood of points near changed nodes (mask) under a phi; asked: nodes that the cut of a
-    handle takes for it to be asked.
+    evidence: log likelihoods of points near changed nodes (mask) under several phi; asked: nodes that the cut
+    of a handle takes for it to be asked.
     """
     left_out = _left_out(phi)
     decided, kept = _handles_decided(phi, left_out, evidence, settings, least, asked)
@@ -105,7 +105,7 @@ def _handles_decided(
             phi = severed
             continue
         changed = (severed != phi) | (filled != phi)
-        as_it_is, without, closed = (evidence(one, changed) for one in (phi, severed, filled))
+        as_it_is, without, closed = evidence((phi, severed, filled), changed)
         if as_it_is - max(without, closed) > settings.evidence:
             kept |= mine
         elif closed - np.log(_size(tunnel)) >= without - np.log(sizes[k]):
@@ -209,12 +209,12 @@ def _grown(phi: Array, start: Mask) -> Mask:
 
 
 def _ascending(values: Array) -> Ints:
-    """Indices (n,) that sort negative values, equal ones as they come: by their bits, of which those that n
-    takes are an index and no more of the value, since numbers are sorted faster than indices.
+    """Indices (n,) that sort values to 2^-16 of their range, those that are equal then as they come: so short
+    numbers are sorted without comparing them.
     """
-    index = np.arange(len(values))
-    room = (1 << len(values).bit_length()) - 1
-    return np.sort((~(-values).view(np.int64) & ~room) | index) & room
+    least, most = values.min(initial=np.inf), values.max(initial=-np.inf)
+    steps = (2.0**16 - 1.0) / (most - least) if most > least else 0.0
+    return np.argsort(((values - least) * steps).astype(np.uint16), kind="stable")
 
 
 def _left_out(phi: Array, begun: Mask | None = None) -> Mask:

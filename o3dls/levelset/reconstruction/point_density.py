@@ -24,30 +24,36 @@ class PointDensity:
     spacing: float
     settings: HandleSettings
 
-    def log_likelihood(self, phi: Array, changed: Mask) -> float:
+    def log_likelihoods(self, phis: tuple[Array, ...], changed: Mask) -> list[float]:
         """Log density of the points near nodes (mask), as many as there are, given that they come from the
-        wall near these, evenly. So wall without points costs as much as points without wall.
+        wall of each phi near these, evenly. So wall without points costs as much as points without wall.
         """
         reach = self.settings.reach * self.sigma
         nodes = np.argwhere(changed)
-        near = self._within(reach, nodes, self.points)
+        around = KDTree(np.asarray((nodes + self.low) * self.spacing, dtype=np.float64))
+        near = KDTree(self.points[_within(reach, around, self.points)])
         margin = int(np.ceil(2.0 * reach / self.spacing)) + 1
         low = np.maximum(nodes.min(axis=0) - margin, 0)
-        part = phi[tuple(slice(a, b + margin + 1) for a, b in zip(low, nodes.max(axis=0), strict=True))]
-        every = np.argwhere(np.ones(part.shape, dtype=bool)).astype(np.int32)
-        band = Band(self.spacing, reach, self.low + low, part.shape, every)
-        wall = Surface(*zero_set(band, part.ravel()))
+        box = tuple(slice(a, b + margin + 1) for a, b in zip(low, nodes.max(axis=0), strict=True))
+        every = np.argwhere(np.ones(changed[box].shape, dtype=bool)).astype(np.int32)
+        band = Band(self.spacing, reach, self.low + low, changed[box].shape, every)
+        walls = (Surface(*zero_set(band, phi[box].ravel())) for phi in phis)
+        return [self._log_likelihood(wall, near, around) for wall in walls]
+
+    def _log_likelihood(self, wall: Surface, near: KDTree, around: KDTree) -> float:
+        """That of the points `near`, from the wall near the nodes `around`."""
+        reach = self.settings.reach * self.sigma
         places, areas = wall.vertices[wall.faces].mean(axis=1), wall.face_areas
-        if not near.any() or not len(places):
+        if not near.n or not len(places):
             return 0.0
-        whole = areas[self._within(reach, nodes, places)].sum()
-        pairs = KDTree(self.points[near]).sparse_distance_matrix(KDTree(places), reach, output_type="ndarray")
+        whole = areas[_within(reach, around, places)].sum()
+        pairs = near.sparse_distance_matrix(KDTree(places), reach, output_type="ndarray")
         heights = areas[pairs["j"]] * np.exp(-0.5 * (pairs["v"] / self.sigma) ** 2)
-        summed = np.bincount(pairs["i"], heights, minlength=int(near.sum()))
+        summed = np.bincount(pairs["i"], heights, minlength=near.n)
         density = summed / ((2.0 * np.pi) ** 1.5 * self.sigma**3) + self.settings.floor / self.sigma
         return float(np.log(density / whole).sum())
 
-    def _within(self, reach: float, nodes: Ints, places: Array) -> Mask:
-        """Which places (k, 3) are nearer than that to one of the nodes (m, 3)."""
-        at = np.asarray((nodes + self.low) * self.spacing, dtype=np.float64)
-        return np.asarray(KDTree(at).query(places, distance_upper_bound=reach)[0] < reach)
+
+def _within(reach: float, nodes: KDTree, places: Array) -> Mask:
+    """Which places (k, 3) are nearer than that to one of the nodes."""
+    return np.asarray(nodes.query(places, distance_upper_bound=reach)[0] < reach)

@@ -5,7 +5,7 @@ handles that they do not show, and its zero set.
 from __future__ import annotations
 
 import numpy as np
-from scipy.ndimage import distance_transform_edt, gaussian_filter, label
+from scipy.ndimage import distance_transform_edt, find_objects, gaussian_filter, label
 
 from ...arrays import Array, Ints
 from ...geometry.components import components_and_euler
@@ -52,7 +52,7 @@ def reconstructed_wall(
     corner = prior.low + [side.start for side in around]
     density = PointDensity(found.wall.points, found.sigma, corner, prior.spacing, settings.handles)
     asked = settings.handles.least_cut * (found.radius / prior.spacing) ** 2
-    phi[around] = without_handles(phi[around], density.log_likelihood, settings.handles, least, asked)
+    phi[around] = without_handles(phi[around], density.log_likelihoods, settings.handles, least, asked)
     near = widened((phi < 0.0) & widened(phi >= 0.0, corners=True), corners=True)
     nodes = np.ascontiguousarray(np.argwhere(near), dtype=np.int32)
     band = Band(prior.spacing, prior.clip, prior.low, phi.shape, nodes)
@@ -66,9 +66,17 @@ def reconstructed_wall(
 def smooth_cuts(phi: Array, before: Array, width: float) -> Array:
     """phi without the steps of the lattice, averaged over `width` nodes, where its sign was changed."""
     changed = (phi < 0.0) != (before < 0.0)
+    if not changed.any():
+        return phi
+    far = int(4.0 * width + 0.5)  # nodes, beyond which an average has no share
+    [there] = find_objects(changed.astype(np.int8))
+    around = tuple(slice(max(0, side.start - far - 2), side.stop + far + 2) for side in there)
+    changed, part = changed[around], phi[around]
     edge = widened(changed, 2) & widened(~changed, 2)
-    near = 2.0 * np.median(np.abs(phi[edge])) if edge.any() else 0.0
-    return np.where(edge, gaussian_filter(np.clip(phi, -near, near), width), phi)
+    near = 2.0 * np.median(np.abs(part[edge])) if edge.any() else 0.0
+    smooth = phi.copy()
+    smooth[around] = np.where(edge, gaussian_filter(np.clip(part, -near, near), width, radius=far), part)
+    return smooth
 
 
 def _on_lattice(found: Reconstruction, settings: ReconstructionSettings) -> Array:
@@ -82,10 +90,15 @@ def _on_lattice(found: Reconstruction, settings: ReconstructionSettings) -> Arra
     gap = gaps(marked, max(reach, alone) / prior.spacing) * prior.spacing
     near = (np.abs(phi) < prior.clip) | (gap < reach)
     phi += np.where(near, found.field.on_box(prior.low, phi.shape, prior.spacing), 0.0)
+    # the box ends outside, or the wall would stay open there: far from points the field may say anything
+    least = settings.least_outside * prior.spacing
+    ends = np.pad(np.zeros(np.subtract(phi.shape, 2), dtype=bool), 1, constant_values=True)
+    phi[ends] = np.maximum(phi[ends], least)
     # what is open to the outside has no wall: neither points nor the moved prior bound it
     bare = (phi < 0.0) & (prior.box > settings.bare * prior.clip) & (gap > alone)
-    open_parts, _ = label((phi >= 0.0) | bare)
-    phi[bare & (open_parts == open_parts[0, 0, 0])] = settings.least_outside * prior.spacing
+    if bare.any():
+        open_parts, _ = label((phi >= 0.0) | bare)
+        phi[bare & (open_parts == open_parts[0, 0, 0])] = least
     return phi
 
 
