@@ -208,7 +208,8 @@ def _rounds(
         state, solved, record = step(problem, state, iteration, tuning=anneal and k in settings.tune_at)
         yield Round(state, solved, record)
         energy = record["energy"]
-        tuned = not anneal or k > max(settings.tune_at)
+        # what a round believes, moves the surface in the next one
+        tuned = k > (max(settings.tune_at) if anneal else 0)
         still = record["step"] < settings.tolerance * problem.size or abs(energy - before) < enough
         if tuned and still:
             return

@@ -20,7 +20,7 @@ from o3dls.arrays import Array
 from o3dls.geometry.similarity import apply, fit_similarity, similarity
 from o3dls.geometry.surface import Surface
 from o3dls.motion import fit as fit_module
-from o3dls.motion.fit import _first_weights, fit_motion
+from o3dls.motion.fit import _first_weights, fit_motion, settled
 from o3dls.motion.iteration import Step, begin, believe, find_feet, mixed
 from o3dls.motion.leverage_points import energy_with_strain, leverage_points
 from o3dls.motion.model_selection import fit_pose
@@ -610,6 +610,19 @@ def test_a_point_of_almost_no_noise_has_its_closest_point_for_a_foot() -> None:
     state = replace(state, scales=replace(state.scales, log=np.r_[state.scales.log[:-1], np.log(0.2 * SIZE)]))
     away = np.linalg.norm(find_feet(at, state).at - at.tree.query(data.points)[2], axis=1)
     assert away[exact].max() < 0.01 * SIZE < away[~exact].mean()
+
+
+def test_points_that_are_taken_in_again_move_a_surface_that_stood_still() -> None:
+    surface, _, data = bent(3, 120)
+    at = problem(surface, data)
+    away = np.arange(120) < 30
+    odds = np.where(away, at.settings.leverage.exclusion_odds, 1.0) * at.data.odds
+    first = settled(replace(at, data=replace(at.data, odds=odds)))
+    assert first.moving < at.settings.iteration.tolerance * at.size
+    assert first.state.weights[away].max() < 0.1
+    again = fit_module._iterate(at, replace(first.state, patches=None), anneal=False)
+    assert again.state.weights[away].mean() > 0.8
+    assert gap(again.state.moved, first.state.moved) > at.settings.iteration.tolerance * at.size
 
 
 def test_inside_points_change_what_they_say_by_halves_after_the_first_rounds() -> None:
