@@ -105,7 +105,7 @@ class SelectionSettings:
 
     motion_log_odds: float = number(0.0, "nats", "against a motion beyond the pose, before points are seen")
     certain: float = number(0.999, "1", "a motion this probable is a motion")
-    decisive: float = number(10.0, "nats", "a fit likelier by so much is taken without further weighing")
+    decisive: float = number(5.0, "nats", "a fit likelier by so much is taken without further weighing")
     pose_corrections: int = number(
         3, "", "points that mean no surface would have the start corrected for ever"
     )
