@@ -74,7 +74,7 @@ def shown(case: Case, noise: float) -> int:
     density = PointDensity(points, noise, near.band.low, SPACING, settings.handles)
     least = settings.least_outside * SPACING
     asked = settings.handles.least_cut * (rms_radius(case.truth.surface.vertices) / SPACING) ** 2
-    kept = without_handles(phi, density.log_likelihood, settings.handles, least, asked)
+    kept = without_handles(phi, density.log_likelihoods, settings.handles, least, asked)
     nodes = np.argwhere(np.ones(phi.shape, dtype=bool)).astype(np.int32)
     band = Band(SPACING, WIDTH, near.band.low, phi.shape, nodes)
     return handles(Surface(*zero_set(band, kept.ravel())))

@@ -128,7 +128,7 @@ def _continue(earlier: MotionFit, data: Data, known: slice | Ints, rounds: int) 
     """
     problem = replace(earlier.problem, data=data)
     least = problem.settings.iteration.update_tolerance * float(earlier.state.scales.noises[0])
-    state = replace(earlier.state, weights=_first_weights(earlier, data, known), patches=None)
+    state = replace(earlier.state.without_history(), weights=_first_weights(earlier, data, known))
     trace = list[dict[str, float]]()
     for _ in range(rounds):
         state, solved, record = step(problem, state, None)
@@ -171,7 +171,7 @@ def _iterate_robustly(problem: MotionProblem) -> Iterated:
     odds = np.where(suspect, problem.settings.leverage.exclusion_odds, 1.0) * problem.data.odds
     without = replace(problem, data=replace(problem.data, odds=odds))
     first = _iterate(without, begin(without))
-    other = _iterate(problem, replace(first.state, patches=None), anneal=False)
+    other = _iterate(problem, first.state.without_history(), anneal=False)
     behind = energy_with_strain(other) - energy_with_strain(run)
     count = float(suspect.sum())
     if behind < -problem.settings.selection.decisive:

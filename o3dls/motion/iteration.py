@@ -47,6 +47,10 @@ class State:
     patches: Ints | None = None
     past: tuple[Step, ...] = ()
 
+    def without_history(self) -> State:
+        """For other points or other odds of them: without the rows and steps of the rounds so far."""
+        return replace(self, patches=None, past=())
+
 
 class Solved(NamedTuple):
     """The linear system of a round and its posterior."""
@@ -209,12 +213,8 @@ def _energies(
     data_misfit = misfit(solved.posterior, log_noise, solved.rows)
     complexity = free_energy(solved.posterior, log_noise, solved.rows) - data_misfit
     labels = contact_energy(problem.data, state.weights, residual, contact, np.exp(log_noise))
-    return {
-        "energy": data_misfit + complexity + labels,
-        "misfit": data_misfit,
-        "complexity": complexity,
-        "labels": labels,
-    }
+    terms = {"misfit": data_misfit, "complexity": complexity, "labels": labels}
+    return {"energy": sum(terms.values()), **terms}
 
 
 def _field(problem: MotionProblem, sds: Array, solved: Solved) -> Array:

@@ -160,7 +160,7 @@ def preferred_smoothing(run: Iterated) -> Smoothed | None:
 def _trial_energy(problem: MotionProblem, state: State, at: Array) -> float:
     """Free energy of a prior whose vertices rest at `at`, after a few rounds from a state of this one."""
     tried = replace(problem, rest=Places(at, vertex_normals(at, problem.faces)))
-    state = replace(state, feet_on=at + state.moved - problem.rest.at)
+    state = replace(state, feet_on=at + state.moved - problem.rest.at, past=())
     for _ in range(problem.settings.selection.trial_rounds):
         state, _, record = step(tried, state, None)
     return record["energy"]

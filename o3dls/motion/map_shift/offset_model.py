@@ -53,7 +53,7 @@ class OffsetModel:
 
 def offset_model(problem: MotionProblem, state: State) -> OffsetModel:
     """The model of a problem's points, no more than may have rows of their own, where a fit has come to."""
-    rows = gather_rows(problem, find_feet(problem, state), replace(state, patches=None))
+    rows = gather_rows(problem, find_feet(problem, state), state.without_history())
     fixed, parts = grams(problem.covariance, rows.observed)
     matrix, noise = assemble(state.scales.log, fixed, parts, rows)
     posterior, inverse = solve(matrix, rows.residual)

@@ -107,7 +107,7 @@ def _asked(fit: MotionFit) -> tuple[MotionProblem, State, float | None]:
     kinds = len(np.unique(2 * data.group + data.inside))
     some = data.part(problem.settings.iteration.most_rows // kinds)
     every = len(some) == len(data.points)
-    state = replace(state, weights=state.weights[some], patches=None)
+    state = replace(state.without_history(), weights=state.weights[some])
     return replace(problem, data=data.at(some)), state, fit.energy if every else None
 
 
