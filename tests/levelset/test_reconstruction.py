@@ -30,7 +30,7 @@ from o3dls.levelset.reconstruction.normals import nearest, planes, turned_outwar
 from o3dls.levelset.reconstruction.point_density import PointDensity
 from o3dls.levelset.reconstruction.reconstruct import Believed, Inside, Reconstruction, oriented_by_others
 from o3dls.levelset.reconstruction.refinement import reconstructed
-from o3dls.levelset.reconstruction.settings import HandleSettings, ReconstructionSettings
+from o3dls.levelset.reconstruction.settings import HandleSettings, ReconstructionSettings, SplineSettings
 from o3dls.levelset.reconstruction.splines import SplineField, SplineLattice
 from o3dls.levelset.reconstruction.wall import reconstructed_wall, smooth_cuts, without_pinched_off
 from o3dls.levelset.reconstruction.winding import DipolePlaces
@@ -301,6 +301,13 @@ def test_the_amplitude_is_large_where_the_wall_is_elsewhere_and_nowhere_else() -
     assert found.gain > settings.evidence
     assert np.median(found.at[bulge > 0.5]) > 3.0 * np.median(found.at[points[:, 0] < 0.0])
     assert found.noise_factor == pytest.approx(1.0, abs=0.15)
+
+
+@pytest.mark.parametrize(("between", "widths"), [(1.0, [3.75, 1.875]), (6.0, [4.2, 2.1]), (40.0, [7.5])])
+def test_the_wall_follows_splines_no_longer_than_points_resolve(between: float, widths: list[float]) -> None:
+    scale, settings = Scale(25.0, between, 0.5), SplineSettings()
+    assert scale.wall_lengths(0.8, settings) == pytest.approx(widths)
+    assert scale.lengths(0.8, settings)[0] == pytest.approx(7.5)
 
 
 def test_distant_dipoles_count_by_cells() -> None:

@@ -61,7 +61,9 @@ def left_out_distances(
         training = ((part == k) if parts > settings.folds else (part != k)) & (wall.weights > 0.5)
         tested = (part != k) if parts > settings.folds else (part == k)
         fewer = replace(scale, between=scale.between * np.sqrt(count / training.sum()))
-        field = fitted(wall.of(training), prior, fewer, settings)
+        known = wall.of(training)
+        lengths = fewer.lengths(float(np.median(known.noise)), settings.splines)
+        field = fitted(known, prior, fewer, settings, lengths)
         total[tested] += distance_over(wall.of(tested), prior, field)
         times[tested] += 1.0
     distance = total / times

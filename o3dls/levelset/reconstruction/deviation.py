@@ -21,9 +21,9 @@ from .surplus import evenness, most_by_chance
 def deviation(
     vertices: Array, prior_sd: Array, found: Reconstruction, settings: ReconstructionSettings
 ) -> Array:
-    """Standard deviation (v,) of the wall at its vertices: of the field, given the points next to each; of
-    the motion, prior_sd (v,), as far as no point tells; and, as far as there may be no wall, the distance to
-    the nearest point.
+    """Standard deviation (v,) of the wall at its vertices: of the field or of the motion, prior_sd (v,),
+    whichever is larger, as far as the points next to each do not tell; and, as far as there may be no wall,
+    the distance to the wall that points show, which reaches halfway from each to the next.
     """
     wall = found.wall
     gap, near = nearest(wall.feet, vertices, min(settings.deviation_points, len(wall.feet)))
@@ -33,9 +33,11 @@ def deviation(
     shares = settings.splines.falling ** (-2.0 * np.arange(len(lengths)))
     shared = (wall.feet, wall.amplitude, variance, lengths, shares / shares.sum())
     by_rows(_told, WORTH, (vertices, near, told), *shared)
-    smooth = (1.0 - told) * (wall.amplitude[near[:, 0]] ** 2 + prior_sd**2)
+    # the field's was found from distances to the moved prior, which have the motion's in them
+    smooth = (1.0 - told) * np.maximum(wall.amplitude[near[:, 0]], prior_sd) ** 2
     unlikely = absent(gap[:, 0], found.between, found.gradient, settings)
-    return np.asarray(np.sqrt(smooth + unlikely * gap[:, 0] ** 2))
+    beyond = np.maximum(gap[:, 0] - 0.5 * found.between, 0.0)
+    return np.asarray(np.sqrt(smooth + unlikely * beyond**2))
 
 
 def with_doubt(surface: Surface, believed: Believed, sd: str, settings: ReconstructionSettings) -> Surface:

@@ -24,15 +24,22 @@ class Scale:
     spacing: float
 
     def lengths(self, noise: float, settings: SplineSettings) -> list[float]:
-        """Widths of the lattices of splines, from coarse to fine."""
-        finest = max(
-            settings.finest_between * self.between,
-            settings.finest_noise * noise,
-            settings.finest_spacing * self.spacing,
-        )
-        coarsest = settings.coarsest * self.radius
-        halvings = max(int(np.log2(coarsest / finest)), 0)
-        return [coarsest / 2**k for k in range(halvings + 1)]
+        """Widths of the lattices of splines by which points predict each other, from coarse to fine."""
+        coarsest, finest = settings.coarsest * self.radius, settings.finest_between * self.between
+        return self._halved(coarsest, finest, noise, settings)
+
+    def wall_lengths(self, noise: float, settings: SplineSettings) -> list[float]:
+        """Widths of those that the wall follows: longer ones would carry what points ask for into wall that
+        has none.
+        """
+        finest = settings.finest_between * self.between
+        longest = max(settings.wall_coarsest * self.radius, min(finest, settings.coarsest * self.radius))
+        return self._halved(longest, settings.wall_finest_between * self.between, noise, settings)
+
+    def _halved(self, longest: float, finest: float, noise: float, settings: SplineSettings) -> list[float]:
+        finest = max(finest, settings.finest_noise * noise, settings.finest_spacing * self.spacing)
+        halvings = max(int(np.log2(longest / finest)), 0)
+        return [longest / 2**k for k in range(halvings + 1)]
 
 
 def phi_at(places: Array, prior: MovedPrior, field: SplineField) -> Array:
@@ -67,12 +74,12 @@ def fitted(
     prior: MovedPrior,
     scale: Scale,
     settings: ReconstructionSettings,
+    lengths: list[float],
     known: OffSurface | None = None,
 ) -> SplineField:
-    """The field that the believed points ask for, and `known` values of phi elsewhere."""
+    """The field on lattices of some widths that points ask for, and `known` values of phi elsewhere."""
     chosen = settings.splines
     off = off_prior(wall, prior, chosen)
     constraints = off_surface(wall, off, prior, scale.radius, chosen)
     constraints = constraints if known is None else constraints.joined(known)
-    lengths = scale.lengths(float(np.median(wall.noise)), chosen)
     return field_through(wall, constraints, prior, lengths, chosen)

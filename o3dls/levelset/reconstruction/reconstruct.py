@@ -118,8 +118,9 @@ def reconstruct(
     if believed_at_last is None:
         return None
     wall, sigma, contact = believed_at_last
-    touching, field = _followed(given, wall.of(wall.weights > 0.5), contact)
-    lengths = scale.lengths(float(np.median(touching.noise)), settings.splines)
+    touching = wall.of(wall.weights > 0.5)
+    lengths = scale.wall_lengths(float(np.median(touching.noise)), settings.splines)
+    touching, field = _followed(given, touching, lengths, contact)
     inside, between = believed.inside.points, scale.between
     known = radius, between, lengths, inside, believed.gradient
     return Reconstruction(prior, field, touching, sigma, wall.weights, gain, *known)
@@ -158,7 +159,9 @@ def _who_touches(
     prior, scale, settings, contact = given.prior, given.scale, given.settings, given.believed.contact
     sigma, weights = float(np.median(noise)), wall.weights
     for _ in range(settings.rounds):
-        field = fitted(wall.of(wall.weights > 0.5), prior, scale, settings)
+        touching = wall.of(wall.weights > 0.5)
+        lengths = scale.lengths(float(np.median(touching.noise)), settings.splines)
+        field = fitted(touching, prior, scale, settings, lengths)
         fit = distance_over(wall, prior, field)
         factor, apart = _noise(fit, residual, noise, weights)
         sigma = factor * float(np.median(noise))
@@ -171,21 +174,23 @@ def _who_touches(
     return wall, sigma, contact
 
 
-def _followed(given: _Given, touching: Oriented, contact: Contact) -> tuple[Oriented, SplineField]:
-    """The points with the normals of the wall that they make, and the field that follows them and leaves no
-    point outside that is known to be inside.
+def _followed(
+    given: _Given, touching: Oriented, lengths: list[float], contact: Contact
+) -> tuple[Oriented, SplineField]:
+    """The points with the normals of the wall that they make, and the field on lattices of some widths that
+    follows them and leaves no point outside that is known to be inside.
     """
     prior, scale, settings = given.prior, given.scale, given.settings
-    field = fitted(touching, prior, scale, settings)
+    field = fitted(touching, prior, scale, settings, lengths)
     for _ in range(settings.turns):
         touching = turned_along(touching, prior, field, settings.normals)
         touching = touching.nearer(phi_at(touching.feet, prior, field))
-        field = fitted(touching, prior, scale, settings)
+        field = fitted(touching, prior, scale, settings, lengths)
     for _ in range(settings.rounds_inside):
         known = _left_outside(given.believed.inside, touching, prior, field, contact)
         if not len(known.at):
             break
-        field = fitted(touching, prior, scale, settings, known)
+        field = fitted(touching, prior, scale, settings, lengths, known)
     return touching, field
 
 
