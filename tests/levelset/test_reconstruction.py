@@ -303,11 +303,11 @@ def test_the_amplitude_is_large_where_the_wall_is_elsewhere_and_nowhere_else() -
     assert found.noise_factor == pytest.approx(1.0, abs=0.15)
 
 
-@pytest.mark.parametrize(("between", "widths"), [(1.0, [3.75, 1.875]), (6.0, [4.2, 2.1]), (40.0, [7.5])])
-def test_the_wall_follows_splines_no_longer_than_points_resolve(between: float, widths: list[float]) -> None:
-    scale, settings = Scale(25.0, between, 0.5), SplineSettings()
-    assert scale.wall_lengths(0.8, settings) == pytest.approx(widths)
-    assert scale.lengths(0.8, settings)[0] == pytest.approx(7.5)
+def test_the_wall_has_finer_splines_than_points_predict_each_other_by() -> None:
+    scale, settings = Scale(25.0, 6.0, 0.5), SplineSettings()
+    assert scale.lengths(0.8, settings) == pytest.approx([7.5])
+    assert scale.wall_lengths(0.8, settings) == pytest.approx([7.5, 3.75, 1.875])
+    assert scale.wall_lengths(2.0, settings) == pytest.approx([7.5, 3.75])  # of noise they tell nothing
 
 
 def test_distant_dipoles_count_by_cells() -> None:

@@ -107,7 +107,6 @@ def _likelihoods(
     """
     chosen = settings.amplitude
     lengths = np.asarray(scale.lengths(float(np.median(known.noise)), settings.splines))
-    shares = settings.splines.falling ** (-2.0 * np.arange(len(lengths)))
     count = min(chosen.neighbours + 1, len(known.feet))
     # neighbours on the moved prior: those in space are near because their noise is alike
     points = known.points
@@ -116,7 +115,7 @@ def _likelihoods(
     near = _itself_first(nearest(feet, feet[tested], count)[1], tested)
     factors = np.asarray(chosen.noise_factors)
     out = np.zeros((len(tested), len(ladder), len(factors)))
-    shared = (feet, distance, known.noise, ladder, factors, lengths, shares / shares.sum())
+    shared = (feet, distance, known.noise, ladder, factors, lengths)
     by_rows(_predicted, WORTH, (near, out), *shared)
     return out
 
@@ -130,7 +129,7 @@ def _itself_first(near: Ints, own: Ints) -> Ints:
 
 
 @njit(cache=True, nogil=True)
-def _predicted(near, out, feet, values, noise, ladder, factors, lengths, shares):  # type: ignore[no-untyped-def]
+def _predicted(near, out, feet, values, noise, ladder, factors, lengths):  # type: ignore[no-untyped-def]
     """Fill in the log density of the first value of each row of `near` given the others, for every amplitude
     and factor on the noise.
     """
@@ -141,7 +140,7 @@ def _predicted(near, out, feet, values, noise, ladder, factors, lengths, shares)
     for row in range(len(near)):
         for i in range(count):
             for j in range(i + 1):
-                alike[i, j] = correlation(feet[near[row, i]], feet[near[row, j]], lengths, shares)
+                alike[i, j] = correlation(feet[near[row, i]], feet[near[row, j]], lengths)
         for a in range(len(ladder)):
             for f in range(len(factors)):
                 # by the Cholesky factor of the others' covariance, with the first value's row last

@@ -29,9 +29,7 @@ def deviation(
     gap, near = nearest(wall.feet, vertices, min(settings.deviation_points, len(wall.feet)))
     variance = wall.noise**2 / np.maximum(wall.weights, TINY)
     told = np.zeros(len(vertices))
-    lengths = np.asarray(found.lengths)
-    shares = settings.splines.falling ** (-2.0 * np.arange(len(lengths)))
-    shared = (wall.feet, wall.amplitude, variance, lengths, shares / shares.sum())
+    shared = (wall.feet, wall.amplitude, variance, np.asarray(found.lengths))
     by_rows(_told, WORTH, (vertices, near, told), *shared)
     # the field's was found from distances to the moved prior, which have the motion's in them
     smooth = (1.0 - told) * np.maximum(wall.amplitude[near[:, 0]], prior_sd) ** 2
@@ -77,7 +75,7 @@ def absent(gap: Array, between: float, gradient: float, settings: Reconstruction
 
 
 @njit(cache=True, nogil=True)
-def _told(vertices, near, told, feet, amplitude, variance, lengths, shares):  # type: ignore[no-untyped-def]
+def _told(vertices, near, told, feet, amplitude, variance, lengths):  # type: ignore[no-untyped-def]
     """Fill in the part (v,) of the field's variance at each vertex that points near it take away, by the
     Cholesky factor of their covariance.
     """
@@ -88,10 +86,10 @@ def _told(vertices, near, told, feet, amplitude, variance, lengths, shares):  # 
         total = 0.0
         for i in range(count):
             a = near[v, i]
-            across[i] = amplitude[a] * correlation(feet[a], vertices[v], lengths, shares)
+            across[i] = amplitude[a] * correlation(feet[a], vertices[v], lengths)
             for j in range(i + 1):
                 b = near[v, j]
-                entry = amplitude[a] * amplitude[b] * correlation(feet[a], feet[b], lengths, shares)
+                entry = amplitude[a] * amplitude[b] * correlation(feet[a], feet[b], lengths)
                 if i == j:
                     entry += variance[a]
                 for k in range(j):

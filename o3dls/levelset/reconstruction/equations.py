@@ -154,13 +154,9 @@ def field_through(
     places = np.vstack([wall.feet, off.at])
     count = len(wall.feet)
     lattices = [SplineLattice.around(places, length) for length in lengths]
-    share = settings.falling ** -np.arange(len(lengths), dtype=float)
-    share /= np.sqrt((share**2).sum() * VARIANCE)
+    share = 1.0 / np.sqrt(len(lengths) * VARIANCE)
     rows = [lattice.rows(places) for lattice in lattices]
-    scales = [
-        part * _around(row, np.r_[wall.amplitude, off.amplitude])
-        for row, part in zip(rows, share, strict=True)
-    ]
+    scales = [share * _around(row, np.r_[wall.amplitude, off.amplitude]) for row in rows]
     wanted, precision = np.zeros((2, len(places), 4))
     wanted[:, 0] = np.r_[-wall.heights, off.values] - prior.at(places)
     wanted[:count, 1:] = wall.normals - prior.slope(wall.feet)

@@ -25,21 +25,23 @@ class Scale:
 
     def lengths(self, noise: float, settings: SplineSettings) -> list[float]:
         """Widths of the lattices of splines by which points predict each other, from coarse to fine."""
-        coarsest, finest = settings.coarsest * self.radius, settings.finest_between * self.between
-        return self._halved(coarsest, finest, noise, settings)
+        return self._halved(settings.finest_between, noise, settings)
 
     def wall_lengths(self, noise: float, settings: SplineSettings) -> list[float]:
-        """Widths of those that the wall follows: longer ones would carry what points ask for into wall that
-        has none.
+        """Widths of those that the wall follows: with finer ones, that hardly reach from a point to the next,
+        long ones do not carry what points ask for into wall that has none.
         """
-        finest = settings.finest_between * self.between
-        longest = max(settings.wall_coarsest * self.radius, min(finest, settings.coarsest * self.radius))
-        return self._halved(longest, settings.wall_finest_between * self.between, noise, settings)
+        return self._halved(settings.wall_finest_between, noise, settings)
 
-    def _halved(self, longest: float, finest: float, noise: float, settings: SplineSettings) -> list[float]:
-        finest = max(finest, settings.finest_noise * noise, settings.finest_spacing * self.spacing)
-        halvings = max(int(np.log2(longest / finest)), 0)
-        return [longest / 2**k for k in range(halvings + 1)]
+    def _halved(self, finest_between: float, noise: float, settings: SplineSettings) -> list[float]:
+        finest = max(
+            finest_between * self.between,
+            settings.finest_noise * noise,
+            settings.finest_spacing * self.spacing,
+        )
+        coarsest = settings.coarsest * self.radius
+        halvings = max(int(np.log2(coarsest / finest)), 0)
+        return [coarsest / 2**k for k in range(halvings + 1)]
 
 
 def phi_at(places: Array, prior: MovedPrior, field: SplineField) -> Array:

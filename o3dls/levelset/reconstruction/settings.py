@@ -19,15 +19,9 @@ class SplineSettings:
     finest_between: float = number(0.7, "distances between points", "finer splines would follow noise,")
     finest_noise: float = number(1.5, "noise levels", "for the same reason,")
     finest_spacing: float = number(1.5, "spacings", "or be lost in the lattice of phi")
-    wall_coarsest: float = number(
-        0.15,
-        "rms radii",
-        "the wall at last has no longer ones than this, 4 mm, or the finest by points,",
-    )
     wall_finest_between: float = number(
-        0.3, "distances between points", "and as fine ones, where noise and the lattice allow them"
+        0.3, "distances between points", "the wall at last has finer ones: points with normals tell detail"
     )
-    falling: float = number(2.83, "1", "fall of the deviation from a lattice to the next: a smooth field's")
     clip: float = number(
         0.15, "rms radii", "the prior's distance says no more beyond: 5 mm, as in truncated distances"
     )

@@ -216,10 +216,10 @@ def _squares(columns, value, slope, weights, total):  # type: ignore[no-untyped-
 
 
 @njit(cache=True, nogil=True)
-def correlation(a, b, lengths, shares):  # type: ignore[no-untyped-def]
+def correlation(a, b, lengths):  # type: ignore[no-untyped-def]
     """Of a field of splines of several lengths at two places, about: Gaussians."""
     squared = (a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2
     total = 0.0
     for k in range(len(lengths)):
-        total += shares[k] * np.exp(-squared / lengths[k] ** 2)
-    return total
+        total += np.exp(-squared / lengths[k] ** 2)
+    return total / len(lengths)
