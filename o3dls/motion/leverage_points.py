@@ -36,7 +36,7 @@ def stretched_faces(
 
 def leverage_points(run: Iterated) -> NDArray[np.bool_]:
     """Points (n,) that may have pulled the wall out: those that the motion captured, if they are some, and
-    those on a part that is stretched, if that is large.
+    those on a part that is stretched, if that is large. None if they are most of the map.
     """
     problem, state = run.problem, run.state
     settings = problem.settings.leverage
@@ -46,7 +46,7 @@ def leverage_points(run: Iterated) -> NDArray[np.bool_]:
     if fraction > settings.stretched_area:
         face = problem.tree.at(state.moved).query(problem.data.points)[1]
         suspect |= long[face] & (state.weights > 0.5)
-    return suspect
+    return np.asarray(suspect & (suspect.mean() < settings.majority))
 
 
 def energy_with_strain(run: Iterated) -> float:

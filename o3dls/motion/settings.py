@@ -132,6 +132,7 @@ class LeverageSettings:
     stretched_area: float = number(
         0.03, "1", "and that on so much of its area: 0.015 is the most of good fits"
     )
+    majority: float = number(0.5, "1", "of the points: so many are the map itself")
     strain_log_sd: float = number(0.15, "1", "of a wall's lengthening, in patches of the shortest length")
     exclusion_odds: float = number(1e6, "1", "on the odds of the points that are left out at first")
 
