@@ -305,9 +305,11 @@ def test_the_amplitude_is_large_where_the_wall_is_elsewhere_and_nowhere_else() -
 
 def test_the_wall_has_finer_splines_than_points_predict_each_other_by() -> None:
     scale, settings = Scale(25.0, 6.0, 0.5), SplineSettings()
-    assert scale.lengths(0.8, settings) == pytest.approx([7.5])
-    assert scale.wall_lengths(0.8, settings) == pytest.approx([7.5, 3.75, 1.875])
-    assert scale.wall_lengths(2.0, settings) == pytest.approx([7.5, 3.75])  # of noise they tell nothing
+    noise = np.full(3, 0.8)
+    assert scale.lengths(noise, settings) == pytest.approx([7.5])
+    assert scale.wall_lengths(noise, settings) == pytest.approx([7.5, 3.75, 1.875])
+    # where noise is larger, the finest would follow it
+    assert scale.wall_lengths(2.5 * noise, settings) == pytest.approx([7.5, 3.75])
 
 
 def test_distant_dipoles_count_by_cells() -> None:

@@ -106,7 +106,7 @@ def _likelihoods(
     neighbours.
     """
     chosen = settings.amplitude
-    lengths = np.asarray(scale.lengths(float(np.median(known.noise)), settings.splines))
+    lengths = np.asarray(scale.lengths(known.noise, settings.splines))
     count = min(chosen.neighbours + 1, len(known.feet))
     # neighbours on the moved prior: those in space are near because their noise is alike
     points = known.points

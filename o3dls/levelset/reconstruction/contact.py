@@ -62,7 +62,7 @@ def left_out_distances(
         tested = (part != k) if parts > settings.folds else (part == k)
         fewer = replace(scale, between=scale.between * np.sqrt(count / training.sum()))
         known = wall.of(training)
-        lengths = fewer.lengths(float(np.median(known.noise)), settings.splines)
+        lengths = fewer.lengths(known.noise, settings.splines)
         field = fitted(known, prior, fewer, settings, lengths)
         total[tested] += distance_over(wall.of(tested), prior, field)
         times[tested] += 1.0

@@ -23,20 +23,21 @@ class Scale:
     between: float
     spacing: float
 
-    def lengths(self, noise: float, settings: SplineSettings) -> list[float]:
-        """Widths of the lattices of splines by which points predict each other, from coarse to fine."""
+    def lengths(self, noise: Array, settings: SplineSettings) -> list[float]:
+        """Widths of the lattices of splines by which points with noise (n,) predict each other."""
         return self._halved(settings.finest_between, noise, settings)
 
-    def wall_lengths(self, noise: float, settings: SplineSettings) -> list[float]:
+    def wall_lengths(self, noise: Array, settings: SplineSettings) -> list[float]:
         """Widths of those that the wall follows: with finer ones, that hardly reach from a point to the next,
         long ones do not carry what points ask for into wall that has none.
         """
         return self._halved(settings.wall_finest_between, noise, settings)
 
-    def _halved(self, finest_between: float, noise: float, settings: SplineSettings) -> list[float]:
+    def _halved(self, finest_between: float, noise: Array, settings: SplineSettings) -> list[float]:
+        """From coarse to fine, each half as wide as the one before."""
         finest = max(
             finest_between * self.between,
-            settings.finest_noise * noise,
+            settings.finest_noise * float(np.median(noise)),
             settings.finest_spacing * self.spacing,
         )
         coarsest = settings.coarsest * self.radius

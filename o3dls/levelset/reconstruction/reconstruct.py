@@ -119,7 +119,7 @@ def reconstruct(
         return None
     wall, sigma, contact = believed_at_last
     touching = wall.of(wall.weights > 0.5)
-    lengths = scale.wall_lengths(float(np.median(touching.noise)), settings.splines)
+    lengths = scale.wall_lengths(touching.noise, settings.splines)
     touching, field = _followed(given, touching, lengths, contact)
     inside, between = believed.inside.points, scale.between
     known = radius, between, lengths, inside, believed.gradient
@@ -160,7 +160,7 @@ def _who_touches(
     sigma, weights = float(np.median(noise)), wall.weights
     for _ in range(settings.rounds):
         touching = wall.of(wall.weights > 0.5)
-        lengths = scale.lengths(float(np.median(touching.noise)), settings.splines)
+        lengths = scale.lengths(touching.noise, settings.splines)
         field = fitted(touching, prior, scale, settings, lengths)
         fit = distance_over(wall, prior, field)
         factor, apart = _noise(fit, residual, noise, weights)
