@@ -40,8 +40,11 @@ def workers(processes: int, beside: int = 0) -> Iterator[Executor]:
                     pool.submit(int)  # begins a process
             yield pool
         except BaseException:
+            results = pool._result_queue  # the pool forgets it
             pool.shutdown(wait=False, cancel_futures=True)
             ours.close()
+            # half a result of one that is ended while it sends: with our end closed, none waits for the rest
+            results._writer.close()  # type: ignore[attr-defined]
             raise
 
 
