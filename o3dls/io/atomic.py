@@ -13,6 +13,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory, mkdtemp
+from zlib import crc32
 
 from ..errors import InputError, escaped
 from .manifest import foreign
@@ -41,19 +42,26 @@ def _sibling(path: Path) -> Path:
     """
     folder = _real(path).parent
     folder.mkdir(parents=True, exist_ok=True)
-    return folder / f"{_mark(path, os.getpid())}{secrets.token_hex(4)}{path.suffix[:12]}"
+    return folder / f"{_mark(path)}{os.getpid():x}-{secrets.token_hex(4)}{path.suffix[:12]}"
 
 
-def _mark(path: Path, process: int) -> str:
-    return f".{path.stem[:SHOWN]}.partial-{process:x}-"
+def _mark(path: Path) -> str:
+    """How temporary names of `path` begin, and of nothing else in its folder."""
+    name = path.name
+    if len(name) > SHOWN:
+        name = f"{name[:SHOWN]}~{crc32(os.fsencode(name)):08x}"
+    return f".{name}.partial-"
 
 
-def remove_partial(path: Path, process: int) -> None:
-    """Remove what a process that is no more left half made of `path`, beside it."""
-    real = _real(path)
+def remove_partial(folder: Path, process: int | None = None) -> None:
+    """Remove what a process that is no more left half made of a folder, beside it; without its number, what
+    any left.
+    """
+    real = _real(folder)
+    mark = _mark(real) + ("" if process is None else f"{process:x}-")
     for left in real.parent.iterdir() if real.parent.is_dir() else ():
-        if left.name.startswith(_mark(path, process)):
-            shutil.rmtree(left, ignore_errors=True) if left.is_dir() else left.unlink(missing_ok=True)
+        if left.name.startswith(mark) and left.is_dir():
+            shutil.rmtree(left, ignore_errors=True)
 
 
 @contextmanager
@@ -201,7 +209,7 @@ def _check_writable(out: Path) -> None:
     there = next(folder for folder in real.parents if folder.exists())
     try:
         # named as what becomes of it, so that remove_partial finds what a killed process leaves
-        trial = Path(mkdtemp(prefix=_mark(real, os.getpid()), dir=there))
+        trial = Path(mkdtemp(prefix=f"{_mark(real)}{os.getpid():x}-", dir=there))
         try:
             (trial / real.relative_to(there) / LONGEST).mkdir(parents=True)
         finally:

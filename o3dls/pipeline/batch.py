@@ -224,6 +224,6 @@ class _Task:
         record = self.out / "run.json"
         return self.since is not None and not (record.exists() and record.stat().st_mtime > self.since)
 
-    def abandoned(self, process: int) -> None:
-        """Remove what a process that was ended left half made."""
+    def abandoned(self, process: int | None = None) -> None:
+        """Remove what a process that was ended left half made, or any that did."""
         remove_partial(self.work / self.out, process)

@@ -80,6 +80,7 @@ def done_here(task: Task[T], limits: Limits, order: Order, reads: Path | None) -
         return None
     place = _place(order, limits)
     ((_, result),) = attended([place], [task], limits, Event())
+    task.abandoned()  # by a worker that was lost with its process
     _free.append((order, place))
     return result
 

@@ -33,8 +33,8 @@ class Task(Protocol[T_co]):
 
     def __call__(self) -> T_co: ...
 
-    def abandoned(self, process: int) -> None:
-        """Remove what a process that was ended left half made."""
+    def abandoned(self, process: int | None = None) -> None:
+        """Remove what a process that was ended left half made, or any that did."""
 
 
 @dataclass(frozen=True)

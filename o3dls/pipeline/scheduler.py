@@ -198,6 +198,7 @@ class _Spread(Generic[T]):
         except KilledWorker:
             self.deaths[task] += 1
             if self.deaths[task] > self.limits.retries:
+                task.abandoned()
                 return Ended("the workers that had it were lost again and again; is there too little memory?")
             self._submit(task)
             return None

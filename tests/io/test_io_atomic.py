@@ -131,3 +131,16 @@ def test_what_a_process_that_is_killed_while_it_asks_leaves_is_found(
     assert len(list(tmp_path.iterdir())) == 1
     remove_partial(tmp_path / "run", os.getpid())
     assert list(tmp_path.iterdir()) == []
+
+
+def test_what_any_process_left_is_found_but_nothing_of_a_folder_with_a_like_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    long = "a name of more letters than a temporary one shows, patient "
+    with monkeypatch.context() as patched:
+        patched.setattr("o3dls.io.atomic.shutil.rmtree", lambda *_, **__: None)
+        for name in ("run", "run.1", "run.2", long + "1", long + "2"):
+            check_free(tmp_path / name)
+    for gone, left in (("run.1", 4), (long + "1", 3), ("run", 2)):
+        remove_partial(tmp_path / gone)
+        assert len(list(tmp_path.iterdir())) == left

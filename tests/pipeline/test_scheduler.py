@@ -94,6 +94,15 @@ def test_a_worker_that_is_killed_in_the_middle_costs_nothing(
     assert table(tmp_path / "runs") == table(tmp_path / "alone")
 
 
+def test_what_a_lost_worker_and_its_process_left_is_removed(tmp_path: Path) -> None:
+    """Both are killed where a queue takes the machine away: who does the case then cleans up."""
+    folders = cases(tmp_path / "cases", batch=60)
+    (tmp_path / "runs/.batch.partial-1f-lost/half").mkdir(parents=True)
+    (outcome,) = run_cohort(planned(folders, QUICK), tmp_path / "runs", scheduler="local")
+    assert outcome.error is None
+    whole(tmp_path / "runs")
+
+
 def test_a_lost_scheduler_ends_the_batch_with_a_sentence_and_what_is_done_is_kept(
     scheduler: tuple[str, subprocess.Popen[str]], tmp_path: Path
 ) -> None:
