@@ -371,6 +371,17 @@ def test_a_vein_without_points_is_surplus_in_another_hearts_prior_if_points_clos
     assert left(on_ball[on_ball[:, 0] < 2.0]) < 1.0
 
 
+def test_a_vein_with_points_at_its_end_alone_is_there_in_another_hearts_prior() -> None:
+    """Without the part between them and the mouth, on which none lies, they would be a piece of their own."""
+    on_ball, tip = sampled(BALL, 250, SIGMA, SEED), sampled(TUBED, 4000, SIGMA, SEED)
+    points = np.vstack([on_ball, tip[tip[:, 0] > 29.0][::4]])
+    prior = replace(TUBED, fields={"sd": np.full(len(TUBED.vertices), 0.5)})
+    found = reconstructed(prior, replace(believed(points), gradient=0.3), "sd", Limits(1.0), isosurface)
+    wall = prior if found is None else found.wall
+    assert components_and_euler(wall.vertices, wall.faces) == (1, 2)
+    assert distances(TUBED.vertices, wall).max() < 2.0
+
+
 def test_a_pocket_without_points_is_filled_and_one_with_points_is_not() -> None:
     points = sampled(BALL, 2000, 0.0, SEED)
     prior = MovedPrior.of(BALL, points, 1.0, 2.5)

@@ -100,7 +100,9 @@ def _parts(inside: _Inside, unsupported: float, room: float, settings: SurplusSe
     far[inside.mask] = _cut(inside, unsupported, settings)
     labels, count = label(far)
     parts = [labels[inside.mask] == k for k in range(1, count + 1)]
-    return [part for part in parts if _lacks_points(part, inside, room, settings)]
+    return [
+        part for part in parts if _lacks_points(part, inside, room, settings) and not _severs(part, inside)
+    ]
 
 
 def evenness(points: Array, surface: Surface, settings: SurplusSettings) -> float:
@@ -150,6 +152,15 @@ def _lacks_points(mine: Mask, inside: _Inside, room: float, settings: SurplusSet
     bare = (wall & inside.near).sum() < settings.supported * wall.sum()
     small = wall.sum() < settings.largest * inside.wall.sum()
     return bool(bare and small and room * wall.sum() > settings.expected)
+
+
+def _severs(mine: Mask, inside: _Inside) -> bool:
+    """Whether a part (n,) leads to wall that has points: then it is there."""
+    left = np.zeros(inside.mask.shape, dtype=bool)
+    whole = label(inside.mask)[0][inside.mask]
+    left[inside.mask] = ~mine & (whole == whole[mine][0])
+    pieces = label(left)[0][inside.mask]
+    return len(np.unique(pieces[(pieces > 0) & inside.wall & inside.near])) > 1
 
 
 def _closed(mine: Mask, inside: _Inside) -> float:
