@@ -101,7 +101,9 @@ def _parts(inside: _Inside, unsupported: float, room: float, settings: SurplusSe
     labels, count = label(far)
     parts = [labels[inside.mask] == k for k in range(1, count + 1)]
     return [
-        part for part in parts if _lacks_points(part, inside, room, settings) and not _severs(part, inside)
+        part
+        for part in parts
+        if _lacks_points(part, inside, room, settings) and not _severs(part, inside, room)
     ]
 
 
@@ -154,13 +156,14 @@ def _lacks_points(mine: Mask, inside: _Inside, room: float, settings: SurplusSet
     return bool(bare and small and room * wall.sum() > settings.expected)
 
 
-def _severs(mine: Mask, inside: _Inside) -> bool:
-    """Whether a part (n,) leads to wall that has points: then it is there."""
+def _severs(mine: Mask, inside: _Inside, room: float) -> bool:
+    """Whether a part (n,) leads to wall with a point or more, `room` at a node: then it is there."""
     left = np.zeros(inside.mask.shape, dtype=bool)
     whole = label(inside.mask)[0][inside.mask]
     left[inside.mask] = ~mine & (whole == whole[mine][0])
     pieces = label(left)[0][inside.mask]
-    return len(np.unique(pieces[(pieces > 0) & inside.wall & inside.near])) > 1
+    near = np.bincount(pieces[inside.wall & inside.near & (pieces > 0)])
+    return bool((room * near >= 1.0).sum() > 1)
 
 
 def _closed(mine: Mask, inside: _Inside) -> float:
