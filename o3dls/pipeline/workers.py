@@ -34,13 +34,13 @@ def workers(processes: int, beside: int = 0) -> Iterator[Executor]:
     spawn = get_context("spawn")  # fork hangs once numba has used its threads
     theirs, ours = spawn.Pipe(duplex=False)
     with ours, theirs, _pool(processes, spawn, (processes + beside, theirs)) as pool:
+        results = pool._result_queue  # a pool that is shut down forgets it
         try:
             with _unheard():
                 for _ in range(processes):
                     pool.submit(int)  # begins a process
             yield pool
         except BaseException:
-            results = pool._result_queue  # the pool forgets it
             pool.shutdown(wait=False, cancel_futures=True)
             ours.close()
             # half a result of one that is ended while it sends: with our end closed, none waits for the rest

@@ -5,6 +5,10 @@ from __future__ import annotations
 import subprocess
 import sys
 
+import pytest
+
+from o3dls.pipeline.workers import workers
+
 # the thread that takes results is held, so that a large one is on its way when the block is interrupted
 INTERRUPTED = """
 import time
@@ -31,3 +35,13 @@ def test_a_process_that_is_interrupted_while_it_sends_a_result_is_not_waited_for
         [sys.executable, "-c", INTERRUPTED], capture_output=True, text=True, timeout=60, check=False
     )
     assert done.stderr.rstrip().endswith("KeyboardInterrupt"), done.stderr
+
+
+def test_a_pool_that_was_shut_down_is_interrupted_like_any_other() -> None:
+    def interrupted() -> None:
+        with workers(1) as pool:
+            pool.shutdown(wait=False)
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
