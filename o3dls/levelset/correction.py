@@ -11,7 +11,7 @@ import numpy as np
 
 from ..arrays import Array
 from ..geometry.similarity import apply
-from ..parallel import one_blas_thread
+from ..parallel import one_blas_thread, side_by_side
 from .descent import Level, descend
 from .normal_displacement import Wall
 from .observation import Measured
@@ -63,10 +63,14 @@ def fit_correction(wall: Wall, measured: Measured, relative_sd: Array, limits: L
     lengths = _lengths(wall, measured, limits.spacing, settings)
     lengths = lengths if limits.coarse_to_fine else lengths[-1:]
     while lengths:
-        found = [
-            _best_field(wall, measured.with_noise(noise), measured, length, limits.settings)
-            for length in lengths
-        ]
+        seen = measured.with_noise(noise)
+        with side_by_side() as threads:
+            found = list(
+                threads.map(
+                    lambda length, seen=seen: _best_field(wall, seen, measured, length, limits.settings),
+                    lengths,
+                )
+            )
         best = max(one.gain for one in found)
         if best < settings.evidence:
             break

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import product
 from typing import NamedTuple
 
@@ -17,10 +18,11 @@ from scipy.linalg.lapack import dtrtri
 
 from ...arrays import Array, Ints
 from ...noise.shifted_part import MapPart
+from ...parallel import side_by_side
 from ..covariance import grams
 from ..iteration import State, find_feet, gather_rows
-from ..marginal_likelihood import assemble, laplace_of_inverse, solve
-from ..observations import Data
+from ..marginal_likelihood import Scales, assemble, laplace_of_inverse, solve
+from ..observations import Data, Rows
 from ..problem import MotionProblem
 
 
@@ -40,15 +42,26 @@ class Offset(NamedTuple):
 @dataclass(frozen=True, eq=False)
 class OffsetModel:
     """The linear Gaussian model of points around the surface that a fit has come to, each with a row of its
-    own: directions (k, d) of the rows, their residuals (k,), the inverse (k, k) of the Cholesky factor of
-    their covariance, and Laplace's correction to the free energy.
+    own: covariances (k, k) by field, noise (k,), inverses (k, k) of the residuals' covariance and of its
+    Cholesky factor.
     """
 
     problem: MotionProblem
-    directions: Array
-    residual: Array
+    scales: Scales
+    rows: Rows
+    parts: list[Array]
+    noise: Array
+    inverse: Array
     whitening: Array
-    correction: float
+
+    @property
+    def directions(self) -> Array:
+        return self.rows.observed.directions
+
+    @cached_property
+    def correction(self) -> float:
+        """Laplace's correction to the free energy: most maps have no offset that asks for it."""
+        return laplace_of_inverse(self.scales, self.parts, self.rows, self.noise, self.inverse)
 
 
 def offset_model(problem: MotionProblem, state: State) -> OffsetModel:
@@ -58,8 +71,7 @@ def offset_model(problem: MotionProblem, state: State) -> OffsetModel:
     matrix, noise = assemble(state.scales.log, fixed, parts, rows)
     posterior, inverse = solve(matrix, rows.residual)
     whitening, _ = dtrtri(posterior.factor, lower=1)
-    correction = laplace_of_inverse(state.scales, parts, rows, noise, inverse)
-    return OffsetModel(problem, rows.observed.directions, rows.residual, whitening, correction)
+    return OffsetModel(problem, state.scales, rows, parts, noise, inverse, whitening)
 
 
 def best_offsets(model: OffsetModel, data: Data, taken_out: Offset | None = None) -> list[Offset]:
@@ -67,7 +79,7 @@ def best_offsets(model: OffsetModel, data: Data, taken_out: Offset | None = None
 
     data: the points as they were measured, of which the model may have had an offset taken out.
     """
-    residual = model.residual
+    residual = model.rows.residual
     if taken_out is not None:
         residual = residual + _columns(data, taken_out.part, model.directions) @ taken_out.offset
     found = _offsets(model, data, model.whitening @ residual)
@@ -104,14 +116,15 @@ def cut_at(part: MapPart, key: Array, rows: Ints, cut: int) -> MapPart:
     return replace(part, beyond=0.5 * (before + first))
 
 
-def _offsets(model: OffsetModel, data: Data, residual: Array) -> Iterator[Offset]:
+def _offsets(model: OffsetModel, data: Data, residual: Array) -> list[Offset]:
     """The best cut in the order of the points and across each direction, for whitened residuals (k,)."""
     settings = model.problem.settings.map_shift
     count, dimension = data.points.shape
     columns = model.whitening.T[:, :, None] * model.directions[:, None]
     of_points = columns[:count]
     of_marks = columns[count:].reshape(-1, dimension, *columns.shape[1:]).sum(axis=1)
-    for direction in (None, *_directions(dimension)):
+
+    def best(direction: Array | None) -> Offset:
         part = MapPart(direction, 0.0)
         key = part.key(data.points, order_of(data))
         rows = np.argsort(key, kind="stable")
@@ -121,10 +134,13 @@ def _offsets(model: OffsetModel, data: Data, residual: Array) -> Iterator[Offset
         beyond = _sums_beyond(of_points, rows, cuts)
         parts = [cut_at(part, key, rows, cut) for cut in cuts]
         choices = _with_landmarks(parts, len(data.marks_map) > 0)
-        yield max(
+        return max(
             (_likeliest(model, some, beyond + _moved(some, data, of_marks), residual) for some in choices),
             key=lambda one: one.nats,
         )
+
+    with side_by_side() as threads:
+        return list(threads.map(best, (None, *_directions(dimension))))
 
 
 def _sums_beyond(columns: Array, rows: Ints, cuts: Ints) -> Array:

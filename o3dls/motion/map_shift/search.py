@@ -6,7 +6,6 @@ its free energy; offset and cut follow anew until they stay. Reasons and numbers
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,7 +15,7 @@ from ...geometry.differential import unit_mean, vertex_normals
 from ...geometry.similarity import apply, fit_similarity
 from ...noise.contact import contact_density
 from ...noise.shifted_part import MapShift
-from ...parallel import one_blas_thread
+from ...parallel import one_blas_thread, side_by_side
 from ..fit import settled
 from ..iteration import State
 from ..observations import Data
@@ -62,7 +61,7 @@ def find_map_shift(fit: MotionFit) -> tuple[MapShift, Array] | None:
     return shift.other_side(), pose
 
 
-def _trials(fit: MotionFit) -> Iterator[Trial]:
+def _trials(fit: MotionFit) -> list[Trial]:
     """Motions without the offsets that are worth a fit."""
     settings = fit.problem.settings.map_shift
     problem, state, energy = _asked(fit)
@@ -75,9 +74,12 @@ def _trials(fit: MotionFit) -> Iterator[Trial]:
     if worth and energy is None:
         run = settled(problem)
         here, energy = offset_model(problem, run.state), run.energy
-    for one in worth:
-        assert energy is not None
-        yield _settled(problem, measured, one, energy + here.correction)
+    if not worth:
+        return []
+    assert energy is not None
+    alone = energy + here.correction
+    with side_by_side() as threads:
+        return list(threads.map(lambda one: _settled(problem, measured, one, alone), worth))
 
 
 def _settled(problem: MotionProblem, measured: Data, found: Offset, alone: float) -> Trial:
