@@ -19,6 +19,7 @@ from o3dls.geometry.surface import Surface
 from o3dls.levelset.correction import Limits
 from o3dls.levelset.grid.band import Band
 from o3dls.levelset.grid.isosurface import zero_set
+from o3dls.levelset.reconstruction import surplus
 from o3dls.levelset.reconstruction.amplitude import amplitudes
 from o3dls.levelset.reconstruction.contact import clusters_believed
 from o3dls.levelset.reconstruction.deviation import absent, with_doubt
@@ -380,6 +381,18 @@ def test_a_vein_with_points_at_its_end_alone_is_there_in_another_hearts_prior() 
     wall = prior if found is None else found.wall
     assert components_and_euler(wall.vertices, wall.faces) == (1, 2)
     assert distances(TUBED.vertices, wall).max() < 2.0
+
+
+@pytest.mark.parametrize(("points", "severs"), [(2, False), (4, True)])
+def test_a_part_is_there_if_it_leads_to_points_that_span_a_surface(points: int, severs: bool) -> None:
+    """A bar with points on one third, none on the next and few on the last."""
+    mask = np.ones((30, 4, 4), dtype=bool)
+    third = np.argwhere(mask)[:, 0] // 10
+    wall = np.ones(len(third), dtype=bool)
+    near = (third == 0) | ((third == 2) & (np.cumsum(third == 2) <= points))
+    none = np.zeros((len(third), 6))
+    inside = surplus._Inside(mask, none.astype(np.int64), wall, near, none > 0.0, 1.0)
+    assert surplus._severs(third == 1, inside, 1.0, ReconstructionSettings().surplus) == severs
 
 
 def test_a_pocket_without_points_is_filled_and_one_with_points_is_not() -> None:

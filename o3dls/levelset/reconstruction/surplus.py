@@ -103,7 +103,7 @@ def _parts(inside: _Inside, unsupported: float, room: float, settings: SurplusSe
     return [
         part
         for part in parts
-        if _lacks_points(part, inside, room, settings) and not _severs(part, inside, room)
+        if _lacks_points(part, inside, room, settings) and not _severs(part, inside, room, settings)
     ]
 
 
@@ -156,14 +156,14 @@ def _lacks_points(mine: Mask, inside: _Inside, room: float, settings: SurplusSet
     return bool(bare and small and room * wall.sum() > settings.expected)
 
 
-def _severs(mine: Mask, inside: _Inside, room: float) -> bool:
-    """Whether a part (n,) leads to wall with a point or more, `room` at a node: then it is there."""
+def _severs(mine: Mask, inside: _Inside, room: float, settings: SurplusSettings) -> bool:
+    """Whether a part (n,) leads to wall with points, `room` at a node: then it is there."""
     left = np.zeros(inside.mask.shape, dtype=bool)
     whole = label(inside.mask)[0][inside.mask]
     left[inside.mask] = ~mine & (whole == whole[mine][0])
     pieces = label(left)[0][inside.mask]
     near = np.bincount(pieces[inside.wall & inside.near & (pieces > 0)])
-    return bool((room * near >= 1.0).sum() > 1)
+    return bool((room * near >= settings.severed).sum() > 1)
 
 
 def _closed(mine: Mask, inside: _Inside) -> float:
