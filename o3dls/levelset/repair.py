@@ -13,7 +13,9 @@ from ..arrays import Array, Ints
 from ..geometry.closest_point import ClosestPoint
 from ..geometry.surface import Surface
 from .grid.distance import SignedDistance, signed_distance
+from .grid.masks import widened
 from .grid.operators import without_islands
+from .grid.simple_points import simply_connected
 from .settings import LatticeSettings
 
 Crossing = Callable[[Surface], NDArray[np.bool_]]
@@ -48,7 +50,8 @@ class Repair:
     def attempts(self, surface: Surface, *, thorough: bool) -> Iterator[Attempt]:
         """Level sets of a surface, from no repair to the most: with all that it encloses, since the tip of a
         rim that a fold turned inside out is anatomy, joined to the rest where walls cross; then without
-        islands; then without what is inside out. thorough: with wide closings too.
+        islands; then without what is inside out. thorough: with wide closings too, and at last with merged
+        walls cut apart.
         """
         lattice = self.settings
         band = cache(
@@ -70,6 +73,8 @@ class Repair:
             for radius in (0.0, *(self.spacing * closing for closing in closings)):
                 phi = self.closed(self._whole(band(wall, radius, inverted)), radius)
                 yield Attempt(self._whole(phi), radius, lost)
+        if thorough and self.kind == (1, 2):
+            yield Attempt(self._cut_apart(surface), 0.0, ("merged walls were cut apart",))
 
     def united(self, surface: Surface) -> SignedDistance:
         """The level set of a surface, united where it runs into itself."""
@@ -90,6 +95,17 @@ class Repair:
         walls = ClosestPoint(surface.vertices, surface.faces[around[surface.faces].any(axis=1)])
         joint = np.sqrt(walls.query(phi.band.positions)[0]) - radius
         return Surface(*self.mesh(replace(phi, phi=np.minimum(phi.phi, joint))))
+
+    def _cut_apart(self, surface: Surface) -> SignedDistance:
+        """The level set of a surface of one piece without handles: those of merged walls are cut where they
+        are thinnest.
+        """
+        phi = self.united(surface)
+        least = self.settings.least_outside * self.spacing
+        box = simply_connected(phi.band.dense(phi.phi).astype(np.float64), least)
+        near = widened((box < 0.0) & widened(box >= 0.0, corners=True), corners=True)
+        nodes = np.ascontiguousarray(np.argwhere(near), dtype=np.int32)
+        return SignedDistance(replace(phi.band, nodes=nodes), box[near], np.full(len(nodes), -1, np.int32))
 
     def _band(self, surface: Surface, radius: float, half: float, *, inverted: bool) -> SignedDistance:
         """The signed distance of a surface, `half` spacings wide, and so much wider that something is left

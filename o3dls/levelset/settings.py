@@ -71,6 +71,7 @@ class LatticeSettings:
         (0.5, 1.0, 2.0, 3.0), "spacings", "radii tried to close what runs into itself, the least first"
     )
     few_closings: int = number(2, "", "of these for what a fold has pinched off, and for a correction")
+    least_outside: float = number(0.3, "spacings", "of phi where merged walls were cut apart")
     fractions: tuple[float, ...] = number(
         (1.0, 0.5, 0.25, 0.0), "1", "of a correction that would tear or merge the surface"
     )

@@ -75,6 +75,31 @@ def test_two_walls_closer_than_the_lattice_are_not_merged_into_a_handle() -> Non
     assert components_and_euler(*zero_set(found.phi.band, found.phi.phi)) == (1, 2)
 
 
+def test_a_tube_that_was_bent_until_its_ends_have_merged_is_cut_where_they_have() -> None:
+    """No gap is there to be closed, nothing is inside out: as the level set it is a ring."""
+
+    def straight(at: Array) -> Array:
+        along = np.abs(at[:, 0] - np.clip(at[:, 0], -35.0, 35.0))
+        return np.linalg.norm(np.column_stack([along, at[:, 1:]]), axis=1) - 4.0
+
+    tube = meshed(straight, 44.0)
+    angle, r = tube.vertices[:, 0] / 12.0, 12.0 - tube.vertices[:, 1]
+    bent = tube.with_vertices(np.column_stack([r * np.cos(angle), r * np.sin(angle), tube.vertices[:, 2]]))
+    united = REPAIR.united(bent)
+    assert components_and_euler(*isosurface(united)) == (1, 0)
+    found = run(bent, sampled(bent, 300, 1.0, SEED))
+    assert [one.sentence for one in found.warnings] == [
+        "the moved prior intersects itself: merged walls were cut apart"
+    ]
+    mesh = isosurface(found.phi)
+    assert components_and_euler(*mesh) == (1, 2)
+    ring = Surface(*isosurface(united))
+    changed = mesh[0][distances(mesh[0], ring) > 1e-6]
+    assert 0 < len(changed) < 0.1 * len(mesh[0])
+    assert changed[:, 0].max() < 0.0
+    assert np.abs(changed[:, 1]).max() < 4.0  # the ends overlap by 1.3 mm on either side
+
+
 def test_a_prior_that_overlaps_itself_is_united_in_one_piece() -> None:
     ball = meshed(round_distance(10.0), 12.0)
     x = ball.vertices[:, 0]
