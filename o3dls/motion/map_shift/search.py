@@ -6,6 +6,7 @@ its free energy; offset and cut follow anew until they stay. Reasons and numbers
 
 from __future__ import annotations
 
+from concurrent.futures import Future
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,7 +17,7 @@ from ...geometry.similarity import apply, fit_similarity
 from ...noise.contact import contact_density
 from ...noise.shifted_part import MapShift
 from ...parallel import one_blas_thread, side_by_side
-from ..fit import settled
+from ..fit import resettled, settled
 from ..iteration import State
 from ..observations import Data
 from ..problem import MotionProblem, motion_problem
@@ -71,18 +72,21 @@ def _trials(fit: MotionFit) -> list[Trial]:
     rivals = settings.rivals if len(measured.points) >= settings.least_points else 0
     asked = [one for k, one in enumerate(found) if k < rivals or one.part.direction is None]
     worth = [one for one in asked if _worth_a_fit(here, one)]
-    if worth and energy is None:
-        run = settled(problem)
-        here, energy = offset_model(problem, run.state), run.energy
     if not worth:
         return []
-    assert energy is not None
-    alone = energy + here.correction
+
+    def alone() -> float:
+        if energy is not None:
+            return energy + here.correction
+        run = settled(problem)
+        return run.energy + offset_model(problem, run.state).correction
+
     with side_by_side() as threads:
-        return list(threads.map(lambda one: _settled(problem, measured, one, alone), worth))
+        whole = threads.submit(alone)  # begins first, so that none waits for what has not begun
+        return list(threads.map(lambda one: _settled(problem, measured, one, whole), worth))
 
 
-def _settled(problem: MotionProblem, measured: Data, found: Offset, alone: float) -> Trial:
+def _settled(problem: MotionProblem, measured: Data, found: Offset, alone: Future[float]) -> Trial:
     """The trial of an offset after as many rounds as it and its cut need to stay, or as it is worth.
 
     measured: the points with the offset in them; alone: free energy of a motion alone.
@@ -94,7 +98,7 @@ def _settled(problem: MotionProblem, measured: Data, found: Offset, alone: float
         still = settings.settled * float(trial.run.state.scales.noises[0])
         if np.linalg.norm(again.offset - trial.found.offset) < still:
             break
-        trial = _without(_posed(trial.run), measured, again, alone)
+        trial = _without(_posed(trial.run), measured, again, alone, trial.run.state)
         if not _stands_out(trial, settings.hopeless):
             break
     return trial
@@ -120,10 +124,18 @@ def _worth_a_fit(model: OffsetModel, found: Offset) -> bool:
     return found.nats >= evidence and found.length >= least
 
 
-def _without(problem: MotionProblem, measured: Data, found: Offset, alone: float) -> Trial:
-    run = settled(replace(problem, data=_taken_out(measured, found)))
+def _without(
+    problem: MotionProblem,
+    measured: Data,
+    found: Offset,
+    alone: Future[float],
+    state: State | None = None,
+) -> Trial:
+    """The trial of an offset, from nothing or from a state with nearly the same one."""
+    problem = replace(problem, data=_taken_out(measured, found))
+    run = settled(problem) if state is None else resettled(problem, state)
     model = offset_model(run.problem, run.state)
-    evidence = alone - run.energy - model.correction - price(model, measured, found)
+    evidence = alone.result() - run.energy - model.correction - price(model, measured, found)
     return Trial(found, run, model, evidence)
 
 
