@@ -90,14 +90,6 @@ def settled(problem: MotionProblem) -> Iterated:
         return _iterate(problem, begin(problem))
 
 
-def resettled(problem: MotionProblem, state: State) -> Iterated:
-    """The same from a state of a problem that is nearly the same: nothing is annealed, and the evidence sets
-    the amplitudes once more. Raises SolverError as `fit_motion`.
-    """
-    with one_blas_thread():
-        return _iterate(problem, state.without_history(), anneal=False, tune_at=(1,))
-
-
 def _fit_from_nothing(
     vertices: Array, faces: Ints, pose: Array, data: Data, settings: MotionSettings
 ) -> MotionFit:
@@ -197,37 +189,27 @@ class Round(NamedTuple):
     record: dict[str, float]
 
 
-def _iterate(
-    problem: MotionProblem, state: State, *, anneal: bool = True, tune_at: tuple[int, ...] = ()
-) -> Iterated:
+def _iterate(problem: MotionProblem, state: State, *, anneal: bool = True) -> Iterated:
     """Rounds until the surface stands still: from nothing, or without annealing from an earlier state."""
     trace: list[dict[str, float]] = []
-    for last in _rounds(problem, state, anneal=anneal, tune_at=tune_at):
+    for last in _rounds(problem, state, anneal=anneal):
         trace.append(last.record)
     return Iterated(problem, last.state, last.solved, tuple(trace), trace[-1]["step"])
 
 
 def _rounds(
-    problem: MotionProblem,
-    state: State,
-    *,
-    anneal: bool = True,
-    tune_at: tuple[int, ...] = (),
-    enough: float = 0.0,
+    problem: MotionProblem, state: State, *, anneal: bool = True, enough: float = 0.0
 ) -> Iterator[Round]:
-    """Rounds until the surface stands still, or the energy changes by less than `enough` (nats). tune_at: in
-    which the evidence sets the amplitudes, where nothing is annealed.
-    """
+    """Rounds until the surface stands still, or the energy changes by less than `enough` (nats)."""
     settings = problem.settings.iteration
-    tune_at = settings.tune_at if anneal else tune_at
     energy = np.inf
     for k in range(settings.iterations):
         before, iteration = energy, k if anneal else None
-        state, solved, record = step(problem, state, iteration, tuning=k in tune_at)
+        state, solved, record = step(problem, state, iteration, tuning=anneal and k in settings.tune_at)
         yield Round(state, solved, record)
         energy = record["energy"]
         # what a round believes, moves the surface in the next one
-        tuned = k > max(tune_at, default=0)
+        tuned = k > (max(settings.tune_at) if anneal else 0)
         still = record["step"] < settings.tolerance * problem.size or abs(energy - before) < enough
         if tuned and still:
             return

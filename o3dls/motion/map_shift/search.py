@@ -17,7 +17,7 @@ from ...geometry.similarity import apply, fit_similarity
 from ...noise.contact import contact_density
 from ...noise.shifted_part import MapShift
 from ...parallel import one_blas_thread, side_by_side
-from ..fit import resettled, settled
+from ..fit import settled
 from ..iteration import State
 from ..observations import Data
 from ..problem import MotionProblem, motion_problem
@@ -98,7 +98,7 @@ def _settled(problem: MotionProblem, measured: Data, found: Offset, alone: Futur
         still = settings.settled * float(trial.run.state.scales.noises[0])
         if np.linalg.norm(again.offset - trial.found.offset) < still:
             break
-        trial = _without(_posed(trial.run), measured, again, alone, trial.run.state)
+        trial = _without(_posed(trial.run), measured, again, alone)
         if not _stands_out(trial, settings.hopeless):
             break
     return trial
@@ -124,16 +124,8 @@ def _worth_a_fit(model: OffsetModel, found: Offset) -> bool:
     return found.nats >= evidence and found.length >= least
 
 
-def _without(
-    problem: MotionProblem,
-    measured: Data,
-    found: Offset,
-    alone: Future[float],
-    state: State | None = None,
-) -> Trial:
-    """The trial of an offset, from nothing or from a state with nearly the same one."""
-    problem = replace(problem, data=_taken_out(measured, found))
-    run = settled(problem) if state is None else resettled(problem, state)
+def _without(problem: MotionProblem, measured: Data, found: Offset, alone: Future[float]) -> Trial:
+    run = settled(replace(problem, data=_taken_out(measured, found)))
     model = offset_model(run.problem, run.state)
     evidence = alone.result() - run.energy - model.correction - price(model, measured, found)
     return Trial(found, run, model, evidence)
