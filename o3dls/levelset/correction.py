@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
@@ -65,12 +66,8 @@ def fit_correction(wall: Wall, measured: Measured, relative_sd: Array, limits: L
     while lengths:
         seen = measured.with_noise(noise)
         with side_by_side() as threads:
-            found = list(
-                threads.map(
-                    lambda length, seen=seen: _best_field(wall, seen, measured, length, limits.settings),
-                    lengths,
-                )
-            )
+            best_field = partial(_best_field, wall, seen, measured, settings=limits.settings)
+            found = list(threads.map(best_field, lengths))
         best = max(one.gain for one in found)
         if best < settings.evidence:
             break

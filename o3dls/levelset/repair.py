@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from ..arrays import Array, Ints
 from ..geometry.closest_point import ClosestPoint
 from ..geometry.surface import Surface
-from .grid.distance import SignedDistance, signed_distance
-from .grid.masks import widened
+from .grid.distance import SignedDistance, around_zero, signed_distance
 from .grid.operators import without_islands
 from .grid.simple_points import simply_connected
 from .settings import LatticeSettings
@@ -103,9 +102,7 @@ class Repair:
         phi = self.united(surface)
         least = self.settings.least_outside * self.spacing
         box = simply_connected(phi.band.dense(phi.phi).astype(np.float64), least)
-        near = widened((box < 0.0) & widened(box >= 0.0, corners=True), corners=True)
-        nodes = np.ascontiguousarray(np.argwhere(near), dtype=np.int32)
-        return SignedDistance(replace(phi.band, nodes=nodes), box[near], np.full(len(nodes), -1, np.int32))
+        return around_zero(box, self.spacing, phi.band.width, phi.band.low)
 
     def _band(self, surface: Surface, radius: float, half: float, *, inverted: bool) -> SignedDistance:
         """The signed distance of a surface, `half` spacings wide, and so much wider that something is left

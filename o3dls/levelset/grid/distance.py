@@ -13,6 +13,7 @@ from ...errors import InputError
 from ...geometry.closest_point import ClosestPoint
 from ...parallel import by_rows
 from .band import PAD, Band
+from .masks import widened
 from .scatter import gather_band, scatter_distance, touched_blocks
 from .winding import winding
 
@@ -70,6 +71,16 @@ def filled_distance(vertices: Array, faces: Ints, spacing: float, steps: int) ->
     )
     squared, face, _, _ = ClosestPoint(vertices, faces).query(band.positions)
     return SignedDistance(band, np.sqrt(squared) * np.where(inside[near], -1.0, 1.0), face.astype(np.int32))
+
+
+def around_zero(box: Array, spacing: float, width: float, low: Ints) -> SignedDistance:
+    """The nodes of a level set on a box (3D) that its zero set needs, without their closest faces (-1): no
+    distance, if that on the box is none.
+    """
+    near = widened((box < 0.0) & widened(box >= 0.0, corners=True), corners=True)
+    nodes = np.ascontiguousarray(np.argwhere(near), dtype=np.int32)
+    band = Band(spacing, width, low, box.shape, nodes)
+    return SignedDistance(band, box[near], np.full(len(band), -1, dtype=np.int32))
 
 
 def _lattice(vertices: Array, spacing: float, width: float) -> tuple[Ints, Ints, Array]:

@@ -111,7 +111,7 @@ class SurplusSettings:
     largest: float = number(0.15, "1", "of the wall is such a part, at most: more was not visited")
     supported: float = number(0.1, "1", "of its wall: with points on more it is there")
     severed: float = number(
-        3.0, "points", "on wall that it leads to: then it is there; fewer span no surface"
+        3.0, "points", "on wall that hangs on a part, from which the part is there: fewer span no surface"
     )
     closed: float = number(0.5, "1", "of its mouth, by points: then it is not there,")
     closed_between: float = number(

@@ -10,8 +10,7 @@ from scipy.ndimage import distance_transform_edt, find_objects, gaussian_filter,
 from ...arrays import Array, Ints
 from ...geometry.components import components_and_euler
 from ...geometry.surface import Surface
-from ..grid.band import Band
-from ..grid.distance import SignedDistance
+from ..grid.distance import around_zero
 from ..grid.isosurface import zero_set
 from ..grid.masks import gaps, widened
 from ..grid.regularised import regularised
@@ -53,11 +52,9 @@ def reconstructed_wall(
     density = PointDensity(found.wall.points, found.sigma, corner, prior.spacing, settings.handles)
     asked = settings.handles.least_cut * (found.radius / prior.spacing) ** 2
     phi[around] = without_handles(phi[around], density.log_likelihoods, settings.handles, least, asked)
-    near = widened((phi < 0.0) & widened(phi >= 0.0, corners=True), corners=True)
-    nodes = np.ascontiguousarray(np.argwhere(near), dtype=np.int32)
-    band = Band(prior.spacing, prior.clip, prior.low, phi.shape, nodes)
-    wall = Surface(*zero_set(band, phi[near]))
-    meshed = mesh(SignedDistance(band, phi[near], np.full(len(band), -1, dtype=np.int32)))
+    made = around_zero(phi, prior.spacing, prior.clip, prior.low)
+    wall = Surface(*zero_set(made.band, made.phi))
+    meshed = mesh(made)
     if components_and_euler(*meshed) != components_and_euler(wall.vertices, wall.faces):
         wall = regularised(wall, prior.spacing)
     return wall, removed + cut, filled
