@@ -7,25 +7,27 @@ none, the prior as it is or smoothed.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
 from dataclasses import replace
 from itertools import chain, count
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from ..arrays import Array, Ints
+from ..arrays import Array, Ints, Mask
 from ..geometry.differential import unit_mean, vertex_normals
 from ..noise.contact import update_contact
-from ..parallel import one_blas_thread
+from ..parallel import one_blas_thread, side_by_side
 from .iteration import Solved, State, begin, step
 from .leverage_points import energy_with_strain, leverage_points
-from .model_selection import motion_evidence, preferred_smoothing
+from .model_selection import preferred
 from .observations import Data
 from .problem import MotionProblem, motion_problem
 from .result import Iterated, MotionFit, motion_fit
 from .settings import MotionSettings
+
+T = TypeVar("T")
 
 
 def fit_motion(
@@ -102,16 +104,16 @@ def _fit_from_nothing(
         fit = _continue(first, data, some, settings.iteration.rounds_with_all)
         return replace(fit, trace=(*first.trace, *fit.trace))
     for _ in range(1 + settings.selection.pose_corrections):
-        run = _iterate_robustly(motion_problem(vertices, faces, pose, data, settings))
-        found = motion_evidence(run)
+        run, (found, smoothed) = _iterate_robustly(
+            motion_problem(vertices, faces, pose, data, settings), preferred
+        )
         if not found.corrected:
             break
         pose = found.pose
     scales = found.scales
-    # points that show no motion show no roughness either
-    smoothed = preferred_smoothing(run) if found.probability == 1.0 else None
     if smoothed is not None:
-        other = _iterate_robustly(motion_problem(vertices, faces, pose, data, settings, smoothed))
+        problem = motion_problem(vertices, faces, pose, data, settings, smoothed)
+        other, _ = _iterate_robustly(problem, lambda _: None)
         if other.energy < run.energy:
             run = other
             scales = other.state.scales
@@ -160,25 +162,36 @@ def _first_weights(earlier: MotionFit, data: Data, known: slice | Ints) -> Array
     return weights
 
 
-def _iterate_robustly(problem: MotionProblem) -> Iterated:
+def _iterate_robustly(problem: MotionProblem, asked: Callable[[Iterated], T]) -> tuple[Iterated, T]:
     """Iterate; where points may have pulled the wall out, begin without them, take them in again, and keep
-    that run if it is clearly likelier.
+    that run if it is clearly likelier. With the answer to what is asked of a run, which the first one is
+    while the other is under way: mostly it stays.
     """
     run = _iterate(problem, begin(problem))
     suspect = leverage_points(run)
     if not suspect.any():
-        return run
-    odds = np.where(suspect, problem.settings.leverage.exclusion_odds, 1.0) * problem.data.odds
-    without = replace(problem, data=replace(problem.data, odds=odds))
-    first = _iterate(without, begin(without))
-    other = _iterate(problem, first.state.without_history(), anneal=False)
+        return run, asked(run)
+    with side_by_side() as threads:
+        begun = threads.submit(_without_at_first, problem, suspect)
+        answer = asked(run)
+        other = begun.result()
     behind = energy_with_strain(other) - energy_with_strain(run)
     count = float(suspect.sum())
     if behind < -problem.settings.selection.decisive:
-        return replace(other, trace=(*first.trace, *other.trace), facts={"excluded_points": count})
+        other = replace(other, facts={"excluded_points": count})
+        return other, asked(other)
     apart = float(np.linalg.norm(other.state.moved - run.state.moved, axis=1).mean())
     facts = {"alternative_excluded": count, "alternative_behind": behind, "alternative_apart": apart}
-    return replace(run, facts=facts)
+    return replace(run, facts=facts), answer
+
+
+def _without_at_first(problem: MotionProblem, suspect: Mask) -> Iterated:
+    """The run that goes on, with all points, from one without the suspect ones."""
+    odds = np.where(suspect, problem.settings.leverage.exclusion_odds, 1.0) * problem.data.odds
+    without = replace(problem, data=replace(problem.data, odds=odds))
+    first = _iterate(without, begin(without))
+    run = _iterate(problem, first.state.without_history(), anneal=False)
+    return replace(run, trace=(*first.trace, *run.trace))
 
 
 class Round(NamedTuple):

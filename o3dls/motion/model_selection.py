@@ -55,6 +55,14 @@ class PoseFit:
     noises: Array
 
 
+def preferred(run: Iterated) -> tuple[MotionEvidence, Smoothed | None]:
+    """Whether the points show a motion, and the prior as they would have it smoothed, if they would: points
+    that show no motion show no roughness either.
+    """
+    found = motion_evidence(run)
+    return found, preferred_smoothing(run) if found.probability == 1.0 else None
+
+
 def motion_evidence(run: Iterated) -> MotionEvidence:
     """Whether the points show a motion at all: evidences with and without it, amplitudes and noise levels
     integrated out (Laplace).

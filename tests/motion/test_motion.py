@@ -20,6 +20,7 @@ from o3dls.arrays import Array
 from o3dls.geometry.similarity import apply, fit_similarity, similarity
 from o3dls.geometry.surface import Surface
 from o3dls.motion import fit as fit_module
+from o3dls.motion import model_selection
 from o3dls.motion.fit import _first_weights, fit_motion, settled
 from o3dls.motion.iteration import Step, begin, believe, find_feet, mixed
 from o3dls.motion.leverage_points import energy_with_strain, leverage_points
@@ -547,8 +548,10 @@ def test_a_fit_keeps_the_linear_algebra_to_one_thread_and_gives_the_others_back(
     def threads() -> set[int]:
         return {library["num_threads"] for library in libraries.info() if library["user_api"] == "blas"}
 
-    evidence = fit_module.motion_evidence
-    monkeypatch.setattr(fit_module, "motion_evidence", lambda run: within.append(threads()) or evidence(run))
+    evidence = model_selection.motion_evidence
+    monkeypatch.setattr(
+        model_selection, "motion_evidence", lambda run: within.append(threads()) or evidence(run)
+    )
     with libraries.limit(limits=2, user_api="blas"):
         fit(surface, data)
         assert (within, threads()) == ([{1}], {2})
@@ -703,7 +706,7 @@ def test_new_points_deep_inside_or_hardly_pressed_are_doubted_at_once() -> None:
 def test_a_smoothed_prior_stays_only_if_it_is_likelier(monkeypatch: pytest.MonkeyPatch) -> None:
     surface, _, data = bent(3, 80)
     plain = fit(surface, data)
-    monkeypatch.setattr(fit_module, "preferred_smoothing", lambda run: (3.0, 1.15 * run.problem.rest.at))
+    monkeypatch.setattr(model_selection, "preferred_smoothing", lambda run: (3.0, 1.15 * run.problem.rest.at))
     found = fit(surface, data)
     assert plain.motion.probability == 1.0
     assert found.facts["smoothing_length"] == 0.0

@@ -67,12 +67,13 @@ def _trials(fit: MotionFit) -> list[Trial]:
     settings = fit.problem.settings.map_shift
     problem, state, energy = _asked(fit)
     here, measured = offset_model(problem, state), problem.data
-    found = best_offsets(here, measured)
+    worth = [one for one in best_offsets(here, measured) if _worth_a_fit(here, state, one)]
     # a cause in time is the usual one, and hidden while all points pull at one surface
+    in_order = [one for one in worth if one.part.direction is None]
+    planes = [one for one in worth if one.part.direction is not None]
     rivals = settings.rivals if len(measured.points) >= settings.least_points else 0
-    asked = [one for k, one in enumerate(found) if k < rivals or one.part.direction is None]
-    worth = [one for one in asked if _worth_a_fit(here, one)]
-    if not worth:
+    asked = in_order + planes[:rivals]
+    if not asked:
         return []
 
     def alone() -> float:
@@ -83,7 +84,7 @@ def _trials(fit: MotionFit) -> list[Trial]:
 
     with side_by_side() as threads:
         whole = threads.submit(alone)  # begins first, so that none waits for what has not begun
-        return list(threads.map(lambda one: _settled(problem, measured, one, whole), worth))
+        return list(threads.map(lambda one: _settled(problem, measured, one, whole), asked))
 
 
 def _settled(problem: MotionProblem, measured: Data, found: Offset, alone: Future[float]) -> Trial:
@@ -117,11 +118,18 @@ def _asked(fit: MotionFit) -> tuple[MotionProblem, State, float | None]:
     return replace(problem, data=data.at(some)), state, fit.energy if every else None
 
 
-def _worth_a_fit(model: OffsetModel, found: Offset) -> bool:
-    settings = model.problem.settings.map_shift
-    least = settings.first_offset * model.problem.size
-    evidence = settings.first_in_order if found.part.direction is None else settings.first_evidence
-    return found.nats >= evidence and found.length >= least
+def _worth_a_fit(model: OffsetModel, state: State, found: Offset) -> bool:
+    """Whether an offset may come to stand out: one by a plane must be as long as it has to be in the end, and
+    longer than the motion, though that has some of it in it.
+    """
+    problem = model.problem
+    settings = problem.settings.map_shift
+    if found.part.direction is None:
+        return found.nats >= settings.first_in_order and found.length >= settings.first_offset * problem.size
+    least = max(
+        settings.least_offset * problem.size, settings.first_over_motion * _rms_motion(problem, state)
+    )
+    return found.nats >= settings.first_evidence and found.length >= least
 
 
 def _without(problem: MotionProblem, measured: Data, found: Offset, alone: Future[float]) -> Trial:
@@ -139,12 +147,16 @@ def _stands_out(trial: Trial, share: float = 1.0) -> bool:
     enough = max(settings.evidence, settings.evidence_per_point * len(trial.problem.data.points))
     if trial.evidence < share * enough or trial.found.part.direction is None:
         return trial.evidence >= share * enough
-    rest, moved = trial.problem.rest.at, trial.run.state.moved
-    motion = moved - apply(fit_similarity(rest, moved), rest)
     over = settings.over_motion * max(trial.found.length / (settings.large_offset * trial.problem.size), 1.0)
-    usual = over * float(np.sqrt((motion**2).sum(axis=1).mean()))
+    usual = over * _rms_motion(trial.problem, trial.run.state)
     long = max(settings.least_offset * trial.problem.size, usual)
     return trial.found.length >= share * long
+
+
+def _rms_motion(problem: MotionProblem, state: State) -> float:
+    """Root mean square of how far the vertices moved beyond a similarity."""
+    rest, moved = problem.rest.at, state.moved
+    return float(np.sqrt(((moved - apply(fit_similarity(rest, moved), rest)) ** 2).sum(axis=1).mean()))
 
 
 def _posed(run: Iterated) -> MotionProblem:
