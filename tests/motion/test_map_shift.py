@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import Future
 from dataclasses import replace
 
 import numpy as np
@@ -12,8 +13,11 @@ from fields import SIZE, bend, body
 from o3dls.arrays import Array
 from o3dls.geometry.surface import Surface
 from o3dls.motion.fit import fit_motion
+from o3dls.motion.map_shift import search
+from o3dls.motion.map_shift.offset_model import Offset, OffsetModel
 from o3dls.motion.map_shift.search import find_map_shift
 from o3dls.motion.observations import Data
+from o3dls.motion.problem import MotionProblem
 from o3dls.motion.result import MotionFit
 from o3dls.noise.shifted_part import MapPart, MapShift
 from o3dls.settings import with_numbers
@@ -76,6 +80,35 @@ def test_one_side_of_a_plane_is_found_with_its_offset() -> None:
     held = shift.part.holds(points, np.arange(300.0))
     assert (held != beyond).mean() < 0.05
     assert within(shift, OFFSET)
+
+
+def test_offsets_by_a_plane_that_cannot_stand_out_take_no_rivals_place(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The best one in closed form is made shorter than any that may be named, or than the motion."""
+    points = sampled(moved_body(), 300, 8_839, NOISE)
+    points[points[:, 0] > np.quantile(points[:, 0], 0.6)] += OFFSET
+    fit = fitted(points)
+    offsets, settled = search.best_offsets, search._settled
+    tried: list[float] = []
+
+    def with_short_one(model: OffsetModel, data: Data, taken_out: Offset | None = None) -> list[Offset]:
+        best, *others = offsets(model, data, taken_out)
+        short = best._replace(offset=0.14 * SIZE * best.offset / best.length)
+        return [best, *others] if taken_out else [short, best, *others]
+
+    def recorded(problem: MotionProblem, data: Data, one: Offset, alone: Future[float]) -> search.Trial:
+        tried.append(one.length)
+        return settled(problem, data, one, alone)
+
+    monkeypatch.setattr(search, "best_offsets", with_short_one)
+    monkeypatch.setattr(search, "_settled", recorded)
+    for asked, named in (({"map_shift.rivals": 1}, True), ({"map_shift.first_over_motion": 9.0}, False)):
+        tried.clear()
+        settings = with_numbers(fit.problem.settings, asked)
+        shift = found(replace(fit, problem=replace(fit.problem, settings=settings)))
+        assert (shift is not None, len(tried)) == (named, int(named))
+        assert all(length > 0.15 * SIZE for length in tried)
 
 
 def test_one_side_of_a_small_map_is_not_told_from_another_anatomy() -> None:
