@@ -5,6 +5,7 @@ The case is made afresh (data_synth's atrium, --seed); kernels are warm, files e
 algebra as on the command line. The part `points` has real surfaces too where O3DLS_DATA names their folder;
 its error is the mean of both directions between surface and truth. Every time is the median of --repeat runs,
 by the clock and, beside it, of the processor: on a machine that does other work the clock is an upper bound.
+The part `cores` tells how much its cores do together.
 """
 
 from __future__ import annotations
@@ -285,7 +286,24 @@ def points(seed: int, repeat: int) -> list[Row]:
     return list(speed_points.rows(seed, max(1, repeat // 3), Path(data) if data else None, timed))
 
 
+def cores(_: int, repeat: int) -> list[Row]:
+    """How much more as many processes as cores do at one time than one alone: cores that are shared with
+    other work, or with each other, do less than their number.
+    """
+    count = os.cpu_count() or 1
+    loop = [sys.executable, "-c", "sum(k * k for k in range(10_000_000))"]
+
+    def together(processes: int) -> None:
+        for process in [subprocess.Popen(loop) for _ in range(processes)]:
+            process.wait()
+
+    one, every = (timed(lambda n=n: together(n), repeat)[0].clock for n in (1, count))  # type: ignore[misc]
+    status = f"of one: what {count} processes do at one time; the limits are for two quiet cores"
+    return [{"what": "cores", "value": count * one / every, "unit": "x", "status": status}]
+
+
 PARTS: dict[str, Callable[[int, int], list[Row]]] = {
+    "cores": cores,
     "engine": engine,
     "halving": halving,
     "many": many,
