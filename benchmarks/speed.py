@@ -298,7 +298,7 @@ def cores(_: int, repeat: int) -> list[Row]:
             process.wait()
 
     one, every = (timed(lambda n=n: together(n), repeat)[0].clock for n in (1, count))  # type: ignore[misc]
-    status = f"of one: what {count} processes do at one time; the limits are for two quiet cores"
+    status = f"work of {count} processes at one time, over that of one; the limits are for two quiet cores"
     return [{"what": "cores", "value": count * one / every, "unit": "x", "status": status}]
 
 

@@ -151,11 +151,17 @@ class MapShiftSettings:
         4.0, "nats", "in closed form, before a motion is fitted without the offset"
     )
     first_in_order: float = number(-2.0, "nats", "likewise, of a part in time: most whole maps have less")
-    first_offset: float = number(0.12, "rms radii", "of such a part, that is worth a fit")
-    first_over_motion: float = number(
-        1.4, "1", "of one by a plane over the rms motion, which has some of it still: 1.6 where it stands out"
+    first_offset: float = number(
+        0.12, "rms radii", "of a part in time, from which a motion is fitted without it"
     )
-    rivals: int = number(2, "", "planes that are worth one: the best in closed form is not always the best")
+    first_over_motion: float = number(
+        1.4,
+        "1",
+        "likewise, of one side of a plane, over the rms motion of the whole map, which follows it partly",
+    )
+    rivals: int = number(
+        2, "", "planes for which that is done: the best in closed form is not always the right one"
+    )
     rounds: int = number(5, "", "most, of a fit without the offset and the offset again")
     settled: float = number(0.1, "noise levels", "change of the offset that ends them")
     hopeless: float = number(0.5, "1", "share of what an offset needs below which no further round helps it")

@@ -67,7 +67,8 @@ def _trials(fit: MotionFit) -> list[Trial]:
     settings = fit.problem.settings.map_shift
     problem, state, energy = _asked(fit)
     here, measured = offset_model(problem, state), problem.data
-    worth = [one for one in best_offsets(here, measured) if _worth_a_fit(here, state, one)]
+    motion = _rms_motion(problem, state)
+    worth = [one for one in best_offsets(here, measured) if _worth_a_fit(problem, motion, one)]
     # a cause in time is the usual one, and hidden while all points pull at one surface
     in_order = [one for one in worth if one.part.direction is None]
     planes = [one for one in worth if one.part.direction is not None]
@@ -118,17 +119,14 @@ def _asked(fit: MotionFit) -> tuple[MotionProblem, State, float | None]:
     return replace(problem, data=data.at(some)), state, fit.energy if every else None
 
 
-def _worth_a_fit(model: OffsetModel, state: State, found: Offset) -> bool:
-    """Whether an offset may come to stand out: one by a plane must be as long as it has to be in the end, and
-    longer than the motion, though that has some of it in it.
+def _worth_a_fit(problem: MotionProblem, motion: float, found: Offset) -> bool:
+    """Whether an offset in closed form may come to stand out. One by a plane must be as long as those that
+    may be named, and clearly longer than the rms motion of the whole map, which follows it partly.
     """
-    problem = model.problem
     settings = problem.settings.map_shift
     if found.part.direction is None:
         return found.nats >= settings.first_in_order and found.length >= settings.first_offset * problem.size
-    least = max(
-        settings.least_offset * problem.size, settings.first_over_motion * _rms_motion(problem, state)
-    )
+    least = max(settings.least_offset * problem.size, settings.first_over_motion * motion)
     return found.nats >= settings.first_evidence and found.length >= least
 
 
