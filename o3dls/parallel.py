@@ -16,12 +16,14 @@ from typing import Any
 import numpy as np
 from numba import config
 from numba.core.event import Event, Listener, install_listener
+from numpy.typing import NDArray
 from threadpoolctl import ThreadpoolController
 
-from .arrays import Array, Ints
+from .arrays import Array
 
 # the cores this process may use, unless the variable of that name says otherwise
 THREADS: int = config.NUMBA_NUM_THREADS
+PARTS = 3  # of the rows, for each thread: some take longer than others
 
 log = logging.getLogger("o3dls")
 
@@ -33,7 +35,7 @@ def axes_of(vectors: Array) -> tuple[int, ...]:
     return (0,) * int(vectors.shape[1])
 
 
-def by_rows(kernel: Callable[..., Any], least: int, rows: tuple[Array | Ints, ...], *shared: Any) -> None:
+def by_rows(kernel: Callable[..., Any], least: int, rows: tuple[NDArray[Any], ...], *shared: Any) -> None:
     """Call kernel(*rows, *shared), which reads and fills `rows` (arrays of equal length) one by one and lets
     go of the interpreter's lock, on as many threads as have `least` rows to do: fewer take less time than to
     wake a thread.
@@ -43,12 +45,19 @@ def by_rows(kernel: Callable[..., Any], least: int, rows: tuple[Array | Ints, ..
     if threads < 2:
         kernel(*rows, *shared)
         return
-    bounds = np.linspace(0, count, threads + 1).astype(int)
-    mine, *others = (tuple(row[a:b] for row in rows) for a, b in pairwise(bounds))
-    begun = [_pool(os.getpid()).submit(kernel, *part, *shared) for part in others]
-    kernel(*mine, *shared)
-    for part in begun:
-        part.result()
+    bounds = np.linspace(0, count, min(PARTS * threads, count // least) + 1).astype(int)
+    # one list iterator hands every part to one thread only
+    left = iter([tuple(row[a:b] for row in rows) for a, b in pairwise(bounds)])
+
+    def work() -> None:
+        for part in left:
+            kernel(*part, *shared)
+
+    begun = [_pool(os.getpid()).submit(work) for _ in range(threads - 1)]
+    work()
+    for thread in begun:
+        if not thread.cancel():  # busy with other work, it has not begun, and nothing is left to do
+            thread.result()
 
 
 def limit_threads(processes: int) -> None:

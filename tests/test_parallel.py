@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import multiprocessing
+import os
+import threading
 from typing import Any
 
 import numpy as np
@@ -34,7 +36,8 @@ def test_results_do_not_depend_on_the_number_of_threads() -> None:
 
 
 @pytest.mark.parametrize(
-    ("threads", "count", "parts"), [(1, 100, 1), (2, 19, 1), (2, 20, 2), (3, 100, 3), (8, 30, 3), (2, 0, 1)]
+    ("threads", "count", "parts"),
+    [(1, 100, 1), (2, 19, 1), (2, 20, 2), (3, 100, 9), (8, 30, 3), (2, 100, 6), (2, 0, 1)],
 )
 def test_every_row_is_done_once_and_no_thread_has_too_few(
     monkeypatch: pytest.MonkeyPatch, threads: int, count: int, parts: int
@@ -51,6 +54,22 @@ def test_every_row_is_done_once_and_no_thread_has_too_few(
     assert (done == 2.0).all()
     assert len(sizes) == parts
     assert parts == 1 or min(sizes) >= 10
+
+
+def test_a_thread_that_is_busy_with_other_work_is_not_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(compiled, "THREADS", 2)
+    done = np.zeros(100)
+    freed = threading.Event()
+    busy = compiled._pool(os.getpid()).submit(freed.wait, 60.0)
+
+    def kernel(rows: Any) -> None:
+        rows += 1.0
+
+    compiled.by_rows(kernel, 10, (done,))
+    still_busy = not busy.done()
+    freed.set()
+    assert still_busy
+    assert (done == 1.0).all()
 
 
 def test_what_fails_on_a_thread_fails() -> None:

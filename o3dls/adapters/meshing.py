@@ -73,9 +73,9 @@ def extract(
     with ThreadPoolExecutor(1) as beside:
         tree = beside.submit(lambda: raw.closest_point)  # while pymeshlab works on the other core
         smooth = _clean(start, smoothing, target, LOOSE * smallest)
-        crosses = beside.submit(lambda: smoothing and self_intersections(smooth))
         mesh = _unfolded(smooth)
-    if crosses.result():  # where two walls are closer than the lattice tells apart
+    # where two walls are closer than the lattice tells apart
+    if smoothing and mesh is smooth and self_intersections(smooth):
         mesh = _unfolded(_clean(start, 0, target, LOOSE * smallest))
     shift = tree.result().distance(mesh.vertices)
     return Extraction(mesh, float(shift.mean()), float(shift.max()), len(raw.faces))

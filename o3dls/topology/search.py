@@ -67,12 +67,17 @@ class TopologySearch:
         """
         settings = self.settings
         posed = posed_prior(fit)
-        before = Wall(posed, settings.observation)
         after = Wall(posed.with_vertices(fit.vertices), settings.observation)
-        grown = growth(before, self.seen(fit, before, moved=False), settings)
-        tubes = [tube for tube in grown if tube.gain >= settings.evidence]
+
+        def grown() -> list[Change]:
+            before = Wall(posed, settings.observation)
+            return list(growth(before, self.seen(fit, before, moved=False), settings))
+
+        with side_by_side() as threads:
+            looked_for = threads.submit(grown)
+            cuts = list(removals(after, self.seen(fit, after, moved=True), settings.cuts))
+            tubes = [tube for tube in looked_for.result() if tube.gain >= settings.evidence]
         yield from heapq.nlargest(settings.judged, tubes, key=lambda change: change.gain)
-        cuts = removals(after, self.seen(fit, after, moved=True), settings.cuts)
         for cut in heapq.nlargest(settings.judged, cuts, key=lambda change: change.gain):
             vertices, faces = cut.region
             yield replace(cut, region=(before_motion(fit, after, vertices), faces))

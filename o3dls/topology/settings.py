@@ -76,7 +76,7 @@ class TopologySettings:
         "in which a trial may end too, before tuning: noise counts 1.5 and 1.2 times",
     )
     trial_spacings: tuple[float, ...] = number(
-        (2.0, 1.0),
+        (2.0, 1.5, 1.0),
         "spacings",
         "of lattices for trials: the first that keeps the prior whole",
     )

@@ -31,9 +31,22 @@ def _near_one_node(vertices: Array, edges: Ints, spacing: float) -> Ints:
     """Group (n,) of each vertex: those that edges connect within the cell around one node, which is an end of
     the edge of a simplex that a vertex lies on.
     """
-    node = np.round(vertices / spacing).astype(np.int64)
-    same = (node[edges[:, 0]] == node[edges[:, 1]]).all(axis=1)
-    return component_labels(len(vertices), edges[same])
+    return component_labels(len(vertices), _within_cells(vertices, edges, spacing))
+
+
+@njit(cache=True, nogil=True)
+def _within_cells(vertices, edges, spacing):  # type: ignore[no-untyped-def]
+    """The edges (k, 2) whose ends are nearest to the same node of the lattice."""
+    within = np.empty(edges.shape, dtype=edges.dtype)
+    found = 0
+    for e in range(len(edges)):
+        same = True
+        for a in range(3):
+            same &= np.rint(vertices[edges[e, 0], a] / spacing) == np.rint(vertices[edges[e, 1], a] / spacing)
+        if same:
+            within[found] = edges[e]
+            found += 1
+    return within[:found]
 
 
 def _change_topology(faces: Ints, edges: Ints, group: Ints) -> Mask:
@@ -62,10 +75,17 @@ def _change_topology(faces: Ints, edges: Ints, group: Ints) -> Mask:
     return np.asarray(bad & (members > 1))
 
 
-def _left(faces: Ints, group: Ints) -> Ints:
+@njit(cache=True, nogil=True)
+def _left(faces, group):  # type: ignore[no-untyped-def]
     """Faces (k, 3) between three groups."""
-    corners = group[faces]
-    return np.asarray(corners[(corners != np.roll(corners, 1, axis=1)).all(axis=1)])
+    left = np.empty(faces.shape, dtype=np.int64)
+    found = 0
+    for f in range(len(faces)):
+        a, b, c = group[faces[f, 0]], group[faces[f, 1]], group[faces[f, 2]]
+        if a != b and b != c and c != a:
+            left[found, 0], left[found, 1], left[found, 2] = a, b, c
+            found += 1
+    return left[:found]
 
 
 def _edges(faces: Ints) -> tuple[Ints, Ints]:

@@ -86,7 +86,7 @@ def _queue_around(node, rank, inside, offsets, queued, waiting, first):  # type:
     return first
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _grow(nodes, rank, inside, simple, offsets):  # type: ignore[no-untyped-def]
     """Add to the inside (mask, in place) nodes next to it by simple additions, the first in `nodes` first.
 

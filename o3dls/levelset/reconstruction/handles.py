@@ -15,6 +15,7 @@ import numpy as np
 from scipy.ndimage import label
 
 from ...arrays import Array, Mask
+from ...parallel import side_by_side
 from ..grid.masks import widened
 from ..grid.simple_points import TOUCHING, cut_away, outside, simply_connected, unreached
 from .settings import HandleSettings
@@ -75,13 +76,15 @@ def _tunnel(phi: Array, cut: int, settings: HandleSettings, least: float) -> tup
     in two.
     """
     deep = phi < -least
-    begun = deep & ~unreached(np.where(deep, phi, least))  # grown first, whatever is filled
+    with side_by_side() as threads:
+        beyond = threads.submit(outside, phi)
+        begun = deep & ~unreached(np.where(deep, phi, least))  # grown first, whatever is filled
 
     def spares(nodes: Mask) -> bool:
         """Whether the handle needs no cut when they are filled, but for a node or two elsewhere."""
         return 2 * _size(unreached(np.where(nodes, -least, phi), begun)) < cut
 
-    fills = (phi >= 0.0) & ~outside(phi)
+    fills = (phi >= 0.0) & ~beyond.result()
     if not spares(fills):
         return np.zeros_like(fills), np.zeros_like(fills)
     parts = label(fills, TOUCHING)[0]

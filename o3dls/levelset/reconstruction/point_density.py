@@ -9,6 +9,7 @@ from scipy.spatial import KDTree
 
 from ...arrays import Array, Ints, Mask
 from ...geometry.surface import Surface
+from ...parallel import side_by_side
 from ..grid.band import Band
 from ..grid.isosurface import zero_set
 from .settings import HandleSettings
@@ -37,8 +38,12 @@ class PointDensity:
         box = tuple(slice(a, b + margin + 1) for a, b in zip(low, nodes.max(axis=0), strict=True))
         every = np.argwhere(np.ones(changed[box].shape, dtype=bool)).astype(np.int32)
         band = Band(self.spacing, reach, self.low + low, changed[box].shape, every)
-        walls = (Surface(*zero_set(band, phi[box].ravel())) for phi in phis)
-        return [self._log_likelihood(wall, near, around) for wall in walls]
+
+        def log_likelihood(phi: Array) -> float:
+            return self._log_likelihood(Surface(*zero_set(band, phi[box].ravel())), near, around)
+
+        with side_by_side() as threads:
+            return list(threads.map(log_likelihood, phis))
 
     def _log_likelihood(self, wall: Surface, near: KDTree, around: KDTree) -> float:
         """That of the points `near`, from the wall near the nodes `around`."""
