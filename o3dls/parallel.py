@@ -23,6 +23,7 @@ from .arrays import Array
 
 # the cores this process may use, unless the variable of that name says otherwise
 THREADS: int = config.NUMBA_NUM_THREADS
+QUERIES = 4000  # of a KD-tree that take longer than to wake a thread
 PARTS = 3  # of the rows, for each thread: some take longer than others
 
 log = logging.getLogger("o3dls")
@@ -58,6 +59,11 @@ def by_rows(kernel: Callable[..., Any], least: int, rows: tuple[NDArray[Any], ..
     for thread in begun:
         if not thread.cancel():  # busy with other work, it has not begun, and nothing is left to do
             thread.result()
+
+
+def threads_for(queries: int) -> int:
+    """How many threads so many queries of a KD-tree are worth."""
+    return THREADS if queries > QUERIES else 1
 
 
 def limit_threads(processes: int) -> None:

@@ -6,9 +6,6 @@ import numpy as np
 from numba import njit
 
 from ...arrays import Array, Mask
-from ...parallel import by_rows
-
-WORTH = 8  # layers of a box that are worth a thread
 
 
 def widened(mask: Mask, steps: int = 1, *, corners: bool = False) -> Mask:
@@ -30,22 +27,16 @@ def gaps(mask: Mask, reach: float) -> Array:
     Squared distances along one axis after the other (Saito and Toriwaki 1994).
     """
     most = int(reach)
-    along = np.empty(mask.shape, dtype=np.int32)
-    by_rows(_along_rows, WORTH, (np.ascontiguousarray(mask), along), most)
-    across = np.empty_like(along)
-    by_rows(_across, WORTH, (along, across), most)
-    # the first axis as the second one, and every column a row
-    turned = np.ascontiguousarray(across.transpose(1, 0, 2))
-    down = np.empty_like(turned)
-    by_rows(_across, WORTH, (turned, down), most)
-    squared = down.transpose(1, 0, 2)
+    squared = _across(_along_rows(np.ascontiguousarray(mask), most), most)
+    squared = _across(squared.reshape(1, len(mask), -1), most).reshape(mask.shape)
     return np.where(squared <= reach * reach, np.sqrt(squared), np.inf)
 
 
-@njit(cache=True, nogil=True)
-def _along_rows(mask, out, most):  # type: ignore[no-untyped-def]
+@njit(cache=True)
+def _along_rows(mask, most):  # type: ignore[no-untyped-def]
     """Squared distance of every node along the last axis, or more than can be within reach."""
     far = most + 1
+    out = np.empty(mask.shape, dtype=np.int32)
     for i in range(mask.shape[0]):
         for j in range(mask.shape[1]):
             gap = far
@@ -56,17 +47,20 @@ def _along_rows(mask, out, most):  # type: ignore[no-untyped-def]
             for k in range(mask.shape[2] - 1, -1, -1):
                 gap = 0 if mask[i, j, k] else min(gap + 1, far)
                 out[i, j, k] = min(out[i, j, k], gap) ** 2
+    return out
 
 
-@njit(cache=True, nogil=True)
-def _across(before, out, most):  # type: ignore[no-untyped-def]
+@njit(cache=True)
+def _across(before, most):  # type: ignore[no-untyped-def]
     """The least of squared distances and steps along the second axis."""
+    out = np.empty(before.shape, dtype=np.int32)
     for i in range(before.shape[0]):
         for j in range(before.shape[1]):
             least = out[i, j]
             least[:] = before[i, j]
             for step in range(max(-most, -j), min(most, before.shape[1] - 1 - j) + 1):
                 _lower(least, before[i, j + step], np.int32(step * step))
+    return out
 
 
 @njit(cache=True, inline="always")

@@ -10,21 +10,20 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import breadth_first_order, connected_components, minimum_spanning_tree
 from scipy.spatial import KDTree
 
-from ... import parallel
 from ...arrays import ROUNDING, Array, Ints
 from ...geometry.similarity import rms_radius
+from ...parallel import threads_for
 from .moved_prior import MovedPrior
 from .settings import NormalSettings
 from .winding import DipolePlaces, cells
 
 SEED = 20_261_124
-WORTH = 4000  # places that are worth threads
 
 
 def nearest(points: Array, places: Array, count: int) -> tuple[Array, Ints]:
     """Distances (n, count) and rows (n, count) of the points nearest to places (n, 3), from near to far."""
-    threads = parallel.THREADS if len(places) > WORTH else 1
-    gap, rows = KDTree(points).query(places, k=np.arange(1, count + 1), workers=threads)
+    each = np.arange(1, count + 1)
+    gap, rows = KDTree(points).query(places, k=each, workers=threads_for(len(places)))
     return np.asarray(gap), np.asarray(rows)
 
 
