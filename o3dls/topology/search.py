@@ -113,12 +113,12 @@ class TopologySearch:
         def tried(change: Change) -> Change:
             price = change.price(len(part.points))
             least = price + self.settings.evidence - self.settings.trial_lead
-            after = TrialFit(*self.anew(fit, changed(before, change), part))
+            after = self.trial(fit, changed(before, change), part)
             lead = after.lead(whole.result(), least, self.settings.early_rounds, beside)
             return replace(change, gain=lead - price)
 
         with side_by_side() as threads, ThreadPoolExecutor(1) as beside:
-            whole = beside.submit(lambda: TrialFit(*self.anew(fit, unchanged, part)))
+            whole = beside.submit(self.trial, fit, unchanged, part)
             yield from threads.map(tried, changes)
 
     def best(self, fit: MotionFit) -> tuple[MotionFit, Change] | None:
@@ -162,6 +162,14 @@ class TopologySearch:
         posed = posed_prior(fit)
         spacing = coarser * max(self.spacing, _edge(posed))
         return signed_distance(posed.vertices, posed.faces, spacing, self.settings.half_band * spacing)
+
+    def trial(self, fit: MotionFit, posed: Surface, data: Data) -> TrialFit:
+        """A motion that judges what the prior was made into: points share rows sooner than where they place
+        the wall.
+        """
+        *given, settings = self.anew(fit, posed, data)
+        rows = min(settings.iteration.most_rows, self.settings.trial_rows)
+        return TrialFit(*given, replace(settings, iteration=replace(settings.iteration, most_rows=rows)))
 
     def anew(
         self, fit: MotionFit, posed: Surface, data: Data

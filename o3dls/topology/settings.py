@@ -67,6 +67,7 @@ class TopologySettings:
     most_changes: int = number(4, "", "of one prior: more would be another one")
     most_points: int = number(1000, "points", "of a kind that propose: topology is no detail,")
     trial_points: int = number(500, "points", "of a kind that judge: four times as fast as all that propose")
+    trial_rows: int = number(300, "rows", "more points of a trial share rows by patches of the surface")
     trial_lead: float = number(
         8.0, "nats", "that a trial may lack in a round and go on: no more is made up for later"
     )
