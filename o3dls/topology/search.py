@@ -167,9 +167,10 @@ class TopologySearch:
         """A motion that judges what the prior was made into: points share rows sooner than where they place
         the wall.
         """
-        *given, settings = self.anew(fit, posed, data)
+        prior, faces, pose, points, settings = self.anew(fit, posed, data)
         rows = min(settings.iteration.most_rows, self.settings.trial_rows)
-        return TrialFit(*given, replace(settings, iteration=replace(settings.iteration, most_rows=rows)))
+        iteration = replace(settings.iteration, most_rows=rows)
+        return TrialFit(prior, faces, pose, points, replace(settings, iteration=iteration))
 
     def anew(
         self, fit: MotionFit, posed: Surface, data: Data

@@ -26,7 +26,7 @@ from o3dls.motion.problem import motion_problem
 from o3dls.motion.result import MotionFit
 from o3dls.topology.change import Change, body_radius, changed
 from o3dls.topology.cuts import removals
-from o3dls.topology.search import TopologySearch, before_motion, change_topology
+from o3dls.topology.search import TopologySearch, before_motion, change_topology, posed_prior
 from o3dls.topology.settings import TopologySettings
 from o3dls.topology.tube_cost import Foot, cone
 from o3dls.topology.tubes import _stands_alone, _thin_parts, growth
@@ -350,8 +350,7 @@ def trials_end_at(monkeypatch: pytest.MonkeyPatch, unchanged: float, with_change
         "o3dls.topology.search.changed", lambda _, change: with_change if change else unchanged
     )
     monkeypatch.setattr(TopologySearch, "keeps", lambda *_: True)
-    monkeypatch.setattr(TopologySearch, "anew", lambda self, fit, energy, data: (energy,))
-    monkeypatch.setattr("o3dls.topology.search.TrialFit", ended)
+    monkeypatch.setattr(TopologySearch, "trial", lambda self, fit, energy, data: ended(energy))
 
 
 @pytest.mark.parametrize(
@@ -367,6 +366,19 @@ def test_a_trial_that_is_far_behind_in_an_early_round_is_not_tuned() -> None:
     trial._tuned = 2
     assert lead(trial, other, -1.5) == 5.0
     assert lead(trial, other, -1.5, (1,)) == -2.0
+
+
+@pytest.mark.parametrize(("trial_rows", "rows"), [(30, 30), (10_000, None)], ids=["fewer", "no more"])
+def test_points_share_rows_sooner_in_a_trial_than_in_a_fit(
+    monkeypatch: pytest.MonkeyPatch, trial_rows: int, rows: int | None
+) -> None:
+    fit = bent_fit()
+    search = replace(SEARCH, settings=replace(SEARCH.settings, trial_rows=trial_rows))
+    monkeypatch.setattr("o3dls.topology.search.TrialFit", lambda *given: given)
+    *_, in_trial = search.trial(fit, posed_prior(fit), fit.problem.data)
+    *_, in_fit = search.anew(fit, posed_prior(fit), fit.problem.data)
+    assert in_fit.iteration == fit.problem.settings.iteration
+    assert in_trial.iteration.most_rows == (rows or in_fit.iteration.most_rows)
 
 
 def test_a_change_gains_what_the_fit_gains_less_its_price(monkeypatch: pytest.MonkeyPatch) -> None:
