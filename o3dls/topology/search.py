@@ -164,8 +164,8 @@ class TopologySearch:
         return signed_distance(posed.vertices, posed.faces, spacing, self.settings.half_band * spacing)
 
     def trial(self, fit: MotionFit, posed: Surface, data: Data) -> TrialFit:
-        """A motion that judges what the prior was made into. Points share rows of the linear system by patches
-        from fewer points on than in the fit that places the wall.
+        """A motion that judges what the prior was made into. Its points share rows of the linear system by
+        patches from fewer points on than in the fit that places the wall.
         """
         prior, faces, pose, points, settings = self.anew(fit, posed, data)
         rows = min(settings.iteration.most_rows, self.settings.trial_rows)
