@@ -21,6 +21,8 @@ from .registration.landmark_names import partners
 UNITS = ("mm", "px")
 MILLIMETRES = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "um": 0.001, "in": 25.4, "px": 1.0}  # of files
 SPACES = ("LPS", "RAS", "unknown")
+# whose anatomy the prior is: the patient's own, or another person's or a mean anatomy
+PRIOR_OF = ("patient", "template")
 POINT_TYPES = ("eam", "ablation", "landmark", "inside")
 FITTED_TYPES = ("eam", "inside")
 # fields of a result, with the unit behind their names
@@ -30,6 +32,7 @@ OF_A_RUN = (
     "correction",
     "distance_to_nearest_point",
 )
+WITHOUT_UNIT = ("prior_only", "existence")
 # least relative noise of a point: it holds the surface as firmly as one can, and smaller ones are lost in
 # rounding
 BEST = 0.02
@@ -154,6 +157,8 @@ class Case:
     prior_frame: str = "unknown"
     # what is exported on the prior is in them again; None: `units`
     prior_file_units: str | None = None
+    # one of PRIOR_OF: only a template's parts may be removed because the map lacks points on them
+    prior_of: str = "patient"
     notes: str = ""
     files: Mapping[str, str] = field(default_factory=dict)  # file name -> sha256
     truth: Truth | None = None
@@ -185,6 +190,10 @@ class Case:
         for key, frame in (("frame", self.frame), ("prior_frame", self.prior_frame)):
             if frame not in SPACES:
                 raise InputError(f"case {self.name}: {key} = '{frame}': must be one of {', '.join(SPACES)}")
+        if self.prior_of not in PRIOR_OF:
+            raise InputError(
+                f"case {self.name}: prior_of = '{self.prior_of}': must be one of {', '.join(PRIOR_OF)}"
+            )
         if self.init is not None and not is_pose(self.init, self.dimension):
             raise InputError(
                 f"case {self.name}: init is not a pose: it must be a rotation, a shift and one scale"
@@ -203,7 +212,7 @@ class Case:
             raise InputError(
                 f"case {self.name}: the prior's faces are wound inwards: reverse the order of their corners"
             )
-        stale = {*(f"{name}_{self.units}" for name in OF_A_RUN), "prior_only"} & self.prior.fields.keys()
+        stale = {*(f"{name}_{self.units}" for name in OF_A_RUN), *WITHOUT_UNIT} & self.prior.fields.keys()
         if stale:  # the surface of an earlier run, which this one must not take for its own
             fields = {name: values for name, values in self.prior.fields.items() if name not in stale}
             object.__setattr__(self, "prior", replace(self.prior, fields=fields))

@@ -70,8 +70,8 @@ def register(
     point by the names of a case's columns. landmarks: name -> (position on the prior, position among the
     points); init: rough pose (4, 4), prior to points; stages: default those of the default pipeline that the
     case allows; max_correspondence_distance: default three standard deviations of the noise found; settings:
-    units, frame, phases, cap, and label, part, box, layer of a label volume, as of `case_of`. Raises
-    InputError for what cannot be registered, PipelineError for wrong stages.
+    units, frame, prior_of, phases, cap, and label, part, box, layer of a label volume, as of `case_of`.
+    Raises InputError for what cannot be registered, PipelineError for wrong stages.
     """
     from .adapters.case import case_of
     from .adapters.meshes import open3d_like

@@ -4,16 +4,23 @@ made.
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from tiny import sphere
 
+import o3dls
+from o3dls import Landmarks, Pipeline, read_case
 from o3dls.case import Case, Points
 from o3dls.errors import InputError
 from o3dls.geometry.similarity import is_pose, similarity
 from o3dls.geometry.surface import Surface
+from o3dls.io.case_writer import write_case
+from o3dls.resources import demo_case
+from o3dls.runs.run import record
 
 XYZ = 20.0 * np.eye(3)
 EAM = np.full(3, "eam")
@@ -106,3 +113,28 @@ def test_points_keep_their_order_when_some_are_left_out() -> None:
     np.testing.assert_array_equal(points.of("eam").select(np.array([True, False, True])).taken, [0.0, 3.0])
     with pytest.raises(InputError, match="'order' has shape"):
         Points(np.zeros((4, 3)), points.type, order=np.arange(3.0))
+
+
+def test_whose_anatomy_the_prior_is_survives_every_way_in_and_out(tmp_path: Path) -> None:
+    said = replace(read_case(demo_case()), prior_of="template")
+    write_case(tmp_path / "case", said)
+    assert read_case(tmp_path / "case").prior_of == said.visible().prior_of == "template"
+    prior, points = said.prior, said.points.of("eam").xyz
+    assert o3dls.case_of((prior.vertices, prior.faces), points).prior_of == "patient"
+    assert o3dls.case_of((prior.vertices, prior.faces), points, prior_of="template").prior_of == "template"
+    run = Pipeline([Landmarks()], folds=0).run(said)
+    assert record(run)["case"]["prior_of"] == "template"
+
+
+@pytest.mark.parametrize("whose", ["mine", ""])
+def test_another_owner_of_the_prior_is_refused_by_name(whose: str, tmp_path: Path) -> None:
+    case = read_case(demo_case())
+    with pytest.raises(InputError, match=f"prior_of = '{whose}': must be one of patient, template"):
+        replace(case, prior_of=whose)
+    with pytest.raises(InputError, match=f"prior_of = '{whose}': must be one of patient, template"):
+        o3dls.case_of((case.prior.vertices, case.prior.faces), case.points.of("eam").xyz, prior_of=whose)
+    write_case(tmp_path / "case", case)
+    settings = tmp_path / "case" / "case.toml"
+    settings.write_text(settings.read_text().replace('prior_of = "patient"', f'prior_of = "{whose}"'))
+    with pytest.raises(InputError, match=r"case\.toml: prior_of = .*must be one of patient, template"):
+        read_case(tmp_path / "case")

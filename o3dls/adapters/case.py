@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arrays import Array
-from ..case import MILLIMETRES, SPACES, Case, Points
+from ..case import MILLIMETRES, PRIOR_OF, SPACES, Case, Points
 from ..errors import InputError, did_you_mean
 from ..geometry.surface import Surface
 from ..io.case_coordinates import check_scale
@@ -34,6 +34,7 @@ def case_of(
     phases: Sequence[Any] = (),
     units: str | None = None,
     frame: str = "unknown",
+    prior_of: str = "patient",
     cap: bool = False,
     **choice: Any,
 ) -> Case:
@@ -42,13 +43,15 @@ def case_of(
     landmarks: name -> (position on the prior, position among the points); init: rough pose (4, 4), prior to
     points; phases: further surfaces of the prior; units: those of all lengths, but for label volumes, which
     state them (default mm, if that can be meant); frame: LPS or RAS, that of all coordinates, into which
-    label volumes are turned (unknown: they stay in LPS); cap: close the openings of the prior; choice: label,
+    label volumes are turned (unknown: they stay in LPS); prior_of: whose anatomy the prior is, "patient" or
+    "template" (another person's or a mean anatomy); cap: close the openings of the prior; choice: label,
     part, box, layer of a label volume. Raises InputError for what cannot be used.
     """
     known = [*CHOICE, *(case_of.__kwdefaults__ or {})]
     if unknown := sorted(choice.keys() - known):
         raise InputError(f"no setting '{unknown[0]}' of a case{did_you_mean(unknown[0], known)}")
-    for key, value, allowed in (("units", units, MILLIMETRES), ("frame", frame, SPACES)):
+    stated = (("units", units, MILLIMETRES), ("frame", frame, SPACES), ("prior_of", prior_of, PRIOR_OF))
+    for key, value, allowed in stated:
         if value is not None and value not in allowed:
             raise InputError(f"{key} = '{value}': must be one of {', '.join(allowed)}")
     factor = MILLIMETRES[units or "mm"]
@@ -70,6 +73,7 @@ def case_of(
         frame=frame,
         prior_frame=frame if file.space == "unknown" else file.space,
         prior_file_units=units if file.units == "unknown" else None,
+        prior_of=prior_of,
         phases=tuple(
             _in_mm(stated_surface(phase, f"phase {k}", frame=frame), f"phase {k}", units)
             for k, phase in enumerate(phases, 1)

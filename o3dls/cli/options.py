@@ -8,6 +8,7 @@ from typing import Any
 
 import click
 
+from ..case import PRIOR_OF
 from . import completion
 
 as_json = click.option("--json", "as_json", is_flag=True, help="print the result as JSON")
@@ -25,6 +26,11 @@ def prior_choice(command: Any) -> Any:
     """Options that say which surface of the prior's file is meant."""
     for option in reversed(
         (
+            click.option(
+                "--prior-of",
+                type=click.Choice(PRIOR_OF),
+                help="whose anatomy the prior is (default: patient); template: another person's or a mean",
+            ),
             click.option("--cap", is_flag=True, help="close the openings of the prior"),
             click.option("--label", type=int, help="label volume: the label to take"),
             click.option("--part", help="the named segment or volume of the prior"),

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from ..case import PRIOR_OF
 from . import completion
 from .options import as_json, overrides, prior_choice, progress
 from .words import DONE, FILE, FOLDER, NOT_VALID, WRONG_INPUT, complain, say, say_json, say_lines
@@ -110,6 +111,7 @@ def init(folder: Path, prior: Path | None, points: Path | None, **options: Any) 
 
     if prior is None or points is None:
         prior, points, options["landmarks"] = _asked(prior, points, options["landmarks"])
+        options["prior_of"] = options["prior_of"] or _asked_whose()
     pipeline = make_case(folder, prior, points, **options)
     say(pipeline)
     say(f"to run it: o3dls run {shlex.quote(str(pipeline))}", error=True)
@@ -128,6 +130,12 @@ def _asked(prior: Path | None, points: Path | None, landmarks: Path | None) -> t
     ):
         landmarks = Path(named)
     return prior, points, landmarks
+
+
+def _asked_whose() -> str:
+    """Whose anatomy the prior of a new case is, asked on the terminal."""
+    question = "Prior: the patient's own anatomy, or a template (another person's, a mean)"
+    return str(click.prompt(question, type=click.Choice(PRIOR_OF), default="patient", err=True))
 
 
 @click.command()

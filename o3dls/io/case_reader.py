@@ -65,6 +65,7 @@ def case_of(opened: Folder, points: str | Path | None = None, fewest: int = FEWE
         frame=frame,
         prior_frame=prior.space,
         prior_file_units=_file_units(opened, prior.units),
+        prior_of=opened.settings.get("prior_of", "patient"),
         notes=opened.settings.get("notes", ""),
         files=opened.hashes,
         truth=truth_of(opened, prior.space, frame),

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..case import MILLIMETRES, SPACES
+from ..case import MILLIMETRES, PRIOR_OF, SPACES
 from ..errors import InputError, did_you_mean
 from .documents import read_toml
 from .table import Table, read_table
@@ -18,12 +18,21 @@ from .text import read_bytes
 # files of voxels alone, which a header beside them describes
 VOXELS = (".img", ".img.gz", ".raw", ".raw.gz", ".zraw")
 FILES = ("prior", "points", "prior_landmarks", "init", "truth", "held_out", "correspondence", "outliers")
-KEYS = dict.fromkeys(("name", "units", "prior_file_units", "frame", "notes", "part", *FILES), str) | {
+TEXTS = ("name", "units", "prior_file_units", "frame", "prior_of", "notes", "part")
+KEYS = dict.fromkeys((*TEXTS, *FILES), str) | {
     "dimension": int,
     "label": int,
     "layer": int,
     "cap": bool,
     "box": list,
+}
+
+ALLOWED: Mapping[str, tuple[str | int, ...]] = {
+    "units": tuple(MILLIMETRES),
+    "prior_file_units": tuple(MILLIMETRES),
+    "frame": SPACES,
+    "prior_of": PRIOR_OF,
+    "dimension": (2, 3),
 }
 
 
@@ -133,8 +142,7 @@ def _check_setting(where: str, key: str, value: Any) -> None:
         raise InputError(f"{where} = {value!r}: must be of type {KEYS[key].__name__}")
     if key == "box" and not _is_box(value):
         raise InputError(f"{where} = {value!r}: must be six numbers, least x, y, z, then most")
-    units = tuple(MILLIMETRES)
-    allowed = {"units": units, "prior_file_units": units, "frame": SPACES, "dimension": (2, 3)}.get(key)
+    allowed = ALLOWED.get(key)
     if allowed and value not in allowed:
         raise InputError(f"{where} = {value!r}: must be one of {', '.join(map(str, allowed))}")
 

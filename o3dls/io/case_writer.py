@@ -33,6 +33,7 @@ def write_case_files(out: Path, case: Case) -> None:
         "units": case.units,
         "frame": case.frame,
         "dimension": case.dimension,
+        "prior_of": case.prior_of,
     }
     if case.prior_file_units:
         settings["prior_file_units"] = case.prior_file_units

@@ -36,6 +36,7 @@ PIPELINE_HEAD = """\
 CASE_KEYS: tuple[tuple[str, str | bool | None, str], ...] = (
     ("name", None, "how results and reports call the case"),
     ("prior", None, "the surface from MRI or CT, or a label volume"),
+    ("prior_of", "patient", "whose anatomy it is: patient, or template (another person or a mean)"),
     ("cap", False, "close the openings of the prior"),
     ("label", None, "label volume: the label to take"),
     ("part", None, "the named segment or volume to take"),
@@ -76,9 +77,9 @@ def make_case(
     """Make a case folder that refers to a prior and to points, with a pipeline file that runs on it; gives
     the path of that file.
 
-    out: the run folder that the pipeline names, by default `run` in the folder. settings: units, frame, cap,
-    label, part, box, layer as case.toml has them; None means not given. Raises InputError for all that
-    `o3dls check` would say, and writes nothing then.
+    out: the run folder that the pipeline names, by default `run` in the folder. settings: units, frame,
+    prior_of, cap, label, part, box, layer as case.toml has them; None means not given. Raises InputError for
+    all that `o3dls check` would say, and writes nothing then.
     """
     folder = Path(folder)
     files = {"prior": prior, "points": points} | ({"prior_landmarks": landmarks} if landmarks else {})

@@ -128,6 +128,7 @@ def record(run: Run) -> dict[str, Any]:
     case = run.case
     types, counts = np.unique(case.points.type, return_counts=True)
     about = {"name": case.name, "units": case.units, "frame": case.frame, "dimension": case.dimension}
+    about["prior_of"] = case.prior_of
     points = dict(zip(types.tolist(), counts.tolist(), strict=True))
     found: dict[str, Any] = plain(
         {

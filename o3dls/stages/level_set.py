@@ -4,15 +4,12 @@ meshed again.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING, ClassVar, Literal, Self
 
-import numpy as np
 from pydantic import Field, model_validator
 
-from ..arrays import Array
-from ..case import FITTED_TYPES, Case
+from ..case import Case
 from ..errors import InputError
 from ..estimate import Estimate
 from ..geometry.similarity import rms_radius
@@ -20,16 +17,12 @@ from ..geometry.surface import Surface
 from ..plugins.parameters import unfitting
 from ..plugins.stage import FINEST, Stage
 from .level_set_checks import SCALED, check_mesh, check_spacing, lost_parts, spacing_mistake
+from .level_set_data import believed, noise_of, observer, of_mapping, relative_sd, with_existence
 
 if TYPE_CHECKING:
     from ..adapters.meshing import Extraction
-    from ..levelset.normal_displacement import Wall
-    from ..levelset.observation import Measured, Noise
-    from ..levelset.reconstruction.reconstruct import Believed
     from ..levelset.refine import Refinement
-    from ..motion.result import MotionFit
 
-SIGMA_LOG_SD = 0.1  # of the logarithm of a noise level that the motion found
 PAPER_ONLY = ("data", "area", "shape")
 DEFAULT_ONLY = ("evidence", "coarse_to_fine", "reconstruct")
 
@@ -138,6 +131,7 @@ class LevelSet(Stage):
         surface = carry_fields(reached.wall if reached.fields is None else start.surface, mesh.surface)
         if reached.fields is not None:
             surface = replace(surface, fields={**surface.fields, **reached.fields(surface.vertices)})
+        surface = with_existence(surface, case, start, reached.weights)
         return replace(
             start,
             surface=_with_unit(surface, case.units),
@@ -145,7 +139,7 @@ class LevelSet(Stage):
             converged=reached.converged and not unfinished,
             iterations=sum(row["iteration"] > 0 for row in reached.trace),
             sigma=reached.sigma,
-            weights=start.weights if reached.weights is None else _of_mapping(start.fit, reached.weights),
+            weights=start.weights if reached.weights is None else of_mapping(start.fit, reached.weights),
             phi=reached.phi,
             trace=reached.trace,
             facts={**reached.facts, "changes": changes, **shifts},
@@ -156,7 +150,6 @@ class LevelSet(Stage):
         from ..adapters.self_intersections import crossing
         from ..geometry.fold_repair import uncrossed
         from ..levelset.correction import Limits
-        from ..levelset.reconstruction.deviation import with_doubt
         from ..levelset.reconstruction.refinement import reconstructed
         from ..levelset.refine import refine_surface
         from ..levelset.settings import LevelSetSettings
@@ -167,11 +160,10 @@ class LevelSet(Stage):
         limits = Limits(self.spacing, self.coarse_to_fine, case.units, settings)
         surface = uncrossed(start.surface) if case.dimension == 2 else start.surface
         if self.reconstruct and start.fit is not None and case.dimension == 3:
-            points, sd = believed(start.fit), f"sd_{case.units}"
-            found = reconstructed(surface, points, sd, limits, isosurface)
+            points = believed(start.fit, template=case.prior_of == "template")
+            found = reconstructed(surface, points, f"sd_{case.units}", limits, isosurface)
             if found is not None:
                 return found
-            surface = with_doubt(surface, points, sd, settings.reconstruction)
         return refine_surface(
             surface,
             observer(case, start),
@@ -196,61 +188,6 @@ class LevelSet(Stage):
         )
         weights = Weights(self.data, self.area, self.shape)
         return descend(prior, points, sigma, weights, spacing=self.spacing, cycles=self.iterations)
-
-
-def believed(fit: MotionFit) -> Believed:
-    """The points that may touch the wall as the motion left them, and those that are known to be inside."""
-    from ..levelset.reconstruction.reconstruct import Believed, Inside
-
-    data, state = fit.problem.data, fit.state
-    wall = ~data.inside
-    noise = state.scales.noises[data.group] * data.relative
-    inside = Inside(data.points[~wall], noise[~wall])
-    touching = data.points[wall], state.weights[wall], noise[wall], data.outlier_odds[wall]
-    return Believed(*touching, state.contact, inside, fit.gradient)
-
-
-def _of_mapping(fit: MotionFit | None, weights: Array) -> Array:
-    """Probabilities of contact (k,) of the mapping points, of those of all points that may touch."""
-    assert fit is not None
-    wall = ~fit.problem.data.inside
-    every = fit.state.weights.copy()
-    every[wall] = weights
-    return replace(fit, state=replace(fit.state, weights=every)).weights
-
-
-def observer(case: Case, start: Estimate) -> Callable[[Wall], Measured]:
-    """How the fitted points look from a wall, with the noise and the outliers that the start found."""
-    from ..levelset.observation import observe
-    from ..noise.duplicates import distinct_places, duplicate_distance
-
-    every = case.points.of(*FITTED_TYPES)
-    data = start.fit.problem.data if start.fit else None
-    radius = rms_radius(case.prior.vertices)
-    within = data.duplicate_distance if data else duplicate_distance(every.xyz, every.type, radius)
-    rows, _ = distinct_places(every.xyz, every.type, within)
-    points = every.select(rows)
-    relative = every.relative_noise(data.typical_sigma if data else None)[rows]
-    return lambda wall: observe(wall, points.xyz, points.type == "inside", relative, noise_of(start))
-
-
-def noise_of(start: Estimate) -> Noise:
-    from ..levelset.observation import Noise
-
-    if start.motion is None or start.sigma is None or start.weights is None:
-        return Noise()
-    inside = start.fit.state.contact.inside_fraction if start.fit else None
-    return Noise(start.sigma, SIGMA_LOG_SD, float(1.0 - start.weights.mean()), inside)
-
-
-def relative_sd(case: Case, start: Estimate) -> Array:
-    """How uncertain the motion is at each vertex, relative to its root mean square, half to twice; 1
-    everywhere where it does not say.
-    """
-    sd = start.surface.fields.get(f"sd_{case.units}")
-    if sd is None or not sd.any():
-        return np.ones(len(start.surface.vertices))
-    return np.asarray(np.clip(sd / np.sqrt((sd**2).mean()), 0.5, 2.0))
 
 
 def _with_unit(surface: Surface, unit: str) -> Surface:

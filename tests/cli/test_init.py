@@ -156,16 +156,19 @@ def test_on_a_terminal_it_asks_for_what_is_missing(files: Path, tmp_path: Path) 
     import pty
 
     ours, theirs = pty.openpty()
-    answers = [files / "prior.ply", files / "points.csv", ""]
+    answers = [files / "prior.ply", files / "points.csv", "", "template"]
     os.write(ours, "".join(f"{answer}\n" for answer in answers).encode())
     command = [sys.executable, "-m", "o3dls", "init", "new"]
     done = subprocess.run(command, stdin=theirs, capture_output=True, text=True, cwd=tmp_path, timeout=120)
     os.close(ours)
     os.close(theirs)
     assert done.returncode == 0, done.stderr
-    assert [done.stderr.count(word) for word in ("Prior: ", "Points: ", "Landmarks: ")] == [1, 1, 1]
+    asked = ("Prior: file", "Points: ", "Landmarks: ", "Prior: the patient's own")
+    assert [done.stderr.count(word) for word in asked] == [1, 1, 1, 1]
     assert done.stdout == f"{Path('new/pipeline.toml')}\n"
-    assert not read_case(tmp_path / "new").prior_landmarks
+    case = read_case(tmp_path / "new")
+    assert not case.prior_landmarks
+    assert case.prior_of == "template"
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ...arrays import Array
-from ...case import MILLIMETRES, SPACES, Points
+from ...case import MILLIMETRES, PRIOR_OF, SPACES, Points
 from ...errors import InputError
 from ...registration.landmark_names import alone, partners
 from ..atomic import check_free, staged_folder, write_file
@@ -31,20 +31,24 @@ def import_study(
     *,
     prior: str | Path | None = None,
     landmarks: str | Path | None = None,
+    prior_of: str | None = None,
     force: bool = False,
     **choice: Any,
 ) -> Imported:
     """Make a case folder of one map of a study (folder, zip or file).
 
-    `prior` is a surface or label volume, `landmarks` names its places. The folder holds points.csv, map.ply
-    (the system's shell with its colours, for looking at) and what was given as prior. Without one, a single
-    closed shell that the system had registered itself is the prior, and its registration init.csv, for stage
-    `recorded` to compare with; where there is none the case is not complete, and the result says so. `choice`
-    is of the prior (cap, label, part, box, layer, and frame where it does not state it). Raises InputError.
+    `prior` is a surface or label volume, `landmarks` names its places; `prior_of` says whose anatomy it is,
+    "patient" (the default) or "template". The folder holds points.csv, map.ply (the system's shell with its
+    colours, for looking at) and what was given as prior. Without one, a single closed shell that the system
+    had registered itself is the prior, and its registration init.csv, for stage `recorded` to compare with;
+    where there is none the case is not complete, and the result says so. `choice` is of the prior (cap,
+    label, part, box, layer, and frame where it does not state it). Raises InputError.
     """
     given = [name for name, value in choice.items() if value is not None and value is not False]
     if prior is None and given:
         raise InputError(f"{', '.join(given)}: needs a prior; name one with --prior")
+    if prior_of not in (None, *PRIOR_OF):
+        raise InputError(f"prior_of = '{prior_of}': must be one of {', '.join(PRIOR_OF)}")
     check_free(out, force, "case", [Path(path) for path in (study, prior, landmarks) if path is not None])
     found = read_study(study, map_name)
     with staged_folder(out, force) as folder:
@@ -66,7 +70,8 @@ def import_study(
                 f"landmarks {', '.join(found.landmarks)}: have no partners, as no places on the prior were "
                 "given; name them with --landmarks"
             )
-        settings = {"name": found.name, "frame": found.space, "notes": f"imported from {found.vendor}"}
+        settings = {"name": found.name, "frame": found.space, "prior_of": prior_of or "patient"}
+        settings["notes"] = f"imported from {found.vendor}"
         write_file(folder / "case.toml", toml_lines(settings))
         write_manifest(folder)
     return found

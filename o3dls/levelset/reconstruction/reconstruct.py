@@ -34,7 +34,7 @@ class Reconstruction:
     """A field g on the moved prior, the points that it follows, their noise, how likely (n,) each touches,
     and by how many nats it predicts points better than the moved prior alone; rms radius of the prior,
     distance between points, widths of the field's lattices; points (k, 3) that are known to be inside;
-    the rms gradient of the motion.
+    whether the prior is a template.
     """
 
     prior: MovedPrior
@@ -47,7 +47,7 @@ class Reconstruction:
     between: float
     lengths: list[float]
     inside: Array
-    gradient: float = 0.0
+    template: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,8 +61,8 @@ class Inside:
 @dataclass(frozen=True, eq=False)
 class Believed:
     """Points (n, 3) as a motion left them: probabilities of contact (n,), noise (n,), factors (n,) on the
-    odds of being an outlier, and the mixture; those that are known to be inside; and the rms gradient of the
-    motion, which tells another heart's prior from the patient's own.
+    odds of being an outlier, and the mixture; those that are known to be inside; and whether the prior is
+    a template, another person's heart, which may have parts that the patient lacks.
     """
 
     points: Array
@@ -71,7 +71,7 @@ class Believed:
     odds: Array
     contact: Contact
     inside: Inside = field(default_factory=lambda: Inside(np.zeros((0, 3)), np.zeros(0)))
-    gradient: float = 0.0
+    template: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,7 +122,7 @@ def reconstruct(
     lengths = scale.wall_lengths(touching.noise, settings.splines)
     touching, field = _followed(given, touching, lengths, contact)
     inside, between = believed.inside.points, scale.between
-    known = radius, between, lengths, inside, believed.gradient
+    known = radius, between, lengths, inside, believed.template
     return Reconstruction(prior, field, touching, sigma, wall.weights, gain, *known)
 
 
@@ -136,11 +136,11 @@ def _asked(given: _Given, wall: Oriented, field_gain: float) -> tuple[float, Arr
     gain, enough = field_gain, field_gain >= settings.field_evidence
     if not enough:
         touching = wall.of(wall.weights > 0.5)
-        _, lacking, another = surplus(
-            prior.box, touching, prior, scale.radius, scale.between, settings.surplus, given.believed.gradient
-        )
-        gain += lacking
-        enough = another and lacking > 0.0
+        lengths = scale.radius, scale.between
+        if given.believed.template:
+            lacking = surplus(prior.box, touching, prior, *lengths, settings.surplus)[1]
+            gain += lacking
+            enough = lacking > 0.0
         # most maps ask for nothing: even points that lay exactly on the new wall would not be evidence enough
         exact = np.zeros(len(wall.feet))
         if not enough and gain + gain_off_prior(wall, prior, exact, contact, settings) < settings.evidence:

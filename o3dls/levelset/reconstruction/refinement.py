@@ -71,13 +71,14 @@ def _fields(
         interpolated(surface.fields[sd], corners, weights) if sd in surface.fields else np.zeros(len(face))
     )
     side = np.where(found.prior.at(places) < 0.0, -1.0, 1.0)
-    return {sd: deviation(places, before, found, settings), "correction": side * np.sqrt(squared)}
+    sds = deviation(places, before, found, settings.deviation_points)
+    return {sd: sds, "correction": side * np.sqrt(squared)}
 
 
 def _sentence(found: Reconstruction, removed: int, settings: ReconstructionSettings) -> str:
     why = "it predicts left-out points better than the moved prior does"
-    if found.gradient > settings.surplus.own and removed and found.gain < settings.evidence:
-        why = "parts of the prior, which bends as into another heart, are absent from the map"
+    if found.template and removed and found.gain < settings.evidence:
+        why = "parts of the template are absent from the map"
     return (
         f"the wall was reconstructed from {len(found.wall.feet)} points, and from the moved prior where "
         f"there are none: {why} (evidence {found.gain:+.0f} nats)"

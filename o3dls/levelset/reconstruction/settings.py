@@ -107,38 +107,20 @@ class SurplusSettings:
     unsupported: float = number(1.0, "1", "cost of wall without points that is there, in an even map")
     sac: float = number(0.3, "1", "the same where that is asked: only what hangs on a narrow neck goes")
     support: float = number(10.0, "1", "cost of giving up wall with points")
-    expected: float = number(6.0, "points", "that a part has room for, if it can lack them")
-    largest: float = number(0.15, "1", "of the wall is such a part, at most: more was not visited")
+    expected: float = number(1.0, "points", "that a part has room for, if it can lack them")
+    largest: float = number(0.3, "1", "of the wall is such a part, at most: more was not visited")
     supported: float = number(0.1, "1", "of its wall: with points on more it is there")
     severed: float = number(
         3.0, "points", "on wall that hangs on a part, from which the part is there: fewer span no surface"
     )
-    closed: float = number(0.5, "1", "of its mouth, by points: then it is not there,")
-    closed_between: float = number(
-        0.16, "rms radii", "between points, at most, for that: 4 mm, else they close every mouth,"
+    closed: float = number(
+        0.2, "1", "of its mouth has points, or it stays: a cut through unvisited wall has hardly one on it"
     )
     elsewhere: float = number(
         0.09, "1", "or with less of all wall but sacs without points, beyond chance: nothing is unmapped,"
     )
     fringe: float = number(0.8, "reaches / rms radius", "or, if it is less, so much: next to what is cut,")
     even: float = number(1.08, "1", "if points are spread as evenly: 1 at random, 1.2 and more in clusters")
-    own: float = number(
-        0.14,
-        "1",
-        "rms gradient of the motion up to which the prior is the patient's own: mostly 0.05 to 0.15,",
-    )
-    another: float = number(0.2, "1", "and from which it is as another heart's")
-    even_sd: float = number(
-        2.0, "sd", "of evenness by chance, 1 / sqrt(n): between the two only maps within it tell;"
-    )
-    expected_at_own: float = number(
-        10.0, "points", "as `expected`, of a prior that may be another heart's: at `own`,"
-    )
-    expected_of_another: float = number(1.0, "points", "and from `another` on; by its logarithm in between;")
-    largest_of_another: float = number(0.3, "1", "as `largest`,")
-    closed_of_another: float = number(
-        0.2, "1", "and as `closed`: a cut through wall that was not visited has hardly a point on it"
-    )
 
 
 @dataclass(frozen=True)
@@ -193,10 +175,8 @@ class ReconstructionSettings:
         1.0, "spacings", "sd of the average that takes the lattice's steps off cuts"
     )
     deviation_points: int = number(10, "points", "that the deviation of a vertex is asked of")
-    absent: float = number(0.02, "1", "of the wall that is found, before points are seen, is not there;")
-    absent_of_another: float = number(
-        0.08, "1", "and of a prior that counts as another heart's (`surplus.another`)"
-    )
+    absent: float = number(0.02, "1", "of a patient's own wall, before points are seen, is not there")
+    absent_of_template: float = number(0.08, "1", "of a template's wall, likewise: veins differ")
     unmapped: float = number(1.5, "distances between points", "to the nearest one, of wall not visited")
     splines: SplineSettings = field(default_factory=SplineSettings)
     normals: NormalSettings = field(default_factory=NormalSettings)

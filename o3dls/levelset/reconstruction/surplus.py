@@ -1,12 +1,13 @@
-"""Parts of the moved prior that the wall lacks: hardly a point lies on them, and points close their mouth or
-lie on nearly all other wall, evenly. Another heart's prior needs less evidence: its veins are its own.
+"""Parts of a moved template that the wall lacks: hardly a point lies on them, and points close their mouth or
+lie on nearly all other wall, evenly. A template's veins are another person's, so that they may be absent; a
+patient's own are there, whether a catheter was in them or not, and are not asked about.
 
 Cut off where that costs least new wall without points (a minimum cut: Greig, Porteous and Seheult 1989).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy import sparse
@@ -46,23 +47,11 @@ def surplus(
     radius: float,
     between: float,
     settings: SurplusSettings,
-    gradient: float = 0.0,
-) -> tuple[Mask, float, bool]:
-    """Such parts of the inside of phi as a mask of its nodes; how many points they had room for: the nats by
-    which the map is likelier without them; and whether the prior counts as another heart's.
-
-    gradient: rms gradient of the motion: above `settings.own` the prior may be another heart's, some parts of
-    which are expected to be absent. Up to `settings.another` only a map whose points may be even tells.
+) -> tuple[Mask, float]:
+    """Such parts of the inside of phi as a mask of its nodes; and how many points they had room for: the nats
+    by which the map is likelier without them.
     """
-    spread = evenness(wall.feet, prior.surface, settings)
-    even = spread < settings.even
-    as_by_chance = spread < most_by_chance(len(wall.feet), settings)
-    another = gradient > (settings.own if as_by_chance else settings.another)
-    if another:
-        settings = _of_another(gradient, settings)
-    resolved = between < settings.closed_between * radius
-    if not (even or resolved or another):  # as most sparse maps, which tell nothing of what they lack
-        return np.zeros(phi.shape, dtype=bool), 0.0, False
+    even = evenness(wall.feet, prior.surface, settings) < settings.even
     stride = max(1, round(settings.cell * radius / prior.spacing))
     inside = _inside(phi, stride, wall, prior, between, settings)
     room = len(wall.feet) / max((inside.wall & inside.near).sum(), 1)
@@ -71,24 +60,13 @@ def surplus(
     by_chance = np.exp(-np.pi * (inside.reach / between) ** 2)
     fringe = min(settings.fringe * inside.reach / radius, settings.elsewhere)
     whole = other.sum() < (by_chance + fringe) * inside.wall.sum()
-    if whole and even:
-        parts = _parts(inside, settings.unsupported, room, settings)
-    elif another:
-        bare = _parts(inside, settings.unsupported, room, settings)
-        parts = [part for part in bare if _closed(part, inside) > settings.closed_of_another]
-    else:
-        parts = [part for part in sacs if resolved and _closed(part, inside) > settings.closed]
+    parts = _parts(inside, settings.unsupported, room, settings)
+    if not (whole and even):
+        parts = [part for part in parts if _closed(part, inside) > settings.closed]
     away = np.zeros(inside.mask.shape, dtype=bool)
     away[inside.mask] = _union(parts, inside)
     mask = _on_fine_lattice(away, inside.mask, stride, phi.shape) & (phi < 0.0)
-    return mask, room * float((inside.wall & _union(parts, inside)).sum()), another
-
-
-def _of_another(gradient: float, settings: SurplusSettings) -> SurplusSettings:
-    """Settings for a prior that may be another heart's: the rougher its motion, the fewer points tell."""
-    sides = np.log([settings.expected_at_own, settings.expected_of_another])
-    expected = float(np.exp(np.interp(gradient, [settings.own, settings.another], sides)))
-    return replace(settings, expected=expected, largest=settings.largest_of_another)
+    return mask, room * float((inside.wall & _union(parts, inside)).sum())
 
 
 def _parts(inside: _Inside, unsupported: float, room: float, settings: SurplusSettings) -> list[Mask]:
@@ -119,11 +97,6 @@ def evenness(points: Array, surface: Surface, settings: SurplusSettings) -> floa
     for _ in range(2):  # what has no points is no part of what they are spread over
         mapped = squared < settings.reach**2 * areas[mapped].sum() / len(feet)
     return float(np.pi * (areas * squared)[mapped].sum() / areas[mapped].sum() ** 2 * len(feet))
-
-
-def most_by_chance(count: int, settings: SurplusSettings) -> float:
-    """The largest evenness that so many points may have which are spread at random."""
-    return 1.0 + settings.even_sd / float(np.sqrt(count))
 
 
 def _inside(

@@ -38,13 +38,9 @@ def reconstructed_wall(
     prior, least = found.prior, settings.least_outside * found.prior.spacing
     begun = phi = _on_lattice(found, settings)
     phi, removed = without_pinched_off(phi, found, settings)
-    shown = found.wall.of(~floating(found.wall, prior, settings.splines))
-    away, _, _ = surplus(phi, shown, prior, found.radius, found.between, settings.surplus, found.gradient)
-    parts, cut = label(away)
-    there = np.unique(parts[tuple(_nodes(found.inside, found).T)])  # what is known to be inside is there
-    away &= ~np.isin(parts, there)
-    cut -= int(np.count_nonzero(there))
-    phi = np.where(away, np.maximum(-phi, least), phi)
+    cut = 0
+    if found.template:
+        phi, cut = without_surplus(phi, found, settings)
     outside, filled = without_pinched_off(-phi, found, settings)
     phi = smooth_cuts(-outside, begun, settings.cut_smoothing)
     around = _around_wall(phi, 2)
@@ -58,6 +54,17 @@ def reconstructed_wall(
     if components_and_euler(*meshed) != components_and_euler(wall.vertices, wall.faces):
         wall = regularised(wall, prior.spacing)
     return wall, removed + cut, filled
+
+
+def without_surplus(phi: Array, found: Reconstruction, settings: ReconstructionSettings) -> tuple[Array, int]:
+    """phi without parts of a template that the map shows to be absent, and how many were taken away."""
+    shown = found.wall.of(~floating(found.wall, found.prior, settings.splines))
+    away, _ = surplus(phi, shown, found.prior, found.radius, found.between, settings.surplus)
+    parts, cut = label(away)
+    there = np.unique(parts[tuple(_nodes(found.inside, found).T)])  # what is known to be inside is there
+    away &= ~np.isin(parts, there)
+    least = settings.least_outside * found.prior.spacing
+    return np.where(away, np.maximum(-phi, least), phi), cut - int(np.count_nonzero(there))
 
 
 def smooth_cuts(phi: Array, before: Array, width: float) -> Array:
