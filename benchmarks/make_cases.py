@@ -3,17 +3,21 @@
     python -m benchmarks.make_cases cross cases/dev --data ../shared/data
     python -m benchmarks.make_cases families cases/judge --data ../shared/data --judging
     python -m benchmarks.make_cases cross cases/judge --data ../shared/data --judging --only '*_1_even_2*'
+    python -m benchmarks.make_cases unvisited cases/dev --data ../shared/data
 
-FOLDER holds priors/ls_prior and priors/toronto; what is in them is third parties' and goes into the cases
-only. Development cases (the default, seeds below 1000) are for choosing and for benchmarks.tune, judging
-cases (from 2000) are for nothing but the score. `cross` takes five atria for development and the other ten
-for judging; `pairs` takes every one of them as prior of every other, with few points; `families` moves all
-fifteen for judging, by other motions. Names are groups and seeds as
-benchmarks.accuracy reads them:
+FOLDER holds priors/ls_prior, priors/toronto and priors/lasc2018; what is in them is third parties' and goes
+into the cases only. Development cases (the default, seeds below 1000) are for choosing and for
+benchmarks.tune, judging cases (from 2000) are for nothing but the score. `cross` takes five atria for
+development and the other ten for judging; `pairs` takes every one of them as prior of every other, with few
+points; `families` moves all fifteen for judging, by other motions; `unvisited` and `badly_segmented` have a
+patient's own atrium as the prior, and a map that leaves wall out or a prior that does
+(benchmarks.own_atria). Names are groups and seeds as benchmarks.accuracy reads them:
 
     cross_<points>_<noise>_<even|clustered>[_outliers]_<seed>      outliers: 5 %
     family_<name>_<motion>_<landmarks|rough>_<seed>                250 points, noise per point; every second
                                                                    one clustered with 5 % outliers
+    unvisited_<visits>_<points>_<even|clustered>_<seed>            visits: all, skipped, half, threequarters
+    badly_segmented_<points>_<even|clustered>_<seed>
 
 Long vessels are cut 1.9 radii from the centre (data_synth.wall). Cases that are there already are left alone.
 """
@@ -21,14 +25,16 @@ Long vessels are cut 1.9 radii from the centre (data_synth.wall). Cases that are
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from fnmatch import fnmatch
 from functools import cache
 from itertools import permutations, product
 from pathlib import Path
 from time import perf_counter
+from typing import Protocol
 
+from benchmarks.own_atria import left_out
 from data_synth import Mapping, cross, family, read_wall
 from data_synth.alignment import alongside
 from data_synth.families import FAMILIES
@@ -82,6 +88,24 @@ class Wanted:
     motion: float = 1.0
     landmarks: bool = True
 
+    def case(self, data: Path) -> Case:
+        return made(self, data)
+
+
+class CaseOfASet(Protocol):
+    """A case of any set: what it is called and made of, and how it is made from the folder of data."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def seed(self) -> int: ...
+    @property
+    def prior(self) -> str: ...
+    @property
+    def truth(self) -> str | None: ...
+
+    def case(self, data: Path) -> Case: ...
+
 
 def crossed(judging: bool) -> Iterator[Wanted]:
     """Every pair with every number of points, noise and spread; the seed is the pair's."""
@@ -122,7 +146,12 @@ def moved(judging: bool) -> Iterator[Wanted]:
             )
 
 
-SETS = {"cross": crossed, "pairs": paired, "families": moved}
+SETS: dict[str, Callable[[bool], Iterator[CaseOfASet]]] = {
+    "cross": crossed,
+    "pairs": paired,
+    "families": moved,
+    "unvisited": left_out,
+}
 
 
 def made(wanted: Wanted, data: Path) -> Case:
@@ -171,7 +200,7 @@ def main() -> None:
             print(said)
             continue
         begin = perf_counter()
-        write_case(folder, made(wanted, arguments.data))
+        write_case(folder, wanted.case(arguments.data))
         print(f"{said}, {perf_counter() - begin:.1f} s", flush=True)
 
 

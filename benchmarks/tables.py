@@ -46,6 +46,23 @@ def tables(records: list[Record]) -> str:
     return "\n\n".join(_table(group, [r for r in records if r["group"] == group]) for group in groups)
 
 
+def shifts_named(records: list[Record]) -> str:
+    """In how many cases of each group a result says that a part of the map is shifted; no map of these
+    generators is.
+    """
+    named: dict[str, dict[str, bool]] = {}
+    for record in records:
+        cases = named.setdefault(record["group"], {})
+        said = "map-shift" in record.get("warnings", ())
+        cases[record["case"]] = cases.get(record["case"], False) or said
+    lines = [
+        f"  {group}: {sum(cases.values())} of {len(cases)}"
+        for group, cases in named.items()
+        if any(cases.values())
+    ]
+    return "\n".join(["map shift named, where there is none:", *lines]) if lines else ""
+
+
 def _table(group: str, records: list[Record]) -> str:
     present = dict.fromkeys(record["method"] for record in records)
     methods = [*(name for name in OURS if name in present), *(name for name in present if name not in OURS)]

@@ -11,24 +11,30 @@ from .atrium import atrium, roughened
 from .cross import cross
 from .family import family
 from .jar import jar
+from .lengthening import lengthened
 from .mapping import Mapping
 from .patient import Patient, patient
 from .star import star
 from .study import Study, study, write_study
+from .unvisited import unvisited
+from .visits import Visits
 from .wall import read_wall
 
 __all__ = [
     "Mapping",
     "Patient",
     "Study",
+    "Visits",
     "atrium",
     "cross",
     "family",
     "jar",
+    "lengthened",
     "patient",
     "read_wall",
     "roughened",
     "star",
     "study",
+    "unvisited",
     "write_study",
 ]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,9 +11,37 @@ from o3dls import Case, Surface
 from . import pose, wall
 from .families import moved, remains
 from .mapping import Mapping, case_of, mapped
+from .sampling import Rows
+from .shapes import Array
 
 LANDMARKS = ("L1", "L2", "L3", "L4")
 EVERY = 5  # vertices, of those whose way is written down
+
+
+@dataclass(frozen=True, eq=False)
+class Beaten:
+    """A wall that has moved and lies in a mapping system's frame, the rigid matrix (4, 4) into that frame, a
+    rough one, and what the best similarity leaves of the motion (mm rms).
+    """
+
+    wall: Surface
+    rigid: Array
+    rough: Array
+    left: float
+
+
+def beaten(
+    rest: Surface, family: str, strength: float, beat: np.random.Generator, scanner: np.random.Generator
+) -> Beaten:
+    """A wall after a motion of a family (`families.moved`): its size is another by up to 5 %, it lies in
+    another frame. `beat` draws the motion, `scanner` the pose.
+    """
+    after = moved(rest, family, beat, strength)
+    rigid, scale = pose.frame(scanner), scanner.uniform(*pose.SCALE)
+    middle = rest.vertices.mean(axis=0)
+    at = pose.under(rigid, middle + scale * (after.vertices - middle))
+    off = pose.rough(scanner, at.mean(axis=0))
+    return Beaten(rest.with_vertices(at), rigid, off @ rigid, remains(rest, after.vertices))
 
 
 def family(
@@ -34,18 +62,28 @@ def family(
     """
     how = how or Mapping()
     beat, scanner, catheter = np.random.default_rng((seed, 4517)).spawn(3)
-    beaten = moved(prior, family, beat, motion)
-    rigid, scale = pose.frame(scanner), scanner.uniform(*pose.SCALE)
-    middle = prior.vertices.mean(axis=0)
-    at = pose.under(rigid, middle + scale * (beaten.vertices - middle))
-    off = pose.rough(scanner, at.mean(axis=0))
+    after = beaten(prior, family, motion, beat, scanner)
     places = wall.far_places(prior, len(LANDMARKS)) if landmarks else np.zeros(0, dtype=np.int64)
-    names = LANDMARKS[: len(places)]
-    points, truth = mapped(catheter, prior.with_vertices(at), how, dict(zip(names, at[places], strict=True)))
-    some = np.arange(0, len(at), EVERY)
-    truth = replace(truth, correspondence=(prior.vertices[some], at[some]))
-    marks = dict(zip(names, np.round(prior.vertices[places], 3), strict=True))
-    left = remains(prior, beaten.vertices)
-    said = f"{family}: seed {seed}, motion {motion:g}, {left:.2f} mm rms after the best similarity; {how}"
-    name = f"family_{family}_{seed}"
-    return case_of(name, prior, (points, truth), marks if landmarks else off @ rigid, said)
+    points, truth = mapped(catheter, after.wall, how, named(after.wall, places))
+    truth = replace(truth, correspondence=ways_of(prior, after.wall))
+    said = (
+        f"{family}: seed {seed}, motion {motion:g}, {after.left:.2f} mm rms after the best similarity; {how}"
+    )
+    start = marked(prior, places) if landmarks else after.rough
+    return case_of(f"family_{family}_{seed}", prior, (points, truth), start, said)
+
+
+def named(surface: Surface, places: Rows) -> dict[str, Array]:
+    """The positions (3,) of vertices by the landmarks' names."""
+    return dict(zip(LANDMARKS, surface.vertices[places], strict=False))
+
+
+def marked(prior: Surface, places: Rows) -> dict[str, Array]:
+    """The same, as somebody reads them off."""
+    return {name: np.round(at, 3) for name, at in named(prior, places).items()}
+
+
+def ways_of(rest: Surface, after: Surface) -> tuple[Array, Array]:
+    """Some vertices (k, 3) at rest, and where they have moved."""
+    some = np.arange(0, len(rest.vertices), EVERY)
+    return rest.vertices[some], after.vertices[some]

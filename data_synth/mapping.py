@@ -41,15 +41,21 @@ class Mapping:
 
 
 def mapped(
-    rng: np.random.Generator, truth: Surface, how: Mapping, marks: dict[str, Array]
+    rng: np.random.Generator,
+    truth: Surface,
+    how: Mapping,
+    marks: dict[str, Array],
+    missed: Mask | None = None,
 ) -> tuple[Points, Truth]:
     """The map of a wall, with marked places (3,) by name, and what is true of it: surface, held-out points,
-    unseen areas, outliers. The places that are seen do not depend on noise or number.
+    unseen areas, outliers. The places that are seen do not depend on noise or number. `missed` names the
+    faces (m,) where no catheter was; even points are then such as a density filter leaves.
     """
     unseen, visits, hand, test = rng.spawn(4)
-    hidden = _hidden(unseen, truth, how)
-    density = sampling.clustered(unseen, truth, ~hidden) if how.clustered else 1.0
-    at = sampling.sites(visits, truth, how.points, density)
+    hidden = _hidden(unseen, truth, how) if missed is None else missed
+    density = sampling.clustered(unseen, truth, ~hidden) if how.clustered else 1.0 * ~hidden
+    taken = sampling.sites if how.clustered or missed is None else sampling.filtered
+    at = taken(visits, truth, how.points, density)
     sd = hand.uniform(*PER_POINT, how.points) if how.noise is None else np.full(how.points, how.noise)
     inside, depth = _inside(hand, truth, at, how.outliers)
     wall = at.xyz.copy()

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.spatial import cKDTree
 
 from o3dls import Surface
 
@@ -14,6 +15,9 @@ from .shapes import Array
 
 Mask = NDArray[np.bool_]
 Rows = NDArray[np.int64]
+
+APART = 0.7  # of the side of each site's square; circles at random that exclude each other jam at 0.83
+TRIED = 10  # sites for each that a filter keeps
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +49,24 @@ def sites(rng: np.random.Generator, surface: Surface, n: int, density: NDArray[A
     other = rng.uniform(size=n)
     weights = np.column_stack([1.0 - root, root * (1.0 - other), root * other])
     return Sites((surface.vertices[surface.faces[face]] * weights[:, :, None]).sum(axis=1), face, weights)
+
+
+def filtered(
+    rng: np.random.Generator, surface: Surface, n: int, density: NDArray[Any] | float = 1.0
+) -> Sites:
+    """n sites as a density filter leaves them: of those that come one after the other, a site that is nearer
+    than a distance to one that was kept is dropped. The distance is `APART` of a square's side, were each
+    site given one; where it leaves too few, the next are taken as they come.
+    """
+    at = sites(rng, surface, TRIED * n, density)
+    area = float((surface.face_areas * (np.asarray(density) > 0.0)).sum())
+    near = cKDTree(at.xyz).query_ball_point(at.xyz, APART * np.sqrt(area / n))
+    dropped = np.zeros(len(near), dtype=bool)
+    for k, others in enumerate(near):
+        if not dropped[k]:
+            dropped[[other for other in others if other > k]] = True
+    rows = np.argsort(dropped, kind="stable")[:n]
+    return Sites(at.xyz[rows], at.face[rows], at.weights[rows])
 
 
 def centres(surface: Surface) -> Array:

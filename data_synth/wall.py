@@ -12,7 +12,7 @@ from scipy.sparse.linalg import splu
 
 from o3dls import InputError, Surface, read_surface
 
-from .sampling import Rows
+from .sampling import Mask, Rows
 from .shapes import Array
 
 REACH = 1.9  # radii
@@ -125,15 +125,16 @@ def ways(surface: Surface, sources: Rows) -> Array:
     return np.asarray(dijkstra(edges(surface), indices=sources))
 
 
-def far_places(surface: Surface, count: int) -> Rows:
+def far_places(surface: Surface, count: int, among: Mask | None = None) -> Rows:
     """Vertices (count,) that lie far from each other along the surface: first the one farthest from the
-    middle, then each the farthest from those before.
+    middle, then each the farthest from those before; only such as are `among` (n,), if given.
     """
+    among = np.ones(len(surface.vertices), dtype=bool) if among is None else among
     away = np.linalg.norm(surface.vertices - surface.vertices.mean(axis=0), axis=1)
-    chosen = [int(ways(surface, np.array([away.argmin()]))[0].argmax())]
+    chosen = [int(np.where(among, ways(surface, np.array([away.argmin()]))[0], -1.0).argmax())]
     nearest = ways(surface, np.array(chosen))[0]
     while len(chosen) < count:
-        chosen.append(int(nearest.argmax()))
+        chosen.append(int(np.where(among, nearest, -1.0).argmax()))
         nearest = np.minimum(nearest, ways(surface, np.array(chosen[-1:]))[0])
     return np.array(chosen)
 
