@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+import zlib
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InputError
-from .voxels import Image, check_affine, count
+from .voxels import MOST_BYTES, PIECE, Image, check_affine, count
 
 SEGMENTATIONS = ("1.2.840.10008.5.1.4.1.1.66.4", "1.2.840.10008.5.1.4.1.1.66.7")  # in bits, and as labels
 SEGMENT_FIRST = (
@@ -20,6 +21,9 @@ SEGMENT_FIRST = (
 )
 PIXELS = 0x7FE00010
 MAY_FOLLOW = (b"\xfa\xff\xfa\xff", b"\xfc\xff\xfc\xff")  # tags of signatures and of padding
+GROUP_LENGTH = b"\2\0\0\0UL\4\0"  # how long the head before the data set is
+DEFLATED = b"1.2.840.10008.1.2.1.99"
+LONGEST_META = 1 << 16  # bytes of that head
 FIRST_FILES = 50  # of a folder, that are looked at
 OCCUPIED = 0.5  # share of a voxel, or probability, from which it is inside
 
@@ -65,6 +69,7 @@ def read_dicom(path: Path, data: bytes) -> Image:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of values that are longer or odder than DICOM allows
         try:
+            _check_deflated(path, data)
             dataset = pydicom.dcmread(BytesIO(data))
             _check_kind(path, dataset)
             _check_end(path, dataset, data)
@@ -76,6 +81,24 @@ def read_dicom(path: Path, data: bytes) -> Image:
             raise InputError(
                 f"{path}: cannot be read as a DICOM segmentation: {type(error).__name__}: {sentence}"
             ) from None
+
+
+def _check_deflated(path: Path, data: bytes) -> None:
+    """Raise InputError where a data set that is packed as a whole, which pydicom unpacks without a limit, is
+    damaged, has no end, or is too large. It has no checksum.
+    """
+    if DEFLATED not in data[132 : 132 + LONGEST_META]:
+        return
+    begins = 144 + int.from_bytes(data[140:144], "little") if data[132:140] == GROUP_LENGTH else len(data)
+    packer, left = zlib.decompressobj(wbits=-15), MOST_BYTES
+    for at in range(begins, len(data), PIECE):
+        left -= len(packer.decompress(data[at : at + PIECE], left + 1))
+        if packer.eof or left < 0:
+            break
+    if not packer.eof:
+        raise InputError(
+            f"{path}: its packed data set has no end within {MOST_BYTES} bytes: is damaged, or too large"
+        )
 
 
 def _check_kind(path: Path, header: Any) -> None:

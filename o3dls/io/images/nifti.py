@@ -22,7 +22,7 @@ HEADERS = {
     348: ("Nifti1Header", 344, b"n+1\0", b"ni1\0"),
     540: ("Nifti2Header", 4, b"n+2\0\r\n\x1a\n", b"ni2\0\r\n\x1a\n"),
 }
-LONGEST_HEADER = 1e6  # bytes, with its extensions
+LONGEST_HEADER = 1_000_000  # bytes, with its extensions
 SAME_SIZE = 0.01  # of a voxel's size: headers are rounded
 ORDERS: tuple[Literal["little", "big"], ...] = ("little", "big")
 UNITS = {1: 1000.0, 3: 0.001}  # metres and micrometres; without a word it is mm
@@ -70,13 +70,25 @@ def read_nifti(path: Path, data: bytes, frame: str | None = None) -> Image:
     sizes, dtype, offset, scaling = _voxels(path, header)
     if offset < (size if single else 0):
         raise InputError(f"{path}: has its voxels at byte {offset}, within the header of {size} bytes")
-    body = data if single else beside(path, _image_name(path))
-    if packed(body):
-        body = inflate(path, body, offset + size_of(path, sizes, dtype.str))
+    most = offset + size_of(path, sizes, dtype.str)
+    body = _unpacked(path, data, most) if single else _of_pair(path, data, most)
     values = shaped(path, body[offset:], dtype.str, sizes)
     if scaling is not None and scaling != (1.0, 0.0):
         values = values * scaling[0] + scaling[1]
     return Image(np.moveaxis(values, 0, -1) if values.ndim == 4 else values, *place(header, str(path), frame))
+
+
+def _unpacked(path: Path, body: bytes, most: int) -> bytes:
+    return inflate(path, body, most) if packed(body) else body
+
+
+def _of_pair(path: Path, header: bytes, most: int) -> bytes:
+    """The file of a pair that holds the voxels, unpacked, where the header's own checksum holds too."""
+    _unpacked(path, header, LONGEST_HEADER)
+    name = _image_name(path)
+    body = beside(path, name)
+    # it has no word of its own to be known by: damaged ones of gzip must not pass for voxels
+    return inflate(path, body, most) if name.endswith(".gz") else _unpacked(path, body, most)
 
 
 def _image_name(path: Path) -> str:

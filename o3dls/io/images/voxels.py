@@ -18,6 +18,7 @@ from ..text import read_bytes
 MOST_VOXELS = 1 << 28  # 1000 slices of 512 x 512: twice the largest CT of a heart
 MOST_BYTES = 1 << 30  # of the voxels, which are held in memory twice
 PIECE = 1 << 16  # packed bytes unpacked at one time
+MOST_PARTS = 1 << 17  # twice those of 1 GiB in blocks of 64 kB, as bgzip writes them
 LARGEST = 1e6  # mm
 
 
@@ -68,26 +69,51 @@ def packed(data: bytes) -> bool:
     return data[:2] == b"\x1f\x8b"
 
 
-def inflate(path: Path, data: bytes, limit: int) -> bytes:
-    """At most `limit` bytes of gzip or zlib data, which may come in several parts; a checksum that stands
-    right behind them is compared. Raises InputError.
+def inflate(path: Path, data: bytes, most: int) -> bytes:
+    """Gzip or zlib data, which may come in several parts, unpacked to their end, where their checksums and
+    lengths are compared; only zeros may follow.
+
+    Raises InputError where they are damaged or have no end, and where more than `most` bytes come out, of
+    which no more is kept.
     """
-    out = []
-    left, at = limit, 0
-    while at < len(data) and left > 0:
-        packer = zlib.decompressobj(wbits=47)  # 47: gzip or zlib, as the head says
-        try:
-            while at < len(data) and left > 0 and not packer.eof:
-                piece = data[at : at + PIECE]
-                out.append(packer.decompress(piece, left))
-                left -= len(out[-1])
-                at += len(piece) - len(packer.unused_data)
-            further = packer.eof or packer.decompress(packer.unconsumed_tail + data[at : at + PIECE], 1)
-        except zlib.error as error:
-            raise InputError(f"{path}: its packed data are damaged: {error}") from None
-        if not packer.eof and not further:
-            raise InputError(f"{path}: its packed data have no end: the file is truncated")
+    out: list[bytes] = []
+    left, at = most, 0
+    for _ in range(MOST_PARTS):
+        if at == len(data) or data[at] == 0:  # no part begins with 0; blocks of tapes are filled with it
+            break
+        part, at = _part(path, data, at, left)
+        out += part
+        left -= sum(map(len, part))
+        if left < 0:
+            raise InputError(
+                f"{path}: its packed data unpack to more than the {most} bytes that its header says: it "
+                "is damaged"
+            )
+    if data[at:].strip(b"\0"):
+        raise InputError(
+            f"{path}: its packed data are damaged: byte {at} and those behind are no part of them"
+        )
     return b"".join(out)
+
+
+def _part(path: Path, data: bytes, at: int, left: int) -> tuple[list[bytes], int]:
+    """The pieces of the part that begins at byte `at`, one byte more than `left` at most, and where it ends.
+
+    zlib compares the checksum when it comes to the end, so the part is read until there.
+    """
+    packer = zlib.decompressobj(wbits=47)  # 47: gzip or zlib, as the head says
+    out: list[bytes] = []
+    try:
+        while not packer.eof and at < len(data) and left >= 0:
+            piece = data[at : at + PIECE]
+            out.append(packer.decompress(piece, left + 1))
+            left -= len(out[-1])
+            at += len(piece) - len(packer.unused_data)
+    except zlib.error as error:
+        raise InputError(f"{path}: its packed data are damaged: {error}") from None
+    if not packer.eof and left >= 0:
+        raise InputError(f"{path}: its packed data have no end: the file is truncated")
+    return out, at
 
 
 def shaped(path: Path, data: bytes, dtype: str, sizes: list[int]) -> NDArray[Any]:

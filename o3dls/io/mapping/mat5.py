@@ -18,6 +18,7 @@ MATRIX, PACKED = 14, 15
 CELL, STRUCT, OBJECT, CHAR, OPAQUE = 1, 2, 3, 4, 17
 NUMERIC = range(6, 16)
 DEEPEST = 40
+PADDING = 8  # bytes, to which elements are filled
 LARGEST = 1 << 30  # bytes of a variable, which is held in memory more than once
 
 
@@ -87,16 +88,21 @@ class Elements:
 
 
 def _unpacked(run: Elements, packed: bytes) -> bytes:
-    """A packed element, as far as it says how long it is. Raises InputError where that is too long."""
+    """A packed element, of the length that it says. Raises InputError where that is too long, or where the
+    packed data, at whose end their checksum is, do not end there.
+    """
     packer = zlib.decompressobj()
     try:
         tag = packer.decompress(packed, 8)
         size = int.from_bytes(tag[4:], "little" if run.order == "<" else "big")
         if size > LARGEST:
             raise run.error(f"a variable unpacks to {size} bytes: at most {LARGEST}")
-        return tag + packer.decompress(packer.unconsumed_tail, size + 1)  # of 0, zlib would give all
+        body = packer.decompress(packer.unconsumed_tail, size + PADDING)
     except zlib.error as error:
         raise run.error(f"packed data are broken: {error}") from None
+    if not packer.eof:
+        raise run.error(f"packed data do not end after the {size} bytes that they say")
+    return tag + body
 
 
 def read_mat5(path: Path, data: bytes) -> dict[str, Any]:

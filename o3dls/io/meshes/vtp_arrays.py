@@ -41,10 +41,30 @@ def _unpack_lz4(packed: bytes, size: int) -> bytes:
         raise ValueError(str(error)) from None
 
 
+def _unpack_zlib(packed: bytes, size: int) -> bytes:
+    packer = zlib.decompressobj()
+    return _to_the_end(packer.decompress(packed, size + 1), packer.eof, size)
+
+
+def _unpack_lzma(packed: bytes, size: int) -> bytes:
+    packer = lzma.LZMADecompressor()
+    return _to_the_end(packer.decompress(packed, size + 1), packer.eof, size)
+
+
+def _to_the_end(unpacked: bytes, ended: bool, size: int) -> bytes:
+    """The same bytes. Raises ValueError where they are too many, or the end, and the checksum with it, was
+    not reached.
+    """
+    if len(unpacked) > size or not ended:
+        raise ValueError(f"its packed data do not end after {size} bytes")
+    return unpacked
+
+
+# each unpacks a block of `size` bytes at most
 UNPACK: dict[str, Callable[[bytes, int], bytes]] = {
-    "vtkZLibDataCompressor": lambda packed, size: zlib.decompressobj().decompress(packed, size),
+    "vtkZLibDataCompressor": _unpack_zlib,
     LZ4: _unpack_lz4,
-    "vtkLZMADataCompressor": lambda packed, size: lzma.LZMADecompressor().decompress(packed, size),
+    "vtkLZMADataCompressor": _unpack_lzma,
 }
 
 
@@ -176,11 +196,10 @@ class Arrays:
         at = 0
         for k, size in enumerate(head[3:].tolist()):
             full = int(head[2]) if k == blocks - 1 and head[2] else int(head[1])
-            unpacked.append(UNPACK[self.compressor or ""](packed[at : at + size], min(full, limit) + 1))
+            # more than the array can hold is a wrong count, or a bomb
+            unpacked.append(UNPACK[self.compressor or ""](packed[at : at + size], min(full, limit)))
             at += size
             limit -= len(unpacked[-1])
-            if limit < 0:  # more than the array can hold: a wrong count, or a bomb
-                break
         return b"".join(unpacked)
 
 
