@@ -28,6 +28,7 @@ CODES: Mapping[str, str] = {
     "captured-points": "points far from the wall at the start lie on it after the motion",
     "stretched-wall": "a part of the wall is stretched to twice its length or more",
     "volume-changed": "the motion changes the volume more than a heartbeat can",
+    "prior-of-another": "the motion bends the prior as into another person's heart",
     "alternative-start": "another start leads to another surface that is almost as probable",
     "alternative-points": "a fit without some points leads to another surface that is almost as probable",
     "map-shift": "one part of the map seems to be shifted as a whole, as if the patient had moved",
@@ -41,6 +42,8 @@ CODES: Mapping[str, str] = {
     "thin-gap-repaired": "walls closer than the grid resolves were repaired",
     "mesh-differs": "the mesh has another topology than the moved prior",
     "parts-lost": "parts of the moved prior are missing in the mesh",
+    # the end of a run
+    "stage-rejected": "the last estimate is farther from left-out points than an earlier one, which is final",
     # a stage of another package
     "other": "a stage outside of o3dls gives this warning; its sentence says what it means",
 }

@@ -26,6 +26,7 @@ from ..runs.scoring import scored
 from ..runs.writers import Writer
 from .cross_validation import Folds, too_many
 from .doubts import doubtful_points
+from .final import ending
 from .start import components_without_points, doubtful_pose, misfit, pose_unknown, start_estimate
 
 START = "start"
@@ -102,15 +103,20 @@ class Pipeline:
         left_out = folds.left_out() if folds else {}
         if pool:
             pool.shutdown(wait=False)  # a process takes its time to end
+        corrected = estimates[self.names[-1]].corrected(case)
+        final, warnings = ending(self.chain(self.names[-1])[:-1], left_out, corrected)
+        for warning in warnings:
+            log.warning("%s", warning.sentence)
+        estimates = {name: replace(e, warnings=(*e.warnings, *warnings)) for name, e in estimates.items()}
         run = scored(
-            estimates[self.names[-1]].corrected(case),
+            corrected,
             estimates,
             fitted={name: self.fitted(name) for name in estimates},
             left_out=left_out,
             pipeline=self.record(),
         )
         made_in = run.provenance | {"seconds": perf_counter() - begin}
-        return replace(run, provenance=made_in, out=self.out, additions=self.writes)
+        return replace(run, provenance=made_in, out=self.out, additions=self.writes, ends_with=final)
 
     def judged(self, case: Case) -> dict[str, Estimate]:
         """As `fit`, with the warnings on the start, which every estimate depends on. Raises InputError and

@@ -220,7 +220,8 @@ def _shown(
         return _few([result.name for word, result in pairs if word in (result.name, result.key)])
     if len(runs) > 1:
         return [prefix + run.final for run, prefix in zip(runs, prefixes, strict=True)][-MOST_SHOWN:]
-    return list(runs[0].estimates)[-2:]
+    names = list(runs[0].estimates)
+    return names[: names.index(runs[0].final) + 1][-2:]
 
 
 def _few(names: list[str]) -> list[str]:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 
 from ..evaluation.interpolation import REACH
+from ..evaluation.statistics import Difference, paired_difference
 from ..run_warning import each_once
 from .contribution import credit
 from .markup import signed
-from .statistics import Difference, paired_difference
 from .subject import Result, Subject
 from .wall_parts import compared, wall_parts
 

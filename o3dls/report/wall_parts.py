@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from ..arrays import Array
 from ..evaluation.interpolation import REACH
+from ..evaluation.statistics import Difference, paired_difference
 from .expected import expected_error
 from .markup import Child, Html, millimetres, signed, table, tag
-from .statistics import Difference, paired_difference
 from .subject import SETS, Subject
 
 MAPPED, PRIOR_ONLY = "mapped wall", "no points here: shape from the image alone"

@@ -58,6 +58,7 @@ def _run_of(folder: Path, found: Mapping[str, Any]) -> Run:
         provenance={key: found[key] for key in ("pipeline", "versions", "seeds", "threads", "seconds")},
         points=points,
         held_out=read_points(held_out, case.dimension) if held_out.is_file() else None,
+        ends_with=found["final"],
     )
 
 

@@ -112,12 +112,15 @@ class _Record(_Part):
     seeds: dict[str, Any]
     threads: dict[str, Any]
     seconds: float = Field(ge=0.0)
+    final: str
     estimates: dict[str, _Estimate]
 
     @model_validator(mode="after")
     def _consistent(self) -> _Record:
         if "start" not in self.estimates:
             raise _mistake("estimates: has no 'start', so it is not a finished run; run it again")
+        if self.final not in self.estimates:
+            raise _mistake(f"final: '{self.final}' is no estimate of the run: must be one of its estimates")
         for name, one in self.estimates.items():
             self._check(f"estimates.{name}", name, one)
         return self

@@ -43,7 +43,8 @@ class Run:
     points: the case's points with a column `distance_<estimate>_mm` for each estimate, and
     `left_out_<estimate>_mm` from the cross-validation; held_out: the held-out points likewise. fitted: by
     estimate, the types of the points that it was shown (empty where the run was read from its folder).
-    provenance: versions, seeds, threads and the record of the pipeline. out and additions: the folder and
+    provenance: versions, seeds, threads and the record of the pipeline. ends_with: the final estimate, where
+    it is not the last. out and additions: the folder and
     the further files that `write` makes where it is told no others.
     """
 
@@ -57,11 +58,12 @@ class Run:
     held_out: Points | None = None
     out: Path | None = None
     additions: Sequence[Addition] = ()
+    ends_with: str | None = None
 
     @property
     def final(self) -> str:
-        """Name of the estimate that the run ends with."""
-        return list(self.estimates)[-1]
+        """Name of the estimate that the run ends with: the last, unless left-out points rejected it."""
+        return self.ends_with or list(self.estimates)[-1]
 
     @property
     def unit(self) -> str:

@@ -20,6 +20,7 @@ from ..run_warning import RunWarning, of_stage
 from .deform_checks import (
     POINT_CODES,
     alternatives,
+    another_heart,
     case_warnings,
     motion_warnings,
     point_warnings,
@@ -60,6 +61,7 @@ class Deform(DeformParameters):
             *point_warnings(best, len(best.problem.data.points), found.status, case.units),
             *shifted(shift, case.units, taken_out=taken_out),
             *motion_warnings(best, start.surface, found.surface, case.units),
+            *another_heart(case, best),
             *self._single_start(case),
             *alternatives(best, fits, case.units),
             *case_warnings(case, self.fits, start.T_map_prior, best.problem),

@@ -32,6 +32,8 @@ SWAPPED = 2.0
 SMOOTH = 0.7
 OUTDATED = 1.1  # points over those that amplitudes and noise were estimated from
 UNITS_APART = 100.0  # no map has points a hundred times as good as others; a column in two units has
+# rms gradient of the motion: motions of one heart have up to 0.19, a prior bent into another has 0.2 to 0.4
+ANOTHER_HEART = 0.2
 CLOSE = 3.0  # nats: a surface whose evidence is within a factor of 20 of the best is almost as probable
 POINT_CODES = ("duplicate-points", "many-outliers", "outdated-amplitudes")  # what an update judges again
 
@@ -61,6 +63,19 @@ def point_warnings(fit: MotionFit, tuned_on: int, status: str, unit: str) -> lis
 def motion_warnings(fit: MotionFit, start: Surface, found: Surface, unit: str) -> list[RunWarning]:
     """On a motion that can hardly be right. Raises SolverError where it turns the surface inside out."""
     return [*changed_volume(start, found), *captured(fit), *stretched(fit, found, unit)]
+
+
+def another_heart(case: Case, fit: MotionFit) -> list[RunWarning]:
+    """Whether a prior that is said to be the patient's bends as another person's does. Only a question:
+    nothing is decided by it.
+    """
+    if case.prior_of != "patient" or case.dimension == 2 or fit.gradient <= ANOTHER_HEART:
+        return []
+    sentence = (
+        f"the prior bends as into another heart (rms gradient {fit.gradient:.2f}; one heart's motion has at "
+        'most 0.19): is it another person\'s or a mean anatomy? Then say prior_of = "template" in case.toml'
+    )
+    return [RunWarning("prior-of-another", sentence)]
 
 
 def shifted(shift: MapShift | None, unit: str, *, taken_out: bool) -> list[RunWarning]:

@@ -88,7 +88,7 @@ def with_existence(surface: Surface, case: Case, start: Estimate, weights: Array
 
     weights: probabilities (n,) of contact, where they are not those of the motion.
     """
-    from ..levelset.reconstruction.existence import existence
+    from ..levelset.reconstruction.deviation import existence
     from ..levelset.settings import LevelSetSettings
 
     if start.fit is None or case.dimension == 2:

@@ -22,8 +22,8 @@ from o3dls.levelset.grid.isosurface import zero_set
 from o3dls.levelset.reconstruction import surplus
 from o3dls.levelset.reconstruction.amplitude import amplitudes
 from o3dls.levelset.reconstruction.contact import clusters_believed
+from o3dls.levelset.reconstruction.deviation import absent, existence
 from o3dls.levelset.reconstruction.equations import Oriented, floating
-from o3dls.levelset.reconstruction.existence import absent, existence
 from o3dls.levelset.reconstruction.fitting import Scale
 from o3dls.levelset.reconstruction.handles import without_handles
 from o3dls.levelset.reconstruction.moved_prior import MovedPrior

@@ -18,13 +18,13 @@ from pydantic import Field
 from o3dls.case import Case
 from o3dls.errors import InputError
 from o3dls.estimate import Estimate
+from o3dls.evaluation.statistics import Difference
 from o3dls.pipeline.pipeline import Pipeline
 from o3dls.report.cohort import cases
 from o3dls.report.cohort.cases import Block, outcome
 from o3dls.report.cohort.entries import Entry, read_entries, told_apart
 from o3dls.report.cohort.page import cohort_page, summary
 from o3dls.report.cohort.tables import Cell, sortable
-from o3dls.report.statistics import Difference
 from o3dls.report.subject import read_subject
 from o3dls.report.writer import compare
 from tests.finished import NASTY, Icp, LevelSet, bulged_case, finished

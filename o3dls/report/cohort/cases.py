@@ -11,8 +11,8 @@ from itertools import combinations
 import numpy as np
 
 from ...arrays import Array
+from ...evaluation.statistics import Difference, difference_over_cases, paired_difference
 from ..sections.paired import SMALLEST
-from ..statistics import Difference, difference_over_cases, paired_difference
 from ..subject import MOST_SHOWN
 from .entries import Entry, stages_of
 

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import NamedTuple
 from urllib.parse import quote
 
+from ...evaluation.statistics import Difference
 from ..markup import Child, Html, join, signed, tag
-from ..statistics import Difference
 from .cases import Block, CaseOfRuns, Pair, outcome, sign_of
 from .entries import Entry
 

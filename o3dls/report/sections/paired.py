@@ -8,8 +8,8 @@ import math
 
 import numpy as np
 
+from ...evaluation.statistics import ROUNDS, Difference, paired_difference
 from ..markup import Child, Html, join, millimetres, signed, table, tag
-from ..statistics import ROUNDS, Difference, paired_difference
 from ..subject import SETS, Result, Subject
 from ..verdict import difference
 from .section import Section

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from o3dls.report.statistics import (
+from o3dls.evaluation.statistics import (
     MOST_BLOCKS,
     Difference,
     difference_over_cases,
