@@ -79,8 +79,8 @@ def quantity_of(name: str) -> Quantity | None:
 
 def stands_for_none(quantity: Quantity, values: Array) -> NDArray[np.bool_]:
     """Where the values (n,) of a quantity are words for none."""
-    words = np.isin(values, WORDS_FOR_NONE) | (np.abs(values) >= LARGEST)
-    return np.asarray(words & (quantity.impossible(values) | np.isinf(values)))
+    words = np.isin(values, WORDS_FOR_NONE) & quantity.impossible(values)
+    return np.asarray(words | (np.abs(values) >= LARGEST))
 
 
 def known_values(columns: Mapping[str, NDArray[Any]]) -> tuple[dict[str, NDArray[Any]], tuple[str, ...]]:

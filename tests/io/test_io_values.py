@@ -132,6 +132,8 @@ def test_a_word_is_one_only_where_it_cannot_be_a_value() -> None:
     found = Points(np.zeros((4, 3)), np.full(4, "eam"), {"lat": lat, "height": lat})
     np.testing.assert_array_equal(found.columns["lat"], [-999.0, 999.0, np.nan, np.nan])
     np.testing.assert_array_equal(found.columns["height"], lat)  # of no quantity that is known
+    sigma = Points(np.zeros((3, 3)), np.full(3, "eam"), {"sigma": np.array([-10_000.0, SINGLE, 10_000.0])})
+    np.testing.assert_array_equal(sigma.columns["sigma"], [np.nan, np.nan, 10_000.0])  # in um it is 1 cm
     for quantity in QUANTITIES.values():
         assert quantity.can_be((max(quantity.least, 0.0) + min(quantity.most, 1.0)) / 2)
         assert any(quantity.impossible(np.array(WORDS_FOR_NONE)))
