@@ -139,11 +139,11 @@ def _far_points(subject: Subject) -> Check:
     name, found = "Far points", far_points(subject.last.run, subject.last.key)
     if not found:
         return Check(name, "none", "no held-out point, ablation site or landmark to measure")
-    said = "; ".join(one.said for one in found if one.doubtful)
-    if not said:
+    far = [one for one in found if one.doubtful]
+    if not far:
         return Check(name, "good", f"no {', '.join(one.name for one in found)} lie centimetres off", "none")
     grade: Grade = "bad" if any(one.failed for one in found) else "amber"
-    return Check(name, grade, said)
+    return Check(name, grade, "; ".join(one.said for one in far), "; ".join(one.short for one in far))
 
 
 def _outliers(subject: Subject) -> Check:

@@ -40,13 +40,21 @@ class FarPoints:
         return self._share(OFF if self._of_wall else FAR) >= HALF
 
     @property
+    def short(self) -> str:
+        return f"{len(self._far)} of {len(self.distances)} {self.name}"
+
+    @property
     def said(self) -> str:
-        limit = FAR if self._share(FAR) > FEW_FAR else OFF
-        far = self.distances[self.distances > limit]
-        return (
-            f"{len(far)} of {len(self.distances)} {self.name} lie more than {limit:g} mm from the surface, "
-            f"{np.median(far):.0f} mm in the median"
-        )
+        where = f"more than {self._limit:g} mm from the surface, {np.median(self._far):.0f} mm in the median"
+        return f"{self.short} lie {where}"
+
+    @property
+    def _limit(self) -> float:
+        return FAR if self._share(FAR) > FEW_FAR else OFF
+
+    @property
+    def _far(self) -> Array:
+        return self.distances[self.distances > self._limit]
 
     @property
     def _of_wall(self) -> bool:
