@@ -16,6 +16,7 @@ from .arrays import Array
 from .errors import InputError, did_you_mean
 from .geometry.similarity import is_pose
 from .geometry.surface import Surface
+from .quantities import check_possible, known_values
 from .registration.landmark_names import partners
 
 UNITS = ("mm", "px")
@@ -42,6 +43,7 @@ BEST = 0.02
 class Points:
     """Measured points: xyz (n, d) in the map frame, type (n,), further columns (n,) by name (numbers, NaN =
     missing, or text); order (n,): when each was taken: as they come, and the same when some are left out.
+    notes: sentences on numbers that stood for none in a column, and are NaN now.
 
     Raises InputError where lengths do not fit, a type is unknown or a place is not finite.
     """
@@ -50,13 +52,14 @@ class Points:
     type: NDArray[np.str_]
     columns: Mapping[str, NDArray[Any]] = field(default_factory=dict)
     order: Array | None = None
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "xyz", np.asarray(self.xyz, dtype=np.float64))
         object.__setattr__(self, "type", np.asarray(self.type, dtype=str))
-        object.__setattr__(
-            self, "columns", {name: np.asarray(values) for name, values in self.columns.items()}
-        )
+        columns, said = known_values({name: np.asarray(values) for name, values in self.columns.items()})
+        object.__setattr__(self, "columns", columns)
+        object.__setattr__(self, "notes", tuple(dict.fromkeys((*self.notes, *said))))
         if self.xyz.ndim != 2:
             raise InputError(f"points: xyz has shape {self.xyz.shape}: must be (n, 2) or (n, 3)")
         for name, values in {"type": self.type, "order": self.taken, **self.columns}.items():
@@ -78,7 +81,7 @@ class Points:
     def select(self, rows: NDArray[Any]) -> Points:
         """The rows named by an index or mask."""
         columns = {k: v[rows] for k, v in self.columns.items()}
-        return Points(self.xyz[rows], self.type[rows], columns, self.taken[rows])
+        return Points(self.xyz[rows], self.type[rows], columns, self.taken[rows], self.notes)
 
     def of(self, *types: str) -> Points:
         """The points of the given types, in file order."""
@@ -176,6 +179,8 @@ class Case:
             raise InputError(
                 f"case {self.name}: points are {self.points.xyz.shape[1]}D, the prior is {self.dimension}D"
             )
+        for name, values in self.points.columns.items():
+            check_possible(name, values, f"case {self.name}", "point {}".format)
         if self.units not in UNITS:
             raise InputError(
                 f"case {self.name}: units = '{self.units}': lengths of a case are in "

@@ -12,9 +12,12 @@ CODES: Mapping[str, str] = {
     "points-on-a-ball": "the points lie on a ball rather than on the prior",
     "points-beside-the-wall": "nearly all points lie on one side of the prior where the landmarks put it",
     "large-noise": "the points scatter more about the wall than mapping does",
+    "values-missing": "a column of the points holds numbers that stand for none, as -10000 does",
     # poses
     "weak-direction": "the points do not determine the pose in one direction",
     "uncertain-pose": "the pose search found another pose that is almost as good",
+    # the end of a run
+    "points-far-off": "held-out points, ablation sites or landmarks lie centimetres from the result",
     # motion: the case
     "crumpled-prior": "the prior has folds near every point",
     "small-components": "the prior has small components that points may be taken to lie on",

@@ -28,6 +28,7 @@ LAYERS = (
     "motion",
     "levelset",
     "topology",
+    "quantities",
     "case",
     "estimate",
     "resources",

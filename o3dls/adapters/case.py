@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -21,6 +22,7 @@ from ..io.meshes.surface_file import SurfaceFile
 from ..io.points import scaled
 from .objects import points_of, stated_surface
 
+log = logging.getLogger("o3dls")
 Landmarks = Mapping[str, tuple[ArrayLike, ArrayLike]]
 
 
@@ -82,7 +84,12 @@ def case_of(
 
 
 def _in_mm(file: SurfaceFile, where: str, units: str | None) -> Surface:
-    """Raises InputError where nobody says the units, and mm cannot be meant."""
+    """The surface in mm; what of the object is not in it goes to the log.
+
+    Raises InputError where nobody says the units, and mm cannot be meant.
+    """
+    for note in file.notes:
+        log.info("%s: %s", where, note)
     if file.units == "mm":
         return file.surface
     if units is None and file.surface.dimension == 3:

@@ -6,6 +6,7 @@ An object is known by the name of its class, so that no library is imported that
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ from ..io.images import labels
 from ..io.images.registry import checked
 from ..io.meshes.surface_file import SurfaceFile, flatten_fields
 from ..io.points import points_from
+from ..quantities import known_values
 from .images import IMAGES
 from .meshes import MESHES, POINT_READERS, to_meshio, to_open3d, to_pyvista, to_trimesh
 
@@ -84,7 +86,8 @@ def stated_surface(thing: Any, where: str, *, frame: str | None = None, **choice
             f"{where}: '{next(iter(given))}' does not apply to {_kind(thing)}, only to label volumes"
         )
     if isinstance(thing, Surface):
-        return SurfaceFile(thing)
+        fields, said = known_values(thing.fields)
+        return SurfaceFile(replace(thing, fields=fields) if said else thing, notes=said)
     read = _pair if isinstance(thing, tuple | list) and len(thing) == 2 else _reader(MESHES, thing)
     if read is None:
         raise InputError(f"{where}: an object of type {_kind(thing)} is not a surface: must be {SURFACES}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -21,6 +22,7 @@ from .table import Table, read_table
 from .text import decode, read_bytes, rectangle
 
 FEWEST_POINTS = 10
+log = logging.getLogger("o3dls")
 MARKUPS = (".json", ".fcsv")
 
 
@@ -110,6 +112,8 @@ def _points(folder: Folder, table: Table, fewest: int) -> Points:
         return no_points(folder.dimension)
     stated = table.notes.get("units", "unknown")
     points = scaled(points_of(table, folder.dimension), millimetres_per_unit(folder, table.path, stated))
+    for note in points.notes:
+        log.info("%s: %s", table.path, note)
     fitted = int((points.type == "eam").sum())
     if fitted < fewest:
         raise InputError(

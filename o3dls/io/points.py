@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..arrays import Array
 from ..case import POINT_TYPES, Points
 from ..errors import InputError, did_you_mean
+from ..quantities import check_possible
 from .table import Table, read_table, write_table
 
 NUMBERS = ("bipolar", "unipolar", "lat", "impedance", "force", "sigma")
@@ -23,7 +25,6 @@ ALIASES = {
     "lat_ms": "lat",
     "force_g": "force",
 }
-NO_FORCE = -100.0  # grams: sensors drift by a few, and CARTO writes -10000 for a value that is not there
 NAMES = {name: name for name in ("x", "y", "z", "type", "name", *NUMBERS)} | ALIASES
 
 
@@ -43,37 +44,36 @@ def read_points_table(path: str | Path, dimension: int = 3) -> Table:
 
 
 def points_of(table: Table, dimension: int) -> Points:
-    """Points from a table that has the columns x, y and, in 3D, z."""
+    """Points from a table that has the columns x, y and, in 3D, z; their notes say which numbers stood for
+    none.
+    """
     if len(table) == 0:
         raise InputError(f"{table.path}: has a header but no points")
     axes = tuple("xyz"[:dimension])
     xyz = np.column_stack([table.numbers(axis) for axis in axes])
     columns = {name: _column(table, name) for name in table.columns if name not in (*axes, "type")}
-    return Points(xyz, _types(table), columns)
+    return _measured(
+        Points(xyz, _types(table), columns), str(table.path), lambda row: f"line {table.lines[row]}"
+    )
 
 
 def _column(table: Table, name: str) -> NDArray[Any]:
     if name == "name":
         return np.array(table.columns[name], dtype=str)
-    if name in NUMBERS:
-        return _measured(name, table.numbers(name, missing=True), lambda row: table.where(row, name))
-    return table.values(name)
+    return table.numbers(name, missing=True) if name in NUMBERS else table.values(name)
 
 
-def _measured(name: str, values: Array, where: Callable[[int], str]) -> Array:
-    """The same values. Raises InputError for what cannot have been measured."""
-    if name == "sigma" and (values <= 0.0).any():
-        row = int(np.argmax(values <= 0.0))
-        raise InputError(
-            f"{where(row)}: a noise level must be above 0, not {values[row]:g}; leave it empty where it is "
-            "unknown"
-        )
-    if name == "force" and (values <= NO_FORCE).any():
-        row = int(np.argmax(values <= NO_FORCE))
-        raise InputError(
-            f"{where(row)}: {values[row]:g} is not a contact force; leave it empty where none was measured"
-        )
-    return values
+def _measured(points: Points, where: str, place: Callable[[int], str]) -> Points:
+    """The same points. Raises InputError for what cannot have been measured."""
+    for name, values in points.columns.items():
+        if name == "sigma" and (values <= 0.0).any():
+            row = int(np.argmax(values <= 0.0))
+            raise InputError(
+                f"{where}: {place(row)}, column 'sigma': a noise level must be above 0, not {values[row]:g}; "
+                "leave it empty where it is unknown"
+            )
+        check_possible(name, values, where, place)
+    return points
 
 
 def _types(table: Table) -> NDArray[np.str_]:
@@ -112,7 +112,8 @@ def points_from(columns: Mapping[str, ArrayLike], where: str) -> Points:
     if bad:
         raise InputError(f"{where}: {bad} points are not finite; remove them")
     kinds = found.pop("type", np.full(len(found["x"]), "eam"))
-    return Points(np.column_stack([found.pop(axis) for axis in axes]), kinds, found)
+    points = Points(np.column_stack([found.pop(axis) for axis in axes]), kinds, found)
+    return _measured(points, where, "row {}".format)
 
 
 def _array(values: ArrayLike, where: str) -> NDArray[Any]:
@@ -124,10 +125,9 @@ def _array(values: ArrayLike, where: str) -> NDArray[Any]:
 
 def _numbers(name: str, values: NDArray[Any], where: str) -> Array:
     try:
-        numbers = np.asarray(values, dtype=np.float64)
+        return np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError):
         raise InputError(f"{where}: column '{name}' holds {values.dtype}: must be numbers") from None
-    return _measured(name, numbers, lambda row: f"{where}: row {row}, column '{name}'")
 
 
 def scaled(points: Points, factor: float) -> Points:
@@ -135,7 +135,7 @@ def scaled(points: Points, factor: float) -> Points:
     columns = {
         name: values * factor if name == "sigma" else values for name, values in points.columns.items()
     }
-    return Points(points.xyz * factor, points.type, columns)
+    return replace(points, xyz=points.xyz * factor, columns=columns)
 
 
 def write_points(

@@ -10,7 +10,8 @@ from typing import Any, cast
 
 from ..errors import CONTROL, InputError, did_you_mean
 from ..geometry.similarity import is_pose
-from ..io.points import NAMES, NO_FORCE, NUMBERS
+from ..io.points import NAMES, NUMBERS
+from ..quantities import QUANTITIES
 
 Message = dict[str, Any]
 TYPES = ("eam", "inside", "ablation", "outlier")  # of a point; an outlier is kept in the journal alone
@@ -104,8 +105,8 @@ def _value(where: str, name: str, value: object) -> float | str:
     number = float(cast(float, value))
     if name == "sigma" and number <= 0.0:
         raise InputError(f"{where}: is a noise level and must be above 0")
-    if name == "force" and number <= NO_FORCE:
-        raise InputError(f"{where}: is no force; leave it out where none was measured")
+    if name in QUANTITIES and not QUANTITIES[name].can_be(number):
+        raise InputError(f"{where}: must be {QUANTITIES[name]}; leave it out where there is none")
     return number
 
 

@@ -20,7 +20,8 @@ from ..case import Case
 from ..errors import InputError, PipelineError, SolverError, did_you_mean
 from ..estimate import Estimate
 from ..plugins.stage import Stage
-from ..run_warning import each_once, of_stage
+from ..run_warning import RunWarning, each_once, of_stage
+from ..runs.far_points import warned_of_far_points
 from ..runs.run import Run
 from ..runs.scoring import scored
 from ..runs.writers import Writer
@@ -116,7 +117,8 @@ class Pipeline:
             pipeline=self.record(),
         )
         made_in = run.provenance | {"seconds": perf_counter() - begin}
-        return replace(run, provenance=made_in, out=self.out, additions=self.writes, ends_with=final)
+        run = warned_of_far_points(replace(run, ends_with=final))
+        return replace(run, provenance=made_in, out=self.out, additions=self.writes)
 
     def judged(self, case: Case) -> dict[str, Estimate]:
         """As `fit`, with the warnings on the start, which every estimate depends on. Raises InputError and
@@ -157,6 +159,7 @@ class Pipeline:
         final = estimates[self.names[-1]]
         found += components_without_points(case, final.T_map_prior)
         found += doubtful_points(case, estimates[START], final)
+        found += [RunWarning("values-missing", f"points: {note}") for note in case.points.notes]
         common = of_stage(found, START)
         return {name: replace(one, warnings=(*common, *one.warnings)) for name, one in estimates.items()}
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from ..evaluation.interpolation import REACH
+from ..runs.far_points import far_points
 from .expected import DUE, OFF, expected_error, shares_within
 from .markup import signed
 from .shape_words import words_of
@@ -42,6 +43,7 @@ def checks(subject: Subject) -> list[Check]:
         _expected(subject),
         _calibrated(subject),
         _landmarks(subject),
+        _far_points(subject),
         _outliers(subject),
         _prior_only(subject),
         _volume(subject),
@@ -130,6 +132,18 @@ def _landmarks(subject: Subject) -> Check:
     far = unit == "mm" and errors[worst] > FAR_LANDMARK
     said = f"worst: {worst}, {errors[worst]:.1f} {unit}" + (f" (above {FAR_LANDMARK:g} mm)" if far else "")
     return Check(name, "amber" if far else "good", said, f"{worst}, {errors[worst]:.1f} {unit}")
+
+
+def _far_points(subject: Subject) -> Check:
+    """What was not fitted, by the set that lies farthest off."""
+    name, found = "Far points", far_points(subject.last.run, subject.last.key)
+    if not found:
+        return Check(name, "none", "no held-out point, ablation site or landmark to measure")
+    far = [one for one in found if one.doubtful]
+    if not far:
+        return Check(name, "good", f"no {', '.join(one.name for one in found)} lie centimetres off", "none")
+    grade: Grade = "bad" if any(one.failed for one in found) else "amber"
+    return Check(name, grade, "; ".join(one.said for one in far), "; ".join(one.short for one in far))
 
 
 def _outliers(subject: Subject) -> Check:

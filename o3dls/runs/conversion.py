@@ -220,6 +220,7 @@ def _points(source: Path, target: Path, units: str | None, frame: str | None, to
     """Tables of points or of named places; all columns are kept where the target is a table too."""
     table = read_points_table(source)
     points = points_of(table, 3)
+    said = [f"{source}: {len(points)} points", *(f"{source}: {note}" for note in points.notes)]
     space = _settled(source, "frame", table.notes.get("space", "unknown"), frame)
     stated = _units(source, table.notes.get("units", "unknown"), units)
     if stated == "unknown":
@@ -230,7 +231,7 @@ def _points(source: Path, target: Path, units: str | None, frame: str | None, to
     columns = {**dict(zip("xyz", xyz.T, strict=True)), "type": points.type, **points.columns}
     if target.suffix.lower() == ".csv":
         write_table(target, {name: columns[name] for name in table.columns}, {"space": space, "units": units})
-        return [f"{source}: {len(points)} points", f"{target}: frame {space}, units {units}"]
+        return [*said, f"{target}: frame {space}, units {units}"]
     if target.suffix.lower() != ".json":
         raise InputError(f"{target}: points are written as .csv or .mrk.json")
     if units == "px":

@@ -232,8 +232,8 @@ def test_what_stands_in_memory_is_checked_as_a_file_is() -> None:
         (PRIOR, columns | {"bipolar": ["high"] * len(XYZ)}, "column 'bipolar' holds .*: must be numbers"),
         (
             PRIOR,
-            columns | {"force": np.full(len(XYZ), -10000.0)},
-            "row 0, column 'force': -10000 is not a contact force",
+            columns | {"force": np.full(len(XYZ), -9000.0)},
+            "row 0, column 'force': -9000 cannot have been measured",
         ),
         (PRIOR, columns | {"y": XYZ[1:, 1]}, r"x, y, z have shapes .*: must be columns of one length"),
         (PRIOR, columns | {"z": [[1], [1, 2]]}, "points: a column is not an array"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import zlib
 from pathlib import Path
 from typing import Any
 
@@ -233,4 +234,32 @@ def test_without_highdicom_it_is_said_what_to_install(
     with pytest.raises(
         InputError, match=r"pip install 'o3dls\[dicom\]'; if it is an image, segment the left"
     ):
+        read_surface_file(path, part="LA")
+
+
+def deflated(path: Path) -> tuple[Path, int]:
+    """The segmentation, packed as a whole data set, and where that begins."""
+    from pydicom.uid import DeflatedExplicitVRLittleEndian
+
+    data = pydicom.dcmread(segmentation(path, labels(), ["LA", "LV"], series(np.eye(3))))
+    data.file_meta.TransferSyntaxUID = DeflatedExplicitVRLittleEndian
+    data.save_as(path, enforce_file_format=True)
+    return path, 144 + int.from_bytes(path.read_bytes()[140:144], "little")
+
+
+def test_a_deflated_data_set_is_read_within_bounds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    plain = segmentation(tmp_path / "b.dcm", labels(), ["LA", "LV"], series(np.eye(3)))
+    path, begins = deflated(tmp_path / "a.dcm")
+    whole = path.read_bytes()
+    known = read_surface_file(plain, part="LA").surface.vertices
+    np.testing.assert_array_equal(read_surface_file(path, part="LA").surface.vertices, known)
+    pack = zlib.compressobj(9, zlib.DEFLATED, -15)
+    bomb = b"".join(pack.compress(bytes(1 << 24)) for _ in range(4)) + pack.flush()
+    monkeypatch.setattr("o3dls.io.images.dicom.MOST_BYTES", 1 << 25)
+    for content in (bomb, whole[begins:-40], whole[begins : begins + 9]):
+        path.write_bytes(whole[:begins] + content)
+        with pytest.raises(InputError, match=r"a\.dcm: its packed data set has no end within"):
+            read_surface_file(path, part="LA")
+    path.write_bytes(whole[:132] + b"x" * 12 + whole[144:])  # it does not say where the data set begins
+    with pytest.raises(InputError, match=r"a\.dcm"):
         read_surface_file(path, part="LA")

@@ -303,7 +303,7 @@ def test_points(tmp_path: Path) -> None:
         Points(
             rng.normal(size=(20, 3)),
             kinds,
-            {"bipolar": rng.normal(size=20), "name": np.array(["a", "b c"] * 10)},
+            {"bipolar": np.abs(rng.normal(size=20)), "name": np.array(["a", "b c"] * 10)},
         ),
     )
     check("points", path, path.read_bytes(), read_points)
@@ -315,8 +315,12 @@ def test_points_of_the_systems(name: str, tmp_path: Path) -> None:
     from test_io_study import DXL, SITES
 
     rng = np.random.default_rng(9_178)
-    measured = Points(rng.normal(size=(20, 3)), np.full(20, "eam"), {"bipolar": rng.normal(size=20)})
-    electric = {"egmX": measured.xyz, "voltages": {"bipolar": rng.normal(size=20)}, "sampleFrequency": 1000.0}
+    measured = Points(rng.normal(size=(20, 3)), np.full(20, "eam"), {"bipolar": np.abs(rng.normal(size=20))})
+    electric = {
+        "egmX": measured.xyz,
+        "voltages": {"bipolar": np.abs(rng.normal(size=20))},
+        "sampleFrequency": 1000.0,
+    }
     data, read = {
         "car": (
             carto_points.write_car("1-Map", measured),

@@ -304,19 +304,19 @@ def test_without_its_package_lz4_is_asked_for(tmp_path: Path, monkeypatch: pytes
 
 def test_missing_values_survive_opencarp_with_their_masks(tmp_path: Path) -> None:
     fields = {
-        "bipolar": np.array([0.5, np.nan, -10_000.0, np.inf]),
+        "shift_x": np.array([0.5, np.nan, -10_000.0, np.inf]),  # which no quantity is named
         "lat": np.arange(4.0),
         "lat_known": np.array([0.0, 1, 1, 0]),
     }
     surface = Surface(marker().vertices, marker().faces, fields | {"shift": np.zeros((4, 3))})
     assert write_surface(tmp_path / "la.pts", surface) == [
-        "2 of 4 vertices have no 'bipolar': they are -10000 there, and 0 in a mask, the .dat file of the "
+        "2 of 4 vertices have no 'shift_x': they are -10000 there, and 0 in a mask, the .dat file of the "
         "same name with _known",
         "the format has no room for: shift",
     ]
     back = read_surface(tmp_path / "la.pts").fields
     assert set(back) == set(fields)
-    np.testing.assert_array_equal(back["bipolar"], [0.5, np.nan, -10_000, np.nan])
+    np.testing.assert_array_equal(back["shift_x"], [0.5, np.nan, -10_000, np.nan])
     for name in ("lat", "lat_known"):  # which are no field and its mask
         np.testing.assert_array_equal(back[name], fields[name])
 

@@ -52,7 +52,7 @@ CARTO_XML = """<Study name="S"><Units Distance="mm" Angle="radian" /><Maps Count
 <Meshes><Mesh FileName="CT.mesh"><RegistrationMatrix>1 0 0 0 0 1 0 0 0 0 1 0 4 5 6 1</RegistrationMatrix>
 </Mesh></Meshes></Study>"""
 SITES = (
-    "  Session ChannelID SiteIndex X Y Z DurationTime AverageForce \r\n 1 0 1 22.5 83.4 10.5 10.4 3.068 \r\n"
+    "  Session ChannelID SiteIndex X Y Z DurationTime AverageForce \r\n 1 0 1 2.5 3.4 10.5 10.4 3.068 \r\n"
 )
 DXL = """Export File Version: 11
 Export from Study: s
@@ -105,7 +105,7 @@ def test_carto_study_becomes_a_case(form: str, tmp_path: Path) -> None:
     found = import_study(study, "1-Map", tmp_path / "case", prior=write_as("stl", tmp_path))
     points = read_points(tmp_path / "case/points.csv")
     np.testing.assert_array_equal(points.type, ["eam", "ablation", "eam", "ablation", "landmark"])
-    np.testing.assert_allclose(points.xyz[3], [22.5, 83.4, 10.5])
+    np.testing.assert_allclose(points.xyz[3], [2.5, 3.4, 10.5])
     np.testing.assert_allclose(points.xyz[4], [1.5, 2.5, 3.5])  # the mean of the two points tagged LSPV
     np.testing.assert_array_equal(points.columns["bipolar"], [0.5, np.nan, 1.5, np.nan, np.nan])
     np.testing.assert_array_equal(points.columns["lat"][:3], [-20, 10, np.nan])
@@ -770,7 +770,7 @@ def test_a_matlab_73_object_is_no_array_of_numbers(tmp_path: Path) -> None:
 def test_an_imported_case_runs_as_one(tmp_path: Path) -> None:
     folder = carto_folder(tmp_path / "s")
     rng = np.random.default_rng(SEED)
-    many = Points(rng.normal(size=(30, 3)) * 30, np.full(30, "eam"), {"bipolar": rng.normal(size=30)})
+    many = Points(rng.normal(size=(30, 3)) * 30, np.full(30, "eam"), {"bipolar": np.abs(rng.normal(size=30))})
     (folder / "1-Map_car.txt").write_bytes(carto_points.write_car("1-Map", many))
     (tmp_path / "marks.csv").write_text("name,x,y,z\nLSPV,1,2,3\n")
     import_study(
@@ -789,18 +789,24 @@ def test_genuine_meshes_are_rewritten_byte_for_byte(shared_data: Path) -> None:
 
 
 def test_genuine_carto_export_is_imported(shared_data: Path, tmp_path: Path) -> None:
-    for name, volume in (("1-Map", 79.9473), ("1-1-ReMap", 79.9473), ("2-Map", 32.5028), ("3-Map", 20.6055)):
+    for name, volume, sites in (
+        ("1-Map", 79.9473, 13),
+        ("1-1-ReMap", 79.9473, 13),
+        ("2-Map", 32.5028, 15),
+        ("3-Map", 20.6055, 4),
+    ):
         found = read_study(shared_data / EXPORT, name)
         assert found.shell is not None
         assert found.shell.surface.volume / 1000 == pytest.approx(volume, rel=VOLUME_TOLERANCE)
-        assert (found.points.type == "ablation").sum() == 22
+        assert (found.points.type == "ablation").sum() == sites, name
+        assert f"VisiTag: {22 - sites} of 22 ablation sites" in "\n".join(found.left)
     found = import_study(shared_data / EXPORT, None, tmp_path / "case")
     points = read_points(tmp_path / "case/points.csv")
-    assert (len(points.of("eam")), len(points.of("ablation"))) == (2, 22)
+    assert (len(points.of("eam")), len(points.of("ablation"))) == (2, 15)
     np.testing.assert_allclose(points.xyz[0], [13.5681, 20.6895, 12.563])
     assert (points.columns["unipolar"][0], points.columns["bipolar"][0]) == (1.902, 0.024)
     assert np.isnan(points.columns["lat"][:2]).all()
-    assert points.columns["force"][2] == 3.068
+    assert points.columns["force"][2] == 7.03  # of the first site that lies on this map
     assert found.name == "2-Map"
 
 

@@ -55,6 +55,8 @@ def test_an_action_is_read(given: dict[str, Any], found: dict[str, Any]) -> None
         ({"do": "take", "xyz": [1, 2, 3], "typ": "eam"}, "did you mean 'type'"),
         ({"do": "take", "xyz": [1, 2, 3], "type": "aem"}, "did you mean 'eam'"),
         ({"do": "take", "xyz": [1, 2, 3], "values": {"sigma": 0.0}}, "must be above 0"),
+        ({"do": "take", "xyz": [1, 2, 3], "values": {"bipolar": -10000}}, "leave it out where there is none"),
+        ({"do": "label", "point": 1, "values": {"LAT_ms": -9999.0}}, r"within \[-5000, 5000\] ms"),
         ({"do": "take", "xyz": [1, 2, 3], "values": {"x": 0.0}}, "names no value"),
         ({"do": "take", "xyz": [1, 2, 3], "values": {"bipolar": float("inf")}}, "finite number"),
         ({"do": "label", "point": 1, "values": {"name": "a\nb"}}, "line break"),

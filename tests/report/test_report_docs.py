@@ -22,6 +22,7 @@ from o3dls.report.page_parts import asset
 from o3dls.report.sections.order import SECTIONS
 from o3dls.report.sections.section import Maker
 from o3dls.report.subject import read_subject
+from o3dls.runs import far_points
 from tests.finished import finished
 
 DOCS = ROOT / "docs"
@@ -50,6 +51,15 @@ GRADED: Mapping[str, tuple[str, tuple[str, ...]]] = {
     "Expected error": ("_expected", ()),
     "Calibration": ("_calibrated", (f"{100 * OFF:g} percentage points", f"{100 * DUE[0]:g} %")),
     "Landmarks, leave-one-out": ("_landmarks", (f"more than {module.FAR_LANDMARK:g} mm",)),
+    "Far points": (
+        "_far_points",
+        (
+            f"more than {100 * far_points.FEW_FAR:g} %",
+            f"beyond {far_points.FAR:g} mm",
+            f"more than {100 * far_points.FEW_OFF:g} %",
+            f"beyond {far_points.OFF:g} mm",
+        ),
+    ),
     "Share of outliers": ("_outliers", (f"more than {100 * module.MANY_OUTLIERS:g} %",)),
     "Prior-only area": ("_prior_only", (f"more than {100 * module.HALF:g} %", f"over {REACH:g} mm")),
     "Volume change": ("_volume", (f"{100 * module.LARGE_CHANGE:.0f} %",)),

@@ -218,12 +218,12 @@ def test_ablation_points_tell_of_the_wall_where_they_are_fitted(tmp_path: Path) 
 def test_electrical_values_of_the_points_reach_the_wall(make: Any, tmp_path: Path) -> None:
     case = make()
     height = np.where(case.points.type == "eam", case.points.xyz[:, -1], np.nan)
-    case = replace(case, points=replace(case.points, columns={**case.points.columns, "bipolar": height}))
+    case = replace(case, points=replace(case.points, columns={**case.points.columns, "lat": height}))
     folder = Pipeline([Nudge()], folds=0).run(case).write(tmp_path / "run")
     surface = read_surface(folder / f"estimates/nudge/surface.{'ply' if case.dimension == 3 else 'csv'}")
-    known = np.isfinite(surface.fields["bipolar"])
+    known = np.isfinite(surface.fields["lat"])
     assert known.any()
-    assert np.abs(surface.fields["bipolar"] - surface.vertices[:, -1])[known].mean() < 0.1 * np.ptp(
+    assert np.abs(surface.fields["lat"] - surface.vertices[:, -1])[known].mean() < 0.1 * np.ptp(
         surface.vertices[:, -1]
     )
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ...case import Points
 from ...errors import InputError
-from ..meshes.carto.mesh import MISSING, present
+from ..meshes.carto.mesh import MISSING
 from ..text import decode, integers, number_rows
 
 COLUMNS = {"unipolar": 10, "bipolar": 11, "lat": 12, "impedance": 13}
@@ -63,7 +63,7 @@ def read_car(path: Path, data: bytes) -> tuple[Points, NDArray[np.int64]]:
     if not np.isfinite(xyz).all():
         bad = int(np.flatnonzero(~np.isfinite(xyz).all(axis=1))[0])
         raise InputError(f"{path}: line {rows[bad][0]}: position {xyz[bad]} is not finite")
-    columns = {name: present(table[:, 4 + k]) for k, name in enumerate(COLUMNS)}
+    columns = {name: table[:, 4 + k] for k, name in enumerate(COLUMNS)}
     return Points(xyz, np.full(len(rows), "eam"), columns), integers(table[:, 0], f"{path}: point id")
 
 
@@ -95,6 +95,6 @@ def read_sites(path: Path, data: bytes) -> Points:
     if not np.isfinite(xyz).all():
         raise InputError(f"{path}: a site has a position that is not finite")
     columns: dict[str, NDArray[Any]] = {
-        ours: present(table[:, header.index(theirs)]) for theirs, ours in SITES.items() if theirs in header
+        ours: table[:, header.index(theirs)] for theirs, ours in SITES.items() if theirs in header
     }
     return Points(xyz, np.full(len(table), "ablation"), columns)

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
 from pathlib import PurePosixPath
 from xml.etree import ElementTree
 
@@ -23,6 +24,7 @@ from ..meshes.dif import parse_xml
 from ..meshes.surface_file import SurfaceFile
 from ..text import is_count
 from .archive import Archive
+from .belonging import Anatomy
 from .carto_points import read_car, read_sites
 
 ABLATION_TAG = "Ablation"
@@ -176,7 +178,17 @@ def read_map_points(study: Study, wanted: Map) -> tuple[Points, dict[str, Array]
         if any(tags)
         else points.columns
     )
-    return Points(points.xyz, kinds, columns), landmarks
+    return replace(points, type=kinds, columns=columns), landmarks
+
+
+def read_anatomy(study: Study, of: Map) -> Anatomy:
+    """What another map of the study shows of its chamber, as far as its files are there and in order."""
+    shell, points = None, np.zeros((0, 3))
+    with suppress(InputError):
+        shell = read_shell(study, of.files[0]).surface if of.files else None
+    with suppress(InputError):
+        points = read_map_points(study, of)[0].xyz
+    return Anatomy(points, shell)
 
 
 def read_ablation(study: Study) -> Points | None:

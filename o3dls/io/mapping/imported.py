@@ -44,4 +44,5 @@ def joined(first: Points, second: Points) -> Points:
         name: np.concatenate([column(first, name, like), column(second, name, like)])
         for name, like in names.items()
     }
-    return Points(np.vstack([first.xyz, second.xyz]), np.concatenate([first.type, second.type]), columns)
+    xyz, kinds = np.vstack([first.xyz, second.xyz]), np.concatenate([first.type, second.type])
+    return Points(xyz, kinds, columns, notes=(*first.notes, *second.notes))

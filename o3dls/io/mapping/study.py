@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from itertools import chain
 from pathlib import Path
 
@@ -9,10 +11,12 @@ import numpy as np
 
 from ...case import Points
 from ...errors import InputError
+from ...quantities import without_impossible
 from ..meshes import dif
 from ..meshes.surface_file import SurfaceFile
 from . import carto_study, ensite, mat, openep
 from .archive import Archive
+from .belonging import Anatomy, of_one_map
 from .imported import Imported, joined
 
 VOLUME_TOLERANCE = 2e-4
@@ -24,10 +28,18 @@ def read_study(study: str | Path, map_name: str | None = None) -> Imported:
     archive = Archive.open(study)
     for files in chain([archive], archive.unpacked()):
         if (found := _found(files, map_name)) is not None:
-            return found
+            return _of_known_values(found)
     raise InputError(
         f"{study}: holds no CARTO 3 study (.xml), no EnSite map (.csv) and no OpenEP data set (.mat)"
     )
+
+
+def _of_known_values(found: Imported) -> Imported:
+    """The same without values that cannot be, which nobody mends in a study: it is said which are left."""
+    columns, said = without_impossible(found.points.columns, lambda row: f"point {row + 1}")
+    found.notes += [f"{found.name}: {note}" for note in (*found.points.notes, *said)]
+    found.points = replace(found.points, columns=columns)
+    return found
 
 
 def _found(archive: Archive, map_name: str | None) -> Imported | None:
@@ -62,8 +74,9 @@ def _from_carto(study: carto_study.Study, map_name: str | None) -> Imported:
             f"shell {wanted.files[0]}, {shell.surface.volume / 1000:.2f} ml" + _volume_check(shell, wanted)
         )
     if (sites := carto_study.read_ablation(study)) is not None:
-        found.points = joined(found.points, sites)
-        found.took.append(f"{len(sites)} ablation sites of VisiTag, of the whole study")
+        others = [carto_study.read_anatomy(study, other) for other in study.maps if other is not wanted]
+        count = _take_sites(found, sites, "VisiTag", others)
+        found.took.append(f"{count} ablation sites of VisiTag")
     for name, matrix in study.shells:
         found.shells[name] = carto_study.read_shell(study, name)
         found.took.append(f"imported shell {name}")
@@ -103,7 +116,9 @@ def _from_ensite(archive: Archive, maps: list[str], map_name: str | None) -> Imp
         more, its = read[name]
         both = ensite.by_number(points, more) if its.get("Map name") == preamble.get("Map name") else None
         if both is None and _same_points(points, more):
-            both = Points(points.xyz, points.type, {**points.columns, **more.columns})
+            both = replace(
+                points, columns={**points.columns, **more.columns}, notes=points.notes + more.notes
+            )
         if both is None:
             raise InputError(f"{archive.path}: several maps fit; say which file with --map: {listed}")
         points = both
@@ -114,25 +129,39 @@ def _from_ensite(archive: Archive, maps: list[str], map_name: str | None) -> Imp
     # the number has joined the files, and is no value of a point
     values = {name: column for name, column in points.columns.items() if name != ensite.NUMBER}
     found = Imported(
-        Points(points.xyz, points.type, values),
+        replace(points, columns=values),
         vendor=f"EnSite, field scaling {preamble.get('Field Scaling', 'not stated')}",
         name=preamble.get("Map name", "").strip() or Path(chosen[0]).stem,
     )
     found.took.append(f"{len(points)} utilised points of {', '.join(chosen)} (roving electrode, mm)")
     found.left += [name for name in maps if name not in chosen]
+    lesions: dict[str, Points] = {}
     for name in archive.named(".csv"):
         base = Path(name).name.lower()
         if base.startswith(("lesions", "automark")):
-            sites = ensite.read_lesions(archive.where(name), archive.read(name))
-            found.points = joined(found.points, sites)
-            found.took.append(f"{len(sites)} ablation points of {name}")
+            lesions[name] = ensite.read_lesions(archive.where(name), archive.read(name))
         elif base.startswith("model_point_cloud"):
             found.left.append(
                 f"{name}: positions inside the chamber, "
                 f"{len(ensite.read_cloud(archive.where(name), archive.read(name)))} of them"
             )
     _take_dif(archive, found)
+    others = [Anatomy(read[name][0].xyz) for name in maps if name not in chosen]
+    for name, sites in lesions.items():
+        found.took.append(f"{_take_sites(found, sites, name, others)} ablation points of {name}")
     return found
+
+
+def _take_sites(found: Imported, sites: Points, source: str, others: Sequence[Anatomy]) -> int:
+    """Join the ablation sites that lie on this map to its points, and say which do not; gives their
+    number.
+    """
+    own = Anatomy(found.points.of("eam").xyz, found.shell.surface if found.shell else None)
+    sites, left = of_one_map(sites, own, others)
+    found.points = joined(found.points, sites)
+    if left:
+        found.left.append(f"{source}: {left}")
+    return len(sites)
 
 
 def _same_points(first: Points, second: Points) -> bool:
@@ -172,8 +201,9 @@ def _from_openep(archive: Archive, files: list[str], map_name: str | None) -> Im
             f"the shell: surface.triRep is a MATLAB object of class {of}, which only MATLAB reads; "
             "for map.ply save it there as struct('X', t.X, 'Triangulation', t.Triangulation)"
         )
-    found.took += [
-        f"{(points.type == kind).sum()} points of type {kind} (mm)" for kind in np.unique(points.type)
-    ]
+    found.points = points.of("eam")
+    _take_sites(found, points.of("ablation"), "rfindex", [])
+    kinds = found.points.type
+    found.took += [f"{(kinds == kind).sum()} points of type {kind} (mm)" for kind in np.unique(kinds)]
     found.left.append("electrograms")
     return found

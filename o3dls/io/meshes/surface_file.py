@@ -17,6 +17,7 @@ from ...errors import InputError, escaped
 from ...geometry.face_values import at_vertices
 from ...geometry.label_fields import is_label
 from ...geometry.surface import Surface
+from ...quantities import known_values
 from ..text import is_count
 
 NOTICE = "o3dls, research software, not for clinical use"
@@ -73,9 +74,17 @@ class SurfaceFile:
         check_faces(path, faces, len(vertices))
         whole = ~collapsed(faces)
         numbers = {name: np.asarray(values, dtype=np.float64) for name, values in (fields or {}).items()}
+        numbers, none = known_values(numbers)
+        cells, of_cells = known_values(cells or {})  # before a mean is taken
         surface = Surface(vertices, faces[whole].astype(np.int64), numbers)
-        surface, said = _carried(surface, {name: values[whole] for name, values in (cells or {}).items()})
-        return cls(surface, spaces.get(space.lower(), "unknown"), units, metadata or {}, (*notes, *said))
+        surface, said = _carried(surface, {name: values[whole] for name, values in cells.items()})
+        return cls(
+            surface,
+            spaces.get(space.lower(), "unknown"),
+            units,
+            metadata or {},
+            (*notes, *none, *of_cells, *said),
+        )
 
 
 def _carried(surface: Surface, cells: Mapping[str, NDArray[Any]]) -> tuple[Surface, list[str]]:

@@ -1,0 +1,98 @@
+"""What was measured and not fitted, and lies centimetres from a result: held-out points, ablation sites,
+landmarks.
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..arrays import Array
+from ..evaluation.distances import distances
+from ..run_warning import RunWarning
+from .run import Run
+
+FAR = 20.0  # mm: beyond all that noise and a catheter's pressure do; a vein's middle is nearer to its wall
+OFF = 10.0  # mm: beyond what a site or a point on this wall may lie off it now and then
+FEW_FAR, FEW_OFF = 0.01, 0.1  # shares that a good result may have beyond the one and the other
+HALF = 0.5
+SETS = {"held_out": "held-out points", "ablation": "ablation sites", "landmarks": "landmarks"}
+log = logging.getLogger("o3dls")
+
+
+@dataclass(frozen=True, eq=False)
+class FarPoints:
+    """A set of places that were not fitted, by name, and how far they lie from a surface (n,), in mm."""
+
+    name: str
+    distances: Array
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether some lie so far off that result and points cannot both be right."""
+        return self._share(FAR) > FEW_FAR or (self._of_wall and self._share(OFF) > FEW_OFF)
+
+    @property
+    def failed(self) -> bool:
+        """Whether most lie so far off."""
+        return self._share(OFF if self._of_wall else FAR) >= HALF
+
+    @property
+    def short(self) -> str:
+        return f"{len(self._far)} of {len(self.distances)} {self.name}"
+
+    @property
+    def said(self) -> str:
+        where = f"more than {self._limit:g} mm from the surface, {np.median(self._far):.0f} mm in the median"
+        return f"{self.short} lie {where}"
+
+    @property
+    def _limit(self) -> float:
+        return FAR if self._share(FAR) > FEW_FAR else OFF
+
+    @property
+    def _far(self) -> Array:
+        return self.distances[self.distances > self._limit]
+
+    @property
+    def _of_wall(self) -> bool:
+        """Landmarks may be the middle of a vein's mouth; all others were on the wall."""
+        return self.name != SETS["landmarks"]
+
+    def _share(self, limit: float) -> float:
+        return float((self.distances > limit).mean())
+
+
+def far_points(run: Run, name: str) -> list[FarPoints]:
+    """How far what an estimate of a run was not fitted to lies from its surface, by set; no set that is
+    empty, and none in pixels, which say no length.
+    """
+    if run.unit != "mm":
+        return []
+    column = f"distance_{name}_mm"
+    marks = run.case.points.of("landmark").xyz
+    sites = run.points.of("ablation").numbers(column) if "ablation" in run.scores[name] else np.zeros(0)
+    sets = {
+        "held_out": np.zeros(0) if run.held_out is None else run.held_out.numbers(column),
+        "ablation": sites,
+        "landmarks": distances(marks, run.estimates[name].surface) if len(marks) else np.zeros(0),
+    }
+    return [FarPoints(SETS[key], values) for key, values in sets.items() if len(values)]
+
+
+def warned_of_far_points(run: Run) -> Run:
+    """The run, with a warning on its last estimate for each set of which some lie centimetres off."""
+    found = [
+        RunWarning(
+            "points-far-off", f"{one.said}: are they of this chamber, and is the pose right?", run.final
+        )
+        for one in far_points(run, run.final)
+        if one.doubtful
+    ]
+    for warning in found:
+        log.warning("%s", warning.sentence)
+    last = run.estimates[run.final]
+    warned = replace(last, warnings=(*last.warnings, *found))
+    return replace(run, estimates={**run.estimates, run.final: warned}) if found else run
