@@ -4,7 +4,7 @@ where the map was and where it was not; as records of a case, and as one table o
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -78,13 +78,11 @@ def _groups(records: list[Record]) -> dict[str, list[Record]]:
     return dict(sorted(found.items()))
 
 
-def _wider(group: str) -> Iterable[str]:
+def _wider(group: str) -> list[str]:
     """`unvisited_half_350_even` belongs to `unvisited_half_*_even`, `unvisited_*_even` and `unvisited_*`."""
-    kind, *rest = group.split("_")
-    if len(rest) == 3:
-        yield f"{kind}_{rest[0]}_*_{rest[2]}"
-        yield f"{kind}_*_{rest[2]}"
-    yield f"{kind}_*"
+    stem, *rest = group.rsplit("_", 2)
+    kind = "unvisited" if stem.startswith("unvisited_") else stem
+    return [f"{stem}_*_{rest[-1]}", f"{kind}_*_{rest[-1]}", f"{kind}_*"] if len(rest) == 2 else []
 
 
 def _row(group: str, method: str, records: list[Record]) -> list[str]:
