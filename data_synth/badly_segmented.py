@@ -23,7 +23,7 @@ from .pose import matrix, under
 from .sampling import Rows
 from .shapes import Array, Shape
 from .solid import meshed, sampled, solid
-from .unvisited import DEPTH
+from .unvisited import told
 
 VOXEL = np.array([1.25, 1.25, 2.5])  # mm, the last across the slices
 CUT = (3.0, 6.0)  # mm beyond the body: what is left of the vein that is cut
@@ -57,10 +57,9 @@ def badly_segmented(
     after = beaten(whole, family, 1.0, beat, scanner)
     places = _right_places(whole, prior) if landmarks else np.zeros(0, dtype=np.int64)
     points, truth = mapped(catheter, after.wall, how, named(after.wall, places))
-    told = replace(after.wall, fields={DEPTH: chamber(after.wall).depth})
     said = f"{family}: seed {seed}, {after.left:.2f} mm rms after the best similarity, {lost}; {how}"
     start = marked(whole, places) if landmarks else after.rough
-    found = points, replace(truth, surface=told)
+    found = points, replace(truth, surface=told(after.wall, chamber(after.wall)))
     return case_of(f"badly_segmented_{seed}", prior, found, start, said)
 
 

@@ -9,7 +9,7 @@ import pytest
 from shapes import meshed, sampled, torus_distance
 from tiny import ball_case
 
-from benchmarks.vein_scores import DEPTH, vein_scores, vein_table
+from benchmarks.vein_scores import DEPTH, VEIN, vein_scores, vein_table
 from o3dls.case import Case, Truth
 from o3dls.geometry.surface import Surface
 
@@ -19,7 +19,8 @@ TORUS = meshed(torus_distance(), 24.0)
 
 def deep(surface: Surface, depth: float) -> Case:
     """A case whose truth has wall at x > 0 that is `depth` mm deep in a vein, of which half was mapped."""
-    truth = replace(surface, fields={DEPTH: np.where(surface.vertices[:, 0] > 0.0, depth, 0.0)})
+    vein = surface.vertices[:, 0] > 0.0
+    truth = replace(surface, fields={DEPTH: np.where(vein, depth, 0.0), VEIN: np.where(vein, 0, -1)})
     at = sampled(surface, 2000, 0.0, SEED)
     return replace(ball_case(), truth=Truth(truth, at, at[:, 1] > 0.0))
 
