@@ -105,13 +105,16 @@ def _mask(shape: Shape, whole: Surface, axes: Array) -> tuple[Array, Array]:
 
 
 def _smooth(shape: Shape, whole: Surface, axes: Array) -> Surface:
-    """The voxels' half level after a little smoothing, as most programs mesh a mask."""
+    """The border of the voxels after a little smoothing, as most programs mesh a mask; of their distances,
+    not of their values, which are flat wherever the border is not.
+    """
     mask, affine = _mask(shape, whole, axes)
-    soft = ndimage.gaussian_filter(mask, SMOOTHED)
+    out, inside = (ndimage.distance_transform_edt(mask == side, sampling=VOXEL) for side in (0.0, 1.0))
+    soft = ndimage.gaussian_filter(np.asarray(out) - np.asarray(inside), SMOOTHED)
     back = np.asarray(np.linalg.inv(affine), dtype=np.float64)
 
     def level(p: Array) -> Array:
-        return np.asarray(0.5 - ndimage.map_coordinates(soft, under(back, p).T, order=1))
+        return np.asarray(ndimage.map_coordinates(soft, under(back, p).T, order=1, mode="nearest"))
 
     return meshed(level, whole.vertices, SPACING)
 
