@@ -34,7 +34,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import Protocol
 
-from benchmarks.own_atria import left_out
+from benchmarks.own_atria import bad_priors, left_out
 from data_synth import Mapping, cross, family, read_wall
 from data_synth.alignment import alongside
 from data_synth.families import FAMILIES
@@ -151,6 +151,7 @@ SETS: dict[str, Callable[[bool], Iterator[CaseOfASet]]] = {
     "pairs": paired,
     "families": moved,
     "unvisited": left_out,
+    "badly_segmented": bad_priors,
 }
 
 

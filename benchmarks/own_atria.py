@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from data_synth import Mapping, Visits, lengthened, read_wall, unvisited
+from data_synth import Mapping, Visits, badly_segmented, lengthened, read_wall, unvisited
 from data_synth.families import FAMILIES
 from data_synth.visits import SHARES
 from o3dls.case import Case
@@ -50,6 +50,9 @@ NOISE = 1.5
 OUTLIERS = (0.0, 0.05)
 REACH = 2.6  # radii: CT veins stay longer than catheters go
 FIRST_SEED = {False: 701, True: 2701}
+BAD_SEED = {False: 901, True: 2901}
+BAD_POINTS = (250, 1000)
+BAD = {False: 5, True: 10}  # atria, the first of each list
 
 
 @dataclass(frozen=True)
@@ -85,6 +88,44 @@ def left_out(judging: bool) -> Iterator[Unvisited]:
             how = Mapping(points, NOISE, clustered, outliers)
             name = f"unvisited_{where}_{points}_{'clustered' if clustered else 'even'}_{seed}"
             yield Unvisited(name, seed, how, atrium, Visits(where), family, bool(drawn.integers(2)))
+
+
+@dataclass(frozen=True)
+class BadlySegmented:
+    """A case whose prior lacks what the truth has, by its name, and what it is made of."""
+
+    name: str
+    seed: int
+    how: Mapping
+    prior: str
+    family: str
+    landmarks: bool
+    remeshed: bool
+    truth: None = None
+
+    def case(self, data: Path) -> Case:
+        return badly_segmented(
+            read_wall(data / "priors" / self.prior),
+            self.seed,
+            family=self.family,
+            landmarks=self.landmarks,
+            how=self.how,
+            remeshed=self.remeshed,
+        )
+
+
+def bad_priors(judging: bool) -> Iterator[BadlySegmented]:
+    """Some atria with both numbers of points, even and in clusters in turns, and so are the two ways from
+    voxels to a surface; motion, outliers and start are drawn.
+    """
+    atria = (JUDGING if judging else DEVELOPMENT)[: BAD[judging]]
+    for k, (points, (a, atrium)) in enumerate(product(BAD_POINTS, enumerate(atria))):
+        seed, clustered, remeshed = BAD_SEED[judging] + k, (a + k // len(atria)) % 2 == 1, a // 2 % 2 == 0
+        drawn = np.random.default_rng((seed, 80_173))
+        family, outliers = str(drawn.choice(list(FAMILIES))), float(drawn.choice(OUTLIERS))
+        how = Mapping(points, NOISE, clustered, outliers)
+        name = f"badly_segmented_{points}_{'clustered' if clustered else 'even'}_{seed}"
+        yield BadlySegmented(name, seed, how, atrium, family, bool(drawn.integers(2)), remeshed)
 
 
 @cache

@@ -4,7 +4,7 @@ where the map was and where it was not; as records of a case, and as one table o
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,8 @@ from o3dls.evaluation.distances import SAMPLES, distances, sample
 from o3dls.geometry.surface import Surface
 
 Record = dict[str, Any]
-DEPTH = "depth_mm"  # field of a true surface: how far beyond the body, as data_synth.unvisited writes it
+# fields of a true surface, as data_synth.unvisited writes them: how far beyond the body, number of the vein
+DEPTH, VEIN = "depth_mm", "tube"
 DEEP = 25.0  # mm beyond the body: of vein wall up to there it is counted what is lost
 LOST = 6.0  # mm from the result: wall farther from it is lost
 MOST_LOST, FARTHER = 0.03, 1.05  # share lost beyond T, and times T's distance: cases above them are counted
@@ -30,13 +31,12 @@ def vein_scores(case: Case, surface: Surface) -> dict[str, float]:
     is vein and what was mapped.
     """
     truth = case.truth
-    if truth is None or truth.surface is None or DEPTH not in truth.surface.fields:
+    if truth is None or truth.surface is None or not {DEPTH, VEIN} <= truth.surface.fields.keys():
         return {}
     found = {"vein_lost": _lost(truth.surface, surface)}
     if truth.held_out is None or truth.unseen is None:
         return found
-    there = distances(truth.held_out, surface)
-    at = sample(surface)
+    there, at = distances(truth.held_out, surface), sample(surface)
     back, of = distances(at, truth.surface), truth.unseen[cKDTree(truth.held_out).query(at)[1]]
     for name, unseen in (("mapped", False), ("unmapped", True)):
         for way, gap, side in (("t2s", there, truth.unseen), ("s2t", back, of)):
@@ -47,8 +47,8 @@ def vein_scores(case: Case, surface: Surface) -> dict[str, float]:
 
 def _lost(truth: Surface, surface: Surface) -> float:
     at = sample(truth, SAMPLES)
-    depth = truth.fields[DEPTH][cKDTree(truth.vertices).query(at)[1]]
-    vein = (depth > 0.0) & (depth <= DEEP)
+    row = cKDTree(truth.vertices).query(at)[1]
+    vein = (truth.fields[VEIN][row] >= 0) & (truth.fields[DEPTH][row] <= DEEP)
     return float((distances(at[vein], surface) > LOST).mean()) if vein.any() else 0.0
 
 
@@ -78,13 +78,11 @@ def _groups(records: list[Record]) -> dict[str, list[Record]]:
     return dict(sorted(found.items()))
 
 
-def _wider(group: str) -> Iterable[str]:
+def _wider(group: str) -> list[str]:
     """`unvisited_half_350_even` belongs to `unvisited_half_*_even`, `unvisited_*_even` and `unvisited_*`."""
-    kind, *rest = group.split("_")
-    if len(rest) == 3:
-        yield f"{kind}_{rest[0]}_*_{rest[2]}"
-        yield f"{kind}_*_{rest[2]}"
-    yield f"{kind}_*"
+    stem, *rest = group.rsplit("_", 2)
+    kind = "unvisited" if stem.startswith("unvisited_") else stem
+    return [f"{stem}_*_{rest[-1]}", f"{kind}_*_{rest[-1]}", f"{kind}_*"] if len(rest) == 2 else []
 
 
 def _row(group: str, method: str, records: list[Record]) -> list[str]:

@@ -8,6 +8,7 @@ cases and nowhere else.
 """
 
 from .atrium import atrium, roughened
+from .badly_segmented import badly_segmented
 from .cross import cross
 from .family import family
 from .jar import jar
@@ -26,6 +27,7 @@ __all__ = [
     "Study",
     "Visits",
     "atrium",
+    "badly_segmented",
     "cross",
     "family",
     "jar",

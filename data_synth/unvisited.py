@@ -9,14 +9,13 @@ import numpy as np
 from o3dls import Case, Surface
 
 from . import wall
-from .chamber import chamber
+from .chamber import Chamber, chamber
 from .family import LANDMARKS, beaten, marked, named, ways_of
 from .mapping import Mapping, case_of, mapped
 from .sampling import Mask, Rows
 from .visits import Visits
 
 NOISE = 1.5  # mm
-DEPTH = "depth_mm"
 
 
 def unvisited(
@@ -42,11 +41,15 @@ def unvisited(
     missed = visits.missed(way, after.wall, parts)
     places = _places(after.wall, missed) if landmarks else np.zeros(0, dtype=np.int64)
     points, truth = mapped(catheter, after.wall, how, named(after.wall, places), missed)
-    told = replace(after.wall, fields={DEPTH: parts.depth, "tube": parts.tube})
-    truth = replace(truth, surface=told, correspondence=ways_of(prior, after.wall))
+    truth = replace(truth, surface=told(after.wall, parts), correspondence=ways_of(prior, after.wall))
     said = f"{family}: seed {seed}, {after.left:.2f} mm rms after the best similarity; {_said(how, visits)}"
     start = marked(prior, places) if landmarks else after.rough
     return case_of(f"unvisited_{seed}", prior, (points, truth), start, said)
+
+
+def told(surface: Surface, parts: Chamber) -> Surface:
+    """A surface with its parts as fields `depth_mm` and `tube`, by which scores know what is vein."""
+    return replace(surface, fields={"depth_mm": parts.depth, "tube": parts.tube})
 
 
 def _places(after: Surface, missed: Mask) -> Rows:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from pathlib import Path
 
 import pytest
 
-from benchmarks import make_cases
+from benchmarks import make_cases, own_atria
 from benchmarks.cases import find, tuned_as
 
 
@@ -19,6 +20,12 @@ from benchmarks.cases import find, tuned_as
         ("cross_20000_2_clustered_outliers_2103", "cross_20000_2_clustered_outliers", "cross_20000"),
         ("family_flow_1_landmarks_2301", "family_flow_1_landmarks", "family_flow_1"),
         ("family_arap_2_rough_301", "family_arap_2_rough", "family_arap_2"),
+        ("unvisited_half_350_even_705", "unvisited_half_350_even", "unvisited_half_350_even"),
+        (
+            "badly_segmented_250_clustered_2902",
+            "badly_segmented_250_clustered",
+            "badly_segmented_250_clustered",
+        ),
         ("kit_mri_to_eam", "kit_mri_to_eam", "kit_mri_to_eam"),
     ],
 )
@@ -51,3 +58,23 @@ def test_crossed_pairs_of_judging_are_twenty_and_of_other_atria() -> None:
     pairs = [{(w.prior, w.truth) for w in make_cases.crossed(judging)} for judging in (False, True)]
     assert len(pairs[1]) == 20
     assert not {a for pair in pairs[0] for a in pair} & {a for pair in pairs[1] for a in pair}
+
+
+def test_masks_of_the_challenge_develop_up_to_79_and_judge_from_80() -> None:
+    for judging, names in ((False, own_atria.DEVELOPMENT), (True, own_atria.JUDGING)):
+        numbers = [int(Path(name).stem.removeprefix("la_")) for name in names if name.startswith("lasc2018")]
+        assert len(numbers) == (10 if judging else 5)
+        assert all((80 <= k <= 99) == judging for k in numbers)
+
+
+def test_every_kind_of_visit_meets_every_number_of_points_and_every_atrium() -> None:
+    judged = list(own_atria.left_out(judging=True))
+    assert len(judged) == 120
+    kinds = Counter(one.name.rpartition("_")[0] for one in judged)
+    assert len(kinds) == 4 * 4 * 2
+    assert set(kinds.values()) == {3, 4}
+    assert set(Counter(one.prior for one in judged).values()) == {8}
+
+
+def test_badly_segmented_priors_are_ten_and_twenty() -> None:
+    assert [len(list(own_atria.bad_priors(judging))) for judging in (False, True)] == [10, 20]
