@@ -15,7 +15,8 @@ from o3dls.io.case_reader import read_case
 
 # groups as benchmarks.accuracy names them
 SEEDED = re.compile(
-    r"(lah|la|(?:jar|star|extra|missing|sparse|beside)_\d+|cross_\d+_\S+|family_[a-z]+_\S+)_(\d+)$"
+    r"(lah|la|(?:jar|star|extra|missing|sparse|beside)_\d+|cross_\d+_\S+|family_[a-z]+_\S+"
+    r"|altered_[a-z]+_\d+)_(\d+)$"
 )
 # groups that share one setting of the peers: crossed atria by number of points, families by name and strength
 TUNED_TOGETHER = re.compile(r"(cross_\d+|family_[a-z]+_[\d.]+)(?:_|$)")

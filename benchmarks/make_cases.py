@@ -4,11 +4,13 @@
     python -m benchmarks.make_cases families cases/judge --data ../shared/data --judging
     python -m benchmarks.make_cases cross cases/judge --data ../shared/data --judging --only '*_1_even_2*'
 
-FOLDER holds priors/ls_prior and priors/toronto; what is in them is third parties' and goes into the cases
+    python -m benchmarks.make_cases altered cases/dev --data ../shared/data
+
+FOLDER holds priors/ls_prior, priors/toronto and, for `altered`, priors/lasc2018; what is in them is third parties' and goes into the cases
 only. Development cases (the default, seeds below 1000) are for choosing and for benchmarks.tune, judging
 cases (from 2000) are for nothing but the score. `cross` takes five atria for development and the other ten
 for judging; `pairs` takes every one of them as prior of every other, with few points; `families` moves all
-fifteen for judging, by other motions. Names are groups and seeds as
+fifteen for judging, by other motions; `altered` has something wrong (benchmarks.altered_cases). Names are groups and seeds as
 benchmarks.accuracy reads them:
 
     cross_<points>_<noise>_<even|clustered>[_outliers]_<seed>      outliers: 5 %
@@ -29,6 +31,7 @@ from itertools import permutations, product
 from pathlib import Path
 from time import perf_counter
 
+from benchmarks.altered_cases import Altered, altered_cases
 from data_synth import Mapping, cross, family, read_wall
 from data_synth.alignment import alongside
 from data_synth.families import FAMILIES
@@ -122,11 +125,18 @@ def moved(judging: bool) -> Iterator[Wanted]:
             )
 
 
-SETS = {"cross": crossed, "pairs": paired, "families": moved}
+def wrong(judging: bool) -> Iterator[Altered]:
+    """Cases with something wrong, and healthy ones beside them."""
+    return altered_cases(judging, JUDGING if judging else DEVELOPMENT)
 
 
-def made(wanted: Wanted, data: Path) -> Case:
+SETS = {"cross": crossed, "pairs": paired, "families": moved, "altered": wrong}
+
+
+def made(wanted: Wanted | Altered, data: Path) -> Case:
     """The case itself."""
+    if isinstance(wanted, Altered):
+        return wanted.made(data)
     prior = _wall(data, wanted.prior)
     if wanted.truth is None:
         return family(
