@@ -6,9 +6,9 @@
         healthy     even points, noise 1.5 mm, nothing wrong
         noisy       the same with 2 mm
 
-Atria are priors/lasc2018 la_60 to la_79 to develop and la_80 to la_99 to judge, every fourth one of ls_prior or
-toronto as benchmarks.make_cases parts them, and where the alteration allows phantoms. They move by the families of
-data_synth in turn, healthy ones with strength 1, others with 1 or 2.
+Atria are priors/lasc2018 la_60 to la_79 to develop and la_80 to la_99 to judge, every fourth one of ls_prior
+or toronto as benchmarks.make_cases parts them, and where the alteration allows phantoms. They move by the
+families of data_synth in turn, healthy ones with strength 1, others with 1 or 2.
 """
 
 from __future__ import annotations

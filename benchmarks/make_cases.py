@@ -6,12 +6,12 @@
 
     python -m benchmarks.make_cases altered cases/dev --data ../shared/data
 
-FOLDER holds priors/ls_prior, priors/toronto and, for `altered`, priors/lasc2018; what is in them is third parties' and goes into the cases
-only. Development cases (the default, seeds below 1000) are for choosing and for benchmarks.tune, judging
-cases (from 2000) are for nothing but the score. `cross` takes five atria for development and the other ten
-for judging; `pairs` takes every one of them as prior of every other, with few points; `families` moves all
-fifteen for judging, by other motions; `altered` has something wrong (benchmarks.altered_cases). Names are groups and seeds as
-benchmarks.accuracy reads them:
+FOLDER holds priors/ls_prior, priors/toronto and, for `altered`, priors/lasc2018; what is in them is third
+parties' and goes into the cases only. Development cases (the default, seeds below 1000) are for choosing and
+for benchmarks.tune, judging cases (from 2000) are for nothing but the score. `cross` takes five atria for
+development and the other ten for judging; `pairs` takes every one of them as prior of every other, with few
+points; `families` moves all fifteen for judging, by other motions; `altered` has something wrong
+(benchmarks.altered_cases). Names are groups and seeds as benchmarks.accuracy reads them:
 
     cross_<points>_<noise>_<even|clustered>[_outliers]_<seed>      outliers: 5 %
     family_<name>_<motion>_<landmarks|rough>_<seed>                250 points, noise per point; every second

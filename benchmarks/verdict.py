@@ -1,17 +1,17 @@
 """The verdict as a classifier: python -m benchmarks.verdict FOLDER... --records FILE
 
     python -m benchmarks.make_cases altered cases/dev --data ../shared/data
-    python -m benchmarks.verdict cases/dev --records dev.jsonl --runs runs/dev       every case, one line each
-    python -m benchmarks.verdict cases/dev --records dev.jsonl --peers               the peers, on lines of their own
+    python -m benchmarks.verdict cases/dev --records dev.jsonl --runs runs/dev      every case, one line each
+    python -m benchmarks.verdict cases/dev --records dev.jsonl --peers poisson      and a peer's error
     python -m benchmarks.verdict --table dev.jsonl --csv dev.csv
     python -m benchmarks.verdict --again runs/dev --records dev.jsonl --out new.jsonl
 
-Each case is run as `o3dls run --case` runs it, without folds unless asked for, and graded as a user sees it who
-has no truth: truth, held-out points and correspondence are hidden from the run. With `--runs` the run folders
-stay, and `--again` grades them anew, without fitting, when the checks have changed; warnings are those of the
-fit. A line has the grade, every check and warning, the expected error, the raw statistics that a check could use
-(benchmarks.verdict_statistics) and the true errors of every estimate. What is a bad result, and what the table
-says of them, is in benchmarks.verdict_table.
+Each case is run as `o3dls run --case` runs it, without folds unless asked for, and graded as a user sees it
+who has no truth: truth, held-out points and correspondence are hidden from the run. With `--runs` the run
+folders stay, and `--again` grades them anew, without fitting, when the checks have changed; warnings are
+those of the fit. A line has the grade, every check and warning, the expected error, the raw statistics that a
+check could use (benchmarks.verdict_statistics) and the true errors of every estimate. What is a bad result,
+and what the table says of them, is in benchmarks.verdict_table.
 """
 
 from __future__ import annotations
@@ -32,6 +32,7 @@ from benchmarks.cases import Listed, find
 from o3dls.pipeline.workers import workers
 
 Record = dict[str, Any]
+PEERS = ("thin-plate", "poisson", "pycpd", "nricp_sumner", "open3d icp")  # the quick ones first
 
 
 def judged(listed: Listed, folds: int = 0, keep: Path | None = None) -> Record:
@@ -85,20 +86,22 @@ def graded_again(record: Record, runs: Path) -> Record:
     return record | grading(folder) if folder.is_dir() and "error" not in record else record
 
 
-def compared(listed: Listed, records: dict[str, Record]) -> Record:
-    """The peers' mean errors on a case, from the pose of its ICP."""
+def compared(listed: Listed, records: dict[str, Record], names: list[str]) -> Record:
+    """The mean errors of some peers on a case, from the pose of its ICP."""
     from benchmarks.verdict_truth import peers_errors
 
     pose = records[listed.name]["stats"]["icp_pose"]
-    return {"case": listed.name, "peers": peers_errors(listed, pose)}
+    return {"case": listed.name, "peers": peers_errors(listed, pose, names)}
 
 
 def read_records(path: Path | None) -> dict[str, Record]:
-    """Records by case: lines of one case are joined."""
+    """Records by case: lines of one case are joined, and so are their peers."""
     found: dict[str, Record] = {}
     lines = path.read_text().splitlines() if path and path.is_file() else []
     for record in map(json.loads, lines):
-        found[record["case"]] = found.get(record["case"], {}) | record
+        before = found.get(record["case"], {})
+        peers = before.get("peers", {}) | record.get("peers", {})
+        found[record["case"]] = before | record | ({"peers": peers} if peers else {})
     return found
 
 
@@ -121,7 +124,13 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--jobs", type=int, default=1, help="processes side by side")
     parser.add_argument("--folds", type=int, default=0, help="folds of the cross-validation")
     parser.add_argument("--runs", type=Path, help="keep the run folders here")
-    parser.add_argument("--peers", action="store_true", help="run the peers on the cases that have none yet")
+    parser.add_argument(
+        "--peers",
+        nargs="*",
+        choices=PEERS,
+        metavar="NAME",
+        help="run these peers, or all, on the cases that have none of them yet",
+    )
     parser.add_argument("--table", type=Path, help="print the table of these records")
     parser.add_argument("--csv", type=Path, help="with --table: every case as a row")
     parser.add_argument("--again", type=Path, help="grade the run folders kept here anew, into --out")
@@ -132,9 +141,11 @@ def _arguments() -> argparse.Namespace:
 def _run(arguments: argparse.Namespace) -> None:
     records = read_records(arguments.records)
     listed = find(arguments.folders)
-    if arguments.peers:
-        todo = [one for one in listed if "grade" in (r := records.get(one.name, {})) and "peers" not in r]
-        work = partial(compared, records={one.name: records[one.name] for one in todo})
+    if arguments.peers is not None:
+        names = arguments.peers or list(PEERS)
+        graded = [one for one in listed if "grade" in records.get(one.name, {})]
+        todo = [one for one in graded if not set(names) & records[one.name].get("peers", {}).keys()]
+        work = partial(compared, records={one.name: records[one.name] for one in todo}, names=names)
     else:
         todo = [one for one in listed if one.name not in records]
         work = partial(judged, folds=arguments.folds, keep=arguments.runs)

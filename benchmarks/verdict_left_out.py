@@ -1,8 +1,8 @@
 """Blocked leave-out predictions of the motion without a refit: from the posterior of its last round.
 
-With C the covariance of the rows' residuals, noise included, and alpha = C^-1 z, rows B left out together are
-predicted with residual [C^-1]_BB^-1 alpha_B and covariance [C^-1]_BB^-1 (Rasmussen and Williams 2006, 5.12): feet,
-amplitudes, noise and beliefs stay as they were, so this is kinder than a refit.
+With C the covariance of the rows' residuals, noise included, and alpha = C^-1 z, rows B left out together
+are predicted with residual [C^-1]_BB^-1 alpha_B and covariance [C^-1]_BB^-1 (Rasmussen and Williams 2006,
+5.12). Feet, amplitudes, noise and beliefs stay as they were, so this is kinder than a refit.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ from o3dls.estimate import Estimate
 from o3dls.pipeline.cross_validation import blocks
 
 Statistics = dict[str, Any]
-BELIEVED = 3.0  # a row whose noise is so many times the noise level or more is of a point that is not believed
+BELIEVED = 3.0  # noise levels, from which on a row's own noise is that of a point that is not believed
 BLOCKS = (1, 8, 16, 32)  # rows per block: alone, and neighbours together
 
 
 def left_out_statistics(estimate: Estimate) -> Statistics:
-    """Per size of block: mean size of the residuals (`left_8_mm`), their rms over the noise-free deviation and
-    noise that is predicted (`left_8_z`), Mahalanobis square per row (`left_8_chi`), and the worst block's
-    mean.
+    """Per size of block: mean size of the residuals (`left_8_mm`), their rms over the deviation that is
+    predicted, noise included (`left_8_z`), Mahalanobis square per row (`left_8_chi`), and the worst block's
+    mean (`left_8_worst_mm`).
     """
     fit = estimate.fit
     if fit is None:

@@ -1,7 +1,8 @@
 """Numbers that a check could use of a run, none of which needs the truth: for benchmarks.verdict.
 
-Lengths in mm. `far_*`: wall without points near it; `resid_*`: believed points against an estimate, outward
-positive; `left_*`: see benchmarks.verdict_left_out; `apart_a_b`: mean distance between two estimates, both ways.
+Lengths in mm. `far_*`: wall without points near it; `resid_*`: mapping points against an estimate, outward
+positive; `left_*`: see benchmarks.verdict_left_out; `apart_a_b`: mean distance between two estimates, both
+ways.
 """
 
 from __future__ import annotations

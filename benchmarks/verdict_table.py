@@ -1,8 +1,8 @@
 """The table of benchmarks.verdict: how well grade, checks and warnings tell bad results from good ones.
 
-A result is bad where its true mean error, both directions, is above twice the error that its headline expects,
-or above 1.2 times that of the best tuned peer. AUC: how often a bad result has the worse grade of a bad and a
-good one, ties half. What was refused has no result, and is counted apart.
+A result is bad where its true mean error, both directions, is above twice the error that its headline
+expects, or above 1.2 times that of the best tuned peer. AUC: how often a bad result has the worse grade of a
+bad and a good one, ties half. What was refused has no result, and is counted apart.
 """
 
 from __future__ import annotations

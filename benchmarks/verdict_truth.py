@@ -19,7 +19,7 @@ from o3dls.geometry.surface import Surface
 
 Record = dict[str, Any]
 SAMPLES = 8000
-SLOW = {"pycpd": 1000}  # points, above which a peer is left out
+SLOW = {"pycpd": 1200, "nricp_sumner": 1200}  # points, above which a peer is left out
 TUNED_POINTS = (100, 250, 1000, 4000, 20_000)  # of the crossed atria, on which all peers are tuned
 
 
@@ -62,9 +62,9 @@ def _split(case: Case, source: Surface, target: Surface) -> tuple[Array, Array]:
     return gap[near], gap[~near]
 
 
-def peers_errors(listed: Listed, pose: list[list[float]]) -> dict[str, float]:
-    """Mean error (both directions) of every peer as tuned for the group, or else for crossed atria of as many
-    points; from a pose.
+def peers_errors(listed: Listed, pose: list[list[float]], names: list[str]) -> dict[str, float]:
+    """Mean error (both directions) of the named peers as tuned for the group, or else for crossed atria of as
+    many points; from a pose.
     """
     from benchmarks.peers import FAILURES, PEERS, applicable
     from benchmarks.tune import tuned
@@ -73,7 +73,7 @@ def peers_errors(listed: Listed, pose: list[list[float]]) -> dict[str, float]:
     settings = tuned().get(tuned_as(listed.group)) or tuned()[_like(case)]
     found = {}
     for name in applicable(case):
-        if name not in settings or len(case.points.of("eam")) > SLOW.get(name, np.inf):
+        if name not in {*names} & settings.keys() or len(case.points.of("eam")) > SLOW.get(name, np.inf):
             continue
         try:
             surface = PEERS[name](case.visible(), np.array(pose), **settings[name]["parameters"])

@@ -168,9 +168,7 @@ def _with_points(case: Case, added: Points) -> Case:
     """The case with mapping points behind its own, all of them outliers unless their rows are known."""
     own, n = case.points, len(case.points)
     names = dict.fromkeys([*own.columns, *added.columns])
-    columns = {
-        name: np.concatenate([_column(own, name, added), _column(added, name, own)]) for name in names
-    }
+    columns = {name: np.concatenate([_column(own, name, added), _column(added, name, own)]) for name in names}
     points = Points(np.vstack([own.xyz, added.xyz]), np.append(own.type, added.type), columns)
     truth = _truth(case)
     before = np.zeros(0, dtype=np.int64) if truth.outliers is None else truth.outliers

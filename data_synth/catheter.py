@@ -28,7 +28,7 @@ DEPTH = (3.0, 10.0)  # mm, how far inside points without contact are
 
 @dataclass(frozen=True)
 class Path:
-    """How a catheter maps: number of points, rms error per axis in mm, share of the points without contact."""
+    """How a catheter maps: number of points, rms error per axis in mm, share of points without contact."""
 
     points: int = 250
     rms: float = 1.5

@@ -1,4 +1,6 @@
-"""Priors as segmentation goes wrong: leaked into what lies beside the atrium, or cut short on thick voxels."""
+"""Priors as segmentation goes wrong: leaked into what lies beside the atrium, or cut short on thick
+voxels.
+"""
 
 from __future__ import annotations
 
@@ -21,6 +23,7 @@ BALL = (15.0, 21.0)  # mm, radius of a ventricle
 TUBE = (8.0, 10.5)  # mm, radius of an aorta
 LENGTH = (70.0, 100.0)  # mm
 OVERLAP = (2.0, 5.0)  # mm by which what leaked lies within the atrium: the leak's mouth
+BLEND = 3.0  # mm, of the groove about the mouth
 VOXEL = (1.25, 1.25, 2.5)  # mm
 SHORT = (10.0, 15.0)  # mm that an end lost
 END = 22.0  # mm: an end is what lies within this of its tip
@@ -31,23 +34,39 @@ def leaked(rng: np.random.Generator, prior: Surface, into: Leak) -> Surface:
     overlaps it by 2 to 5 mm on a side where no vein is.
     """
     way, reach = free_side(rng, prior)
-    centre = wall.body(prior)[0]
-    overlap = rng.uniform(*OVERLAP)
-    if into == "ventricle":
-        radius = rng.uniform(*BALL)
-        other = shapes.ball(centre + (reach + radius - overlap) * way, radius)
-        ends = (centre + (reach + radius) * way)[None]
-    else:
-        radius = rng.uniform(*TUBE)
-        axis = np.cross(way, moves.direction(rng))
-        half = 0.5 * rng.uniform(*LENGTH) * axis / np.linalg.norm(axis)
-        middle = centre + (reach + radius - overlap) * way
-        ends = np.array([middle - half, middle + half])
-        other = shapes.round_cone(*ends, radius, radius + 0.01)
-    corners = np.vstack([prior.vertices, ends - radius, ends + radius])
+    touching = wall.body(prior)[0] + reach * way
+    other, ends = _ventricle(rng) if into == "ventricle" else _aorta(rng, way)
+    at = _against(prior, other, touching, way, rng.uniform(*OVERLAP))
+    corners = np.vstack([prior.vertices, at + ends])
     low, high = corners.min(axis=0) - MARGIN, corners.max(axis=0) + MARGIN
-    both = shapes.union(solid(prior), other, blend=3.0)
+    both = shapes.union(solid(prior), shapes.move(other, at), blend=BLEND)
     return wall.mended(wall.largest(mesh(both, low, high, SPACING)))
+
+
+def _ventricle(rng: np.random.Generator) -> tuple[Shape, Array]:
+    """A ball about the origin, and corners (k, 3) of its box."""
+    radius = rng.uniform(*BALL)
+    return shapes.ball(np.zeros(3), radius), radius * np.array([[-1.0] * 3, [1.0] * 3])
+
+
+def _aorta(rng: np.random.Generator, way: Array) -> tuple[Shape, Array]:
+    """A tube across a direction, its middle in the origin, and corners of its ends' boxes."""
+    radius = rng.uniform(*TUBE)
+    axis = np.cross(way, moves.direction(rng))
+    half = 0.5 * rng.uniform(*LENGTH) * axis / np.linalg.norm(axis)
+    ends = np.array([-half, half])
+    return shapes.round_cone(-half, half, radius, radius + 0.01), np.vstack([ends - radius, ends + radius])
+
+
+def _against(prior: Surface, other: Shape, start: Array, way: Array, overlap: float) -> Array:
+    """Where a shape has to stand along a direction, so that the wall lies within it by `overlap` (mm): the
+    side has hollows, and beside one a tube would touch nothing.
+    """
+    at = start + 2.0 * BALL[1] * way
+    for _ in range(60):
+        deep = float(other(prior.vertices - at).min())
+        at = at - max(deep + overlap, 0.0) * way
+    return at
 
 
 def coarse(rng: np.random.Generator, prior: Surface) -> Surface:
