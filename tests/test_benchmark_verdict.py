@@ -17,6 +17,7 @@ from benchmarks import verdict
 from benchmarks.cases import Listed
 from benchmarks.verdict_left_out import _of_blocks
 from benchmarks.verdict_table import auc, rank_correlation, reasons, table, write_csv
+from o3dls.io.case_reader import read_case
 from o3dls.io.case_writer import write_case
 from o3dls.resources import demo_case
 
@@ -128,10 +129,9 @@ def test_a_run_is_graded_without_its_truth_and_again_from_its_folder(tmp_path: P
 
 
 def test_a_case_that_is_refused_says_why(tmp_path: Path) -> None:
-    from data_synth import atrium
-
-    case = atrium(SEED, points=30)
-    write_case(tmp_path / "made", replace(case, points=case.points.select(np.arange(5))))
+    case = read_case(demo_case())
+    metres = replace(case.points, xyz=0.001 * case.points.xyz)
+    write_case(tmp_path / "made", replace(case, points=metres))
     found = verdict.judged(Listed("made", "made", tmp_path / "made"))
     assert "grade" not in found
-    assert "at least 10" in found["error"]
+    assert "# units=m" in found["error"]
