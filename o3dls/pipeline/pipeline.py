@@ -26,7 +26,14 @@ from ..runs.scoring import scored
 from ..runs.writers import Writer
 from .cross_validation import Folds, too_many
 from .doubts import doubtful_points
-from .start import components_without_points, doubtful_pose, misfit, pose_unknown, start_estimate
+from .start import (
+    components_without_points,
+    doubtful_pose,
+    misfit,
+    pose_unknown,
+    start_digest,
+    start_estimate,
+)
 
 START = "start"
 MOST_FOLDS = 50
@@ -46,6 +53,8 @@ class Pipeline:
     case: Path | None = field(default=None, kw_only=True)
     out: Path | None = field(default=None, kw_only=True)
     folds: int = field(default=5, kw_only=True)
+    # of the case in whose start `allowed_by` found nothing to doubt: that is asked once
+    sound_start: str = field(default="", kw_only=True, compare=False, repr=False)
 
     def __post_init__(self) -> None:
         for name, kind in (("stages", Stage), ("writes", Writer)):
@@ -147,7 +156,7 @@ class Pipeline:
 
     def _with_start_warnings(self, case: Case, estimates: dict[str, Estimate]) -> dict[str, Estimate]:
         """The estimates with the warnings on their common start, which every one of them depends on."""
-        found = doubtful_pose(case, estimates[START]) if self._knows_pose else []
+        found = doubtful_pose(case, estimates[START], self.sound_start) if self._knows_pose else []
         final = estimates[self.names[-1]]
         found += components_without_points(case, final.T_map_prior)
         found += doubtful_points(case, estimates[START], final)
@@ -191,7 +200,7 @@ class Pipeline:
             if why := plugin.obstacle(case):
                 log.info("Skipping '%s': %s", plugin.name, why)
         stages = [stage for stage in self.stages if not stage.obstacle(case)]
-        if self._knows_pose and pose_unknown(case):
+        if unknown := self._knows_pose and pose_unknown(case):
             from ..stages.global_pose import GlobalPose
 
             log.info(
@@ -199,9 +208,9 @@ class Pipeline:
                 "points do not lie on the prior"
             )
             stages = [GlobalPose(), *stages]
-        return replace(
-            self, stages=stages, writes=[writer for writer in self.writes if not writer.obstacle(case)]
-        )
+        writes = [writer for writer in self.writes if not writer.obstacle(case)]
+        sound = start_digest(case) if self._knows_pose and not unknown else ""
+        return replace(self, stages=stages, writes=writes, sound_start=sound)
 
     def _own_case(self) -> Case:
         from ..io.case_reader import read_case
