@@ -124,6 +124,14 @@ class SurplusSettings:
 
 
 @dataclass(frozen=True)
+class OwnPartSettings:
+    """When a part of the patient's own anatomy is given up: never because no catheter was there."""
+
+    reach: float = number(1.0, "clips", "from the new wall, beyond which the prior's inside is a lost part")
+    evidence: float = number(15.0, "nats", "by which points must be likelier without it: three that lie deep")
+
+
+@dataclass(frozen=True)
 class HandleSettings:
     """Which handles a reconstruction keeps, and how it gets rid of the others."""
 
@@ -182,4 +190,5 @@ class ReconstructionSettings:
     normals: NormalSettings = field(default_factory=NormalSettings)
     amplitude: AmplitudeSettings = field(default_factory=AmplitudeSettings)
     surplus: SurplusSettings = field(default_factory=SurplusSettings)
+    own_parts: OwnPartSettings = field(default_factory=OwnPartSettings)
     handles: HandleSettings = field(default_factory=HandleSettings)

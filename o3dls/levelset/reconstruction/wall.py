@@ -21,7 +21,7 @@ from .normals import nearest
 from .point_density import PointDensity
 from .reconstruct import Reconstruction
 from .settings import ReconstructionSettings
-from .surplus import surplus
+from .surplus import own_parts_kept, surplus
 
 EVEN = 0.8  # area of wall per node on it and squared spacing, for a surface of any direction
 
@@ -38,9 +38,11 @@ def reconstructed_wall(
     prior, least = found.prior, settings.least_outside * found.prior.spacing
     begun = phi = _on_lattice(found, settings)
     phi, removed = without_pinched_off(phi, found, settings)
-    cut = 0
     if found.template:
         phi, cut = without_surplus(phi, found, settings)
+        removed += cut
+    else:
+        phi, removed = own_parts_kept(phi, found.wall, prior, found.contact, settings.own_parts)
     outside, filled = without_pinched_off(-phi, found, settings)
     phi = smooth_cuts(-outside, begun, settings.cut_smoothing)
     around = _around_wall(phi, 2)
@@ -53,7 +55,7 @@ def reconstructed_wall(
     meshed = mesh(made)
     if components_and_euler(*meshed) != components_and_euler(wall.vertices, wall.faces):
         wall = regularised(wall, prior.spacing)
-    return wall, removed + cut, filled
+    return wall, removed, filled
 
 
 def without_surplus(phi: Array, found: Reconstruction, settings: ReconstructionSettings) -> tuple[Array, int]:
