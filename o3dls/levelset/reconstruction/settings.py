@@ -171,6 +171,7 @@ class ReconstructionSettings:
         0.3, "clips", "outside the moved prior, from which the inside needs points around it"
     )
     bare_between: float = number(1.5, "distances between points", "to the nearest one, at most")
+    fading: float = number(1.0, "clips", "farther from points, over which the field fades to the moved prior")
     neck: float = number(0.6, "distances between points", "half as wide necks hang by gaps between points,")
     widest_neck: float = number(0.09, "rms radii", "but no wider than 3 mm")
     expected: float = number(10.0, "points", "that a part has room for, if it can lack them")

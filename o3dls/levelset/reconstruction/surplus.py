@@ -200,7 +200,7 @@ def own_parts_kept(
         if _gain(phi, wall.of(near[tuple(node.T)]), prior, contact) > settings.evidence:
             contradicted += 1
         else:
-            lost = near & own & ~inside
+            lost = near & own
             kept[lost] = np.minimum(kept[lost], prior.box[lost])
     return kept, contradicted
 

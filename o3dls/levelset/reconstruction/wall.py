@@ -93,9 +93,11 @@ def _on_lattice(found: Reconstruction, settings: ReconstructionSettings) -> Arra
     marked[tuple(_nodes(np.vstack([found.wall.feet, found.inside]), found).T)] = True
     reach = max(settings.around * prior.clip, settings.around_between * found.between)
     alone = settings.bare_between * found.between
-    gap = gaps(marked, max(reach, alone) / prior.spacing) * prior.spacing
+    faded = alone + settings.fading * prior.clip
+    gap = gaps(marked, max(reach, faded) / prior.spacing) * prior.spacing
     near = (np.abs(phi) < prior.clip) | (gap < reach)
-    phi += np.where(near, found.field.on_box(prior.low, phi.shape, prior.spacing), 0.0)
+    told = np.clip((faded - gap) / (faded - alone), 0.0, 1.0)
+    phi += np.where(near, told * found.field.on_box(prior.low, phi.shape, prior.spacing), 0.0)
     # the box ends outside, or the wall would stay open there: far from points the field may say anything
     least = settings.least_outside * prior.spacing
     ends = np.pad(np.zeros(np.subtract(phi.shape, 2), dtype=bool), 1, constant_values=True)
