@@ -57,6 +57,13 @@ KINDS: tuple[tuple[str, tuple[int, ...]], ...] = (
     ("path", (4000,)),
     ("ventricle", (500,)),
     ("aorta", (500,)),
+    ("side", (500,)),
+    ("scaled", (1000,)),
+    ("breathing", (2000,)),
+    ("floating", (2000,)),
+    ("tented", (2000,)),
+    ("ventricle", (2000,)),
+    ("aorta", (2000,)),
 )
 TAKEN = {"half": 2, "quarter": 4, "veins": 1.6}  # times the points, of which a part is kept
 WITHOUT_PHANTOMS = ("stranger", "inside", "healthy", "noisy", "veins")
