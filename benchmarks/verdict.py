@@ -81,9 +81,15 @@ def grading(folder: Path) -> Record:
 
 
 def graded_again(record: Record, runs: Path) -> Record:
-    """The record with what the checks say now of the run that was kept."""
+    """The record with what the checks say now of the run that was kept, and with statistics that are new."""
+    from benchmarks.verdict_statistics import statistics
+    from o3dls.runs.folder import read_run
+
     folder = runs / record["case"]
-    return record | grading(folder) if folder.is_dir() and "error" not in record else record
+    if "error" in record or not folder.is_dir():
+        return record
+    stats = record["stats"] | statistics(read_run(folder))
+    return record | grading(folder) | {"stats": stats}
 
 
 def compared(listed: Listed, records: dict[str, Record], names: list[str]) -> Record:

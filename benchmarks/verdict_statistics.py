@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.verdict_left_out import left_out_statistics
-from o3dls.arrays import Array
+from o3dls.arrays import Array, Mask
 from o3dls.estimate import Estimate
 from o3dls.evaluation.distances import distances, landmark_errors, sample
 from o3dls.geometry.surface import Surface
@@ -28,7 +28,9 @@ NEIGHBOURS = 6
 
 
 def statistics(run: Run) -> Statistics:
-    """All of them, as JSON holds them; what a run does not have is left out."""
+    """All of them, as JSON holds them; what a run does not have is left out, as a run that was read from its
+    folder has no fit.
+    """
     named = dict(run.estimates) | {"final": run.estimates[run.final]}
     found: Statistics = {"final": run.final, "icp_pose": named["icp"].T_map_prior.tolist()}
     for name, estimate in named.items():
@@ -118,7 +120,7 @@ def _going_together(name: str, points: Array, signed: Array) -> Statistics:
 
 def _wall(run: Run, final: Estimate) -> Statistics:
     """Deviation of the final wall, and its parts without points."""
-    surface = with_fields(run.case, final, run.fitted[run.final])
+    surface = with_fields(run.case, final, run.fitted.get(run.final, ()))
     gap = surface.fields[f"distance_to_nearest_point_{run.unit}"]
     area = surface.vertex_areas / surface.vertex_areas.sum()
     found: Statistics = {f"far_share_{far:g}": float(area @ (gap > far)) for far in BEYOND}
@@ -136,7 +138,8 @@ def _wall(run: Run, final: Estimate) -> Statistics:
 
 def _far_part(surface: Surface, gap: Array, area: Array) -> Statistics:
     """The connected part of the wall farther than 10 mm from all points whose farthest vertex is farthest:
-    its share of the area, and its widest extent.
+    its share of the area, its area, its widest extent, and how much of a pocket it is: the square of its rim
+    over 4 pi of its area, 1 for a flat disc, .5 for half a ball, far less for a tube or a ball on a neck.
     """
     from scipy import sparse
     from scipy.sparse.csgraph import connected_components
@@ -149,7 +152,25 @@ def _far_part(surface: Surface, gap: Array, area: Array) -> Statistics:
     label = connected_components(graph, directed=False)[1]
     part = (label == label[gap.argmax()]) & far
     extent = np.ptp(surface.vertices[part], axis=0).max() if part.any() else 0.0
-    return {"far_part_share": float(area @ part), "far_part_extent": float(extent)}
+    size, rim = float(area @ part) * surface.area, _rim(surface, part)
+    pocket = rim**2 / (4.0 * np.pi * size) if size > 0.0 else None
+    return {
+        "far_part_share": float(area @ part),
+        "far_part_extent": float(extent),
+        "far_part_area": size,
+        "far_part_pocket": pocket,
+    }
+
+
+def _rim(surface: Surface, part: Mask) -> float:
+    """Length of the border of a part of the vertices (n,): of edges between faces within it and others."""
+    inside = part[surface.faces].all(axis=1)
+    directed = [surface.faces[inside][:, pair] for pair in ([0, 1], [1, 2], [2, 0])]
+    edges = np.vstack(directed)
+    n = len(surface.vertices)
+    lone = ~np.isin(edges[:, 0] * n + edges[:, 1], edges[:, 1] * n + edges[:, 0])
+    ends = surface.vertices[edges[lone]]
+    return float(np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1).sum())
 
 
 def _outliers(run: Run, deform: Estimate) -> Statistics:

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from benchmarks.altered_cases import KINDS
-from data_synth import Mapping, atrium, family, pose
-from data_synth.altered import ALTERATIONS, LOST, MISMARKED, OTHERS, SHIFTED, SIZE, altered
+from data_synth import Mapping, atrium, family, pose, wall
+from data_synth.altered import ALTERATIONS, LOST, MISMARKED, altered
 from data_synth.atrium import anatomy
 from data_synth.catheter import Path, walked
+from data_synth.faulty_maps import BODY, BREATH, OFF, OTHERS, SHIFTED, SIDES, SIZE
 from data_synth.meshing import mesh
 from data_synth.segmentation import BALL, OVERLAP, VOXEL, coarse, leaked, solid
 from o3dls import Case, InputError, Surface
@@ -108,6 +109,40 @@ def test_a_mirrored_prior_is_wound_outwards_with_its_landmarks_where_they_were(g
         assert distances(at[None], found.prior)[0] == pytest.approx(before, abs=1e-6)
 
 
+def test_points_of_one_side_float_or_push_and_are_known_not_to_touch(good: Case) -> None:
+    for kind, sign in (("floating", -1.0), ("tented", 1.0)):
+        found = altered(good, kind, SEED)
+        moved = np.flatnonzero((found.points.xyz != good.points.xyz).any(axis=1))
+        length = np.linalg.norm(found.points.xyz[moved] - good.points.xyz[moved], axis=1)
+        assert length.max() < OFF[1] + 0.01
+        assert 0.3 * SIDES[kind] < len(moved) / 200 < 2.0 * SIDES[kind]
+        assert found.truth is not None
+        assert found.truth.outliers is not None
+        assert np.isin(moved, found.truth.outliers).all()
+        assert found.truth.surface is not None
+        deepest = moved[length > 5.0]
+        assert (sign * solid(found.truth.surface)(found.points.xyz[deepest]) > 0.0).mean() > 0.9
+
+
+def test_a_breath_moves_all_along_one_direction_and_landmarks_not(good: Case) -> None:
+    moves = altered(good, "breathing", SEED).points.xyz - good.points.xyz
+    assert not moves[good.points.type == "landmark"].any()
+    spread = np.linalg.svd(moves, compute_uv=False)
+    assert spread[1] < 0.01 * spread[0]
+    assert BREATH[0] - 0.5 < np.linalg.norm(moves, axis=1).max() < BREATH[1] + 0.01
+
+
+def test_parts_of_a_map_are_where_they_say(good: Case) -> None:
+    assert len(altered(good, "quarter", SEED).points.of("eam")) == 50
+    found = altered(good, "veins", SEED)
+    assert found.truth is not None
+    assert found.truth.surface is not None
+    centre, radius = wall.body(found.truth.surface)
+    assert np.linalg.norm(found.points.of("eam").xyz - centre, axis=1).max() < BODY * radius
+    assert 100 < len(found.points.of("eam")) < 200
+    assert len(found.points.of("landmark")) == 4
+
+
 def test_a_scaled_map_is_larger_and_another_chambers_points_are_outliers(good: Case) -> None:
     size = [np.ptp(case.points.xyz, axis=0) for case in (altered(good, "scaled", SEED), good)]
     assert size[0] / size[1] == pytest.approx(SIZE, abs=1e-3)
@@ -154,7 +189,7 @@ def test_errors_along_a_path_go_together_and_have_their_size(rms: float, rest: S
 def test_an_unknown_alteration_is_refused_and_the_benchmark_knows_all(good: Case) -> None:
     with pytest.raises(InputError, match="no alteration 'lots': there are aorta"):
         altered(good, "lots", SEED)
-    assert set(ALTERATIONS) < set(KINDS)
+    assert set(ALTERATIONS) < {kind for kind, _ in KINDS}
 
 
 def test_a_phantom_can_be_altered_too() -> None:
