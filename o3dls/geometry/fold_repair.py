@@ -24,7 +24,7 @@ BLOCK = 2000  # faces whose surroundings are in memory at a time
 ENOUGH = 16_000  # vertices: of more, an even part tells how the surroundings turned
 SLIVER = 0.01  # longest edges: the height of a face that is no more than a line
 ROUNDS = 6  # each factorises once, and later ones mend few faces more
-PASSES = 2  # of straightening: later ones mend one face in a thousand
+PASSES = 2  # of straightening: later ones mend two folded faces in a thousand
 MOST_BENT = 0.5  # of the vertices
 FEW = 8  # faces: so many more than twice those at first come and go while a patch grows
 

@@ -119,13 +119,14 @@ def _better_pose(case: Case, start: Estimate) -> str:
     """
     from ..registration.match import SurfaceMatcher
     from ..stages.icp import ICP, fitted_places
-    from ..stages.pose_checks import better_pose
+    from ..stages.pose_checks import better_pose, own_pose
 
     icp = ICP()
     points, _ = fitted_places(case)
     surface = SurfaceMatcher(case.prior)
-    aligned = icp.aligned(points, surface, start.T_map_prior)
-    return better_pose(case.units, points, surface, aligned, scale=icp.scale)
+    found = icp.aligned(points, surface, start.T_map_prior)
+    some, own = own_pose(points, surface, found, lambda xyz, T: icp.aligned(xyz, surface, T))
+    return better_pose(case.units, some, surface, own, scale=icp.scale)
 
 
 def components_without_points(case: Case, T_map_prior: Array) -> list[RunWarning]:

@@ -16,7 +16,7 @@ from .icp import Alignment, Criteria, align, wall_or_cavity
 from .lattice import signed_lattice
 from .match import SurfaceMatcher
 from .metrics import point_to_plane
-from .search import APART, WIDTHS, search, thinned
+from .search import APART, WIDTHS, Poses, search, thinned
 from .step import Freedom
 
 BLOCKS = 25  # neighbouring points err alike, so blocks of them are compared, not single points
@@ -48,9 +48,10 @@ def candidates(points: Array, surface: SurfaceMatcher, *, starts: int, scale: bo
     """
     middle = surface.surface.vertices.mean(axis=0)
     found = search(points, signed_lattice(surface.surface), middle, surface.radius, starts)
-    poses = [found.T_map_prior(row, scale=scale) for row in range(len(found.costs))]
-    tried = [refined(points, surface, pose, scale=scale) for pose in poses]
-    ranked = sorted((c for c in tried if c is not None), key=lambda candidate: float(candidate.costs.mean()))
+    refined = [_refined(points, surface, found, row, scale=scale) for row in range(len(found.costs))]
+    ranked = sorted(
+        (c for c in refined if c is not None), key=lambda candidate: float(candidate.costs.mean())
+    )
     apart: list[Candidate] = []
     for candidate in ranked:
         if all(angle_of(candidate.T_map_prior, other.T_map_prior) > APART for other in apart):
@@ -63,13 +64,15 @@ def candidates(points: Array, surface: SurfaceMatcher, *, starts: int, scale: bo
     return apart
 
 
-def refined(points: Array, surface: SurfaceMatcher, T_map_prior: Array, *, scale: bool) -> Candidate | None:
-    """A pose (d+1, d+1) after ICP to points (n, d); None where ICP cannot go on from it."""
+def _refined(
+    points: Array, surface: SurfaceMatcher, found: Poses, row: int, *, scale: bool
+) -> Candidate | None:
+    """The pose after ICP; None where ICP cannot go on from it."""
     try:
         alignment = align(
             points,
             surface,
-            T_map_prior,
+            found.T_map_prior(row, scale=scale),
             metric=point_to_plane,
             belief=wall_or_cavity(surface.radius),
             freedom=Freedom(scale, 0.1, (0.5, 2.0)),

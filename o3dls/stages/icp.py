@@ -40,9 +40,10 @@ class ICP(ICPParameters):
         surface = SurfaceMatcher(case.prior)
         found = self.aligned(points, surface, start.T_map_prior)
         if self.verify:
-            from .pose_checks import better_pose
+            from .pose_checks import better_pose, own_pose
 
-            if better := better_pose(case.units, points, surface, found, scale=self.scale):
+            some, own = own_pose(points, surface, found, lambda xyz, T: self.aligned(xyz, surface, T))
+            if better := better_pose(case.units, some, surface, own, scale=self.scale):
                 raise InputError(f"case {case.name}: {better}")
         return as_estimate(case, found, place, scale=self.scale)
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,6 +13,8 @@ if TYPE_CHECKING:
     from ..registration.global_pose import Candidate
     from ..registration.icp import Alignment
     from ..registration.match import SurfaceMatcher
+
+    Align = Callable[[Array, Array], Alignment]
 
 STARTS = 800  # rotations that a search tries
 ENOUGH = 1000  # places that tell one pose from another: more take time and change no answer
@@ -51,20 +55,36 @@ def better_mirrored(unit: str, points: Array, best: Candidate, other: Candidate)
     )
 
 
-def better_pose(unit: str, points: Array, surface: SurfaceMatcher, found: Alignment, *, scale: bool) -> str:
-    """A sentence where a search of all rotations finds a pose, or a mirror image, that fits points (n, d)
-    clearly better than the pose that ICP found. Of many points, the search and the comparison take some.
+def own_pose(
+    points: Array, surface: SurfaceMatcher, found: Alignment, align: Align
+) -> tuple[Array, Candidate]:
+    """The points, of (n, d), that a check of the pose that ICP found asks, and that pose with their costs;
+    `align` is the same ICP, to some points from a pose.
     """
-    from ..registration.global_pose import Candidate, angle_of, candidates, mirrored, refined
+    from ..errors import SolverError
+    from ..registration.global_pose import Candidate, angle_of
     from ..registration.search import APART
 
     own = Candidate.of(found, surface.radius)
     rows = asked_places(len(points))
-    if len(rows) < len(points):
-        points, own = points[rows], own.of_some(rows)
-        # the others are fitted to these, so that it has to be too; from where some lead away, it is as it was
-        again = refined(points, surface, found.T_map_prior, scale=scale)
-        own = again if again and angle_of(again.T_map_prior, found.T_map_prior) <= APART else own
+    if len(rows) == len(points):
+        return points, own
+    points = points[rows]
+    with suppress(SolverError):
+        # other poses are fitted to these points, so that this one has to be; where that leads away, it stays
+        again = Candidate.of(align(points, own.T_map_prior), surface.radius)
+        if angle_of(again.T_map_prior, own.T_map_prior) <= APART:
+            return points, again
+    return points, own.of_some(rows)
+
+
+def better_pose(unit: str, points: Array, surface: SurfaceMatcher, own: Candidate, *, scale: bool) -> str:
+    """A sentence where a search of all rotations finds a pose, or a mirror image, that fits points (n, d)
+    clearly better than the pose that ICP found, both as of `own_pose`.
+    """
+    from ..registration.global_pose import angle_of, candidates, mirrored
+    from ..registration.search import APART
+
     best = candidates(points, surface, starts=STARTS, scale=scale)[0]
     other_hand = candidates(points, mirrored(surface), starts=STARTS, scale=scale)[0]
     if better := better_mirrored(unit, points, best, other_hand):
