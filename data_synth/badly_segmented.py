@@ -64,18 +64,26 @@ def badly_segmented(
 
 
 def segmented(rng: np.random.Generator, whole: Surface, *, remeshed: bool) -> tuple[Surface, str]:
-    """The surface of a bad segmentation, and what is wrong with it in words. Of two of its tubes, drawn, one
-    is cut 3 to 6 mm beyond the body and the other is missing; voxels measure 1.25 x 1.25 x 2.5 mm along
-    tilted axes, and are read as o3dls reads a label volume or, `remeshed`, as a smoothed mask is meshed.
+    """The surface of a bad segmentation, and what is wrong with it in words. One of its tubes, drawn, is cut
+    3 to 6 mm beyond the body and the one beside it is missing, as the appendage beside a left vein: the
+    points there all lie off to one side, as those of a shifted part of the map would. Voxels measure
+    1.25 x 1.25 x 2.5 mm along tilted axes, and are read as o3dls reads a label volume or, `remeshed`, as a
+    smoothed mask is meshed.
     """
     parts = chamber(whole)
-    chosen = rng.permutation(parts.tubes)[:2]
-    left = dict(zip(chosen.tolist(), (float(rng.uniform(*CUT)), NONE), strict=False))
+    left = dict(zip(_beside(rng, whole, parts), (float(rng.uniform(*CUT)), NONE), strict=False))
     field = sampled(_without(whole, parts, left), whole.vertices, VOXEL[0])
     axes = turn(rng, float(rng.uniform(0.0, TILT)))
     surface = _smooth(field, whole, axes) if remeshed else _read(field, whole, axes)
     said = ", ".join(f"tube {k} cut {depth:.1f} mm beyond the body" for k, depth in left.items())
     return wall.mended(wall.largest(surface)), f"{said}, " + ("remeshed" if remeshed else "a label volume")
+
+
+def _beside(rng: np.random.Generator, whole: Surface, parts: Chamber) -> list[int]:
+    """Numbers of a tube and of the one nearest to it; of the tube alone where there is no other."""
+    middles = np.array([whole.vertices[parts.tube == k].mean(axis=0) for k in range(parts.tubes)])
+    first = int(rng.integers(parts.tubes))
+    return [int(k) for k in np.argsort(np.linalg.norm(middles - middles[first], axis=1))[:2]]
 
 
 def _without(whole: Surface, parts: Chamber, left: dict[int, float]) -> Shape:
