@@ -4,13 +4,14 @@ in colour.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from ..run_warning import each_once
 from ..runs.far_points import far_points
+from ..runs.run import Run
 from .expected import DUE, OFF, expected_error, shares_within
 from .grading.check import Check, Grade
 from .grading.wall import farthest, prior_only, removed_wall, volume
@@ -58,22 +59,30 @@ def _counted(found: Sequence[str], word: str) -> str:
 
 def _converged(subject: Subject) -> Check:
     """By the step that is left against the noise: a motion that hardly moves any more is where it ends."""
-    name, run = "Converged", subject.last.run
-    not_yet = {key: _step(one.facts, one.sigma) for key, one in run.estimates.items() if not one.converged}
-    if not not_yet:
+    name = "Converged"
+    steps = _steps(subject.last.run)
+    if not steps:
         return Check(name, "good", "all stages converged", "all stages")
-    moving = [key for key, step in not_yet.items() if step is None or step > STILL]
+    moving = [key for key, step in steps.items() if step is None or step > STILL]
     if moving:
         return Check(name, "amber", f"not converged: {', '.join(moving)}", _counted(moving, "stage"))
-    most = max(step for step in not_yet.values() if step is not None)
-    said = f"{', '.join(not_yet)} still moved, by {most:.1%} of the noise in a round"
+    most = max(step for step in steps.values() if step is not None)
+    said = f"{', '.join(steps)} still moved, by {most:.1%} of the noise in a round"
     return Check(name, "good", said, "nearly")
 
 
-def _step(facts: Mapping[str, Any], noise: float | None) -> float | None:
-    """The last step of a motion over the noise; None where a stage does not say."""
-    step = facts.get("last_step")
-    return None if step is None or not noise else float(step) / noise
+def _steps(run: Run) -> dict[str, float | None]:
+    """By estimate that has not converged, the last step of its motion over the noise; None where no stage has
+    said it. A stage that leaves the motion alone has that of the one before.
+    """
+    step: float | None = None
+    found = {}
+    for key, one in run.estimates.items():
+        if one.sigma and "last_step" in one.facts:
+            step = float(one.facts["last_step"]) / one.sigma
+        if not one.converged:
+            found[key] = step
+    return found
 
 
 def _expected(subject: Subject) -> Check:

@@ -100,7 +100,7 @@ def _changed(case: Case, start: Estimate, fit: MotionFit, made: Sequence[Change]
         fit=fit,
         trace=fit.trace,
         warnings=(*start.warnings, *warnings),
-        facts={"changes": [*_earlier(start), *changes], **removed},
+        facts={"changes": [*_earlier(start), *changes], "last_step": fit.facts["last_step"], **removed},
     )
     # a motion that begins earlier, as that of `phases`, stays what it was
     whole = start.fit is not None and start.motion is start.fit.motion
