@@ -109,6 +109,7 @@ class SurplusSettings:
     support: float = number(10.0, "1", "cost of giving up wall with points")
     expected: float = number(1.0, "points", "that a part has room for, if it can lack them")
     largest: float = number(0.3, "1", "of the wall is such a part, at most: more was not visited")
+    most: float = number(0.16, "1", "of the wall are all such parts, at most: more was not visited")
     supported: float = number(0.1, "1", "of its wall: with points on more it is there")
     severed: float = number(
         3.0, "points", "on wall that hangs on a part, from which the part is there: fewer span no surface"

@@ -63,7 +63,9 @@ def surplus(
     fringe = min(settings.fringe * inside.reach / radius, settings.elsewhere)
     whole = other.sum() < (by_chance + fringe) * inside.wall.sum()
     parts = _parts(inside, settings.unsupported, room, settings)
-    if not (whole and even):
+    if (inside.wall & _union(parts, inside)).sum() > settings.most * inside.wall.sum():
+        parts = []  # no heart lacks so much of another: a catheter was not there
+    elif not (whole and even):
         parts = [part for part in parts if _closed(part, inside) > settings.closed]
     away = np.zeros(inside.mask.shape, dtype=bool)
     away[inside.mask] = _union(parts, inside)
