@@ -16,7 +16,7 @@ from o3dls.io.case_reader import read_case
 # groups as benchmarks.accuracy names them
 SEEDED = re.compile(
     r"(lah|la|(?:jar|star|extra|missing|sparse|beside)_\d+|cross_\d+_\S+|family_[a-z]+_\S+"
-    r"|unvisited_[a-z]+_\d+_[a-z]+|badly_segmented_\d+_[a-z]+)_(\d+)$"
+    r"|unvisited_[a-z]+_\d+_[a-z]+|badly_segmented_\d+_[a-z]+|altered_[a-z]+_\d+)_(\d+)$"
 )
 # groups that share one setting of the peers: crossed atria by number of points, families by name and strength
 TUNED_TOGETHER = re.compile(r"(cross_\d+|family_[a-z]+_[\d.]+)(?:_|$)")

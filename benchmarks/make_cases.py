@@ -4,14 +4,16 @@
     python -m benchmarks.make_cases families cases/judge --data ../shared/data --judging
     python -m benchmarks.make_cases cross cases/judge --data ../shared/data --judging --only '*_1_even_2*'
     python -m benchmarks.make_cases unvisited cases/dev --data ../shared/data
+    python -m benchmarks.make_cases altered cases/dev --data ../shared/data
 
 FOLDER holds priors/ls_prior, priors/toronto and priors/lasc2018; what is in them is third parties' and goes
 into the cases only. Development cases (the default, seeds below 1000) are for choosing and for
 benchmarks.tune, judging cases (from 2000) are for nothing but the score. `cross` takes five atria for
 development and the other ten for judging; `pairs` takes every one of them as prior of every other, with few
 points; `families` moves all fifteen for judging, by other motions; `unvisited` and `badly_segmented` have a
-patient's own atrium as the prior, and a map that leaves wall out or a prior that does
-(benchmarks.own_atria). Names are groups and seeds as benchmarks.accuracy reads them:
+patient's own atrium as the prior, and a map that leaves wall out or a prior that does (benchmarks.own_atria);
+`altered` has something wrong (benchmarks.altered_cases). Crossed cases say prior_of = "template". Names are
+groups and seeds as benchmarks.accuracy reads them:
 
     cross_<points>_<noise>_<even|clustered>[_outliers]_<seed>      outliers: 5 %
     family_<name>_<motion>_<landmarks|rough>_<seed>                250 points, noise per point; every second
@@ -26,7 +28,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fnmatch import fnmatch
 from functools import cache
 from itertools import permutations, product
@@ -34,6 +36,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import Protocol
 
+from benchmarks.altered_cases import Altered, altered_cases
 from benchmarks.own_atria import bad_priors, left_out
 from data_synth import Mapping, cross, family, read_wall
 from data_synth.alignment import alongside
@@ -146,12 +149,18 @@ def moved(judging: bool) -> Iterator[Wanted]:
             )
 
 
+def wrong(judging: bool) -> Iterator[Altered]:
+    """Cases with something wrong, and healthy ones beside them."""
+    return altered_cases(judging, JUDGING if judging else DEVELOPMENT)
+
+
 SETS: dict[str, Callable[[bool], Iterator[CaseOfASet]]] = {
     "cross": crossed,
     "pairs": paired,
     "families": moved,
     "unvisited": left_out,
     "badly_segmented": bad_priors,
+    "altered": wrong,
 }
 
 
@@ -168,7 +177,8 @@ def made(wanted: Wanted, data: Path) -> Case:
             how=wanted.how,
         )
     near = _near(data, wanted.prior, wanted.truth)
-    return cross(prior, _wall(data, wanted.truth), wanted.seed, how=wanted.how, near=near)
+    crossed_case = cross(prior, _wall(data, wanted.truth), wanted.seed, how=wanted.how, near=near)
+    return replace(crossed_case, prior_of="template")
 
 
 @cache

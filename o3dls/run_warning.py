@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from typing import Literal
 
 CODES: Mapping[str, str] = {
     # the start of a run
@@ -52,6 +53,35 @@ CODES: Mapping[str, str] = {
 }
 
 
+Grade = Literal["good", "amber", "bad"]
+# what a verdict is at best beside a warning; the others inform of what was done, of what is missing, or of
+# what a check of its own grades by its amount (removed wall, far points)
+GRADES: Mapping[str, Grade] = {
+    "start-pose-doubtful": "amber",
+    "component-without-points": "amber",
+    "points-on-a-ball": "bad",
+    "points-beside-the-wall": "amber",
+    "large-noise": "amber",
+    "uncertain-pose": "amber",
+    "crumpled-prior": "amber",
+    "landmark-swapped-place": "amber",
+    "sigma-range": "amber",
+    "many-outliers": "bad",
+    "captured-points": "amber",
+    "stretched-wall": "amber",
+    "volume-changed": "amber",
+    "prior-of-another": "amber",
+    "alternative-start": "amber",
+    "alternative-points": "amber",
+    "map-shift": "amber",
+    "outdated-amplitudes": "amber",
+    "mesh-differs": "amber",
+    "parts-lost": "amber",
+    "stage-rejected": "amber",
+    "other": "amber",
+}
+
+
 @dataclass(frozen=True)
 class RunWarning:
     """A warning: `code` is one of CODES, `sentence` is for people, `stage` names its estimate.
@@ -69,6 +99,11 @@ class RunWarning:
 
     def __str__(self) -> str:
         return self.sentence
+
+    @property
+    def grade(self) -> Grade:
+        """What a verdict is at best beside it: good for information, amber for a doubt, bad for a failure."""
+        return GRADES.get(self.code, "good")
 
     def record(self) -> dict[str, str]:
         """The warning as run.json holds it."""

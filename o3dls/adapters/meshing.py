@@ -20,6 +20,7 @@ from ..geometry.surface import Surface, interpolated
 from ..levelset.grid.distance import SignedDistance
 from ..levelset.grid.isosurface import zero_set
 from ..levelset.grid.regularised import regularised
+from .open3d_module import open3d
 from .self_intersections import self_intersections
 
 # pieces with less than this share of the faces of one that is meant are dust, or what a fold has pinched off
@@ -97,8 +98,7 @@ def isosurface(field: SignedDistance) -> tuple[Array, Ints]:
     """
     if field.band.dimension == 2:
         return zero_set(field.band, field.phi)
-    import open3d as o3d
-
+    o3d = open3d()
     # Open3D's tensors are indexed z, y, x
     box: NDArray[np.float32] = np.ascontiguousarray(field.band.dense(field.phi).T)
     mesh = o3d.t.geometry.TriangleMesh.create_isosurfaces(o3d.core.Tensor.from_numpy(box), [0.0])

@@ -25,17 +25,12 @@ from .words import DONE, FILE, FOLDER, NOT_VALID, complain, say, say_json, say_l
     shell_complete=completion.estimates,
     help="estimate to show; may be repeated; default: the ICP and the last",
 )
-@click.option(
-    "--slides/--no-slides",
-    default=True,
-    show_default=True,
-    help="pictures in figures/ and a one-page PDF beside the page",
-)
-def report(runs: tuple[Path, ...], out: Path | None, compare: tuple[str, ...], slides: bool) -> None:
+@click.option("--pdf", is_flag=True, help="also a one-page PDF for slides, and its pictures in figures/")
+def report(runs: tuple[Path, ...], out: Path | None, compare: tuple[str, ...], pdf: bool) -> None:
     """Write the report on a finished run, or on several runs of one case."""
     from ..report.writer import write_report
 
-    say(write_report(runs, out, compare=compare, slides=slides))
+    say(write_report(runs, out, compare=compare, pdf=pdf))
 
 
 @click.command()

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..report.checks import WORDS, Check, Grade, checks
+from ..report.checks import checks
+from ..report.grading.check import WORDS, Check, Grade
 from ..report.subject import read_subject
 from ..report.writer import REPORT
 

@@ -4,7 +4,8 @@ surroundings.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy.sparse import csr_matrix, diags
@@ -22,6 +23,9 @@ SURROUNDINGS = 0.3  # rms radii
 BLOCK = 2000  # faces whose surroundings are in memory at a time
 ENOUGH = 16_000  # vertices: of more, an even part tells how the surroundings turned
 SLIVER = 0.01  # longest edges: the height of a face that is no more than a line
+ROUNDS = 6  # each factorises once, and later ones mend few faces more
+PASSES = 2  # of straightening: later ones mend one face in a thousand
+MOST_BENT = 0.5  # of the vertices
 FEW = 8  # faces: so many more than twice those at first come and go while a patch grows
 
 
@@ -55,54 +59,40 @@ def _through(outline: Surface, order: list[int]) -> Surface:
     return replace(outline, faces=np.column_stack([order, np.roll(order, -1)]))
 
 
-def repair_folds(rest: Array, moved: Array, faces: Ints, rounds: int = 12) -> tuple[Array, int, int]:
+def repair_folds(rest: Array, moved: Array, faces: Ints, rounds: int = ROUNDS) -> tuple[Array, int, int]:
     """Vertices (n, d) moved from `rest` with folds repaired, how many faces had folded, and how many are
     folded still.
 
     Slivers are straightened. Around other turned faces the displacement is replaced by the one of least
-    bending (biharmonic) that continues the surroundings; the patch grows round the faces that are still
-    turned until none is, or `rounds` are over: then the round that left fewest counts. It begins with two
-    rings, however fine the mesh, and ends as wide as folds of the wall are.
+    bending (biharmonic) that continues the surroundings; the patches grow round the faces that are still
+    turned until none is, or `rounds` are over: then the round that left fewest counts. They begin with two
+    rings, however fine the mesh, end as wide as folds of the wall are, and are at most half of the surface:
+    so many systems of so many unknowns are solved, whatever has folded.
     """
-    turned = _turned(rest, moved, faces)
+    still = _Still.of(rest, faces)
+    turned = _turned(still, moved, faces)
     count = int(turned.sum())
     if count == 0:
         return moved, 0, 0
-    displacement, turned = _straightened(rest, moved - rest, faces, turned)
+    displacement, turned = _straightened(still, moved - rest, faces, turned)
     best = rest + displacement if turned.sum() < count else moved
     left = int(turned.sum())
     if left == 0:
         return best, count, 0
-    adjacency = neighbours(faces, len(rest))
-    laplacian = diags(np.asarray(adjacency.sum(axis=1)).ravel()) - adjacency
-    bending = csr_matrix(laplacian.T @ laplacian)
-    piece = connected_components(adjacency, directed=False)[1]
-    finer = np.ceil(np.sqrt(len(rest) / ENOUGH))  # a ring of a fine mesh is narrow
+    patches = _Patches.of(rest, faces)
     zone = np.zeros(len(rest), dtype=bool)
-    for attempt in range(rounds):
-        patch = np.zeros(len(rest), dtype=bool)
-        patch[faces[turned]] = True
-        for _ in range(round((2 + attempt // 2) * finer ** (attempt / (rounds - 1)))):
-            patch |= (adjacency @ patch.astype(np.float64)) > 0.0
-        patch |= zone
-        # a piece that has folded as a whole has nothing to continue
-        patch &= (np.bincount(piece, ~patch) > 0.0)[piece]
+    for k in range(rounds):
+        patch = patches.grown(zone, faces[turned], k, rounds)
+        if patch.sum() > MOST_BENT * len(
+            rest
+        ):  # a motion that is bent anew in most places is none of the fit
+            break
         if not (patch & ~zone).any():  # the same faces are turned still: wider around them
             continue
         zone = patch
-        inside = np.flatnonzero(zone)
-        outside = np.flatnonzero(~zone)
-        rows = bending[inside]
-        bends = splu(
-            rows[:, inside].tocsc(),
-            permc_spec="MMD_AT_PLUS_A",
-            diag_pivot_thresh=0.0,
-            options={"SymmetricMode": True},
-        )
-        displacement[inside] = bends.solve(-(rows[:, outside] @ displacement[outside]))
-        displacement, turned = _straightened(
-            rest, displacement, faces, _turned(rest, rest + displacement, faces)
-        )
+        patches.bend(displacement, zone)
+        turned = _turned(still, rest + displacement, faces)
+        displacement, turned = _straightened(still, displacement, faces, turned)
         if turned.sum() < left:
             best = rest + displacement
             left = int(turned.sum())
@@ -112,14 +102,55 @@ def repair_folds(rest: Array, moved: Array, faces: Ints, rounds: int = 12) -> tu
     return best, count, left
 
 
-def _straightened(rest: Array, displacement: Array, faces: Ints, turned: Mask) -> tuple[Array, Mask]:
+@dataclass(frozen=True, eq=False)
+class _Patches:
+    """Neighbours of the vertices (n, n), what bends them (n, n), and the connected piece of each (n,)."""
+
+    adjacency: Any
+    bending: Any
+    piece: Ints
+    finer: float  # a ring of a fine mesh is narrow
+
+    @classmethod
+    def of(cls, rest: Array, faces: Ints) -> _Patches:
+        adjacency = neighbours(faces, len(rest))
+        laplacian = diags(np.asarray(adjacency.sum(axis=1)).ravel()) - adjacency
+        finer = float(np.ceil(np.sqrt(len(rest) / ENOUGH)))
+        piece = connected_components(adjacency, directed=False)[1].astype(np.int64)
+        return cls(adjacency, csr_matrix(laplacian.T @ laplacian), piece, finer)
+
+    def grown(self, zone: Mask, turned: Ints, k: int, rounds: int) -> Mask:
+        """The zone (n,) with rings round the corners (m, d) of turned faces, more of them in each round k."""
+        patch = np.zeros(len(zone), dtype=bool)
+        patch[turned] = True
+        for _ in range(round((2 + k) * self.finer ** (k / max(1, rounds - 1)))):
+            patch |= (self.adjacency @ patch.astype(np.float64)) > 0.0
+        patch |= zone
+        # a piece that has folded as a whole has nothing to continue
+        return np.asarray(patch & (np.bincount(self.piece, ~patch) > 0.0)[self.piece])
+
+    def bend(self, displacement: Array, zone: Mask) -> None:
+        """Replace a displacement (n, d) within a zone (n,) by the one of least bending."""
+        inside, outside = np.flatnonzero(zone), np.flatnonzero(~zone)
+        rows = self.bending[inside]
+        bends = splu(
+            rows[:, inside].tocsc(),
+            permc_spec="MMD_AT_PLUS_A",
+            diag_pivot_thresh=0.0,
+            options={"SymmetricMode": True},
+        )
+        displacement[inside] = bends.solve(-(rows[:, outside] @ displacement[outside]))
+
+
+def _straightened(still: _Still, displacement: Array, faces: Ints, turned: Mask) -> tuple[Array, Mask]:
     """Displacement (n, d) whose turned slivers move as their longest edge does, and the faces (m,) that are
     turned then.
 
     Any bend turns a triangle over whose corners stand nearly in line, though it takes its middle corner by no
     more than the height.
     """
-    while faces.shape[1] == 3:
+    rest = still.rest
+    for _ in range(PASSES * (faces.shape[1] == 3)):
         which = faces[turned]
         corners = rest[which]
         middle = np.linalg.norm(np.roll(corners, -1, axis=1) - np.roll(corners, -2, axis=1), axis=2).argmax(
@@ -135,47 +166,71 @@ def _straightened(rest: Array, displacement: Array, faces: Ints, turned: Mask) -
             break
         straight = displacement.copy()
         straight[own[thin]] = ((1.0 - share) * displacement[first] + share * displacement[second])[thin]
-        still = _turned(rest, rest + straight, faces)
-        if still.sum() >= turned.sum():
+        fewer = _turned(still, rest + straight, faces)
+        if fewer.sum() >= turned.sum():
             break
-        displacement, turned = straight, still
+        displacement, turned = straight, fewer
     return displacement, turned
 
 
-def _turned(rest: Array, moved: Array, faces: Ints) -> Mask:
+@dataclass(frozen=True, eq=False)
+class _Still:
+    """A surface at rest: vertices (n, d), normals of faces (m, d), vertices about the middle, and of those by
+    which surroundings are told the normals and the tree; its reach.
+    """
+
+    rest: Array
+    facing: Array
+    centred: Array
+    normals: Array
+    tree: cKDTree
+    radius: float
+
+    @classmethod
+    def of(cls, rest: Array, faces: Ints) -> _Still:
+        step = _step(rest)
+        a = rest - rest.mean(axis=0)
+        radius = SURROUNDINGS * float(np.sqrt((a**2).sum(axis=1).mean()))
+        normals = vertex_normals(rest, faces)[::step]
+        return cls(rest, face_normals(rest, faces), a, normals, cKDTree(a[::step]), radius)
+
+
+def _step(rest: Array) -> int:
+    return -(-len(rest) // ENOUGH)
+
+
+def _turned(still: _Still, moved: Array, faces: Ints) -> Mask:
     """Faces (m,) that turned over against their surroundings: what turned together has moved, and what turned
     alone is folded.
     """
-    before, after = face_normals(rest, faces), face_normals(moved, faces)
+    before, after = still.facing, face_normals(moved, faces)
     turned = np.asarray(np.einsum("md,md->m", before, after) < LEAST_COSINE)  # all that can have folded
     which = np.flatnonzero(turned)
     if len(which):
-        carried = np.einsum("nij,nj->ni", _rotations(rest, moved, faces, which, before[which]), before[which])
+        rotations = _rotations(still, moved, faces[which], before[which])
+        carried = np.einsum("nij,nj->ni", rotations, before[which])
         turned[which] = (carried * after[which]).sum(axis=1) < LEAST_COSINE
     return turned
 
 
-def _rotations(rest: Array, moved: Array, faces: Ints, which: Ints, facing: Array) -> Array:
-    """Rotations (k, d, d) by which the surroundings of some faces, of normals `facing`, went from rest to
-    moved (least squares).
+def _rotations(still: _Still, moved: Array, faces: Ints, facing: Array) -> Array:
+    """Rotations (k, d, d) by which the surroundings of some faces (k, d), of normals `facing`, went from rest
+    to moved (least squares).
 
     The surroundings are of the same wall, not of the one behind it.
     """
-    dim = rest.shape[1]
-    step = -(-len(rest) // ENOUGH)
-    a, b = rest - rest.mean(axis=0), moved - moved.mean(axis=0)
-    moments = np.column_stack([np.ones(len(a)), a, b, (b[:, :, None] * a[:, None, :]).reshape(len(a), -1)])
-    sums = moments[faces[which]].sum(axis=1)
-    normals = vertex_normals(rest, faces)[::step]
-    some = moments[::step]
-    tree = cKDTree(a[::step])
-    middle = a[faces[which]].mean(axis=1)
-    radius = SURROUNDINGS * float(np.sqrt((a**2).sum(axis=1).mean()))
-    for first in range(0, len(which), BLOCK):
+    dim = moved.shape[1]
+    step = _step(moved)
+    a, b = still.centred, moved - moved.mean(axis=0)
+    some = _moments(a[::step], b[::step])
+    corners = faces.ravel()
+    sums = _moments(a[corners], b[corners]).reshape(*faces.shape, -1).sum(axis=1)
+    middle = a[faces].mean(axis=1)
+    for first in range(0, len(faces), BLOCK):
         block = slice(first, first + BLOCK)
-        pairs = cKDTree(middle[block]).sparse_distance_matrix(tree, radius, output_type="ndarray")
+        pairs = cKDTree(middle[block]).sparse_distance_matrix(still.tree, still.radius, output_type="ndarray")
         i, j = pairs["i"], pairs["j"]
-        same = (normals[j] * facing[block][i]).sum(axis=1) > 0.0
+        same = (still.normals[j] * facing[block][i]).sum(axis=1) > 0.0
         near = csr_matrix((same.astype(np.float64), (i, j)), shape=(len(middle[block]), len(some)))
         sums[block] += near @ some
     count, mean_a, mean_b, products = np.split(sums, [1, 1 + dim, 1 + 2 * dim], axis=1)
@@ -184,3 +239,8 @@ def _rotations(rest: Array, moved: Array, faces: Ints, which: Ints, facing: Arra
     )
     u[:, :, -1] *= np.sign(np.linalg.det(u @ vt))[:, None]
     return np.asarray(u @ vt)
+
+
+def _moments(a: Array, b: Array) -> Array:
+    """What a rotation of places a onto b (n, d) is found from, a row for each."""
+    return np.column_stack([np.ones(len(a)), a, b, (b[:, :, None] * a[:, None, :]).reshape(len(a), -1)])

@@ -1,12 +1,12 @@
 """Error on points that a fit has not seen: spatial blocks of the case's own points, the whole pipeline
-refitted without each.
+refitted without each; and which estimate these points prefer.
 """
 
 from __future__ import annotations
 
 import logging
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, wait
 from contextlib import contextmanager, suppress
 from dataclasses import replace
@@ -19,6 +19,8 @@ from ..case import Case
 from ..errors import O3dlsError
 from ..estimate import Estimate
 from ..evaluation.distances import distances
+from ..evaluation.statistics import Difference, paired_difference
+from ..run_warning import RunWarning
 from ..runs.log import recorded_log
 
 BLOCKS_PER_FOLD = 3
@@ -121,6 +123,31 @@ def _gaps_and_log(fit: Fit, case: Case, away: Ints) -> tuple[dict[str, Array], l
     """The same, with the lines of the log of that process, which nobody reads there."""
     with recorded_log(logging.DEBUG) as lines:
         return _gaps(fit, case, away), lines
+
+
+def ending(chain: Sequence[str], left_out: Mapping[str, Array], case: Case) -> tuple[str, list[RunWarning]]:
+    """Name of the estimate that a run ends with; and, where it is not the last, a warning that says why.
+
+    chain: the last estimate and those that it started from, last first; left_out: by estimate, distances (n,)
+    of the eam points of the case to what was fitted without them. The last is rejected where another is
+    closer in the mean and the 95 % interval of the difference leaves out zero.
+    """
+    last = chain[0]
+    known = [name for name in chain if name in left_out]
+    if not known:
+        return last, []
+    best = min(known, key=lambda name: float(left_out[name].mean()))
+    farther = paired_difference(left_out[best], left_out[last], case.points.of("eam").xyz)
+    if not farther.low > 0.0:
+        return last, []
+    return best, [RunWarning("stage-rejected", _rejection(last, best, farther, case.units), last)]
+
+
+def _rejection(last: str, best: str, farther: Difference, unit: str) -> str:
+    return (
+        f"{last} is farther from points that were left out than {best} ({farther.second:.2f} against "
+        f"{farther.first:.2f} {unit}, by {farther.low:.2f} to {farther.high:.2f}): the result is {best}"
+    )
 
 
 def too_many(case: Case, folds: int) -> list[str]:

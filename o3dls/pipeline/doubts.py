@@ -24,7 +24,7 @@ ROUND = 0.5  # distance of the points from a sphere over that from the prior
 NEAR = 0.05  # rms radii: points nearer to the prior than that lie on it
 ONE_SIDE = 0.9  # of the points on one side of the prior, and
 OFFSET = 0.15  # so far in the median, in rms radii: 4 mm for an atrium
-NOISY = 0.11  # noise in rms radii: 2.9 mm for an atrium, and mapping has 1 to 2
+NOISY = 0.085  # noise in rms radii: 2.2 mm for an atrium, and mapping has 1 to 2
 SPREAD = 200  # points, spread evenly, that are asked: many beats of one place count once
 
 
@@ -48,7 +48,7 @@ def doubtful_points(case: Case, start: Estimate, final: Estimate) -> list[RunWar
         found.append(RunWarning("points-on-a-ball", ball))
     if beside := _one_side(case, start, points):
         found.append(RunWarning("points-beside-the-wall", beside))
-    if scattered := _scattered(case, final, points):
+    if scattered := _scattered(case, final):
         found.append(RunWarning("large-noise", scattered))
     return found
 
@@ -170,12 +170,15 @@ def _one_side(case: Case, start: Estimate, points: Array) -> str:
     )
 
 
-def _scattered(case: Case, final: Estimate, points: Array) -> str:
-    """Points that scatter about the result, outliers and all, more than mapping does."""
+def _scattered(case: Case, final: Estimate) -> str:
+    """Points that scatter about the result more than mapping does: by the noise that a stage found, else by
+    the distances of all. (Points that are spread evenly over a dense map are the extremes of its noise.)
+    """
     from ..evaluation.distances import distances
     from ..noise.robust import robust_sd
 
-    scatter = max(robust_sd(distances(points, final.surface)), final.sigma or 0.0)
+    points = case.points.of("eam").xyz
+    scatter = robust_sd(distances(points, final.surface)) if final.sigma is None else final.sigma
     if scatter < NOISY * rms_radius(case.prior.vertices):
         return ""
     return (

@@ -15,7 +15,8 @@ from ..io.documents import LARGEST_TOML, parse_toml
 from ..io.text import decode, read_bytes
 from ..plugins.plugin import Plugin, load
 from ..resources import pipeline_file
-from .pipeline import Pipeline, order_mistakes
+from .mistakes import order_mistakes
+from .pipeline import Pipeline
 
 TOP = {"case": str, "out": str, "folds": int, "stage": list, "write": list}
 FOLDERS = ("case", "out")

@@ -59,7 +59,7 @@ SHOWN = {
     "deform": ("outliers", "ablation", "map_shift", "odds", "contact_force"),
     "topology": ("evidence",),
     "level_set": ("spacing", "reconstruct", "formulation"),
-    "report": ("slides",),
+    "report": ("pdf",),
     "export": ("on",),
 }
 

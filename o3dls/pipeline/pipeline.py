@@ -17,7 +17,7 @@ from typing import Any, Self
 import numpy as np
 
 from ..case import Case
-from ..errors import InputError, PipelineError, SolverError, did_you_mean
+from ..errors import InputError, PipelineError, SolverError
 from ..estimate import Estimate
 from ..plugins.stage import Stage
 from ..run_warning import RunWarning, each_once, of_stage
@@ -25,10 +25,17 @@ from ..runs.far_points import warned_of_far_points
 from ..runs.run import Run
 from ..runs.scoring import scored
 from ..runs.writers import Writer
-from .cross_validation import Folds, too_many
+from .cross_validation import Folds, ending, too_many
 from .doubts import doubtful_points
-from .final import ending
-from .start import components_without_points, doubtful_pose, misfit, pose_unknown, start_estimate
+from .mistakes import mistakes
+from .start import (
+    components_without_points,
+    doubtful_pose,
+    misfit,
+    pose_unknown,
+    start_digest,
+    start_estimate,
+)
 
 START = "start"
 MOST_FOLDS = 50
@@ -48,6 +55,8 @@ class Pipeline:
     case: Path | None = field(default=None, kw_only=True)
     out: Path | None = field(default=None, kw_only=True)
     folds: int = field(default=5, kw_only=True)
+    # of the case in whose start `allowed_by` found nothing to doubt: that is asked once
+    sound_start: str = field(default="", kw_only=True, compare=False, repr=False)
 
     def __post_init__(self) -> None:
         for name, kind in (("stages", Stage), ("writes", Writer)):
@@ -57,7 +66,7 @@ class Pipeline:
         for name in ("case", "out"):
             if getattr(self, name) is not None:
                 object.__setattr__(self, name, Path(getattr(self, name)))
-        if found := _mistakes(self):
+        if found := mistakes(self, MOST_FOLDS):
             raise PipelineError(*found)
 
     @property
@@ -155,7 +164,7 @@ class Pipeline:
 
     def _with_start_warnings(self, case: Case, estimates: dict[str, Estimate]) -> dict[str, Estimate]:
         """The estimates with the warnings on their common start, which every one of them depends on."""
-        found = doubtful_pose(case, estimates[START]) if self._knows_pose else []
+        found = doubtful_pose(case, estimates[START], self.sound_start) if self._knows_pose else []
         final = estimates[self.names[-1]]
         found += components_without_points(case, final.T_map_prior)
         found += doubtful_points(case, estimates[START], final)
@@ -200,7 +209,7 @@ class Pipeline:
             if why := plugin.obstacle(case):
                 log.info("Skipping '%s': %s", plugin.name, why)
         stages = [stage for stage in self.stages if not stage.obstacle(case)]
-        if self._knows_pose and pose_unknown(case):
+        if unknown := self._knows_pose and pose_unknown(case):
             from ..stages.global_pose import GlobalPose
 
             log.info(
@@ -208,9 +217,9 @@ class Pipeline:
                 "points do not lie on the prior"
             )
             stages = [GlobalPose(), *stages]
-        return replace(
-            self, stages=stages, writes=[writer for writer in self.writes if not writer.obstacle(case)]
-        )
+        writes = [writer for writer in self.writes if not writer.obstacle(case)]
+        sound = start_digest(case) if self._knows_pose and not unknown else ""
+        return replace(self, stages=stages, writes=writes, sound_start=sound)
 
     def _own_case(self) -> Case:
         from ..io.case_reader import read_case
@@ -218,42 +227,3 @@ class Pipeline:
         if self.case is None:
             raise InputError('the pipeline names no case: give one to run(), or set case = "folder"')
         return read_case(self.case)
-
-
-def _mistakes(pipeline: Pipeline) -> list[str]:
-    """What is wrong with the whole, one sentence each; its parts have checked themselves."""
-    found = [] if pipeline.stages else ['the pipeline has no stage: add a [[stage]] with use = "icp"']
-    if pipeline.folds not in range(MOST_FOLDS + 1) or pipeline.folds == 1:
-        found.append(
-            f"folds = {pipeline.folds!r}: must be 0 (no cross-validation) or a whole number within [2, "
-            f"{MOST_FOLDS}]"
-        )
-    found += order_mistakes([(stage.name, stage.estimate_name, stage.after) for stage in pipeline.stages])
-    for writer in pipeline.writes:
-        found += [
-            f"{writer.name}: no estimate '{n}'{did_you_mean(n, pipeline.names)}"
-            for n in writer.refers_to
-            if n not in pipeline.names
-        ]
-    targets = [" ".join(writer.target(pipeline.names[-1])) for writer in pipeline.writes]
-    twice = [target for target in dict.fromkeys(targets) if targets.count(target) > 1]
-    return found + [
-        f"{target}: two writers would overwrite each other's files: leave one out" for target in twice
-    ]
-
-
-def order_mistakes(steps: Sequence[tuple[str, str, str | None]]) -> list[str]:
-    """What is wrong with the order of stages.
-
-    They are given as (stage, name of its estimate, name of the estimate it starts after).
-    """
-    found = []
-    names = [START, *(name for _, name, _ in steps)]
-    for k, (stage, name, after) in enumerate(steps, 1):
-        if name in names[:k]:
-            found.append(f"{stage}: a second estimate named '{name}': give it another name with as = \"...\"")
-        elif after in names[k:]:
-            found.append(f"{name}.after = '{after}': is not made before {name}; name an earlier estimate")
-        elif after is not None and after not in names:
-            found.append(f"{name}.after = '{after}': no such estimate{did_you_mean(after, names)}")
-    return found

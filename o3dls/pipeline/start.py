@@ -4,6 +4,8 @@ together at all.
 
 from __future__ import annotations
 
+from hashlib import sha256
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -74,7 +76,7 @@ def pose_unknown(case: Case) -> bool:
     pose fits the points clearly better than the one that ICP finds from the prior as it is given.
     """
     start = start_estimate(case)
-    if case.init is not None or fix_a_pose(*case.landmark_pairs()[1:]):
+    if _gives_pose(case):
         return False
     if misfit(case, start, pose_is_known=False):
         return False  # no pose helps, and the run is refused with the reason
@@ -86,12 +88,26 @@ def pose_unknown(case: Case) -> bool:
         return True
 
 
-def doubtful_pose(case: Case, start: Estimate) -> list[RunWarning]:
+def start_digest(case: Case) -> str:
+    """What `pose_unknown` judges, prior and points, in a few letters: who has its answer need not ask for the
+    pose again. Empty where the case gives the pose, about which it says nothing.
+    """
+    if _gives_pose(case):
+        return ""
+    parts = (case.prior.vertices, case.prior.faces, case.points.of("eam").xyz)
+    return sha256(b"".join(np.ascontiguousarray(part).tobytes() for part in parts)).hexdigest()
+
+
+def _gives_pose(case: Case) -> bool:
+    return case.init is not None or fix_a_pose(*case.landmark_pairs()[1:])
+
+
+def doubtful_pose(case: Case, start: Estimate, sound: str = "") -> list[RunWarning]:
     """A warning where no landmarks determine the start pose and the points fit the prior clearly better in
     another one: an `init` of another frame leads to a surface that looks right, since a motion can make up
-    for a turned chamber.
+    for a turned chamber. sound: `start_digest` of a case about whose pose there was nothing to say.
     """
-    if fix_a_pose(*case.landmark_pairs()[1:]):
+    if fix_a_pose(*case.landmark_pairs()[1:]) or (sound and sound == start_digest(case)):
         return []
     better = _better_pose(case, start)
     return [RunWarning("start-pose-doubtful", f"the start may be wrong: {better}")] if better else []

@@ -9,14 +9,14 @@ from math import erf
 
 import numpy as np
 
-from ..arrays import Array
+from ..arrays import Array, Ints
 from ..errors import SolverError
 from ..geometry.similarity import scale_of
 from .icp import Alignment, Criteria, align, wall_or_cavity
 from .lattice import signed_lattice
 from .match import SurfaceMatcher
 from .metrics import point_to_plane
-from .search import APART, WIDTHS, Poses, search, thinned
+from .search import APART, WIDTHS, search, thinned
 from .step import Freedom
 
 BLOCKS = 25  # neighbouring points err alike, so blocks of them are compared, not single points
@@ -37,6 +37,10 @@ class Candidate:
     def T_map_prior(self) -> Array:
         return self.alignment.T_map_prior
 
+    def of_some(self, rows: Ints) -> Candidate:
+        """The same pose with the costs of some points."""
+        return Candidate(self.alignment, self.costs[rows])
+
 
 def candidates(points: Array, surface: SurfaceMatcher, *, starts: int, scale: bool) -> list[Candidate]:
     """Poses of the surface for points (n, d), best first, refined on the exact surface, no two of like
@@ -44,10 +48,9 @@ def candidates(points: Array, surface: SurfaceMatcher, *, starts: int, scale: bo
     """
     middle = surface.surface.vertices.mean(axis=0)
     found = search(points, signed_lattice(surface.surface), middle, surface.radius, starts)
-    refined = [_refined(points, surface, found, row, scale=scale) for row in range(len(found.costs))]
-    ranked = sorted(
-        (c for c in refined if c is not None), key=lambda candidate: float(candidate.costs.mean())
-    )
+    poses = [found.T_map_prior(row, scale=scale) for row in range(len(found.costs))]
+    tried = [refined(points, surface, pose, scale=scale) for pose in poses]
+    ranked = sorted((c for c in tried if c is not None), key=lambda candidate: float(candidate.costs.mean()))
     apart: list[Candidate] = []
     for candidate in ranked:
         if all(angle_of(candidate.T_map_prior, other.T_map_prior) > APART for other in apart):
@@ -60,15 +63,13 @@ def candidates(points: Array, surface: SurfaceMatcher, *, starts: int, scale: bo
     return apart
 
 
-def _refined(
-    points: Array, surface: SurfaceMatcher, found: Poses, row: int, *, scale: bool
-) -> Candidate | None:
-    """The pose after ICP; None where ICP cannot go on from it."""
+def refined(points: Array, surface: SurfaceMatcher, T_map_prior: Array, *, scale: bool) -> Candidate | None:
+    """A pose (d+1, d+1) after ICP to points (n, d); None where ICP cannot go on from it."""
     try:
         alignment = align(
             points,
             surface,
-            found.T_map_prior(row, scale=scale),
+            T_map_prior,
             metric=point_to_plane,
             belief=wall_or_cavity(surface.radius),
             freedom=Freedom(scale, 0.1, (0.5, 2.0)),

@@ -29,7 +29,7 @@ def page_of(folder: str | Path) -> Path:
     page = folder / REPORT
     if page.is_file() and page.stat().st_mtime >= (folder / "run.json").stat().st_mtime:
         return page.resolve()
-    return write_report([folder], Path(mkdtemp(prefix="o3dls_view_")) / REPORT, slides=False)
+    return write_report([folder], Path(mkdtemp(prefix="o3dls_view_")) / REPORT)
 
 
 def show(page: Path, *, wait: float = WAIT) -> None:

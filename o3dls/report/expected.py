@@ -41,15 +41,36 @@ def expected_of(surface: Surface, unit: str) -> Expected | None:
     far = surface.fields.get("prior_only")
     if sd is None or far is None:
         return None
+    error = _expected_distance(surface, sd, unit)
     everywhere = np.ones(len(sd), dtype=bool)
-    means = [_mean(surface, sd, part) for part in (everywhere, far == 0, far > 0)]
+    means = [_mean(surface, error, part) for part in (everywhere, far == 0, far > 0)]
     return None if means[0] is None else Expected(means[0], *means[1:])
 
 
-def _mean(surface: Surface, sd: Array, part: NDArray[np.bool_]) -> float | None:
-    """Expected absolute error on the vertices of a part, weighted by their area."""
-    area = surface.vertex_areas * (part & np.isfinite(sd))
-    return float(MEAN_OVER_SD * (area @ np.nan_to_num(sd)) / area.sum()) if area.sum() > 0 else None
+def _expected_distance(surface: Surface, sd: Array, unit: str) -> Array:
+    """Distance (n,) from each vertex to the wall that is expected: by the deviation where there is wall; as
+    far as there may be none, the way to the next point, which lies on some.
+    """
+    missing = absence(surface)
+    gap = surface.fields.get(f"distance_to_nearest_point_{unit}", np.zeros(len(sd)))
+    return np.asarray((1.0 - missing) * MEAN_OVER_SD * sd + missing * gap)
+
+
+def absence(surface: Surface) -> Array:
+    """Probability (n,) that there is no wall at each vertex; 0 without the field `existence`."""
+    there = surface.fields.get("existence")
+    return np.zeros(len(surface.vertices)) if there is None else 1.0 - there
+
+
+def absent_share(surface: Surface) -> float:
+    """Share of the area that is expected not to be there."""
+    return float(surface.vertex_areas @ absence(surface) / surface.vertex_areas.sum())
+
+
+def _mean(surface: Surface, error: Array, part: NDArray[np.bool_]) -> float | None:
+    """Mean error on the vertices of a part, weighted by their area."""
+    area = surface.vertex_areas * (part & np.isfinite(error))
+    return float(area @ np.nan_to_num(error) / area.sum()) if area.sum() > 0 else None
 
 
 def shares_within(subject: Subject) -> tuple[float, float] | None:

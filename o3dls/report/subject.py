@@ -177,12 +177,16 @@ class Subject:
     @cached_property
     def unmapped(self) -> float | None:
         """Share of the last surface's area that is farther than REACH from every fitted point."""
-        surface = self.last.estimate.surface
-        gap = surface.fields.get(f"distance_to_nearest_point_{self.unit}")
-        if gap is None or surface.dimension == 2:
-            return None
-        far = (gap > REACH)[surface.faces].mean(axis=1)
-        return float((far * surface.face_areas).sum() / surface.area)
+        return unmapped(self.last.estimate.surface, self.unit)
+
+
+def unmapped(surface: Surface, unit: str) -> float | None:
+    """Share of the area that is farther than REACH from every fitted point; None where it is not known."""
+    gap = surface.fields.get(f"distance_to_nearest_point_{unit}")
+    if gap is None or surface.dimension == 2:
+        return None
+    far = (gap > REACH)[surface.faces].mean(axis=1)
+    return float((far * surface.face_areas).sum() / surface.area)
 
 
 def read_subject(folders: Sequence[Path], compare: Sequence[str] = ()) -> Subject:

@@ -27,7 +27,7 @@ class Report(Writer):
         (), max_length=4, description="estimates to show side by side; default: the ICP and the last"
     )
 
-    slides: bool = Field(True, description="also write figures/*.png and report.pdf, one page")
+    pdf: bool = Field(False, description="also write report.pdf, one page for slides, and figures/*.png")
 
     @property
     def refers_to(self) -> tuple[str, ...]:
@@ -37,7 +37,7 @@ class Report(Writer):
         return (self.name,)
 
     def __call__(self, run: Run, folder: Path) -> None:
-        write_report([folder], folder / REPORT, compare=self.compare, slides=self.slides)
+        write_report([folder], folder / REPORT, compare=self.compare, pdf=self.pdf)
 
 
 def write_report(
@@ -45,12 +45,12 @@ def write_report(
     out: str | Path | None = None,
     *,
     compare: Sequence[str] = (),
-    slides: bool = False,
+    pdf: bool = False,
 ) -> Path:
     """Write one HTML page on finished run folders of one case; `out` defaults to report.html in the first
     folder.
 
-    `compare` names the estimates to show side by side; `slides` adds a one-page PDF and pictures beside the
+    `compare` names the estimates to show side by side; `pdf` adds a one-page PDF and pictures beside the
     page, those of report.html in figures/ and of NAME.html in NAME_figures/, since several reports may stand
     in one folder. Raises InputError where a folder is no run, the cases differ, or `out` is no name for a
     page.
@@ -64,7 +64,7 @@ def write_report(
     path = _page(out or subject.folders[0] / REPORT)
     text = report_page(subject)
     with noted(subject.folders[0]):
-        if slides:
+        if pdf:
             from .drawing.slides import write_slides
 
             figures = FIGURES if path.name == REPORT else f"{path.stem}_{FIGURES}"

@@ -122,6 +122,7 @@ class LevelSet(Stage):
     def _estimate(self, case: Case, start: Estimate, reached: Refinement, mesh: Extraction) -> Estimate:
         """The start with the refined surface; the motion, its fit and the weights stay."""
         from ..adapters.meshing import carry_fields
+        from ..evaluation.removed_wall import removed_wall
 
         # a motion that is still moving leaves a level set that is
         moving = self.formulation == "default" and start.fit is not None and not start.fit.converged
@@ -131,6 +132,9 @@ class LevelSet(Stage):
         surface = carry_fields(reached.wall if reached.fields is None else start.surface, mesh.surface)
         if reached.fields is not None:
             surface = replace(surface, fields={**surface.fields, **reached.fields(surface.vertices)})
+        removed = {}
+        if reached.facts.get("removed_parts") or reached.facts.get("changes"):
+            removed = removed_wall(start.surface, surface)
         surface = with_existence(surface, case, start, reached.weights)
         return replace(
             start,
@@ -142,7 +146,7 @@ class LevelSet(Stage):
             weights=start.weights if reached.weights is None else of_mapping(start.fit, reached.weights),
             phi=reached.phi,
             trace=reached.trace,
-            facts={**reached.facts, "changes": changes, **shifts},
+            facts={**reached.facts, "changes": changes, **shifts, **removed},
         )
 
     def _by_default(self, case: Case, start: Estimate) -> Refinement:

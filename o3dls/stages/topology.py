@@ -18,6 +18,7 @@ from ..run_warning import RunWarning
 
 if TYPE_CHECKING:
     from ..motion.result import MotionFit
+    from ..topology.change import Change
 
 
 class Topology(Stage):
@@ -60,10 +61,13 @@ class Topology(Stage):
             return _unchanged(
                 start, f"of more than {self.most_points} points level_set reconstructs the wall"
             )
-        settings = replace(TopologySettings(), evidence=self.evidence, most_changes=self.most_changes)
+        usual = TopologySettings()
+        settings = replace(usual, evidence=self.evidence, most_changes=self.most_changes)
+        if case.prior_of == "patient":  # whose own parts are there, touched or not
+            settings = replace(settings, cuts=replace(usual.cuts, untouched=0.0))
         fit, changes = change_topology(start.fit, spacing=self.spacing, settings=settings)
         if changes:
-            return _changed(case, start, fit, [change.sentence(case.units) for change in changes])
+            return _changed(case, start, fit, changes)
         components, _ = components_and_euler(fit.motion.rest.at, fit.motion.faces)
         if components > 1:
             return _unchanged(start, f"the prior has {components} components, and this stage changes one")
@@ -75,12 +79,16 @@ def _unchanged(start: Estimate, why: str) -> Estimate:
     return replace(start, status=status, iterations=0, trace=(), facts={"changes": _earlier(start)})
 
 
-def _changed(case: Case, start: Estimate, fit: MotionFit, changes: Sequence[str]) -> Estimate:
+def _changed(case: Case, start: Estimate, fit: MotionFit, made: Sequence[Change]) -> Estimate:
     """The start with the fit of the changed prior."""
     from ..adapters.meshing import carry_fields
+    from ..evaluation.removed_wall import removed_wall
 
+    changes = [change.sentence(case.units) for change in made]
     surface = carry_fields(start.surface, Surface(fit.vertices, fit.motion.faces))
     warnings = (RunWarning("topology-changed", f"{change}: check it in the report") for change in changes)
+    removes = case.dimension == 3 and any(change.removes for change in made)
+    removed = removed_wall(start.surface, surface) if removes else {}
     found = replace(
         start,
         surface=replace(surface, fields={**surface.fields, f"sd_{case.units}": fit.sd}),
@@ -92,7 +100,7 @@ def _changed(case: Case, start: Estimate, fit: MotionFit, changes: Sequence[str]
         fit=fit,
         trace=fit.trace,
         warnings=(*start.warnings, *warnings),
-        facts={"changes": [*_earlier(start), *changes]},
+        facts={"changes": [*_earlier(start), *changes], **removed},
     )
     # a motion that begins earlier, as that of `phases`, stays what it was
     whole = start.fit is not None and start.motion is start.fit.motion

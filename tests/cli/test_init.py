@@ -92,7 +92,7 @@ def test_every_line_that_is_commented_out_is_valid(made: Path, name: str) -> Non
 
 
 @pytest.mark.parametrize(
-    "key", ["folds", "spacing", "outliers", "ablation", "reject", "slides", "units", "frame"]
+    "key", ["folds", "spacing", "outliers", "ablation", "reject", "pdf", "units", "frame"]
 )
 def test_what_people_change_most_is_there_with_its_meaning(made: Path, key: str) -> None:
     text = (made / "pipeline.toml").read_text() + (made / "case.toml").read_text()

@@ -8,7 +8,8 @@ import pytest
 
 from o3dls.cli import summary as module
 from o3dls.cli.summary import summary
-from o3dls.report.checks import WORDS, Check, checks
+from o3dls.report.checks import checks
+from o3dls.report.grading.check import WORDS, Check
 from o3dls.report.subject import read_subject
 from tests.finished import finished, finished_2d
 

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.ndimage import label
 from shapes import ball_with_tube, meshed, round_distance, sampled, torus, torus_distance, whole_box
 
 from o3dls.adapters.meshing import isosurface
@@ -43,6 +44,7 @@ SEED = 223_606
 SIGMA = 0.6
 BALL = meshed(round_distance(16.0), 20.0)
 TUBED = meshed(ball_with_tube, 34.0)
+CONTACT = Contact.expected(16.0, ContactSettings())
 
 
 def silent(phis: tuple[Array, ...], _changed: object) -> list[float]:
@@ -52,9 +54,8 @@ def silent(phis: tuple[Array, ...], _changed: object) -> list[float]:
 
 def believed(points: Array, weights: Array | None = None, sigma: float = SIGMA) -> Believed:
     count = len(points)
-    contact = Contact.expected(16.0, ContactSettings())
     touch = np.full(count, 0.95) if weights is None else weights
-    return Believed(points, touch, np.full(count, sigma), np.ones(count), contact)
+    return Believed(points, touch, np.full(count, sigma), np.ones(count), CONTACT)
 
 
 def rebuilt(
@@ -370,6 +371,26 @@ def test_a_templates_vein_without_points_is_removed_if_points_close_its_mouth(
     assert left(on_ball[on_ball[:, 0] < 2.0]) < 1.0
 
 
+@pytest.mark.parametrize(("least", "lost"), [(6.0, 0), (0.0, 1)])
+def test_a_part_of_ones_own_is_lost_only_where_points_close_its_mouth(least: float, lost: int) -> None:
+    """A wall without the tube. least: the nearest that a point lies to the middle of the tube's mouth."""
+    points = sampled(BALL, 1000, SIGMA, SEED)
+    points = points[np.linalg.norm(points - [16.0, 0.0, 0.0], axis=1) > least]
+    count = len(points)
+    prior = MovedPrior.of(TUBED, points, 1.0, 4.8)
+    without_tube = MovedPrior.of(BALL, np.vstack([points, TUBED.vertices]), 1.0, 4.8).box
+    noise = np.full(count, SIGMA)
+    normals = points / np.linalg.norm(points, axis=1, keepdims=True)
+    wall = Oriented(points, np.zeros(count), normals, np.zeros(count), noise, *np.ones((2, count)))
+    settings = ReconstructionSettings().own_parts
+    found, contradicted = surplus.own_parts_kept(without_tube, wall, prior, CONTACT, settings)
+    assert contradicted == lost
+    tube = prior.box < -1.0
+    assert (found[tube] < 0.0).all() == (not lost)
+    assert label(found < 0.0)[1] == 1
+    np.testing.assert_array_equal(found[prior.box > 1.0], without_tube[prior.box > 1.0])
+
+
 def test_a_templates_vein_with_points_at_its_end_alone_is_there() -> None:
     """Without the part between them and the mouth, on which none lies, they would be a piece of their own."""
     on_ball, tip = sampled(BALL, 250, SIGMA, SEED), sampled(TUBED, 4000, SIGMA, SEED)
@@ -398,7 +419,7 @@ def test_a_pocket_without_points_is_filled_and_one_with_points_is_not() -> None:
     rest = Oriented(points, np.zeros(2000), points / 16.0, np.zeros(2000), *np.ones((3, 2000)))
     lattices = SplineField([], [])
     found = Reconstruction(
-        prior, lattices, rest, SIGMA, np.ones(2000), 50.0, 16.0, 1.3, [5.0], np.zeros((0, 3))
+        prior, lattices, rest, SIGMA, np.ones(2000), 50.0, 16.0, 1.3, [5.0], np.zeros((0, 3)), CONTACT
     )
     at = (np.argwhere(np.ones(prior.box.shape)) + prior.low).astype(np.float64)
     cavity = 6.1 - np.linalg.norm(at, axis=1)
@@ -422,7 +443,7 @@ def test_a_wall_is_closed_though_the_field_asks_for_one_beyond_the_end_of_the_bo
     prior = MovedPrior.of(BALL, points, 1.0, 4.0)
     wall = Oriented(points, np.zeros(300), points / 16.0, np.zeros(300), *np.ones((3, 300)))
     found = Reconstruction(
-        prior, Rises([], []), wall, SIGMA, np.ones(300), 50.0, 16.0, 10.0, [5.0], np.zeros((0, 3))
+        prior, Rises([], []), wall, SIGMA, np.ones(300), 50.0, 16.0, 10.0, [5.0], np.zeros((0, 3)), CONTACT
     )
     surface, _, _ = reconstructed_wall(found, ReconstructionSettings(), isosurface)
     assert surface.vertices[:, 0].max() > 22.0  # it reaches the end

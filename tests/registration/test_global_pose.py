@@ -5,18 +5,21 @@ refused.
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 from chamber import chamber, farthest_effect, measured, outline_without_symmetry, pose
 from tiny import sphere
 
+from o3dls.arrays import Array
 from o3dls.case import Case
 from o3dls.errors import InputError
 from o3dls.estimate import Estimate
 from o3dls.geometry.surface import Surface
 from o3dls.pipeline.file import default_pipeline
 from o3dls.pipeline.pipeline import Pipeline
+from o3dls.registration import global_pose as search_module
 from o3dls.registration.global_pose import angle_of, confidence
 from o3dls.registration.lattice import sample, signed_lattice
 from o3dls.registration.search import even_rotations, thinned
@@ -114,6 +117,45 @@ def test_the_default_searches_the_pose_where_nothing_else_gives_it(start: str) -
     searched = start in ("turned", "far away")
     first = "global_pose" if searched else "landmarks" if start == "landmarks" else "icp"
     assert allowed.stages[0].name == first
+
+
+@pytest.fixture
+def asked(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """How many points each search of a pose is given."""
+    found = list[int]()
+    plain = search_module.candidates
+
+    def recorded(points: Array, *rest: Any, **named: Any) -> Any:
+        found.append(len(points))
+        return plain(points, *rest, **named)
+
+    monkeypatch.setattr(search_module, "candidates", recorded)
+    return found
+
+
+@pytest.mark.parametrize("angle", [0.0, 150.0])
+@pytest.mark.parametrize("allowed", [True, False], ids=["default", "as it is"])
+def test_the_start_is_checked_once_and_by_a_thousand_points(
+    allowed: bool, angle: float, asked: list[int]
+) -> None:
+    """By the prior and its mirror image; twice, and with all of 20 000, it took half of a run."""
+    case = replace(measured(PRIOR, np.eye(4), 3000, noise=0.5), init=None, prior_landmarks={})
+    case = replace(case, prior=PRIOR.transformed(pose(angle, 0.0)))
+    plan = Pipeline([ICP()], folds=0)
+    plan = plan.allowed_by(case) if allowed else plan
+    assert len(plan.stages) == 1 + (allowed and angle > 0.0)
+    if len(plan.stages) == 1:
+        said = {one.code for one in plan.judged(case)["icp"].warnings}
+        assert ("start-pose-doubtful" in said) == (angle > 0.0)
+    assert asked == [1000, 1000]
+
+
+def test_the_start_of_another_case_is_checked_anew(asked: list[int]) -> None:
+    case = replace(measured(PRIOR, np.eye(4), noise=0.5), init=None, prior_landmarks={})
+    plan = Pipeline([ICP()], folds=0).allowed_by(case)
+    turned = plan.judged(replace(case, prior=PRIOR.transformed(pose(150.0, 0.0))))
+    assert "start-pose-doubtful" in {one.code for one in turned["icp"].warnings}
+    assert len(asked) == 4
 
 
 def test_a_rigid_search_keeps_the_scale() -> None:

@@ -14,8 +14,9 @@ import numpy as np
 import pytest
 
 from o3dls.geometry.surface import Surface
-from o3dls.report.checks import WORDS, Check, checks
+from o3dls.report.checks import checks
 from o3dls.report.expected import MEAN_OVER_SD, expected_error
+from o3dls.report.grading.check import WORDS, Check
 from o3dls.report.page import report_page
 from o3dls.report.sections.outcome import overall
 from o3dls.report.subject import Subject, read_subject

@@ -15,6 +15,7 @@ import pytest
 from matplotlib.figure import Figure
 from scipy.spatial.transform import Rotation
 
+from o3dls.cli.main import answer
 from o3dls.geometry.surface import Surface
 from o3dls.report.drawing import figures, slides
 from o3dls.report.drawing.caption import made
@@ -28,7 +29,7 @@ from o3dls.report.sections.scores import mean_table
 from o3dls.report.subject import Subject, read_subject
 from o3dls.report.verdict import verdict
 from o3dls.report.verdict import warnings as warned
-from o3dls.report.writer import write_report
+from o3dls.report.writer import Report, write_report
 from tests.finished import NASTY, bulged_case, finished, finished_2d
 from tests.tiny import sphere
 
@@ -259,7 +260,17 @@ def test_distances_of_points_left_out_are_carried_to_the_wall(tmp_path: Path) ->
 
 @pytest.fixture(scope="module")
 def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_report([finished(tmp_path_factory.mktemp("slides") / "run")], slides=True)
+    return write_report([finished(tmp_path_factory.mktemp("slides") / "run")], pdf=True)
+
+
+def test_slides_are_made_on_request_only(report: Path, tmp_path: Path) -> None:
+    """By a pipeline and by the command: they take longer than the page."""
+    written = [finished(tmp_path / f"{pdf}", writes=(Report(pdf=pdf),)) for pdf in (False, True)]
+    assert [(run / "report.pdf").exists() for run in written] == [False, True]
+    assert [(run / "figures").exists() for run in written] == [False, True]
+    for options, asked in (([], False), (["--pdf"], True)):
+        assert answer(["report", str(report.parent), "--out", str(tmp_path / "page.html"), *options]) == 0
+        assert (tmp_path / "page.pdf").exists() is asked
 
 
 def test_slides_are_written_whole(report: Path) -> None:
@@ -324,7 +335,7 @@ def test_outlines_in_two_dimensions_have_names_and_one_frame(tmp_path: Path) -> 
 
 
 def test_equal_runs_give_equal_slides(report: Path, tmp_path: Path) -> None:
-    again = write_report([report.parent], tmp_path / "report.html", slides=True)
+    again = write_report([report.parent], tmp_path / "report.html", pdf=True)
     assert again.with_suffix(".pdf").read_bytes() == report.with_suffix(".pdf").read_bytes()
     for path in (report.parent / "figures").iterdir():
         assert path.read_bytes() == (tmp_path / "figures" / path.name).read_bytes()
@@ -332,7 +343,7 @@ def test_equal_runs_give_equal_slides(report: Path, tmp_path: Path) -> None:
 
 def test_reports_in_one_folder_keep_their_own_pictures(report: Path, tmp_path: Path) -> None:
     for name in ("report.html", "other.html"):
-        write_report([report.parent], tmp_path / name, slides=True)
+        write_report([report.parent], tmp_path / name, pdf=True)
     assert {path.name for path in tmp_path.iterdir()} == {
         "report.html",
         "report.pdf",
@@ -344,7 +355,7 @@ def test_reports_in_one_folder_keep_their_own_pictures(report: Path, tmp_path: P
 
 
 def test_slides_of_two_dimensions(tmp_path: Path) -> None:
-    report = write_report([finished_2d(tmp_path / "run")], slides=True)
+    report = write_report([finished_2d(tmp_path / "run")], pdf=True)
     assert {path.name for path in (report.parent / "figures").iterdir()} == {
         "summary.png",
         "distances.png",
@@ -381,7 +392,7 @@ def test_letters_that_the_font_lacks_become_boxes(tmp_path: Path) -> None:
     assert len(drawable("x" * 100)) == 32
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        write_report([finished(tmp_path / "run", bulged_case(NASTY + " $\\frac{"))], slides=True)
+        write_report([finished(tmp_path / "run", bulged_case(NASTY + " $\\frac{"))], pdf=True)
 
 
 def test_a_triangle_seen_edge_on_draws_nothing() -> None:
@@ -402,5 +413,5 @@ def test_page_and_slides_share_the_picture_from_the_front(
 
     for module in (figures, slides):
         monkeypatch.setattr(module, "pictures_png", counted)
-    write_report([finished(tmp_path / "run")], slides=True)
+    write_report([finished(tmp_path / "run")], pdf=True)
     assert drawn == [False, True]

@@ -155,7 +155,7 @@ def test_the_torso_turns_with_the_pictures(visit: Visit) -> None:
 def test_views_of_an_unknown_frame_are_those_of_the_prior_and_named_so(browser: Any, tmp_path: Path) -> None:
     case = replace(bulged_case(), frame="unknown")
     case = replace(case, points=case.points.of("eam", "ablation"), prior_landmarks={})
-    report = write_report([finished(tmp_path / "run", case)], slides=True)
+    report = write_report([finished(tmp_path / "run", case)], pdf=True)
     visit = Visit(browser, report)
     names = visit.page.locator("#views button").all_inner_texts()
     assert names == ["prior −y", "prior +y", "prior +x", "prior −x", "prior +z", "prior −z"]

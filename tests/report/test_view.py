@@ -23,7 +23,7 @@ from tests.finished import finished
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = finished(tmp_path_factory.mktemp("view") / "run")
-    write_report([folder], slides=False)
+    write_report([folder])
     return folder
 
 

@@ -74,7 +74,7 @@ def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     folder = tmp_path_factory.mktemp("words")
     real = Pipeline([Landmarks(), ICP()], folds=0).run(ball_case(points=60)).write(folder / "real")
     runs = [real, finished(folder / "all")]
-    written = [write_report([run], slides=False) for run in runs]
+    written = [write_report([run]) for run in runs]
     written.append(compare(runs, folder / "cohort.html"))
     return {path.parent.name + path.name: path.read_text(encoding="utf-8") for path in written}
 

@@ -101,7 +101,7 @@ def test_deep_and_long_records_are_refused_at_once(text: str, sentence: str, tmp
     assert time.process_time() - begun < 1.0  # the task: refused within a second
 
 
-@pytest.mark.parametrize("command", [["report"], ["compare"], ["export"], ["report", "--no-slides"]])
+@pytest.mark.parametrize("command", [["report"], ["compare"], ["export"], ["report", "--pdf"]])
 def test_every_command_that_reads_a_run_says_so(
     command: list[str],
     edited: Callable[[str, Any], Path],

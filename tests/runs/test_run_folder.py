@@ -437,7 +437,7 @@ def test_a_link_in_a_run_folder_is_not_ours_either(tmp_path: Path) -> None:
 def test_what_report_and_export_add_to_a_run_is_replaced_with_it(tmp_path: Path) -> None:
     out = a_run(tmp_path / "run")
     export_run(out, format="stl")
-    write_report([out], out / "another.html", slides=True)
+    write_report([out], out / "another.html", pdf=True)
     files = {path.relative_to(out).as_posix() for path in out.rglob("*") if path.is_file()}
     listed = [json.loads(line) for line in (out / "manifest.txt").read_text().splitlines()]
     assert {"export/nudge.stl", "export/nudge.stl.json", "another.html", "another.pdf", "note.txt"} < files

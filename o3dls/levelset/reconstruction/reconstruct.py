@@ -34,7 +34,7 @@ class Reconstruction:
     """A field g on the moved prior, the points that it follows, their noise, how likely (n,) each touches,
     and by how many nats it predicts points better than the moved prior alone; rms radius of the prior,
     distance between points, widths of the field's lattices; points (k, 3) that are known to be inside;
-    whether the prior is a template.
+    the mixture of points on the wall and off it; whether the prior is a template.
     """
 
     prior: MovedPrior
@@ -47,6 +47,7 @@ class Reconstruction:
     between: float
     lengths: list[float]
     inside: Array
+    contact: Contact
     template: bool = False
 
 
@@ -122,7 +123,7 @@ def reconstruct(
     lengths = scale.wall_lengths(touching.noise, settings.splines)
     touching, field = _followed(given, touching, lengths, contact)
     inside, between = believed.inside.points, scale.between
-    known = radius, between, lengths, inside, believed.template
+    known = radius, between, lengths, inside, contact, believed.template
     return Reconstruction(prior, field, touching, sigma, wall.weights, gain, *known)
 
 

@@ -124,6 +124,14 @@ class SurplusSettings:
 
 
 @dataclass(frozen=True)
+class OwnPartSettings:
+    """When a part of the patient's own anatomy is given up: never because no catheter was there."""
+
+    reach: float = number(1.0, "clips", "from the new wall, beyond which the prior's inside is a lost part")
+    evidence: float = number(15.0, "nats", "by which points must be likelier without it: three that lie deep")
+
+
+@dataclass(frozen=True)
 class HandleSettings:
     """Which handles a reconstruction keeps, and how it gets rid of the others."""
 
@@ -163,6 +171,7 @@ class ReconstructionSettings:
         0.3, "clips", "outside the moved prior, from which the inside needs points around it"
     )
     bare_between: float = number(1.5, "distances between points", "to the nearest one, at most")
+    fading: float = number(1.0, "clips", "farther from points, over which the field fades to the moved prior")
     neck: float = number(0.6, "distances between points", "half as wide necks hang by gaps between points,")
     widest_neck: float = number(0.09, "rms radii", "but no wider than 3 mm")
     expected: float = number(10.0, "points", "that a part has room for, if it can lack them")
@@ -182,4 +191,5 @@ class ReconstructionSettings:
     normals: NormalSettings = field(default_factory=NormalSettings)
     amplitude: AmplitudeSettings = field(default_factory=AmplitudeSettings)
     surplus: SurplusSettings = field(default_factory=SurplusSettings)
+    own_parts: OwnPartSettings = field(default_factory=OwnPartSettings)
     handles: HandleSettings = field(default_factory=HandleSettings)

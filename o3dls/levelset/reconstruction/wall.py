@@ -21,7 +21,7 @@ from .normals import nearest
 from .point_density import PointDensity
 from .reconstruct import Reconstruction
 from .settings import ReconstructionSettings
-from .surplus import surplus
+from .surplus import own_parts_kept, surplus
 
 EVEN = 0.8  # area of wall per node on it and squared spacing, for a surface of any direction
 
@@ -38,9 +38,11 @@ def reconstructed_wall(
     prior, least = found.prior, settings.least_outside * found.prior.spacing
     begun = phi = _on_lattice(found, settings)
     phi, removed = without_pinched_off(phi, found, settings)
-    cut = 0
     if found.template:
         phi, cut = without_surplus(phi, found, settings)
+        removed += cut
+    else:
+        phi, removed = own_parts_kept(phi, found.wall, prior, found.contact, settings.own_parts)
     outside, filled = without_pinched_off(-phi, found, settings)
     phi = smooth_cuts(-outside, begun, settings.cut_smoothing)
     around = _around_wall(phi, 2)
@@ -53,7 +55,7 @@ def reconstructed_wall(
     meshed = mesh(made)
     if components_and_euler(*meshed) != components_and_euler(wall.vertices, wall.faces):
         wall = regularised(wall, prior.spacing)
-    return wall, removed + cut, filled
+    return wall, removed, filled
 
 
 def without_surplus(phi: Array, found: Reconstruction, settings: ReconstructionSettings) -> tuple[Array, int]:
@@ -91,9 +93,11 @@ def _on_lattice(found: Reconstruction, settings: ReconstructionSettings) -> Arra
     marked[tuple(_nodes(np.vstack([found.wall.feet, found.inside]), found).T)] = True
     reach = max(settings.around * prior.clip, settings.around_between * found.between)
     alone = settings.bare_between * found.between
-    gap = gaps(marked, max(reach, alone) / prior.spacing) * prior.spacing
+    faded = alone + settings.fading * prior.clip
+    gap = gaps(marked, max(reach, faded) / prior.spacing) * prior.spacing
     near = (np.abs(phi) < prior.clip) | (gap < reach)
-    phi += np.where(near, found.field.on_box(prior.low, phi.shape, prior.spacing), 0.0)
+    told = np.clip((faded - gap) / (faded - alone), 0.0, 1.0)
+    phi += np.where(near, told * found.field.on_box(prior.low, phi.shape, prior.spacing), 0.0)
     # the box ends outside, or the wall would stay open there: far from points the field may say anything
     least = settings.least_outside * prior.spacing
     ends = np.pad(np.zeros(np.subtract(phi.shape, 2), dtype=bool), 1, constant_values=True)

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from textwrap import shorten
 
-from ..checks import WORDS, Check, Grade, checks
+from ..checks import checks
+from ..grading.check import WORDS, Check, Grade
 from ..markup import Html, join, tag
 from ..subject import Subject
 from ..verdict import verdict, warnings

@@ -1,0 +1,46 @@
+"""Open3D without dash until that is needed."""
+
+from __future__ import annotations
+
+import sys
+from importlib import import_module
+from types import ModuleType
+from typing import Any
+
+PLOTS = "dash"  # a web server, for open3d.visualization.draw_plotly alone: a quarter of Open3D's import
+
+
+class Later:
+    """A name of a module that is imported when the name is used."""
+
+    def __init__(self, module: str, name: str) -> None:
+        self._module, self._name = module, name
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._own(), name)
+
+    def __call__(self, *given: Any, **named: Any) -> Any:
+        return self._own()(*given, **named)
+
+    def _own(self) -> Any:
+        return getattr(import_module(self._module), self._name)
+
+
+class _Names(ModuleType):
+    """A module that stands for another one, and gives its names for later."""
+
+    def __getattr__(self, name: str) -> Later:
+        if name.startswith("__"):
+            raise AttributeError(name)
+        return Later(self.__name__, name)
+
+
+def open3d() -> ModuleType:
+    """The module open3d; its own names are as they are, and what it takes of dash comes when it is used."""
+    if "open3d" in sys.modules or PLOTS in sys.modules:
+        return import_module("open3d")
+    sys.modules[PLOTS] = _Names(PLOTS)
+    try:
+        return import_module("open3d")
+    finally:
+        del sys.modules[PLOTS]

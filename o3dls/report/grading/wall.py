@@ -1,0 +1,88 @@
+"""Checks of the wall: what was removed of it, how much of it nobody visited, how its volume changed."""
+
+from __future__ import annotations
+
+from ...evaluation.interpolation import REACH
+from ..expected import absent_share
+from ..markup import signed
+from ..shape_words import words_of
+from ..subject import Subject, unmapped
+from .check import Check, Grade
+from .farthest_part import farthest_part
+
+LARGE_CHANGE = 0.5  # of the volume: more than an atrium fills and empties by
+REMOVED, TUBE = 0.01, 5.0  # share of the wall, and mm of a tube, whose removal is to be looked at
+FAR_REACH = 20.0  # mm from every point, from which a part of the wall is named,
+FAR_SHARE = 0.1  # and its share of the wall from which it is to be looked at
+HALF = 0.5  # of the wall without points: the result is more prior than map
+
+
+def removed_wall(subject: Subject) -> Check:
+    """What stages have taken away of the wall, each against the surface that it was given."""
+    name = "Removed wall"
+    facts = [one.facts for one in subject.last.run.estimates.values()]
+    share = max((float(one.get("removed_share", 0.0)) for one in facts), default=0.0)
+    reach = max((float(one.get("removed_reach_mm", 0.0)) for one in facts), default=0.0)
+    if share == 0.0:
+        return Check(name, "good", "no part of the prior was removed", "none")
+    said = f"{share:.1%} of the wall was removed, up to {reach:.0f} mm from what is left: is it not there?"
+    much = share >= REMOVED or reach >= TUBE
+    return Check(name, "amber" if much else "good", said, f"{share:.1%}, {reach:.0f} mm")
+
+
+def prior_only(subject: Subject) -> Check:
+    """Also before a stage removed wall, which must not hide that nobody was there."""
+    name = "Prior-only area"
+    share = subject.unmapped
+    if share is None:
+        return Check(name, "none", "is measured on surfaces in 3D")
+    before = _unmapped_before_removal(subject)
+    said = f"{share:.0%} of the surface is farther than {REACH:g} {subject.unit} from every fitted point"
+    if before is not None and before > share:
+        said += f"; {before:.0%} before wall was removed"
+    if missing := absent_share(subject.last.estimate.surface):
+        said += f"; {missing:.1%} of it may not exist"
+    half = max(share, before or 0.0) > HALF
+    return Check(name, "amber" if half else "good", said, f"{share:.0%}")
+
+
+def _unmapped_before_removal(subject: Subject) -> float | None:
+    """The share without points of the surface that the first stage was given which removed wall; None where
+    none did.
+    """
+    run = subject.last.run
+    names = list(run.estimates)
+    removed = [k for k, key in enumerate(names) if run.estimates[key].facts.get("removed_share", 0.0) > 0.0]
+    return unmapped(run.estimates[names[removed[0] - 1]].surface, subject.unit) if removed else None
+
+
+def farthest(subject: Subject) -> Check:
+    """The one connected part of the wall without points that is farthest from any: a vein, or what a
+    segmentation has leaked into.
+    """
+    name, surface = "Farthest part", subject.last.estimate.surface
+    found = farthest_part(surface, subject.unit)
+    if found is None:
+        return Check(name, "none", "is measured on surfaces in 3D")
+    where = ", ".join(f"{x:.0f}" for x in found.middle)
+    said = (
+        f"a part of {found.share:.0%} of the wall, around ({where}), has no point and reaches "
+        f"{found.reach:.0f} mm from the nearest: is it part of this chamber?"
+    )
+    if found.reach <= FAR_REACH:
+        return Check(
+            name, "good", f"no wall is farther than {FAR_REACH:g} mm from a point", f"{found.reach:.0f} mm"
+        )
+    grade: Grade = "amber" if found.share >= FAR_SHARE else "good"
+    return Check(name, grade, said, f"{found.share:.0%}, {found.reach:.0f} mm")
+
+
+def volume(subject: Subject) -> Check:
+    words = words_of(subject)
+    name = f"{words.amount.capitalize()} change"
+    change = subject.last.validity.get("volume_change")
+    if change is None:
+        return Check(name, "none", f"an open {words.shape} has no {words.amount}")
+    large = abs(change) >= LARGE_CHANGE
+    short = f"{signed(100 * change, 0)} %"
+    return Check(name, "amber" if large else "good", f"{short} against the prior", short)
