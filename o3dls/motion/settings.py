@@ -182,7 +182,7 @@ class MapShiftSettings:
     shared: float = number(
         0.25,
         "1",
-        "of the evidence, that is left without any such place: 0.34 of shifts, 0.16 of a lacking vein",
+        "of the evidence, that is left without any such place: 0.34 of shifts, 0.19 of a lacking vein",
     )
 
 
