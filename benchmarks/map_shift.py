@@ -2,12 +2,15 @@
 
     python -m benchmarks.map_shift ../shared/data/phantom/la_0*           a part of each map is shifted
     python -m benchmarks.map_shift CASES --whole                          maps as they are: none must be named
+    python -m benchmarks.make_cases badly_segmented BAD --data ../shared/data --judging
+    python -m benchmarks.map_shift BAD --whole                            and where the prior lacks a vein
 
 The points on the left (x above the median), or those taken in the second half of the file, are moved by some
 mm along some directions; landmarks, which are taken first, stay. Columns: what was found, and the mean
 distance in mm of noise-free points of the true wall (held_out.csv) from the surface: of the map as it was,
 shifted, and shifted with deform.map_shift = "fit". A shift along the normal of the part's plane stretches the
-wall, and is the hardest to tell from a motion.
+wall, and is the hardest to tell from a motion. A map that is whole has the distance as it is and, where a
+shift is named, with deform.map_shift = "fit": what the advice would do.
 """
 
 from __future__ import annotations
@@ -86,6 +89,17 @@ def rows(case: Case, lengths: list[float], directions: list[str]) -> Iterator[tu
                 yield f"{part} | {length:g} {name}", bool(sentence), near, f"{distances} | {sentence or '-'}"
 
 
+def row_of_whole(case: Case) -> tuple[str, bool, bool, str]:
+    """The same of a map that nothing is done to: what is named is wrong, and costs what following it does."""
+    found = deformed(case, "report")
+    sentence = named(found)
+    known = case.truth is not None and case.truth.held_out is not None
+    distances = f"{off(case, found):.2f}" if known else "-"
+    if sentence and known:
+        distances += f" | {off(case, deformed(case, 'fit')):.2f}"
+    return "whole", bool(sentence), False, f"{distances} | {sentence or '-'}"
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -102,7 +116,7 @@ def main() -> None:
     for listed in find(arguments.folders):
         case = listed.read()
         if arguments.whole:
-            found = [("", bool(said := named(deformed(case, "report"))), False, said)]
+            found = [row_of_whole(case)]
         else:
             found = list(rows(case, arguments.lengths, arguments.directions))
         for kind, is_named, is_near, rest in found:

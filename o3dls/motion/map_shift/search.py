@@ -1,44 +1,28 @@
 """Find the part of a map that is shifted: two maps in one, whose frames differ by an offset.
 
 Where an offset gains evidence in closed form (`offset_model`), a motion is fitted without it, and judged by
-its free energy; offset and cut follow anew until they stay. Reasons and numbers: docs/method.md.
+its free energy; offset and cut follow anew until they stay. What only one place of the wall speaks for is no
+shift (`one_place`). Reasons and numbers: docs/method.md.
 """
 
 from __future__ import annotations
 
 from concurrent.futures import Future
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from ...arrays import ROUNDING, Array
-from ...geometry.differential import unit_mean, vertex_normals
+from ...arrays import Array
 from ...geometry.similarity import apply, fit_similarity
-from ...noise.contact import contact_density
 from ...noise.shifted_part import MapShift
 from ...parallel import one_blas_thread, side_by_side
-from ..fit import settled
 from ..iteration import State
 from ..observations import Data
 from ..problem import MotionProblem, motion_problem
 from ..result import Iterated, MotionFit
-from .offset_model import Offset, OffsetModel, best_offsets, cut_at, offset_model, order_of, price
-
-
-@dataclass(frozen=True, eq=False)
-class Trial:
-    """A motion fitted without an offset, and the nats by which both explain the points better than a motion
-    alone.
-    """
-
-    found: Offset
-    run: Iterated
-    model: OffsetModel
-    evidence: float
-
-    @property
-    def problem(self) -> MotionProblem:
-        return self.run.problem
+from .offset_model import Offset, best_offsets, cut_at, offset_model, order_of
+from .one_place import is_shared
+from .trial import Trial, energy_alone, fitted_without, log_likelihood
 
 
 def find_map_shift(fit: MotionFit) -> tuple[MapShift, Array] | None:
@@ -46,10 +30,14 @@ def find_map_shift(fit: MotionFit) -> tuple[MapShift, Array] | None:
     the prior comes to without the offset; None where there is no such part.
     """
     with one_blas_thread():
-        trials = [trial for trial in _trials(fit) if _stands_out(trial)]
-    if not trials:
-        return None
-    trial = max(trials, key=lambda one: one.evidence)
+        problem, state, energy = _asked(fit)
+        trials = [trial for trial in _trials(problem, state, energy) if _stands_out(trial)]
+        if not trials:
+            return None
+        trial = max(trials, key=lambda one: one.evidence)
+        # others cut the same points elsewhere: where the likeliest is one place, none is tried in its stead
+        if not is_shared(trial, problem, state):
+            return None
     found, data = trial.found, fit.problem.data
     mapping = (data.group == 0) & ~data.inside if data.mapping is None else data.mapping
     held = found.part.holds(data.points, order_of(data))[mapping]
@@ -62,10 +50,9 @@ def find_map_shift(fit: MotionFit) -> tuple[MapShift, Array] | None:
     return shift.other_side(), pose
 
 
-def _trials(fit: MotionFit) -> list[Trial]:
-    """Motions without the offsets that are worth a fit."""
-    settings = fit.problem.settings.map_shift
-    problem, state, energy = _asked(fit)
+def _trials(problem: MotionProblem, state: State, energy: float | None) -> list[Trial]:
+    """Motions without the offsets that are worth a fit. energy: of the problem, if it is known."""
+    settings = problem.settings.map_shift
     here, measured = offset_model(problem, state), problem.data
     motion = _rms_motion(problem, state)
     worth = [one for one in best_offsets(here, measured) if _worth_a_fit(problem, motion, one)]
@@ -78,10 +65,7 @@ def _trials(fit: MotionFit) -> list[Trial]:
         return []
 
     def alone() -> float:
-        if energy is not None:
-            return energy + here.correction
-        run = settled(problem)
-        return run.energy + offset_model(problem, run.state).correction
+        return energy_alone(problem) if energy is None else energy + here.correction
 
     with side_by_side() as threads:
         whole = threads.submit(alone)  # begins first, so that none waits for what has not begun
@@ -94,13 +78,13 @@ def _settled(problem: MotionProblem, measured: Data, found: Offset, alone: Futur
     measured: the points with the offset in them; alone: free energy of a motion alone.
     """
     settings = problem.settings.map_shift
-    trial = _without(problem, measured, found, alone)
+    trial = fitted_without(problem, measured, found, alone)
     for _ in range(1, settings.rounds):
         again = _sharpened(trial, measured, best_offsets(trial.model, measured, trial.found)[0])
         still = settings.settled * float(trial.run.state.scales.noises[0])
         if np.linalg.norm(again.offset - trial.found.offset) < still:
             break
-        trial = _without(_posed(trial.run), measured, again, alone)
+        trial = fitted_without(_posed(trial.run), measured, again, alone)
         if not _stands_out(trial, settings.hopeless):
             break
     return trial
@@ -128,13 +112,6 @@ def _worth_a_fit(problem: MotionProblem, motion: float, found: Offset) -> bool:
         return found.nats >= settings.first_in_order and found.length >= settings.first_offset * problem.size
     least = max(settings.least_offset * problem.size, settings.first_over_motion * motion)
     return found.nats >= settings.first_evidence and found.length >= least
-
-
-def _without(problem: MotionProblem, measured: Data, found: Offset, alone: Future[float]) -> Trial:
-    run = settled(replace(problem, data=_taken_out(measured, found)))
-    model = offset_model(run.problem, run.state)
-    evidence = alone.result() - run.energy - model.correction - price(model, measured, found)
-    return Trial(found, run, model, evidence)
 
 
 def _stands_out(trial: Trial, share: float = 1.0) -> bool:
@@ -174,33 +151,14 @@ def _sharpened(trial: Trial, measured: Data, found: Offset) -> Offset:
     """
     settings = trial.problem.settings.map_shift
     key = found.part.key(measured.points, order_of(measured))
-    gain = _log_likelihood(trial, measured.points - found.offset) - _log_likelihood(trial, measured.points)
+    problem, state = trial.problem, trial.run.state
+    with_it = log_likelihood(problem, state, measured.points - found.offset)
+    gain = with_it - log_likelihood(problem, state, measured.points)
     rows = np.argsort(key, kind="stable")
     beyond = np.cumsum((gain * ~measured.inside)[rows][::-1])[::-1]
     few = max(int(settings.least_part * len(rows)), 1)
     cut = few + int(np.argmax(beyond[few : len(rows) - few]))
     return found._replace(part=cut_at(found.part, key, rows, cut))
-
-
-def _log_likelihood(trial: Trial, points: Array) -> Array:
-    """Of points (n, d): on the wall, or outliers."""
-    problem, state = trial.problem, trial.run.state
-    _, face, foot, bary = problem.tree.at(state.moved).query(points)
-    normals = unit_mean(vertex_normals(state.moved, problem.faces), problem.faces[face], bary)
-    outward = ((points - foot) * normals).sum(axis=1)
-    noise = state.scales.noises[problem.data.group] * problem.data.relative
-    fraction = state.contact.outlier_fraction
-    density = (1.0 - fraction) * contact_density(outward, noise**2)
-    return np.asarray(np.log(density + fraction * state.contact.outlier_density(outward) + ROUNDING))
-
-
-def _taken_out(data: Data, found: Offset) -> Data:
-    """The points, and the landmarks that move along, without the offset of a part."""
-    held = found.part.holds(data.points, order_of(data))[:, None]
-    marks = found.part.holds_marks(data.marks_map)[:, None]
-    return replace(
-        data, points=data.points - held * found.offset, marks_map=data.marks_map - marks * found.offset
-    )
 
 
 def _seen_from_the_wrong_side(shift: MapShift, marks: bool) -> bool:
