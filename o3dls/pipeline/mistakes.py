@@ -3,30 +3,34 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 from ..errors import did_you_mean
+from ..plugins.stage import Stage
+from ..runs.writers import Writer
 
-if TYPE_CHECKING:
-    from .pipeline import Pipeline
+MOST_FOLDS = 50
 
 
-def mistakes(pipeline: Pipeline, most_folds: int) -> list[str]:
-    """What is wrong with a whole pipeline, one sentence each; its parts have checked themselves."""
-    found = [] if pipeline.stages else ['the pipeline has no stage: add a [[stage]] with use = "icp"']
-    if pipeline.folds not in range(most_folds + 1) or pipeline.folds == 1:
+def mistakes(
+    stages: Sequence[Stage], writes: Sequence[Writer], names: Sequence[str], folds: int
+) -> list[str]:
+    """What is wrong with a whole pipeline, one sentence each; its parts have checked themselves.
+
+    names: of its estimates in order.
+    """
+    found = [] if stages else ['the pipeline has no stage: add a [[stage]] with use = "icp"']
+    if folds not in range(MOST_FOLDS + 1) or folds == 1:
         found.append(
-            f"folds = {pipeline.folds!r}: must be 0 (no cross-validation) or a whole number within [2, "
-            f"{most_folds}]"
+            f"folds = {folds!r}: must be 0 (no cross-validation) or a whole number within [2, {MOST_FOLDS}]"
         )
-    found += order_mistakes([(stage.name, stage.estimate_name, stage.after) for stage in pipeline.stages])
-    for writer in pipeline.writes:
+    found += order_mistakes([(stage.name, stage.estimate_name, stage.after) for stage in stages])
+    for writer in writes:
         found += [
-            f"{writer.name}: no estimate '{n}'{did_you_mean(n, pipeline.names)}"
+            f"{writer.name}: no estimate '{n}'{did_you_mean(n, list(names))}"
             for n in writer.refers_to
-            if n not in pipeline.names
+            if n not in names
         ]
-    targets = [" ".join(writer.target(pipeline.names[-1])) for writer in pipeline.writes]
+    targets = [" ".join(writer.target(names[-1])) for writer in writes]
     twice = [target for target in dict.fromkeys(targets) if targets.count(target) > 1]
     return found + [
         f"{target}: two writers would overwrite each other's files: leave one out" for target in twice

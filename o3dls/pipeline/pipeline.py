@@ -38,7 +38,6 @@ from .start import (
 )
 
 START = "start"
-MOST_FOLDS = 50
 log = logging.getLogger("o3dls")
 
 
@@ -66,7 +65,7 @@ class Pipeline:
         for name in ("case", "out"):
             if getattr(self, name) is not None:
                 object.__setattr__(self, name, Path(getattr(self, name)))
-        if found := mistakes(self, MOST_FOLDS):
+        if found := mistakes(self.stages, self.writes, self.names, self.folds):
             raise PipelineError(*found)
 
     @property

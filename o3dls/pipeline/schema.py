@@ -6,7 +6,8 @@ from typing import Any
 
 from ..plugins.parameters import part
 from ..plugins.plugin import GROUPS, Plugin, load, registered
-from .pipeline import MOST_FOLDS, Pipeline
+from .mistakes import MOST_FOLDS
+from .pipeline import Pipeline
 
 DRAFT = "http://json-schema.org/draft-07/schema#"  # the newest that editors of TOML know
 MEANINGS = {

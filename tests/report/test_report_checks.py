@@ -20,6 +20,7 @@ from o3dls.report.grading.check import WORDS, Check
 from o3dls.report.page import report_page
 from o3dls.report.sections.outcome import overall
 from o3dls.report.subject import Subject, read_subject
+from o3dls.run_warning import RunWarning
 from tests.finished import bulged_case, finished, finished_2d
 
 
@@ -38,6 +39,11 @@ def edited(run: Path, folder: Path, estimate: str, **changes: dict[str, Any]) ->
     return copy
 
 
+def removed(share: float, reach: float) -> dict[str, Any]:
+    """What an estimate says whose stage took wall away."""
+    return {"facts": {"removed_share": share, "removed_reach_mm": reach}}
+
+
 def strip_of(folder: Path) -> dict[str, tuple[str, str, str]]:
     """Class, grade and text of each entry, as the page has them."""
     found = re.findall(
@@ -48,15 +54,13 @@ def strip_of(folder: Path) -> dict[str, tuple[str, str, str]]:
 
 
 def test_the_strip_says_what_run_json_says(run: Path, tmp_path: Path) -> None:
-    marks = {"landmarks": {"LSPV": {"error": 1, "leave_one_out": 4.26}, "RSPV": {"leave_one_out": None}}}
-    edited(run, tmp_path / "a", "icp", facts={"outlier_fraction": 0.061, **marks})
+    edited(run, tmp_path / "a", "icp", facts={"outlier_fraction": 0.061})
     record = json.loads((tmp_path / "a" / "run.json").read_text())
     found = strip_of(tmp_path / "a")
     last = record["estimates"][record["final"]]
     assert found["Valid surface"][0] == ("good" if record["valid"] else "bad")
     not_yet = [name for name, one in record["estimates"].items() if not one["converged"]]
-    assert found["Converged"] == ("bad", "FAIL", f"not converged: {', '.join(not_yet)}")
-    assert found["Landmarks, leave-one-out"] == ("good", "OK", "worst: LSPV, 4.3 mm")
+    assert found["Converged"] == ("amber", "CHECK", f"not converged: {', '.join(not_yet)}")
     assert found["Share of outliers"][2] == "6% of the points"
     change = 100 * last["validity"]["volume_change"]
     assert found["Volume change"] == ("good", "OK", f"{change:+.0f} % against the prior")
@@ -69,9 +73,11 @@ def test_the_strip_says_what_run_json_says(run: Path, tmp_path: Path) -> None:
     ("name", "estimate", "changes", "grade", "said"),
     [
         ("Valid surface", "level_set", {"validity": {"components": 2}}, "bad", "surface has 2 components"),
-        ("Landmarks, leave-one-out", "icp", {"facts": {"landmarks": {"L": {"leave_one_out": 10.1}}}}, "amber",
-         "worst: L, 10.1 mm (above 10 mm)"),
-        ("Volume change", "level_set", {"validity": {"volume_change": -0.34}}, "amber", "-34 %"),
+        ("Volume change", "level_set", {"validity": {"volume_change": -0.34}}, "good", "-34 %"),
+        ("Volume change", "level_set", {"validity": {"volume_change": 0.51}}, "amber", "+51 %"),
+        ("Removed wall", "icp", removed(0.004, 4.0), "good", "0.4%"),
+        ("Removed wall", "icp", removed(0.011, 4.0), "amber", "1.1%"),
+        ("Removed wall", "icp", removed(0.004, 6.0), "amber", "6 mm"),
         ("Volume change", "level_set", {"validity": {"volume_change": None}}, "none", "open"),
         ("Share of outliers", "icp", {"facts": {"outlier_fraction": 0.3}}, "amber", "30%"),
     ],
@@ -124,11 +130,66 @@ def test_the_expected_error_is_that_of_a_normal_posterior(run: Path) -> None:
     assert expected_error(read_subject([run], ["icp"])) is None
 
 
-def test_pixels_have_no_limit_in_millimetres(tmp_path: Path) -> None:
-    marks = {"landmarks": {"L": {"leave_one_out": 30.0}}}
-    folder = edited(finished_2d(tmp_path / "flat"), tmp_path / "d", "icp", facts=marks)
-    assert strip_of(folder)["Landmarks, leave-one-out"] == ("good", "OK", "worst: L, 30.0 px")
-    assert "Area change" in strip_of(folder)
+def test_in_2d_areas_are_compared_and_parts_of_a_wall_are_not(tmp_path: Path) -> None:
+    found = strip_of(finished_2d(tmp_path / "flat"))
+    assert "Area change" in found
+    assert {found[name][0] for name in ("Farthest part", "Prior-only area")} == {"none"}
+
+
+def of_run(subject: Subject, **estimates: Any) -> dict[str, Check]:
+    """The checks by name, with some attributes of estimates changed."""
+    run = subject.last.run
+    changed = {name: replace(one, **estimates.get(name, {})) for name, one in run.estimates.items()}
+    found = replace(run, estimates=changed)
+    results = {name: replace(one, run=found) for name, one in subject.results.items()}
+    return {one.name: one for one in checks(replace(subject, results=results, runs=[found]))}
+
+
+@pytest.mark.parametrize(
+    ("code", "grade"), [("duplicate-points", "good"), ("map-shift", "amber"), ("many-outliers", "bad")]
+)
+def test_the_verdict_is_never_better_than_the_gravest_warning(run: Path, code: str, grade: str) -> None:
+    said = (RunWarning("duplicate-points", "twice"), RunWarning(code, "said"))
+    found = of_run(read_subject([run]), icp={"warnings": said})
+    assert found["Warnings"].grade == grade
+    assert ("said" in found["Warnings"].said) == (grade != "good")
+    if grade != "good":
+        assert WORDS[found["Warnings"].grade] in str(overall([*found.values()], ["said"]))
+
+
+@pytest.mark.parametrize(("step", "grade"), [(0.01, "good"), (0.3, "amber"), (None, "amber")])
+def test_convergence_is_judged_by_the_step_that_is_left_against_the_noise(
+    run: Path, step: float | None, grade: str
+) -> None:
+    """Also of a later stage that leaves the motion alone."""
+    facts = {} if step is None else {"last_step": step}
+    still = {"icp": {"converged": False, "sigma": 1.5, "facts": facts}, "level_set": {"converged": False}}
+    assert of_run(read_subject([run]), **still)["Converged"].grade == grade
+
+
+@pytest.mark.parametrize(("far", "grade"), [(19.0, "good"), (25.0, "amber")])
+def test_a_connected_part_that_reaches_far_from_all_points_is_looked_at(
+    run: Path, far: float, grade: str
+) -> None:
+    subject = read_subject([run])
+    surface = subject.last.estimate.surface
+    gap = np.where(surface.vertices[:, 2] > np.quantile(surface.vertices[:, 2], 0.6), far, 3.0)
+    fields = {**surface.fields, "distance_to_nearest_point_mm": gap}
+    last = {subject.last.key: {"surface": replace(surface, fields=fields)}}
+    found = of_run(subject, **last)["Farthest part"]
+    assert found.grade == grade
+    assert ("mm from the nearest" in found.said) == (grade == "amber")
+
+
+def test_wall_that_may_not_exist_is_expected_farther_and_its_deviation_is_left_alone(run: Path) -> None:
+    subject = with_sd(read_subject([run]), 1.0)
+    surface = subject.last.estimate.surface
+    count = len(surface.vertices)
+    fields = {"existence": np.full(count, 0.75), "distance_to_nearest_point_mm": np.full(count, 12.0)}
+    changed = replace(surface, fields={**surface.fields, **fields})
+    doubted = of_run(subject, **{subject.last.key: {"surface": changed}})
+    assert "mean 3.60 mm" in doubted["Expected error"].said
+    assert "25.0% of it may not exist" in doubted["Prior-only area"].said
 
 
 def test_without_truth_the_calibration_is_not_graded(tmp_path: Path) -> None:
