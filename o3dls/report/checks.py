@@ -190,6 +190,7 @@ def _warnings(subject: Subject) -> Check:
     told = each_once(one for estimate in run.estimates.values() for one in estimate.warnings)
     grave = sorted((one for one in told if one.grade != "good"), key=lambda one: one.grade == "amber")
     if not grave:
-        return Check("Warnings", "good", "none that puts the result in doubt", "none")
+        return Check("Warnings", "good", "no warning puts the result in doubt", "no doubt")
+    grade: Grade = "bad" if grave[0].grade == "bad" else "amber"
     said = "; ".join(one.sentence for one in grave)
-    return Check("Warnings", grave[0].grade, said, _counted([one.code for one in grave], "warning"))
+    return Check("Warnings", grade, said, _counted([one.code for one in grave], "warning"))

@@ -18,6 +18,8 @@ from o3dls.evaluation.interpolation import REACH
 from o3dls.report import checks as module
 from o3dls.report.drawing.fields import known_fields
 from o3dls.report.expected import DUE, OFF
+from o3dls.report.grading import wall
+from o3dls.report.grading.check import WORDS
 from o3dls.report.page_parts import asset
 from o3dls.report.sections.order import SECTIONS
 from o3dls.report.sections.section import Maker
@@ -46,11 +48,11 @@ ENTRIES = {row[0]: row[1:] for row in rows("entry")}
 # each entry, the function that grades it, and the thresholds of that, as they are written
 GRADED: Mapping[str, tuple[str, tuple[str, ...]]] = {
     "Valid surface": ("_valid", ()),
-    "Converged": ("_converged", ()),
-    "Against icp": ("_against_baseline", ()),
+    "Converged": ("_converged", (f"more than {100 * module.STILL:g} % of the noise",)),
+    "Against icp": ("_against_baseline", (f"more than {module.FARTHER:g} mm",)),
     "Expected error": ("_expected", ()),
     "Calibration": ("_calibrated", (f"{100 * OFF:g} percentage points", f"{100 * DUE[0]:g} %")),
-    "Landmarks, leave-one-out": ("_landmarks", (f"more than {module.FAR_LANDMARK:g} mm",)),
+    "Landmarks": ("_landmarks", (f"more than {module.FAR_LANDMARK:g} mm",)),
     "Far points": (
         "_far_points",
         (
@@ -61,8 +63,11 @@ GRADED: Mapping[str, tuple[str, tuple[str, ...]]] = {
         ),
     ),
     "Share of outliers": ("_outliers", (f"more than {100 * module.MANY_OUTLIERS:g} %",)),
-    "Prior-only area": ("_prior_only", (f"more than {100 * module.HALF:g} %", f"over {REACH:g} mm")),
-    "Volume change": ("_volume", (f"{100 * module.LARGE_CHANGE:.0f} %",)),
+    "Removed wall": ("removed_wall", (f"{100 * wall.REMOVED:g} % of the wall", f"{wall.TUBE:g} mm")),
+    "Prior-only area": ("prior_only", (f"more than {100 * wall.HALF:g} %", f"over {REACH:g} mm")),
+    "Farthest part": ("farthest", (f"{100 * wall.FAR_SHARE:g} %", f"beyond {wall.FAR_REACH:g} mm")),
+    "Volume change": ("volume", (f"{100 * wall.LARGE_CHANGE:.0f} %",)),
+    "Warnings": ("_warnings", ()),
 }
 
 
@@ -91,7 +96,7 @@ def test_every_entry_is_explained_and_told_what_to_do_about(name: str) -> None:
     assert bool(re.search(r"\*If\s+(?:not OK|amber)\*", said)) == can_fail
 
 
-@pytest.mark.parametrize("grade", module.WORDS.values())
+@pytest.mark.parametrize("grade", WORDS.values())
 def test_every_grade_is_explained(grade: str) -> None:
     assert f"- **{grade}** (" in chapter("The strip")
 
