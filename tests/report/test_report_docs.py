@@ -52,7 +52,11 @@ GRADED: Mapping[str, tuple[str, tuple[str, ...]]] = {
     "Against icp": ("_against_baseline", (f"more than {module.FARTHER:g} mm",)),
     "Expected error": ("_expected", ()),
     "Calibration": ("_calibrated", (f"{100 * OFF:g} percentage points", f"{100 * DUE[0]:g} %")),
-    "Landmarks": ("_landmarks", (f"more than {module.FAR_LANDMARK:g} mm",)),
+    "Landmarks": (
+        "_landmarks",
+        (f"more than {module.LANDMARKS_RMS:g} mm rms", f"more than {module.FAR_LANDMARK:g} mm"),
+    ),
+    "Size": ("_size", (f"more than {100 * module.SIZE:g} %",)),
     "Far points": (
         "_far_points",
         (

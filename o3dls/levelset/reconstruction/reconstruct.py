@@ -134,21 +134,22 @@ def _asked(given: _Given, wall: Oriented, field_gain: float) -> tuple[float, Arr
     field_gain: nats of the points near the moved prior.
     """
     prior, scale, settings, contact = given.prior, given.scale, given.settings, given.believed.contact
-    gain, enough = field_gain, field_gain >= settings.field_evidence
+    gain, enough, absent = field_gain, field_gain >= settings.field_evidence, False
     if not enough:
         touching = wall.of(wall.weights > 0.5)
         lengths = scale.radius, scale.between
         if given.believed.template:
             lacking = surplus(prior.box, touching, prior, *lengths, settings.surplus)[1]
             gain += lacking
-            enough = lacking > 0.0
+            absent = lacking > 0.0
         # most maps ask for nothing: even points that lay exactly on the new wall would not be evidence enough
         exact = np.zeros(len(wall.feet))
-        if not enough and gain + gain_off_prior(wall, prior, exact, contact, settings) < settings.evidence:
+        if not absent and gain + gain_off_prior(wall, prior, exact, contact, settings) < settings.evidence:
             return None
     residual = left_out_distances(wall, prior, scale, settings)
     gain += gain_off_prior(wall, prior, residual, contact, settings)
-    return (gain, residual) if enough or gain >= settings.evidence else None
+    asked = absent or gain >= settings.evidence or (enough and gain > 0.0)
+    return (gain, residual) if asked else None
 
 
 def _who_touches(
