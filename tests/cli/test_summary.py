@@ -22,15 +22,15 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_the_worst_check_gives_the_word_and_stands_first(run: Path) -> None:
     found = summary(run)
     by_name = {one.name: one for one in checks(read_subject([run]))}
-    assert by_name["Converged"].grade == "bad"
-    assert (found.word, found.final) == ("FAIL", "level_set")
+    assert by_name["Converged"].grade == "amber"
+    assert (found.word, found.final) == ("CHECK", "level_set")
     assert found.reasons[0] == by_name["Converged"]
     assert {one.name for one in found.reasons} == {
         name for name, one in by_name.items() if one.grade in ("bad", "amber")
     }
     first, second, *_, page, folder = str(found).splitlines()
-    assert first == "FAIL  level_set: do not rely on it"
-    assert second == "  FAIL  Converged: not converged: level_set"
+    assert first == "CHECK  level_set: look at this before you rely on it"
+    assert second == "  CHECK  Converged: not converged: level_set"
     assert (page, folder) == (f"no report yet: o3dls report {run} writes it", str(run))
 
 
