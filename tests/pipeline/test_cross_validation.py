@@ -8,6 +8,8 @@ import time
 from collections.abc import Iterator
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -18,10 +20,12 @@ from o3dls.case import Case
 from o3dls.errors import InputError, SolverError
 from o3dls.estimate import Estimate
 from o3dls.evaluation.distances import distances
-from o3dls.pipeline.cross_validation import Folds, blocks, cross_validate, fold_of, without
+from o3dls.pipeline.cross_validation import Folds, blocks, cross_validate, ending, fold_of, without
 from o3dls.pipeline.pipeline import Pipeline
 from o3dls.pipeline.start import start_estimate
 from o3dls.pipeline.workers import second_process, workers
+from o3dls.report.subject import read_subject
+from o3dls.runs.folder import read_run
 
 FOLDS = 4
 log = logging.getLogger("o3dls")
@@ -195,3 +199,38 @@ def test_there_is_a_second_process_only_for_folds_and_where_a_core_is_left(
         assert pool is None
     with second_process(FOLDS) as pool:
         assert pool is not None
+
+
+@pytest.mark.parametrize(("harm", "final"), [(0.6, "motion"), (0.01, "wall"), (-0.6, "wall")])
+def test_a_run_ends_with_an_earlier_estimate_where_left_out_points_clearly_prefer_it(
+    harm: float, final: str
+) -> None:
+    case = ball_case()
+    count = int((case.points.type == "eam").sum())
+    rng = np.random.default_rng(310_412)
+    motion = np.abs(rng.normal(1.5, 0.3, count))
+    chance = rng.normal(0.0, 0.3, count)
+    wall = motion + harm + chance - chance.mean()
+    left_out = {"start": motion + 5.0, "motion": motion, "wall": wall}
+    found, said = ending(["wall", "motion"], left_out, case)
+    assert found == final
+    assert [(one.code, one.stage) for one in said] == ([("stage-rejected", "wall")] if harm > 0.5 else [])
+    assert ending(["wall", "motion"], {}, case) == ("wall", [])  # without folds nothing is rejected
+
+
+def test_the_final_estimate_is_written_read_back_and_warned_of(tmp_path: Path) -> None:
+    class Away(Nudge):
+        """Moves what is right far off."""
+
+        name: ClassVar[str] = "away"
+
+        def __call__(self, case: Case, start: Estimate) -> Estimate:
+            surface = start.surface.with_vertices(start.surface.vertices + 6.0)
+            return replace(start, surface=surface)
+
+    run = Pipeline([Nudge(), Away()], folds=4).run(ball_case())
+    assert run.final == "nudge"
+    assert "stage-rejected" in {warning.code for warning in run.estimates[run.final].warnings}
+    again = read_run(run.write(tmp_path / "run"))
+    assert again.final == "nudge"
+    assert read_subject([tmp_path / "run"]).last.key == "nudge"

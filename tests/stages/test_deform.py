@@ -7,7 +7,7 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -23,9 +23,19 @@ from o3dls.estimate import Estimate
 from o3dls.evaluation.distances import distances
 from o3dls.geometry.similarity import apply, similarity
 from o3dls.geometry.surface import Surface
+from o3dls.io.case_reader import read_case
+from o3dls.motion.result import MotionFit
+from o3dls.resources import demo_case
 from o3dls.run_warning import RunWarning
 from o3dls.stages.deform import Deform
-from o3dls.stages.deform_checks import alternatives, captured, changed_volume, stretched, swapped_landmarks
+from o3dls.stages.deform_checks import (
+    alternatives,
+    another_heart,
+    captured,
+    changed_volume,
+    stretched,
+    swapped_landmarks,
+)
 from o3dls.stages.deform_data import observed
 from o3dls.stages.level_set import LevelSet, observer
 
@@ -729,3 +739,15 @@ def test_an_alternative_is_warned_of_only_where_the_points_hardly_prefer(behind:
     found = alternatives(best, [best], "mm")  # type: ignore[arg-type, list-item]
     assert [one.code for one in found] == ["alternative-points"] * warned
     assert all("without 7 points" in one.sentence for one in found)
+
+
+@pytest.mark.parametrize(
+    ("gradient", "whose", "asked"),
+    [(0.15, "patient", False), (0.25, "patient", True), (0.25, "template", False)],
+)
+def test_a_patients_prior_that_bends_as_into_another_heart_is_asked_about(
+    gradient: float, whose: str, asked: bool
+) -> None:
+    case = replace(read_case(demo_case()), prior_of=whose)
+    fit = cast(MotionFit, SimpleNamespace(gradient=gradient))
+    assert [one.code for one in another_heart(case, fit)] == ["prior-of-another"] * asked
