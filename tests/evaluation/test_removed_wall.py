@@ -18,7 +18,7 @@ def test_a_tube_that_was_cut_off_is_as_long_as_it_reaches() -> None:
     assert found["removed_share"] == pytest.approx(TUBED.vertex_areas[tube].sum() / TUBED.area, rel=0.1)
 
 
-def test_wall_that_moved_a_little_or_was_added_is_not_removed() -> None:
+def test_wall_that_moved_a_little_is_not_removed() -> None:
     moved = BALL.with_vertices(1.05 * BALL.vertices)
-    for after in (BALL, moved, TUBED):
+    for after in (BALL, moved):
         assert removed_wall(BALL, after) == {"removed_share": 0.0, "removed_reach_mm": 0.0}
