@@ -70,7 +70,6 @@ GRADES: Mapping[str, Grade] = {
     "captured-points": "amber",
     "stretched-wall": "amber",
     "volume-changed": "amber",
-    "prior-of-another": "amber",
     "alternative-start": "amber",
     "alternative-points": "amber",
     "map-shift": "amber",
