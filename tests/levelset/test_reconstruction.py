@@ -502,17 +502,25 @@ def signed(surface: Surface, points: Array) -> Array:
 
 
 def test_wall_far_from_points_is_probably_not_there_unless_much_was_not_visited() -> None:
-    settings = ReconstructionSettings()
-    gap = np.r_[np.full(97, 0.3), 1.0, 1.4, 3.0]
-    even = absent(gap, 1.0, settings, template=False)
-    assert (np.diff(even[96:]) > 0.0).all()
-    assert even[0] < 0.05  # as likely as before, next to a point
+    gap = np.array([0.0, 0.3, 1.0, 1.5, 3.0])
+    even = absent(gap, 1.0, 8.0, 0.02, 0.01)
+    assert (np.diff(even[1:]) > 0.0).all()
+    assert even[0] < 0.01  # next to a point it is less likely than before
     assert even[-1] > 0.5
-    # a quarter of the wall has no point near
-    clustered = absent(np.r_[gap, np.full(40, 5.0)], 1.0, settings, template=False)
-    assert clustered[-1] < 0.1
-    np.testing.assert_allclose(absent(2.0 * gap, 2.0, settings, template=False), even)  # whatever the unit
-    assert (absent(gap, 1.0, settings, template=True) > even).all()  # veins of another person's are its own
+    assert absent(gap, 1.0, 8.0, 0.02, 0.3)[-1] < 0.1  # a third of the wall has no point near
+    np.testing.assert_allclose(absent(2.0 * gap, 2.0, 16.0, 0.02, 0.01), even)  # whatever the unit
+    assert (absent(gap, 1.0, 8.0, 0.08, 0.01) > even).all()  # veins of another person's are its own
+
+
+def test_of_wall_that_is_there_and_was_visited_evenly_hardly_any_is_doubted() -> None:
+    """In the mean no more than before points were seen, however chance has spread them."""
+    rng = np.random.default_rng(771_203)
+    for count in (250, 1000):
+        points = sampled(BALL, count, 0.0, int(rng.integers(1_000_000)))
+        between = float(np.sqrt(BALL.area / count))
+        settings = ReconstructionSettings()
+        likely = existence(BALL.vertices, believed(points), between, settings)
+        assert 1.0 - likely.mean() < settings.absent
 
 
 def test_wall_is_doubted_where_an_even_map_has_no_point() -> None:

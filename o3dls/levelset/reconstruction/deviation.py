@@ -8,6 +8,7 @@ import numpy as np
 from numba import njit
 
 from ...arrays import TINY, Array
+from ...geometry.similarity import rms_radius
 from ...motion.covariance import WORTH
 from ...parallel import by_rows
 from .normals import nearest
@@ -38,20 +39,25 @@ def existence(places: Array, believed: Believed, between: float, settings: Recon
     if not len(touching):
         return np.ones(len(places))
     gap = nearest(touching, places, 1)[0][:, 0]
-    return 1.0 - absent(gap, between, settings, template=believed.template)
-
-
-def absent(gap: Array, between: float, settings: ReconstructionSettings, *, template: bool) -> Array:
-    """Probability (n,) that there is no wall where the nearest point is `gap` (n,) away, of points that are
-    `between` apart. Before points are seen it is larger for a template than for the patient's own prior.
-
-    On a wall that was visited so large a circle is empty with the probability of a Poisson process, on the
-    part of the wall that was not visited always.
-    """
-    share = settings.absent_of_template if template else settings.absent
+    length = settings.absent_length * rms_radius(places)
+    share = settings.absent_of_template if believed.template else settings.absent
     unmapped = float((gap > settings.unmapped * between).mean())
-    empty = unmapped + (1.0 - unmapped) * np.exp(-np.pi * (gap / between) ** 2)
-    return np.asarray(share / (share + (1.0 - share) * empty))
+    return 1.0 - absent(gap, between, length, share, unmapped)
+
+
+def absent(gap: Array, between: float, length: float, share: float, unmapped: float) -> Array:
+    """Probability (n,) that there is no wall where the nearest point is `gap` (n,) away, of points that are
+    `between` apart.
+
+    share: of the wall that is absent before points are seen; unmapped: of it that was not visited. By Bayes'
+    rule with the densities of the gap: on visited wall that of a Poisson process, which is no smaller nearer
+    than where it is largest; on absent and on unvisited wall any up to a `length`.
+    """
+    mode = between / np.sqrt(2.0 * np.pi)
+    far = np.maximum(gap, mode) / between
+    visited = length / between * 2.0 * np.pi * far * np.exp(-np.pi * far**2)
+    there = unmapped + (1.0 - unmapped) * visited
+    return np.asarray(share / (share + (1.0 - share) * there))
 
 
 @njit(cache=True, nogil=True)

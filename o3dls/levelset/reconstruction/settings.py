@@ -187,6 +187,7 @@ class ReconstructionSettings:
     deviation_points: int = number(10, "points", "that the deviation of a vertex is asked of")
     absent: float = number(0.02, "1", "of a patient's own wall, before points are seen, is not there")
     absent_of_template: float = number(0.08, "1", "of a template's wall, likewise: veins differ")
+    absent_length: float = number(0.75, "rms radii", "of parts that may be absent: a vein of 20 mm")
     unmapped: float = number(1.5, "distances between points", "to the nearest one, of wall not visited")
     splines: SplineSettings = field(default_factory=SplineSettings)
     normals: NormalSettings = field(default_factory=NormalSettings)
