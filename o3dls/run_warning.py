@@ -75,7 +75,6 @@ GRADES: Mapping[str, Grade] = {
     "map-shift": "amber",
     "outdated-amplitudes": "amber",
     "mesh-differs": "amber",
-    "parts-lost": "amber",
     "stage-rejected": "amber",
     "other": "amber",
 }

@@ -93,7 +93,8 @@ class LevelSet(Stage):
         if not paper:
             check_mesh(mesh.surface, reached.wall, self.spacing, self.keep, case.units)
             warnings += lost_parts(mesh.surface, reached.wall, self.spacing, case.units)
-        return replace(self._estimate(case, start, reached, mesh), warnings=tuple(warnings))
+        found = replace(self._estimate(case, start, reached, mesh), warnings=tuple(warnings))
+        return found if paper or case.dimension == 2 else _with_removed(found, start.surface)
 
     def _meshed(self, reached: Refinement) -> tuple[Refinement, Extraction]:
         """The mesh of what was reached, and its phi as a distance everywhere."""
@@ -122,7 +123,6 @@ class LevelSet(Stage):
     def _estimate(self, case: Case, start: Estimate, reached: Refinement, mesh: Extraction) -> Estimate:
         """The start with the refined surface; the motion, its fit and the weights stay."""
         from ..adapters.meshing import carry_fields
-        from ..evaluation.removed_wall import removed_wall
 
         # a motion that is still moving leaves a level set that is
         moving = self.formulation == "default" and start.fit is not None and not start.fit.converged
@@ -132,9 +132,6 @@ class LevelSet(Stage):
         surface = carry_fields(reached.wall if reached.fields is None else start.surface, mesh.surface)
         if reached.fields is not None:
             surface = replace(surface, fields={**surface.fields, **reached.fields(surface.vertices)})
-        removed = {}
-        if reached.facts.get("removed_parts") or reached.facts.get("changes"):
-            removed = removed_wall(start.surface, surface)
         surface = with_existence(surface, case, start, reached.weights)
         return replace(
             start,
@@ -146,7 +143,7 @@ class LevelSet(Stage):
             weights=start.weights if reached.weights is None else of_mapping(start.fit, reached.weights),
             phi=reached.phi,
             trace=reached.trace,
-            facts={**reached.facts, "changes": changes, **shifts, **removed},
+            facts={**reached.facts, "changes": changes, **shifts},
         )
 
     def _by_default(self, case: Case, start: Estimate) -> Refinement:
@@ -198,3 +195,11 @@ def _with_unit(surface: Surface, unit: str) -> Surface:
     """The correction's field under the name that tells its unit."""
     names = {"correction": f"correction_{unit}"}
     return replace(surface, fields={names.get(name, name): x for name, x in surface.fields.items()})
+
+
+def _with_removed(found: Estimate, before: Surface) -> Estimate:
+    """The estimate with how much of the wall before is gone, where a warning says that some is."""
+    from ..evaluation.removed_wall import removed_wall
+
+    told = {warning.code for warning in found.warnings} & {"topology-changed", "parts-lost"}
+    return replace(found, facts={**found.facts, **removed_wall(before, found.surface)}) if told else found
