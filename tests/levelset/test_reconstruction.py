@@ -62,7 +62,7 @@ def believed(points: Array, weights: Array | None = None, sigma: float = SIGMA) 
 def rebuilt(
     prior: Surface, points: Array, weights: Array | None = None, *, template: bool = False
 ) -> Refinement | None:
-    """A wall on top of a prior; the tube is more of it than a vein is of a heart, so more may lack than usual."""
+    """The tube is more of this prior than a vein is of a heart: more may be absent than usual."""
     prior = replace(prior, fields={"sd": np.full(len(prior.vertices), 0.5)})
     known = replace(believed(points, weights), template=template)
     usual = LevelSetSettings()
