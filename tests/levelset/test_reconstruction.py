@@ -34,7 +34,12 @@ from o3dls.levelset.reconstruction.reconstruct import Believed, Inside, Reconstr
 from o3dls.levelset.reconstruction.refinement import reconstructed
 from o3dls.levelset.reconstruction.settings import HandleSettings, ReconstructionSettings, SplineSettings
 from o3dls.levelset.reconstruction.splines import SplineField, SplineLattice
-from o3dls.levelset.reconstruction.wall import reconstructed_wall, smooth_cuts, without_pinched_off
+from o3dls.levelset.reconstruction.wall import (
+    own_parts_kept,
+    reconstructed_wall,
+    smooth_cuts,
+    without_pinched_off,
+)
 from o3dls.levelset.reconstruction.winding import DipolePlaces
 from o3dls.levelset.refine import Refinement
 from o3dls.levelset.settings import LevelSetSettings
@@ -397,13 +402,18 @@ def test_a_part_of_ones_own_is_lost_only_where_points_close_its_mouth(least: flo
     noise = np.full(count, SIGMA)
     normals = points / np.linalg.norm(points, axis=1, keepdims=True)
     wall = Oriented(points, np.zeros(count), normals, np.zeros(count), noise, *np.ones((2, count)))
-    settings = ReconstructionSettings().own_parts
-    found, contradicted = surplus.own_parts_kept(without_tube, wall, prior, CONTACT, settings)
+    lattices, nobody = SplineField([], []), np.zeros((0, 3))
+    rebuilt_wall = Reconstruction(
+        prior, lattices, wall, SIGMA, np.ones(count), 50.0, 16.0, 1.8, [5.0], nobody, CONTACT
+    )
+    found, contradicted = own_parts_kept(without_tube, rebuilt_wall, ReconstructionSettings())
     assert contradicted == lost
     tube = prior.box < -1.0
     assert (found[tube] < 0.0).all() == (not lost)
     assert label(found < 0.0)[1] == 1
     np.testing.assert_array_equal(found[prior.box > 1.0], without_tube[prior.box > 1.0])
+    known = replace(rebuilt_wall, inside=np.array([[26.0, 0.0, 0.0]]))  # in the tube: so it is there
+    assert own_parts_kept(without_tube, known, ReconstructionSettings())[1] == 0
 
 
 def test_a_templates_vein_with_points_at_its_end_alone_is_there() -> None:

@@ -11,17 +11,15 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy import sparse
-from scipy.ndimage import distance_transform_edt, label, map_coordinates
+from scipy.ndimage import distance_transform_edt, label
 from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 
 from ...arrays import Array, Ints, Mask
 from ...geometry.surface import Surface
-from ...noise.contact import Contact, contact_density
-from ..grid.masks import gaps
 from .equations import Oriented
 from .moved_prior import MovedPrior
 from .normals import nearest
-from .settings import OwnPartSettings, SurplusSettings
+from .settings import SurplusSettings
 
 STEPS = np.vstack([np.eye(3, dtype=np.int64), -np.eye(3, dtype=np.int64)])
 UNITS = 1000.0  # of capacity in the area of one node, since flows are whole numbers
@@ -180,55 +178,3 @@ def _on_fine_lattice(part: Mask, inside: Mask, stride: int, shape: tuple[int, ..
         for n, m in zip(shape, part.shape, strict=True)
     ]
     return np.asarray(part[tuple(closest)][np.ix_(*coarse)])
-
-
-def own_parts_kept(
-    phi: Array, wall: Oriented, prior: MovedPrior, contact: Contact, settings: OwnPartSettings
-) -> tuple[Array, int]:
-    """phi with the parts of a patient's own anatomy that it has lost, but for those that points contradict;
-    and how many these are.
-
-    A part is lost where the moved prior's inside is farther than `settings.reach` from the one piece of the
-    new inside that is largest. Points contradict it if they are likelier on the new wall than on the moved
-    prior's, as where they close its mouth.
-    """
-    inside, own = _largest(phi < 0.0), prior.box < 0.0
-    reach = settings.reach * prior.clip / prior.spacing
-    parts, count = label(own & ~np.isfinite(gaps(inside, reach)))
-    kept, contradicted = phi.copy(), 0
-    node = _nearest_nodes(wall.points, prior)
-    for k in range(1, count + 1):
-        near = np.isfinite(gaps(parts == k, reach))
-        if _gain(phi, wall.of(near[tuple(node.T)]), prior, contact) > settings.evidence:
-            contradicted += 1
-        else:
-            lost = near & own
-            kept[lost] = np.minimum(kept[lost], prior.box[lost])
-    return kept, contradicted
-
-
-def _largest(mask: Mask) -> Mask:
-    """The largest piece of a mask."""
-    pieces, count = label(mask)
-    return mask if count < 2 else np.asarray(pieces == 1 + np.bincount(pieces[mask])[1:].argmax())
-
-
-def _nearest_nodes(points: Array, prior: MovedPrior) -> Ints:
-    """Indices (n, 3) in the box of the moved prior of the nodes nearest to points (n, 3)."""
-    at = np.round(points / prior.spacing).astype(np.int64) - prior.low
-    return np.asarray(np.clip(at, 0, np.array(prior.box.shape) - 1))
-
-
-def _gain(phi: Array, near: Oriented, prior: MovedPrior, contact: Contact) -> float:
-    """Nats by which points are likelier on the zero set of phi than on the moved prior's wall."""
-    if not len(near.feet):
-        return 0.0
-    at = near.points
-    after = map_coordinates(phi, (at / prior.spacing - prior.low).T, order=1, mode="nearest")
-
-    def likely(distance: Array) -> float:
-        fraction = contact.outlier_fraction
-        touching = (1.0 - fraction) * contact_density(distance, near.noise**2)
-        return float(np.log(touching + fraction * contact.outlier_density(distance)).sum())
-
-    return likely(after) - likely(prior.at(at))

@@ -4,12 +4,15 @@ handles that they do not show, and its zero set.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from scipy.ndimage import distance_transform_edt, find_objects, gaussian_filter, label
 
-from ...arrays import Array, Ints
+from ...arrays import Array, Ints, Mask
 from ...geometry.components import components_and_euler
 from ...geometry.surface import Surface
+from ...noise.contact import contact_density
 from ..grid.distance import around_zero
 from ..grid.isosurface import zero_set
 from ..grid.masks import gaps, widened
@@ -21,7 +24,7 @@ from .normals import nearest
 from .point_density import PointDensity
 from .reconstruct import Reconstruction
 from .settings import ReconstructionSettings
-from .surplus import own_parts_kept, surplus
+from .surplus import surplus
 
 EVEN = 0.8  # area of wall per node on it and squared spacing, for a surface of any direction
 
@@ -42,7 +45,7 @@ def reconstructed_wall(
         phi, cut = without_surplus(phi, found, settings)
         removed += cut
     else:
-        phi, removed = own_parts_kept(phi, found.wall, prior, found.contact, settings.own_parts)
+        phi, removed = own_parts_kept(phi, found, settings)
     outside, filled = without_pinched_off(-phi, found, settings)
     phi = smooth_cuts(-outside, begun, settings.cut_smoothing)
     around = _around_wall(phi, 2)
@@ -67,6 +70,52 @@ def without_surplus(phi: Array, found: Reconstruction, settings: ReconstructionS
     away &= ~np.isin(parts, there)
     least = settings.least_outside * found.prior.spacing
     return np.where(away, np.maximum(-phi, least), phi), cut - int(np.count_nonzero(there))
+
+
+def own_parts_kept(phi: Array, found: Reconstruction, settings: ReconstructionSettings) -> tuple[Array, int]:
+    """phi with the parts of a patient's own anatomy that it has lost, but for those that points contradict;
+    and how many these are.
+
+    A part is lost where the moved prior's inside is farther than `own_parts.reach` from the one piece of the
+    new inside that is largest. Points contradict it if they are likelier on the new wall than on the moved
+    prior's, as where they close its mouth, and none is known to be inside it.
+    """
+    prior, chosen = found.prior, settings.own_parts
+    inside, own = _largest(phi < 0.0), prior.box < 0.0
+    reach = chosen.reach * prior.clip / prior.spacing
+    parts, count = label(own & ~np.isfinite(gaps(inside, reach)))
+    there = np.unique(parts[tuple(_nodes(found.inside, found).T)])
+    node = _nodes(found.wall.points, found)
+    kept, contradicted = phi.copy(), 0
+    for k in range(1, count + 1):
+        near = np.isfinite(gaps(parts == k, reach))
+        if k not in there and _gain(phi, found, near[tuple(node.T)]) > chosen.evidence:
+            contradicted += 1
+        else:
+            lost = near & own
+            kept[lost] = np.minimum(kept[lost], prior.box[lost])
+    return kept, contradicted
+
+
+def _largest(mask: Mask) -> Mask:
+    """The largest piece of a mask."""
+    pieces, count = label(mask)
+    return mask if count < 2 else np.asarray(pieces == 1 + np.bincount(pieces[mask])[1:].argmax())
+
+
+def _gain(phi: Array, found: Reconstruction, rows: Mask) -> float:
+    """Nats by which points, those of a mask (n,), are likelier on the zero set of phi than on the moved
+    prior's wall.
+    """
+    prior, contact, near = found.prior, found.contact, found.wall.of(rows)
+    after = replace(prior, box=phi).at(near.points)
+
+    def likely(distance: Array) -> float:
+        fraction = contact.outlier_fraction
+        touching = (1.0 - fraction) * contact_density(distance, near.noise**2)
+        return float(np.log(touching + fraction * contact.outlier_density(distance)).sum())
+
+    return likely(after) - likely(prior.at(near.points))
 
 
 def smooth_cuts(phi: Array, before: Array, width: float) -> Array:
