@@ -164,7 +164,7 @@ def _size(subject: Subject) -> Check:
     name = "Size"
     first = subject.first
     if first is None or subject.case.prior_of != "patient" or subject.unit != "mm":
-        return Check(name, "none", "no baseline, not the patient's own prior, or no lengths in mm")
+        return Check(name, "none", "there is no baseline, the prior is a template, or lengths are not in mm")
     scale = float(np.cbrt(np.linalg.det(first.estimate.T_map_prior[:3, :3])))
     off = abs(np.log(scale)) > SIZE
     asked = ": are units, heart phase and patient the same?" if off else ""

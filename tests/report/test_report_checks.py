@@ -189,7 +189,7 @@ def test_wall_that_may_not_exist_is_expected_farther_and_its_deviation_is_left_a
     changed = replace(surface, fields={**surface.fields, **fields})
     doubted = of_run(subject, **{subject.last.key: {"surface": changed}})
     assert "mean 3.60 mm" in doubted["Expected error"].said
-    assert "25.0% of it may not exist" in doubted["Prior-only area"].said
+    assert "25.0% of the surface may not exist" in doubted["Prior-only area"].said
 
 
 def test_without_truth_the_calibration_is_not_graded(tmp_path: Path) -> None:

@@ -45,7 +45,7 @@ def reconstructed(
         sigma=found.sigma,
         status=_sentence(found, removed, settings),
         converged=True,
-        warnings=_removed(removed) + _filled(filled) + _changed(changes),
+        warnings=_removed(removed, template=found.template) + _filled(filled) + _changed(changes),
         facts={
             "evidence_nats": found.gain,
             "amplitude": float(np.median(found.wall.amplitude)),
@@ -85,12 +85,14 @@ def _sentence(found: Reconstruction, removed: int, settings: ReconstructionSetti
     )
 
 
-def _removed(parts: int) -> tuple[RunWarning, ...]:
+def _removed(parts: int, *, template: bool) -> tuple[RunWarning, ...]:
     """A warning where parts were removed."""
     if not parts:
         return ()
     were = "1 part of the prior was" if parts == 1 else f"{parts} parts of the prior were"
-    why = "hardly a point lies there, though points close the mouth or lie on nearly all other wall"
+    why = "the points are likelier without, as where they close the mouth of a part"
+    if template:
+        why = "hardly a point lies there, though points close the mouth or lie on nearly all other wall"
     return (RunWarning("topology-changed", f"{were} removed ({why}): check it in the report"),)
 
 

@@ -104,7 +104,7 @@ class SurplusSettings:
     reach: float = number(1.0, "distances between points", "to the nearest point of a wall that has points")
     cosine: float = number(0.5, "1", "of a point's normal with a step that leads through its wall")
     covered: float = number(0.05, "1", "cost of new wall that has points, in that of wall without")
-    unsupported: float = number(1.0, "1", "cost of wall without points that is there, in an even map")
+    unsupported: float = number(1.0, "1", "cost of wall without points that is there")
     sac: float = number(0.3, "1", "the same where that is asked: only what hangs on a narrow neck goes")
     support: float = number(10.0, "1", "cost of giving up wall with points")
     expected: float = number(1.0, "points", "that a part has room for, if it can lack them")
@@ -186,7 +186,9 @@ class ReconstructionSettings:
     )
     deviation_points: int = number(10, "points", "that the deviation of a vertex is asked of")
     absent: float = number(0.02, "1", "of a patient's own wall, before points are seen, is not there")
-    absent_of_template: float = number(0.08, "1", "of a template's wall, likewise: veins differ")
+    absent_of_template: float = number(
+        0.08, "1", "of a template's wall, before points are seen, is not there: veins differ"
+    )
     absent_length: float = number(0.75, "rms radii", "of parts that may be absent: a vein of 20 mm")
     unmapped: float = number(1.5, "distances between points", "to the nearest one, of wall not visited")
     splines: SplineSettings = field(default_factory=SplineSettings)

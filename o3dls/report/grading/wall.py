@@ -25,7 +25,7 @@ def removed_wall(subject: Subject) -> Check:
     reach = max((float(one.get("removed_reach_mm", 0.0)) for one in facts), default=0.0)
     if share == 0.0:
         return Check(name, "good", "no part of the prior was removed", "nothing")
-    said = f"{share:.1%} of the wall was removed, up to {reach:.0f} mm from what is left: is it not there?"
+    said = f"{share:.1%} of the wall was removed, up to {reach:.0f} mm from what is left: check that the patient lacks it"
     much = share >= REMOVED or reach >= TUBE
     return Check(name, "amber" if much else "good", said, f"{share:.1%}, {reach:.0f} mm")
 
@@ -41,7 +41,7 @@ def prior_only(subject: Subject) -> Check:
     if before is not None and before > share:
         said += f"; {before:.0%} before wall was removed"
     if missing := absent_share(subject.last.estimate.surface):
-        said += f"; {missing:.1%} of it may not exist"
+        said += f"; {missing:.1%} of the surface may not exist"
     half = max(share, before or 0.0) > HALF
     return Check(name, "amber" if half else "good", said, f"{share:.0%}")
 
