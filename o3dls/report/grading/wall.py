@@ -25,7 +25,8 @@ def removed_wall(subject: Subject) -> Check:
     reach = max((float(one.get("removed_reach_mm", 0.0)) for one in facts), default=0.0)
     if share == 0.0:
         return Check(name, "good", "no part of the prior was removed", "nothing")
-    said = f"{share:.1%} of the wall was removed, up to {reach:.0f} mm from what is left: check that the patient lacks it"
+    removed = f"{share:.1%} of the wall was removed, up to {reach:.0f} mm from what is left"
+    said = f"{removed}: check that the patient lacks it"
     much = share >= REMOVED or reach >= TUBE
     return Check(name, "amber" if much else "good", said, f"{share:.1%}, {reach:.0f} mm")
 
