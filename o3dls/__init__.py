@@ -46,6 +46,7 @@ PUBLIC = {
     "Deform": "stages.deform",
     "Topology": "stages.topology",
     "LevelSet": "stages.level_set",
+    "PaperLevelSet": "stages.paper_level_set",
     "Phases": "stages.phases",
     "Report": "report.writer",
     "Export": "runs.export.writer",

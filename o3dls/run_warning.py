@@ -40,8 +40,6 @@ CODES: Mapping[str, str] = {
     # topology
     "topology-changed": "a part of the prior was removed, or a tube added",
     # level set
-    "correction-reduced": "only a part of the correction was applied, to keep the topology",
-    "correction-left-out": "the correction was left out, to keep the topology",
     "self-intersection-repaired": "the moved prior intersects itself and was repaired",
     "thin-gap-repaired": "walls closer than the grid resolves were repaired",
     "mesh-differs": "the mesh has another topology than the moved prior",

@@ -27,6 +27,7 @@ LAYERS = (
     "registration",
     "motion",
     "levelset",
+    "reconstruction",
     "topology",
     "quantities",
     "case",
@@ -46,7 +47,7 @@ LAYERS = (
     "cli",
     "__main__",
 )
-KERNELS = ("geometry", "noise", "registration", "motion", "levelset", "topology")  # arrays in, arrays out
+KERNELS = ("geometry", "noise", "registration", "motion", "levelset", "reconstruction", "topology")  # arrays in, arrays out
 HEAVY = {"open3d", "pymeshlab", "trimesh", "numba", "matplotlib", "scipy"}
 MOST_MODULES = 16
 MOST_LINES = 260
@@ -172,7 +173,7 @@ def test_numbers_of_the_method_stand_in_settings_classes() -> None:
     found = [
         f"{name}.{constant}"
         for name in MODULES
-        if name.split(".")[1] in ("noise", "motion", "levelset", "topology")
+        if name.split(".")[1] in ("noise", "motion", "levelset", "reconstruction", "topology")
         for constant in constants(name)
     ]
     assert len(found) <= 30, found

@@ -1,6 +1,6 @@
-"""The level set phi on a narrow band: signed distances, operators, corrections along the normals, and the
-reconstruction from dense maps.
+"""The level set phi on a narrow band: signed distances, operators, repairs of surfaces that run into
+themselves, and the paper's descent.
 
-May import motion, noise, geometry and what is below them. Start with `refine` (ours), `reconstruction` or
-`paper` (equations 8-16 of the paper); `grid` holds the discretisation.
+May import geometry and what is below it. Start with `repair` (the level set of a moved prior) or `paper`
+(equations 8-16 of the paper); `grid` holds the discretisation, `result` what all of them return.
 """

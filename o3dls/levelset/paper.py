@@ -39,7 +39,7 @@ from .grid.band import Band
 from .grid.distance import SignedDistance, signed_distance
 from .grid.isosurface import reinitialise, zero_set
 from .grid.operators import delta, gradient, heaviside, mean_curvature
-from .refine import Refinement
+from .result import Result
 from .settings import PaperSettings
 
 LEAST_WEIGHT = 1e-9  # a term without weight sets no limit to the step
@@ -65,7 +65,7 @@ def descend(
     spacing: float,
     cycles: int,
     settings: PaperSettings = DEFAULTS,
-) -> Refinement:
+) -> Result:
     """Minimise (8)-(15) from phi = psi.T by (16): `cycles` times some steps, a reinitialisation after each
     cycle.
 
@@ -100,9 +100,7 @@ def descend(
             )
             break
     status, facts = _outcome(field, f"{how} after {len(trace) - 1} reinitialisations", points)
-    return Refinement(
-        field, prior, sigma, status, how == "converged", tuple(trace), facts=facts, islands=True
-    )
+    return Result(field, prior, sigma, status, how == "converged", tuple(trace), facts=facts, islands=True)
 
 
 def energies(

@@ -1,4 +1,4 @@
-"""Level sets of surfaces that run into themselves: closed, joined or cut until they are whole."""
+"""The level set of a surface; of one that runs into itself, closed, joined or cut until it is whole."""
 
 from __future__ import annotations
 
@@ -11,14 +11,37 @@ from numpy.typing import NDArray
 
 from ..arrays import Array, Ints
 from ..geometry.closest_point import ClosestPoint
+from ..geometry.components import components_and_euler
 from ..geometry.surface import Surface
+from ..run_warning import RunWarning
 from .grid.distance import SignedDistance, around_zero, signed_distance
 from .grid.operators import without_islands
 from .grid.simple_points import simply_connected
 from .settings import LatticeSettings
 
+COARSE = "walls are closer than the grid resolves"
+
 Crossing = Callable[[Surface], NDArray[np.bool_]]
 Mesher = Callable[[SignedDistance], tuple[Array, Ints]]
+
+
+def whole_level_set(
+    surface: Surface, spacing: float, unit: str, *, mesh: Mesher, crossing: Crossing
+) -> tuple[SignedDistance, tuple[RunWarning, ...]]:
+    """The signed distance of a closed surface on a lattice of a spacing, whose mesh has the surface's
+    topology; and a warning where that took a repair.
+
+    unit: of lengths in sentences; mesh: what will mesh phi, since methods cut cells of ambiguous signs
+    differently, and it is the mesh that has to be whole; crossing: which faces (m,) of a surface cut through
+    others. Where no repair makes it whole, it is united: what it encloses twice is inside.
+    """
+    kind = components_and_euler(surface.vertices, surface.faces)
+    crossing = cache(crossing)
+    repair = Repair(spacing, kind, crossing, LatticeSettings(), mesh)
+    for attempt in repair.attempts(surface):
+        if components_and_euler(*mesh(attempt.phi)) == kind:
+            return attempt.phi, _warnings(attempt, surface, crossing, unit)
+    return repair.united(surface), ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,11 +69,10 @@ class Repair:
     settings: LatticeSettings
     mesh: Mesher
 
-    def attempts(self, surface: Surface, *, thorough: bool) -> Iterator[Attempt]:
+    def attempts(self, surface: Surface) -> Iterator[Attempt]:
         """Level sets of a surface, from no repair to the most: with all that it encloses, since the tip of a
         rim that a fold turned inside out is anatomy, joined to the rest where walls cross; then without
-        islands; then without what is inside out. thorough: with wide closings too, and at last with merged
-        walls cut apart.
+        islands; then without what is inside out; at last with merged walls cut apart.
         """
         lattice = self.settings
         band = cache(
@@ -64,15 +86,14 @@ class Repair:
             yield Attempt(band(joined, 0.0, True), 0.0, done)
         for radius in (self.spacing * closing for closing in few):
             yield Attempt(self.closed(band(joined, radius, True), radius), radius, done)
-        closings = lattice.closings if thorough else few
         for wall, inverted, lost in (
             (joined, True, (*done, "islands were removed")),
             (surface, False, ("islands and inverted parts were removed",)),
         ):
-            for radius in (0.0, *(self.spacing * closing for closing in closings)):
+            for radius in (0.0, *(self.spacing * closing for closing in lattice.closings)):
                 phi = self.closed(self._whole(band(wall, radius, inverted)), radius)
                 yield Attempt(self._whole(phi), radius, lost)
-        if thorough and self.kind == (1, 2):
+        if self.kind == (1, 2):
             yield Attempt(self._cut_apart(surface), 0.0, ("merged walls were cut apart",))
 
     def united(self, surface: Surface) -> SignedDistance:
@@ -124,3 +145,16 @@ class Repair:
         outer = self.mesh(replace(phi, phi=phi.phi - radius))
         grown = signed_distance(*outer, phi.band.spacing, phi.band.width)
         return replace(grown, phi=grown.phi + radius)
+
+
+def _warnings(attempt: Attempt, surface: Surface, crossing: Crossing, unit: str) -> tuple[RunWarning, ...]:
+    """A warning on how a level set was repaired; none where nothing was done."""
+    done = list(attempt.done)
+    if attempt.closing > 0.0:
+        done.insert(0, f"gaps narrower than {2.0 * attempt.closing:g} {unit} were closed")
+    if not done:
+        return ()
+    if crossing(surface).any():  # which takes its time: asked only here
+        intersects = f"the moved prior intersects itself: {', '.join(done)}"
+        return (RunWarning("self-intersection-repaired", intersects),)
+    return (RunWarning("thin-gap-repaired", f"{COARSE}: {', '.join(done)}; try a smaller spacing"),)

@@ -18,6 +18,7 @@ from ..stages.deform import Deform
 from ..stages.icp import ICP
 from ..stages.landmarks import Landmarks
 from ..stages.level_set import LevelSet
+from ..stages.paper_level_set import PaperLevelSet
 from ..stages.topology import Topology
 from .blocks import Block, Figure, Heading, Table, Text
 from .drawing import COLOURS
@@ -44,30 +45,27 @@ VARIANTS = {
     "equal": "equation 16, T rigid, one alpha for all terms (the data term over the squared noise)",
     "paper_rigid": "equation 16, T rigid, a weight for each term",
     "paper_similarity": "equation 16, T similarity",
-    "own_rigid": "foot-point forces, second-order regulariser, T rigid",
-    "own_similarity": "foot-point forces, second-order regulariser, T similarity",
-    "own_fine": "the same without coarse to fine: the finest corrections alone",
+    "own_rigid": "the reconstruction of the wall, T rigid",
+    "own_similarity": "the reconstruction of the wall, T similarity",
     "smooth_fine": "T smooth, the fine length alone",
     "smooth_coarse": "T smooth, the coarse length alone",
     "smooth": "T smooth, both lengths",
     "believed": "ours without robust weights: every point is taken to touch the wall",
-    "level_set": "T smooth, then foot-point forces, second order (ours)",
+    "level_set": "T smooth, then the reconstruction of the wall (ours)",
 }
 
 
 def stages() -> list[Stage]:
     """Every variant from the landmarks on."""
-    paper: dict[str, Any] = {"formulation": "paper", "spacing": SPACING}
     return [
         Landmarks(),
         ICP(preset="standard"),
-        LevelSet(as_="equal", after="icp", **paper, **EQUAL),
-        LevelSet(as_="paper_rigid", after="icp", **paper),
+        PaperLevelSet(as_="equal", after="icp", spacing=SPACING, **EQUAL),
+        PaperLevelSet(as_="paper_rigid", after="icp", spacing=SPACING),
         LevelSet(as_="own_rigid", after="icp"),
         ICP(as_="similarity", after="landmarks"),
-        LevelSet(as_="paper_similarity", after="similarity", **paper),
+        PaperLevelSet(as_="paper_similarity", after="similarity", spacing=SPACING),
         LevelSet(as_="own_similarity", after="similarity"),
-        LevelSet(as_="own_fine", after="similarity", coarse_to_fine=False),
         Deform(as_="smooth_fine", after="similarity", vector=(FINE,), normal=(FINE,)),
         Deform(as_="smooth_coarse", after="similarity", vector=(COARSE,), normal=()),
         Deform(as_="smooth_believed", after="similarity", outliers="none"),
@@ -120,7 +118,7 @@ def sweep(seed: int, alphas: tuple[float, ...]) -> Outcome:
     case = synthetic_atrium(seed)
     begin: list[Stage] = [Landmarks(), ICP(as_="similarity"), Deform(), Topology(), LevelSet()]
     weighted = [
-        LevelSet(as_=f"alpha_{k}", after="similarity", formulation="paper", spacing=SPACING, data=1.0 / alpha)
+        PaperLevelSet(as_=f"alpha_{k}", after="similarity", spacing=SPACING, data=1.0 / alpha)
         for k, alpha in enumerate(alphas)
     ]
     plan = Pipeline([*begin, *weighted], folds=0)

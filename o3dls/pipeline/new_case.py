@@ -58,7 +58,7 @@ SHOWN = {
     "icp": ("preset", "metric", "scale", "reject", "keep"),
     "deform": ("outliers", "ablation", "map_shift", "odds", "contact_force"),
     "topology": ("evidence",),
-    "level_set": ("spacing", "reconstruct", "formulation"),
+    "level_set": ("spacing", "reconstruct"),
     "report": ("pdf",),
     "export": ("on",),
 }

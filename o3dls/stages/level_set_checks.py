@@ -57,7 +57,7 @@ def check_mesh(mesh: Surface, wall: Surface, spacing: float, keep: float, unit: 
 
 def lost_parts(mesh: Surface, wall: Surface, spacing: float, unit: str) -> list[RunWarning]:
     """A warning where parts of the wall, however little they enclose, are not in the mesh."""
-    from ..levelset.normal_displacement import Wall
+    from ..topology.wall import Wall
 
     far = float(Wall(mesh).look(wall.vertices)[0].max())
     if far < LOST * spacing:

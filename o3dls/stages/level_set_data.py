@@ -1,11 +1,11 @@
-"""What the stage `level_set` is given: the points as a motion left them, how they look from a wall, the
-noise; and what its surface is given back.
+"""What the stages `level_set` and `paper_level_set` share: points as an estimate left them, the mesh of what
+was reached, and the estimate that it makes.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,12 +17,29 @@ from ..geometry.similarity import rms_radius
 from ..geometry.surface import Surface
 
 if TYPE_CHECKING:
-    from ..levelset.normal_displacement import Wall
-    from ..levelset.observation import Measured, Noise
-    from ..levelset.reconstruction.reconstruct import Believed
+    from ..adapters.meshing import Extraction
+    from ..levelset.result import Result
     from ..motion.result import MotionFit
+    from ..reconstruction.points.believed import Believed
 
-SIGMA_LOG_SD = 0.1  # of the logarithm of a noise level that the motion found
+
+@dataclass(frozen=True, eq=False)
+class GivenPoints:
+    """Points that may touch the wall, and how probabilities of contact (n,) of these become those of the
+    mapping points.
+    """
+
+    believed: Believed
+    of_mapping: Callable[[Array], Array]
+
+
+def given_points(case: Case, start: Estimate) -> GivenPoints:
+    """The points as a motion left them; where none was fitted, as they lie off the surface of the start."""
+    template = case.prior_of == "template"
+    if start.fit is None:
+        return _off_surface(case, start.surface, template=template)
+    fit = start.fit
+    return GivenPoints(believed(fit, template=template), lambda weights: _of_mapping(fit, weights))
 
 
 def believed(fit: MotionFit, *, template: bool) -> Believed:
@@ -30,7 +47,7 @@ def believed(fit: MotionFit, *, template: bool) -> Believed:
 
     template: whether the prior is one (`prior_of`).
     """
-    from ..levelset.reconstruction.reconstruct import Believed, Inside
+    from ..reconstruction.points.believed import Believed, Inside
 
     data, state = fit.problem.data, fit.state
     wall = ~data.inside
@@ -40,62 +57,101 @@ def believed(fit: MotionFit, *, template: bool) -> Believed:
     return Believed(*touching, state.contact, inside, template)
 
 
-def of_mapping(fit: MotionFit | None, weights: Array) -> Array:
+def _of_mapping(fit: MotionFit, weights: Array) -> Array:
     """Probabilities of contact (k,) of the mapping points, of those of all points that may touch."""
-    assert fit is not None
     wall = ~fit.problem.data.inside
     every = fit.state.weights.copy()
     every[wall] = weights
     return replace(fit, state=replace(fit.state, weights=every)).weights
 
 
-def observer(case: Case, start: Estimate) -> Callable[[Wall], Measured]:
-    """How the fitted points look from a wall, with the noise and the outliers that the start found."""
-    from ..levelset.observation import observe
+def _off_surface(case: Case, surface: Surface, *, template: bool) -> GivenPoints:
+    """The points with the noise and the outliers that their distances from a surface tell."""
+    from ..noise.contact import Contact
     from ..noise.duplicates import distinct_places, duplicate_distance
+    from ..noise.mixture import fit_mixture
+    from ..noise.settings import ContactSettings
+    from ..reconstruction.points.believed import Believed, Inside
+    from ..topology.wall import Wall
 
     every = case.points.of(*FITTED_TYPES)
-    data = start.fit.problem.data if start.fit else None
     radius = rms_radius(case.prior.vertices)
-    within = data.duplicate_distance if data else duplicate_distance(every.xyz, every.type, radius)
-    rows, _ = distinct_places(every.xyz, every.type, within)
-    points = every.select(rows)
-    relative = every.relative_noise(data.typical_sigma if data else None)[rows]
-    return lambda wall: observe(wall, points.xyz, points.type == "inside", relative, noise_of(start))
+    within = duplicate_distance(every.xyz, every.type, radius)
+    rows, place = distinct_places(every.xyz, every.type, within)
+    points, relative = every.select(rows), every.relative_noise()[rows]
+    wall = points.type != "inside"
+    found = fit_mixture(Wall(surface).look(points.xyz[wall])[0], radius)
+    contact = Contact.expected(radius, ContactSettings())
+    contact = replace(contact, outlier_fraction=found.outlier_fraction)
+    noise = found.sigma * relative
+    inside = Inside(points.xyz[~wall], noise[~wall])
+    odds = np.ones(len(found.weights))
+    touching = points.xyz[wall], found.weights, noise[wall], odds
+
+    def of_mapping(weights: Array) -> Array:
+        of_place = np.zeros(len(points))
+        of_place[wall] = weights
+        return np.asarray(of_place[place[every.type == "eam"]])
+
+    return GivenPoints(Believed(*touching, contact, inside, template), of_mapping)
 
 
-def noise_of(start: Estimate) -> Noise:
-    from ..levelset.observation import Noise
+def meshed(reached: Result, spacing: float, smoothing: int, keep: float) -> tuple[Result, Extraction]:
+    """The mesh of what was reached, and its phi as a distance everywhere.
 
-    if start.motion is None or start.sigma is None or start.weights is None:
-        return Noise()
-    inside = start.fit.state.contact.inside_fraction if start.fit else None
-    return Noise(start.sigma, SIGMA_LOG_SD, float(1.0 - start.weights.mean()), inside)
-
-
-def relative_sd(case: Case, start: Estimate) -> Array:
-    """How uncertain the motion is at each vertex, relative to its root mean square, half to twice; 1
-    everywhere where it does not say.
+    smoothing: Taubin passes; keep: fraction of the isosurface's faces that decimation keeps.
     """
-    sd = start.surface.fields.get(f"sd_{case.units}")
-    if sd is None or not sd.any():
-        return np.ones(len(start.surface.vertices))
-    return np.asarray(np.clip(sd / np.sqrt((sd**2).mean()), 0.5, 2.0))
+    from ..adapters.meshing import extract, isosurface
+    from ..levelset.grid.distance import signed_distance
+    from ..levelset.settings import LatticeSettings
+
+    raw = reached.wall if reached.exact else None
+    mesh = extract(
+        reached.phi,
+        smoothing=smoothing,
+        keep=keep,
+        islands=reached.islands,
+        smallest=reached.smallest,
+        raw=raw,
+    )
+    wall, width = reached.wall, LatticeSettings().half_band * spacing
+    # a polyline needs no repair, and a grid would cut its tips
+    if wall.dimension == 2 and reached.unchanged:
+        phi = signed_distance(wall.vertices, wall.faces, spacing, width)
+        return replace(reached, phi=phi, warnings=()), replace(mesh, surface=wall)
+    if reached.warnings and not reached.exact:  # where gaps were closed or parts cut, phi is no distance
+        width = max(width, reached.phi.band.width)
+        reached = replace(reached, phi=signed_distance(*isosurface(reached.phi), spacing, width))
+    return reached, mesh
 
 
-def with_existence(surface: Surface, case: Case, start: Estimate, weights: Array | None) -> Surface:
-    """The surface with the field `existence`: how likely there is wall, by the points of a fitted motion.
+def estimate_of(start: Estimate, reached: Result, mesh: Extraction) -> Estimate:
+    """The start with the mesh of what was reached; the motion, its fit and the weights stay."""
+    from ..adapters.meshing import carry_fields
 
-    weights: probabilities (n,) of contact, where they are not those of the motion.
-    """
-    from ..levelset.reconstruction.deviation import existence
-    from ..levelset.settings import LevelSetSettings
+    shifts = {"meshing_shift_mean": mesh.shift_mean, "meshing_shift_max": mesh.shift_max}
+    surface = carry_fields(reached.wall if reached.fields is None else start.surface, mesh.surface)
+    if reached.fields is not None:
+        surface = replace(surface, fields={**surface.fields, **reached.fields(surface.vertices)})
+    changes = [*start.facts.get("changes", []), *reached.facts.get("changes", [])]
+    return replace(
+        start,
+        surface=surface,
+        status=reached.status,
+        converged=reached.converged,
+        iterations=max(len(reached.trace) - 1, 0),
+        sigma=start.sigma if reached.sigma is None else reached.sigma,
+        phi=reached.phi,
+        trace=reached.trace,
+        facts={**reached.facts, "changes": changes, **shifts},
+    )
 
-    if start.fit is None or case.dimension == 2:
-        return surface
-    points = believed(start.fit, template=case.prior_of == "template")
-    if weights is not None:
-        points = replace(points, weights=weights)
+
+def with_existence(surface: Surface, points: Believed) -> Surface:
+    """The surface with the field `existence`: how likely there is wall, by the points."""
+    from ..reconstruction.points.existence import existence
+    from ..reconstruction.settings import ReconstructionSettings
+
     between = float(np.sqrt(surface.area / len(points.points)))
-    likely = existence(surface.vertices, points, between, LevelSetSettings().reconstruction)
+    likely = existence(surface.vertices, points, between, ReconstructionSettings())
     return replace(surface, fields={**surface.fields, "existence": likely})

@@ -15,10 +15,10 @@ from ..geometry.surface import Surface
 from ..levelset.grid.distance import SignedDistance, filled_distance
 from ..levelset.grid.isosurface import zero_set
 from ..levelset.grid.operators import linked
-from ..levelset.normal_displacement import Wall
-from ..levelset.observation import Measured
 from .change import Change, body_radius
+from .observation import Measured
 from .settings import CutSettings
+from .wall import Wall
 
 
 def removals(wall: Wall, measured: Measured, settings: CutSettings) -> Iterator[Change]:

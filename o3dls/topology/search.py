@@ -20,8 +20,6 @@ from ..geometry.components import components_and_euler
 from ..geometry.similarity import apply, rms_radius
 from ..geometry.surface import Surface
 from ..levelset.grid.distance import SignedDistance, signed_distance
-from ..levelset.normal_displacement import Wall
-from ..levelset.observation import Measured, Noise, observe
 from ..motion.fit import TrialFit, fit_motion
 from ..motion.observations import Data
 from ..motion.result import MotionFit
@@ -29,8 +27,10 @@ from ..motion.settings import MotionSettings
 from ..parallel import side_by_side
 from .change import Change, changed
 from .cuts import removals
+from .observation import Measured, Noise, observe
 from .settings import TopologySettings
 from .tubes import growth
+from .wall import Wall
 
 
 def change_topology(

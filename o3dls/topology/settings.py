@@ -4,8 +4,22 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from ..levelset.settings import ObservationSettings
+from ..noise.settings import ContactSettings
 from ..settings import number
+
+
+@dataclass(frozen=True)
+class ObservationSettings:
+    """How points are seen from a wall."""
+
+    least_outliers: float = number(
+        0.02, "1", "a smaller fraction is not believed, but for 0: then all touch,"
+    )
+    most_outliers: float = number(0.3, "1", "nor a larger one: corrections would hear too few")
+    exact_noise: float = number(4e-6, "rms radii", "noise of points that lie on the surface as it is")
+    most_curvature: float = number(5.0, "1 / rms radii", "larger curvatures are noise of the mesh")
+    most_bias: float = number(0.6, "1", "noise times curvature beyond which the bias is not to be trusted")
+    contact: ContactSettings = field(default_factory=ContactSettings)
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,9 @@ from numba import njit
 
 from ..arrays import TINY, Array
 from ..geometry.closest_point import nearest_face
-from ..levelset.normal_displacement import Wall
 from ..noise.likelihood import losses
 from .settings import TubeSettings
+from .wall import Wall
 
 
 @njit(cache=True, nogil=True)

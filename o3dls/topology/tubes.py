@@ -16,12 +16,12 @@ from ..arrays import TINY, Array, Ints
 from ..geometry.surface import Surface
 from ..levelset.grid.band import Band
 from ..levelset.grid.isosurface import zero_set
-from ..levelset.normal_displacement import Wall
-from ..levelset.observation import Measured
 from .change import Change, body_radius
 from .cuts import parts
+from .observation import Measured
 from .settings import TopologySettings, TubeSettings
 from .tube_cost import Foot, cone, losses_with, rarity
+from .wall import Wall
 
 
 def growth(wall: Wall, measured: Measured, settings: TopologySettings) -> Iterator[Change]:

@@ -15,10 +15,10 @@ import numpy as np
 from scipy.ndimage import label
 
 from ...arrays import Array, Mask
+from ...levelset.grid.masks import widened
+from ...levelset.grid.simple_points import TOUCHING, cut_away, outside, simply_connected, unreached
 from ...parallel import side_by_side
-from ..grid.masks import widened
-from ..grid.simple_points import TOUCHING, cut_away, outside, simply_connected, unreached
-from .settings import HandleSettings
+from ..settings import HandleSettings
 
 Evidence = Callable[[tuple[Array, ...], Mask], list[float]]
 

@@ -12,11 +12,11 @@ from ...arrays import Array, Ints
 from ...motion.covariance import WORTH
 from ...motion.kernels import NUGGET
 from ...parallel import by_rows
+from ..neighbours import SEED, nearest
+from ..settings import AmplitudeSettings, ReconstructionSettings
 from .equations import Oriented, off_prior, turned_off
-from .fitting import Scale
 from .moved_prior import MovedPrior
-from .normals import SEED, nearest
-from .settings import AmplitudeSettings, ReconstructionSettings
+from .spline_fit import Scale
 from .splines import correlation
 
 

@@ -1,45 +1,48 @@
-"""The reconstruction as a refinement of the moved prior: its level set, its fields, what is said of it."""
+"""The reconstruction as a result: its level set, its fields, what is said of it."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from ...arrays import Array
-from ...geometry.components import components_and_euler
-from ...geometry.surface import Surface, interpolated
-from ...run_warning import RunWarning
-from ..correction import Limits
-from ..grid.distance import signed_distance
-from ..refine import Refinement
-from ..repair import Mesher
-from .deviation import deviation
-from .reconstruct import Believed, Reconstruction, reconstruct
+from ..arrays import Array
+from ..geometry.components import components_and_euler
+from ..geometry.surface import Surface, interpolated
+from ..levelset.grid.distance import signed_distance
+from ..levelset.repair import Mesher
+from ..levelset.result import Result
+from ..levelset.settings import LatticeSettings
+from ..run_warning import RunWarning
+from .field.deviation import deviation
+from .field.reconstruction import Reconstruction
+from .points.believed import Believed
+from .reconstruct import reconstruct
 from .settings import ReconstructionSettings
-from .wall import reconstructed_wall
+from .shape.pieces import reconstructed_wall
 
 
 def reconstructed(
-    surface: Surface, believed: Believed, sd: str, limits: Limits, mesh: Mesher
-) -> Refinement | None:
+    surface: Surface, believed: Believed, sd: str, unit: str, spacing: float, mesh: Mesher
+) -> Result | None:
     """The moved prior reconstructed from points; None where these predict each other no better than it does,
     or it is no single piece. Of handles only those stay or come that points show.
 
-    sd: name of the field of the surface that holds the deviation which the motion leaves; mesh: what will
-    mesh phi. The fields of the wall are the deviation of the reconstruction, and `correction`, how far it
-    lies outside the surface.
+    sd: name of the field of the surface that holds the deviation which the motion leaves; unit: of lengths in
+    the names of fields; spacing: of the lattice of phi; mesh: what will mesh phi. The fields of the wall are
+    the deviation of the reconstruction, where the motion leaves one, and `correction`, how far it lies
+    outside the surface.
     """
     pieces, euler = components_and_euler(surface.vertices, surface.faces)
     if pieces != 1:
         return None
-    settings = limits.settings.reconstruction
-    found = reconstruct(surface, believed, limits.spacing, settings)
+    settings = ReconstructionSettings()
+    found = reconstruct(surface, believed, spacing, settings)
     if found is None:
         return None
     wall, removed, filled = reconstructed_wall(found, settings, mesh)
     changes = _handles_changed(euler, components_and_euler(wall.vertices, wall.faces)[1])
-    width = limits.settings.lattice.half_band * limits.spacing
-    phi = signed_distance(wall.vertices, wall.faces, limits.spacing, width)
-    return Refinement(
+    width = LatticeSettings().half_band * spacing
+    phi = signed_distance(wall.vertices, wall.faces, spacing, width)
+    return Result(
         phi=phi,
         wall=wall,
         sigma=found.sigma,
@@ -55,24 +58,23 @@ def reconstructed(
             "changes": changes,
         },
         weights=found.weights,
-        fields=lambda places: _fields(places, sd, found, settings),
+        fields=lambda places: _fields(places, sd, unit, found, settings),
         exact=True,
     )
 
 
 def _fields(
-    places: Array, sd: str, found: Reconstruction, settings: ReconstructionSettings
+    places: Array, sd: str, unit: str, found: Reconstruction, settings: ReconstructionSettings
 ) -> dict[str, Array]:
     """The deviation (n,) of the wall at places (n, 3), and how far they lie outside the moved prior."""
     surface = found.prior.surface
     squared, face, _, weights = found.prior.tree.query(places)
-    corners = surface.faces[face]
-    before = (
-        interpolated(surface.fields[sd], corners, weights) if sd in surface.fields else np.zeros(len(face))
-    )
     side = np.where(found.prior.at(places) < 0.0, -1.0, 1.0)
-    sds = deviation(places, before, found, settings.deviation_points)
-    return {sd: sds, "correction": side * np.sqrt(squared)}
+    fields = {f"correction_{unit}": side * np.sqrt(squared)}
+    if sd in surface.fields:
+        before = interpolated(surface.fields[sd], surface.faces[face], weights)
+        fields[sd] = deviation(places, before, found, settings.deviation_points)
+    return fields
 
 
 def _sentence(found: Reconstruction, removed: int, settings: ReconstructionSettings) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from ...settings import number
+from ..settings import number
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...arrays import Array
+from ..settings import NormalSettings, ReconstructionSettings, SplineSettings
 from .equations import OffSurface, Oriented, field_through, off_prior, off_surface
 from .moved_prior import MovedPrior
-from .settings import NormalSettings, ReconstructionSettings, SplineSettings
 from .splines import SplineField
 
 

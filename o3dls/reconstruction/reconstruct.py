@@ -8,71 +8,28 @@ together (`normals`).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...arrays import ROUNDING, Array
-from ...geometry.similarity import rms_radius
-from ...geometry.surface import Surface
-from ...noise.contact import Contact, inside_point_weights, update_contact
-from ...noise.robust import MAD_TO_SD
-from ...parallel import one_blas_thread
-from .amplitude import amplitudes
-from .contact import clusters_believed, gain_off_prior, left_out_distances
-from .equations import NEAREST, OffSurface, Oriented
-from .fitting import Scale, distance_over, fitted, phi_at, turned_along
-from .moved_prior import MovedPrior
-from .normals import nearest, planes, turned_outward
+from ..arrays import ROUNDING, Array
+from ..geometry.similarity import rms_radius
+from ..geometry.surface import Surface
+from ..noise.contact import Contact, inside_point_weights, update_contact
+from ..noise.robust import MAD_TO_SD
+from ..parallel import one_blas_thread
+from .field.amplitude import amplitudes
+from .field.equations import NEAREST, OffSurface, Oriented
+from .field.moved_prior import MovedPrior
+from .field.reconstruction import Reconstruction
+from .field.spline_fit import Scale, distance_over, fitted, phi_at, turned_along
+from .field.splines import SplineField
+from .neighbours import nearest
+from .points.believed import Believed, Inside
+from .points.left_out import clusters_believed, gain_off_prior, left_out_distances
+from .points.orientation import planes, turned_outward
 from .settings import ReconstructionSettings
-from .splines import SplineField
-from .surplus import surplus
-
-
-@dataclass(frozen=True, eq=False)
-class Reconstruction:
-    """A field g on the moved prior, the points that it follows, their noise, how likely (n,) each touches,
-    and by how many nats it predicts points better than the moved prior alone; rms radius of the prior,
-    distance between points, widths of the field's lattices; points (k, 3) that are known to be inside;
-    the mixture of points on the wall and off it; whether the prior is a template.
-    """
-
-    prior: MovedPrior
-    field: SplineField
-    wall: Oriented
-    sigma: float
-    weights: Array
-    gain: float
-    radius: float
-    between: float
-    lengths: list[float]
-    inside: Array
-    contact: Contact
-    template: bool = False
-
-
-@dataclass(frozen=True, eq=False)
-class Inside:
-    """Points (k, 3) that are known to be inside only, and their noise (k,)."""
-
-    points: Array
-    noise: Array
-
-
-@dataclass(frozen=True, eq=False)
-class Believed:
-    """Points (n, 3) as a motion left them: probabilities of contact (n,), noise (n,), factors (n,) on the
-    odds of being an outlier, and the mixture; those that are known to be inside; and whether the prior is
-    a template, another person's heart, which may have parts that the patient lacks.
-    """
-
-    points: Array
-    weights: Array
-    noise: Array
-    odds: Array
-    contact: Contact
-    inside: Inside = field(default_factory=lambda: Inside(np.zeros((0, 3)), np.zeros(0)))
-    template: bool = False
+from .shape.surplus import surplus
 
 
 @dataclass(frozen=True, eq=False)

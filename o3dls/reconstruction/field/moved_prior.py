@@ -10,7 +10,7 @@ from scipy.ndimage import map_coordinates
 from ...arrays import Array, Ints
 from ...geometry.closest_point import ClosestPoint
 from ...geometry.surface import Surface
-from ..grid.distance import signed_distance
+from ...levelset.grid.distance import signed_distance
 
 PAD = 3  # nodes around what the box must hold
 

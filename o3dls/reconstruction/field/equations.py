@@ -11,8 +11,8 @@ from scipy.sparse.linalg import LinearOperator, cg
 from scipy.spatial import KDTree
 
 from ...arrays import TINY, Array
+from ..settings import SplineSettings
 from .moved_prior import MovedPrior
-from .settings import SplineSettings
 from .splines import VARIANCE, SplineField, SplineLattice, SplineRows
 
 NEAREST = 8  # points whose distance tells how much of the wall a point stands for

@@ -11,11 +11,11 @@ from scipy.spatial import KDTree
 
 from ...arrays import Array
 from ...noise.contact import Contact, contact_density
-from .equations import Oriented, floating, off_prior
-from .fitting import Scale, distance_over, fitted
-from .moved_prior import MovedPrior
-from .normals import SEED
-from .settings import ReconstructionSettings
+from ..field.equations import Oriented, floating, off_prior
+from ..field.moved_prior import MovedPrior
+from ..field.spline_fit import Scale, distance_over, fitted
+from ..neighbours import SEED
+from ..settings import ReconstructionSettings
 
 
 def clusters_believed(

@@ -8,23 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import breadth_first_order, connected_components, minimum_spanning_tree
-from scipy.spatial import KDTree
 
 from ...arrays import ROUNDING, Array, Ints
 from ...geometry.similarity import rms_radius
-from ...parallel import threads_for
-from .moved_prior import MovedPrior
-from .settings import NormalSettings
-from .winding import DipolePlaces, cells
-
-SEED = 20_261_124
-
-
-def nearest(points: Array, places: Array, count: int) -> tuple[Array, Ints]:
-    """Distances (n, count) and rows (n, count) of the points nearest to places (n, 3), from near to far."""
-    each = np.arange(1, count + 1)
-    gap, rows = KDTree(points).query(places, k=each, workers=threads_for(len(places)))
-    return np.asarray(gap), np.asarray(rows)
+from ..field.moved_prior import MovedPrior
+from ..neighbours import SEED, nearest
+from ..settings import NormalSettings
+from .dipoles import DipolePlaces, cells
 
 
 def planes(

@@ -14,33 +14,27 @@ from ..arrays import Array
 from ..noise.contact import Contact, inside_point_weights
 from ..noise.likelihood import Likelihood
 from ..noise.robust import robust_sd
-from .normal_displacement import Wall
 from .settings import ObservationSettings
+from .wall import Wall
 
 
 @dataclass(frozen=True, eq=False)
 class Noise:
-    """What is known of the noise beforehand: `sigma` (None: nothing), uncertain by the sd of its logarithm
-    (None: as for an unknown one); the fraction of outliers, and that of these which lies inside (None: the
-    usual ones).
-    """
+    """What is known of the noise beforehand: `sigma` (None: nothing), and the fraction of outliers."""
 
-    sigma: float | None = None
-    sigma_log_sd: float | None = None
-    outlier_fraction: float | None = None
-    inside_fraction: float | None = None
+    sigma: float | None
+    outlier_fraction: float
 
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """Points (n, d) seen from a wall at signed distance (n,): their likelihood, the sd of the logarithm of
-    its noise, and the bias (n,) of a curved wall, which noise adds to the distance.
+    """Points (n, d) seen from a wall at signed distance (n,): their likelihood, and the bias (n,) of a curved
+    wall, which noise adds to the distance.
     """
 
     points: Array
     distance: Array
     likelihood: Likelihood
-    sigma_log_sd: float
     bias: Array
 
     def of(self, rows: NDArray[np.bool_]) -> Measured:
@@ -55,10 +49,6 @@ class Measured:
             likelihood=likelihood,
             bias=self.bias[rows],
         )
-
-    def with_noise(self, factor: float) -> Measured:
-        """The same points, their noise multiplied."""
-        return replace(self, likelihood=replace(self.likelihood, sigma=self.likelihood.sigma * factor))
 
 
 def observe(
@@ -84,20 +74,17 @@ def observe(
     # curvatures
     curved = np.clip(sigma * bend, -settings.most_bias, settings.most_bias)
     bias = np.where(one_sided, 0.0, 0.5 * sigma * curved)
-    log_sd = settings.sigma_log_sd if noise.sigma_log_sd is None else noise.sigma_log_sd
-    seen = Measured(points, distance, likelihood, log_sd, bias)
+    seen = Measured(points, distance, likelihood, bias)
     active = _active_inside_points(wall, points, one_sided, distance > 0.0, settings)
     return seen.of(~one_sided | (distance <= 0.0) | active)
 
 
 def _contact(wall: Wall, noise: Noise, settings: ObservationSettings) -> Contact:
     """Who touches the wall, by what is known beforehand; a fraction out of bounds is not believed."""
-    usual = Contact.expected(wall.radius, settings.contact)
-    fraction = usual.outlier_fraction if noise.outlier_fraction is None else noise.outlier_fraction
+    fraction = noise.outlier_fraction
     if fraction > 0.0:
         fraction = float(np.clip(fraction, settings.least_outliers, settings.most_outliers))
-    inside = usual.inside_fraction if noise.inside_fraction is None else noise.inside_fraction
-    return replace(usual, outlier_fraction=fraction, inside_fraction=inside)
+    return replace(Contact.expected(wall.radius, settings.contact), outlier_fraction=fraction)
 
 
 def _active_inside_points(

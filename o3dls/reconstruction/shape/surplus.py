@@ -16,10 +16,10 @@ from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 
 from ...arrays import Array, Ints, Mask
 from ...geometry.surface import Surface
-from .equations import Oriented
-from .moved_prior import MovedPrior
-from .normals import nearest
-from .settings import SurplusSettings
+from ..field.equations import Oriented
+from ..field.moved_prior import MovedPrior
+from ..neighbours import nearest
+from ..settings import SurplusSettings
 
 STEPS = np.vstack([np.eye(3, dtype=np.int64), -np.eye(3, dtype=np.int64)])
 UNITS = 1000.0  # of capacity in the area of one node, since flows are whole numbers

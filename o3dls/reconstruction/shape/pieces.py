@@ -12,18 +12,18 @@ from scipy.ndimage import distance_transform_edt, find_objects, gaussian_filter,
 from ...arrays import Array, Ints, Mask
 from ...geometry.components import components_and_euler
 from ...geometry.surface import Surface
+from ...levelset.grid.distance import around_zero
+from ...levelset.grid.isosurface import zero_set
+from ...levelset.grid.masks import gaps, widened
+from ...levelset.grid.regularised import regularised
+from ...levelset.repair import Mesher
 from ...noise.contact import contact_density
-from ..grid.distance import around_zero
-from ..grid.isosurface import zero_set
-from ..grid.masks import gaps, widened
-from ..grid.regularised import regularised
-from ..repair import Mesher
-from .equations import floating
+from ..field.equations import floating
+from ..field.reconstruction import Reconstruction
+from ..neighbours import nearest
+from ..points.point_density import PointDensity
+from ..settings import ReconstructionSettings
 from .handles import without_handles
-from .normals import nearest
-from .point_density import PointDensity
-from .reconstruct import Reconstruction
-from .settings import ReconstructionSettings
 from .surplus import surplus
 
 EVEN = 0.8  # area of wall per node on it and squared spacing, for a surface of any direction

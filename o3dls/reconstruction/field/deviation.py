@@ -1,6 +1,4 @@
-"""How far the wall of a reconstruction may be off, by its field given the points; and, apart from that, how
-likely there is wall at all where a map has no points.
-"""
+"""How far the wall of a reconstruction may be off, by its field given the points."""
 
 from __future__ import annotations
 
@@ -8,12 +6,10 @@ import numpy as np
 from numba import njit
 
 from ...arrays import TINY, Array
-from ...geometry.similarity import rms_radius
 from ...motion.covariance import WORTH
 from ...parallel import by_rows
-from .normals import nearest
-from .reconstruct import Believed, Reconstruction
-from .settings import ReconstructionSettings
+from ..neighbours import nearest
+from .reconstruction import Reconstruction
 from .splines import correlation
 
 
@@ -29,35 +25,6 @@ def deviation(vertices: Array, prior_sd: Array, found: Reconstruction, nearest_p
     by_rows(_told, WORTH, (vertices, near, told), *shared)
     # the field's was found from distances to the moved prior, which have the motion's in them
     return np.asarray(np.sqrt(1.0 - told) * np.maximum(wall.amplitude[near[:, 0]], prior_sd))
-
-
-def existence(places: Array, believed: Believed, between: float, settings: ReconstructionSettings) -> Array:
-    """Probability (n,) that there is wall at places (n, 3) of a surface, by the points that are believed,
-    which are `between` apart; 1 everywhere where none is believed.
-    """
-    touching = believed.points[believed.weights > 0.5]
-    if not len(touching):
-        return np.ones(len(places))
-    gap = nearest(touching, places, 1)[0][:, 0]
-    length = settings.absent_length * rms_radius(places)
-    share = settings.absent_of_template if believed.template else settings.absent
-    unmapped = float((gap > settings.unmapped * between).mean())
-    return 1.0 - absent(gap, between, length, share, unmapped)
-
-
-def absent(gap: Array, between: float, length: float, share: float, unmapped: float) -> Array:
-    """Probability (n,) that there is no wall where the nearest point is `gap` (n,) away, of points that are
-    `between` apart.
-
-    share: of the wall that is absent before points are seen; unmapped: of it that was not visited. By Bayes'
-    rule with the densities of the gap: on visited wall that of a Poisson process, which is no smaller nearer
-    than where it is largest; on absent and on unvisited wall any up to a `length`.
-    """
-    mode = between / np.sqrt(2.0 * np.pi)
-    far = np.maximum(gap, mode) / between
-    visited = length / between * 2.0 * np.pi * far * np.exp(-np.pi * far**2)
-    there = unmapped + (1.0 - unmapped) * visited
-    return np.asarray(share / (share + (1.0 - share) * there))
 
 
 @njit(cache=True, nogil=True)

@@ -9,10 +9,10 @@ from scipy.spatial import KDTree
 
 from ...arrays import Array, Ints, Mask
 from ...geometry.surface import Surface
+from ...levelset.grid.band import Band
+from ...levelset.grid.isosurface import zero_set
 from ...parallel import side_by_side
-from ..grid.band import Band
-from ..grid.isosurface import zero_set
-from .settings import HandleSettings
+from ..settings import HandleSettings
 
 
 @dataclass(frozen=True, eq=False)

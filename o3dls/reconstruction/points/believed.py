@@ -1,0 +1,34 @@
+"""The points that a reconstruction is given."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ...arrays import Array
+from ...noise.contact import Contact
+
+
+@dataclass(frozen=True, eq=False)
+class Inside:
+    """Points (k, 3) that are known to be inside only, and their noise (k,)."""
+
+    points: Array
+    noise: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Believed:
+    """Points (n, 3) as a motion left them: probabilities of contact (n,), noise (n,), factors (n,) on the
+    odds of being an outlier, and the mixture; those that are known to be inside; and whether the prior is
+    a template, another person's heart, which may have parts that the patient lacks.
+    """
+
+    points: Array
+    weights: Array
+    noise: Array
+    odds: Array
+    contact: Contact
+    inside: Inside = field(default_factory=lambda: Inside(np.zeros((0, 3)), np.zeros(0)))
+    template: bool = False

@@ -1,0 +1,1 @@
+"""The shape of a reconstructed wall: which parts and handles it has."""
