@@ -47,7 +47,15 @@ LAYERS = (
     "cli",
     "__main__",
 )
-KERNELS = ("geometry", "noise", "registration", "motion", "levelset", "reconstruction", "topology")  # arrays in, arrays out
+KERNELS = (
+    "geometry",
+    "noise",
+    "registration",
+    "motion",
+    "levelset",
+    "reconstruction",
+    "topology",
+)  # arrays in, arrays out
 HEAVY = {"open3d", "pymeshlab", "trimesh", "numba", "matplotlib", "scipy"}
 MOST_MODULES = 16
 MOST_LINES = 260

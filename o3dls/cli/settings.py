@@ -17,7 +17,8 @@ from .words import say_lines
 CLASSES = {
     "noise": ("ContactSettings", "MixtureSettings", "DuplicateSettings"),
     "motion": ("MotionSettings", "TemplateSettings"),
-    "levelset": ("LevelSetSettings", "PaperSettings"),
+    "levelset": ("LatticeSettings", "PaperSettings"),
+    "reconstruction": ("ReconstructionSettings",),
     "topology": ("TopologySettings",),
 }
 

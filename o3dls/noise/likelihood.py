@@ -31,22 +31,7 @@ class Likelihood:
 
     def loss(self, distance: Array) -> Array:
         """-log p (n,) of signed distances (n,)."""
-        return losses(distance, *self.numbers)[0]  # type: ignore[no-any-return]
-
-    def weight(self, distance: Array) -> Array:
-        """Probability (n,) that a point is no outlier, at signed distances (n,)."""
-        loss, touching = losses(distance, *self.numbers)
-        return np.asarray(np.exp(touching + loss))
-
-    def slope(self, distance: Array) -> Array:
-        """d loss / d distance, (n,)."""
-        return np.asarray(self.weight(distance) * self.pull(distance) * distance / self.sigma**2)
-
-    def pull(self, distance: Array) -> Array:
-        """1 where a point pulls at the surface; 0 where it is satisfied, inside and known to be inside
-        only.
-        """
-        return np.asarray(np.where(self.one_sided & (distance < 0.0), 0.0, 1.0))
+        return losses(distance, *self.numbers)  # type: ignore[no-any-return]
 
     @cached_property
     def numbers(self) -> tuple[Array, NDArray[np.bool_], float, float, float]:
@@ -57,15 +42,14 @@ class Likelihood:
 
 @njit(cache=True, nogil=True)
 def losses(distance, sigma, one_sided, fraction, outside, inside):  # type: ignore[no-untyped-def]
-    """-log p (n,) of signed distances (n,), and the log p (n,) of these and of touching the wall: outliers, a
-    `fraction` of all, have the densities `outside` and `inside`; being inside is no fault of those known to
-    be.
+    """-log p (n,) of signed distances (n,): outliers, a `fraction` of all, have the densities `outside` and
+    `inside`; being inside is no fault of those known to be.
     """
-    loss, touching = np.empty(len(distance)), np.empty(len(distance))
+    loss = np.empty(len(distance))
     for i in range(len(distance)):
         free = one_sided[i] and distance[i] < 0.0
         off = 0.0 if free else distance[i] / sigma[i]
-        touching[i] = np.log((1.0 - fraction) / (np.sqrt(2.0 * np.pi) * sigma[i])) - 0.5 * off * off
+        touching = np.log((1.0 - fraction) / (np.sqrt(2.0 * np.pi) * sigma[i])) - 0.5 * off * off
         density = inside if distance[i] < 0.0 and not one_sided[i] else outside
-        loss[i] = -np.logaddexp(touching[i], np.log(fraction * density))
-    return loss, touching
+        loss[i] = -np.logaddexp(touching, np.log(fraction * density))
+    return loss

@@ -19,22 +19,27 @@ from .reconstruct import reconstruct
 from .settings import ReconstructionSettings
 from .shape.pieces import reconstructed_wall
 
+DEFAULTS = ReconstructionSettings()
+
 
 def reconstructed(
-    surface: Surface, believed: Believed, sd: str, unit: str, spacing: float, mesh: Mesher
+    surface: Surface,
+    believed: Believed,
+    unit: str,
+    spacing: float,
+    mesh: Mesher,
+    settings: ReconstructionSettings = DEFAULTS,
 ) -> Result | None:
     """The moved prior reconstructed from points; None where these predict each other no better than it does,
     or it is no single piece. Of handles only those stay or come that points show.
 
-    sd: name of the field of the surface that holds the deviation which the motion leaves; unit: of lengths in
-    the names of fields; spacing: of the lattice of phi; mesh: what will mesh phi. The fields of the wall are
-    the deviation of the reconstruction, where the motion leaves one, and `correction`, how far it lies
-    outside the surface.
+    unit: of lengths, in the names of fields; spacing: of the lattice of phi; mesh: what will mesh phi. The
+    fields of the wall are the deviation of the reconstruction (`sd`), where the motion leaves one in the same
+    field of the surface, and `correction`, how far it lies outside the surface.
     """
     pieces, euler = components_and_euler(surface.vertices, surface.faces)
     if pieces != 1:
         return None
-    settings = ReconstructionSettings()
     found = reconstruct(surface, believed, spacing, settings)
     if found is None:
         return None
@@ -58,16 +63,16 @@ def reconstructed(
             "changes": changes,
         },
         weights=found.weights,
-        fields=lambda places: _fields(places, sd, unit, found, settings),
+        fields=lambda places: _fields(places, unit, found, settings),
         exact=True,
     )
 
 
 def _fields(
-    places: Array, sd: str, unit: str, found: Reconstruction, settings: ReconstructionSettings
+    places: Array, unit: str, found: Reconstruction, settings: ReconstructionSettings
 ) -> dict[str, Array]:
     """The deviation (n,) of the wall at places (n, 3), and how far they lie outside the moved prior."""
-    surface = found.prior.surface
+    surface, sd = found.prior.surface, f"sd_{unit}"
     squared, face, _, weights = found.prior.tree.query(places)
     side = np.where(found.prior.at(places) < 0.0, -1.0, 1.0)
     fields = {f"correction_{unit}": side * np.sqrt(squared)}

@@ -70,8 +70,7 @@ class LevelSet(Stage):
         from ..adapters.meshing import isosurface
         from ..reconstruction.reconstructed import reconstructed
 
-        sd = f"sd_{case.units}"
-        return reconstructed(start.surface, given.believed, sd, case.units, self.spacing, isosurface)
+        return reconstructed(start.surface, given.believed, case.units, self.spacing, isosurface)
 
     def _moved_prior(self, case: Case, surface: Surface, *, asked: bool) -> Result:
         """The level set of the moved prior; asked: whether the points were asked for another wall."""

@@ -39,7 +39,7 @@ def cone(points, tube):  # type: ignore[no-untyped-def]
 def losses_with(points, tube, distance, bias, sigma, one_sided, fraction, outside, inside):  # type: ignore[no-untyped-def]
     """-log p (n,) of points at a distance (n,) from a surface once it is united with a tube."""
     united = np.minimum(distance, cone(points, tube)) - bias
-    return losses(united, sigma, one_sided, fraction, outside, inside)[0]
+    return losses(united, sigma, one_sided, fraction, outside, inside)
 
 
 class Foot:

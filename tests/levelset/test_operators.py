@@ -13,7 +13,7 @@ from o3dls.geometry.surface import Surface
 from o3dls.levelset.grid.band import Band
 from o3dls.levelset.grid.distance import SignedDistance, signed_distance
 from o3dls.levelset.grid.isosurface import reinitialise, zero_set
-from o3dls.levelset.grid.operators import combine, delta, gradient, heaviside, laplacian, mean_curvature
+from o3dls.levelset.grid.operators import combine, delta, gradient, heaviside, mean_curvature
 
 
 def orders(errors: list[float]) -> np.ndarray:
@@ -60,16 +60,6 @@ def test_gradient_of_a_distance_has_length_one_and_points_outward(dimension: int
     outward = band.positions[near] / np.linalg.norm(band.positions[near], axis=1, keepdims=True)
     # h^2 / 6 of the third derivative
     np.testing.assert_allclose(gradient(band, phi)[near], outward, atol=0.002)
-
-
-def test_laplacian_is_symmetric_blind_to_constants_and_exact_on_parabolas() -> None:
-    band, phi = whole_box(round_distance(3.0), 5.0, 0.5)
-    matrix = laplacian(band)
-    assert abs(matrix - matrix.T).max() == 0.0
-    assert np.abs(matrix @ np.ones(len(band))).max() < 1e-12
-    inner = (band.neighbours >= 0).all(axis=(1, 2))
-    np.testing.assert_allclose((matrix @ (band.positions**2).sum(axis=1))[inner], -6.0, atol=1e-9)
-    assert phi @ (matrix @ phi) > 0.0
 
 
 def test_delta_is_the_slope_of_heaviside_and_integrates_to_one() -> None:

@@ -590,7 +590,7 @@ def test_new_points_of_another_noise_leave_that_of_the_others_as_it_was(
     assert (updated.fit.problem.data.relative[40:] == 4.0).all()
     assert updated.sigma == fitted.sigma
     seen: list[Array] = []
-    monkeypatch.setattr("o3dls.levelset.observation.observe", lambda *given: seen.append(given[3]))
+    monkeypatch.setattr("o3dls.topology.observation.observe", lambda *given: seen.append(given[3]))
     observer(with_column(more, sigma=sigma), updated)(None)  # type: ignore[arg-type]
     np.testing.assert_array_equal(seen[0], updated.fit.problem.data.relative)
 

@@ -1,6 +1,4 @@
-"""The stage: without corrections the surface stays, a folded prior is repaired, both formulations run in
-2D and 3D.
-"""
+"""The stage: where points ask for nothing the surface stays, a folded prior is repaired, in 2D and 3D."""
 
 from __future__ import annotations
 
@@ -14,18 +12,16 @@ from starts import started
 
 from o3dls.adapters.self_intersections import self_intersections
 from o3dls.arrays import Array
-from o3dls.case import Case, Points
+from o3dls.case import Points
 from o3dls.errors import InputError, PipelineError, SolverError
-from o3dls.estimate import Estimate
 from o3dls.evaluation.distances import distances
 from o3dls.geometry.components import components_and_euler
-from o3dls.geometry.similarity import apply, similarity
 from o3dls.geometry.surface import Surface
 from o3dls.levelset.grid.isosurface import zero_set
-from o3dls.levelset.normal_displacement import Wall
 from o3dls.run_warning import RunWarning
-from o3dls.stages.level_set import LevelSet, noise_of, observer, relative_sd
+from o3dls.stages.level_set import LevelSet
 from o3dls.stages.level_set_checks import check_mesh
+from o3dls.stages.level_set_data import given_points
 
 SEED = 264_575
 
@@ -34,7 +30,7 @@ SEED = 264_575
 def test_nothing_to_add_leaves_the_surface_where_it_is(prior: Surface) -> None:
     case, start = started(prior, sampled(prior, 300, 1.0, SEED), 1.0)
     found = LevelSet()(case, start)
-    assert "no correction needed" in found.status
+    assert found.status.startswith("the moved prior stays: ")
     assert found.motion is start.motion
     assert found.fit is start.fit
     assert found.weights is start.weights
@@ -49,14 +45,6 @@ def test_nothing_to_add_leaves_the_surface_where_it_is(prior: Surface) -> None:
     assert found.phi.band.spacing == 1.0
 
 
-def test_nothing_to_add_still_says_what_the_points_cost() -> None:
-    prior = meshed(round_distance(16.0), 20.0)
-    found = LevelSet()(*started(prior, sampled(prior, 100, 0.8, SEED), 0.8))
-    assert found.iterations == 0
-    assert [set(row) for row in found.trace] == [{"iteration", "data", "prior", "energy"}]
-    assert found.trace[0]["energy"] > 0.0
-
-
 def test_a_motion_that_has_not_converged_leaves_a_level_set_that_has_not() -> None:
     prior = meshed(round_distance(16.0), 20.0)
     case, start = started(prior, sampled(prior, 100, 0.8, SEED), 0.8)
@@ -65,7 +53,7 @@ def test_a_motion_that_has_not_converged_leaves_a_level_set_that_has_not() -> No
     )
     assert stood.converged
     assert not moved.converged
-    assert moved.status.startswith("the motion had not converged; no correction needed")
+    assert moved.status.startswith("the motion had not converged; the moved prior stays")
 
 
 def test_a_prior_of_two_pieces_keeps_both() -> None:
@@ -110,49 +98,6 @@ def test_a_part_too_thin_for_the_lattice_does_not_go_without_a_word() -> None:
     assert distances(prior.vertices, fine.surface).max() < 0.5
 
 
-def test_a_tunnel_that_the_lattice_cannot_see_costs_no_correction() -> None:
-    """Pieces and handles are lost with the correction and without it: then that is no reason to leave it
-    out.
-    """
-
-    def drilled(points: Array) -> Array:
-        tunnel = 0.7 - np.hypot(points[:, 0] - 7.8, points[:, 1] - 1.0)
-        return np.maximum(round_distance(12.0)(points), tunnel)
-
-    prior = meshed(drilled, 14.0, 0.6)
-    assert components_and_euler(prior.vertices, prior.faces) == (1, 0)
-    truth = meshed(lambda at: bumped(at, 12.0), 18.0)
-    case, start = started(prior, sampled(truth, 300, 0.5, SEED), 0.5, fitted=False)
-    found = LevelSet(spacing=2.0)(case, start)
-    assert np.abs(found.surface.fields["correction_mm"]).max() > 1.5  # of the bump's 3 mm
-    assert "mesh-differs" in {warning.code for warning in found.warnings}
-
-
-def bumped(points: Array, ball: float = 20.0) -> Array:
-    """A ball with a bump of 3 mm at the top."""
-    radius = np.linalg.norm(points, axis=1)
-    up = points[:, 2] / np.maximum(radius, 1e-9)
-    return radius - ball - 3.0 * np.exp(-(2.0 - 2.0 * up) / 0.25)
-
-
-def test_a_correction_is_the_same_however_the_lattice_lies() -> None:
-    prior = meshed(lambda at: round_distance(18.0)(at * [1.0, 1.3, 0.8]), 28.0)
-    points = sampled(meshed(bumped, 25.0), 300, 0.5, SEED)
-    turned = similarity(
-        np.array([[2.0, -1.0, 2.0], [2.0, 2.0, -1.0], [-1.0, 2.0, 2.0]]) / 3.0, np.array([3.3, 1.1, 7.7])
-    )
-    found = []
-    for frame in (np.eye(4), turned):
-        there = prior.transformed(frame)
-        case = Case("case", there, Points(apply(frame, points), np.full(300, "eam")))
-        found.append(
-            LevelSet()(case, Estimate(there, np.eye(4), "start")).surface.transformed(np.linalg.inv(frame))
-        )
-    assert distances(found[0].vertices, prior).mean() > 1.0
-    # .06 with half as many nodes in a correlation length
-    assert distances(found[0].vertices, found[1]).mean() < 0.04
-
-
 def test_an_outline_that_crosses_itself_is_not_handed_out() -> None:
     prior = circle(20.0, 300)
     vertices = prior.vertices.copy()
@@ -173,41 +118,30 @@ def test_an_outline_that_crosses_itself_is_not_handed_out() -> None:
     assert found.volume == pytest.approx(prior.volume, rel=0.01)
 
 
-@pytest.mark.parametrize("column", [0.1, 10.0])
-def test_a_sigma_that_all_points_share_says_nothing_new(column: float) -> None:
-    """The noise level is the motion's; the column tells how points compare."""
-    prior = circle(20.0, 300)
-    case, start = started(prior, sampled(prior, 300, 1.0, SEED), 1.0)
-    told = replace(case, points=replace(case.points, columns={"sigma": np.full(300, column)}))
-    found = LevelSet()(told, start)
-    assert "no correction needed" in found.status
-    assert found.sigma == pytest.approx(1.0)
-
-
-@pytest.mark.parametrize("dimension", [2, 3])
-def test_what_a_pose_leaves_is_corrected(dimension: int) -> None:
+def test_what_a_pose_leaves_is_reconstructed() -> None:
     """Without a motion before it, the level set alone brings the wall to the points."""
-    prior = circle(20.0, 300) if dimension == 2 else meshed(round_distance(20.0), 24.0)
-    stretch = np.array([1.12, 0.95, 1.0])[:dimension]
-    truth = prior.with_vertices(prior.vertices * stretch)
-    case, start = started(prior, sampled(truth, 500, 0.4, SEED), 0.4, fitted=False)
+    prior = meshed(round_distance(20.0), 24.0)
+    truth = prior.with_vertices(prior.vertices * [1.12, 0.95, 1.0])
+    case, start = started(prior, sampled(truth, 1000, 0.4, SEED), 0.4, fitted=False)
     found = LevelSet()(case, start)
-    assert found.converged
+    assert "reconstructed" in found.status
     assert distances(truth.vertices, found.surface).mean() < 0.3 * distances(truth.vertices, prior).mean()
     assert np.abs(found.surface.fields["correction_mm"]).max() > 1.0
-    assert found.trace[-1]["energy"] < found.trace[0]["energy"]
+    assert len(found.weights) == 1000
 
 
-@pytest.mark.parametrize("dimension", [2, 3])
-def test_paper_formulation_starts_from_the_similarity_alone(dimension: int) -> None:
-    prior = circle(20.0, 300) if dimension == 2 else meshed(round_distance(14.0), 18.0)
-    case, start = started(prior, sampled(prior, 200, 0.5, SEED), 0.5)
-    # a motion that the paper's T cannot have
-    away = start.surface.with_vertices(start.surface.vertices + 5.0)
-    found = LevelSet(formulation="paper")(case, replace(start, surface=away))
-    assert distances(prior.vertices, found.surface).mean() < 0.6
-    assert "component" in found.status
-    assert found.facts["components"] >= 1
+@pytest.mark.parametrize("fitted", [True, False])
+def test_points_known_to_be_inside_are_not_on_the_wall(fitted: bool) -> None:
+    prior = meshed(round_distance(20.0), 24.0)
+    case, start = started(prior, sampled(prior, 100, 1.0, SEED), 1.0, fitted=fitted)
+    if not fitted:
+        deep = np.vstack([case.points.xyz, sampled(meshed(round_distance(6.0), 8.0), 10, 1.0, SEED)])
+        case = replace(case, points=Points(deep, np.array(["eam"] * 100 + ["inside"] * 10)))
+    given = given_points(case, start)
+    assert len(given.believed.points) == len(given.believed.weights) == 100
+    assert len(given.believed.inside.points) == (0 if fitted else 10)
+    assert len(given.of_mapping(given.believed.weights)) == 100
+    assert np.median(given.believed.noise) == pytest.approx(1.0, rel=0.2)
 
 
 def test_halved_spacing_is_no_worse() -> None:
@@ -220,10 +154,10 @@ def test_halved_spacing_is_no_worse() -> None:
 def test_phi_is_a_distance_where_walls_were_made_whole_too(monkeypatch: pytest.MonkeyPatch) -> None:
     prior = meshed(round_distance(14.0), 18.0)
     case, start = started(prior, sampled(prior, 100, 0.5, SEED), 0.5, fitted=False)
-    reached = LevelSet()._by_default(case, start)
+    reached = LevelSet()._moved_prior(case, start.surface, asked=True)
     repaired = RunWarning("thin-gap-repaired", "islands were removed")
     cut = replace(reached, phi=replace(reached.phi, phi=3.0 * reached.phi.phi), warnings=(repaired,))
-    monkeypatch.setattr(LevelSet, "_by_default", lambda *_: cut)
+    monkeypatch.setattr(LevelSet, "_moved_prior", lambda *_, **__: cut)
     found = LevelSet()(case, start)
     assert found.warnings == cut.warnings
     np.testing.assert_allclose(found.phi.phi, round_distance(14.0)(found.phi.band.positions), atol=0.1)
@@ -246,14 +180,7 @@ def test_folded_prior_comes_out_without_folds() -> None:
     [
         ({"spacing": 0.0}, r"level_set.spacing = 0.0 mm: must be a number within \[0.001, inf\) mm"),
         ({"keep": 1.5}, r"level_set.keep = 1.5: must be a number within \(0, 1\]"),
-        ({"formulation": "papre"}, "did you mean 'paper'"),
-        ({"area": 5.0}, 'level_set.area = 5.0: has no effect unless formulation = "paper"'),
-        ({"data": 1.0}, 'level_set.data = 1.0: has no effect unless formulation = "paper"'),
-        (
-            {"formulation": "paper", "evidence": 1.0},
-            'level_set.evidence = 1.0 nats: has no effect unless formulation = "default"',
-        ),
-        ({"formulation": "paper", "coarse_to_fine": False}, "coarse_to_fine = false: has no effect unless"),
+        ({"area": 5.0}, "level_set.*area"),
     ],
 )
 def test_parameters_are_checked(given: dict[str, float], said: str) -> None:
@@ -298,26 +225,6 @@ def test_points_of_the_wall_are_needed() -> None:
         LevelSet()(case, start)
 
 
-def test_the_paper_s_formulation_takes_points_that_lie_on_the_prior() -> None:
-    prior = meshed(round_distance(14.0), 18.0)
-    case = Case("case", prior, Points(prior.vertices[::9], np.full(len(prior.vertices[::9]), "eam")))
-    found = LevelSet(formulation="paper", iterations=2)(case, Estimate(prior, np.eye(4), "start"))
-    assert distances(prior.vertices, found.surface).max() < 0.3
-
-
-def test_iterations_are_those_of_the_sentence() -> None:
-    prior = circle(20.0, 300)
-    points = sampled(circle(20.0, 300), 100, 0.3, SEED) * [1.2, 1.0]
-    case = Case("case", prior, Points(points, np.full(100, "eam")))
-    start = Estimate(prior, np.eye(3), "start")
-    ours = LevelSet()(case, start)
-    paper = LevelSet(formulation="paper", iterations=3)(case, start)
-    assert f" after {ours.iterations} iterations; corrections" in ours.status
-    assert f" after {paper.iterations} reinitialisations" in paper.status
-    assert len(ours.trace) > ours.iterations > 0
-    assert len(paper.trace) > paper.iterations > 0
-
-
 def test_equal_inputs_give_equal_surfaces() -> None:
     prior = meshed(round_distance(16.0), 20.0)
     case, start = started(prior, sampled(prior, 200, 1.0, SEED), 1.0)
@@ -326,57 +233,10 @@ def test_equal_inputs_give_equal_surfaces() -> None:
     assert first.facts == second.facts
 
 
-def test_the_paper_s_formulation_begins_at_the_prior_under_t() -> None:
-    prior = meshed(round_distance(14.0), 18.0)
-    frame = similarity(np.eye(3), np.array([30.0, 0.0, 0.0]))
-    truth = prior.transformed(frame)
-    case = Case("case", prior, Points(sampled(truth, 200, 0.5, SEED), np.full(200, "eam")))
-    found = LevelSet(formulation="paper", iterations=2)(case, Estimate(truth, frame, "moved"))
-    np.testing.assert_allclose(found.surface.vertices.mean(axis=0), [30.0, 0.0, 0.0], atol=0.5)
-
-
-def test_of_the_motion_s_beliefs_the_share_off_the_wall_is_taken() -> None:
-    case, start = started(circle(20.0, 300), sampled(circle(20.0, 300), 100, 1.0, SEED), 1.0)
-    assert noise_of(replace(start, weights=np.array([1.0, 1.0, 1.0, 0.2]))).outlier_fraction == pytest.approx(
-        0.2
-    )
-    believed = replace(start, weights=np.ones(100))
-    # outliers = "none"
-    assert observer(case, believed)(Wall(start.surface)).likelihood.contact.outlier_fraction == 0.0
-
-
-def test_points_known_to_be_inside_are_seen_as_such() -> None:
-    prior = circle(20.0, 300)
-    case, start = started(
-        prior, np.vstack([sampled(prior, 100, 1.0, SEED), sampled(circle(6.0, 300), 10, 1.0, SEED)]), 1.0
-    )
-    case = replace(case, points=replace(case.points, type=np.array(["eam"] * 100 + ["inside"] * 10)))
-    assert observer(case, start)(Wall(prior)).likelihood.one_sided.tolist() == [False] * 100 + [True] * 10
-
-
-def test_the_prior_holds_less_where_the_motion_is_in_doubt() -> None:
-    case, start = started(circle(20.0, 300), sampled(circle(20.0, 300), 100, 1.0, SEED), 1.0)
-    sd = np.where(np.arange(300) % 2, 1.0, 1.5)
-    sd[0] = 9.0
-    found = relative_sd(case, replace(start, surface=replace(start.surface, fields={"sd_mm": sd})))
-    assert found[2] == pytest.approx(1.5 * found[1])
-    assert found[0] == 2.0
-    assert (
-        relative_sd(case, replace(start, surface=replace(start.surface, fields={"sd_mm": 0.0 * sd}))) == 1.0
-    ).all()
-
-
 def test_a_surface_that_shrinks_to_nothing_is_an_error() -> None:
     tiny = meshed(round_distance(1.0), 2.0, 0.25)
     with pytest.raises(SolverError, match="level_set: the surface shrank to nothing"):
         check_mesh(tiny, tiny, 1.0, 0.5, "mm")
-
-
-def test_points_of_a_far_smaller_surface_give_no_surface() -> None:
-    prior = meshed(round_distance(24.0), 28.0, 2.0)
-    case, start = started(prior, sampled(meshed(round_distance(4.0), 8.0), 100, 0.5, SEED), 0.5, fitted=False)
-    with pytest.raises(SolverError, match=r"level_set: the (surface shrank to nothing|mesh encloses)"):
-        LevelSet(spacing=2.0)(case, Estimate(prior, start.T_map_prior, "start"))
 
 
 @pytest.mark.parametrize(("factor", "said"), [(1.1, "33% more"), (0.9, "27% less")])

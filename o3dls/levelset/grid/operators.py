@@ -30,18 +30,6 @@ def mean_curvature(band: Band, phi: Array) -> Array:
     return np.asarray(kernels.curvature(phi, band.neighbours, band.spacing))
 
 
-def laplacian(band: Band) -> sparse.csr_matrix:
-    """Minus the Laplacian on the band with no flow through its border: symmetric, positive semidefinite, (n,
-    n), in 1/length^2.
-    """
-    rows, axes, sides = np.nonzero(band.neighbours >= 0)
-    weights = np.full(len(rows), 1.0 / band.spacing**2)
-    links = sparse.csr_matrix(
-        (weights, (rows, band.neighbours[rows, axes, sides])), shape=(len(band), len(band))
-    )
-    return sparse.csr_matrix(sparse.diags(np.asarray(links.sum(axis=1)).ravel()) - links)
-
-
 def delta(phi: Array, reach: float) -> Array:
     """Regularised Dirac function, 0 beyond |phi| = reach, integral 1."""
     return np.asarray(np.where(np.abs(phi) < reach, (1.0 + np.cos(np.pi * phi / reach)) / (2.0 * reach), 0.0))

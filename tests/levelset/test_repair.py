@@ -1,6 +1,4 @@
-"""From a moved prior to a level set: without a correction it comes back, a wall is neither split nor merged
-without evidence.
-"""
+"""The level set of a moved prior: it comes back, and a wall is neither split nor merged."""
 
 from __future__ import annotations
 
@@ -8,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from shapes import circle, meshed, round_distance, sampled
+from shapes import circle, meshed, round_distance
 
 from o3dls.adapters.meshing import isosurface
 from o3dls.adapters.self_intersections import crossing
@@ -16,15 +14,11 @@ from o3dls.arrays import Array, Ints
 from o3dls.evaluation.distances import distances
 from o3dls.geometry.components import components_and_euler
 from o3dls.geometry.surface import Surface
-from o3dls.levelset.correction import Correction, Limits
 from o3dls.levelset.grid.distance import SignedDistance, signed_distance
 from o3dls.levelset.grid.isosurface import zero_set
-from o3dls.levelset.normal_displacement import Wall
-from o3dls.levelset.observation import Measured, Noise, observe
-from o3dls.levelset.refine import Mesher, Refinement, _kept_whole, refine_surface
-from o3dls.levelset.repair import Repair
-from o3dls.levelset.residual_field import ResidualField
+from o3dls.levelset.repair import Mesher, Repair, whole_level_set
 from o3dls.levelset.settings import LatticeSettings
+from o3dls.run_warning import RunWarning
 
 SEED = 223_606
 
@@ -32,32 +26,18 @@ SEED = 223_606
 REPAIR = Repair(1.0, (1, 2), crossing, LatticeSettings(), isosurface)
 
 
-def run(surface: Surface, points: Array, mesh: Mesher = isosurface) -> Refinement:
-    def seen(wall: Wall) -> Measured:
-        return observe(
-            wall, points, np.zeros(len(points), dtype=bool), np.ones(len(points)), Noise(1.0, 0.25, 0.05)
-        )
-
-    return refine_surface(
-        surface, seen, np.ones(len(surface.vertices)), Limits(1.0), mesh=mesh, crossing=crossing
-    )
+def run(surface: Surface, mesh: Mesher = isosurface) -> tuple[SignedDistance, tuple[RunWarning, ...]]:
+    return whole_level_set(surface, 1.0, "mm", mesh=mesh, crossing=crossing)
 
 
 @pytest.mark.parametrize(
     "surface", [circle(count=300), meshed(round_distance(20.0), 24.0, 2.0)], ids=["2D", "3D"]
 )
-def test_nothing_to_add_gives_the_signed_distance_of_the_prior(surface: Surface) -> None:
-    surface = Surface(surface.vertices, surface.faces, {"label": surface.vertices[:, 0]})
-    found = run(surface, sampled(surface, 300, 1.0, SEED))
+def test_a_surface_that_is_whole_gives_its_signed_distance(surface: Surface) -> None:
+    phi, warnings = run(surface)
     psi = signed_distance(surface.vertices, surface.faces, 1.0, 3.0)
-    assert (found.phi.phi == psi.phi).all()
-    assert (found.wall.vertices == surface.vertices).all()
-    assert (found.wall.fields["label"] == surface.fields["label"]).all()
-    assert (found.wall.fields["correction"] == 0.0).all()
-    assert found.converged
-    assert found.warnings == ()
-    assert found.unchanged
-    assert found.sigma == pytest.approx(1.0)
+    assert (phi.phi == psi.phi).all()
+    assert warnings == ()
 
 
 def test_two_walls_closer_than_the_lattice_are_not_merged_into_a_handle() -> None:
@@ -71,8 +51,8 @@ def test_two_walls_closer_than_the_lattice_are_not_merged_into_a_handle() -> Non
 
     prior = meshed(hook, 34.0, 0.5)
     assert components_and_euler(prior.vertices, prior.faces) == (1, 2)
-    found = run(prior, sampled(prior, 300, 1.0, SEED))
-    assert components_and_euler(*zero_set(found.phi.band, found.phi.phi)) == (1, 2)
+    phi, _ = run(prior)
+    assert components_and_euler(*zero_set(phi.band, phi.phi)) == (1, 2)
 
 
 def test_a_tube_that_was_bent_until_its_ends_have_merged_is_cut_where_they_have() -> None:
@@ -87,11 +67,11 @@ def test_a_tube_that_was_bent_until_its_ends_have_merged_is_cut_where_they_have(
     bent = tube.with_vertices(np.column_stack([r * np.cos(angle), r * np.sin(angle), tube.vertices[:, 2]]))
     united = REPAIR.united(bent)
     assert components_and_euler(*isosurface(united)) == (1, 0)
-    found = run(bent, sampled(bent, 300, 1.0, SEED))
-    assert [one.sentence for one in found.warnings] == [
+    phi, warnings = run(bent)
+    assert [one.sentence for one in warnings] == [
         "the moved prior intersects itself: merged walls were cut apart"
     ]
-    mesh = isosurface(found.phi)
+    mesh = isosurface(phi)
     assert components_and_euler(*mesh) == (1, 2)
     ring = Surface(*isosurface(united))
     changed = mesh[0][distances(mesh[0], ring) > 1e-6]
@@ -105,8 +85,8 @@ def test_a_prior_that_overlaps_itself_is_united_in_one_piece() -> None:
     x = ball.vertices[:, 0]
     waist = 1.0 - 1.3 * np.exp(-((x / 2.0) ** 2))
     squeezed = ball.with_vertices(ball.vertices * np.column_stack([np.ones_like(x), waist, np.ones_like(x)]))
-    found = run(squeezed, sampled(squeezed, 100, 1.0, SEED))
-    vertices, faces = zero_set(found.phi.band, found.phi.phi)
+    phi, _ = run(squeezed)
+    vertices, faces = zero_set(phi.band, phi.phi)
     assert components_and_euler(vertices, faces)[0] == 1
     # both sides of the waist are there
     np.testing.assert_allclose([vertices[:, 0].min(), vertices[:, 0].max()], [-10.0, 10.0], atol=0.1)
@@ -147,7 +127,7 @@ def test_it_is_the_mesh_that_has_to_be_whole(
     until there is none.
     """
     monkeypatch.setattr(  # meshes of what is closed have none
-        "o3dls.levelset.refine.Repair", lambda *given: replace(Repair(*given), mesh=isosurface)
+        "o3dls.levelset.repair.Repair", lambda *given: replace(Repair(*given), mesh=isosurface)
     )
     ball = meshed(round_distance(10.0), 12.0)
     seen: list[SignedDistance] = []
@@ -158,9 +138,8 @@ def test_it_is_the_mesh_that_has_to_be_whole(
         seen.append(phi)
         return (torus().vertices, torus().faces) if len(seen) <= handled else isosurface(phi)
 
-    found = run(ball, sampled(ball, 100, 1.0, SEED), mesh=handled_first)
-    assert found.phi is seen[-1]
-    (warning,) = found.warnings
+    phi, (warning,) = run(ball, mesh=handled_first)
+    assert phi is seen[-1]
     assert warning.code == "thin-gap-repaired"
     assert warning.sentence.endswith(f": {said}; try a smaller spacing")
 
@@ -177,26 +156,6 @@ def test_topology_counts_pieces_and_handles() -> None:
     assert components_and_euler(pair.vertices, pair.faces) == (2, 0)
     round_line = circle(count=50)
     assert components_and_euler(round_line.vertices, round_line.faces) == (1, 0)
-
-
-def test_a_correction_that_would_tear_is_halved() -> None:
-    ball = meshed(round_distance(16.0), 20.0)
-    u = np.where(ball.vertices[:, 2] > 14.0, 4.0, 0.0)
-
-    def handled(phi: SignedDistance) -> tuple[Array, Ints]:
-        from shapes import torus
-
-        vertices, faces = isosurface(phi)
-        return (vertices, faces) if vertices[:, 2].max() < 18.5 else (torus().vertices, torus().faces)
-
-    field = ResidualField(20.0, 1.0, 1.0, 5.0)
-    final, _, said = _kept_whole(
-        Wall(ball), Correction(u, (field,), 1.0, (), True, ""), Limits(1.0), handled, crossing
-    )
-    np.testing.assert_allclose(final.fields["correction"], 0.5 * u)
-    (warning,) = said
-    assert warning.code == "correction-reduced"
-    assert warning.sentence.startswith("only 50% of the correction")
 
 
 def test_closing_gaps_leaves_the_rest_where_it_is() -> None:

@@ -17,34 +17,35 @@ from o3dls.evaluation.distances import distances
 from o3dls.geometry.closest_point import ClosestPoint
 from o3dls.geometry.components import components_and_euler
 from o3dls.geometry.surface import Surface
-from o3dls.levelset.correction import Limits
 from o3dls.levelset.grid.band import Band
 from o3dls.levelset.grid.isosurface import zero_set
-from o3dls.levelset.reconstruction import surplus
-from o3dls.levelset.reconstruction.amplitude import amplitudes
-from o3dls.levelset.reconstruction.contact import clusters_believed
-from o3dls.levelset.reconstruction.deviation import absent, existence
-from o3dls.levelset.reconstruction.equations import Oriented, floating
-from o3dls.levelset.reconstruction.fitting import Scale
-from o3dls.levelset.reconstruction.handles import without_handles
-from o3dls.levelset.reconstruction.moved_prior import MovedPrior
-from o3dls.levelset.reconstruction.normals import nearest, planes, turned_outward
-from o3dls.levelset.reconstruction.point_density import PointDensity
-from o3dls.levelset.reconstruction.reconstruct import Believed, Inside, Reconstruction, oriented_by_others
-from o3dls.levelset.reconstruction.refinement import reconstructed
-from o3dls.levelset.reconstruction.settings import HandleSettings, ReconstructionSettings, SplineSettings
-from o3dls.levelset.reconstruction.splines import SplineField, SplineLattice
-from o3dls.levelset.reconstruction.wall import (
+from o3dls.levelset.result import Result
+from o3dls.noise.contact import Contact
+from o3dls.noise.settings import ContactSettings
+from o3dls.reconstruction.field.amplitude import amplitudes
+from o3dls.reconstruction.field.equations import Oriented, floating
+from o3dls.reconstruction.field.moved_prior import MovedPrior
+from o3dls.reconstruction.field.reconstruction import Reconstruction
+from o3dls.reconstruction.field.spline_fit import Scale
+from o3dls.reconstruction.field.splines import SplineField, SplineLattice
+from o3dls.reconstruction.neighbours import nearest
+from o3dls.reconstruction.points.believed import Believed, Inside
+from o3dls.reconstruction.points.dipoles import DipolePlaces
+from o3dls.reconstruction.points.existence import absent, existence
+from o3dls.reconstruction.points.left_out import clusters_believed
+from o3dls.reconstruction.points.orientation import planes, turned_outward
+from o3dls.reconstruction.points.point_density import PointDensity
+from o3dls.reconstruction.reconstruct import oriented_by_others
+from o3dls.reconstruction.reconstructed import reconstructed
+from o3dls.reconstruction.settings import HandleSettings, ReconstructionSettings, SplineSettings
+from o3dls.reconstruction.shape import surplus
+from o3dls.reconstruction.shape.handles import without_handles
+from o3dls.reconstruction.shape.pieces import (
     own_parts_kept,
     reconstructed_wall,
     smooth_cuts,
     without_pinched_off,
 )
-from o3dls.levelset.reconstruction.winding import DipolePlaces
-from o3dls.levelset.refine import Refinement
-from o3dls.levelset.settings import LevelSetSettings
-from o3dls.noise.contact import Contact
-from o3dls.noise.settings import ContactSettings
 
 SEED = 223_606
 SIGMA = 0.6
@@ -66,14 +67,13 @@ def believed(points: Array, weights: Array | None = None, sigma: float = SIGMA) 
 
 def rebuilt(
     prior: Surface, points: Array, weights: Array | None = None, *, template: bool = False
-) -> Refinement | None:
+) -> Result | None:
     """The tube is more of this prior than a vein is of a heart: more may be absent than usual."""
-    prior = replace(prior, fields={"sd": np.full(len(prior.vertices), 0.5)})
+    prior = replace(prior, fields={"sd_mm": np.full(len(prior.vertices), 0.5)})
     known = replace(believed(points, weights), template=template)
-    usual = LevelSetSettings()
-    lacks = replace(usual.reconstruction.surplus, most=0.3)
-    settings = replace(usual, reconstruction=replace(usual.reconstruction, surplus=lacks))
-    return reconstructed(prior, known, "sd", Limits(1.0, settings=settings), isosurface)
+    usual = ReconstructionSettings()
+    settings = replace(usual, surplus=replace(usual.surplus, most=0.3))
+    return reconstructed(prior, known, "mm", 1.0, isosurface, settings)
 
 
 def test_a_field_on_a_box_is_the_field_at_its_nodes() -> None:
@@ -221,11 +221,11 @@ def test_a_vein_that_the_prior_lacks_is_reconstructed_with_its_noise() -> None:
     assert found.sigma == pytest.approx(SIGMA, rel=0.15)  # what the issue of this engine allows
     assert found.fields is not None
     fields = found.fields(found.wall.vertices)
-    sd = fields["sd"]
+    sd = fields["sd_mm"]
     error = distances(found.wall.vertices, TUBED)
     assert (error < 1.96 * sd).mean() > 0.85
     tip = found.wall.vertices[:, 0] > 25.0
-    assert fields["correction"][tip].min() > 8.0  # outside the prior is positive
+    assert fields["correction_mm"][tip].min() > 8.0  # outside the prior is positive
 
 
 def test_a_vein_that_the_wall_lacks_is_taken_away() -> None:
@@ -384,9 +384,9 @@ def test_a_templates_vein_without_points_is_removed_if_points_close_its_mouth(
 def test_where_a_template_lacked_too_much_it_was_not_visited() -> None:
     """No heart lacks so much of another: with the usual limit the tube, an eighth of the wall, stays."""
     on_ball = sampled(BALL, 250, SIGMA, SEED)
-    prior = replace(TUBED, fields={"sd": np.full(len(TUBED.vertices), 0.5)})
+    prior = replace(TUBED, fields={"sd_mm": np.full(len(TUBED.vertices), 0.5)})
     known = replace(believed(on_ball[on_ball[:, 0] > -10.0]), template=True)
-    found = reconstructed(prior, known, "sd", Limits(1.0), isosurface)
+    found = reconstructed(prior, known, "mm", 1.0, isosurface)
     tube = TUBED.vertices[:, 0] > 20.0
     assert found is None or distances(TUBED.vertices[tube], found.wall).mean() < 1.0
 
@@ -509,11 +509,11 @@ def test_points_known_to_be_inside_are_inside_and_keep_the_part_they_lie_in() ->
     points = np.vstack([points, extra[np.linalg.norm(extra, axis=1) > 16.0]])
     along = np.column_stack([np.linspace(18.0, 27.0, 10), np.zeros(10), np.zeros(10)])
     beyond = np.array([[31.5, 0.0, 0.0]])  # the tube ends at 30
-    prior = replace(TUBED, fields={"sd": np.full(len(TUBED.vertices), 0.5)})
+    prior = replace(TUBED, fields={"sd_mm": np.full(len(TUBED.vertices), 0.5)})
     tip = TUBED.vertices[TUBED.vertices[:, 0] > 26.0]
     for inside, kept in ((np.zeros((0, 3)), False), (np.vstack([along, beyond]), True)):
         known = replace(believed(points), inside=Inside(inside, np.full(len(inside), SIGMA)), template=True)
-        found = reconstructed(prior, known, "sd", Limits(1.0), isosurface)
+        found = reconstructed(prior, known, "mm", 1.0, isosurface)
         assert found is not None
         assert (distances(tip, found.wall).max() < 2.0) == kept
         assert (signed(found.wall, inside) < SIGMA).all()
