@@ -39,11 +39,11 @@ patients' own atria whose map leaves wall out, as priors of their own and once m
 and priors that are badly segmented:
 
     python -m benchmarks.make_cases unvisited cases --data ../shared/data --judging
-    python -m benchmarks.accuracy cases --ours --no-phi-only
-    python -m benchmarks.accuracy cases --ours --no-phi-only --prior-of template
+    python -m benchmarks.accuracy cases --ours
+    python -m benchmarks.accuracy cases --ours --prior-of template
     python -m benchmarks.make_cases badly_segmented cases --data ../shared/data --judging
 
-Rows: start (landmarks), icp (our robust similarity), phi_only (level set after icp), deform (T only),
+Rows: start (landmarks), icp (our robust similarity), deform (T only),
 topology (its T, of a changed prior),
 level_set (T and phi), each peer as tuned by benchmarks.tune, and with --phantom phantom.py the generator's
 bound. Columns: mean +- standard error (worst); ssd_seen and ssd_unseen: between surface and truth, both ways,
@@ -71,18 +71,14 @@ from o3dls.pipeline.workers import workers
 Record = dict[str, Any]
 
 
-def ours(case: Any, plan: Path | None, phi_alone: bool) -> Iterator[tuple[str, Any, float]]:
-    """Estimates of a pipeline (the packaged default), and perhaps of the level set without the motion: name,
-    estimate, seconds from the start.
-    """
+def ours(case: Any, plan: Path | None) -> Iterator[tuple[str, Any, float]]:
+    """Estimates of a pipeline (the packaged default): name, estimate, seconds from the start."""
     from o3dls.pipeline.file import read_pipeline
     from o3dls.pipeline.pipeline import Pipeline
     from o3dls.resources import pipeline_file
-    from o3dls.stages.level_set import LevelSet
 
     asked = read_pipeline(plan or pipeline_file("default")).allowed_by(case)
-    alone = [LevelSet(as_="phi_only", after="icp")] if phi_alone else []
-    pipeline = Pipeline([*asked.stages, *alone], folds=0)
+    pipeline = Pipeline(asked.stages, folds=0)
     estimates = pipeline.fit(case)
     for name, estimate in estimates.items():
         if name != "landmarks":
@@ -118,7 +114,6 @@ def run(
     plan: Path | None,
     *,
     ours_alone: bool,
-    phi_alone: bool,
     prior_of: str | None = None,
 ) -> list[Record]:
     """Records of every method on one case, which says whose anatomy its prior is unless `prior_of` does."""
@@ -126,7 +121,7 @@ def run(
 
     case = listed.read()
     case = replace(case, **{"prior_of": prior_of}) if prior_of else case
-    results = list(ours(case, plan, phi_alone))
+    results = list(ours(case, plan))
     icp, seconds = next((estimate, seconds) for name, estimate, seconds in results if name == "icp")
     if not ours_alone:
         results += list(peers(case, listed.group, icp, seconds))
@@ -153,7 +148,6 @@ def main() -> None:
     parser.add_argument("--phantom", type=Path, help="the generator's file, for its bound")
     parser.add_argument("--pipeline", type=Path, help="a pipeline file in place of the default pipeline")
     parser.add_argument("--ours", action="store_true", help="leave the other methods out")
-    parser.add_argument("--no-phi-only", action="store_true", help="leave the level set after icp out")
     parser.add_argument("--prior-of", choices=("patient", "template"), help="in place of what the cases say")
     parser.add_argument(
         "--records",
@@ -179,7 +173,6 @@ def main() -> None:
                 phantom=arguments.phantom,
                 plan=arguments.pipeline,
                 ours_alone=arguments.ours,
-                phi_alone=not arguments.no_phi_only,
                 prior_of=arguments.prior_of,
             ),
             todo,

@@ -1,4 +1,4 @@
-"""Whether a change of the program leaves results as they are: python -m benchmarks.golden FOLDER... --out RUNS
+"""Whether a change of the program leaves results as they are: python -m benchmarks.golden FOLDER... --out OUT
 
     python -m benchmarks.golden ../shared/data/phantom ../shared/data/real cases/cross --out before
     python -m benchmarks.golden ../shared/data/phantom ../shared/data/real cases/cross --out after
@@ -54,7 +54,7 @@ def compared(before: Path, after: Path, within: float) -> tuple[str, bool]:
     old, new = np.load(before), np.load(after)
     said = [json.loads(str(one["decisions"])) for one in (old, new)]
     apart = 0.0
-    different = [name for name in sorted({*old.files} ^ {*new.files})]
+    different = sorted({*old.files} ^ {*new.files})
     for name in sorted({*old.files} & {*new.files} - {"decisions"}):
         if old[name].shape != new[name].shape:
             different.append(name)

@@ -37,7 +37,7 @@ ASKED: dict[str, dict[str, float]] = {  # at most; of the joint estimate
     "lv_ed_to_es": {"ssd": 0.32},
     "vampy_moving_la": {"ssd": 0.36},
 }
-OURS = ("start", "global_pose", "icp", "phi_only", "deform", "topology", "level_set")
+OURS = ("start", "global_pose", "icp", "deform", "topology", "level_set")
 TOLERATED = 0.05  # mm: by so much a result may be worse than another's
 
 

@@ -60,9 +60,9 @@ def shown(case: Case, noise: float) -> int:
     from o3dls.levelset.grid.band import Band
     from o3dls.levelset.grid.distance import signed_distance
     from o3dls.levelset.grid.isosurface import zero_set
-    from o3dls.reconstruction.shape.handles import without_handles
     from o3dls.reconstruction.points.point_density import PointDensity
     from o3dls.reconstruction.settings import ReconstructionSettings
+    from o3dls.reconstruction.shape.handles import without_handles
 
     assert case.truth is not None
     assert case.truth.surface is not None

@@ -55,7 +55,7 @@ def ring(points: Array) -> Array:
 
 def seen(wall: Wall, points: Array, sigma: float = SIGMA) -> Measured:
     return observe(
-        wall, points, np.zeros(len(points), dtype=bool), np.ones(len(points)), Noise(sigma, 0.1, 0.05)
+        wall, points, np.zeros(len(points), dtype=bool), np.ones(len(points)), Noise(sigma, 0.05)
     )
 
 
