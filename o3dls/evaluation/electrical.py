@@ -30,9 +30,7 @@ def with_electrical(
     fields = dict(surface.fields)
     for name, (xyz, values) in measured_values(points, columns).items():
         near = (project(xyz, surface).distance <= REACH).any()
-        fields[name] = (
-            to_surface(xyz, values, surface).values if near else np.full(len(surface.vertices), np.nan)
-        )
+        fields[name] = to_surface(xyz, values, surface) if near else np.full(len(surface.vertices), np.nan)
     return replace(surface, fields=fields)
 
 

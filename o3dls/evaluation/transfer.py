@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 
-from ..arrays import Array, Ints
+from ..arrays import Array
 from ..geometry.label_fields import read_at
 from ..geometry.surface import Surface
 from .interpolation import REACH
@@ -23,15 +23,13 @@ def between(
     source_motion: Motion | None = None,
     target_motion: Motion | None = None,
     reach: float = REACH,
-    cycles: Mapping[str, float] | None = None,
 ) -> Surface:
     """The target with the source's fields, read where the two meet once each has been moved by its motion.
 
     Give `source_motion` (such as an estimate's motion) to bring fields of the prior to the refined surface,
     `target_motion` to bring fields of the map back to the prior: a place is then followed through the
     deformation instead of taken for the nearest wall, which may be another one. Vertices farther than `reach`
-    from the source are NaN, as are those between corners without a value. `cycles` names the fields that are
-    times on a circle, and its length.
+    from the source are NaN, as are those between corners without a value.
     """
     moved = source if source_motion is None else source.with_vertices(source_motion(source.vertices))
     places = target.vertices if target_motion is None else target_motion(target.vertices)
@@ -40,19 +38,7 @@ def between(
     corners = moved.faces[wall.face]
     fields = dict(target.fields)
     for name, values in source.fields.items():
-        cycle = (cycles or {}).get(name)
-        found = (
-            read_at(name, values, corners, wall.weights)
-            if cycle is None
-            else _mean_time(values, corners, wall.weights, cycle)
-        )
+        found = read_at(name, values, corners, wall.weights)
         found[far] = np.nan
         fields[name] = found
     return replace(target, fields=fields)
-
-
-def _mean_time(times: Array, corners: Ints, weights: Array, cycle: float) -> Array:
-    """Weighted mean (n,) of times (v,) on a circle at corners (n, d), near that of the heaviest."""
-    heaviest = times[np.take_along_axis(corners, weights.argmax(axis=1)[:, None], axis=1)]
-    apart = np.mod(times[corners] - heaviest + cycle / 2, cycle) - cycle / 2
-    return np.asarray(heaviest[:, 0] + np.where(weights > 0.0, weights * apart, 0.0).sum(axis=1))

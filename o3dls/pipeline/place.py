@@ -54,6 +54,8 @@ OUTSIDE = Death("killed from outside", from_outside=True, of_this_task=False)
 class Place(Generic[T]):
     """A process, begun when a task needs one.
 
+    It has a pool of its own: in one of several processes, the death of one fails the tasks of all, or, in
+    pebble's (5.2), leaves for ever without a result those that it was taking and that come after.
     exceeded: which limit a task is beyond, by its seconds and its process; beside: how many other places
     there are. future, process: of what is done now; the process is known once it has begun.
     """

@@ -7,11 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from formats import car_file
 from test_io_study import CARTO_XML, DXL
 
 from o3dls.case import Points
 from o3dls.geometry.surface import Surface
-from o3dls.io.mapping import carto_points, openep
+from o3dls.io.mapping import openep
 from o3dls.io.mapping.belonging import NEARER, REACH, Anatomy, of_one_map
 from o3dls.io.mapping.study import read_study
 from o3dls.io.meshes.carto import mesh_file
@@ -84,7 +85,7 @@ def carto(folder: Path) -> Path:
     for name, middle in (("1-Map", LEFT), ("2-Map", RIGHT)):
         (folder / f"{name}.mesh").write_bytes(mesh_file.write(SurfaceFile(ball(middle))))
         measured = Points(on(middle, 90), np.full(90, "eam"))
-        (folder / f"{name}_car.txt").write_bytes(carto_points.write_car(name, measured))
+        (folder / f"{name}_car.txt").write_bytes(car_file(name, measured))
     (folder / "CT.mesh").write_bytes(mesh_file.write(SurfaceFile(ball(LEFT))))
     (folder / "Study 1.xml").write_text(xml.format(volume=1.0))
     return folder

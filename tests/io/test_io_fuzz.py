@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from formats import TOLERANCE, lattice, write_as
+from formats import TOLERANCE, car_file, lattice, write_as
 
 from o3dls.case import Points
 from o3dls.errors import InputError
@@ -323,7 +323,7 @@ def test_points_of_the_systems(name: str, tmp_path: Path) -> None:
     }
     data, read = {
         "car": (
-            carto_points.write_car("1-Map", measured),
+            car_file("1-Map", measured),
             lambda p: carto_points.read_car(p, p.read_bytes())[0],
         ),
         "sites": (SITES.encode(), lambda p: carto_points.read_sites(p, p.read_bytes())),

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from formats import marker, write_as
+from formats import car_file, marker, write_as
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
@@ -80,7 +80,7 @@ def carto_folder(folder: Path) -> Path:
         np.full(3, "eam"),
         {"bipolar": np.array([0.5, np.nan, 1.5]), "lat": np.array([-20.0, 10, np.nan])},
     )
-    (folder / "1-Map_car.txt").write_bytes(carto_points.write_car("1-Map", points))
+    (folder / "1-Map_car.txt").write_bytes(car_file("1-Map", points))
     (folder / "VisiTagExport").mkdir()
     (folder / "VisiTagExport/Sites.txt").write_text(SITES, newline="")
     (folder / "Study 1.xml").write_text(CARTO_XML.format(volume=marker().volume / 1000), encoding="cp1252")
@@ -375,7 +375,7 @@ def test_car_files_survive() -> None:
         np.array(["eam"]),
         {name: np.array([1.25]) for name in carto_points.COLUMNS},
     )
-    back, ids = carto_points.read_car(Path("a_car.txt"), carto_points.write_car("a", points))
+    back, ids = carto_points.read_car(Path("a_car.txt"), car_file("a", points))
     np.testing.assert_array_equal(back.xyz, points.xyz)
     assert ids.tolist() == [1]
     assert {name: values[0] for name, values in back.columns.items()} == dict.fromkeys(
@@ -771,7 +771,7 @@ def test_an_imported_case_runs_as_one(tmp_path: Path) -> None:
     folder = carto_folder(tmp_path / "s")
     rng = np.random.default_rng(SEED)
     many = Points(rng.normal(size=(30, 3)) * 30, np.full(30, "eam"), {"bipolar": np.abs(rng.normal(size=30))})
-    (folder / "1-Map_car.txt").write_bytes(carto_points.write_car("1-Map", many))
+    (folder / "1-Map_car.txt").write_bytes(car_file("1-Map", many))
     (tmp_path / "marks.csv").write_text("name,x,y,z\nLSPV,1,2,3\n")
     import_study(
         folder, "1-Map", tmp_path / "case", prior=write_as("ply", tmp_path), landmarks=tmp_path / "marks.csv"

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from formats import car_file
 from test_io_case import case
 from test_io_study import DXL, carto_folder
 
@@ -20,7 +21,7 @@ from o3dls.errors import InputError
 from o3dls.geometry.surface import Surface
 from o3dls.io.case_reader import read_case
 from o3dls.io.case_writer import write_case
-from o3dls.io.mapping import carto_points, openep
+from o3dls.io.mapping import openep
 from o3dls.io.mapping.imported import Imported
 from o3dls.io.mapping.study import read_study
 from o3dls.io.meshes.registry import read_surface_file, write_surface
@@ -193,7 +194,7 @@ def imported(folder: Path, vendor: str) -> Imported:
     measured = Points(np.arange(9.0).reshape(3, 3), np.full(3, "eam"), {"bipolar": np.array(bipolar)})
     if vendor == "CARTO":
         carto_folder(folder / "s")
-        (folder / "s/1-Map_car.txt").write_bytes(carto_points.write_car("1-Map", measured))
+        (folder / "s/1-Map_car.txt").write_bytes(car_file("1-Map", measured))
         return read_study(folder / "s")
     if vendor == "OpenEP":
         electric = {"egmX": measured.xyz, "voltages": {"bipolar": np.array(bipolar)}}

@@ -10,27 +10,10 @@ from numpy.typing import NDArray
 
 from ...case import Points
 from ...errors import InputError
-from ..meshes.carto.mesh import MISSING
 from ..text import decode, integers, number_rows
 
 COLUMNS = {"unipolar": 10, "bipolar": 11, "lat": 12, "impedance": 13}
 FEWEST_COLUMNS = 14
-# columns 14 to 26 of version 5
-REST = (
-    "0",
-    "-1",
-    "1",
-    "A",
-    "0",
-    "0",
-    "0",
-    "-10000",
-    "-1",
-    "0",
-    "0",
-    "-10000",
-    "-10000",
-)
 SITES = {
     "AverageForce": "force",
     "DurationTime": "duration_s",
@@ -65,19 +48,6 @@ def read_car(path: Path, data: bytes) -> tuple[Points, NDArray[np.int64]]:
         raise InputError(f"{path}: line {rows[bad][0]}: position {xyz[bad]} is not finite")
     columns = {name: table[:, 4 + k] for k, name in enumerate(COLUMNS)}
     return Points(xyz, np.full(len(rows), "eam"), columns), integers(table[:, 0], f"{path}: point id")
-
-
-def write_car(map_name: str, points: Points) -> bytes:
-    """The points as a version 5 `_car.txt`, missing values as -10000."""
-    rows = [f"VERSION_5_0 {map_name}"]
-    empty = np.full(len(points), np.nan)
-    values = np.column_stack([points.columns.get(name, empty) for name in COLUMNS])
-    for k, (xyz, row) in enumerate(
-        zip(points.xyz, np.where(np.isfinite(values), values, MISSING), strict=True), 1
-    ):
-        cells = ["P", "0", str(k), "0", *(f"{v:g}" for v in (*xyz, 0, 0, 0, *row)), *REST]
-        rows.append("\t".join(cells) + "\t")
-    return ("\r\n".join(rows) + "\r\n").encode("ascii", "replace")
 
 
 def read_sites(path: Path, data: bytes) -> Points:

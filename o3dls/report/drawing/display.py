@@ -49,7 +49,7 @@ def _carried(surface: Surface, unit: str, xyz: Array, values: Array) -> dict[str
     """Distances (k,) of points (k, d) as a field, NaN far from all of them; none where all are far."""
     if len(xyz) == 0 or (project(xyz, surface).distance > REACH).all():
         return {}
-    return {f"{LEFT_OUT}_{unit}": to_surface(xyz, values, surface).values}
+    return {f"{LEFT_OUT}_{unit}": to_surface(xyz, values, surface)}
 
 
 def decimated(surface: Surface, most: int = MOST_FACES, wanted: int = DISPLAY_FACES) -> Surface:
