@@ -36,38 +36,40 @@ class LevelSet(Stage):
 
     name: ClassVar[str] = "level_set"
     formulation: Literal["default", "paper"] = Field(
-        "default",
+        default="default",
         description="ours, or equations 8-16 of the paper with the least repairs that make them computable",
     )
     spacing: float = Field(
-        1.0, ge=FINEST, description="distance between grid nodes", json_schema_extra={"unit": "mm"}
+        default=1.0, ge=FINEST, description="distance between grid nodes", json_schema_extra={"unit": "mm"}
     )
     evidence: float = Field(
-        3.0,
+        default=3.0,
         ge=0.0,
         description="default: log evidence that a field of corrections must have",
         json_schema_extra={"unit": "nats"},
     )
     coarse_to_fine: bool = Field(
-        True,
+        default=True,
         description="default: try corrections of all correlation lengths, longest first; or the shortest",
     )
     reconstruct: bool = Field(
-        True,
+        default=True,
         description="default: reconstruct the wall from the points where this predicts left-out points "
         "better than the moved prior does",
     )
-    data: float = Field(10.0, ge=0.0, description="paper: weight of the data term, over the squared noise")
-    area: float = Field(0.2, ge=0.0, description="paper: weight of the area term")
-    shape: float = Field(0.3, ge=0.0, description="paper: weight of the shape term")
+    data: float = Field(
+        default=10.0, ge=0.0, description="paper: weight of the data term, over the squared noise"
+    )
+    area: float = Field(default=0.2, ge=0.0, description="paper: weight of the area term")
+    shape: float = Field(default=0.3, ge=0.0, description="paper: weight of the shape term")
     # what has not converged by then does not
     iterations: int = Field(
-        20, ge=1, le=1000, description="most iterations per level; paper: most reinitialisations"
+        default=20, ge=1, le=1000, description="most iterations per level; paper: most reinitialisations"
     )
     # a hundred leave no detail
-    smoothing: int = Field(3, ge=0, le=100, description="Taubin passes on the extracted mesh")
+    smoothing: int = Field(default=3, ge=0, le=100, description="Taubin passes on the extracted mesh")
     keep: float = Field(
-        0.5, gt=0.0, le=1.0, description="fraction of the isosurface's faces that decimation keeps"
+        default=0.5, gt=0.0, le=1.0, description="fraction of the isosurface's faces that decimation keeps"
     )
 
     @model_validator(mode="after")

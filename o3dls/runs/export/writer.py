@@ -36,34 +36,37 @@ class Export(Writer):
     """
 
     name: ClassVar = "export"
-    estimate: str | None = Field(None, description="estimate to write; default: the last")
-    format: FormatName = Field("ply", description="file format")
+    estimate: str | None = Field(default=None, description="estimate to write; default: the last")
+    format: FormatName = Field(default="ply", description="file format")
     on: On = Field(
-        "map",
+        default="map",
         description="where: on the map; or on the prior's own surface in its own frame, the patient's image",
     )
     frame: FrameName | None = Field(
-        None, description="frame to write in; default: that of the map or the prior"
+        default=None, description="frame to write in; default: that of the map or the prior"
     )
     field: str | None = Field(
-        None, description="carto_vtk, dif: the field that becomes its one scalar; default: none"
+        default=None, description="carto_vtk, dif: the field that becomes its one scalar; default: none"
     )
     vmin: float | None = Field(
-        None, description="carto_vtk: value of the field at the lower end of the colours; default: its least"
+        default=None,
+        description="carto_vtk: value of the field at the lower end of the colours; default: its least",
     )
     vmax: float | None = Field(
-        None,
+        default=None,
         description="carto_vtk: value of the field at the upper end of the colours; default: its largest",
     )
 
     faces: int | None = Field(
-        None, ge=4, description="most triangles, by decimation; default: the limit of the system, else all"
+        default=None,
+        ge=4,
+        description="most triangles, by decimation; default: the limit of the system, else all",
     )
     spacing: float = Field(
-        1.0, ge=FINEST, description="phi and mask: size of a voxel", json_schema_extra={"unit": "mm"}
+        default=1.0, ge=FINEST, description="phi and mask: size of a voxel", json_schema_extra={"unit": "mm"}
     )
     grid: Path | None = Field(
-        None, description="mask: image whose voxels it takes, with the wall labelled apart"
+        default=None, description="mask: image whose voxels it takes, with the wall labelled apart"
     )
 
     @model_validator(mode="after")
