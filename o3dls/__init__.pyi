@@ -1,6 +1,4 @@
-"""The public names as type checkers and editors see them; `PUBLIC` in `__init__.py` imports them when they are
-used.
-"""
+"""The public names as type checkers and editors see them; `__init__.py` imports each when it is used."""
 
 from .adapters.case import case_of as case_of
 from .adapters.objects import surface_of as surface_of
