@@ -53,6 +53,12 @@ PUBLIC = {
     "register": "open3d_api",
     "case_of": "adapters.case",
     "surface_of": "adapters.objects",
+    "points_of": "adapters.objects",
+    "to": "adapters.objects",
+    "signed_distance": "adapters.voxels",
+    "voxelise": "adapters.voxels",
+    "Voxels": "adapters.voxels",
+    "SignedDistance": "levelset.grid.distance",
 }
 
 

@@ -1,7 +1,12 @@
 """The public names as type checkers and editors see them; `__init__.py` imports each when it is used."""
 
 from .adapters.case import case_of as case_of
+from .adapters.objects import points_of as points_of
 from .adapters.objects import surface_of as surface_of
+from .adapters.objects import to as to
+from .adapters.voxels import Voxels as Voxels
+from .adapters.voxels import signed_distance as signed_distance
+from .adapters.voxels import voxelise as voxelise
 from .case import Case as Case
 from .case import Points as Points
 from .case import Truth as Truth
@@ -19,6 +24,7 @@ from .io.meshes.registry import read_surface as read_surface
 from .io.meshes.registry import write_surface as write_surface
 from .io.points import read_points as read_points
 from .io.points import write_points as write_points
+from .levelset.grid.distance import SignedDistance as SignedDistance
 from .open3d_api import register as register
 from .pipeline.file import default_pipeline as default_pipeline
 from .pipeline.file import read_pipeline as read_pipeline

@@ -35,6 +35,8 @@ run: Run = pipeline.run(read_case(Path("case")))
 estimate: Estimate = run.estimates["deform"]
 surface: Surface = o3dls.surface_of((np.zeros((3, 3)), np.zeros((1, 3))))
 mesh = o3dls.register(surface, np.zeros((9, 3)), stages=stages).to("trimesh")
+voxels: o3dls.Voxels = o3dls.voxelise(mesh, 1.0, margin=2)
+near: o3dls.SignedDistance = o3dls.signed_distance(surface, 0.5)
 version: str = o3dls.__version__
 """
 # a line each, that both checkers must report
@@ -52,6 +54,8 @@ o3dls.Pipeline([o3dls.ICP()], fold=0)
 o3dls.Pipeline([o3dls.ICP()]).run("case")
 o3dls.Pipeline([o3dls.ICP()]).run(o3dls.read_case(Path("case"))).estimate
 o3dls.read_cas(Path("case"))
+o3dls.voxelise(1, spacing="1")
+o3dls.signed_distance(1, 0.5, with_=2.0)
 icp: int = o3dls.ICP()
 """
 HEAD = "from pathlib import Path\n\nimport o3dls\n\n"

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from pydantic import Field, model_validator
 
+from ...adapters.voxels import spacing_mistake
 from ...errors import PipelineError
 from ...geometry.surface import Surface
 from ...io.atomic import staged_files, write_file
@@ -19,7 +20,7 @@ from ..writers import Writer
 from .facts import facts_of
 from .formats import NEED_FRAME, FormatName, FrameName, file_name
 from .placed import On, Placed, frame_of, placed, units_of, unknown_frame
-from .volume import spacing_mistake, write_enclosed_volume, write_labels_like
+from .volume import write_enclosed_volume, write_labels_like
 
 if TYPE_CHECKING:
     from ...case import Case, Points
