@@ -37,6 +37,7 @@ surface: Surface = o3dls.surface_of((np.zeros((3, 3)), np.zeros((1, 3))))
 mesh = o3dls.register(surface, np.zeros((9, 3)), stages=stages).to("trimesh")
 voxels: o3dls.Voxels = o3dls.voxelise(mesh, 1.0, margin=2)
 near: o3dls.SignedDistance = o3dls.signed_distance(surface, 0.5)
+case: o3dls.Case = o3dls.case_of(surface, np.zeros((9, 3)), units="mm", label=2)
 version: str = o3dls.__version__
 """
 # a line each, that both checkers must report
@@ -53,6 +54,9 @@ o3dls.Pipeline([o3dls.Report()])
 o3dls.Pipeline([o3dls.ICP()], fold=0)
 o3dls.Pipeline([o3dls.ICP()]).run("case")
 o3dls.Pipeline([o3dls.ICP()]).run(o3dls.read_case(Path("case"))).estimate
+o3dls.register(1, 2, landmark={})
+o3dls.case_of(1, 2, unit="mm")
+o3dls.surface_of(1, label="left atrium")
 o3dls.read_cas(Path("case"))
 o3dls.voxelise(1, spacing="1")
 o3dls.signed_distance(1, 0.5, with_=2.0)
