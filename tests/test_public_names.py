@@ -30,6 +30,7 @@ from o3dls import ICP, Deform, Estimate, Export, Landmarks, Phases, Pipeline, Re
 stages = [Landmarks(), ICP(reject="trimmed", keep=0.9, as_="first"), ICP(reject=("mad", "trimmed"))]
 writes = [Report(pdf=True), Export(grid=Path("mri.nii"))]
 pipeline = Pipeline([*stages, ICP(scale_sd=None), Deform(vector=(1, 0.5))], writes, folds=0)
+others = [o3dls.GlobalPose(), o3dls.Recorded(), o3dls.Topology(), o3dls.LevelSet()]
 phases = Phases(deform=Deform(iterations=20), after="icp")
 run: Run = pipeline.run(read_case(Path("case")))
 estimate: Estimate = run.estimates["deform"]
