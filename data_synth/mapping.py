@@ -67,7 +67,7 @@ def mapped(
         columns["sigma"] = np.round(np.concatenate([sd, np.full(len(marks), MARKED_SD)]), 3)
     kind = np.repeat(["eam", "landmark"], [how.points, len(marks)])
     held_out = sampling.sites(test, truth, HELD_OUT)
-    return Points(np.round(np.vstack([xyz, marked]), 3), kind, columns), Truth(
+    return Points(np.vstack([xyz, marked]).round(3), kind, columns), Truth(
         truth, held_out.xyz, hidden[held_out.face], None, inside
     )
 

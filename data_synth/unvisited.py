@@ -49,7 +49,7 @@ def unvisited(
 
 def told(surface: Surface, parts: Chamber) -> Surface:
     """A surface with its parts as fields `depth_mm` and `tube`, by which scores know what is vein."""
-    return replace(surface, fields={"depth_mm": parts.depth, "tube": parts.tube})
+    return replace(surface, fields={"depth_mm": parts.depth, "tube": parts.tube.astype(np.float64)})
 
 
 def _places(after: Surface, missed: Mask) -> Rows:

@@ -22,7 +22,7 @@ import o3dls  # noqa: E402  # of this clone
 
 project, author, copyright = "o3dls", "The o3dls authors", "The o3dls authors, MIT licence"
 version = release = o3dls.__version__
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx_copybutton"]
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx_copybutton"]
 exclude_patterns = ["__pycache__"]
 
 myst_enable_extensions = ["dollarmath"]
@@ -30,6 +30,7 @@ myst_heading_anchors = 3
 suppress_warnings = ["myst.header"]  # pages of the host begin where they like
 
 default_role = "literal"  # what docstrings put between single backticks is code
+napoleon_google_docstring = False  # docstrings have blocks as those of numpy
 autodoc_member_order = "bysource"
 autodoc_typehints_format = "short"
 toc_object_entries = False  # a heading stands over each

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Iterator
+from textwrap import indent
 from typing import Any
 
 import click
@@ -12,6 +13,7 @@ import o3dls
 from o3dls.cli.commands import cli
 from o3dls.errors import O3dlsError
 from o3dls.plugins.catalogue import table
+from o3dls.plugins.help import words
 from o3dls.runs.writers import Writer
 
 
@@ -63,10 +65,12 @@ def _name(name: str) -> str:
     """The directive of a name; parameters of a stage or writer as the table that help has too."""
     thing = getattr(o3dls, name)
     plugin = getattr(thing, "name", None) if _kind(thing) in ("Stages", "Writers") else None
-    role = "autoclass" if inspect.isclass(thing) else "autofunction"
-    options = "" if plugin or role == "autofunction" else "   :members:\n"
-    given = "(**parameters)" if plugin else ""
-    text = f"### {name}\n\n```{{eval-rst}}\n.. {role}:: o3dls.{name}{given}\n{options}```\n\n"
+    if plugin:
+        head, body = f"py:class:: o3dls.{name}(**parameters)", f"\n{indent(words(thing), '   ')}\n"
+    else:
+        head, body = f"auto{'class' if inspect.isclass(thing) else 'function'}:: o3dls.{name}", ""
+    options = "   :members:\n" if head.startswith("autoclass") else ""
+    text = f"### {name}\n\n```{{eval-rst}}\n.. {head}\n{options}{body}```\n\n"
     return text + (f"{table(plugin)}\n\n" if plugin else "")
 
 

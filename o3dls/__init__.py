@@ -54,6 +54,12 @@ PUBLIC = {
     "register": "open3d_api",
     "case_of": "adapters.case",
     "surface_of": "adapters.objects",
+    "points_of": "adapters.objects",
+    "to": "adapters.objects",
+    "signed_distance": "adapters.voxels",
+    "voxelise": "adapters.voxels",
+    "Voxels": "adapters.voxels",
+    "SignedDistance": "levelset.grid.distance",
 }
 
 
@@ -69,4 +75,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted([*globals(), *PUBLIC])
+    return sorted([*PUBLIC, *(name for name in globals() if name.startswith("__"))])

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,6 +19,7 @@ from .noise.robust import robust_sd
 from .runs.run import Run
 
 if TYPE_CHECKING:
+    from .adapters.case import Settings
     from .plugins.stage import Stage
 
 REACH = 3.0  # pairs within this many standard deviations of the noise count as inliers
@@ -61,7 +62,7 @@ def register(
     init: ArrayLike | None = None,
     stages: Sequence[Stage] | None = None,
     max_correspondence_distance: float | None = None,
-    **settings: Any,
+    **settings: Unpack[Settings],
 ) -> Registration:
     """Fuse a closed prior with measured points, lengths in mm.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,6 +16,7 @@ from ..geometry.surface import Surface
 from ..io.case_coordinates import check_scale
 from ..io.case_reader import FEWEST_POINTS
 from ..io.case_surfaces import CHOICE
+from ..io.images.labels import Choice
 from ..io.mapping.imported import joined
 from ..io.meshes.repair import closed_outward
 from ..io.meshes.surface_file import SurfaceFile
@@ -24,6 +25,17 @@ from .objects import points_of, stated_surface
 
 log = logging.getLogger("o3dls")
 Landmarks = Mapping[str, tuple[ArrayLike, ArrayLike]]
+
+
+class Settings(Choice, total=False):
+    """What `case_of` takes besides a prior, points, landmarks and a pose."""
+
+    name: str
+    phases: Sequence[Any]
+    units: str | None
+    frame: str
+    prior_of: str
+    cap: bool
 
 
 def case_of(
@@ -38,7 +50,7 @@ def case_of(
     frame: str = "unknown",
     prior_of: str = "patient",
     cap: bool = False,
-    **choice: Any,
+    **choice: Unpack[Choice],
 ) -> Case:
     """A case of objects of other libraries: whatever `surface_of` and `points_of` take (adapters/objects.py).
 

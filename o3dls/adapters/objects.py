@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ from ..errors import InputError, did_you_mean
 from ..geometry.similarity import TURN
 from ..geometry.surface import Surface
 from ..io.images import labels
+from ..io.images.labels import Choice
 from ..io.images.registry import checked
 from ..io.meshes.surface_file import SurfaceFile, flatten_fields
 from ..io.points import points_from
@@ -62,7 +63,7 @@ def to(surface: Surface, kind: str) -> Any:
     return KINDS[kind](surface)
 
 
-def surface_of(thing: Any, *, frame: str | None = None, **choice: Any) -> Surface:
+def surface_of(thing: Any, *, frame: str | None = None, **choice: Unpack[Choice]) -> Surface:
     """The surface of a mesh, of arrays (vertices, faces), or of a label volume, with its fields: `SURFACES`.
 
     choice: `label`, `part`, `box`, `layer` of a label volume, which comes in LPS unless `frame` is RAS.

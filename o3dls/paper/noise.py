@@ -78,13 +78,8 @@ def fit(shape: str, percent: float, seed: int, drawn: bool) -> Outcome:
     if not drawn:
         return Outcome(rows)
     shapes = {name: with_truth_distance(estimates[name].surface, truth) for name in ("start", *SHOWN)}
-    return Outcome(
-        rows,
-        {
-            f"{percent:g}/{name}": found
-            for name, found in {**shapes, "truth": truth, "points": case.points.xyz}.items()
-        },
-    )
+    every: dict[str, Surface | Array] = {**shapes, "truth": truth, "points": case.points.xyz}
+    return Outcome(rows, {f"{percent:g}/{name}": found for name, found in every.items()})
 
 
 def _noise(points: Array, percent: float) -> float:

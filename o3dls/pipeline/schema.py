@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from ..plugins.help import words
 from ..plugins.parameters import part
 from ..plugins.plugin import GROUPS, Plugin, load, registered
 from .mistakes import MOST_FOLDS
@@ -75,7 +76,7 @@ def _table(plugin: type[Plugin]) -> Schema:
             properties[key] = _part(inner)
         else:
             properties[key] = _parameter(properties[key])
-    found["description"] = " ".join(found.get("description", "").split())
+    found["description"] = " ".join(words(plugin).split())
     return found
 
 

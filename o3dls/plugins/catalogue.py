@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Sequence
 from typing import Any
 
 from ..errors import PipelineError, did_you_mean
+from .help import words
 from .parameters import Parameter, describe
 from .plugin import GROUPS, Plugin, load, registered
 from .stage import Stage
@@ -26,7 +26,7 @@ def sheet(name: str) -> str:
     PipelineError.
     """
     plugin = _named(name)
-    return "\n".join([f"{name}: {inspect.getdoc(plugin)}", "", *map(_line, describe(plugin))])
+    return "\n".join([f"{name}: {words(plugin)}", "", *map(_line, describe(plugin))])
 
 
 def tables() -> str:
@@ -75,7 +75,7 @@ def _own(plugin: type[Plugin]) -> list[Parameter]:
 
 def meaning(plugin: type[Plugin]) -> str:
     """What a stage or writer does: the first paragraph of its docstring, on one line."""
-    return " ".join((inspect.getdoc(plugin) or "").split("\n\n")[0].split())
+    return " ".join(words(plugin).split("\n\n")[0].split())
 
 
 def _line(p: Parameter) -> str:

@@ -34,7 +34,7 @@ def describe(plugin: type[BaseModel]) -> list[Parameter]:
     found = list[Parameter]()
     for name, field in plugin.model_fields.items():
         inner = part(field)
-        own = [_described(name, field)] if inner is None else _of_part(name, inner)
+        own = [described(name, field)] if inner is None else _of_part(name, inner)
         found += own
     return found
 
@@ -57,14 +57,15 @@ def unfitting(model: BaseModel, name: str, condition: str) -> None:
         raise parameter_error(model, name, f"has no effect {condition}")
 
 
-def _described(name: str, f: FieldInfo) -> Parameter:
+def described(name: str, f: FieldInfo) -> Parameter:
+    """A parameter by its field."""
     default = f.get_default(call_default_factory=True)
     return Parameter(f.alias or name, _kind(f), default, _unit(f), _limits(f), f.description or "")
 
 
 def _of_part(name: str, inner: type[BaseModel]) -> list[Parameter]:
     placing = getattr(inner, "placing", ())
-    own = [_described(key, field) for key, field in inner.model_fields.items() if key not in placing]
+    own = [described(key, field) for key, field in inner.model_fields.items() if key not in placing]
     return [replace(one, name=f"{name}.{one.name}") for one in own]
 
 

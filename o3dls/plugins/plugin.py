@@ -13,6 +13,7 @@ from pydantic_core import PydanticCustomError
 
 from ..case import Case
 from ..errors import PipelineError, did_you_mean
+from .help import PluginType
 from .parameters import as_written, mistakes, part
 
 # entry points of each kind of table in a pipeline file
@@ -22,7 +23,7 @@ GROUPS = {
 }
 
 
-class Plugin(BaseModel, ABC):
+class Plugin(BaseModel, ABC, metaclass=PluginType):
     """Typed, frozen parameters that check themselves; help, pipeline syntax and records come from them.
 
     A plugin may be a parameter of another one, its part: a table in the pipeline file. `placing` names the

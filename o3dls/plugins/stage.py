@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 from pydantic import Field
 
@@ -24,13 +24,15 @@ class Stage(Plugin):
         False  # True: needs no rough pose, so points far from the prior are no mistake
     )
 
-    as_: str | None = Field(
-        None,
-        alias="as",
-        pattern=r"^[A-Za-z][A-Za-z0-9_-]{0,59}$",  # it names files too, and systems take 255 bytes
-        description="name of the estimate; default: the stage's name",
-    )
-    after: str | None = Field(None, description="estimate to start from; default: the stage before")
+    as_: Annotated[  # type checkers would take an alias behind the equals sign for the only name in Python
+        str | None,
+        Field(
+            alias="as",
+            pattern=r"^[A-Za-z][A-Za-z0-9_-]{0,59}$",  # it names files too, and systems take 255 bytes
+            description="name of the estimate; default: the stage's name",
+        ),
+    ] = None
+    after: str | None = Field(default=None, description="estimate to start from; default: the stage before")
 
     @property
     def estimate_name(self) -> str:

@@ -24,10 +24,12 @@ class Report(Writer):
 
     name: ClassVar = "report"
     compare: tuple[str, ...] = Field(
-        (), max_length=4, description="estimates to show side by side; default: the ICP and the last"
+        default=(), max_length=4, description="estimates to show side by side; default: the ICP and the last"
     )
 
-    pdf: bool = Field(False, description="also write report.pdf, one page for slides, and figures/*.png")
+    pdf: bool = Field(
+        default=False, description="also write report.pdf, one page for slides, and figures/*.png"
+    )
 
     @property
     def refers_to(self) -> tuple[str, ...]:

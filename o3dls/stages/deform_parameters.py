@@ -19,39 +19,40 @@ class DeformParameters(Stage):
     """What a user can choose of the motion."""
 
     vector: tuple[float, ...] = Field(
-        (1.15, 0.46),
+        default=(1.15, 0.46),
         min_length=1,
         max_length=10,  # each is a field with its own amplitude, and points tell few apart
         description="correlation lengths of the vector field",
         json_schema_extra={"unit": "rms radii"},
     )
     normal: tuple[float, ...] = Field(
-        (0.46,),
+        default=(0.46,),
         max_length=10,
         description="correlation lengths of the field along the normal",
         json_schema_extra={"unit": "rms radii"},
     )
     landmarks: bool = Field(
-        True,
+        default=True,
         description=(
             "fit the named landmarks too, with their own noise level, and let the surface around each "
             "landmark move independently"
         ),
     )
     ablation: Literal["hold_out", "fit"] = Field(
-        "hold_out", description="hold ablation points out, or fit them with their own noise level"
+        default="hold_out", description="hold ablation points out, or fit them with their own noise level"
     )
     outliers: Literal["find", "none"] = Field(
-        "find", description="find points that do not touch the wall, or assume that every point touches it"
+        default="find",
+        description="find points that do not touch the wall, or assume that every point touches it",
     )
     contact_force: float = Field(
-        5.0,
+        default=5.0,
         gt=0.0,
         description="contact force at which a point is as likely to touch the wall as an average point",
         json_schema_extra={"unit": "g"},
     )
     amplitude_log_sd: float = Field(
-        1.0,
+        default=1.0,
         gt=0.0,
         description=(
             "standard deviation of the logarithm of a field's amplitude, before the points are seen; bends "
@@ -60,7 +61,7 @@ class DeformParameters(Stage):
         json_schema_extra={"unit": "1"},
     )
     odds: float = Field(
-        0.0,
+        default=0.0,
         description=(
             "log odds against a motion beyond the pose, before the points are seen; raise it for priors "
             "that hardly deform"
@@ -68,25 +69,25 @@ class DeformParameters(Stage):
         json_schema_extra={"unit": "nats"},
     )
     roughness: Literal["smooth", "keep"] = Field(
-        "smooth",
+        default="smooth",
         description="smooth a prior that the points show to be rougher than the wall, or keep its detail",
     )
     map_shift: Literal["report", "fit", "ignore"] = Field(
-        "report",
+        default="report",
         description=(
             "warn where one part of the map is shifted as a whole, as if the patient had moved; or "
             "estimate that shift and take it out of its points; or do not ask"
         ),
     )
     starts: Literal["auto", "given", "several"] = Field(
-        "auto",
+        default="auto",
         description=(
             "fit from the given pose, from those of the landmarks too, and keep the most probable result; "
             "auto: from those if landmarks are used, and the first leaves more noise than contact does"
         ),
     )
     iterations: int = Field(
-        25,
+        default=25,
         ge=15,
         le=1000,  # what has not converged by then does not
         description="most iterations; the evidence sets the amplitudes three times in the first 14",

@@ -29,15 +29,17 @@ class GlobalPose(Stage):
     name: ClassVar[str] = "global_pose"
     finds_pose: ClassVar[bool] = True
     starts: int = Field(
-        STARTS, ge=24, le=100_000, description="number of rotations tried, evenly distributed"
+        default=STARTS, ge=24, le=100_000, description="number of rotations tried, evenly distributed"
     )
-    scale: bool = Field(True, description="estimate the scale too: a similarity instead of a rigid motion")
+    scale: bool = Field(
+        default=True, description="estimate the scale too: a similarity instead of a rigid motion"
+    )
     hands: bool = Field(
-        True,
+        default=True,
         description="try the mirror image too, and refuse the prior where that fits clearly better",
     )
     sure: float = Field(
-        0.95,
+        default=0.95,
         ge=0.5,
         le=1.0,
         description="confidence below which the estimate counts as not converged",

@@ -58,7 +58,7 @@ class ICP(ICPParameters):
             surface,
             T_map_prior,
             metric=self._metric(normals),
-            rules=tuple(self._rule(name, normals) for name in self.reject),
+            rules=tuple(self._rule(name, normals) for name in self.rules),
             belief=self._belief(surface.radius),
             solve=self._solver(normals),
             freedom=Freedom(
@@ -71,7 +71,7 @@ class ICP(ICPParameters):
         """Normals of the points (n, d) where a part needs them, else none (0, d)."""
         from ..registration.normals import point_normals
 
-        needed = self.metric in ("symmetric", "generalized") or "normal_angle" in self.reject
+        needed = self.metric in ("symmetric", "generalized") or "normal_angle" in self.rules
         return point_normals(points, self.neighbours) if needed else points[:0]
 
     def _metric(self, normals: Array) -> Metric:

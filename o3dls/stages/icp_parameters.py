@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Literal, Self
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
@@ -15,6 +15,10 @@ from ..plugins.stage import Stage
 MetricName = Literal["point_to_point", "point_to_plane", "symmetric", "generalized"]
 KernelName = Literal["none", "huber", "cauchy", "geman_mcclure", "tukey", "welsch", "mixture"]
 RuleName = Literal["threshold", "trimmed", "deviations", "mad", "reciprocal", "normal_angle"]
+if TYPE_CHECKING:
+    Rules = RuleName | tuple[RuleName, ...]  # as it may be given
+else:
+    Rules = tuple[RuleName, ...]  # as it is kept
 
 PRESETS: Mapping[str, Mapping[str, Any]] = {
     # Besl and McKay 1992, as most comparisons run it: rigid, every pair, equal weights
@@ -61,15 +65,18 @@ class ICPParameters(Stage):
     """What a user can choose of the variants."""
 
     preset: Literal["standard", "modified", "robust"] = Field(
-        "robust", description="values of the parameters that are not given"
+        default="robust", description="values of the parameters that are not given"
     )
     engine: Literal["o3dls", "open3d"] = Field(
-        "o3dls", description="who estimates a step from the pairs; matching and rejection are always ours"
+        default="o3dls",
+        description="who estimates a step from the pairs; matching and rejection are always ours",
     )
-    metric: MetricName = Field("point_to_plane", description="what a step minimises")
-    scale: bool = Field(True, description="estimate the scale too: a similarity instead of a rigid motion")
+    metric: MetricName = Field(default="point_to_plane", description="what a step minimises")
+    scale: bool = Field(
+        default=True, description="estimate the scale too: a similarity instead of a rigid motion"
+    )
     scale_sd: float | None = Field(
-        0.03,
+        default=0.03,
         ge=1e-6,
         description=(
             "prior standard deviation of the logarithm of the scale, firm since residuals of neighbours "
@@ -77,94 +84,101 @@ class ICPParameters(Stage):
         ),
         json_schema_extra=unit("1"),
     )
-    scale_min: float = Field(0.5, gt=0.0, le=1.0, description="smallest scale", json_schema_extra=unit("1"))
-    scale_max: float = Field(2.0, ge=1.0, description="largest scale", json_schema_extra=unit("1"))
+    scale_min: float = Field(
+        default=0.5, gt=0.0, le=1.0, description="smallest scale", json_schema_extra=unit("1")
+    )
+    scale_max: float = Field(default=2.0, ge=1.0, description="largest scale", json_schema_extra=unit("1"))
     strain_sd: float | None = Field(
-        0.015,
+        default=0.015,
         ge=1e-6,
         description="sd of a strain fitted with the pose, which it would bias; none: no strain",
         json_schema_extra=unit("1"),
     )
     kernel: KernelName = Field(
-        "mixture",
+        default="mixture",
         description=("weights of the residuals; mixture: probability of touching the wall"),
     )
     kernel_width: float | None = Field(
-        None,
+        default=None,
         gt=0.0,
         description="width of the kernel; none: 95 % efficiency on clean points",
         json_schema_extra=unit("robust sd"),
     )
-    reject: tuple[RuleName, ...] = Field((), description="rules that reject pairs, one or several")
+    reject: Rules = Field(default=(), description="rules that reject pairs, one or several")
     threshold: float = Field(
-        10.0, gt=0.0, description="rule threshold: longest distance", json_schema_extra=unit("mm")
+        default=10.0, gt=0.0, description="rule threshold: longest distance", json_schema_extra=unit("mm")
     )
     keep: float = Field(
-        0.9,
+        default=0.9,
         gt=0.0,
         le=1.0,
         description="rule trimmed: fraction of the pairs, the closest",
         json_schema_extra=unit("1"),
     )
     deviations: float = Field(
-        2.5, gt=0.0, description="rule deviations: distances up to mean + this", json_schema_extra=unit("sd")
+        default=2.5,
+        gt=0.0,
+        description="rule deviations: distances up to mean + this",
+        json_schema_extra=unit("sd"),
     )
     mad: float = Field(
-        3.0,
+        default=3.0,
         gt=0.0,
         description="rule mad: distances up to median + this",
         json_schema_extra=unit("robust sd"),
     )
     slack: float = Field(
-        1.5,
+        default=1.5,
         ge=1.0,
         description="rule reciprocal: longest distance over that of the foot's nearest point",
         json_schema_extra=unit("1"),
     )
     angle: float = Field(
-        0.8,
+        default=0.8,
         gt=0.0,
         le=1.5708,
         description="rule normal_angle: largest angle of the normals",
         json_schema_extra=unit("rad"),
     )
     neighbours: int = Field(
-        12,
+        default=12,
         ge=3,
         le=1000,  # more points than a map has in one place
         description="points that the normal of a point is estimated from, where one is needed",
     )
     thickness: float = Field(
-        0.05,
+        default=0.05,
         gt=0.0,
         le=1.0,
         description="metric generalized: variance across the surface over that along it",
         json_schema_extra=unit("1"),
     )
     freeze: float | None = Field(
-        0.05,
+        default=0.05,
         ge=1e-6,
         description="motions less certain than this (rms over the surface) are left out; none: all are made",
         json_schema_extra=unit("rms radii"),
     )
     coarse: float = Field(
-        1.5,
+        default=1.5,
         ge=1.0,
         le=100.0,
         description="factor on all thresholds and widths at the first iteration",
         json_schema_extra=unit("1"),
     )
-    anneal: int = Field(5, ge=0, le=10_000, description="iterations over which that factor falls to 1")
+    anneal: int = Field(
+        default=5, ge=0, le=10_000, description="iterations over which that factor falls to 1"
+    )
     tolerance: float = Field(
-        5e-3,
+        default=5e-3,
         ge=0.0,
         description="converged when no foot point moves farther in one step",
         json_schema_extra=unit("mm"),
     )
     # what has not converged by then does not
-    iterations: int = Field(100, ge=1, le=10_000, description="most iterations")
+    iterations: int = Field(default=100, ge=1, le=10_000, description="most iterations")
     verify: bool = Field(
-        False,
+        default=False,
         description=(
             "search all rotations and the mirror image; refuse a result if another pose fits clearly better"
         ),
@@ -192,10 +206,15 @@ class ICPParameters(Stage):
     def _one_is_a_list(cls, value: Any) -> Any:
         return (value,) if isinstance(value, str) else value
 
+    @property
+    def rules(self) -> tuple[RuleName, ...]:
+        """The rules that reject pairs, in order."""
+        return self.reject if isinstance(self.reject, tuple) else (self.reject,)
+
     @model_validator(mode="after")
     def _nothing_in_vain(self) -> Self:
         for rule, parameter in PARAMETER_OF.items():
-            if rule not in self.reject:
+            if rule not in self.rules:
                 unfitting(self, parameter, f"unless reject names '{rule}'")
         if self.kernel in ("none", "mixture"):
             unfitting(self, "kernel_width", f"with kernel '{self.kernel}'; must be left out")

@@ -26,7 +26,7 @@ class Landmarks(Stage):
 
     name: ClassVar[str] = "landmarks"
     scale: bool = Field(
-        False,
+        default=False,
         description="estimate the scale too; four ostia with 2 mm error determine it to about 5 %",
     )
     weights: dict[str, float] = Field(

@@ -32,17 +32,17 @@ class LevelSet(Stage):
 
     name: ClassVar[str] = "level_set"
     spacing: float = Field(
-        1.0, ge=FINEST, description="distance between grid nodes", json_schema_extra={"unit": "mm"}
+        default=1.0, ge=FINEST, description="distance between grid nodes", json_schema_extra={"unit": "mm"}
     )
     reconstruct: bool = Field(
-        True,
+        default=True,
         description="reconstruct the wall from the points where this predicts left-out points better than "
         "the moved prior does",
     )
     # a hundred leave no detail
-    smoothing: int = Field(3, ge=0, le=100, description="Taubin passes on the extracted mesh")
+    smoothing: int = Field(default=3, ge=0, le=100, description="Taubin passes on the extracted mesh")
     keep: float = Field(
-        0.5, gt=0.0, le=1.0, description="fraction of the isosurface's faces that decimation keeps"
+        default=0.5, gt=0.0, le=1.0, description="fraction of the isosurface's faces that decimation keeps"
     )
 
     def mistake(self, case: Case) -> str | None:

@@ -26,17 +26,17 @@ class PaperLevelSet(Stage):
 
     name: ClassVar[str] = "paper_level_set"
     spacing: float = Field(
-        1.0, ge=FINEST, description="distance between grid nodes", json_schema_extra={"unit": "mm"}
+        default=1.0, ge=FINEST, description="distance between grid nodes", json_schema_extra={"unit": "mm"}
     )
-    data: float = Field(10.0, ge=0.0, description="weight of the data term, over the squared noise")
-    area: float = Field(0.2, ge=0.0, description="weight of the area term")
-    shape: float = Field(0.3, ge=0.0, description="weight of the shape term")
+    data: float = Field(default=10.0, ge=0.0, description="weight of the data term, over the squared noise")
+    area: float = Field(default=0.2, ge=0.0, description="weight of the area term")
+    shape: float = Field(default=0.3, ge=0.0, description="weight of the shape term")
     # what has not converged by then does not
-    iterations: int = Field(20, ge=1, le=1000, description="most reinitialisations")
+    iterations: int = Field(default=20, ge=1, le=1000, description="most reinitialisations")
     # a hundred leave no detail
-    smoothing: int = Field(3, ge=0, le=100, description="Taubin passes on the extracted mesh")
+    smoothing: int = Field(default=3, ge=0, le=100, description="Taubin passes on the extracted mesh")
     keep: float = Field(
-        0.5, gt=0.0, le=1.0, description="fraction of the isosurface's faces that decimation keeps"
+        default=0.5, gt=0.0, le=1.0, description="fraction of the isosurface's faces that decimation keeps"
     )
 
     def mistake(self, case: Case) -> str | None:

@@ -30,20 +30,22 @@ class Phases(Stage):
 
     name: ClassVar[str] = "phases"
     variance: float = Field(
-        0.98,
+        default=0.98,
         gt=0.0,
         le=1.0,
         description="fraction of the phases' variance that the modes of the template keep",
         json_schema_extra={"unit": "1"},
     )
     pose_sd: float = Field(
-        1.0,
+        default=1.0,
         gt=0.0,
         description="how far the pose of the start may be off: phases and prior share one frame",
         json_schema_extra={"unit": "mm"},
     )
     # what has not converged by then does not
-    iterations: int = Field(50, ge=1, le=10_000, description="most iterations of the search for the phase")
+    iterations: int = Field(
+        default=50, ge=1, le=10_000, description="most iterations of the search for the phase"
+    )
 
     deform: Deform = Field(default_factory=Deform, description="the deformation from the phase that is found")
 

@@ -30,21 +30,21 @@ class Topology(Stage):
 
     name: ClassVar[str] = "topology"
     evidence: float = Field(
-        5.0,
+        default=5.0,
         ge=0.0,
         description="log evidence that a change of topology must have",
         json_schema_extra={"unit": "nats"},
     )
     spacing: float = Field(
-        1.0,
+        default=1.0,
         ge=FINEST,
         description="distance between nodes of the grid the prior is changed on, or its mean edge length",
         json_schema_extra={"unit": "mm"},
     )
     # each fits the motion again, and no heart is so many veins away from another
-    most_changes: int = Field(4, ge=1, le=100, description="most changes of one prior")
+    most_changes: int = Field(default=4, ge=1, le=100, description="most changes of one prior")
     most_points: int = Field(
-        2000,
+        default=2000,
         ge=1,
         le=100_000,  # far more than can be fitted again
         description="of more, level_set reconstructs the wall with its topology in less time",

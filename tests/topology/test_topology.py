@@ -54,9 +54,7 @@ def ring(points: Array) -> Array:
 
 
 def seen(wall: Wall, points: Array, sigma: float = SIGMA) -> Measured:
-    return observe(
-        wall, points, np.zeros(len(points), dtype=bool), np.ones(len(points)), Noise(sigma, 0.05)
-    )
+    return observe(wall, points, np.zeros(len(points), dtype=bool), np.ones(len(points)), Noise(sigma, 0.05))
 
 
 def grown(wall: Wall, measured: Measured) -> Change | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,15 @@ __all__ = ["knows", "read"]
 MANY_LABELS = 200  # in one volume: an atlas of the whole body has some hundred
 MOST_LABELS = 1000  # more are no labels, whatever is said of them
 Box = tuple[float, float, float, float, float, float]
+
+
+class Choice(TypedDict, total=False):
+    """What is meant of a label volume, as `surface_of` says."""
+
+    label: int | None
+    part: str | None
+    box: Box | None
+    layer: int | None
 
 
 def read(path: Path, data: bytes, *, frame: str | None = None, **choice: Any) -> SurfaceFile:

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...adapters.voxels import spacing_mistake, voxelise
 from ...errors import InputError
 from ...geometry.similarity import TURN, apply
 from ...geometry.surface import Surface
 
-FEWEST_ACROSS, MOST_VOXELS = 10.0, 1e8  # of a volume, over the diagonal and in all
 CHAMBER, MAPPED, PRIOR_ONLY = 1, 2, 3  # labels on the grid of an image
 
 
@@ -26,18 +26,11 @@ def write_enclosed_volume(
     The distance is in mm, negative inside, and cut at four voxels outside. Gives facts for the sidecar.
     """
     from ...io.images.volumes import write_volume
-    from ...levelset.grid.distance import filled_distance
 
     if why := spacing_mistake(surface, spacing):
         raise InputError(f"export: {why}")
-    steps = 4
-    outside = steps * spacing
-    found = filled_distance(surface.vertices, surface.faces, spacing, steps)
-    phi = np.full(found.band.shape, outside)
-    phi[tuple(found.band.nodes.T)] = np.minimum(found.phi, outside)
-    affine = np.diag([spacing] * 3 + [1.0])
-    affine[:3, 3] = found.band.origin
-    write_volume(path, phi if distance else phi < 0.0, affine, space=space)
+    found = voxelise(surface, spacing, margin=4)
+    write_volume(path, found.phi if distance else found.inside, found.affine, space=space)
     meaning = "signed distance, negative inside" if distance else "1 inside, 0 outside"
     return {"spacing": spacing, "values": meaning}
 
@@ -103,14 +96,3 @@ def _labels(surface: Surface, affine: NDArray[Any], shape: tuple[int, ...]) -> N
     part[wall] = np.where(alone[nearest] == 0.0, MAPPED, PRIOR_ONLY)
     labels[tuple(slice(a, b) for a, b in zip(low, high, strict=True))] = part
     return labels
-
-
-def spacing_mistake(surface: Surface, spacing: float) -> str | None:
-    """Why the spacing of a volume is too coarse or too fine for a surface."""
-    voxels = float(np.prod(np.ptp(surface.vertices, axis=0) / spacing))
-    if spacing <= surface.diagonal / FEWEST_ACROSS and voxels <= MOST_VOXELS:
-        return None
-    finest = spacing * (voxels / MOST_VOXELS) ** (1 / 3)
-    coarsest = surface.diagonal / FEWEST_ACROSS
-    between = f"a spacing between {finest:.2g} and {coarsest:.2g} would be right"
-    return f"spacing = {spacing:g}: a volume of {voxels:.2g} voxels; {between}"

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from pydantic import Field, model_validator
 
+from ...adapters.voxels import spacing_mistake
 from ...errors import PipelineError
 from ...geometry.surface import Surface
 from ...io.atomic import staged_files, write_file
@@ -19,7 +20,7 @@ from ..writers import Writer
 from .facts import facts_of
 from .formats import NEED_FRAME, FormatName, FrameName, file_name
 from .placed import On, Placed, frame_of, placed, units_of, unknown_frame
-from .volume import spacing_mistake, write_enclosed_volume, write_labels_like
+from .volume import write_enclosed_volume, write_labels_like
 
 if TYPE_CHECKING:
     from ...case import Case, Points
@@ -36,34 +37,37 @@ class Export(Writer):
     """
 
     name: ClassVar = "export"
-    estimate: str | None = Field(None, description="estimate to write; default: the last")
-    format: FormatName = Field("ply", description="file format")
+    estimate: str | None = Field(default=None, description="estimate to write; default: the last")
+    format: FormatName = Field(default="ply", description="file format")
     on: On = Field(
-        "map",
+        default="map",
         description="where: on the map; or on the prior's own surface in its own frame, the patient's image",
     )
     frame: FrameName | None = Field(
-        None, description="frame to write in; default: that of the map or the prior"
+        default=None, description="frame to write in; default: that of the map or the prior"
     )
     field: str | None = Field(
-        None, description="carto_vtk, dif: the field that becomes its one scalar; default: none"
+        default=None, description="carto_vtk, dif: the field that becomes its one scalar; default: none"
     )
     vmin: float | None = Field(
-        None, description="carto_vtk: value of the field at the lower end of the colours; default: its least"
+        default=None,
+        description="carto_vtk: value of the field at the lower end of the colours; default: its least",
     )
     vmax: float | None = Field(
-        None,
+        default=None,
         description="carto_vtk: value of the field at the upper end of the colours; default: its largest",
     )
 
     faces: int | None = Field(
-        None, ge=4, description="most triangles, by decimation; default: the limit of the system, else all"
+        default=None,
+        ge=4,
+        description="most triangles, by decimation; default: the limit of the system, else all",
     )
     spacing: float = Field(
-        1.0, ge=FINEST, description="phi and mask: size of a voxel", json_schema_extra={"unit": "mm"}
+        default=1.0, ge=FINEST, description="phi and mask: size of a voxel", json_schema_extra={"unit": "mm"}
     )
     grid: Path | None = Field(
-        None, description="mask: image whose voxels it takes, with the wall labelled apart"
+        default=None, description="mask: image whose voxels it takes, with the wall labelled apart"
     )
 
     @model_validator(mode="after")
