@@ -111,7 +111,6 @@ class Subject:
     results: Mapping[str, Result]
     shown: Sequence[str]
     runs: Sequence[Run]
-    records: Sequence[Mapping[str, Any]]  # the run.json of each run
     folders: Sequence[Path]
 
     @property
@@ -193,12 +192,11 @@ def read_subject(folders: Sequence[Path], compare: Sequence[str] = ()) -> Subjec
     """The subject of a report on finished run folders of one case. Raises InputError where they are of
     several, or none is given.
     """
-    from ..runs.folder import read_record, read_run
+    from ..runs.folder import read_run
 
     if not folders:
         raise InputError("no run folder is given: name at least one")
     runs = [read_run(folder) for folder in folders]
-    records = [read_record(folder) for folder in folders]
     _check_same_case(folders, runs)
     prefixes = [""] if len(runs) == 1 else [f"{name} · " for name in distinct_names(folders)]
     results = [
@@ -207,7 +205,7 @@ def read_subject(folders: Sequence[Path], compare: Sequence[str] = ()) -> Subjec
         for key in run.estimates
     ]
     named = {result.name: result for result in results}
-    subject = Subject(named, _shown(named, runs, prefixes, compare), runs, records, folders)
+    subject = Subject(named, _shown(named, runs, prefixes, compare), runs, folders)
     first = None if compare or len(runs) > 1 else subject.first
     return replace(subject, shown=[first.name, subject.last.name]) if first else subject
 
