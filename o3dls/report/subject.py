@@ -188,15 +188,17 @@ def unmapped(surface: Surface, unit: str) -> float | None:
     return float((far * surface.face_areas).sum() / surface.area)
 
 
-def read_subject(folders: Sequence[Path], compare: Sequence[str] = ()) -> Subject:
-    """The subject of a report on finished run folders of one case. Raises InputError where they are of
-    several, or none is given.
+def read_subject(
+    folders: Sequence[Path], compare: Sequence[str] = (), runs: Sequence[Run] | None = None
+) -> Subject:
+    """The subject of a report on finished run folders of one case, whose `runs` may be at hand. Raises
+    InputError where they are of several, or none is given.
     """
     from ..runs.folder import read_run
 
     if not folders:
         raise InputError("no run folder is given: name at least one")
-    runs = [read_run(folder) for folder in folders]
+    runs = runs or [read_run(folder) for folder in folders]
     _check_same_case(folders, runs)
     prefixes = [""] if len(runs) == 1 else [f"{name} · " for name in distinct_names(folders)]
     results = [

@@ -20,7 +20,7 @@ from ..io.atomic import write_file
 from ..io.meshes.registry import read_surface, write_surface
 from ..io.table import read_table, write_table
 from ..run_warning import CODES, RunWarning
-from .record import EstimateRecord, WarningRecord
+from .record import EstimateRecord, WarningRecord, plain
 
 if TYPE_CHECKING:
     from ..motion.interface import Motion
@@ -29,7 +29,8 @@ if TYPE_CHECKING:
 MODES = "posterior.npy"  # rows: vertex of the prior, then its part in each mode of the errors
 
 
-def write_estimate(folder: Path, case: Case, estimate: Estimate, fitted: Collection[str]) -> None:
+def write_estimate(folder: Path, case: Case, estimate: Estimate, fitted: Collection[str]) -> Estimate:
+    """Write the files of an estimate; the answer is what is read back of it, with its whole motion."""
     from .surface_fields import with_fields  # compiled code is not for those who only check a file
 
     folder.mkdir(parents=True)
@@ -42,6 +43,7 @@ def write_estimate(folder: Path, case: Case, estimate: Estimate, fitted: Collect
     write_rows(folder / "trace.csv", estimate.trace)
     if estimate.weights is not None:
         write_table(folder / "weights.csv", {"weight": estimate.weights})
+    return replace(estimate, surface=surface, facts=plain(estimate.facts))
 
 
 def read_estimate(folder: Path, found: EstimateRecord, case: Case) -> Estimate:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar, Protocol
 
@@ -110,12 +110,14 @@ class Run:
         if self.held_out:
             write_points(folder / "held_out.csv", self.held_out)
         write_rows(folder / "scores.csv", score_rows(self.scores))
-        for name, estimate in self.estimates.items():
-            write_estimate(folder / "estimates" / name, self.case, estimate, self.fitted.get(name, ()))
+        written = {
+            name: write_estimate(folder / "estimates" / name, self.case, one, self.fitted.get(name, ()))
+            for name, one in self.estimates.items()
+        }
         write_file(folder / "run.json", record(self).text())
         for addition in self.additions:
             log.info("writing %s", addition.name)
-            addition(self, folder)
+            addition(replace(self, estimates=written), folder)
         write_manifest(folder)
 
 
