@@ -123,7 +123,7 @@ def test_whose_anatomy_the_prior_is_survives_every_way_in_and_out(tmp_path: Path
     assert o3dls.case_of((prior.vertices, prior.faces), points).prior_of == "patient"
     assert o3dls.case_of((prior.vertices, prior.faces), points, prior_of="template").prior_of == "template"
     run = Pipeline([Landmarks()], folds=0).run(said)
-    assert record(run)["case"]["prior_of"] == "template"
+    assert record(run).case.prior_of == "template"
 
 
 @pytest.mark.parametrize("whose", ["mine", ""])

@@ -193,7 +193,7 @@ def _listener(cases: int, shown: Any, as_json: bool) -> Callable[[Outcome], None
 
 
 def _say_outcome(outcome: Outcome, done: int, cases: int) -> None:
-    from ..runs.run import plain
+    from ..runs.record import plain
 
     say_json({"done": done, "of": cases} | plain(asdict(outcome)), line=True)
 

@@ -204,13 +204,13 @@ def _needed(value: Path | None, option: str) -> Path:
 
 def _told(result: Run, out: Path, *, as_json: bool) -> int:
     """Print the scores of a finished run, whether to trust it and where it is; say what is not valid."""
-    from ..runs.run import record
+    from ..runs.record import plain
     from .summary import summary
 
     found = summary(out)
     if as_json:
-        scores = {name: one["scores"] for name, one in record(result)["estimates"].items()}
-        say_json(found.record | {"valid": not result.faults, "faults": result.faults, "scores": scores})
+        said = {"valid": not result.faults, "faults": result.faults, "scores": plain(result.scores)}
+        say_json(found.record | said)
     else:
         say_lines(result)
         say_lines(found)

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from .. import __version__
 from ..arrays import TINY, Array
 from ..case import Case, Points
 from ..errors import InputError
@@ -23,6 +22,7 @@ from ..report.drawing.packing import grid, packed
 from ..report.drawing.scene import scene
 from ..report.subject import Result, Subject
 from ..runs.run import Run
+from ..runs.scoring import provenance
 
 FACES = 10_000
 NAME = "the surface now"
@@ -144,11 +144,10 @@ def _subject(case: Case, estimate: Estimate) -> Subject:
         fitted={NAME: ("eam",)},
         scores={NAME: {"ablation": {}}},  # a set of its own: not fitted
         validity={NAME: {}},
-        provenance={},
+        provenance=provenance(case, {"stage": []}),
         points=replace(points, columns={**points.columns, **distances}),
     )
-    made = {"versions": {"o3dls": __version__}}
-    return Subject({NAME: Result(NAME, NAME, run)}, [NAME], [run], [made], [])
+    return Subject({NAME: Result(NAME, NAME, run)}, [NAME], [run], [])
 
 
 def _box(vertices: Array) -> tuple[Array, Array]:

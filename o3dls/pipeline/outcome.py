@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import InputError, escaped
-from ..evaluation.validity import faults
 from ..io.atomic import write_file
 from ..io.documents import read_json
 from ..io.table import read_table
@@ -44,16 +43,13 @@ class Outcome:
 
 def outcome_of(folder: Path) -> Outcome:
     """The outcome of a case by its finished run. Raises InputError where the folder holds none."""
-    estimates = read_record(folder)["estimates"]
-    final = estimates[list(estimates)[-1]]
-    reshaped = bool(final["facts"].get("changes"))
-    warned = (one for estimate in estimates.values() for one in estimate["warnings"])
-    once = dict.fromkeys((one["code"], one["stage"], one["sentence"]) for one in warned)
+    found = read_record(folder)
+    warned = dict.fromkeys(one for estimate in found.estimates.values() for one in estimate.warnings)
     return Outcome(
         folder.name,
-        score_rows({name: one["scores"] for name, one in estimates.items()}),
-        faults(final["validity"], estimates["start"]["validity"], reshaped=reshaped),
-        warnings=[sentence for *_, sentence in once],
+        score_rows({name: one.scores for name, one in found.estimates.items()}),
+        found.faults,
+        warnings=[one.sentence for one in warned],
     )
 
 

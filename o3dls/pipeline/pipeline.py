@@ -124,7 +124,7 @@ class Pipeline:
             left_out=left_out,
             pipeline=self.record(),
         )
-        made_in = run.provenance | {"seconds": perf_counter() - begin}
+        made_in = run.provenance.model_copy(update={"seconds": perf_counter() - begin})
         run = warned_of_far_points(replace(run, ends_with=final))
         return replace(run, provenance=made_in, out=self.out, additions=self.writes)
 

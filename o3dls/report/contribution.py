@@ -48,9 +48,8 @@ def _way(subject: Subject) -> list[str]:
 def _origins(subject: Subject) -> Mapping[str, str]:
     """The estimate that each stage began from: the one before it, or the one that its `after` names."""
     names = list(subject.last.run.estimates)
-    record = subject.records[subject.runs.index(subject.last.run)]["pipeline"]["stage"]
-    after = {stage.get("as") or stage["use"]: stage.get("after") for stage in record}
-    return {name: after.get(name) or before for before, name in pairwise(names)}
+    made = subject.last.run.provenance.parameters
+    return {name: made.get(f"{name}.after") or before for before, name in pairwise(names)}
 
 
 def credit(subject: Subject) -> str | None:

@@ -111,7 +111,6 @@ class Subject:
     results: Mapping[str, Result]
     shown: Sequence[str]
     runs: Sequence[Run]
-    records: Sequence[Mapping[str, Any]]  # the run.json of each run
     folders: Sequence[Path]
 
     @property
@@ -189,16 +188,17 @@ def unmapped(surface: Surface, unit: str) -> float | None:
     return float((far * surface.face_areas).sum() / surface.area)
 
 
-def read_subject(folders: Sequence[Path], compare: Sequence[str] = ()) -> Subject:
-    """The subject of a report on finished run folders of one case. Raises InputError where they are of
-    several, or none is given.
+def read_subject(
+    folders: Sequence[Path], compare: Sequence[str] = (), runs: Sequence[Run] | None = None
+) -> Subject:
+    """The subject of a report on finished run folders of one case, whose `runs` may be at hand. Raises
+    InputError where they are of several, or none is given.
     """
-    from ..runs.folder import read_record, read_run
+    from ..runs.folder import read_run
 
     if not folders:
         raise InputError("no run folder is given: name at least one")
-    runs = [read_run(folder) for folder in folders]
-    records = [read_record(folder) for folder in folders]
+    runs = runs or [read_run(folder) for folder in folders]
     _check_same_case(folders, runs)
     prefixes = [""] if len(runs) == 1 else [f"{name} · " for name in distinct_names(folders)]
     results = [
@@ -207,7 +207,7 @@ def read_subject(folders: Sequence[Path], compare: Sequence[str] = ()) -> Subjec
         for key in run.estimates
     ]
     named = {result.name: result for result in results}
-    subject = Subject(named, _shown(named, runs, prefixes, compare), runs, records, folders)
+    subject = Subject(named, _shown(named, runs, prefixes, compare), runs, folders)
     first = None if compare or len(runs) > 1 else subject.first
     return replace(subject, shown=[first.name, subject.last.name]) if first else subject
 

@@ -14,6 +14,7 @@ from ..runs.writers import Writer
 if TYPE_CHECKING:
     from ..pipeline.outcome import Outcome
     from ..runs.run import Run
+    from .subject import Subject
 
 REPORT, FIGURES = "report.html", "figures"
 PAGES = (".html", ".htm")
@@ -39,7 +40,9 @@ class Report(Writer):
         return (self.name,)
 
     def __call__(self, run: Run, folder: Path) -> None:
-        write_report([folder], folder / REPORT, compare=self.compare, pdf=self.pdf)
+        from .subject import read_subject
+
+        _write(read_subject([folder], self.compare, [run]), folder / REPORT, pdf=self.pdf)
 
 
 def write_report(
@@ -57,13 +60,18 @@ def write_report(
     in one folder. Raises InputError where a folder is no run, the cases differ, or `out` is no name for a
     page.
     """
-    from ..io.atomic import write_file
-    from ..io.manifest import noted
-    from .page import report_page
     from .subject import read_subject
 
     subject = read_subject([Path(folder) for folder in folders], compare)
-    path = _page(out or subject.folders[0] / REPORT)
+    return _write(subject, _page(out or subject.folders[0] / REPORT), pdf=pdf)
+
+
+def _write(subject: Subject, path: Path, *, pdf: bool) -> Path:
+    """Write the page of a subject, and its pictures."""
+    from ..io.atomic import write_file
+    from ..io.manifest import noted
+    from .page import report_page
+
     text = report_page(subject)
     with noted(subject.folders[0]):
         if pdf:

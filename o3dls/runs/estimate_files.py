@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Collection, Mapping
+from collections.abc import Collection
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -20,6 +20,7 @@ from ..io.atomic import write_file
 from ..io.meshes.registry import read_surface, write_surface
 from ..io.table import read_table, write_table
 from ..run_warning import CODES, RunWarning
+from .record import EstimateRecord, WarningRecord, plain
 
 if TYPE_CHECKING:
     from ..motion.interface import Motion
@@ -28,7 +29,8 @@ if TYPE_CHECKING:
 MODES = "posterior.npy"  # rows: vertex of the prior, then its part in each mode of the errors
 
 
-def write_estimate(folder: Path, case: Case, estimate: Estimate, fitted: Collection[str]) -> None:
+def write_estimate(folder: Path, case: Case, estimate: Estimate, fitted: Collection[str]) -> Estimate:
+    """Write the files of an estimate; the answer is what is read back of it, with its whole motion."""
     from .surface_fields import with_fields  # compiled code is not for those who only check a file
 
     folder.mkdir(parents=True)
@@ -41,21 +43,23 @@ def write_estimate(folder: Path, case: Case, estimate: Estimate, fitted: Collect
     write_rows(folder / "trace.csv", estimate.trace)
     if estimate.weights is not None:
         write_table(folder / "weights.csv", {"weight": estimate.weights})
+    return replace(estimate, surface=surface, facts=plain(estimate.facts))
 
 
-def read_estimate(folder: Path, found: Mapping[str, Any], case: Case) -> Estimate:
-    surface: Surface = read_surface(
-        folder / ("surface.ply" if (folder / "surface.ply").is_file() else "surface.csv")
-    )
+def read_estimate(folder: Path, found: EstimateRecord, case: Case) -> Estimate:
     return Estimate(
-        surface=surface,
-        T_map_prior=np.array(found["T_map_prior"]),
-        sigma=found.get(f"sigma_{case.units}"),
+        surface=read_surface(folder / ("surface.csv" if case.dimension == 2 else "surface.ply")),
+        T_map_prior=(T_map_prior := np.array(found.T_map_prior)),
+        status=found.status,
+        converged=found.converged,
+        iterations=found.iterations,
+        seconds=found.seconds,
+        sigma=found.sigma_mm if case.units == "mm" else found.sigma_px,
         weights=_column(folder / "weights.csv", "weight"),
-        motion=_read_motion(folder, case, np.array(found["T_map_prior"])),
+        motion=_read_motion(folder, case, T_map_prior),
         trace=_read_trace(folder / "trace.csv"),
-        warnings=tuple(_warning(warning) for warning in found["warnings"]),
-        **{key: found[key] for key in ("status", "converged", "seconds", "iterations", "facts")},
+        warnings=tuple(map(_warning, found.warnings)),
+        facts=found.facts,
     )
 
 
@@ -115,12 +119,12 @@ def _read_motion(folder: Path, case: Case, T_map_prior: Array) -> RecordedMotion
     return RecordedMotion(case.prior, moved, T_map_prior, deviation, modes)
 
 
-def _warning(found: Mapping[str, str]) -> RunWarning:
-    if found["code"] not in CODES:
+def _warning(found: WarningRecord) -> RunWarning:
+    if found.code not in CODES:
         raise InputError(
-            f"run.json: warning code '{found['code']}' is unknown: was it written by a newer version?"
+            f"run.json: warning code '{found.code}' is unknown: was it written by a newer version?"
         )
-    return RunWarning(found["code"], found["sentence"], found["stage"])
+    return RunWarning(found.code, found.sentence, found.stage)
 
 
 def write_rows(path: Path, rows: Any) -> None:

@@ -13,20 +13,20 @@ from ..io.documents import read_json
 from ..io.manifest import MANIFEST, missing
 from ..io.points import read_points
 from .estimate_files import read_estimate
-from .record_check import check_record
-from .run import Run, plain
+from .record import RunRecord, checked, plain
+from .run import Run
 from .scoring import version_of
 
 # what a run is; the rest can be made again
 OWN = ("run.json", MANIFEST, "scores.csv", "points.csv", "held_out.csv", "case", "estimates")
 
 
-def read_record(folder: str | Path) -> dict[str, Any]:
+def read_record(folder: str | Path) -> RunRecord:
     """The content of a folder's run.json. Raises InputError where it is none, or was damaged."""
     path = Path(folder) / "run.json"
     if not path.is_file():
         raise InputError(f"{folder}: is not a run folder: it has no run.json")
-    return check_record(read_json(path), str(path))
+    return checked(read_json(path), str(path))
 
 
 def read_run(folder: str | Path) -> Run:
@@ -34,12 +34,8 @@ def read_run(folder: str | Path) -> Run:
 
     Raises InputError where the folder holds no finished run.
     """
-    return _run_of(Path(folder), read_record(folder))
-
-
-def _run_of(folder: Path, found: Mapping[str, Any]) -> Run:
-    held_out = folder / "held_out.csv"
-    kept = found["estimates"]
+    folder, found = Path(folder), read_record(folder)
+    held_out, kept = folder / "held_out.csv", found.estimates
     case = read_case(folder / "case")
     points = read_points(folder / "points.csv", case.dimension)
     for name in kept:
@@ -53,25 +49,25 @@ def _run_of(folder: Path, found: Mapping[str, Any]) -> Run:
         case=case,
         estimates={name: read_estimate(folder / "estimates" / name, one, case) for name, one in kept.items()},
         fitted={},
-        scores={name: one["scores"] for name, one in kept.items()},
-        validity={name: one["validity"] for name, one in kept.items()},
-        provenance={key: found[key] for key in ("pipeline", "versions", "seeds", "threads", "seconds")},
+        scores={name: one.scores for name, one in kept.items()},
+        validity={name: one.validity for name, one in kept.items()},
+        provenance=found,
         points=points,
         held_out=read_points(held_out, case.dimension) if held_out.is_file() else None,
-        ends_with=found["final"],
+        ends_with=found.final,
     )
 
 
 def repeats(folder: Path, pipeline: Mapping[str, Any], case: Case) -> bool:
     """Whether the folder holds an earlier run of a pipeline, by its record, on the files of this case."""
     found = read_record(folder)
-    return bool(found.get("pipeline") == plain(pipeline) and found.get("case", {}).get("files") == case.files)
+    return found.pipeline == plain(pipeline) and found.case.files == case.files
 
 
 def is_done(folder: Path, pipeline: Mapping[str, Any], case: Case) -> bool:
     """Whether the folder holds, with every file, a run of a pipeline on this case by this version."""
     try:
-        made_by = read_record(folder)["versions"].get("o3dls")
+        made_by = read_record(folder).versions.get("o3dls")
         return made_by == version_of("o3dls") and repeats(folder, pipeline, case) and not missing(folder)
     except (InputError, ValueError):  # there is none, or it was damaged
         return False

@@ -19,7 +19,6 @@ def messages(folder: str | Path, estimate: str | None = None, on: On = "map") ->
 
     Raises InputError where the run or the estimate is not there, or the case does not state its frame.
     """
-    from ..io.meshes.registry import read_surface
     from .folder import read_run
 
     run = read_run(folder)
@@ -30,8 +29,7 @@ def messages(folder: str | Path, estimate: str | None = None, on: On = "map") ->
         raise InputError(f"{folder}: its case is 2D: must be 3D to be sent")
     if frame_of(run.case, on) == "unknown":
         raise InputError(f"{folder}: {unknown_frame(on)}; without it nothing can be sent")
-    surface = read_surface(Path(folder) / "estimates" / name / "surface.ply")
-    what = placed(run, name, surface, on, "RAS")
+    what = placed(run, name, run.estimates[name].surface, on, "RAS")
     sent = [
         igtl.polydata(what.surface, name),
         igtl.transform(what.pose, "T_map_prior" if on == "map" else "T_prior_map"),

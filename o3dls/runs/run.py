@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import json
 import logging
-import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar, Protocol
-
-import numpy as np
 
 from ..case import Case, Points
 from ..errors import InputError, escaped
@@ -21,7 +17,7 @@ from ..io.case_writer import write_case_files
 from ..io.manifest import write_manifest
 from ..io.points import write_points
 from .estimate_files import write_estimate, write_rows
-from .record_check import SCHEMA
+from .record import Provenance, RunRecord, checked, plain
 from .tables import ScoreLine, score_rows, score_table
 
 log = logging.getLogger("o3dls")
@@ -43,9 +39,8 @@ class Run:
     points: the case's points with a column `distance_<estimate>_mm` for each estimate, and
     `left_out_<estimate>_mm` from the cross-validation; held_out: the held-out points likewise. fitted: by
     estimate, the types of the points that it was shown (empty where the run was read from its folder).
-    provenance: versions, seeds, threads and the record of the pipeline. ends_with: the final estimate, where
-    it is not the last. out and additions: the folder and
-    the further files that `write` makes where it is told no others.
+    ends_with: the final estimate, where it is not the last. out and additions: the folder and the further
+    files that `write` makes where it is told no others.
     """
 
     case: Case
@@ -53,7 +48,7 @@ class Run:
     fitted: Mapping[str, tuple[str, ...]]
     scores: Mapping[str, Mapping[str, Record]]
     validity: Mapping[str, Record]
-    provenance: Record
+    provenance: Provenance
     points: Points
     held_out: Points | None = None
     out: Path | None = None
@@ -115,59 +110,37 @@ class Run:
         if self.held_out:
             write_points(folder / "held_out.csv", self.held_out)
         write_rows(folder / "scores.csv", score_rows(self.scores))
-        for name, estimate in self.estimates.items():
-            write_estimate(folder / "estimates" / name, self.case, estimate, self.fitted.get(name, ()))
-        text = json.dumps(record(self), indent=1, allow_nan=False) + "\n"
-        write_file(folder / "run.json", text)
+        written = {
+            name: write_estimate(folder / "estimates" / name, self.case, one, self.fitted.get(name, ()))
+            for name, one in self.estimates.items()
+        }
+        write_file(folder / "run.json", record(self).text())
         for addition in self.additions:
             log.info("writing %s", addition.name)
-            addition(self, folder)
+            addition(replace(self, estimates=written), folder)
         write_manifest(folder)
 
 
-def record(run: Run) -> dict[str, Any]:
+def record(run: Run) -> RunRecord:
     """The content of run.json; equal inputs give equal records but for `seconds`."""
-    case = run.case
-    types, counts = np.unique(case.points.type, return_counts=True)
-    about = {"name": case.name, "units": case.units, "frame": case.frame, "dimension": case.dimension}
-    about["prior_of"] = case.prior_of
-    points = dict(zip(types.tolist(), counts.tolist(), strict=True))
-    found: dict[str, Any] = plain(
-        {
-            "schema": SCHEMA,
-            "case": about | {"points": points, "files": dict(sorted(case.files.items()))},
-            **run.provenance,
-            "final": run.final,
-            "valid": not run.faults,
-            "faults": run.faults,
-            "estimates": {name: _estimate_record(run, name) for name in run.estimates},
-        }
-    )
-    return found
+    found = run.provenance.table() | {
+        "final": run.final,
+        "valid": not run.faults,
+        "faults": run.faults,
+        "estimates": {name: _estimate_record(run, name) for name in run.estimates},
+    }
+    return checked(plain(found), "run.json")
 
 
-def _estimate_record(run: Run, name: str) -> dict[str, Any]:
+def _estimate_record(run: Run, name: str) -> Record:
     e = run.estimates[name]
     return {
-        "status": e.status,
-        "converged": e.converged,
-        "seconds": e.seconds,
-        "iterations": e.iterations,
-        "T_map_prior": e.T_map_prior.tolist(),
+        **{key: getattr(e, key) for key in ("status", "converged", "seconds", "iterations")},
+        "T_map_prior": e.T_map_prior,
         "scale": e.scale,
         f"sigma_{run.unit}": e.sigma,
         "warnings": [warning.record() for warning in e.warnings],
-        "facts": dict(e.facts),
+        "facts": e.facts,
         "scores": run.scores[name],
         "validity": run.validity[name],
     }
-
-
-def plain(value: Any) -> Any:
-    """The value as JSON knows it: numpy unwrapped, what is not finite as null."""
-    if isinstance(value, Mapping):
-        return {str(key): plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple | np.ndarray):
-        return [plain(item) for item in value]
-    value = value.item() if isinstance(value, np.generic) else value
-    return None if isinstance(value, float) and not math.isfinite(value) else value

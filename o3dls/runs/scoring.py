@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import platform
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import replace
 from importlib.metadata import PackageNotFoundError, version
@@ -17,8 +18,10 @@ from ..estimate import Estimate
 from ..evaluation.distances import SAMPLING_SEED, distances, landmark_errors, measure, summary, truth_scores
 from ..evaluation.validity import validity
 from ..geometry.surface import Surface
+from .record import SCHEMA, CaseRecord, Provenance, plain
 from .run import Record, Run
 
+THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
 PACKAGES = ("o3dls", "numpy", "scipy", "open3d", "pymeshlab", "numba")
 
 
@@ -46,7 +49,7 @@ def scored(
         validity={name: judged[estimate.surface] for name, estimate in estimates.items()},
         points=_with_distances(case, estimates, left_out),
         held_out=_held_out(case, estimates),
-        provenance=provenance(pipeline),
+        provenance=provenance(case, pipeline),
     )
 
 
@@ -110,18 +113,21 @@ def _held_out(case: Case, estimates: Mapping[str, Estimate]) -> Points | None:
     return Points(truth.held_out, np.full(len(truth.held_out), "eam"), columns)
 
 
-def provenance(pipeline: Record) -> Record:
-    """What a reader needs to make the run again: the record of the pipeline, versions, seeds, threads."""
-    threads = {
-        name: os.environ.get(name)
-        for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
-    }
-    return {
-        "pipeline": pipeline,
-        "versions": {"python": platform.python_version()} | {name: version_of(name) for name in PACKAGES},
-        "seeds": {"surface_samples": SAMPLING_SEED},
-        "threads": {"processors": os.cpu_count(), **threads},
-    }
+def provenance(case: Case, pipeline: Record) -> Provenance:
+    """How a run was made: its case, the record of the pipeline, versions, seeds, threads."""
+    return Provenance(
+        schema=SCHEMA,
+        case=CaseRecord(
+            **{key: getattr(case, key) for key in ("name", "units", "frame", "dimension", "prior_of")},
+            points=dict(sorted(Counter(case.points.type.tolist()).items())),
+            files=dict(sorted(case.files.items())),
+        ),
+        pipeline=plain(pipeline),
+        versions={"python": platform.python_version(), **{name: version_of(name) for name in PACKAGES}},
+        seeds={"surface_samples": SAMPLING_SEED},
+        threads={"processors": os.cpu_count(), **{name: os.environ.get(name) for name in THREADS}},
+        seconds=0.0,  # until the run is whole
+    )
 
 
 def version_of(package: str) -> str | None:

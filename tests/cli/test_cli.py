@@ -210,9 +210,8 @@ def test_only_a_run_is_replaced_by_a_run(case: Path, pipeline: Path, tmp_path: P
 def test_a_demo_replaces_the_same_demo_only(case: Path, tmp_path: Path) -> None:
     plan = default_pipeline()
     subject = replace(ball_case(), files={"prior.ply": "ab"})
-    (tmp_path / "run.json").write_text(
-        json.dumps(record(Pipeline([Nudge()], folds=0).run(subject)) | {"pipeline": plan.record()})
-    )
+    found = record(Pipeline([Nudge()], folds=0).run(subject)).model_copy(update={"pipeline": plan.record()})
+    (tmp_path / "run.json").write_text(found.text())
     assert repeats(tmp_path, plan.record(), subject)
     assert not repeats(tmp_path, replace(plan, folds=2).record(), subject)
     assert not repeats(tmp_path, plan.record(), replace(subject, files={"prior.ply": "cd"}))

@@ -132,9 +132,7 @@ def test_it_compiles_every_loop_of_a_run_and_its_report(
 
     def written(run: Run, folder: Path) -> Path:
         out = write(run, folder)
-        done.append(
-            (run.case.dimension, run.provenance["pipeline"]["folds"], (out / "report.html").is_file())
-        )
+        done.append((run.case.dimension, run.provenance.pipeline["folds"], (out / "report.html").is_file()))
         return out
 
     monkeypatch.setattr(Run, "write", written)

@@ -21,6 +21,7 @@ from o3dls.errors import InputError, SolverError
 from o3dls.estimate import Estimate
 from o3dls.evaluation.distances import distances
 from o3dls.pipeline.cross_validation import Folds, blocks, cross_validate, ending, fold_of, without
+from o3dls.pipeline.outcome import outcome_of
 from o3dls.pipeline.pipeline import Pipeline
 from o3dls.pipeline.start import start_estimate
 from o3dls.pipeline.workers import second_process, workers
@@ -220,13 +221,13 @@ def test_a_run_ends_with_an_earlier_estimate_where_left_out_points_clearly_prefe
 
 def test_the_final_estimate_is_written_read_back_and_warned_of(tmp_path: Path) -> None:
     class Away(Nudge):
-        """Moves what is right far off."""
+        """Moves what is right far off, and turns it inside out."""
 
         name: ClassVar[str] = "away"
 
         def __call__(self, case: Case, start: Estimate) -> Estimate:
             surface = start.surface.with_vertices(start.surface.vertices + 6.0)
-            return replace(start, surface=surface)
+            return replace(start, surface=replace(surface, faces=surface.faces[:, ::-1]))
 
     run = Pipeline([Nudge(), Away()], folds=4).run(ball_case())
     assert run.final == "nudge"
@@ -234,3 +235,5 @@ def test_the_final_estimate_is_written_read_back_and_warned_of(tmp_path: Path) -
     again = read_run(run.write(tmp_path / "run"))
     assert again.final == "nudge"
     assert read_subject([tmp_path / "run"]).last.key == "nudge"
+    assert run.faults_of("away")
+    assert outcome_of(tmp_path / "run").faults == run.faults == []  # of what it ends with

@@ -59,6 +59,19 @@ def page(run: Path) -> str:
     return (run / "report.html").read_text(encoding="utf-8")
 
 
+def test_the_page_of_a_run_is_that_of_its_folder(run: Path, page: str, tmp_path: Path) -> None:
+    """A run hands itself to its writers as it can be read back."""
+    again = write_report([run], tmp_path / "again.html", compare=("icp", "level_set"))
+    assert again.read_text(encoding="utf-8") == page
+
+
+def test_a_run_writes_its_report_without_reading_its_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("o3dls.runs.folder.read_run", None)
+    assert (finished(tmp_path / "run", writes=(Report(),)) / "report.html").is_file()
+
+
 def test_table_is_that_of_run_json(run: Path, page: str) -> None:
     estimates = json.loads((run / "run.json").read_text())["estimates"]
     head, *rows = next(table for table in Cells(page).tables if table[0][0] == "mean distance, mm")

@@ -30,6 +30,8 @@ from o3dls.report.sections.sweep import swept
 from o3dls.report.subject import Subject, read_subject
 from o3dls.report.verdict import headline_difference, warnings
 from o3dls.report.writer import compare, write_report
+from o3dls.runs.folder import read_record
+from o3dls.runs.record import Provenance
 from tests.finished import SEED, Icp, LevelSet, bulged_case, finished, finished_2d, renamed
 from tests.tiny import Nudge, ball_case, sphere
 
@@ -162,11 +164,15 @@ def test_runs_that_differ_in_one_number_give_a_curve(tmp_path: Path) -> None:
     ]
     text = write_report(folders, tmp_path / "sweep.html").read_text(encoding="utf-8")
     assert "Sensitivity to nudge.share" in text
-    names = [json.loads((folder / "run.json").read_text())["pipeline"] for folder in folders]
-    assert swept(names) == ("nudge.share", [0.25, 1.0, 0.5])
-    assert swept(names[:2]) is None
-    assert swept([{**names[0], "folds": folds} for folds in (0, 3, 5)]) is None  # which change no surface
-    assert swept([{**names[0], "folds": 5}, *names[1:]]) is None
+    made = [read_record(folder) for folder in folders]
+    assert swept(made) == ("nudge.share", [0.25, 1.0, 0.5])
+    assert swept(made[:2]) is None
+
+    def folded(folds: int) -> Provenance:
+        return made[0].model_copy(update={"pipeline": {**made[0].pipeline, "folds": folds}})
+
+    assert swept([folded(0), folded(3), folded(5)]) is None  # which change no surface
+    assert swept([folded(5), *made[1:]]) is None
 
 
 def test_pipeline_reads_back_as_it_was(run: Path) -> None:

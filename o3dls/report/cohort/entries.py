@@ -7,9 +7,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from ...arrays import Array
+from ...runs.record import Provenance
 from ..subject import Result, Subject, case_key, distinct_names, read_subject
 from ..verdict import warnings
 
@@ -52,7 +52,7 @@ def read_entries(folders: Sequence[Path]) -> list[Entry]:
 def _entry(subject: Subject, name: str) -> Entry:
     group, last, first = subject.headline, subject.last, subject.first
     shown = [one for one in (first, last) if one and group and len(one.measured(group, last)[1])]
-    pipeline = subject.records[0]["pipeline"]
+    provenance = last.run.provenance
     return Entry(
         folder=subject.folders[0],
         name=name,
@@ -63,22 +63,20 @@ def _entry(subject: Subject, name: str) -> Entry:
         first=first.key if first is not None and first in shown else None,
         last=last.key,
         measured={one.key: one.measured(group, last) for one in shown if group},
-        made={one.key: _made(one, pipeline, group) for one in shown},
+        made={one.key: _made(one, provenance, group) for one in shown},
         valid=not last.run.faults_of(last.key),
-        seconds=float(subject.records[0]["seconds"]),
+        seconds=provenance.seconds,
         warnings=len(warnings(subject)),
     )
 
 
-def _made(result: Result, pipeline: Mapping[str, Any], group: str | None) -> dict[str, str]:
+def _made(result: Result, provenance: Provenance, group: str | None) -> dict[str, str]:
     """Every parameter of the stages up to the one that made an estimate."""
-    found = {"folds": str(pipeline["folds"])} if group == "cross_validated" else {}
-    if result.key not in (names := [stage["as"] or stage["use"] for stage in pipeline["stage"]]):
-        return found  # what the pipeline began with
-    upto = names.index(result.key) + 1
-    for name, stage in zip(names[:upto], pipeline["stage"], strict=False):
-        found |= {f"{name}.{key}": str(value) for key, value in stage.items()}
-    return found
+    found = {"folds": str(provenance.pipeline["folds"])} if group == "cross_validated" else {}
+    made = {key: str(value) for key, value in provenance.parameters.items()}
+    names = stages_of(made)
+    upto = names[: names.index(result.key) + 1] if result.key in names else ()  # it began with the others
+    return found | {key: value for key, value in made.items() if _stage(key) in upto}
 
 
 def told_apart(entries: Sequence[Entry]) -> tuple[list[Entry], dict[str, str]]:

@@ -14,7 +14,7 @@ STOPS = 9  # of a colour bar; between them the colours change evenly
 
 def made(subject: Subject) -> str:
     """The day of the run and the version of o3dls that made it."""
-    return f"{subject.date} · o3dls {subject.records[-1]['versions']['o3dls']}"
+    return f"{subject.date} · o3dls {subject.runs[-1].provenance.versions['o3dls']}"
 
 
 def caption(subject: Subject, *, behind: bool = False) -> str:

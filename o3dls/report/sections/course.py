@@ -82,9 +82,9 @@ def _seconds(subject: Subject) -> Html:
     rows: list[list[Child]] = [
         [r.name, f"{r.estimate.seconds:.2f}", r.estimate.iterations, _bar(r, results)] for r in results
     ]
-    for folder, record in zip(subject.folders, subject.records, strict=True):
-        label = f"{folder.name}, whole run" if len(subject.records) > 1 else "whole run, with scoring"
-        rows.append([label, f"{record['seconds']:.2f}", None, None])
+    for folder, run in zip(subject.folders, subject.runs, strict=True):
+        label = f"{folder.name}, whole run" if len(subject.runs) > 1 else "whole run, with scoring"
+        rows.append([label, f"{run.provenance.seconds:.2f}", None, None])
     return table(["estimate", "seconds", "iterations", "share"], rows)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from ...runs.record import Provenance
 from ..markup import join, tag
 from ..shape_words import words_of
 from ..subject import Subject
@@ -27,22 +28,22 @@ OPEN3D = """@article{open3d,
 
 def methods_section(subject: Subject) -> Section:
     """What the run of the last estimate did, with parameters, versions and citation."""
-    record = subject.records[subject.runs.index(subject.last.run)]
+    made = subject.last.run.provenance
     return Section(
         "methods",
         "Methods to copy",
         join(
-            copied(paragraph(subject, record), "methods-text"),
+            copied(paragraph(subject, made), "methods-text"),
             tag("p", "To cite:"),
-            copied(bibtex(record), "methods-bibtex"),
+            copied(bibtex(made.versions["o3dls"]), "methods-bibtex"),
         ),
     )
 
 
-def paragraph(subject: Subject, record: Record) -> str:
+def paragraph(subject: Subject, made: Provenance) -> str:
     """The method in full sentences; every number is that of run.json."""
-    case, versions, pipeline = subject.case, record["versions"], record["pipeline"]
-    counts = ", ".join(f"{n} of type {kind}" for kind, n in record["case"]["points"].items())
+    case, versions, pipeline = subject.case, made.versions, made.pipeline
+    counts = ", ".join(f"{n} of type {kind}" for kind, n in made.case.points.items())
     done = " ".join(
         f"({number}) {_stage(stage, subject.unit)}." for number, stage in enumerate(pipeline["stage"], 1)
     )
@@ -59,12 +60,12 @@ def paragraph(subject: Subject, record: Record) -> str:
     )
 
 
-def bibtex(record: Record) -> str:
-    """Entries for o3dls, in the version that made the run, and for Open3D."""
+def bibtex(version: str | None) -> str:
+    """Entries for o3dls, in the `version` that made the run, and for Open3D."""
     own = f"""@software{{o3dls,
   author = {{{{{AUTHORS}}}}},
   title = {{{TITLE}}},
-  version = {{{record["versions"]["o3dls"]}}},
+  version = {{{version}}},
   year = {{{RELEASED[:4]}}}
 }}"""
     return f"{own}\n\n{OPEN3D}"

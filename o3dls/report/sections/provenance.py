@@ -6,6 +6,7 @@ import json
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from ...runs.run import Run
 from ..markup import Child, Html, join, table, tag
 from ..subject import Subject
 from .section import Section
@@ -18,27 +19,25 @@ def made_section(subject: Subject) -> Section:
     command to repeat it.
     """
     names = [folder.name if len(subject.folders) > 1 else None for folder in subject.folders]
-    parts = [
-        _run(record, name, k) for k, (record, name) in enumerate(zip(subject.records, names, strict=True))
-    ]
+    parts = [_run(run, name, k) for k, (run, name) in enumerate(zip(subject.runs, names, strict=True))]
     return Section("made", "How it was made", join(*parts))
 
 
-def _run(record: Mapping[str, Any], name: str | None, number: int) -> Html:
+def _run(run: Run, name: str | None, number: int) -> Html:
     rows: list[list[Child]] = [
         [
             key,
-            e["status"],
-            "yes" if e["converged"] else "no",
-            e["iterations"],
-            f"{e['seconds']:.2f}",
-            f"{e['scale']:.4f}",
+            e.status,
+            "yes" if e.converged else "no",
+            e.iterations,
+            f"{e.seconds:.2f}",
+            f"{e.scale:.4f}",
         ]
-        for key, e in record["estimates"].items()
+        for key, e in run.estimates.items()
     ]
-    facts = {key: record[key] for key in ("versions", "seeds", "threads")} | {
-        "files (sha256)": record["case"]["files"]
-    }
+    made = run.provenance
+    facts = {"versions": made.versions, "seeds": made.seeds, "threads": made.threads}
+    facts["files (sha256)"] = made.case.files
     return join(
         tag("h3", name) if name else None,
         tag(
@@ -53,12 +52,12 @@ def _run(record: Mapping[str, Any], name: str | None, number: int) -> Html:
         tag(
             "details",
             tag("summary", "The pipeline, every default written out"),
-            copied(as_toml(record["pipeline"]), f"toml-{number}"),
+            copied(as_toml(made.pipeline), f"toml-{number}"),
         ),
         tag(
             "details",
             tag("summary", "Versions, seeds, threads, input files"),
-            tag("pre", tag("code", _pretty(facts))),
+            tag("pre", tag("code", json.dumps(facts, indent=2, ensure_ascii=False))),
         ),
     )
 
@@ -96,7 +95,3 @@ def _toml(value: Any) -> str:
     if isinstance(value, list):
         return "[" + ", ".join(map(_toml, value)) + "]"
     return json.dumps(value, ensure_ascii=False)
-
-
-def _pretty(value: Any) -> str:
-    return json.dumps(value, indent=2, ensure_ascii=False)

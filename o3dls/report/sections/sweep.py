@@ -4,11 +4,11 @@ unseen error.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 
+from ...runs.record import Provenance
 from ..drawing.charts import Series, axis_over, grouped, line_chart
 from ..markup import join, tag
 from ..subject import HEADLINE, SETS, Subject
@@ -19,7 +19,7 @@ FEWEST = 3
 
 def sweep_section(subject: Subject) -> Section | None:
     """A curve for each set of points over the one parameter that differs between at least three runs."""
-    found = swept([record["pipeline"] for record in subject.records])
+    found = swept([run.provenance for run in subject.runs])
     if found is None:
         return None
     name, values = found
@@ -43,27 +43,15 @@ def sweep_section(subject: Subject) -> Section | None:
     return Section("sweep", f"Sensitivity to {name}", join(grouped(chart), note))
 
 
-def swept(pipelines: Sequence[Mapping[str, Any]]) -> tuple[str, list[float]] | None:
+def swept(made: Sequence[Provenance]) -> tuple[str, list[float]] | None:
     """Name and values of the one parameter of a stage in which pipelines differ; None where it is not one, or
     no number.
     """
-    flat = [_flat(pipeline) for pipeline in pipelines]
+    flat = [{**one.pipeline, "stage": None, "write": None, **one.parameters} for one in made]
     keys = dict.fromkeys(key for one in flat for key in one)
     differing = [key for key in keys if len({repr(one.get(key)) for one in flat}) > 1]
     values = [one.get(differing[0]) for one in flat] if len(differing) == 1 and "." in differing[0] else []
     numbers = [
         float(value) for value in values if isinstance(value, int | float) and not isinstance(value, bool)
     ]
-    return (differing[0], numbers) if len(numbers) >= FEWEST and len(set(numbers)) == len(pipelines) else None
-
-
-def _flat(pipeline: Mapping[str, Any]) -> dict[str, Any]:
-    """What makes the result: every parameter of every stage as `estimate.parameter`, and those of the
-    pipeline itself.
-    """
-    own = {key: value for key, value in pipeline.items() if key not in ("stage", "write")}
-    return own | {
-        f"{stage.get('as') or stage['use']}.{key}": value
-        for stage in pipeline["stage"]
-        for key, value in stage.items()
-    }
+    return (differing[0], numbers) if len(numbers) >= FEWEST and len(set(numbers)) == len(made) else None

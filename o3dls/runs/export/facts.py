@@ -29,5 +29,5 @@ def facts_of(run: Run, name: str, format: str, on: str, space: str, units: str) 
         "prior_frame": run.case.prior_frame,
         "prior_file_units": run.case.prior_file_units or run.case.units,
         "status": estimate.status,
-        "versions": dict(run.provenance["versions"]),
+        "versions": dict(run.provenance.versions),
     }

@@ -127,12 +127,9 @@ class Export(Writer):
         return None
 
     def __call__(self, run: Run, folder: Path) -> None:
-        from ...io.meshes.registry import read_surface
-
         name = self.estimate or run.final
-        # with the fields that the run has just computed
-        surface = read_surface(folder / "estimates" / name / "surface.ply")
-        self.write(surface, run, name, folder / "export" / file_name(name, self.format, self.on))
+        path = folder / "export" / file_name(name, self.format, self.on)
+        self.write(run.estimates[name].surface, run, name, path)
 
     def write(self, surface: Surface, run: Run, name: str, path: Path) -> None:
         """Write an estimate's surface with its fields to a file, and its facts to `<file>.json` beside it.

@@ -16,6 +16,7 @@ from o3dls.cli.main import answer
 from o3dls.errors import InputError
 from o3dls.pipeline.pipeline import Pipeline
 from o3dls.runs.folder import read_record, read_run
+from o3dls.runs.run import record
 
 ONE = "estimates.nudge"
 EDITS = [
@@ -32,12 +33,17 @@ EDITS = [
     (f"{ONE}.iterations", True, f"{ONE}.iterations = true: must be a whole number"),
     (f"{ONE}.warnings", 3, f"{ONE}.warnings = 3: must be a list"),
     (f"{ONE}.validity.watertight", 3, f"{ONE}.validity.watertight = 3: must be true or false"),
-    (f"{ONE}.sigma_mm", "1 mm", f"{ONE}.sigma_mm: must be there, a number or null"),
+    (f"{ONE}.sigma_mm", "1 mm", f'{ONE}.sigma_mm = "1 mm": must be a number'),
     (f"{ONE}.facts", {"observability": [3]}, f"{ONE}.facts.observability[0] = 3: must be a table"),
     ("pipeline", 3, "pipeline = 3: must be a table"),
     ("pipeline.stage", [{}], "has no 'pipeline.stage[0].use', so it is not a finished run"),
     ("case.units", "cm", "case.units = \"cm\": must be 'mm' or 'px'"),
     ("case", {}, "has no 'case.name', so it is not a finished run"),
+    ("case.dimension", 2, "estimates.start.T_map_prior: must be 3 rows of 3 numbers"),
+    ("case.units", "px", "has no 'estimates.start.sigma_px', so it is not a finished run"),
+    ("valid", "yes", 'valid = "yes": must be true or false'),
+    ("versions", {"o3dls": 1}, "versions.o3dls = 1: must be a text"),
+    ("final", "other", "final: 'other' is no estimate of the run"),
     ("estimates", {}, "estimates: has no 'start'"),
 ]
 
@@ -73,6 +79,15 @@ def test_an_edit_is_refused_with_its_place(
     with pytest.raises(InputError) as caught:
         read_record(edited(place, value))
     assert f"run.json: {sentence}" in str(caught.value)
+
+
+def test_what_is_read_is_written_again_byte_for_byte(edited: Callable[[str, Any], Path]) -> None:
+    """A record keeps the order of its tables, and what another version said more."""
+    run = edited("estimates.nudge.facts", {"later": [1, 0.5, None], "changes": [], "n": 2})
+    found = json.loads((run / "run.json").read_text())
+    text = json.dumps(found | {"later": {"a": 1}}, indent=1) + "\n"
+    (run / "run.json").write_text(text)
+    assert read_record(run).text() == record(read_run(run)).text() == text
 
 
 @pytest.mark.parametrize("name", ["../nudge", "a/b", "nudge\x1b[31m", ""])

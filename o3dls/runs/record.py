@@ -1,0 +1,220 @@
+"""run.json as classes that write, read and check it: one that was damaged is refused with the place in it."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic_core import ErrorDetails
+
+from ..errors import InputError
+
+SCHEMA = "o3dls/run/2"
+NAME = r"^[A-Za-z][A-Za-z0-9_-]*$"  # of an estimate, which names a folder too
+UNFINISHED = "so it is not a finished run; run it again"
+Amount = float | None  # null: was not finite
+WANTED = {  # by the type of pydantic's error
+    **dict.fromkeys(("dict_type", "model_type", "model_attributes_type"), "a table"),
+    "list_type": "a list",
+    "string_type": "a text",
+    "float_type": "a number",
+    "int_type": "a whole number",
+    "bool_type": "true or false",
+}
+
+
+class _Part(BaseModel):
+    """A table of the record: kinds are as written, further keys are let be, and fields have the file's order.
+    Its checks are built when a record is first read or written, since most commands do neither.
+    """
+
+    model_config = ConfigDict(strict=True, extra="allow", frozen=True, allow_inf_nan=False, defer_build=True)
+
+    def table(self) -> dict[str, Any]:
+        """The table as the file has it."""
+        return self.model_dump(by_alias=True, exclude_unset=True)
+
+
+def _read_as(part: type[_Part]) -> AfterValidator:
+    """A table that must be readable as a part, and stays as it is, in its maker's order."""
+
+    def read(table: dict[str, Any]) -> dict[str, Any]:
+        part.model_validate(table)
+        return table
+
+    return AfterValidator(read)
+
+
+class _Step(_Part):
+    use: str
+    as_: str | None = Field(None, alias="as")
+
+
+class _Pipeline(_Part):
+    stage: list[_Step]
+    write: list[_Step] = []
+
+
+class _Direction(_Part):
+    meaning: str
+    sd: Amount
+    shift: list[float]
+    turn_degrees: list[float]
+    log_scale: float
+
+
+class _Facts(_Part):
+    """Of what stages have to say, what others read."""
+
+    changes: list[str] = []
+    observability: list[_Direction] | None = None
+    landmarks: dict[str, dict[str, Amount]] = {}
+
+
+class _Scores(_Part):
+    """By set of points, as many and what they have; the truth alone has other measures than distances."""
+
+    __pydantic_extra__: dict[str, dict[str, Amount]] = Field(init=False)
+
+
+class _Validity(_Part):
+    watertight: bool
+    components: int | None
+    euler: int | None
+    self_intersections: int | None
+    flipped_faces: int | None
+    volume_change: Amount
+    __pydantic_extra__: dict[str, Amount] = Field(init=False)
+
+
+class CaseRecord(_Part):
+    """The case, with the number of its points by type and the hashes of its files."""
+
+    name: str
+    units: Literal["mm", "px"]
+    frame: Literal["LPS", "RAS", "unknown"]
+    dimension: Literal[2, 3]
+    prior_of: str = "patient"
+    points: dict[str, int] = {}
+    files: dict[str, str]
+
+
+class WarningRecord(_Part):
+    """A `RunWarning`; its code may be one of a later version."""
+
+    code: str
+    stage: str
+    sentence: str
+
+
+class EstimateRecord(_Part):
+    """An estimate with its scores by set and its validity; the unit of its sigma is the case's."""
+
+    status: str
+    converged: bool
+    seconds: float = Field(ge=0.0)
+    iterations: int = Field(ge=0)
+    T_map_prior: list[list[float]]
+    scale: float
+    sigma_mm: Amount = None
+    sigma_px: Amount = None
+    warnings: list[WarningRecord]
+    facts: Annotated[dict[str, Any], _read_as(_Facts)]
+    scores: Annotated[dict[str, dict[str, Any]], _read_as(_Scores)]
+    validity: Annotated[dict[str, Any], _read_as(_Validity)]
+
+
+class Provenance(_Part):
+    """What it takes to make the run again; the pipeline is as its file would say it, with every default."""
+
+    schema_: str = Field(alias="schema")
+    case: CaseRecord
+    pipeline: Annotated[dict[str, Any], _read_as(_Pipeline)]
+    versions: dict[str, str | None]
+    seeds: dict[str, Any]
+    threads: dict[str, Any]
+    seconds: float = Field(ge=0.0)
+
+    @property
+    def parameters(self) -> dict[str, Any]:
+        """Every parameter of every stage in order, as `estimate.parameter`."""
+        return {
+            f"{one.get('as') or one['use']}.{key}": one[key] for one in self.pipeline["stage"] for key in one
+        }
+
+
+class RunRecord(Provenance):
+    """The whole of run.json."""
+
+    final: str
+    valid: bool
+    faults: list[str]
+    estimates: dict[str, EstimateRecord]
+
+    @model_validator(mode="after")
+    def _consistent(self) -> RunRecord:
+        if "start" not in self.estimates:
+            raise ValueError(f"estimates: has no 'start', {UNFINISHED}")
+        if self.final not in self.estimates:
+            raise ValueError(f"final: '{self.final}' is no estimate of the run: must be one of its estimates")
+        for name, one in self.estimates.items():
+            self._check(f"estimates.{name}", name, one)
+        return self
+
+    def _check(self, where: str, name: str, one: EstimateRecord) -> None:
+        """What depends on the case: its unit is a part of keys, and its dimension the size of a pose."""
+        if not re.fullmatch(NAME, name):
+            raise ValueError(f"{where}: the name of an estimate must be letters, digits, _ and -")
+        size, unit = self.case.dimension + 1, self.case.units
+        if [len(row) for row in one.T_map_prior] != [size] * size:
+            raise ValueError(f"{where}.T_map_prior: must be {size} rows of {size} numbers")
+        if f"sigma_{unit}" not in one.model_fields_set:
+            raise ValueError(f"has no '{where}.sigma_{unit}', {UNFINISHED}")
+        for group, scores in one.scores.items():
+            if group != "truth" and scores.get(f"mean_{unit}") is None:
+                raise ValueError(f"{where}.scores.{group}: has no number 'mean_{unit}'")
+
+    def text(self) -> str:
+        """The content of the file."""
+        return json.dumps(self.table(), indent=1, allow_nan=False) + "\n"
+
+
+def checked(found: Any, path: str) -> RunRecord:
+    """The record with this content. Raises InputError with the place in the file of the first mistake, and
+    what it must be.
+    """
+    schema = found.get("schema") if isinstance(found, dict) else None
+    if schema != SCHEMA:
+        raise InputError(
+            f"{path}: schema is {repr(schema) if schema else 'not there':.80}: must be '{SCHEMA}'"
+        )
+    try:
+        return RunRecord.model_validate(found)
+    except ValidationError as error:
+        raise InputError(f"{path}: {_sentence(error.errors(include_url=False)[0])}") from None
+
+
+def _sentence(detail: ErrorDetails) -> str:
+    """Such as `estimates.icp.seconds = 'x': must be a valid number`."""
+    if detail["type"] == "value_error":
+        return str(detail["ctx"]["error"])
+    place = "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in detail["loc"])[1:]
+    if detail["type"] == "missing":
+        return f"has no '{place}', {UNFINISHED}"
+    wanted = WANTED.get(detail["type"], detail["msg"].removeprefix("Input should be "))
+    return f"{place} = {json.dumps(detail['input']):.80}: must be {wanted}"
+
+
+def plain(value: Any) -> Any:
+    """The value as JSON knows it: numpy unwrapped, what is not finite as null."""
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple | np.ndarray):
+        return [plain(item) for item in value]
+    value = value.item() if isinstance(value, np.generic) else value
+    return None if isinstance(value, float) and not math.isfinite(value) else value
