@@ -23,7 +23,7 @@ BANNED = {
     r"carr(?:y|ies|ied|ying)": "interpolated, transferred",
     r"loosening": "coarse-to-fine factor",
     r"say there": "no points here: shape from the image alone",
-    r"nothing to add": "no correction needed",
+    r"nothing to add": "the points ask for no other wall",
     r"hold no field": "the residuals are consistent with noise",
     r"mend(?:s|ed|ing)?": "fix, repair",
     r"overrul\w+": "override",
