@@ -8,9 +8,10 @@ import logging
 import os
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import lru_cache
 from itertools import pairwise
+from threading import Thread
 from typing import Any
 
 import numpy as np
@@ -76,6 +77,16 @@ def limit_threads(processes: int) -> None:
 def _pool(process: int) -> ThreadPoolExecutor:
     """Threads of a process: a fork has none of its parent's."""
     return ThreadPoolExecutor(THREADS - 1)
+
+
+def started_beside(work: Callable[[], None]) -> None:
+    """Start work on a thread that nobody waits for; what fails in it fails again where it is needed."""
+
+    def quiet() -> None:
+        with suppress(Exception):
+            work()
+
+    Thread(target=quiet).start()
 
 
 @contextmanager

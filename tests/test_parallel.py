@@ -98,3 +98,14 @@ def test_processes_share_the_cores(monkeypatch: pytest.MonkeyPatch) -> None:
     for processes, threads in ((1, 8), (3, 2), (20, 1)):
         compiled.limit_threads(processes)
         assert threads == compiled.THREADS
+
+
+def test_work_that_nobody_waits_for_is_done_and_may_fail() -> None:
+    done = threading.Event()
+
+    def fails() -> None:
+        done.set()
+        raise OSError
+
+    compiled.started_beside(fails)
+    assert done.wait(10.0)

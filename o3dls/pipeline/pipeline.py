@@ -103,8 +103,12 @@ class Pipeline:
             return self._run(case or self._own_case(), pool)
 
     def _run(self, case: Case, pool: Executor | None) -> Run:
+        from ..parallel import started_beside
+
         begin = perf_counter()
         self._check(case)
+        for writer in self.writes:
+            started_beside(writer.prepare)
         folds = Folds(partial(self.fit, level=logging.DEBUG), case, self.folds, pool) if self.folds else None
         estimates = self._judged(case)
         for warning in each_once(one for estimate in estimates.values() for one in estimate.warnings):

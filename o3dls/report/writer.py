@@ -39,6 +39,11 @@ class Report(Writer):
     def target(self, final: str) -> tuple[str, ...]:
         return (self.name,)
 
+    def prepare(self) -> None:
+        from matplotlib import figure  # noqa: F401
+
+        from . import page  # noqa: F401
+
     def __call__(self, run: Run, folder: Path) -> None:
         from .subject import read_subject
 
