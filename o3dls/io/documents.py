@@ -52,7 +52,7 @@ def read_json(path: str | Path) -> Any:
 def parse_json(text: str, where: str) -> Any:
     """The value of a JSON text. Raises InputError, which begins with `where`."""
     try:
-        value = json.loads(text, parse_constant=_no_number)
+        value = json.loads(text, parse_constant=_refuse_constant)
         bounded(value, where)
         return value
     except json.JSONDecodeError as error:
@@ -68,7 +68,7 @@ class _NoNumber(ValueError):
     """NaN and the infinities, which Python writes and JSON does not know."""
 
 
-def _no_number(word: str) -> None:
+def _refuse_constant(word: str) -> None:
     raise _NoNumber(f"is not JSON: {word} is not a number there")
 
 

@@ -55,10 +55,10 @@ class Table:
         if (plain := _plain_numbers(cells, missing)) is not None:
             return plain
         return np.array(
-            [self._number(row, name, cell, missing) for row, cell in enumerate(cells)], dtype=np.float64
+            [self._read_number(row, name, cell, missing) for row, cell in enumerate(cells)], dtype=np.float64
         )
 
-    def _number(self, row: int, name: str, cell: str, missing: bool) -> float:
+    def _read_number(self, row: int, name: str, cell: str, missing: bool) -> float:
         if missing and cell.lower() in ("", "nan"):
             return np.nan
         try:
@@ -138,12 +138,12 @@ def table_of(
     unquoted = re.sub('"[^"]*"', "", body[0][1])
     delimiter = next((d for d in ";\t" if d in unquoted), ",")
     cells = [
-        [_without_mark(cell.strip()) for cell in row]
+        [_unmark_formula(cell.strip()) for cell in row]
         for row in csv.reader((line for _, line in body), delimiter=delimiter)
     ]
     if len(cells) != len(body):
         raise InputError(f"{path}: a quoted cell runs over several lines; close the quotes on each line")
-    header = _header(cells[0], path, body[0][0], required, aliases or {})
+    header = _read_header(cells[0], path, body[0][0], required, aliases or {})
     for (at, line), row in zip(body[1:], cells[1:], strict=True):
         if line.lstrip().startswith("#"):
             raise InputError(
@@ -158,10 +158,12 @@ def table_of(
             )
             raise InputError(f"{path}: line {at} has {len(row)} cells, the header has {len(header)}{hint}")
     columns = {name: [row[k] for row in cells[1:]] for k, name in enumerate(header)}
-    return Table(path, columns, [at for at, _ in body[1:]], _notes(path, [line for _, line in lines[:top]]))
+    return Table(
+        path, columns, [at for at, _ in body[1:]], _read_notes(path, [line for _, line in lines[:top]])
+    )
 
 
-def _notes(path: Path, comments: Sequence[str]) -> dict[str, str]:
+def _read_notes(path: Path, comments: Sequence[str]) -> dict[str, str]:
     """The `key=value` pairs of comment lines. Raises InputError for a frame that is none."""
     notes = {key.lower(): value for key, value in re.findall(r"(\w+)=([^\s,;]+)", " ".join(comments))}
     spaces = {space.lower(): space for space in SPACES}
@@ -172,7 +174,7 @@ def _notes(path: Path, comments: Sequence[str]) -> dict[str, str]:
     return notes | ({"units": notes["units"].lower()} if "units" in notes else {})
 
 
-def _header(
+def _read_header(
     cells: Sequence[str], path: Path, line: int, required: Iterable[str], aliases: Mapping[str, str]
 ) -> list[str]:
     if len(cells) > MOST_COLUMNS:
@@ -196,41 +198,41 @@ def write_table(
     InputError for line breaks.
     """
     note = "# " + " ".join(f"{key}={value}" for key, value in notes.items()) + "\n" if notes else ""
-    cells = (_cells(values, f"{path}: column '{name}'") for name, values in columns.items())
-    header = [_quoted(_marked(name)) for name in columns]
-    write_file(path, note + "".join(_line(row) for row in (header, *zip(*cells, strict=True))))
+    cells = (_format_column(values, f"{path}: column '{name}'") for name, values in columns.items())
+    header = [_quote_cell(_mark_formula(name)) for name in columns]
+    write_file(path, note + "".join(_join_cells(row) for row in (header, *zip(*cells, strict=True))))
 
 
-def _line(cells: Iterable[str]) -> str:
+def _join_cells(cells: Iterable[str]) -> str:
     return (",".join(cells) or '""') + "\n"  # an empty line would be no row
 
 
-def _cells(values: NDArray[Any], where: str) -> list[str]:
+def _format_column(values: NDArray[Any], where: str) -> list[str]:
     if values.dtype.kind == "f":
         return ["" if value != value else repr(value) for value in values.tolist()]
-    return [_quoted(_cell(value, where)) for value in values.tolist()]
+    return [_quote_cell(_format_cell(value, where)) for value in values.tolist()]
 
 
-def _quoted(cell: str) -> str:
+def _quote_cell(cell: str) -> str:
     """A cell in quotes where a comma, a semicolon, a quote or a # at the beginning, as of a comment, would be
     misread.
     """
     return '"' + cell.replace('"', '""') + '"' if cell[:1] == "#" or re.search('[,;"]', cell) else cell
 
 
-def _cell(value: Any, where: str) -> str:
+def _format_cell(value: Any, where: str) -> str:
     if isinstance(value, float):
         return "" if np.isnan(value) else repr(value)
     text = str(value)
     if len(f"{text}.".splitlines()) > 1:
         raise InputError(f"{where}: {text!r} holds a line break, which a cell cannot; take it out first")
-    return _marked(text)
+    return _mark_formula(text)
 
 
-def _marked(text: str) -> str:
+def _mark_formula(text: str) -> str:
     """The text as a spreadsheet shows it and does not run it; a number, such as -1, is none that runs."""
     return f"'{text}" if FORMULA.match(text) and not _is_number(text) else text
 
 
-def _without_mark(cell: str) -> str:
+def _unmark_formula(cell: str) -> str:
     return cell[1:] if cell[:1] == "'" and FORMULA.match(cell) else cell

@@ -73,7 +73,7 @@ def read_dicom(path: Path, data: bytes) -> Image:
             dataset = pydicom.dcmread(BytesIO(data))
             _check_kind(path, dataset)
             _check_end(path, dataset, data)
-            return _image(path, highdicom.seg.Segmentation.from_dataset(dataset, copy=False))
+            return _image_of_segments(path, highdicom.seg.Segmentation.from_dataset(dataset, copy=False))
         except InputError:
             raise
         except Exception as error:  # of a damaged file both raise whatever their code comes upon
@@ -125,7 +125,7 @@ def _check_end(path: Path, dataset: Any, data: bytes) -> None:
         )
 
 
-def _image(path: Path, segmentation: Any) -> Image:
+def _image_of_segments(path: Path, segmentation: Any) -> Image:
     geometry = segmentation.get_volume_geometry()
     if geometry is None:
         raise InputError(
@@ -133,7 +133,7 @@ def _image(path: Path, segmentation: Any) -> Image:
         )
     count(path, [int(n) for n in geometry.spatial_shape])
     numbers = [int(number) for number in segmentation.segment_numbers]
-    values, layers = _labels(path, segmentation, numbers)
+    values, layers = _label_values(path, segmentation, numbers)
     names = [str(segmentation.get_segment_description(number).segment_label).strip() for number in numbers]
     notes: dict[str, str] = {}
     for k, (number, name) in enumerate(zip(numbers, names, strict=True)):
@@ -151,7 +151,7 @@ def _image(path: Path, segmentation: Any) -> Image:
     return Image(values, check_affine(str(path), affine), "LPS", notes)
 
 
-def _labels(path: Path, segmentation: Any, numbers: list[int]) -> tuple[NDArray[Any], list[int]]:
+def _label_values(path: Path, segmentation: Any, numbers: list[int]) -> tuple[NDArray[Any], list[int]]:
     """Numbers of the segments (nz, ny, nx), or (nz, ny, nx, layers) where they overlap; the layer of each."""
     kind = segmentation.segmentation_type.value
     if kind != "FRACTIONAL":

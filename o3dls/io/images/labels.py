@@ -54,10 +54,10 @@ def surface_of(
     Only the largest connected piece is taken, and what goes on from it obliquely through thick slices
     (`pieces.py`). Raises InputError where the label is not there, or must be said.
     """
-    values, label = _chosen(path, image, label, part, layer)
+    values, label = _choose_label(path, image, label, part, layer)
     mask = np.asarray(values == label)
     if box is not None:
-        mask &= _inside(mask.shape, image.affine, box)
+        mask &= _voxels_in_box(mask.shape, image.affine, box)
     if not mask.any():
         raise InputError(
             f"{path}: no voxel of label {label} {'is there' if box is None else 'lies in the box'}"
@@ -76,7 +76,7 @@ def surface_of(
     return SurfaceFile(surface, image.space, "mm", facts, notes)
 
 
-def _segments(notes: Mapping[str, str]) -> dict[str, tuple[int, int]]:
+def _named_segments(notes: Mapping[str, str]) -> dict[str, tuple[int, int]]:
     """Names of a Slicer segmentation with their layer and label."""
     found = {}
     k = 0
@@ -90,12 +90,12 @@ def _segments(notes: Mapping[str, str]) -> dict[str, tuple[int, int]]:
     return found
 
 
-def _chosen(
+def _choose_label(
     path: str, image: Image, label: int | None, part: str | None, layer: int | None
 ) -> tuple[NDArray[Any], int]:
     """The layer and the label in it that are meant; where nothing is said there must be one only."""
     layers = image.values if image.values.ndim == 4 else image.values[..., None]
-    segments = _segments(image.notes)
+    segments = _named_segments(image.notes)
     given = [f"{k} {v!r}" for k, v in (("label", label), ("part", part), ("layer", layer)) if v is not None]
     if part is not None and len(given) > 1:
         raise InputError(f"{path}: {' and '.join(given)} are both given; say the one that is meant")
@@ -105,13 +105,15 @@ def _chosen(
                 f"{path}: has no segment '{part}'" + (did_you_mean(part, list(segments)) if segments else "")
             )
         layer, label = segments[part]
-        return layers[..., _there(path, layer, layers.shape[-1], f"segment '{part}' is in")], label
+        return layers[..., _check_layer(path, layer, layers.shape[-1], f"segment '{part}' is in")], label
     numbers = (
-        range(layers.shape[-1]) if layer is None else [_there(path, layer, layers.shape[-1], "there is no")]
+        range(layers.shape[-1])
+        if layer is None
+        else [_check_layer(path, layer, layers.shape[-1], "there is no")]
     )
-    found = {k: _labels(path, layers[..., k]) for k in numbers}
+    found = {k: _find_labels(path, layers[..., k]) for k in numbers}
     labels = sorted({value for values in found.values() for value in values})
-    hint = _hint(segments, f"--label (there are {', '.join(map(str, labels))})")
+    hint = _hint_options(segments, f"--label (there are {', '.join(map(str, labels))})")
     if label is None:
         if len(labels) > MANY_LABELS and not segments:
             raise InputError(
@@ -125,26 +127,26 @@ def _chosen(
     if len(layers_of) > 1:
         raise InputError(
             f"{path}: label {label} is in {len(layers_of)} layers"
-            + _hint(segments, f"--layer ({layers_of[0]} to {layers_of[-1]})")
+            + _hint_options(segments, f"--layer ({layers_of[0]} to {layers_of[-1]})")
         )
     if not layers_of:
         raise InputError(f"{path}: has no label {label}" + hint)
     return layers[..., layers_of[0]], label
 
 
-def _there(path: str, layer: int, number: int, what: str) -> int:
+def _check_layer(path: str, layer: int, number: int, what: str) -> int:
     if not 0 <= layer < number:
         raise InputError(f"{path}: {what} layer {layer}: there are {number}, counted from 0")
     return layer
 
 
-def _hint(segments: Mapping[str, Any], option: str) -> str:
+def _hint_options(segments: Mapping[str, Any], option: str) -> str:
     """The options that say which label or layer is meant: the one named, or a segment of those there are."""
     parts = [f"--part ({', '.join(segments)})"] if segments else []
     return "; say " + " or ".join([option, *parts])
 
 
-def _labels(path: str, values: NDArray[Any]) -> list[int]:
+def _find_labels(path: str, values: NDArray[Any]) -> list[int]:
     """Labels other than 0. Raises InputError for an image of grey values.
 
     Slice by slice from the middle, where a grey image shows what it is: it may be large, and is not copied.
@@ -152,7 +154,7 @@ def _labels(path: str, values: NDArray[Any]) -> list[int]:
     middle = len(values) // 2
     found: set[int] = set()
     for k in sorted(range(len(values)), key=lambda k: abs(k - middle)):
-        found |= _whole(path, values[k])
+        found |= _whole_values(path, values[k])
         if len(found) > MOST_LABELS:
             raise InputError(
                 f"{path}: holds more than {MOST_LABELS} different values; it is an image, not a label volume"
@@ -160,7 +162,7 @@ def _labels(path: str, values: NDArray[Any]) -> list[int]:
     return sorted(found - {0})
 
 
-def _whole(path: str, values: NDArray[Any]) -> set[int]:
+def _whole_values(path: str, values: NDArray[Any]) -> set[int]:
     """The different values of a slice. Raises InputError where one is not a whole number."""
     found = np.unique(values)
     if found.dtype.kind == "f" and not ((found == np.round(found)) & (np.abs(found) < 1e9)).all():
@@ -170,7 +172,7 @@ def _whole(path: str, values: NDArray[Any]) -> set[int]:
     return {int(value) for value in found}
 
 
-def _inside(shape: tuple[int, ...], affine: Array, box: Box) -> NDArray[np.bool_]:
+def _voxels_in_box(shape: tuple[int, ...], affine: Array, box: Box) -> NDArray[np.bool_]:
     """Voxels whose centre lies in the box, (nz, ny, nx)."""
     k, j, i = np.indices(shape, sparse=True)
     inside = np.ones(shape, dtype=bool)

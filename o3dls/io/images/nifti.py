@@ -29,11 +29,11 @@ UNITS = {1: 1000.0, 3: 0.001}  # metres and micrometres; without a word it is mm
 
 
 def knows(data: bytes) -> bool:
-    start = _start(data)
-    return _kind(start) is not None or _analyze(start)
+    start = _unpack_start(data)
+    return _header_kind(start) is not None or _is_analyze(start)
 
 
-def _start(data: bytes) -> bytes:
+def _unpack_start(data: bytes) -> bytes:
     """As many bytes as the longest header has, unpacked."""
     if not packed(data):
         return data[: max(HEADERS)]
@@ -43,7 +43,7 @@ def _start(data: bytes) -> bytes:
         return b""
 
 
-def _kind(start: bytes) -> tuple[int, bool] | None:
+def _header_kind(start: bytes) -> tuple[int, bool] | None:
     """Size of the header, and whether the voxels are in the same file; None for other files."""
     for size, (_, at, single, pair) in HEADERS.items():
         if start[at : at + len(single)] in (single, pair) and len(start) >= size:
@@ -51,7 +51,7 @@ def _kind(start: bytes) -> tuple[int, bool] | None:
     return None
 
 
-def _analyze(start: bytes) -> bool:
+def _is_analyze(start: bytes) -> bool:
     """Whether a file is a header of Analyze 7.5, which has the size of NIfTI's and no magic word."""
     return (
         len(start) == 348 and not any(start[344:]) and 348 in (int.from_bytes(start[:4], o) for o in ORDERS)
@@ -61,34 +61,34 @@ def _analyze(start: bytes) -> bool:
 @np.errstate(over="ignore", invalid="ignore")  # numbers that overflow are refused where they are checked
 def read_nifti(path: Path, data: bytes, frame: str | None = None) -> Image:
     """The volume, 3D or with layers (phases in time); `frame` is that of its axes where no form says it."""
-    start = _start(data)
-    kind = _kind(start)
+    start = _unpack_start(data)
+    kind = _header_kind(start)
     if kind is None:
         raise InputError(f"{path}: is Analyze 7.5, which does not say left from right: save it as NIfTI")
     size, single = kind
-    header = _header(path, start[:size])
-    sizes, dtype, offset, scaling = _voxels(path, header)
+    header = _read_header(path, start[:size])
+    sizes, dtype, offset, scaling = _describe_voxels(path, header)
     if offset < (size if single else 0):
         raise InputError(f"{path}: has its voxels at byte {offset}, within the header of {size} bytes")
     most = offset + size_of(path, sizes, dtype.str)
-    body = _unpacked(path, data, most) if single else _of_pair(path, data, most)
+    body = _unpack_file(path, data, most) if single else _read_pair(path, data, most)
     values = shaped(path, body[offset:], dtype.str, sizes)
     if scaling is not None and scaling != (1.0, 0.0):
         values = values * scaling[0] + scaling[1]
     return Image(np.moveaxis(values, 0, -1) if values.ndim == 4 else values, *place(header, str(path), frame))
 
 
-def _unpacked(path: Path, body: bytes, most: int) -> bytes:
+def _unpack_file(path: Path, body: bytes, most: int) -> bytes:
     return inflate(path, body, most) if packed(body) else body
 
 
-def _of_pair(path: Path, header: bytes, most: int) -> bytes:
+def _read_pair(path: Path, header: bytes, most: int) -> bytes:
     """The file of a pair that holds the voxels, unpacked, where the header's own checksum holds too."""
-    _unpacked(path, header, LONGEST_HEADER)
+    _unpack_file(path, header, LONGEST_HEADER)
     name = _image_name(path)
     body = beside(path, name)
     # it has no word of its own to be known by: damaged ones of gzip must not pass for voxels
-    return inflate(path, body, most) if name.endswith(".gz") else _unpacked(path, body, most)
+    return inflate(path, body, most) if name.endswith(".gz") else _unpack_file(path, body, most)
 
 
 def _image_name(path: Path) -> str:
@@ -98,7 +98,7 @@ def _image_name(path: Path) -> str:
     return next((name for name in names if (path.parent / name).is_file()), names[0])
 
 
-def _header(path: Path, block: bytes) -> Any:
+def _read_header(path: Path, block: bytes) -> Any:
     """nibabel's header of the bytes as they are: what its own checks repair is refused below."""
     import nibabel
 
@@ -110,7 +110,9 @@ def _header(path: Path, block: bytes) -> Any:
     return getattr(nibabel, HEADERS[len(block)][0])(block, endianness=order, check=False)
 
 
-def _voxels(path: Path, header: Any) -> tuple[list[int], np.dtype[Any], int, tuple[float, float] | None]:
+def _describe_voxels(
+    path: Path, header: Any
+) -> tuple[list[int], np.dtype[Any], int, tuple[float, float] | None]:
     """Sizes of the axes, four where there are layers; type and first byte of the voxels; slope and intercept,
     or None.
     """
@@ -141,9 +143,9 @@ def place(header: Any, where: str, frame: str | None) -> tuple[Array, str]:
     pixdim = np.asarray(header["pixdim"], dtype=np.float64)
     if int(header["sform_code"]) > 0:
         affine = np.asarray(header.get_sform(), dtype=np.float64)
-        _agree(where, affine, pixdim[1:4])
+        _check_voxel_sizes(where, affine, pixdim[1:4])
     elif int(header["qform_code"]) > 0:
-        affine = _qform(header, where)
+        affine = _read_qform(header, where)
     else:
         return along_axes(
             where, "its header has neither qform nor sform", np.abs(pixdim[1:4]) * factor, frame
@@ -151,7 +153,7 @@ def place(header: Any, where: str, frame: str | None) -> tuple[Array, str]:
     return check_affine(where, TURN @ np.diag([factor, factor, factor, 1.0]) @ affine), "LPS"
 
 
-def _qform(header: Any, where: str) -> Array:
+def _read_qform(header: Any, where: str) -> Array:
     from nibabel.spatialimages import HeaderDataError
 
     header = header.copy()
@@ -162,7 +164,7 @@ def _qform(header: Any, where: str) -> Array:
         raise InputError(f"{where}: its qform is not a rotation: {error}") from None
 
 
-def _agree(where: str, affine: Array, pixdim: Array) -> None:
+def _check_voxel_sizes(where: str, affine: Array, pixdim: Array) -> None:
     """Refuse a sform whose voxels have other sizes than the header's pixdim (3,): one of them is wrong, or
     the sform leads to another body, as to a standard brain.
     """

@@ -71,14 +71,16 @@ def read_nrrd(path: Path, data: bytes, frame: str | None = None) -> Image:
             f"{path}: NRRD has dimension {header.get('dimension')} and sizes {header.get('sizes')}: must "
             "be 3, or 4 with an axis of layers"
         )
-    affine, space, listed = _place(path, header, len(sizes), frame)
-    values = _values(path, header, beside(path, file) if file else data[end.end() if end else 0 :], sizes)
+    affine, space, listed = _read_place(path, header, len(sizes), frame)
+    values = _read_values(
+        path, header, beside(path, file) if file else data[end.end() if end else 0 :], sizes
+    )
     if listed is not None:  # the axes come out turned around, since the first one runs fastest
         values = np.moveaxis(values, 3 - listed, -1)
     return Image(values, affine, space, notes)
 
 
-def _place(
+def _read_place(
     path: Path, header: Mapping[str, str], axes: int, frame: str | None
 ) -> tuple[Array, str, int | None]:
     """Index to mm in LPS, the frame, and which axis is that of the layers.
@@ -86,7 +88,7 @@ def _place(
     A file that names no space stays in its own, which is unknown.
     """
     if "space directions" not in header and "spacings" in header:
-        return _spaced(path, header, axes, frame)
+        return _place_by_spacings(path, header, axes, frame)
     vectors = [match[1] for match in re.finditer(VECTOR, header.get("space directions", ""))]
     if len(vectors) != axes or sum(vector is not None for vector in vectors) != 3:
         raise InputError(
@@ -99,7 +101,7 @@ def _place(
     if origin is None or origin[1] is None:
         raise InputError(f"{path}: NRRD 'space origin' must be a vector")
     affine[:3, 3] = flat_numbers(origin[1].replace(",", " "), 3, f"{path}: space origin")
-    affine[:3] *= _millimetres(path, header, "space units", [0, 1, 2])[:, None]
+    affine[:3] *= _read_units(path, header, "space units", [0, 1, 2])[:, None]
     check_affine(f"{path}: NRRD 'space directions' and 'space origin'", affine)
     listed = vectors.index(None) if axes == 4 else None
     name = header.get("space", "").lower()
@@ -110,10 +112,10 @@ def _place(
     return np.diag([*SPACES[name], 1.0, 1.0]) @ affine, "LPS", listed
 
 
-def _spaced(
+def _place_by_spacings(
     path: Path, header: Mapping[str, str], axes: int, frame: str | None
 ) -> tuple[Array, str, int | None]:
-    """As `_place`, of a file that has sizes of voxels alone; an axis of layers has none (nan)."""
+    """As `_read_place`, of a file that has sizes of voxels alone; an axis of layers has none (nan)."""
     for key in ("space", "space origin", "axis mins", "axismins"):
         if header.get(key):
             raise InputError(
@@ -126,12 +128,12 @@ def _spaced(
             f"{path}: NRRD spacings {header['spacings'][:60]}: must be three above 0, and nan for an axis of "
             "layers"
         )
-    spacing = sizes[spatial] * _millimetres(path, header, "units", spatial)
+    spacing = sizes[spatial] * _read_units(path, header, "units", spatial)
     listed = ({*range(axes)} - {*spatial}).pop() if axes == 4 else None
     return *along_axes(str(path), "it has spacings and no space directions", spacing, frame), listed
 
 
-def _millimetres(path: Path, header: Mapping[str, str], key: str, axes: list[int]) -> Array:
+def _read_units(path: Path, header: Mapping[str, str], key: str, axes: list[int]) -> Array:
     """Factors to mm along three axes, by a line of units. Raises InputError for units that are not known."""
     stated = header.get(key, '"" ' * (max(axes) + 1))
     words = [quoted or bare for quoted, bare in re.findall(r'"([^"]*)"|([^\s"]+)', stated)]
@@ -149,7 +151,7 @@ def _millimetres(path: Path, header: Mapping[str, str], key: str, axes: list[int
     return np.array([UNITS[words[k]] for k in axes])
 
 
-def _values(path: Path, header: Mapping[str, str], body: bytes, sizes: list[int]) -> NDArray[Any]:
+def _read_values(path: Path, header: Mapping[str, str], body: bytes, sizes: list[int]) -> NDArray[Any]:
     kind = TYPES.get(header.get("type", "").lower())
     if kind is None:
         raise InputError(
@@ -158,7 +160,7 @@ def _values(path: Path, header: Mapping[str, str], body: bytes, sizes: list[int]
     n = count(path, sizes)
     encoding = header.get("encoding", "").lower()
     dtype = np.dtype((">" if header.get("endian", "little") == "big" else "<") + kind)
-    lines, skipped = _skip(path, header, "line skip"), _skip(path, header, "byte skip")
+    lines, skipped = _read_skip(path, header, "line skip"), _read_skip(path, header, "byte skip")
     body = body.split(b"\n", lines)[-1] if body.count(b"\n") >= lines else b""
     if skipped < 0:  # the data are the last bytes of the file
         if encoding != "raw":
@@ -175,7 +177,7 @@ def _values(path: Path, header: Mapping[str, str], body: bytes, sizes: list[int]
     return shaped(path, body, dtype.str, sizes)
 
 
-def _skip(path: Path, header: Mapping[str, str], key: str) -> int:
+def _read_skip(path: Path, header: Mapping[str, str], key: str) -> int:
     """Lines or bytes before the data, under either spelling of the key; of bytes, -1: all but the data."""
     words = [header[name] for name in (key, key.replace(" ", "")) if name in header]
     if not all(is_count(word) or (word == "-1" and key == "byte skip") for word in words):

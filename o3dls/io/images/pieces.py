@@ -71,12 +71,12 @@ def joined(mask: Mask, spacing: Array) -> tuple[Mask, list[Bridge]]:
     pieces, _ = label(mask & ~chamber)
     bridges: list[Bridge] = []
     boxes = dict(enumerate(find_objects(pieces), 1)) if thick(spacing) else {}
-    waiting = [k for k, box in boxes.items() if _thin(pieces[box] == k, spacing)]
+    waiting = [k for k, box in boxes.items() if _is_thin_vein(pieces[box] == k, spacing)]
     near = True
     while near:  # a piece may go on from another
         near = False
         for k in tuple(waiting):
-            ends = _nearest(pieces, k, boxes[k], chamber, spacing)
+            ends = _find_near_end(pieces, k, boxes[k], chamber, spacing)
             if ends is not None:
                 bridges.append(Bridge(*ends, pieces[ends[0]] == k, chamber[ends[1]].copy()))
                 chamber[boxes[k]] |= pieces[boxes[k]] == k
@@ -85,15 +85,18 @@ def joined(mask: Mask, spacing: Array) -> tuple[Mask, list[Bridge]]:
     return chamber, bridges
 
 
-def _thin(piece: Mask, spacing: Array) -> bool:
+def _is_thin_vein(piece: Mask, spacing: Array) -> bool:
     """Whether a piece, cut out, is as wide as a vein that slices may lose, and no dust."""
     if min(piece.shape[1:]) < 3:  # there may be 100 000 grains
         return False
-    radii = [_distance(section, spacing).max() for section in np.pad(~piece, 1, constant_values=True)[1:-1]]
+    radii = [
+        _distance_to_section(section, spacing).max()
+        for section in np.pad(~piece, 1, constant_values=True)[1:-1]
+    ]
     return bool(THINNEST * spacing[1:].max() < max(radii) <= WIDEST * spacing[0])
 
 
-def _nearest(
+def _find_near_end(
     pieces: NDArray[Any], k: int, box: tuple[slice, ...], chamber: Mask, spacing: Array
 ) -> tuple[int, int] | None:
     """The slice at an end of piece k and the next, where the chamber is near in that, and nearer than in its
@@ -105,7 +108,7 @@ def _nearest(
     piece, near, first = pieces[window] == k, chamber[window], window[0].start
     for start, end in ((box[0].start, box[0].start - 1), (box[0].stop - 1, box[0].stop)):
         own, gap = (
-            _distance(near[z - first], spacing)[piece[start - first]].min()
+            _distance_to_section(near[z - first], spacing)[piece[start - first]].min()
             if 0 <= z - first < len(near) and near[z - first].any()
             else np.inf
             for z in (start, end)
@@ -115,7 +118,7 @@ def _nearest(
     return None
 
 
-def _distance(section: Mask, spacing: Array) -> Array:
+def _distance_to_section(section: Mask, spacing: Array) -> Array:
     """Distance to the nearest voxel of a section (rows, columns) from everywhere in it."""
     from scipy.ndimage import distance_transform_edt
 

@@ -81,7 +81,7 @@ def inflate(path: Path, data: bytes, most: int) -> bytes:
     for _ in range(MOST_PARTS):
         if at == len(data) or data[at] == 0:  # no part begins with 0; blocks of tapes are filled with it
             break
-        part, at = _part(path, data, at, left)
+        part, at = _inflate_part(path, data, at, left)
         out += part
         left -= sum(map(len, part))
         if left < 0:
@@ -96,7 +96,7 @@ def inflate(path: Path, data: bytes, most: int) -> bytes:
     return b"".join(out)
 
 
-def _part(path: Path, data: bytes, at: int, left: int) -> tuple[list[bytes], int]:
+def _inflate_part(path: Path, data: bytes, at: int, left: int) -> tuple[list[bytes], int]:
     """The pieces of the part that begins at byte `at`, one byte more than `left` at most, and where it ends.
 
     zlib compares the checksum when it comes to the end, so the part is read until there.

@@ -44,7 +44,7 @@ def mask_surface(mask: Mask, affine: Array, name: str = "mask") -> Surface:
     borders += [(axis, -1) for axis in range(3) if high[axis] == mask.shape[axis] - 1]
     if len(borders) == 6:  # it was cut out around the label, so none of them cuts the label
         borders = []
-    field = wall_field(_continued(part, borders), spacing)
+    field = wall_field(_continue_past_borders(part, borders), spacing)
     for axis, end in borders:
         _cut_off(field.swapaxes(0, axis), end, parts_of(part, spacing) if axis == 0 else 1)
     mesh = o3d.t.geometry.TriangleMesh.create_isosurfaces(o3d.core.Tensor.from_numpy(-field), [0.0])
@@ -74,7 +74,7 @@ def parts_of(mask: Mask, spacing: Array) -> int:
     return 1 + 2 * int(np.clip(pairs, 0, most))
 
 
-def _continued(mask: Mask, borders: Sequence[tuple[int, int]]) -> Mask:
+def _continue_past_borders(mask: Mask, borders: Sequence[tuple[int, int]]) -> Mask:
     """A padded mask that goes on past the borders (axis, first or last) of its volume as it reaches them."""
     mask = mask.copy()
     for axis, end in borders:
@@ -100,24 +100,24 @@ def wall_field(mask: Mask, spacing: Array) -> Field:
     parts = parts_of(mask, spacing)
     side = np.where(mask, -1.0, 1.0).astype(np.float32)
     if parts == 1:
-        return _on_its_side(_smooth(side, MASK_SMOOTHING), side, 2.0 * CLEARANCE)
+        return _keep_on_side(_smooth_steps(side, MASK_SMOOTHING), side, 2.0 * CLEARANCE)
     least = CLEARANCE * spacing.min()
-    distance = _to_other_side(mask, spacing)
+    distance = _distance_to_wall(mask, spacing)
     for _ in range(ROUNDS):
-        inside = _between_slices(distance, parts) < 0.0
-        distance = _smooth(_to_other_side(inside, spacing / [parts, 1, 1]), DISTANCE_SMOOTHING)
-        distance = _on_its_side(distance[::parts], side, least)
-    field = _between_slices(distance, parts)
+        inside = _interpolate_slices(distance, parts) < 0.0
+        distance = _smooth_steps(_distance_to_wall(inside, spacing / [parts, 1, 1]), DISTANCE_SMOOTHING)
+        distance = _keep_on_side(distance[::parts], side, least)
+    field = _interpolate_slices(distance, parts)
     for bridge in joined(mask, spacing)[1]:
-        _unite(field, bridge, parts, spacing)
+        _unite_bridge(field, bridge, parts, spacing)
     return field
 
 
-def _on_its_side(values: Field, side: Field, least: float) -> Field:
+def _keep_on_side(values: Field, side: Field, least: float) -> Field:
     return np.asarray(side * np.maximum(side * values, np.float32(least)))
 
 
-def _to_other_side(inside: Mask, spacing: Array) -> Field:
+def _distance_to_wall(inside: Mask, spacing: Array) -> Field:
     """Distance of every voxel's centre to the other side, negative inside; the wall lies half a voxel before
     the nearest centre there.
     """
@@ -128,7 +128,7 @@ def _to_other_side(inside: Mask, spacing: Array) -> Field:
     return np.asarray(distance + np.where(inside, 0.5, -0.5) * np.float32(spacing.min()), dtype=np.float32)
 
 
-def _smooth(values: Field, deviation: float) -> Field:
+def _smooth_steps(values: Field, deviation: float) -> Field:
     """Values without the steps of the voxels; what the filter takes from curved walls, its second pass gives
     back.
     """
@@ -138,7 +138,7 @@ def _smooth(values: Field, deviation: float) -> Field:
     return np.asarray(once + gaussian_filter(values - once, deviation))
 
 
-def _between_slices(values: Field, parts: int) -> Field:
+def _interpolate_slices(values: Field, parts: int) -> Field:
     """Values (slices, rows, columns) with `parts` - 1 slices more in every gap: monotone cubics (Fritsch and
     Butland 1984), so that the sign does not change between two of one sign.
     """
@@ -152,13 +152,13 @@ def _between_slices(values: Field, parts: int) -> Field:
     return out
 
 
-def _unite(field: Field, bridge: Bridge, parts: int, spacing: Array) -> None:
+def _unite_bridge(field: Field, bridge: Bridge, parts: int, spacing: Array) -> None:
     """Unite the field with a tube from slice to slice: the piece's section slides to where the chamber's
     covers it best, and becomes what is common to both on the way.
     """
     from scipy.ndimage import shift
 
-    piece, chamber = (_to_other_side(section, spacing[1:]) for section in (bridge.piece, bridge.chamber))
+    piece, chamber = (_distance_to_wall(section, spacing[1:]) for section in (bridge.piece, bridge.chamber))
     centre = np.unravel_index(piece.argmin(), piece.shape)
     offset = np.stack([axis - at for axis, at in zip(np.indices(piece.shape), centre, strict=True)])
     way = np.linalg.norm(offset * spacing[1:, None, None], axis=0)

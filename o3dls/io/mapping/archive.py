@@ -42,10 +42,10 @@ class Archive:
             raise InputError(f"{path}: is a 7-Zip archive, whatever its name; unpack it and name the folder")
         if data[:4] != b"PK\x03\x04":
             return cls(path.parent, (path.name,))
-        return cls._zipped(path, data)
+        return cls._open_zip(path, data)
 
     @classmethod
-    def _zipped(cls, path: Path, data: bytes) -> Archive:
+    def _open_zip(cls, path: Path, data: bytes) -> Archive:
         try:
             file = zipfile.ZipFile(io.BytesIO(data))
         except (zipfile.BadZipFile, NotImplementedError, ValueError, EOFError, zlib.error) as error:
@@ -64,7 +64,7 @@ class Archive:
         """
         inner = self.named(".zip")
         if self.zipped and len(inner) == 1:
-            within = self._zipped(self.path / inner[0], self.read(inner[0])).zipped
+            within = self._open_zip(self.path / inner[0], self.read(inner[0])).zipped
             found = {**self.zipped, **{f"{inner[0]}/{name}": where for name, where in within.items()}}
             yield Archive(self.path, tuple(sorted(found)), found)
 
@@ -103,14 +103,14 @@ class Archive:
         """The file of that name in that folder, upper and lower case and both forms of an accent alike; None
         where there is none.
         """
-        wanted = _plain(str(PurePosixPath(folder) / name))
-        return next((n for n in self.names if _plain(n) == wanted), None)
+        wanted = _plain_name(str(PurePosixPath(folder) / name))
+        return next((n for n in self.names if _plain_name(n) == wanted), None)
 
     def named(self, ending: str) -> list[str]:
         """Files whose name ends so."""
         return [name for name in self.names if name.lower().endswith(ending.lower())]
 
 
-def _plain(name: str) -> str:
+def _plain_name(name: str) -> str:
     """A name in the form in which systems agree on it."""
     return unicodedata.normalize("NFC", name).lower()

@@ -80,20 +80,20 @@ def find_study(archive: Archive) -> Study | None:
         raise InputError(
             f"{archive.path}: holds {len(found)} studies ({', '.join(found)}); name the folder of one"
         )
-    return _study(archive.with_neighbours(), found[0]) if found else None
+    return _read_xml(archive.with_neighbours(), found[0]) if found else None
 
 
-def _study(archive: Archive, name: str) -> Study:
+def _read_xml(archive: Archive, name: str) -> Study:
     where = archive.where(name)
     root = parse_xml(where, _as_utf8(archive.read(name)))
     units = root.find("Units")
     if units is not None and units.get("Distance", "mm") != "mm":
         raise InputError(f"{where}: its distances are in {units.get('Distance')}: must be mm")
     full_names = {tag.get("ID", ""): tag.get("Short_Name", "") for tag in root.iterfind("Maps/TagsTable/Tag")}
-    maps = tuple(_map(element, full_names) for element in root.iterfind("Maps/Map"))
+    maps = tuple(_read_map(element, full_names) for element in root.iterfind("Maps/Map"))
     if not maps:
         raise InputError(f"{where}: describes no map")
-    return Study(archive, str(PurePosixPath(name).parent), maps, tuple(_shells(root)))
+    return Study(archive, str(PurePosixPath(name).parent), maps, tuple(_list_shells(root)))
 
 
 def _as_utf8(data: bytes) -> bytes:
@@ -105,7 +105,7 @@ def _as_utf8(data: bytes) -> bytes:
     return data
 
 
-def _map(element: ElementTree.Element, tag_names: dict[str, str]) -> Map:
+def _read_map(element: ElementTree.Element, tag_names: dict[str, str]) -> Map:
     tags: dict[int, list[str]] = {}
     points = element.findall("CartoPoints/Point")
     for point in points:
@@ -115,20 +115,20 @@ def _map(element: ElementTree.Element, tag_names: dict[str, str]) -> Map:
     return Map(
         element.get("Name", ""),
         tuple(re.findall(r"[^;|]+?\.mesh", element.get("FileNames", ""))),
-        _number(element.get("Volume")),
+        _number_or_none(element.get("Volume")),
         len(points),
         tags,
     )
 
 
-def _number(text: str | None) -> float | None:
+def _number_or_none(text: str | None) -> float | None:
     try:
         return float(text or "")
     except ValueError:
         return None
 
 
-def _shells(root: ElementTree.Element) -> Iterator[tuple[str, tuple[float, ...] | None]]:
+def _list_shells(root: ElementTree.Element) -> Iterator[tuple[str, tuple[float, ...] | None]]:
     """Imported shells (CT, MRI) and the vendor's registration of each.
 
     No public source proves its direction.
@@ -136,7 +136,7 @@ def _shells(root: ElementTree.Element) -> Iterator[tuple[str, tuple[float, ...] 
     for mesh in root.iterfind(".//Meshes/Mesh"):
         if mesh.get("FileName"):
             numbers = [
-                _number(word)
+                _number_or_none(word)
                 for word in (
                     mesh.findtext("RegistrationMatrix") or root.findtext(".//RegistrationMatrix") or ""
                 ).split()

@@ -80,7 +80,7 @@ def parse(path: Path, data: bytes, required: Sequence[str]) -> Export:
     InputError.
     """
     lines = decode(data, path).splitlines()
-    start, header, comma = _header(path, lines, required)
+    start, header, comma = _find_header(path, lines, required)
     if start is None:
         raise InputError(f"{path}: has no line with the columns {', '.join(required)}")
     found = (re.match(rf"\s*([^:*{comma}]+?)\s*:\s*{comma}?\s*([^{comma}]*)", line) for line in lines[:start])
@@ -108,7 +108,9 @@ def parse(path: Path, data: bytes, required: Sequence[str]) -> Export:
     return Export(path, preamble, header, rows)
 
 
-def _header(path: Path, lines: Sequence[str], required: Sequence[str]) -> tuple[int | None, list[str], str]:
+def _find_header(
+    path: Path, lines: Sequence[str], required: Sequence[str]
+) -> tuple[int | None, list[str], str]:
     """The first line that has all the columns, with its names stripped, and what parts them; a name that
     comes again counts once.
     """
@@ -128,8 +130,8 @@ def read_map(path: Path, data: bytes) -> tuple[Points, dict[str, str]]:
     places = ("roving x", "roving y", "roving z")
     export = parse(path, data, places)
     xyz = export.xyz(places)
-    used = _utilised(export) if "utilized" in export.header else np.ones(len(xyz), dtype=bool)
-    columns = _values(export)
+    used = _utilised_rows(export) if "utilized" in export.header else np.ones(len(xyz), dtype=bool)
+    columns = _map_values(export)
     if NUMBER in export.header:
         columns[NUMBER] = export.numbers(NUMBER)
     if "force (g)" in export.header:
@@ -159,7 +161,7 @@ def by_number(first: Points, second: Points) -> Points | None:
     return both.select(np.argsort(both.columns[NUMBER]))
 
 
-def _utilised(export: Export) -> NDArray[np.bool_]:
+def _utilised_rows(export: Export) -> NDArray[np.bool_]:
     """The rows that the map uses. Raises InputError where a row does not say."""
     marks = export.numbers("utilized")
     blank = np.flatnonzero(np.isnan(marks))
@@ -171,7 +173,7 @@ def _utilised(export: Export) -> NDArray[np.bool_]:
     return np.asarray(marks == 1)
 
 
-def _values(export: Export) -> dict[str, NDArray[Any]]:
+def _map_values(export: Export) -> dict[str, NDArray[Any]]:
     """The map's own value, named by what the map is: `PP_bi` is bipolar, `PP_uni` unipolar, `LAT_...` lat."""
     kind = export.preamble.get("Map type", "")
     first, _, source = kind.partition("_")
@@ -193,7 +195,7 @@ def _values(export: Export) -> dict[str, NDArray[Any]]:
 def read_lesions(path: Path, data: bytes) -> Points:
     """Ablation points of Lesions.csv or AutoMark_Data.csv. Raises InputError."""
     for places in LESION_XYZ:
-        if _header(path, decode(data, path).splitlines(), places)[0] is not None:
+        if _find_header(path, decode(data, path).splitlines(), places)[0] is not None:
             export = parse(path, data, places)
             xyz = export.xyz(places)
             columns: dict[str, NDArray[Any]] = {

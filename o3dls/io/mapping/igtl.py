@@ -119,7 +119,7 @@ def send(
         try:
             for data in messages:
                 connection.sendall(data)
-            return sum(map(len, messages)), _closed(connection, timeout)
+            return sum(map(len, messages)), _await_close(connection, timeout)
         except OSError as error:
             raise InputError(
                 f"{host}:{port}: the receiver did not read everything: {error}; is it an OpenIGTLink server "
@@ -127,7 +127,7 @@ def send(
             ) from None
 
 
-def _closed(connection: socket.socket, timeout: float) -> bool:
+def _await_close(connection: socket.socket, timeout: float) -> bool:
     """Whether the receiver closes in answer to the end of the data; what it sends meanwhile is passed over.
     Raises OSError where it closed before the end.
     """

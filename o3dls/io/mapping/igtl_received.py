@@ -53,18 +53,22 @@ def receive(read: Callable[[int], bytes]) -> Received:
     if len(head) < HEADER.size:
         raise InputError("the sender closed the connection in the middle of a message")
     version, kind, name, _, size, crc = HEADER.unpack(head)
-    if version not in VERSIONS or size > LARGEST or not _text(kind).isprintable():
+    if version not in VERSIONS or size > LARGEST or not _decode_text(kind).isprintable():
         raise InputError(f"what was received is no OpenIGTLink message (version {version}, {size} bytes)")
     body = read(size)
     if len(body) < size:
         raise InputError("the sender closed the connection in the middle of a message")
-    word = _text(kind)
+    word = _decode_text(kind)
     if crc64(body) != crc:
         raise BadMessage(f"a message {word} was damaged on its way (its checksum is wrong) and is left out")
-    return Received(word, _text(name), body) if version == 1 else _extended(word, _text(name), body)
+    return (
+        Received(word, _decode_text(name), body)
+        if version == 1
+        else _read_extended(word, _decode_text(name), body)
+    )
 
 
-def _extended(kind: str, name: str, body: bytes) -> Received:
+def _read_extended(kind: str, name: str, body: bytes) -> Received:
     """Content and number of a message from version 2 on; its metadata is passed over."""
     if len(body) < EXTENDED.size:
         raise BadMessage(f"a message {kind} is too short for its extended header and is left out")
@@ -83,7 +87,7 @@ def points_of(message: Received) -> list[ReceivedPoint]:
     for name, group, *_, x, y, z, _, _ in POINT.iter_unpack(message.content):
         if not np.isfinite((x, y, z)).all():
             raise BadMessage(f"a message POINT holds a place that is not finite: {[x, y, z]}; it is left out")
-        found.append(ReceivedPoint(_text(name), _text(group), (x, y, z)))
+        found.append(ReceivedPoint(_decode_text(name), _decode_text(group), (x, y, z)))
     return found
 
 
@@ -99,5 +103,5 @@ def transform_of(message: Received) -> Array:
     return matrix
 
 
-def _text(field: bytes) -> str:
+def _decode_text(field: bytes) -> str:
     return field.split(b"\0", 1)[0].decode("utf-8", "replace").strip()

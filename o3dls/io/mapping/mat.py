@@ -47,21 +47,21 @@ def _load_hdf5(path: Path, data: bytes) -> dict[str, Any]:
         ) from error
     try:
         with h5py.File(io.BytesIO(data), "r") as file:
-            return {name: _plain(file[name], file) for name in file if not name.startswith("#")}
+            return {name: _plain_value(file[name], file) for name in file if not name.startswith("#")}
     except Exception as error:  # a foreign parser, which raises whatever it meets
         raise InputError(
             f"{path}: is not a readable MATLAB 7.3 file: {error}; it is truncated or damaged"
         ) from error
 
 
-def _plain(node: Any, file: Any) -> Any:
+def _plain_value(node: Any, file: Any) -> Any:
     """A group as a dictionary, a data set as an array the way MATLAB shows it: axes turned, characters as
     text, no axis of one.
     """
     import h5py
 
     if isinstance(node, h5py.Group):
-        return {name: _plain(node[name], file) for name in node}
+        return {name: _plain_value(node[name], file) for name in node}
     if node.size > LARGEST:
         raise ValueError(f"{node.name} declares {node.size} values")
     if node.attrs.get("MATLAB_empty", 0):
@@ -70,7 +70,7 @@ def _plain(node: Any, file: Any) -> Any:
         return Opaque(bytes(node.attrs.get("MATLAB_class", b"object")).decode("latin-1"))
     values = np.asarray(node[()]).T
     if values.dtype == h5py.ref_dtype:
-        return [_plain(file[reference], file) for reference in values.ravel()]
+        return [_plain_value(file[reference], file) for reference in values.ravel()]
     if node.attrs.get("MATLAB_class", b"") == b"char":
         return "".join(chr(code) for code in values.ravel())
     return values.squeeze()

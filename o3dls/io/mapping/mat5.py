@@ -87,7 +87,7 @@ class Elements:
         return body.decode(TEXT[kind] + ("-be" if self.order == ">" else "-le") * wide, errors="replace")
 
 
-def _unpacked(run: Elements, packed: bytes) -> bytes:
+def _unpack_element(run: Elements, packed: bytes) -> bytes:
     """A packed element, of the length that it says. Raises InputError where that is too long, or where the
     packed data, at whose end their checksum is, do not end there.
     """
@@ -116,10 +116,10 @@ def read_mat5(path: Path, data: bytes) -> dict[str, Any]:
     while run.left:
         kind, body = run.take()
         if kind == PACKED:
-            kind, body = run.inside(_unpacked(run, body)).take()
+            kind, body = run.inside(_unpack_element(run, body)).take()
         if kind != MATRIX:
             raise run.error(f"a variable of type {kind} is not an array")
-        name, value = _matrix(run.inside(body))
+        name, value = _read_array(run.inside(body))
         if name in variables:
             raise run.error(f"variable '{name}' appears twice")
         variables[name] = value
@@ -128,7 +128,7 @@ def read_mat5(path: Path, data: bytes) -> dict[str, Any]:
     return variables
 
 
-def _matrix(run: Elements) -> tuple[str, Any]:
+def _read_array(run: Elements) -> tuple[str, Any]:
     """Name and value of one array; None for kinds that OpenEP does not use (sparse, functions)."""
     if not run.left:
         return "", np.zeros(0)
@@ -143,24 +143,24 @@ def _matrix(run: Elements) -> tuple[str, Any]:
     kind = int(flags[0]) & 0xFF
     count = int(np.prod(dims))
     if kind in NUMERIC:
-        return name, _numeric(run, dims, count)
+        return name, _read_numeric(run, dims, count)
     if kind == CHAR:
         return name, run.text().rstrip("\0") if count else ""
     if kind == CELL:
-        return name, [_nested(run) for _ in range(count)]
+        return name, [_read_nested(run) for _ in range(count)]
     if kind in (STRUCT, OBJECT):
-        return name, _struct(run, count, is_object=kind == OBJECT)
+        return name, _read_struct(run, count, is_object=kind == OBJECT)
     return name, None
 
 
-def _nested(run: Elements) -> Any:
+def _read_nested(run: Elements) -> Any:
     kind, body = run.take()
     if kind != MATRIX:
         raise run.error(f"an element of type {kind} stands where an array must be")
-    return _matrix(run.inside(body))[1]
+    return _read_array(run.inside(body))[1]
 
 
-def _numeric(run: Elements, dims: NDArray[Any], count: int) -> NDArray[Any]:
+def _read_numeric(run: Elements, dims: NDArray[Any], count: int) -> NDArray[Any]:
     """Real values, whatever type they were packed as; first axis fastest."""
     values = run.numbers()
     if len(values) != count:
@@ -168,7 +168,7 @@ def _numeric(run: Elements, dims: NDArray[Any], count: int) -> NDArray[Any]:
     return values.astype(np.float64).reshape(dims.tolist(), order="F").squeeze()
 
 
-def _struct(run: Elements, count: int, *, is_object: bool) -> Any:
+def _read_struct(run: Elements, count: int, *, is_object: bool) -> Any:
     if is_object:
         run.text()
     length = run.numbers()
@@ -179,5 +179,5 @@ def _struct(run: Elements, count: int, *, is_object: bool) -> Any:
     names = [body[k : k + width].split(b"\0")[0].decode("latin-1") for k in range(0, len(body), width)]
     if count > len(run.data):
         raise run.error(f"{count} structs are declared in {len(run.data)} bytes")
-    found = [{name: _nested(run) for name in names} for _ in range(count)]
+    found = [{name: _read_nested(run) for name in names} for _ in range(count)]
     return found[0] if count == 1 else found

@@ -48,7 +48,7 @@ def read(path: Path, data: bytes) -> SurfaceFile:
         )
     fields: dict[str, Array] = {}
     for name, columns in SURFACE_MAPS.items():
-        values = _rows(path, tree, f"surface.{name}", len(vertices), len(columns))
+        values = _rows_at(path, tree, f"surface.{name}", len(vertices), len(columns))
         if values is not None:
             fields |= {
                 column: values[:, k] for k, column in enumerate(columns) if np.isfinite(values[:, k]).any()
@@ -79,25 +79,25 @@ def read_points(path: Path, data: bytes) -> Points:
     xyz = np.zeros((0, 3)) if xyz is None else xyz
     sites = mat.numbers(path, tree, "rfindex.tag.X", 3)
     sites = np.zeros((0, 3)) if sites is None else sites
-    include = _rows(path, tree, "electric.include", len(xyz))
+    include = _rows_at(path, tree, "electric.include", len(xyz))
     keep = np.isfinite(xyz).all(axis=1) & (True if include is None else include > 0)
     if keep.sum() + len(sites) == 0:
         raise InputError(f"{path}: has no measured points (electric.egmX)")
     columns: dict[str, NDArray[Any]] = {
         name: np.append(values[keep], np.full(len(sites), np.nan))
-        for name, values in _values(path, tree, len(xyz))
+        for name, values in _point_columns(path, tree, len(xyz))
     }
     kinds = np.array(["eam"] * int(keep.sum()) + ["ablation"] * len(sites))
     return Points(np.vstack([xyz[keep], sites]), kinds, columns)
 
 
-def _values(path: Path, tree: Mapping[str, Any], n: int) -> list[tuple[str, Array]]:
+def _point_columns(path: Path, tree: Mapping[str, Any], n: int) -> list[tuple[str, Array]]:
     """Columns of the measured points that hold any value; the activation time is counted from the reference
     annotation.
     """
-    found = [(name, _rows(path, tree, f"electric.voltages.{name}", n)) for name in ("bipolar", "unipolar")]
+    found = [(name, _rows_at(path, tree, f"electric.voltages.{name}", n)) for name in ("bipolar", "unipolar")]
     marks, reference = (
-        _rows(path, tree, f"electric.annotations.{name}", n) for name in ("mapAnnot", "referenceAnnot")
+        _rows_at(path, tree, f"electric.annotations.{name}", n) for name in ("mapAnnot", "referenceAnnot")
     )
     rate = mat.numbers(path, tree, "electric.sampleFrequency")
     if marks is not None and reference is not None:
@@ -108,7 +108,9 @@ def _values(path: Path, tree: Mapping[str, Any], n: int) -> list[tuple[str, Arra
     return [(name, values) for name, values in found if values is not None and np.isfinite(values).any()]
 
 
-def _rows(path: Path, tree: Mapping[str, Any], where: str, n: int, width: int | None = None) -> Array | None:
+def _rows_at(
+    path: Path, tree: Mapping[str, Any], where: str, n: int, width: int | None = None
+) -> Array | None:
     """Numbers at `a.b.c`, NaN where one is not finite: a row for each of n positions (or one for all); None
     without. Raises InputError.
     """
@@ -133,7 +135,7 @@ def encode(surface: Surface, points: Points | None) -> bytes:
     """
     n = len(surface.vertices)
     maps = {
-        name: np.column_stack([_scalar(surface, column, n) for column in columns])
+        name: np.column_stack([_scalar_field(surface, column, n) for column in columns])
         for name, columns in SURFACE_MAPS.items()
     }
     shell = {"X": surface.vertices, "Triangulation": surface.faces + 1.0}
@@ -147,7 +149,7 @@ def encode(surface: Surface, points: Points | None) -> bytes:
     return save(tree)
 
 
-def _scalar(surface: Surface, name: str, n: int) -> Array:
+def _scalar_field(surface: Surface, name: str, n: int) -> Array:
     values = surface.fields.get(name)
     return np.full(n, np.nan) if values is None or values.ndim > 1 else values
 

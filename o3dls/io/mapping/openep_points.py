@@ -40,22 +40,22 @@ def electric_of(points: Points | None) -> dict[str, Any]:
         ),
         "impedances": {"time": none, "value": none},
     }
-    return found if eam is None or n == 0 else found | _measured(eam)
+    return found if eam is None or n == 0 else found | _members_of_points(eam)
 
 
-def _measured(eam: Points) -> dict[str, Any]:
-    bipolar = _column(eam, "bipolar")
+def _members_of_points(eam: Points) -> dict[str, Any]:
+    bipolar = _column_of_numbers(eam, "bipolar")
     return {
         "egmX": eam.xyz,
         # openep-py takes the voltage from the signal, and one that is nowhere a number for no measurement
         "egm": np.hstack([np.where(np.isfinite(bipolar), 0.0, np.nan), bipolar]),
         "include": np.ones((len(eam), 1)),
-        "voltages": {"bipolar": bipolar, "unipolar": _column(eam, "unipolar")},
-        **_annotations(_column(eam, "lat")),
+        "voltages": {"bipolar": bipolar, "unipolar": _column_of_numbers(eam, "unipolar")},
+        **_annotate_times(_column_of_numbers(eam, "lat")),
     }
 
 
-def _annotations(lat: Array) -> dict[str, Any]:
+def _annotate_times(lat: Array) -> dict[str, Any]:
     """Times (n, 1) in ms as whole samples, which openep-py makes of them in any case; those that are not
     known lie before the window of interest, which holds all others and the reference.
     """
@@ -79,11 +79,11 @@ def rfindex_of(points: Points | None) -> dict[str, Any]:
     sites = points.of("ablation") if points is not None else None
     if sites is None or len(sites) == 0:
         return {}
-    values = {theirs: _column(sites, ours) for theirs, ours in SITE_VALUES.items()}
+    values = {theirs: _column_of_numbers(sites, ours) for theirs, ours in SITE_VALUES.items()}
     return {"rfindex": {"tag": {"X": sites.xyz, **values}}}
 
 
-def _column(points: Points, name: str) -> Array:
+def _column_of_numbers(points: Points, name: str) -> Array:
     """Numbers (n, 1), NaN where there are none."""
     values = points.columns.get(name)
     numbers = values is not None and values.dtype.kind in "fiu"

@@ -27,14 +27,14 @@ def read_study(study: str | Path, map_name: str | None = None) -> Imported:
     """One map of a study, told by content. Raises InputError listing the maps where the name does not fit."""
     archive = Archive.open(study)
     for files in chain([archive], archive.unpacked()):
-        if (found := _found(files, map_name)) is not None:
-            return _of_known_values(found)
+        if (found := _find_map(files, map_name)) is not None:
+            return _drop_impossible_values(found)
     raise InputError(
         f"{study}: holds no CARTO 3 study (.xml), no EnSite map (.csv) and no OpenEP data set (.mat)"
     )
 
 
-def _of_known_values(found: Imported) -> Imported:
+def _drop_impossible_values(found: Imported) -> Imported:
     """The same without values that cannot be, which nobody mends in a study: it is said which are left."""
     columns, said = without_impossible(found.points.columns, lambda row: f"point {row + 1}")
     found.notes += [f"{found.name}: {note}" for note in (*found.points.notes, *said)]
@@ -42,7 +42,7 @@ def _of_known_values(found: Imported) -> Imported:
     return found
 
 
-def _found(archive: Archive, map_name: str | None) -> Imported | None:
+def _find_map(archive: Archive, map_name: str | None) -> Imported | None:
     """The map of an archive; None where it holds no study."""
     if (carto := carto_study.find_study(archive)) is not None:
         return _from_carto(carto, map_name)

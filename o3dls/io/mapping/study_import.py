@@ -91,14 +91,14 @@ def _write_map(folder: Path, found: Imported) -> None:
     if found.shell is not None:
         write_surface(folder / "map.ply", found.shell.surface, space=found.space)
     for name, shell in found.shells.items():
-        write_surface(folder / f"{_stem(name)}_shell.ply", shell.surface, space=shell.space)
+        write_surface(folder / f"{_plain_stem(name)}_shell.ply", shell.surface, space=shell.space)
     for name, matrix in found.registrations.items():
         rows = np.reshape(matrix, (4, 4)).tolist()
         text = "".join(" ".join(map(repr, row)) + "\n" for row in rows)
-        write_file(folder / f"{_stem(name)}_vendor_registration.txt", text)
+        write_file(folder / f"{_plain_stem(name)}_vendor_registration.txt", text)
 
 
-def _stem(name: str) -> str:
+def _plain_stem(name: str) -> str:
     """A file's name without its suffix and other dots.
 
     What stands before a dot is how a case finds its files.

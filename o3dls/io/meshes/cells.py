@@ -94,18 +94,18 @@ def surface_of(
             "extract the surface first"
         )
     solid = cells.count(*SOLIDS) > 0
-    blocks = _boundary(path, vertices, cells) if solid else _polygons(cells)
+    blocks = _boundary_faces(path, vertices, cells) if solid else _blocks_of_polygons(cells)
     triangles, owner = triangulate(vertices, *(corners for corners, _ in blocks))
     rows = np.concatenate([np.zeros(0, dtype=np.int64), *(rows for _, rows in blocks)])[owner]
     text = [name for name, values in (*fields.items(), *cell_data.items()) if values.dtype.kind == TEXT]
-    notes = [*_notes(cells, solid), *(f"text '{escaped(name)}' is left out" for name in text)]
+    notes = [*_describe_cells(cells, solid), *(f"text '{escaped(name)}' is left out" for name in text)]
     on_points = {name: values for name, values in fields.items() if values.dtype.kind != TEXT}
     on_faces = {name: values[rows] for name, values in cell_data.items() if values.dtype.kind != TEXT}
     file = SurfaceFile.of(path, vertices, triangles, on_points, cells=on_faces, notes=notes, **facts)
     return replace(file, surface=file.surface.without_unused()) if solid else file
 
 
-def _notes(cells: Cells, solid: bool) -> list[str]:
+def _describe_cells(cells: Cells, solid: bool) -> list[str]:
     """What of the cells is not in the surface."""
     beside, lines = cells.count(STRIP, *POLYGONS), cells.count(*POINTS_AND_LINES)
     said = [f"of {cells.count(*SOLIDS)} solid cells their boundary is taken"] if solid else []
@@ -113,14 +113,14 @@ def _notes(cells: Cells, solid: bool) -> list[str]:
     return [*said, f"{lines} cells that are points or lines are left out"] if lines else said
 
 
-def _polygons(cells: Cells) -> list[Block]:
+def _blocks_of_polygons(cells: Cells) -> list[Block]:
     blocks = cells.blocks(*POLYGONS)
     for corners, rows in cells.blocks(STRIP):
         blocks += [(part, rows) for part in strips([corners])]
     return blocks
 
 
-def _boundary(path: Path, vertices: Array, cells: Cells) -> list[Block]:
+def _boundary_faces(path: Path, vertices: Array, cells: Cells) -> list[Block]:
     """Faces that one solid has alone, wound outward. Vertices at one place are one: pieces meet in them."""
     wrong = np.flatnonzero((cells.corners < 0) | (cells.corners >= len(vertices)))
     if len(wrong):
@@ -137,17 +137,17 @@ def _boundary(path: Path, vertices: Array, cells: Cells) -> list[Block]:
                     f"{needed}"
                 )
             for side in sides:
-                turned = _outward(vertices, corners[:, side], corners)
+                turned = _turn_outward(vertices, corners[:, side], corners)
                 faces.setdefault(len(side), []).append((turned, rows))
     found = []
     for parts in faces.values():
         corners, rows = (np.concatenate(column) for column in zip(*parts, strict=True))
-        alone = _alone(np.sort(places[corners], axis=1))
+        alone = _single_rows(np.sort(places[corners], axis=1))
         found.append((corners[alone], rows[alone]))
     return found
 
 
-def _outward(vertices: Array, side: Ints, cell: Ints) -> Ints:
+def _turn_outward(vertices: Array, side: Ints, cell: Ints) -> Ints:
     """Faces (k, n) of convex cells (k, c), turned to look away from the middles of these."""
     with np.errstate(all="ignore"):  # what is not finite is refused where the surface is made
         places = vertices[side]
@@ -156,7 +156,7 @@ def _outward(vertices: Array, side: Ints, cell: Ints) -> Ints:
     return np.where((out < 0.0)[:, None], side[:, ::-1], side)
 
 
-def _alone(keys: Ints) -> Ints:
+def _single_rows(keys: Ints) -> Ints:
     """Rows (n, k) that are there once, in order."""
     order = np.lexsort(keys.T)
     differ = (keys[order][1:] != keys[order][:-1]).any(axis=1)

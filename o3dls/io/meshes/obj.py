@@ -20,7 +20,7 @@ def knows_obj(data: bytes) -> bool:
 
 def read_obj(path: Path, data: bytes) -> SurfaceFile:
     """Decode an OBJ file; normals, textures and groups are ignored. Raises InputError naming the line."""
-    lines = _whole_lines(path, [line.strip() for line in decode(data, path).splitlines()])
+    lines = _join_continued(path, [line.strip() for line in decode(data, path).splitlines()])
     rows = [k for k, line in enumerate(lines) if line.startswith(("v ", "v\t"))]
     widths = {len(lines[k].split()) for k in rows}
     if not widths <= {4, 5, 7, 8}:
@@ -33,7 +33,7 @@ def read_obj(path: Path, data: bytes) -> SurfaceFile:
     ]
     vertices = table[0][:, :3] if table else np.zeros((0, 3))
     faces = [k for k, line in enumerate(lines) if line.startswith(("f ", "f\t"))]
-    polygons = _polygons(
+    polygons = _obj_polygons(
         path, [lines[k][1:] for k in faces], [k + 1 for k in faces], np.searchsorted(rows, faces)
     )
     header = "\n".join(line for line in lines[:50] if line.startswith("#"))
@@ -48,7 +48,7 @@ def read_obj(path: Path, data: bytes) -> SurfaceFile:
     return SurfaceFile.of(path, vertices, triangles, header=header)
 
 
-def _whole_lines(path: Path, lines: list[str]) -> list[str]:
+def _join_continued(path: Path, lines: list[str]) -> list[str]:
     """Lines with those that a backslash at the end continues; these stay as empty ones, so that the count of
     lines holds. In a comment it is a part of a name.
 
@@ -70,7 +70,7 @@ def _whole_lines(path: Path, lines: list[str]) -> list[str]:
     return lines
 
 
-def _polygons(path: Path, lines: list[str], numbers: list[int], before: Ints) -> list[Array]:
+def _obj_polygons(path: Path, lines: list[str], numbers: list[int], before: Ints) -> list[Array]:
     """Corners of the faces, 0-based; `7/1/3` means corner 7, negative indices count back from the vertices
     `before` the face.
     """

@@ -67,14 +67,16 @@ def ascii_rows(path: Path, element: Element, lines: Sequence[tuple[int, str]]) -
     if scalars or len({len(line.split()) for line in text}) == 1:
         width = len(element.properties) if scalars else len(text[0].split())
         table = number_rows(text, width, path, at, what)
-        if (columns := _columns(element, table)) is not None:
+        if (columns := _split_columns(element, table)) is not None:
             return columns
     cells = (number_rows([line], len(line.split()), path, [k], what)[0] for k, line in lines)
-    rows = [dict(_named(element, row, f"{path}: line {k}")) for (k, _), row in zip(lines, cells, strict=True)]
-    return _joined(element, {prop.name: [row[prop.name] for row in rows] for prop in element.properties})
+    rows = [
+        dict(_name_cells(element, row, f"{path}: line {k}")) for (k, _), row in zip(lines, cells, strict=True)
+    ]
+    return _join_rows(element, {prop.name: [row[prop.name] for row in rows] for prop in element.properties})
 
 
-def _joined(element: Element, rows: Mapping[str, list[Any]]) -> Columns:
+def _join_rows(element: Element, rows: Mapping[str, list[Any]]) -> Columns:
     """Columns out of rows: arrays but for lists that differ in length."""
     uneven = {
         prop.name for prop in element.properties if prop.count and len(set(map(len, rows[prop.name]))) != 1
@@ -82,7 +84,7 @@ def _joined(element: Element, rows: Mapping[str, list[Any]]) -> Columns:
     return {name: values if name in uneven else np.array(values) for name, values in rows.items()}
 
 
-def _named(element: Element, cells: NDArray[Any], where: str) -> Iterator[tuple[str, Any]]:
+def _name_cells(element: Element, cells: NDArray[Any], where: str) -> Iterator[tuple[str, Any]]:
     rest = cells
 
     def take(kind: str, n: int) -> NDArray[Any]:
@@ -97,7 +99,7 @@ def _named(element: Element, cells: NDArray[Any], where: str) -> Iterator[tuple[
         yield prop.name, values if prop.count else values[0]
 
 
-def _columns(element: Element, table: NDArray[Any]) -> Columns | None:
+def _split_columns(element: Element, table: NDArray[Any]) -> Columns | None:
     """Columns of a table whose lists all have the length of the first row's; None where they differ or do not
     fill it.
     """
@@ -122,7 +124,7 @@ def binary_rows(path: Path, element: Element, body: memoryview, order: str) -> t
     """
     lengths = _first_lengths(element, body, order)
     dtype = np.dtype(
-        [d for prop in element.properties for d in _fields(prop, lengths.get(prop.name, 0), order)]
+        [d for prop in element.properties for d in _field_types(prop, lengths.get(prop.name, 0), order)]
     )
     size = dtype.itemsize * element.rows
     if size <= len(body):
@@ -131,10 +133,10 @@ def binary_rows(path: Path, element: Element, body: memoryview, order: str) -> t
             return {prop.name: rows[prop.name] for prop in element.properties}, body[size:]
     elif not lengths:
         raise truncated(path, element, len(body) // max(dtype.itemsize, 1))
-    return _row_by_row(path, element, body, order)
+    return _read_row_by_row(path, element, body, order)
 
 
-def _fields(prop: Property, length: int, order: str) -> list[Any]:
+def _field_types(prop: Property, length: int, order: str) -> list[Any]:
     if prop.count is None:
         return [(prop.name, order + prop.kind)]
     return [(f"{prop.name} count", order + prop.count), (prop.name, order + prop.kind, (length,))]
@@ -171,7 +173,9 @@ class Taker:
         return values
 
 
-def _row_by_row(path: Path, element: Element, body: memoryview, order: str) -> tuple[Columns, memoryview]:
+def _read_row_by_row(
+    path: Path, element: Element, body: memoryview, order: str
+) -> tuple[Columns, memoryview]:
     """Columns of a binary element whose lists differ in length."""
     columns: dict[str, list[Any]] = {prop.name: [] for prop in element.properties}
     take = Taker(body, order)
@@ -181,4 +185,4 @@ def _row_by_row(path: Path, element: Element, body: memoryview, order: str) -> t
                 columns[prop.name].append(values if prop.count else values[0])
         except EOFError:
             raise truncated(path, element, row) from None
-    return _joined(element, columns), body[take.at :]
+    return _join_rows(element, columns), body[take.at :]

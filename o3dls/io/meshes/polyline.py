@@ -37,31 +37,33 @@ def read_polyline(path: str | Path) -> SurfaceFile:
         name: table.numbers(name, missing=True) for name in table.columns if name not in ("x", "y", "loop")
     }
     label = table.numbers("loop") if "loop" in table.columns else np.zeros(len(xy))
-    loops = [_open(xy, np.flatnonzero(label == value)) for value in np.unique(label)]
+    loops = [_drop_repeated(xy, np.flatnonzero(label == value)) for value in np.unique(label)]
     if min(map(len, loops), default=0) < 3:
         raise InputError(
             f"{path}: a closed outline needs at least 3 points; there are {min(map(len, loops), default=0)}"
         )
-    if len(loops) == 1 and _enclosed(xy[loops[0]]) < 0:
+    if len(loops) == 1 and _enclosed_area(xy[loops[0]]) < 0:
         loops = [loops[0][::-1]]
     starts = np.cumsum([0, *map(len, loops)])
-    faces = np.concatenate([start + _ring(len(rows)) for start, rows in zip(starts, loops, strict=False)])
+    faces = np.concatenate(
+        [start + _ring_segments(len(rows)) for start, rows in zip(starts, loops, strict=False)]
+    )
     order = np.concatenate(loops)
     surface = Surface(xy[order], faces, {name: values[order] for name, values in fields.items()})
     return SurfaceFile(surface, table.notes.get("space", "unknown"), table.notes.get("units", "unknown"))
 
 
-def _open(xy: Array, rows: Ints) -> Ints:
+def _drop_repeated(xy: Array, rows: Ints) -> Ints:
     """Rows of one loop without a repeated last point."""
     return rows[:-1] if len(rows) > 1 and np.allclose(xy[rows[0]], xy[rows[-1]]) else rows
 
 
-def _ring(n: int) -> Ints:
+def _ring_segments(n: int) -> Ints:
     index = np.arange(n)
     return np.column_stack([index, np.roll(index, -1)])
 
 
-def _enclosed(xy: Array) -> float:
+def _enclosed_area(xy: Array) -> float:
     """Signed area, positive counter-clockwise."""
     return float((xy[:, 0] * np.roll(xy[:, 1], -1) - xy[:, 1] * np.roll(xy[:, 0], -1)).sum() / 2)
 

@@ -97,9 +97,9 @@ def read_surface_file(
     no use for.
     """
     path = Path(path)
-    data = _content(path)
+    data = _read_content(path)
     given = {name: value for name, value in options.items() if value is not None}
-    known = _known(data)
+    known = _format_of(data)
     for name, value in (("units", units), ("frame", frame)):
         if value and known and name in known.options:
             given[name] = value
@@ -115,7 +115,7 @@ def read_surface_file(
     return known.read(path, data, **given) if known else polyline.read_polyline(path)
 
 
-def _content(path: Path) -> bytes:
+def _read_content(path: Path) -> bytes:
     """The bytes of a file. Raises InputError also where another one beside it is meant."""
     dicom.check_no_series(path)
     headers = [path.with_suffix(suffix) for suffix in (".hdr", ".nhdr", ".mhd")]
@@ -125,7 +125,7 @@ def _content(path: Path) -> bytes:
     return read_bytes(path)
 
 
-def _known(data: bytes) -> Format | None:
+def _format_of(data: bytes) -> Format | None:
     return next((f for f in FORMATS if f.knows(data)), None)
 
 
@@ -134,8 +134,8 @@ def is_surface(path: str | Path) -> bool:
 
     Raises InputError where it cannot be read at all.
     """
-    data = _content(Path(path))
-    return _known(data) is not None or (Path(path).suffix.lower() == ".csv" and polyline.knows(data))
+    data = _read_content(Path(path))
+    return _format_of(data) is not None or (Path(path).suffix.lower() == ".csv" and polyline.knows(data))
 
 
 def read_surface(path: str | Path) -> Surface:

@@ -90,13 +90,13 @@ def coherent(surface: Surface, where: str) -> Surface:
         )
     first = order[start[count == 2]]
     second = order[start[count == 2] + 1]
-    turned = _turned(owner[first], owner[second], (a < b)[first] == (a < b)[second], len(faces), where)
+    turned = _faces_to_turn(owner[first], owner[second], (a < b)[first] == (a < b)[second], len(faces), where)
     return (
         replace(surface, faces=np.where(turned[:, None], faces[:, ::-1], faces)) if turned.any() else surface
     )
 
 
-def _turned(left: Ints, right: Ints, opposed: Array, n: int, where: str) -> Array:
+def _faces_to_turn(left: Ints, right: Ints, opposed: Array, n: int, where: str) -> Array:
     """Which faces to flip so that no two neighbours (left, right) disagree; each component keeps the sense of
     most of its faces.
     """
@@ -136,13 +136,13 @@ def capped(surface: Surface, where: str = "surface") -> Surface:
         vertices.append(surface.vertices[rim].mean(axis=0, keepdims=True))
         faces.append(np.column_stack([np.roll(rim, -1), rim, np.full(len(rim), centre)]))
         for name, values in surface.fields.items():
-            fields[name].append(_at_centre(values, rim))
+            fields[name].append(_value_at_centre(values, rim))
     return Surface(
         np.concatenate(vertices), np.concatenate(faces), {k: np.concatenate(v) for k, v in fields.items()}
     )
 
 
-def _at_centre(values: Array, rim: Ints) -> Array:
+def _value_at_centre(values: Array, rim: Ints) -> Array:
     """The value (1, ...) of a field in the middle of a rim."""
     if (values == np.round(values))[np.isfinite(values)].all():
         labels, count = np.unique(values[rim], axis=0, return_counts=True)

@@ -77,7 +77,7 @@ class SurfaceFile:
         numbers, none = known_values(numbers)
         cells, of_cells = known_values(cells or {})  # before a mean is taken
         surface = Surface(vertices, faces[whole].astype(np.int64), numbers)
-        surface, said = _carried(surface, {name: values[whole] for name, values in cells.items()})
+        surface, said = _carry_cells(surface, {name: values[whole] for name, values in cells.items()})
         return cls(
             surface,
             spaces.get(space.lower(), "unknown"),
@@ -87,7 +87,7 @@ class SurfaceFile:
         )
 
 
-def _carried(surface: Surface, cells: Mapping[str, NDArray[Any]]) -> tuple[Surface, list[str]]:
+def _carry_cells(surface: Surface, cells: Mapping[str, NDArray[Any]]) -> tuple[Surface, list[str]]:
     """The surface with values per face carried to its vertices, and a sentence on each."""
     fields, said = dict(surface.fields), []
     for name, values in cells.items():
@@ -100,11 +100,11 @@ def _carried(surface: Surface, cells: Mapping[str, NDArray[Any]]) -> tuple[Surfa
         how = "the label with the largest area" if labels else "the mean, weighted by area, of the cells"
         said.append(f"{what} are carried to the points: {how} around each")
         if not labels and values.shape[1:] == (3,):
-            said += _cancelled(surface, what, values, fields[name])
+            said += _report_opposed(surface, what, values, fields[name])
     return replace(surface, fields=fields), said
 
 
-def _cancelled(surface: Surface, what: str, vectors: Array, means: Array) -> list[str]:
+def _report_opposed(surface: Surface, what: str, vectors: Array, means: Array) -> list[str]:
     """A sentence where the mean of vectors is short since they oppose each other, as fibres may that have no
     sense.
     """
@@ -119,18 +119,22 @@ def check_faces(path: Path, faces: Array | Ints, n: int) -> None:
     broken = np.flatnonzero((faces != np.floor(faces)).any(axis=1) | np.isnan(faces).any(axis=1))
     if len(broken):
         raise InputError(
-            f"{path}: triangle {broken[0]} has an index that is not a whole number: {_row(faces[broken[0]])}"
+            f"{path}: triangle {broken[0]} has an index that is not a whole number: "
+            f"{_format_row(faces[broken[0]])}"
         )
     bad = np.flatnonzero(((faces < 0) | (faces >= n)).any(axis=1))
     if len(bad):
         raise InputError(
-            f"{path}: triangle {bad[0]} names vertices {_row(faces[bad[0]])}: there are {n}, counted from 0"
+            f"{path}: triangle {bad[0]} names vertices {_format_row(faces[bad[0]])}: there are {n}, "
+            "counted from 0"
         )
     if collapsed(faces).all():
-        raise InputError(f"{path}: triangle 0 names one vertex twice: {_row(faces[0])}, and so do all others")
+        raise InputError(
+            f"{path}: triangle 0 names one vertex twice: {_format_row(faces[0])}, and so do all others"
+        )
 
 
-def _row(indices: Array | Ints) -> str:
+def _format_row(indices: Array | Ints) -> str:
     return f"[{', '.join(f'{value:g}' for value in indices)}]"
 
 

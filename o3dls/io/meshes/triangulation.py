@@ -33,14 +33,14 @@ def triangulate(vertices: Array, *polygons: Indices) -> tuple[Indices, Ints]:
     for block in polygons:
         size = block.shape[1] - 2
         if size > 0:
-            cut = _cut(vertices, block) if size > 1 else block
+            cut = _cut_polygons(vertices, block) if size > 1 else block
             triangles.append(cut.reshape(-1, 3))
             owners.append(first + np.repeat(np.arange(len(block)), size))
         first += len(block)
     return np.concatenate(triangles), np.concatenate(owners)
 
 
-def _cut(vertices: Array, polygons: Indices) -> Indices:
+def _cut_polygons(vertices: Array, polygons: Indices) -> Indices:
     """Triangles (k, n - 2, 3) of polygons (k, n): fans, begun at a corner from where they fold nowhere; where
     every fan folds, ears.
     """
@@ -48,17 +48,17 @@ def _cut(vertices: Array, polygons: Indices) -> Indices:
     left = np.arange(len(polygons) if len(vertices) else 0)
     n = polygons.shape[1]
     for _ in range(min(n, STARTS)):
-        left = left[_folds(_places(vertices, polygons[left]))]
+        left = left[_fan_folds(_corner_places(vertices, polygons[left]))]
         if len(left) == 0:
             break
         polygons[left] = np.roll(polygons[left], -1, axis=1)
     triangles = np.stack([polygons[:, [0, k, k + 1]] for k in range(1, n - 1)], axis=1)
     for row in left:
-        triangles[row] = polygons[row][_ears(_in_plane(_places(vertices, polygons[row])))]
+        triangles[row] = polygons[row][_clip_ears(_project_in_plane(_corner_places(vertices, polygons[row])))]
     return triangles
 
 
-def _places(vertices: Array, corners: Indices) -> Array:
+def _corner_places(vertices: Array, corners: Indices) -> Array:
     """Where corners lie; what is no index is refused where the surface is made."""
     with np.errstate(invalid="ignore"):
         return vertices.take(corners.astype(np.int64), axis=0, mode="clip")
@@ -70,7 +70,7 @@ def _fan_areas(corners: Array) -> Array:
     return np.asarray(np.cross(spokes[..., :-1, :], spokes[..., 1:, :]))
 
 
-def _folds(corners: Array) -> NDArray[np.bool_]:
+def _fan_folds(corners: Array) -> NDArray[np.bool_]:
     """Whether the fan (k,) from the first of corners (k, n, 3) has a triangle against the polygon's sense."""
     with np.errstate(all="ignore"):  # what is not finite is refused where the surface is made
         areas = _fan_areas(corners)
@@ -79,7 +79,7 @@ def _folds(corners: Array) -> NDArray[np.bool_]:
         return np.asarray((along < -ROUNDING * (whole * whole).sum(axis=2)).any(axis=1))
 
 
-def _in_plane(corners: Array) -> Array:
+def _project_in_plane(corners: Array) -> Array:
     """Corners (n, 3) of a polygon in its plane, (n, 2), counter-clockwise."""
     normal = _fan_areas(corners).sum(axis=0)
     normal = normal / np.linalg.norm(normal)
@@ -87,7 +87,7 @@ def _in_plane(corners: Array) -> Array:
     return np.asarray((corners - corners[0]) @ np.column_stack([u, np.cross(normal, u)]))
 
 
-def _ears(xy: Array) -> list[list[int]]:
+def _clip_ears(xy: Array) -> list[list[int]]:
     """The n - 2 triangles of a polygon (n, 2), by ear clipping (Meisters 1975).
 
     Where it crosses itself, which no triangles fit, the most convex corner passes for an ear: it stays a
@@ -100,13 +100,13 @@ def _ears(xy: Array) -> list[list[int]]:
         order = [*range(ear, len(ring)), *range(ear)]
         ear = next((k for k in order if _is_ear(xy, ring, k)), -1)
         if ear < 0:
-            ear = max(order, key=lambda k: _turn(*xy[_around(ring, k)]))
-        triangles.append(_around(ring, ear))
+            ear = max(order, key=lambda k: _signed_area(*xy[_corner_triangle(ring, k)]))
+        triangles.append(_corner_triangle(ring, ear))
         del ring[ear]
     return [*triangles, ring]
 
 
-def _around(ring: list[int], k: int) -> list[int]:
+def _corner_triangle(ring: list[int], k: int) -> list[int]:
     """A corner of the ring between its neighbours."""
     return [ring[k - 1], ring[k], ring[(k + 1) % len(ring)]]
 
@@ -115,16 +115,16 @@ def _is_ear(xy: Array, ring: list[int], k: int) -> bool:
     """Whether the corner is convex, and no other lies in the triangle with its neighbours; some may lie at
     the same place, as where a cut leads to a hole.
     """
-    a, b, c = xy[_around(ring, k)]
-    if _turn(a, b, c) <= ROUNDING * np.ptp(xy, axis=0).prod():  # straight, but for rounding
+    a, b, c = xy[_corner_triangle(ring, k)]
+    if _signed_area(a, b, c) <= ROUNDING * np.ptp(xy, axis=0).prod():  # straight, but for rounding
         return False
     others = xy[ring]
     apart = (others != a).any(axis=1) & (others != b).any(axis=1) & (others != c).any(axis=1)
-    sides = (_turn(a, b, others), _turn(b, c, others), _turn(c, a, others))
+    sides = (_signed_area(a, b, others), _signed_area(b, c, others), _signed_area(c, a, others))
     return not (apart & (np.min(sides, axis=0) >= 0.0)).any()
 
 
-def _turn(a: Array, b: Array, c: Array) -> Array:
+def _signed_area(a: Array, b: Array, c: Array) -> Array:
     """Twice the area of triangles a b c, positive counter-clockwise."""
     ab, ac = b - a, c - a
     return np.asarray(ab[..., 0] * ac[..., 1] - ab[..., 1] * ac[..., 0])

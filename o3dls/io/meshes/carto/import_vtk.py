@@ -111,17 +111,17 @@ def _colour_table(missing: bool) -> Array:
 
 def write(file: SurfaceFile) -> bytes:
     """Encode with the first scalar field, if there is one, at its own limits."""
-    return encode(file.surface, map_field(file.surface, _first(file.surface)))
+    return encode(file.surface, map_field(file.surface, _first_field(file.surface)))
 
 
 def losses(surface: Surface) -> list[str]:
     """Sentences on what `write` does not keep as it is."""
-    field = _first(surface)
+    field = _first_field(surface)
     kept = {field} - {None}
     return [*map_field(surface, field).notes, *left_out(surface, kept)]
 
 
-def _first(surface: Surface) -> str | None:
+def _first_field(surface: Surface) -> str | None:
     return next(
         (name for name, values in surface.fields.items() if values.ndim == 1 and np.isfinite(values).any()),
         None,
