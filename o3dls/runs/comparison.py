@@ -15,10 +15,12 @@ def comparison(runs: Mapping[str, Run]) -> str:
     unit has a table of its own.
     """
     units = dict.fromkeys(run.unit for run in runs.values())
-    return "\n".join(_table(unit, {k: run for k, run in runs.items() if run.unit == unit}) for unit in units)
+    return "\n".join(
+        _table_in_unit(unit, {k: run for k, run in runs.items() if run.unit == unit}) for unit in units
+    )
 
 
-def _table(unit: str, runs: Mapping[str, Run]) -> str:
+def _table_in_unit(unit: str, runs: Mapping[str, Run]) -> str:
     lines = [
         replace(line, label=escaped(f"{label} {run.case.name} {line.label}"))
         for label, run in runs.items()

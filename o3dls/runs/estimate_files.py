@@ -55,10 +55,10 @@ def read_estimate(folder: Path, found: EstimateRecord, case: Case) -> Estimate:
         iterations=found.iterations,
         seconds=found.seconds,
         sigma=found.sigma_mm if case.units == "mm" else found.sigma_px,
-        weights=_column(folder / "weights.csv", "weight"),
+        weights=_read_column(folder / "weights.csv", "weight"),
         motion=_read_motion(folder, case, T_map_prior),
         trace=_read_trace(folder / "trace.csv"),
-        warnings=tuple(map(_warning, found.warnings)),
+        warnings=tuple(map(_as_warning, found.warnings)),
         facts=found.facts,
     )
 
@@ -71,7 +71,7 @@ def _write_motion(path: Path, case: Case, estimate: Estimate) -> None:
 
     if estimate.motion is None:
         return
-    moved, deviation = _moved(case.prior, estimate.motion)
+    moved, deviation = _move_prior(case.prior, estimate.motion)
     moved = replace(moved, fields={f"sd_{case.units}": deviation})
     write_surface(path, moved, space=case.frame, units=case.units)
     if modes := wall_modes(case.prior, estimate.motion):
@@ -82,7 +82,7 @@ def _write_motion(path: Path, case: Case, estimate: Estimate) -> None:
 
 
 @lru_cache(maxsize=1)  # estimates of one run share their motion
-def _moved(prior: Surface, motion: Motion) -> tuple[Surface, Array]:
+def _move_prior(prior: Surface, motion: Motion) -> tuple[Surface, Array]:
     """The prior where a motion brought it, and the deviation (n,) along its normals there."""
     moved = prior.with_vertices(motion(prior.vertices))
     return moved, motion.sd(prior.vertices, moved.vertex_normals)
@@ -119,7 +119,7 @@ def _read_motion(folder: Path, case: Case, T_map_prior: Array) -> RecordedMotion
     return RecordedMotion(case.prior, moved, T_map_prior, deviation, modes)
 
 
-def _warning(found: WarningRecord) -> RunWarning:
+def _as_warning(found: WarningRecord) -> RunWarning:
     if found.code not in CODES:
         raise InputError(
             f"run.json: warning code '{found.code}' is unknown: was it written by a newer version?"
@@ -134,11 +134,11 @@ def write_rows(path: Path, rows: Any) -> None:
     names = dict.fromkeys(key for row in rows for key in row)
     if names:
         write_table(
-            path, {name: np.array([_cell(row.get(name)) for row in rows], dtype=object) for name in names}
+            path, {name: np.array([_as_cell(row.get(name)) for row in rows], dtype=object) for name in names}
         )
 
 
-def _cell(value: Any) -> Any:
+def _as_cell(value: Any) -> Any:
     if isinstance(value, str):
         # names of folders may hold bytes that are no text
         return escaped(value.encode("utf-8", "replace").decode("utf-8"))
@@ -155,5 +155,5 @@ def _read_trace(path: Path) -> tuple[dict[str, float], ...]:
     )
 
 
-def _column(path: Path, name: str) -> Array | None:
+def _read_column(path: Path, name: str) -> Array | None:
     return read_table(path, (name,)).numbers(name, missing=True) if path.is_file() else None

@@ -32,36 +32,36 @@ class FarPoints:
     @property
     def doubtful(self) -> bool:
         """Whether some lie so far off that result and points cannot both be right."""
-        return self._share(FAR) > FEW_FAR or (self._of_wall and self._share(OFF) > FEW_OFF)
+        return self._share_beyond(FAR) > FEW_FAR or (self._of_wall and self._share_beyond(OFF) > FEW_OFF)
 
     @property
     def failed(self) -> bool:
         """Whether most lie so far off."""
-        return self._share(OFF if self._of_wall else FAR) >= HALF
+        return self._share_beyond(OFF if self._of_wall else FAR) >= HALF
 
     @property
     def short(self) -> str:
-        return f"{len(self._far)} of {len(self.distances)} {self.name}"
+        return f"{len(self._far_distances)} of {len(self.distances)} {self.name}"
 
     @property
     def said(self) -> str:
-        where = f"more than {self._limit:g} mm from the surface, {np.median(self._far):.0f} mm in the median"
+        where = f"more than {self._far_limit:g} mm from the surface, {np.median(self._far_distances):.0f} mm in the median"
         return f"{self.short} lie {where}"
 
     @property
-    def _limit(self) -> float:
-        return FAR if self._share(FAR) > FEW_FAR else OFF
+    def _far_limit(self) -> float:
+        return FAR if self._share_beyond(FAR) > FEW_FAR else OFF
 
     @property
-    def _far(self) -> Array:
-        return self.distances[self.distances > self._limit]
+    def _far_distances(self) -> Array:
+        return self.distances[self.distances > self._far_limit]
 
     @property
     def _of_wall(self) -> bool:
         """Landmarks may be the middle of a vein's mouth; all others were on the wall."""
         return self.name != SETS["landmarks"]
 
-    def _share(self, limit: float) -> float:
+    def _share_beyond(self, limit: float) -> float:
         return float((self.distances > limit).mean())
 
 

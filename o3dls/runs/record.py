@@ -157,16 +157,16 @@ class RunRecord(Provenance):
     estimates: dict[str, EstimateRecord]
 
     @model_validator(mode="after")
-    def _consistent(self) -> RunRecord:
+    def _check_consistent(self) -> RunRecord:
         if "start" not in self.estimates:
             raise ValueError(f"estimates: has no 'start', {UNFINISHED}")
         if self.final not in self.estimates:
             raise ValueError(f"final: '{self.final}' is no estimate of the run: must be one of its estimates")
         for name, one in self.estimates.items():
-            self._check(f"estimates.{name}", name, one)
+            self._check_estimate(f"estimates.{name}", name, one)
         return self
 
-    def _check(self, where: str, name: str, one: EstimateRecord) -> None:
+    def _check_estimate(self, where: str, name: str, one: EstimateRecord) -> None:
         """What depends on the case: its unit is a part of keys, and its dimension the size of a pose."""
         if not re.fullmatch(NAME, name):
             raise ValueError(f"{where}: the name of an estimate must be letters, digits, _ and -")
@@ -196,10 +196,10 @@ def checked(found: Any, path: str) -> RunRecord:
     try:
         return RunRecord.model_validate(found)
     except ValidationError as error:
-        raise InputError(f"{path}: {_sentence(error.errors(include_url=False)[0])}") from None
+        raise InputError(f"{path}: {_describe_error(error.errors(include_url=False)[0])}") from None
 
 
-def _sentence(detail: ErrorDetails) -> str:
+def _describe_error(detail: ErrorDetails) -> str:
     """Such as `estimates.icp.seconds = 'x': must be a valid number`."""
     if detail["type"] == "value_error":
         return str(detail["ctx"]["error"])

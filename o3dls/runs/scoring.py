@@ -38,14 +38,16 @@ def scored(
     fitted: by estimate, the types of the points that it was shown; left_out: the cross-validated distances
     of the eam points; pipeline: its record, with every default written out.
     """
-    estimates = _one_surface_each(estimates)
+    estimates = _share_surfaces(estimates)
     surfaces = dict.fromkeys(estimate.surface for estimate in estimates.values())
     judged = {surface: validity(surface, case.prior, case.units) for surface in surfaces}
     return Run(
         case=case,
         estimates=estimates,
         fitted=fitted,
-        scores={name: _scores(case, e, fitted[name], left_out.get(name)) for name, e in estimates.items()},
+        scores={
+            name: _score_sets(case, e, fitted[name], left_out.get(name)) for name, e in estimates.items()
+        },
         validity={name: judged[estimate.surface] for name, estimate in estimates.items()},
         points=_with_distances(case, estimates, left_out),
         held_out=_held_out(case, estimates),
@@ -53,20 +55,20 @@ def scored(
     )
 
 
-def _one_surface_each(estimates: Mapping[str, Estimate]) -> dict[str, Estimate]:
+def _share_surfaces(estimates: Mapping[str, Estimate]) -> dict[str, Estimate]:
     """The estimates, where a stage moved nothing with the surface of the one before: what is worked out of a
     surface is then worked out once.
     """
     found: dict[str, Estimate] = {}
     before: Surface | None = None
     for name, estimate in estimates.items():
-        same = before is not None and _equal(before, estimate.surface)
+        same = before is not None and _same_surface(before, estimate.surface)
         found[name] = replace(estimate, surface=before) if same and before is not None else estimate
         before = found[name].surface
     return found
 
 
-def _equal(a: Surface, b: Surface) -> bool:
+def _same_surface(a: Surface, b: Surface) -> bool:
     return (
         np.array_equal(a.vertices, b.vertices)
         and np.array_equal(a.faces, b.faces)
@@ -75,7 +77,7 @@ def _equal(a: Surface, b: Surface) -> bool:
     )
 
 
-def _scores(
+def _score_sets(
     case: Case, estimate: Estimate, fitted: tuple[str, ...], left_out: Array | None
 ) -> dict[str, Record]:
     sets = measure(case, estimate, fitted) | ({} if left_out is None else {"cross_validated": left_out})

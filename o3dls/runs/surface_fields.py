@@ -34,7 +34,7 @@ def with_fields(case: Case, estimate: Estimate, fitted: Collection[str]) -> Surf
     """
     surface = _with_electrical(estimate.surface, case.points)
     unit = case.units
-    gap = _to_points(case.points.of("eam", *({"ablation"} & set(fitted))), surface)
+    gap = _distance_to_points(case.points.of("eam", *({"ablation"} & set(fitted))), surface)
     fields = {
         f"displacement_{unit}": displacement(case.prior, estimate),
         f"distance_to_nearest_point_{unit}": gap,
@@ -71,7 +71,7 @@ def on_prior(prior: Surface, estimate: Estimate) -> Array:
     return np.asarray(np.einsum("nk,nkd->nd", weights, prior.vertices[prior.faces[face]]))
 
 
-def _to_points(points: Points, surface: Surface) -> Array:
+def _distance_to_points(points: Points, surface: Surface) -> Array:
     from scipy.spatial import cKDTree
 
     return np.asarray(cKDTree(points.xyz).query(surface.vertices)[0])

@@ -59,10 +59,10 @@ def placed(run: Run, name: str, surface: Surface, on: On, frame: str | None = No
         raise InputError(f"case {case.name}: {unknown_frame(on)}")
     frame = frame or own
     points = run.points or case.points
-    pose = _pose(case, estimate, frame)
+    pose = _pose_in_frame(case, estimate, frame)
     if on == "prior":
         motion = recorded(case, estimate)
-        surface = _on_prior(case, motion, surface)
+        surface = _carry_to_prior(case, motion, surface)
         points = replace(points, xyz=motion.inverse(points.xyz))
         pose = np.asarray(np.linalg.inv(pose))
     if frame != own:
@@ -104,7 +104,7 @@ def recorded(case: Case, estimate: Estimate) -> RecordedMotion:
     return RecordedMotion(case.prior, after, estimate.T_map_prior, unknown)
 
 
-def _on_prior(case: Case, motion: RecordedMotion, surface: Surface) -> Surface:
+def _carry_to_prior(case: Case, motion: RecordedMotion, surface: Surface) -> Surface:
     """The prior with the fields of the surface that its vertices came to lie on, NaN where none is near, and
     their distance from it.
     """
@@ -116,7 +116,7 @@ def _on_prior(case: Case, motion: RecordedMotion, surface: Surface) -> Surface:
     return replace(found, fields={**found.fields, f"distance_to_result_{case.units}": gap})
 
 
-def _pose(case: Case, estimate: Estimate, frame: str) -> Array:
+def _pose_in_frame(case: Case, estimate: Estimate, frame: str) -> Array:
     """`T_map_prior` between prior and map that are both given in `frame`."""
     prior_frame = case.frame if case.prior_frame == "unknown" else case.prior_frame
     of_map, of_prior = (
