@@ -27,7 +27,7 @@ def to_open3d(surface: Surface) -> Any:
     """
     import open3d as o3d
 
-    surface = _copied(surface)
+    surface = _copy_surface(surface)
     tensor = o3d.core.Tensor.from_numpy
     mesh = o3d.t.geometry.TriangleMesh(tensor(surface.vertices), tensor(surface.faces))
     for name, values in surface.fields.items():
@@ -52,7 +52,7 @@ def to_trimesh(surface: Surface) -> Any:
     """A `trimesh.Trimesh` that keeps the vertices' order; fields are its vertex attributes."""
     import trimesh
 
-    surface = _copied(surface)
+    surface = _copy_surface(surface)
     return trimesh.Trimesh(
         surface.vertices, surface.faces, process=False, vertex_attributes=dict(surface.fields)
     )
@@ -62,8 +62,8 @@ def to_pyvista(surface: Surface) -> Any:
     """A `pyvista.PolyData` with the fields as point data. Raises InputError where pyvista is not
     installed.
     """
-    pyvista = _library("pyvista")
-    surface = _copied(surface)
+    pyvista = _import_library("pyvista")
+    surface = _copy_surface(surface)
     mesh = pyvista.PolyData(
         surface.vertices, np.column_stack([np.full(len(surface.faces), 3), surface.faces]).ravel()
     )
@@ -76,19 +76,19 @@ def to_meshio(surface: Surface) -> Any:
     """A `meshio.Mesh` of triangles with the fields as point data. Raises InputError where meshio is not
     installed.
     """
-    meshio = _library("meshio")
-    surface = _copied(surface)
+    meshio = _import_library("meshio")
+    surface = _copy_surface(surface)
     return meshio.Mesh(surface.vertices, [("triangle", surface.faces)], point_data=dict(surface.fields))
 
 
-def _library(name: str) -> Any:
+def _import_library(name: str) -> Any:
     try:
         return import_module(name)
     except ImportError as error:
         raise InputError(f"{name} is not installed: pip install {name}") from error
 
 
-def _copied(surface: Surface) -> Surface:
+def _copy_surface(surface: Surface) -> Surface:
     """The surface in memory of its own: the libraries share what they are given, and a mesh is there to be
     edited. InputError in 2D.
     """
@@ -101,24 +101,24 @@ def _copied(surface: Surface) -> Surface:
     )
 
 
-def _tensor(thing: Any) -> bool:
+def _is_tensor(thing: Any) -> bool:
     """Whether an Open3D object is one of the tensor interface."""
     return ".t." in type(thing).__module__
 
 
 def _from_open3d(mesh: Any, where: str) -> Parts:
     hint = "; Open3D gives such a mesh where it could not read a file"
-    if _tensor(mesh):
+    if _is_tensor(mesh):
         if "positions" not in mesh.vertex or "indices" not in mesh.triangle:
             raise InputError(f"{where}: the mesh is empty: has no vertex positions or no triangles{hint}")
         vertices, faces = mesh.vertex.positions.numpy(), mesh.triangle.indices.numpy()
-        return vertices, faces, _values(mesh.vertex), _values(mesh.triangle)
+        return vertices, faces, _read_values(mesh.vertex), _read_values(mesh.triangle)
     if len(mesh.triangles) == 0:
         raise InputError(f"{where}: the mesh is empty: {len(mesh.vertices)} vertices, no triangles{hint}")
     return np.asarray(mesh.vertices), np.asarray(mesh.triangles), {}, {}
 
 
-def _values(attributes: Any) -> dict[str, NDArray[Any]]:
+def _read_values(attributes: Any) -> dict[str, NDArray[Any]]:
     """Values per vertex or per face of a tensor object; a column of them is flat."""
     arrays = {name: attributes[name].numpy() for name in attributes if name not in NO_FIELDS}
     return {
@@ -201,7 +201,9 @@ MESHES: Mapping[str, Callable[[Any, str], Parts]] = {
 # positions and values per point
 POINT_READERS: Mapping[str, Callable[[Any], tuple[Any, dict[str, Any]]]] = {
     "open3d.PointCloud": lambda cloud: (
-        (cloud.point.positions.numpy(), _values(cloud.point)) if _tensor(cloud) else (cloud.points, {})
+        (cloud.point.positions.numpy(), _read_values(cloud.point))
+        if _is_tensor(cloud)
+        else (cloud.points, {})
     ),
     "trimesh.PointCloud": lambda cloud: (cloud.vertices, {}),
     "trimesh.Path": lambda path: (path.vertices, {}),

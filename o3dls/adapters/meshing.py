@@ -73,16 +73,16 @@ def extract(
     start = even if len(even.faces) > target else raw
     with ThreadPoolExecutor(1) as beside:
         tree = beside.submit(lambda: raw.closest_point)  # while pymeshlab works on the other core
-        smooth = _clean(start, smoothing, target, LOOSE * smallest)
-        mesh = _unfolded(smooth)
+        smooth = _clean_mesh(start, smoothing, target, LOOSE * smallest)
+        mesh = _unfold_mesh(smooth)
     # where two walls are closer than the lattice tells apart
     if smoothing and mesh is smooth and self_intersections(smooth):
-        mesh = _unfolded(_clean(start, 0, target, LOOSE * smallest))
+        mesh = _unfold_mesh(_clean_mesh(start, 0, target, LOOSE * smallest))
     shift = tree.result().distance(mesh.vertices)
     return Extraction(mesh, float(shift.mean()), float(shift.max()), len(raw.faces))
 
 
-def _unfolded(mesh: Surface) -> Surface:
+def _unfold_mesh(mesh: Surface) -> Surface:
     """Relaxed where faces are turned over, as next to cuts, which follow the lattice; as it is where the
     relaxed mesh would cut itself.
     """
@@ -106,7 +106,7 @@ def isosurface(field: SignedDistance) -> tuple[Array, Ints]:
     return vertices, mesh.triangle.indices.numpy()[:, ::-1]  # Open3D winds towards the smaller values
 
 
-def _clean(raw: Surface, smoothing: int, faces: int, loose: float = LOOSE) -> Surface:
+def _clean_mesh(raw: Surface, smoothing: int, faces: int, loose: float = LOOSE) -> Surface:
     """Repair non-manifold edges, drop dust, smooth lightly (Taubin 1995), decimate by quadrics to so many
     faces; topology is kept.
     """

@@ -77,21 +77,23 @@ def stated_surface(thing: Any, where: str, *, frame: str | None = None, **choice
     names it in errors.
     """
     given = {name: value for name, value in choice.items() if value is not None}
-    if (image := _reader(IMAGES, thing)) is not None:
+    if (image := _find_reader(IMAGES, thing)) is not None:
         file = labels.surface_of(checked(image(thing, where, frame), where), where, **given)
         if {file.space, frame} == {"LPS", "RAS"}:
             return SurfaceFile(file.surface.transformed(TURN), str(frame), file.units, file.metadata)
         return file
     if given:
         raise InputError(
-            f"{where}: '{next(iter(given))}' does not apply to {_kind(thing)}, only to label volumes"
+            f"{where}: '{next(iter(given))}' does not apply to {_class_name(thing)}, only to label volumes"
         )
     if isinstance(thing, Surface):
         fields, said = known_values(thing.fields)
         return SurfaceFile(replace(thing, fields=fields) if said else thing, notes=said)
-    read = _pair if isinstance(thing, tuple | list) and len(thing) == 2 else _reader(MESHES, thing)
+    read = _read_pair if isinstance(thing, tuple | list) and len(thing) == 2 else _find_reader(MESHES, thing)
     if read is None:
-        raise InputError(f"{where}: an object of type {_kind(thing)} is not a surface: must be {SURFACES}")
+        raise InputError(
+            f"{where}: an object of type {_class_name(thing)} is not a surface: must be {SURFACES}"
+        )
     vertices, faces, fields, cells = read(thing, where)
     if (
         vertices.ndim != 2
@@ -104,12 +106,12 @@ def stated_surface(thing: Any, where: str, *, frame: str | None = None, **choice
             "(m, 3), in the plane (n, 2) and (m, 2)"
         )
     # copies: a library shares its memory, and a mesh is there to be edited; words are no field of a surface
-    numbers = {name: np.array(values, dtype=np.float64) for name, values in _numbers(fields).items()}
+    numbers = {name: np.array(values, dtype=np.float64) for name, values in _keep_numbers(fields).items()}
     at = np.array(vertices, dtype=np.float64)
-    return SurfaceFile.of(Path(where), at, faces, numbers, cells=_numbers(cells))
+    return SurfaceFile.of(Path(where), at, faces, numbers, cells=_keep_numbers(cells))
 
 
-def _numbers(values: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
+def _keep_numbers(values: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
     """Those values that are numbers, truth being 0 or 1."""
     arrays = {name: np.asarray(one) for name, one in values.items()}
     return {
@@ -119,7 +121,7 @@ def _numbers(values: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
     }
 
 
-def _pair(thing: Any, where: str) -> tuple[Array, Any, dict[str, Any], dict[str, Any]]:
+def _read_pair(thing: Any, where: str) -> tuple[Array, Any, dict[str, Any], dict[str, Any]]:
     try:
         return np.asarray(thing[0], dtype=np.float64), np.asarray(thing[1], dtype=np.float64), {}, {}
     except (TypeError, ValueError):
@@ -134,15 +136,15 @@ def points_of(thing: Any, where: str = "points") -> Points:
         return thing
     if isinstance(thing, Mapping):
         return points_from(thing, where)
-    read = _reader(POINT_READERS, thing)
+    read = _find_reader(POINT_READERS, thing)
     if read is None and not isinstance(thing, np.ndarray | tuple | list):
-        raise InputError(f"{where}: an object of type {_kind(thing)} holds no points: must be {CLOUDS}")
+        raise InputError(f"{where}: an object of type {_class_name(thing)} holds no points: must be {CLOUDS}")
     try:
         xyz, values = read(thing) if read else (thing, {})
         xyz = np.array(xyz, dtype=np.float64)
     except (KeyError, TypeError, ValueError):
         raise InputError(
-            f"{where}: an object of type {_kind(thing)} holds no points: must be {CLOUDS}"
+            f"{where}: an object of type {_class_name(thing)} holds no points: must be {CLOUDS}"
         ) from None
     if xyz.ndim != 2 or xyz.shape[1] not in (2, 3):
         raise InputError(f"{where}: have shape {xyz.shape}: must be (n, 3), or (n, 2) in the plane")
@@ -152,11 +154,11 @@ def points_of(thing: Any, where: str = "points") -> Points:
     return points_from({**dict(zip("xyz", xyz.T, strict=False)), **flatten_fields(values)}, where)
 
 
-def _reader(readers: Mapping[str, Callable[..., Any]], thing: Any) -> Callable[..., Any] | None:
+def _find_reader(readers: Mapping[str, Callable[..., Any]], thing: Any) -> Callable[..., Any] | None:
     """The reader of an object's class, or of a class that it derives from."""
     kinds = (f"{kind.__module__.partition('.')[0]}.{kind.__name__}" for kind in type(thing).__mro__)
     return next((readers[kind] for kind in kinds if kind in readers), None)
 
 
-def _kind(thing: Any) -> str:
+def _class_name(thing: Any) -> str:
     return f"{type(thing).__module__}.{type(thing).__name__}"

@@ -17,12 +17,12 @@ class Later:
         self._module, self._name = module, name
 
     def __getattr__(self, name: str) -> Any:
-        return getattr(self._own(), name)
+        return getattr(self._import_own(), name)
 
     def __call__(self, *given: Any, **named: Any) -> Any:
-        return self._own()(*given, **named)
+        return self._import_own()(*given, **named)
 
-    def _own(self) -> Any:
+    def _import_own(self) -> Any:
         return getattr(import_module(self._module), self._name)
 
 

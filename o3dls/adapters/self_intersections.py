@@ -31,14 +31,14 @@ def _crossing_triangles(surface: Surface) -> NDArray[np.bool_]:
     side by side in one plane it takes some for crossing, depending on how they are turned. Walls that touch
     cross only once they are shaken.
     """
-    found = _selected(surface)
+    found = _select_crossing(surface)
     if found.any():
         shaken = SHAKEN * surface.diagonal * np.random.default_rng(0).normal(size=surface.vertices.shape)
-        found &= _selected(surface.with_vertices(surface.vertices + shaken))
+        found &= _select_crossing(surface.with_vertices(surface.vertices + shaken))
     return found
 
 
-def _selected(surface: Surface) -> NDArray[np.bool_]:
+def _select_crossing(surface: Surface) -> NDArray[np.bool_]:
     """Faces (m,) that pymeshlab takes for crossing another one."""
     import pymeshlab
 
