@@ -33,13 +33,13 @@ class PluginType(ModelMetaclass):
     def __doc__(cls) -> str:  # type: ignore[override]
         """The words of a plugin, and behind them a block per parameter where it can be used by name."""
         fields = cls.model_fields if hasattr(cls, "name") else {}
-        blocks = [_block(name, field) for name, field in fields.items()]
+        blocks = [_format_block(name, field) for name, field in fields.items()]
         return "\n".join([words(cls), *(["", "Parameters", "----------"] if blocks else []), *blocks])
 
     @property
     def __signature__(cls) -> inspect.Signature:
         """The parameters with their types alone: bounds are told in the block of each."""
-        return inspect.Signature([_given(name, field) for name, field in cls.model_fields.items()])
+        return inspect.Signature([_as_argument(name, field) for name, field in cls.model_fields.items()])
 
     @__signature__.setter
     def __signature__(cls, full: object) -> None:
@@ -52,7 +52,7 @@ def words(plugin: type) -> str:
     return inspect.cleandoc(next(filter(None, said), ""))
 
 
-def _block(name: str, field: FieldInfo) -> str:
+def _format_block(name: str, field: FieldInfo) -> str:
     """What a parameter takes, with its default, and below its meaning, with the accepted words."""
     p = described(name, field)
     bounded = p.limits.startswith(("[", "("))
@@ -60,10 +60,10 @@ def _block(name: str, field: FieldInfo) -> str:
     default = "" if field.is_required() else f", default {value}"
     meaning = f"{p.meaning} ({p.limits})" if p.limits and not bounded else p.meaning
     below = fill(meaning, 100, initial_indent=INDENT, subsequent_indent=INDENT)
-    return f"{name} : {_taken(field, p, bounded=bounded)}{default}\n{below}"
+    return f"{name} : {_describe_type(field, p, bounded=bounded)}{default}\n{below}"
 
 
-def _taken(field: FieldInfo, p: Parameter, *, bounded: bool) -> str:
+def _describe_type(field: FieldInfo, p: Parameter, *, bounded: bool) -> str:
     """The type of a parameter with its bounds and unit."""
     kind = part(field)
     within = f" within {p.limits}" if bounded else "," * bool(p.unit)
@@ -71,7 +71,7 @@ def _taken(field: FieldInfo, p: Parameter, *, bounded: bool) -> str:
     return f"{kind.__name__ if kind else p.kind}{within} {p.unit}".rstrip() + nothing
 
 
-def _given(name: str, field: FieldInfo) -> inspect.Parameter:
+def _as_argument(name: str, field: FieldInfo) -> inspect.Parameter:
     default = inspect.Parameter.empty if field.is_required() else described(name, field).default
     keyword = inspect.Parameter.KEYWORD_ONLY
     return inspect.Parameter(name, keyword, default=default, annotation=field.annotation)

@@ -45,7 +45,7 @@ class Plugin(BaseModel, ABC, metaclass=PluginType):
 
     @field_validator("*", mode="before")
     @classmethod
-    def _as_written(cls, value: Any, info: ValidationInfo) -> Any:
+    def _check_as_written(cls, value: Any, info: ValidationInfo) -> Any:
         """Text is neither a number nor yes or no, and a number is not yes or no: pydantic would read "no" as
         false and "1" as 1.
         """
@@ -55,7 +55,7 @@ class Plugin(BaseModel, ABC, metaclass=PluginType):
 
     @field_validator("*", mode="before")
     @classmethod
-    def _part(cls, value: Any, info: ValidationInfo) -> Any:
+    def _make_part(cls, value: Any, info: ValidationInfo) -> Any:
         """A table becomes the part that it describes, with the mistakes of that named."""
         field = cls.model_fields[info.field_name] if info.field_name else None
         kind = part(field) if field else None
