@@ -98,7 +98,7 @@ def run_cohort(
             if outcome.error:
                 note_failure(outcome, out)
             found[task.name] = outcome
-            _log(outcome, len(found), len(study))
+            _log_outcome(outcome, len(found), len(study))
             if written:
                 written(found)
             if told:
@@ -115,7 +115,7 @@ def _time_of_files(out: Path) -> float:
         return os.fstat(file.fileno()).st_mtime
 
 
-def _log(outcome: Outcome, done: int, of: int) -> None:
+def _log_outcome(outcome: Outcome, done: int, of: int) -> None:
     for warning in () if outcome.skipped else outcome.warnings:
         log.warning("%s: %s", outcome.case, warning)
     log.info("%d of %d: %s", done, of, outcome)
@@ -198,7 +198,7 @@ class _Task:
             os.chdir(self.work)
         with recorded_log(logging.WARNING) as warnings:
             try:
-                return self._outcome()
+                return self._run_or_skip()
             except (O3dlsError, OSError) as error:
                 reason = str(error)
             except MemoryError:
@@ -211,7 +211,7 @@ class _Task:
                 os._exit(1)
         return Outcome(self.name, [], [], reason, warnings)
 
-    def _outcome(self) -> Outcome:
+    def _run_or_skip(self) -> Outcome:
         case = read_case(self.plan.folder)
         pipeline = self.plan.pipeline.allowed_by(case) if self.plan.trim else self.plan.pipeline
         if not self._too_old() and is_done(self.out, pipeline.record(), case):

@@ -55,14 +55,14 @@ class Folds:
     def left_out(self) -> dict[str, Array]:
         """The distances, as `cross_validate` gives them. Raises what a fit raises, with its fold."""
         found: dict[int, dict[str, Array]] = {}
-        while (fold := _taken(self._waiting.popleft)) is not None:
-            with self._named(fold):
-                found[fold] = _gaps(self._fit, self._case, self._away(fold))
+        while (fold := _take_fold(self._waiting.popleft)) is not None:
+            with self._name_fold(fold):
+                found[fold] = _measure_gaps(self._fit, self._case, self._rows_left_out(fold))
         if self._thread:
             self._thread.join()
         for fold in sorted(set(range(self._count)) - found.keys()):
-            with self._named(fold):
-                found[fold] = self._from_beside(fold)
+            with self._name_fold(fold):
+                found[fold] = self._await_beside(fold)
         gaps = {name: np.zeros(len(self._rows)) for name in found[0]}
         for fold, by_name in found.items():
             for name, values in by_name.items():
@@ -73,27 +73,27 @@ class Folds:
         """One by one, as a process that is still to begin shall not keep a fold that can be done here."""
         with suppress(RuntimeError, CancelledError):  # the other process, or the whole, was ended
             pool.submit(int).result()
-            while (fold := _taken(self._waiting.pop)) is not None:
-                away = self._away(fold)
-                self._beside[fold] = pool.submit(_gaps_and_log, self._fit, self._case, away)
+            while (fold := _take_fold(self._waiting.pop)) is not None:
+                away = self._rows_left_out(fold)
+                self._beside[fold] = pool.submit(_measure_and_log, self._fit, self._case, away)
                 wait([self._beside[fold]])
 
-    def _from_beside(self, fold: int) -> dict[str, Array]:
+    def _await_beside(self, fold: int) -> dict[str, Array]:
         try:
             found, lines = self._beside[fold].result()
         except (KeyError, BrokenExecutor, CancelledError):  # its process was ended, as where memory is short
-            return _gaps(self._fit, self._case, self._away(fold))
+            return _measure_gaps(self._fit, self._case, self._rows_left_out(fold))
         for line in lines:
             log.debug("%s", line)
         return found
 
-    def _away(self, fold: int) -> Ints:
+    def _rows_left_out(self, fold: int) -> Ints:
         return np.asarray(self._rows[self._fold_of == fold])
 
     @contextmanager
-    def _named(self, fold: int) -> Iterator[None]:
+    def _name_fold(self, fold: int) -> Iterator[None]:
         """Within this a fold is done: the log and errors name it."""
-        log.info("fold %d of %d: %d points left out", fold + 1, self._count, len(self._away(fold)))
+        log.info("fold %d of %d: %d points left out", fold + 1, self._count, len(self._rows_left_out(fold)))
         try:
             yield
         except O3dlsError as error:
@@ -104,7 +104,7 @@ class Folds:
             ) from error
 
 
-def _taken(take: Callable[[], int]) -> int | None:
+def _take_fold(take: Callable[[], int]) -> int | None:
     """The next fold, which no other thread has; None where there is no more."""
     try:
         return take()
@@ -112,17 +112,17 @@ def _taken(take: Callable[[], int]) -> int | None:
         return None
 
 
-def _gaps(fit: Fit, case: Case, away: Ints) -> dict[str, Array]:
+def _measure_gaps(fit: Fit, case: Case, away: Ints) -> dict[str, Array]:
     """By estimate, the distances of the points `away` to what is fitted without them."""
     estimates = fit(without(case, away))
     left = list(estimates.values())[-1].corrected(case).points.xyz[away]
     return {name: distances(left, estimate.surface) for name, estimate in estimates.items()}
 
 
-def _gaps_and_log(fit: Fit, case: Case, away: Ints) -> tuple[dict[str, Array], list[str]]:
+def _measure_and_log(fit: Fit, case: Case, away: Ints) -> tuple[dict[str, Array], list[str]]:
     """The same, with the lines of the log of that process, which nobody reads there."""
     with recorded_log(logging.DEBUG) as lines:
-        return _gaps(fit, case, away), lines
+        return _measure_gaps(fit, case, away), lines
 
 
 def ending(chain: Sequence[str], left_out: Mapping[str, Array], case: Case) -> tuple[str, list[RunWarning]]:
@@ -140,10 +140,10 @@ def ending(chain: Sequence[str], left_out: Mapping[str, Array], case: Case) -> t
     farther = paired_difference(left_out[best], left_out[last], case.points.of("eam").xyz)
     if not farther.low > 0.0:
         return last, []
-    return best, [RunWarning("stage-rejected", _rejection(last, best, farther, case.units), last)]
+    return best, [RunWarning("stage-rejected", _explain_rejection(last, best, farther, case.units), last)]
 
 
-def _rejection(last: str, best: str, farther: Difference, unit: str) -> str:
+def _explain_rejection(last: str, best: str, farther: Difference, unit: str) -> str:
     return (
         f"{last} is farther from points that were left out than {best} ({farther.second:.2f} against "
         f"{farther.first:.2f} {unit}, by {farther.low:.2f} to {farther.high:.2f}): the result is {best}"

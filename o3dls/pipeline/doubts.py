@@ -34,7 +34,12 @@ def contradiction(case: Case, start: Estimate) -> str:
     if case.dimension == 2:
         return ""
     points = case.points.of("eam").xyz
-    return _overlapping(case) or _column(case) or _plane(case, points) or _frames(case, start, points)
+    return (
+        _find_overlap(case)
+        or _find_wrong_column(case)
+        or _find_plane(case, points)
+        or _find_mixed_frames(case, start, points)
+    )
 
 
 def doubtful_points(case: Case, start: Estimate, final: Estimate) -> list[RunWarning]:
@@ -45,16 +50,16 @@ def doubtful_points(case: Case, start: Estimate, final: Estimate) -> list[RunWar
         return []
     points = thinned(case.points.of("eam").xyz, SPREAD)
     found = []
-    if ball := _sphere(points, case.prior.transformed(final.T_map_prior)):
+    if ball := _find_ball(points, case.prior.transformed(final.T_map_prior)):
         found.append(RunWarning("points-on-a-ball", ball))
-    if beside := _one_side(case, start, points):
+    if beside := _find_one_side(case, start, points):
         found.append(RunWarning("points-beside-the-wall", beside))
-    if scattered := _scattered(case, final):
+    if scattered := _find_scatter(case, final):
         found.append(RunWarning("large-noise", scattered))
     return found
 
 
-def _overlapping(case: Case) -> str:
+def _find_overlap(case: Case) -> str:
     """Components of the prior that lie in one another: two surfaces in one file."""
     from ..geometry.components import component_areas
     from ..levelset.grid.distance import filled_distance
@@ -72,7 +77,7 @@ def _overlapping(case: Case) -> str:
     )
 
 
-def _plane(case: Case, points: Array) -> str:
+def _find_plane(case: Case, points: Array) -> str:
     deviations = np.sqrt(np.clip(np.linalg.eigvalsh(np.cov(points.T)), 0.0, None))
     if deviations[0] > THINNEST * deviations[1]:
         return ""
@@ -82,7 +87,7 @@ def _plane(case: Case, points: Array) -> str:
     )
 
 
-def _column(case: Case) -> str:
+def _find_wrong_column(case: Case) -> str:
     """One column of coordinates in another unit than the others, as the landmarks show."""
     names, prior, measured = case.landmark_pairs()
     if len(names) < 4 or not fix_a_pose(prior, measured):
@@ -112,7 +117,7 @@ def _landmark_error(prior: Array, measured: Array) -> float:
     return float(np.sqrt((gap**2).sum(axis=1).mean()))
 
 
-def _frames(case: Case, start: Estimate, points: Array) -> str:
+def _find_mixed_frames(case: Case, start: Estimate, points: Array) -> str:
     """Points in LPS beside landmarks in RAS, or the other way round: turned, they fit clearly better."""
     from ..registration.global_pose import robust_costs
     from ..registration.match import SurfaceMatcher
@@ -134,7 +139,7 @@ def _frames(case: Case, start: Estimate, points: Array) -> str:
     )
 
 
-def _sphere(points: Array, prior: Surface) -> str:
+def _find_ball(points: Array, prior: Surface) -> str:
     """Points much nearer to a ball than to the prior in its pose."""
     from ..evaluation.distances import distances
 
@@ -151,7 +156,7 @@ def _sphere(points: Array, prior: Surface) -> str:
     )
 
 
-def _one_side(case: Case, start: Estimate, points: Array) -> str:
+def _find_one_side(case: Case, start: Estimate, points: Array) -> str:
     """Nearly all points on one side of the prior in the pose of the landmarks."""
     from ..registration.match import SurfaceMatcher
 
@@ -171,7 +176,7 @@ def _one_side(case: Case, start: Estimate, points: Array) -> str:
     )
 
 
-def _scattered(case: Case, final: Estimate) -> str:
+def _find_scatter(case: Case, final: Estimate) -> str:
     """Points that scatter about the result more than mapping does: by the noise that a stage found, else by
     the distances of all. (Points that are spread evenly over a dense map are the extremes of its noise.)
     """

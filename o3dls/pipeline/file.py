@@ -34,20 +34,20 @@ def read_pipeline(path: str | Path, settings: Iterable[str] = ()) -> Pipeline:
     path, settings = Path(path), list(settings)
     text = decode(read_bytes(path, LARGEST_TOML), path)
     try:
-        tables = _beside(parse_toml(text, str(path)), path.parent)
+        tables = _resolve_grids(parse_toml(text, str(path)), path.parent)
     except InputError as error:
         raise PipelineError(str(error)) from None
     changed = overridden(deepcopy(tables), settings)
     try:
         return pipeline_from(changed, path.parent)
     except PipelineError as error:
-        own = _mistakes(tables, path.parent)
+        own = _list_mistakes(tables, path.parent)
         raise PipelineError(
-            *(f"{path}: {said}" if said in own else _blamed(said, settings) for said in error.args)
+            *(f"{path}: {said}" if said in own else _blame_settings(said, settings) for said in error.args)
         ) from None
 
 
-def _mistakes(tables: Tables, folder: Path) -> tuple[str, ...]:
+def _list_mistakes(tables: Tables, folder: Path) -> tuple[str, ...]:
     """The mistakes of a file as it stands, without the settings that overrode it."""
     try:
         pipeline_from(tables, folder)
@@ -56,13 +56,13 @@ def _mistakes(tables: Tables, folder: Path) -> tuple[str, ...]:
     return ()
 
 
-def _blamed(mistake: str, settings: list[str]) -> str:
+def _blame_settings(mistake: str, settings: list[str]) -> str:
     """A mistake that the file alone does not have, behind the settings that it comes from."""
     meant = [setting for setting in settings if setting.partition("=")[0].strip() in mistake] or settings
     return f"{' '.join(f'--set {setting}' for setting in meant)}: {mistake}"
 
 
-def _beside(tables: Tables, folder: Path) -> Tables:
+def _resolve_grids(tables: Tables, folder: Path) -> Tables:
     """The tables with the files that writers name (`grid`) taken from a folder, as case and out are."""
     for table in tables.get("write", []) if isinstance(tables.get("write"), list) else []:
         if isinstance(table, dict) and isinstance(table.get("grid"), str):
@@ -83,19 +83,19 @@ def all_mistakes(path: str | Path, case: str | Path | None = None) -> list[str]:
         mistakes += map(str, error.args)
     folder = case or (None if pipeline is None else pipeline.case)
     if pipeline is not None and pipeline.out:
-        with _noted(mistakes):
+        with _note_mistakes(mistakes):
             check_free(pipeline.out, True, "run", [Path(source) for source in (path, folder) if source])
     if folder:
         from ..parallel import compiling_said  # numba is not for those who only check a file
 
-        with _noted(mistakes), compiling_said():
+        with _note_mistakes(mistakes), compiling_said():
             subject = read_case(folder)
             mistakes += [] if pipeline is None else pipeline.refusals(subject)
     return mistakes
 
 
 @contextmanager
-def _noted(mistakes: list[str]) -> Iterator[None]:
+def _note_mistakes(mistakes: list[str]) -> Iterator[None]:
     """Add the mistakes of the block as sentences, and go on."""
     try:
         yield
@@ -121,12 +121,12 @@ def pipeline_from(tables: Tables, folder: Path = Path()) -> Pipeline:
     ]
     if mistakes:
         raise PipelineError(*mistakes)
-    stages, writes = (_plugins(kind, tables.get(kind, []), mistakes) for kind in ("stage", "write"))
+    stages, writes = (_make_plugins(kind, tables.get(kind, []), mistakes) for kind in ("stage", "write"))
     if mistakes:
         raise PipelineError(
             *mistakes,
             *order_mistakes(
-                [_step(table) for table in tables.get("stage", []) if isinstance(table, Mapping)]
+                [_step_of_table(table) for table in tables.get("stage", []) if isinstance(table, Mapping)]
             ),
         )
     places = {key: folder / tables[key] for key in FOLDERS if key in tables}
@@ -147,27 +147,27 @@ def overridden(tables: Tables, settings: Iterable[str]) -> Tables:
             raise PipelineError(
                 f"--set {setting}: names a folder, not a parameter: use --{name} {value.strip()}"
             )
-        target = _table(tables, owners[0], setting) if owners else tables
+        target = _find_table(tables, owners[0], setting) if owners else tables
         for part in owners[1:]:  # such as `phases.deform.odds`
             target = target.setdefault(part, {})
             if not isinstance(target, dict):
                 raise PipelineError(f"--set {setting}: '{part}' is not a table")
-        target[name] = _value(value.strip())
+        target[name] = _parse_value(value.strip())
     return tables
 
 
-def _plugins(kind: str, tables: list[Any], mistakes: list[str]) -> list[Any]:
+def _make_plugins(kind: str, tables: list[Any], mistakes: list[str]) -> list[Any]:
     """Stages or writers of a file; theirs are added to `mistakes`, each with the place of its table."""
     made = []
     for k, table in enumerate(tables, 1):
         try:
-            made.append(_plugin(kind, table))
+            made.append(_make_plugin(kind, table))
         except PipelineError as error:
             mistakes += [f"[[{kind}]] {k}: {mistake}" for mistake in error.args]
     return made
 
 
-def _plugin(kind: str, table: Any) -> Plugin:
+def _make_plugin(kind: str, table: Any) -> Plugin:
     if not isinstance(table, Mapping):
         raise PipelineError(f"must be a table, not {table!r}")
     if "use" not in table:
@@ -187,13 +187,13 @@ def _plugin(kind: str, table: Any) -> Plugin:
     return plugin.model_validate({key: value for key, value in table.items() if key != "use"})
 
 
-def _step(table: Mapping[str, Any]) -> tuple[str, str, str | None]:
+def _step_of_table(table: Mapping[str, Any]) -> tuple[str, str, str | None]:
     use = str(table.get("use"))
     after = table.get("after")
     return use, str(table.get("as") or use), after if isinstance(after, str) else None
 
 
-def _table(tables: Tables, owner: str, setting: str) -> Tables:
+def _find_table(tables: Tables, owner: str, setting: str) -> Tables:
     every = [
         table for kind in ("stage", "write") for table in tables.get(kind, []) if isinstance(table, dict)
     ]
@@ -208,7 +208,7 @@ def _table(tables: Tables, owner: str, setting: str) -> Tables:
     return every[names.index(owner)]
 
 
-def _value(text: str) -> Any:
+def _parse_value(text: str) -> Any:
     """A value as TOML writes it, or a number or True and False as Python does; a bare word is a text."""
     readers = (
         lambda: parse_toml(f"value = {text}", text)["value"],

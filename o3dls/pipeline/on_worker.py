@@ -78,7 +78,7 @@ def done_here(task: Task[T], limits: Limits, order: Order, reads: Path | None) -
         raise InputError(f"worker {get_worker().address}: {fault}")
     if order.stopped:
         return None
-    place = _place(order, limits)
+    place = _take_place(order, limits)
     ((_, result),) = attended([place], [task], limits, Event())
     task.abandoned()  # by a worker that was lost with its process
     _free.append((order, place))
@@ -95,7 +95,7 @@ def released() -> None:
 _free: list[tuple[Order, Place[Any]]] = []  # what this worker keeps; its threads take from it
 
 
-def _place(order: Order, limits: Limits) -> Place[Any]:
+def _take_place(order: Order, limits: Limits) -> Place[Any]:
     """A place that is free, or a new one."""
     with suppress(IndexError):
         while True:

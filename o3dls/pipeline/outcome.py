@@ -79,18 +79,20 @@ def gathered(runs: Path) -> list[Outcome]:
     ]
     if not made and not failed:
         raise InputError(f"{runs}: holds no runs; name the folder that `o3dls batch` wrote its runs into")
-    found = [_failure(name, path) for name, path in failed.items()] + [_made(folder) for folder in made]
+    found = [_read_failure(name, path) for name, path in failed.items()] + [
+        _read_outcome(folder) for folder in made
+    ]
     return sorted(found, key=lambda outcome: outcome.case)
 
 
-def _made(folder: Path) -> Outcome:
+def _read_outcome(folder: Path) -> Outcome:
     try:
         return outcome_of(folder)
     except InputError as error:
         return Outcome(folder.name, [], [], str(error))
 
 
-def _failure(name: str, path: Path) -> Outcome:
+def _read_failure(name: str, path: Path) -> Outcome:
     said = read_json(path)
     if not isinstance(said, dict) or not isinstance(said.get("error"), str):
         raise InputError(f"{path}: does not say why the case failed; run it again")
@@ -125,7 +127,7 @@ def check_table(out: Path, cases: Iterable[str] | None) -> None:
     if cases is None:
         return
     advice = "name another folder or use --force"
-    known = {_shown(case) for case in cases}
+    known = {_shown_name(case) for case in cases}
     if (out / COHORT).exists():
         try:
             there = read_table(out / COHORT, ("case", "error")).columns["case"]
@@ -137,6 +139,6 @@ def check_table(out: Path, cases: Iterable[str] | None) -> None:
         raise InputError(f"{out / PAGE}: exists already, without the table of a batch; {advice}")
 
 
-def _shown(name: str) -> str:
+def _shown_name(name: str) -> str:
     """A name as the table has it."""
     return escaped(name.encode("utf-8", "replace").decode("utf-8")).strip()

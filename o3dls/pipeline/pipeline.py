@@ -100,13 +100,13 @@ class Pipeline:
         from ..parallel import compiling_said  # numba is not for those who only check a file
 
         with compiling_said():
-            return self._run(case or self._own_case(), pool)
+            return self._run_case(case or self._own_case(), pool)
 
-    def _run(self, case: Case, pool: Executor | None) -> Run:
+    def _run_case(self, case: Case, pool: Executor | None) -> Run:
         begin = perf_counter()
-        self._check(case)
+        self._check_case(case)
         folds = Folds(partial(self.fit, level=logging.DEBUG), case, self.folds, pool) if self.folds else None
-        estimates = self._judged(case)
+        estimates = self._fit_and_judge(case)
         for warning in each_once(one for estimate in estimates.values() for one in estimate.warnings):
             log.warning("%s", warning.sentence)
         left_out = folds.left_out() if folds else {}
@@ -132,13 +132,13 @@ class Pipeline:
         """As `fit`, with the warnings on the start, which every estimate depends on. Raises InputError and
         SolverError as `run`.
         """
-        self._check(case)
-        return self._judged(case)
+        self._check_case(case)
+        return self._fit_and_judge(case)
 
-    def _judged(self, case: Case) -> dict[str, Estimate]:
+    def _fit_and_judge(self, case: Case) -> dict[str, Estimate]:
         return self._with_start_warnings(case.visible(), self.fit(case))
 
-    def _check(self, case: Case) -> None:
+    def _check_case(self, case: Case) -> None:
         if why := self.refusals(case):
             raise InputError("; ".join(why))
 

@@ -37,17 +37,17 @@ def start_estimate(case: Case) -> Estimate:
     """
     names, prior, measured = case.landmark_pairs()
     if fix_a_pose(prior, measured):
-        start = _placed(case, fit_similarity(prior, measured, scale=False), "")
+        start = _place_prior(case, fit_similarity(prior, measured, scale=False), "")
         error = np.sqrt((landmark_errors(case, start) ** 2).mean())
-        return _placed(
+        return _place_prior(
             case,
             start.T_map_prior,
             f"rigid fit of {len(names)} landmarks ({', '.join(names)}), rms {error:.2f} {case.units}",
         )
     why = f"; {len(names)} landmark pairs on one line do not determine a pose" if len(names) >= 3 else ""
     if case.init is not None:
-        return _placed(case, case.init, f"pose from the case's init matrix{why}")
-    return _placed(
+        return _place_prior(case, case.init, f"pose from the case's init matrix{why}")
+    return _place_prior(
         case,
         np.eye(case.dimension + 1),
         f"prior as given: the case has neither 3 landmark pairs nor an init matrix{why}",
@@ -60,14 +60,14 @@ def misfit(case: Case, start: Estimate, *, pose_is_known: bool) -> list[str]:
     """
     points = case.points.of("eam").xyz
     found = (
-        _flat(case)
-        or _few(points)
-        or _other_size(case, points)
-        or _far_point(case, points)
+        _find_flat_prior(case)
+        or _find_few_places(points)
+        or _find_other_size(case, points)
+        or _find_far_point(case, points)
         or contradiction(case, start)
     )
     if not found and pose_is_known:
-        found = _far(case, start, points)
+        found = _find_far_start(case, start, points)
     return [found] if found else []
 
 
@@ -80,7 +80,7 @@ def pose_unknown(case: Case) -> bool:
         return False
     if misfit(case, start, pose_is_known=False):
         return False  # no pose helps, and the run is refused with the reason
-    if _far(case, start, case.points.of("eam").xyz):
+    if _find_far_start(case, start, case.points.of("eam").xyz):
         return True
     try:
         return bool(_better_pose(case, start))
@@ -144,24 +144,24 @@ def components_without_points(case: Case, T_map_prior: Array) -> list[RunWarning
     return [
         RunWarning(
             "component-without-points",
-            f"no point is near the component of the prior {_around(case, component == k)} "
+            f"no point is near the component of the prior {_describe_place(case, component == k)} "
             f"({areas[k] / prior.area:.0%} of its area): does it belong to this chamber?",
         )
         for k in unseen
     ]
 
 
-def _around(case: Case, faces: NDArray[np.bool_]) -> str:
+def _describe_place(case: Case, faces: NDArray[np.bool_]) -> str:
     """Where some faces of the prior lie."""
     middle = case.prior.vertices[np.unique(case.prior.faces[faces])].mean(axis=0)
     return f"around ({', '.join(f'{x:.0f}' for x in middle)}) {case.units}"
 
 
-def _placed(case: Case, T_map_prior: Array, status: str) -> Estimate:
+def _place_prior(case: Case, T_map_prior: Array, status: str) -> Estimate:
     return Estimate(case.prior.transformed(T_map_prior), T_map_prior, status)
 
 
-def _flat(case: Case) -> str:
+def _find_flat_prior(case: Case) -> str:
     prior, unit = case.prior, case.units
     if not prior.watertight or prior.dimension * prior.volume > FLATTEST * prior.diagonal * prior.area:
         return ""
@@ -171,7 +171,7 @@ def _flat(case: Case) -> str:
     )
 
 
-def _few(points: Array) -> str:
+def _find_few_places(points: Array) -> str:
     places = len(np.unique(points, axis=0))
     return (
         ""
@@ -180,7 +180,7 @@ def _few(points: Array) -> str:
     )
 
 
-def _other_size(case: Case, points: Array) -> str:
+def _find_other_size(case: Case, points: Array) -> str:
     """Points in another unit than the prior's are many times too small or too large, not a little."""
     most, span = (
         max(float(np.linalg.norm(np.ptp(np.quantile(points, part, axis=0), axis=0))), 1e-300)
@@ -204,7 +204,7 @@ def _other_size(case: Case, points: Array) -> str:
     return f"{spans}: {remedy.format(name)}; otherwise check the units of both"
 
 
-def _far_point(case: Case, points: Array) -> str:
+def _find_far_point(case: Case, points: Array) -> str:
     """The farthest point, where it is too far off to be of this map."""
     away = np.linalg.norm(points - np.median(points, axis=0), axis=1)
     far = int(away.argmax())
@@ -217,7 +217,7 @@ def _far_point(case: Case, points: Array) -> str:
     )
 
 
-def _far(case: Case, start: Estimate, points: Array) -> str:
+def _find_far_start(case: Case, start: Estimate, points: Array) -> str:
     from scipy.spatial import cKDTree
 
     # near enough to the wall, without compiled loops

@@ -33,10 +33,10 @@ def workers(processes: int, beside: int = 0) -> Iterator[Executor]:
     """
     spawn = get_context("spawn")  # fork hangs once numba has used its threads
     theirs, ours = spawn.Pipe(duplex=False)
-    with ours, theirs, _pool(processes, spawn, (processes + beside, theirs)) as pool:
+    with ours, theirs, _open_pool(processes, spawn, (processes + beside, theirs)) as pool:
         results = pool._result_queue  # a pool that is shut down forgets it
         try:
-            with _unheard():
+            with _block_interrupts():
                 for _ in range(processes):
                     pool.submit(int)  # begins a process
             yield pool
@@ -48,9 +48,9 @@ def workers(processes: int, beside: int = 0) -> Iterator[Executor]:
             raise
 
 
-def _pool(processes: int, spawn: SpawnContext, given: tuple[int, Connection]) -> ProcessPoolExecutor:
+def _open_pool(processes: int, spawn: SpawnContext, given: tuple[int, Connection]) -> ProcessPoolExecutor:
     try:
-        return ProcessPoolExecutor(processes, spawn, initializer=_begin, initargs=given)
+        return ProcessPoolExecutor(processes, spawn, initializer=_begin_process, initargs=given)
     except (OSError, ImportError) as error:  # ImportError: Python was built without semaphores
         raise InputError(
             f"no further process can be begun ({error}): processes need semaphores, on Linux in a /dev/shm "
@@ -74,7 +74,7 @@ def second_process(folds: int) -> Iterator[Executor | None]:
 
 
 @contextmanager
-def _unheard() -> Iterator[None]:
+def _block_interrupts() -> Iterator[None]:
     """A process that begins within this never hears of Ctrl-C, which would end it in its imports with a
     traceback; this one hears of it afterwards.
     """
@@ -88,17 +88,17 @@ def _unheard() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _begin(processes: int, parent: Connection) -> None:
+def _begin_process(processes: int, parent: Connection) -> None:
     """Prepare a process of the pool: it has its share of the cores, and ends when told, or when its parent is
     no more.
     """
     parallel.limit_threads(processes)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # reaches all processes of a terminal; the parent decides
-    signal.signal(signal.SIGTERM, _told)
+    signal.signal(signal.SIGTERM, _end_when_told)
     Thread(target=_end_with, args=(parent,), daemon=True).start()
 
 
-def _told(*_: Any) -> None:
+def _end_when_told(*_: Any) -> None:
     """End, with what is half made removed, and without a word: what an interrupted library says of it, such
     as that it cannot be imported, is no news.
     """
