@@ -54,7 +54,7 @@ def by_rows(kernel: Callable[..., Any], least: int, rows: tuple[NDArray[Any], ..
         for part in left:
             kernel(*part, *shared)
 
-    begun = [_pool(os.getpid()).submit(work) for _ in range(threads - 1)]
+    begun = [_thread_pool(os.getpid()).submit(work) for _ in range(threads - 1)]
     work()
     for thread in begun:
         if not thread.cancel():  # busy with other work, it has not begun, and nothing is left to do
@@ -73,7 +73,7 @@ def limit_threads(processes: int) -> None:
 
 
 @lru_cache
-def _pool(process: int) -> ThreadPoolExecutor:
+def _thread_pool(process: int) -> ThreadPoolExecutor:
     """Threads of a process: a fork has none of its parent's."""
     return ThreadPoolExecutor(THREADS - 1)
 
@@ -92,12 +92,12 @@ def one_blas_thread() -> Iterator[None]:
     """Within this, linear algebra has one thread: on matrices of a few hundred rows two take three times as
     long, and on a busy machine they wait for each other without end.
     """
-    with _blas().limit(limits=1, user_api="blas"):
+    with _blas_controller().limit(limits=1, user_api="blas"):
         yield
 
 
 @lru_cache
-def _blas() -> ThreadpoolController:
+def _blas_controller() -> ThreadpoolController:
     return ThreadpoolController()
 
 

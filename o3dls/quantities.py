@@ -95,7 +95,7 @@ def known_values(columns: Mapping[str, NDArray[Any]]) -> tuple[dict[str, NDArray
         none = stands_for_none(quantity, values)
         known[name] = np.where(none, np.nan, values)
         if none.any():
-            said.append(_sentence(name, values[none], len(values)))
+            said.append(_describe_missing(name, values[none], len(values)))
     return known, tuple(said)
 
 
@@ -103,7 +103,7 @@ def _is_numbers(column: NDArray[Any]) -> bool:
     return column.ndim == 1 and column.dtype.kind in "fiu"
 
 
-def _sentence(name: str, words: Array, n: int) -> str:
+def _describe_missing(name: str, words: Array, n: int) -> str:
     listed = ", ".join(f"{word:g}" for word in np.unique(words)[:NAMED])
     return f"{len(words)} of {n} values of '{name}' are {listed}, which stands for none: they are left empty"
 

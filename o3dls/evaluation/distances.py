@@ -67,14 +67,16 @@ def measure(case: Case, estimate: Estimate, fitted: tuple[str, ...]) -> dict[str
         sets |= _held_out(truth.held_out, truth.unseen, estimate.surface)
     if truth is not None and truth.correspondence is not None:
         prior, position = truth.correspondence
-        sets["correspondence"] = _lengths(moved(estimate, prior) - position)
+        sets["correspondence"] = _vector_lengths(moved(estimate, prior) - position)
     if truth is not None and truth.surface is not None:
-        sets["truth_to_surface"], sets["surface_to_truth"] = _both_ways(truth.surface, estimate.surface)
+        sets["truth_to_surface"], sets["surface_to_truth"] = _measure_both_ways(
+            truth.surface, estimate.surface
+        )
     return {name: values for name, values in sets.items() if len(values)}
 
 
 @lru_cache(maxsize=1)  # estimates that follow each other may share their surface
-def _both_ways(truth: Surface, surface: Surface) -> tuple[Array, Array]:
+def _measure_both_ways(truth: Surface, surface: Surface) -> tuple[Array, Array]:
     return distances(sample(truth), surface), distances(sample(surface), truth)
 
 
@@ -88,7 +90,7 @@ def scored_as_fitted(fitted: tuple[str, ...]) -> tuple[str, ...]:
 def landmark_errors(case: Case, estimate: Estimate) -> Array:
     """Distances (k,) between the moved landmarks of the prior and the measured ones of the same name."""
     _, prior, measured = case.landmark_pairs()
-    return _lengths(moved(estimate, prior) - measured)
+    return _vector_lengths(moved(estimate, prior) - measured)
 
 
 def moved(estimate: Estimate, prior_points: Array) -> Array:
@@ -149,5 +151,5 @@ def _held_out(points: Array, unseen: NDArray[np.bool_] | None, surface: Surface)
     return {"held_out": gap, "held_out_seen": gap[~unseen], "held_out_unseen": gap[unseen]}
 
 
-def _lengths(vectors: Array) -> Array:
+def _vector_lengths(vectors: Array) -> Array:
     return np.asarray(np.linalg.norm(vectors, axis=1))

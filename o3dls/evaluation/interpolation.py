@@ -35,7 +35,7 @@ def to_surface(xyz: Array, values: Array, surface: Surface) -> Array:
         raise InputError(
             f"none of {len(values)} points has a value and lies within {REACH:g} mm of the surface"
         )
-    distance, row = _neighbours(wall.foot[used].tobytes(), surface)
+    distance, row = _nearest_data(wall.foot[used].tobytes(), surface)
     # the nearest has weight 1: no underflow, however far it is
     weights = np.exp((distance[:, :1] ** 2 - distance**2) / (2 * WIDTH**2))
     mean = (weights * values[used][row]).sum(axis=1) / weights.sum(axis=1)
@@ -43,7 +43,7 @@ def to_surface(xyz: Array, values: Array, surface: Surface) -> Array:
 
 
 @lru_cache(maxsize=1)  # the columns of a map are mostly measured at the same points
-def _neighbours(data: bytes, surface: Surface) -> tuple[Array, Ints]:
+def _nearest_data(data: bytes, surface: Surface) -> tuple[Array, Ints]:
     """Distances and rows (n, k) of the data (m, d) that are nearest to each vertex, the nearest first."""
     from scipy.spatial import cKDTree
 

@@ -124,25 +124,25 @@ def suggest(
     if k < 1:
         raise InputError(f"k = {k}: must be at least 1")
     n = len(estimate.surface.vertices)
-    reachable = np.ones(n, dtype=bool) if reachable is None else _checked("reachable", reachable, n) > 0
-    weights = np.ones(n) if weights is None else _checked("weights", weights, n)
+    reachable = np.ones(n, dtype=bool) if reachable is None else _check_weights("reachable", reachable, n) > 0
+    weights = np.ones(n) if weights is None else _check_weights("weights", weights, n)
     at = estimate.motion(case.prior.vertices[modes.places])
-    wall = _wall(case, estimate, modes, at, weights)
+    wall = _describe_wall(case, estimate, modes, at, weights)
     vertex = np.asarray(cKDTree(estimate.surface.vertices).query(at)[1], dtype=np.int64)
     believed = 1.0 if estimate.weights is None else float(estimate.weights.mean())
-    shallow = _depths(case.prior, modes.places.tobytes()) < APART
-    return _chosen(case, estimate, wall, vertex, reachable[vertex] & shallow, k, believed)
+    shallow = _tube_depths(case.prior, modes.places.tobytes()) < APART
+    return _choose_places(case, estimate, wall, vertex, reachable[vertex] & shallow, k, believed)
 
 
 @lru_cache(maxsize=2)  # of the prior of a session that is asked again and again
-def _depths(prior: Surface, places: bytes) -> Array:
+def _tube_depths(prior: Surface, places: bytes) -> Array:
     """How deep (m,) vertices of the prior lie in its tubes, in rms radii."""
     at = np.frombuffer(places, dtype=np.int64)
     deep = depth_in_tubes(prior.vertices[at], prior.vertex_normals[at], prior.vertices)
     return deep / rms_radius(prior.vertices)
 
 
-def _checked(name: str, given: Array | Mask, n: int) -> Array:
+def _check_weights(name: str, given: Array | Mask, n: int) -> Array:
     values = np.asarray(given, dtype=np.float64)
     if values.shape != (n,):
         raise InputError(f"{name} has shape {values.shape}: the estimate's surface has {n} vertices")
@@ -151,7 +151,7 @@ def _checked(name: str, given: Array | Mask, n: int) -> Array:
     return values
 
 
-def _wall(case: Case, estimate: Estimate, modes: WallModes, at: Array, weights: Array) -> _Wall:
+def _describe_wall(case: Case, estimate: Estimate, modes: WallModes, at: Array, weights: Array) -> _Wall:
     surface = estimate.surface
     covariance = modes.modes @ modes.modes.T
     first = np.maximum(np.diag(covariance), TINY)
@@ -161,7 +161,7 @@ def _wall(case: Case, estimate: Estimate, modes: WallModes, at: Array, weights: 
     return _Wall(covariance, first, of, np.where(known, sd, 0.0), weights * surface.vertex_areas * known)
 
 
-def _chosen(
+def _choose_places(
     case: Case, estimate: Estimate, wall: _Wall, vertex: Ints, allowed: Mask, k: int, believed: float
 ) -> Advice:
     """The places of highest worth among those allowed (m,)."""

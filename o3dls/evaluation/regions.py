@@ -42,7 +42,7 @@ def regions(surface: Surface, axes: Array, landmarks: Mapping[str, Array]) -> In
         return None
     area = surface.vertex_areas
     middle = area @ surface.vertices / area.sum()
-    far = np.column_stack([_off(surface.vertices, at, middle) for at in places.values()])
+    far = np.column_stack([_distance_off_axis(surface.vertices, at, middle) for at in places.values()])
     wall = far.min(axis=1) > REACH
     offset = (surface.vertices - middle) @ axes.T
     spread = np.sqrt((area * wall) @ offset**2 / (area @ wall))
@@ -56,7 +56,7 @@ def word(region: int) -> str:
     return WORDS.get(REGIONS[region], REGIONS[region])
 
 
-def _off(points: Array, at: Array, middle: Array) -> Array:
+def _distance_off_axis(points: Array, at: Array, middle: Array) -> Array:
     """Distance (n,) of points (n, 3) from the half-line from a place away from the middle, less what it opens
     by along it.
     """

@@ -51,7 +51,7 @@ def paired_difference(first: Array, second: Array, positions: Array) -> Differen
     labels = spatial_blocks(positions)
     sums = np.bincount(labels, change)
     counts = np.bincount(labels)
-    drawn = _drawn(len(counts))
+    drawn = _draw_blocks(len(counts))
     enough = len(counts) >= FEWEST_BLOCKS
     low, high = np.percentile((drawn @ sums) / (drawn @ counts), [2.5, 97.5]) if enough else (np.nan, np.nan)
     return Difference(
@@ -66,7 +66,7 @@ def paired_difference(first: Array, second: Array, positions: Array) -> Differen
 
 
 @lru_cache(maxsize=8)  # a page has some thirty differences, most of them of MOST_BLOCKS blocks
-def _drawn(blocks: int) -> Ints:
+def _draw_blocks(blocks: int) -> Ints:
     """How often (ROUNDS, blocks) each block is drawn in each round."""
     rng = np.random.default_rng(SEED)
     return rng.multinomial(blocks, np.full(blocks, 1 / blocks), size=ROUNDS)

@@ -80,7 +80,7 @@ def euler(surface: Surface) -> int:
     return (
         used - len(surface.faces)
         if surface.dimension == 2
-        else used - len(_edges(surface)) + len(surface.faces)
+        else used - len(_unique_edges(surface)) + len(surface.faces)
     )
 
 
@@ -91,7 +91,7 @@ def flipped_faces(surface: Surface) -> int:
     return int(flipped(surface).sum())
 
 
-def _edges(surface: Surface) -> Ints:
+def _unique_edges(surface: Surface) -> Ints:
     """Undirected edges (k, 2), each once."""
     f = surface.faces
     pairs = f if surface.dimension == 2 else np.vstack([f[:, [0, 1]], f[:, [1, 2]], f[:, [2, 0]]])

@@ -26,7 +26,7 @@ def wall_modes(prior: Surface, motion: Motion | None) -> WallModes | None:
         return motion.modes
     if not isinstance(motion, FittedMotion):
         return None
-    places = _places(prior)
+    places = _spread_places(prior)
     normals = prior.with_vertices(motion(prior.vertices)).vertex_normals[places]
     joint = motion.joint(prior.vertices[places], normals)
     factor, pivots, rank, _ = dpstrf(joint, tol=ROUNDING * float(joint.max()), lower=True)
@@ -36,7 +36,7 @@ def wall_modes(prior: Surface, motion: Motion | None) -> WallModes | None:
 
 
 @lru_cache(maxsize=2)  # of the prior of a session that is asked again and again
-def _places(prior: Surface) -> Ints:
+def _spread_places(prior: Surface) -> Ints:
     return spread(prior.vertices, PLACES)
 
 
