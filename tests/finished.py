@@ -115,13 +115,13 @@ def finished(
 ) -> Path:
     """The folder of a finished run of `icp` and `level_set`."""
     if case is None and not writes:
-        return _run_case(3, folds).write(folder)
+        return _run(3, folds).write(folder)
     return _pipeline(folds, writes).run(case or bulged_case()).write(folder)
 
 
 def finished_2d(folder: Path) -> Path:
     """The same in two dimensions, in pixels."""
-    return _run_case(2).write(folder)
+    return _run(2).write(folder)
 
 
 def _pipeline(folds: int, writes: tuple[object, ...] = ()) -> Pipeline:
@@ -129,7 +129,7 @@ def _pipeline(folds: int, writes: tuple[object, ...] = ()) -> Pipeline:
 
 
 @cache
-def _run_case(dimension: int, folds: int = 0) -> Run:
+def _run(dimension: int, folds: int = 0) -> Run:
     """What most tests write, fitted and scored once in a process."""
     return _pipeline(folds).run(bulged_case() if dimension == 3 else disc_case())
 

@@ -100,7 +100,7 @@ class Folds:
             self._waiting.clear()
             where = f"fold {fold + 1} of {self._count} of the cross-validation"
             raise type(error)(
-                f"in {where}, with {len(self._away(fold))} points left out: {error}; folds = 0 leaves it away"
+                f"in {where}, with {len(self._rows_left_out(fold))} points left out: {error}; folds = 0 leaves it away"
             ) from error
 
 

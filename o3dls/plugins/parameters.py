@@ -134,7 +134,8 @@ def _describe_mistake(plugin: type[BaseModel], owner: str, detail: ErrorDetails)
     given = f"{owner}.{place} = {_show_value(detail['input'], _shown_unit(field))}"
     if words and isinstance(detail["input"], str):
         return f"{given}{did_you_mean(detail['input'], words)}"
-    return f"{given}: {message if entry or detail['type'] == 'value_error' else f'must be {_describe_wanted(field)}'}"
+    own_words = entry or detail["type"] == "value_error"
+    return f"{given}: {message if own_words else f'must be {_describe_wanted(field)}'}"
 
 
 def _show_value(value: Any, unit: str) -> str:

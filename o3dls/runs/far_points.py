@@ -45,7 +45,8 @@ class FarPoints:
 
     @property
     def said(self) -> str:
-        where = f"more than {self._far_limit:g} mm from the surface, {np.median(self._far_distances):.0f} mm in the median"
+        median = np.median(self._far_distances)
+        where = f"more than {self._far_limit:g} mm from the surface, {median:.0f} mm in the median"
         return f"{self.short} lie {where}"
 
     @property
