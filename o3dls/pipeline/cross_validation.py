@@ -99,8 +99,9 @@ class Folds:
         except O3dlsError as error:
             self._waiting.clear()
             where = f"fold {fold + 1} of {self._count} of the cross-validation"
+            points = len(self._rows_left_out(fold))
             raise type(error)(
-                f"in {where}, with {len(self._rows_left_out(fold))} points left out: {error}; folds = 0 leaves it away"
+                f"in {where}, with {points} points left out: {error}; folds = 0 leaves it away"
             ) from error
 
 
