@@ -32,13 +32,13 @@ log = logging.getLogger("o3dls")
 
 
 def _follow_links(path: str | Path) -> Path:
-    """Where links lead; unlike `Path.resolve` it does not fail on a link that leads to itself."""
+    """Return where links lead; unlike `Path.resolve` this does not fail on one that leads to itself."""
     return Path(os.path.realpath(path))
 
 
 def _temporary_name(path: Path) -> Path:
-    """A name nobody else uses beside what `path` stands for, and not longer than a system takes; keeps the
-    suffix, since writers choose their format by it.
+    """Return a name that nobody else uses beside what `path` stands for; it is not too long for a system, and
+    keeps the suffix, since writers choose their format by it.
     """
     folder = _follow_links(path).parent
     folder.mkdir(parents=True, exist_ok=True)
@@ -46,7 +46,7 @@ def _temporary_name(path: Path) -> Path:
 
 
 def _partial_prefix(path: Path) -> str:
-    """How temporary names of `path` begin, and of nothing else in its folder."""
+    """Return how the temporary names of `path` begin, and those of nothing else in its folder."""
     name = path.name
     if len(name) > SHOWN:
         name = f"{name[:SHOWN]}~{crc32(os.fsencode(name)):08x}"
@@ -166,7 +166,7 @@ def check_free(
 
 
 def _path_exists(path: Path) -> bool:
-    """Whether a path is there. Raises InputError for one that cannot be, such as a name that is too long."""
+    """Return whether a path is there. Raises InputError for one that cannot be, as with too long a name."""
     if "\0" in str(path):
         raise InputError(f"{path}: cannot be a path: it contains a zero byte; name another")
     try:
@@ -195,7 +195,7 @@ def _check_replaceable(out: Path, kind: str | None, reads: Sequence[Path]) -> No
 
 
 def _folder_kind(folder: Path) -> str | None:
-    """What a folder of ours is; None for any other, and where it bears the marks of two kinds."""
+    """Return the kind of a folder of ours; None for any other, or where it bears two marks."""
     found = [kind for kind, mark in MARKS.items() if (folder / mark).exists()]
     return found[0] if len(found) == 1 else None
 

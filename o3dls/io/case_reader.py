@@ -34,7 +34,7 @@ def read_case(
     frame: str | None = None,
     fewest: int = FEWEST_POINTS,
 ) -> Case:
-    """The case in a folder, lengths in mm (px where it says so).
+    """Read the case in a folder, lengths in mm (px where it says so).
 
     `points` replace its own, `units` and `frame` say what it does not. fewest: points of type eam that must
     be there; where it is 0 there need be no file of them. Raises InputError for everything that is missing,
@@ -45,7 +45,7 @@ def read_case(
 
 
 def case_of(opened: Folder, points: str | Path | None = None, fewest: int = FEWEST_POINTS) -> Case:
-    """The case of a folder whose settings are known; parameters and errors as of `read_case`."""
+    """Return the case of a folder whose settings are known; parameters and errors as of `read_case`."""
     prior = surface_of(opened, "prior")
     if prior is None:
         raise InputError(
@@ -78,7 +78,7 @@ def case_of(opened: Folder, points: str | Path | None = None, fewest: int = FEWE
 
 
 def _points_frame(folder: Folder, table: Table) -> str:
-    """The frame that the points or the case state. Raises InputError where both do, and differ."""
+    """Return the frame that the points or the case state. Raises InputError where both do, and differ."""
     stated = table.notes.get("space", "unknown")
     given = str(folder.settings.get("frame", "unknown"))
     if "unknown" not in (stated, given) and stated != given:
@@ -90,7 +90,9 @@ def _points_frame(folder: Folder, table: Table) -> str:
 
 
 def _prior_file_units(folder: Folder, stated: str) -> str:
-    """The units of the prior's own file, which the case that a run keeps says apart: that prior is in mm."""
+    """Return the units of the prior's own file; the case that a run keeps states them apart, as its prior is
+    in mm.
+    """
     said = stated if stated in MILLIMETRES else folder.settings.get("units", folder.units)
     return str(folder.settings.get("prior_file_units", said))
 
@@ -125,7 +127,7 @@ def _read_points(folder: Folder, table: Table, fewest: int) -> Points:
 
 
 def _read_landmarks(folder: Folder, space: str) -> dict[str, Array]:
-    """Places named on the prior, in its frame `space`."""
+    """Read places named on the prior, in its frame `space`."""
     path = folder.find("prior_landmarks")
     if path is None:
         return {}
@@ -139,7 +141,7 @@ def _read_landmarks(folder: Folder, space: str) -> dict[str, Array]:
 
 
 def _read_slicer_landmarks(folder: Folder, path: Path, space: str) -> dict[str, Array]:
-    """Places that Slicer named on the prior."""
+    """Read places that Slicer named on the prior."""
     if folder.dimension != 3 or folder.units == "px":
         raise InputError(
             f"{path}: Slicer's markups are places in 3D, in mm; write a table name,x,y in their place"
@@ -157,7 +159,7 @@ def _check_unique_names(names: Sequence[str], places: Sequence[str]) -> None:
 
 
 def _read_pose(folder: Folder) -> Array | None:
-    """The rough pose prior -> map, translation scaled to mm."""
+    """Read the rough pose prior -> map, translation scaled to mm."""
     path = folder.find("init")
     if path is None:
         return None
@@ -177,7 +179,9 @@ def _read_pose(folder: Folder) -> Array | None:
 
 
 def _check_case(case: Case, folder: Folder) -> None:
-    """What can only be seen with the whole case: landmark pairs and outlier rows."""
+    """Raise InputError for what only the whole case shows: landmarks without a pair, outlier rows out of
+    range.
+    """
     marks = case.points.of("landmark")
     names = [str(name) for name in marks.columns.get("name", np.full(len(marks), ""))]
     for name in names:

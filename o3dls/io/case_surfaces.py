@@ -21,7 +21,7 @@ log = logging.getLogger("o3dls")
 
 
 def surface_of(folder: Folder, role: str) -> SurfaceFile | None:
-    """The surface of a role in mm, None where there is no such file; the prior is closed and outward."""
+    """Return the surface of a role in mm, None where there is no such file; the prior is closed and outward."""
     path = folder.find(role)
     if path is None:
         return None
@@ -39,7 +39,7 @@ def surface_of(folder: Folder, role: str) -> SurfaceFile | None:
 
 
 def _read_in_millimetres(folder: Folder, path: Path, **choice: Any) -> SurfaceFile:
-    """The surface of a file in mm; what of the file is not in it goes to the log."""
+    """Read the surface of a file in mm; what of the file is not in it goes to the log."""
     file = read_surface_file(path, **_stated_settings(folder), **choice)
     for note in file.notes:
         log.info("%s: %s", path, note)
@@ -47,12 +47,14 @@ def _read_in_millimetres(folder: Folder, path: Path, **choice: Any) -> SurfaceFi
 
 
 def _stated_settings(folder: Folder) -> dict[str, str | None]:
-    """What the case says of files that do not say it themselves."""
+    """Return what the case says of files that do not say it themselves."""
     return {key: folder.settings.get(key) for key in ("units", "frame")}
 
 
 def phases_of(folder: Folder, space: str) -> tuple[Surface, ...]:
-    """The surfaces in the folder phases/, in the order of their names and in the prior's frame `space`."""
+    """Return the surfaces in the folder phases/, in the order of their names and in the prior's frame
+    `space`.
+    """
     found = []
     for path in sorted(
         p for p in (folder.path / "phases").glob("*") if p.is_file() and not p.name.startswith(".")

@@ -17,7 +17,7 @@ from .text import integers
 
 
 def truth_of(folder: Folder, prior: str, frame: str) -> Truth | None:
-    """Whatever the folder holds for evaluation, in the frame of the points; None where it holds nothing.
+    """Return what the folder holds for evaluation, in the frame of the points; None where it holds nothing.
 
     `frame` names the frame of the points, `prior` that of the prior.
     """

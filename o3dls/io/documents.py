@@ -21,13 +21,13 @@ WHOLE = range(-(1 << 63), 1 << 63)  # what TOML promises to keep
 
 
 def read_toml(path: str | Path) -> dict[str, Any]:
-    """The tables of a TOML file. Raises InputError where it is none, or is too large or too deep."""
+    """Read the tables of a TOML file. Raises InputError where it is none, or is too large or too deep."""
     path = Path(path)
     return parse_toml(decode(read_bytes(path, LARGEST_TOML), path), str(path))
 
 
 def parse_toml(text: str, where: str) -> dict[str, Any]:
-    """The tables of a TOML text. Raises InputError, which begins with `where`."""
+    """Parse the tables of a TOML text. Raises InputError, which begins with `where`."""
     # a dotted key holds no comma, and no list of numbers is without one
     if any(part.count(".") > MOST_KEYS for part in re.split(r"[=,\n]", text)):
         raise InputError(f"{where}: has a dotted key of more than {MOST_KEYS} parts; write it as a table")
@@ -44,13 +44,13 @@ def parse_toml(text: str, where: str) -> dict[str, Any]:
 
 
 def read_json(path: str | Path) -> Any:
-    """The value of a JSON file. Raises InputError where it is none, or is too large or too deep."""
+    """Read the value of a JSON file. Raises InputError where it is none, or is too large or too deep."""
     path = Path(path)
     return parse_json(decode(read_bytes(path, LARGEST_JSON), path), str(path))
 
 
 def parse_json(text: str, where: str) -> Any:
-    """The value of a JSON text. Raises InputError, which begins with `where`."""
+    """Parse the value of a JSON text. Raises InputError, which begins with `where`."""
     try:
         value = json.loads(text, parse_constant=_refuse_constant)
         bounded(value, where)
@@ -65,7 +65,7 @@ def parse_json(text: str, where: str) -> Any:
 
 
 class _NoNumber(ValueError):
-    """NaN and the infinities, which Python writes and JSON does not know."""
+    """A JSON text holds NaN or an infinity, which Python writes and JSON does not know."""
 
 
 def _refuse_constant(word: str) -> None:

@@ -42,7 +42,9 @@ def _affine_matrix(p: Array, _: Array) -> Array:
 
 
 def _euler_matrix(p: Array, fixed: Array) -> Array:
-    """ITK turns about y, x, z in this order; about x, y, z where a fourth fixed parameter says so."""
+    """Return the matrix of turns about y, x, z in this order, as ITK makes them; about x, y, z where a fourth
+    fixed parameter says so.
+    """
     from scipy.spatial.transform import Rotation
 
     order = "xyz" if fixed[3:].any() else "yxz"
@@ -51,13 +53,15 @@ def _euler_matrix(p: Array, fixed: Array) -> Array:
 
 
 def _versor_matrix(p: Array, _: Array) -> Array:
-    """The vector part of a unit quaternion, a shift, and one scale or none."""
+    """Return the matrix of a versor (the vector part of a unit quaternion), a shift, and one scale or none."""
     scale = float(p[6]) if len(p) == 7 else 1.0
     return similarity(_rotation_of_versor(p[:3]), p[3:6] if len(p) > 3 else np.zeros(3), scale)
 
 
 def _scale_versor_matrix(p: Array, _: Array) -> Array:
-    """ITK adds what the scales exceed 1 by to the diagonal of the rotation."""
+    """Return the matrix of a versor with scales: ITK adds what these exceed 1 by to the diagonal of the
+    rotation.
+    """
     return similarity(_rotation_of_versor(p[:3]) + np.diag(p[6:] - 1.0), p[3:6])
 
 
@@ -99,8 +103,8 @@ LINEAR: Mapping[str, tuple[int, tuple[int, ...], Callable[[Array, Array], Array]
 
 
 def read_itk_text(path: Path, text: str) -> Array:
-    """The matrix (4, 4) of a text file, from the fixed to the moving image in LPS; a composite's last part
-    acts first. Raises InputError, by name for what is not linear.
+    """Read the matrix (4, 4) of a text file, from the fixed to the moving image in LPS; a composite's last
+    part acts first. Raises InputError, by name for what is not linear.
     """
     parts: list[Part] = []
     for at, line in enumerate(text.splitlines(), 1):
@@ -126,7 +130,7 @@ def _read_parameters(path: Path, at: int, key: str, words: Sequence[str]) -> Arr
 
 
 def read_itk_mat(path: Path, data: bytes) -> Array:
-    """The matrix (4, 4) of a MATLAB 4 file, as `read_itk_text`. Raises InputError."""
+    """Read the matrix (4, 4) of a MATLAB 4 file, which maps as that of `read_itk_text`. Raises InputError."""
     variables = dict(read_mat4(path, data))
     kind, *others = variables
     if others != ["fixed"]:

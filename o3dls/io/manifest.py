@@ -46,7 +46,9 @@ def noted(folder: str | Path) -> Iterator[None]:
 
 
 def foreign(folder: Path, kind: str) -> list[str]:
-    """The files in a folder of a kind (run, case, paper) that o3dls did not write, by their paths in it."""
+    """Return the files in a folder of a kind (run, case, paper) that o3dls did not write, by their paths in
+    it.
+    """
     if not (folder / MANIFEST).is_file():
         return [n for n in _list_files(folder) if kind not in WRITTEN or not WRITTEN[kind].fullmatch(n)]
     listed = set((folder / MANIFEST).read_text(encoding="utf-8", errors="replace").split("\n"))
@@ -54,8 +56,8 @@ def foreign(folder: Path, kind: str) -> list[str]:
 
 
 def missing(folder: Path) -> list[str]:
-    """The files that o3dls wrote in a folder and that are not there any more, by their paths in it; the
-    manifest itself where there is none. Raises ValueError where it is damaged.
+    """Return the files that o3dls wrote in a folder and that are not there any more, by their paths in it;
+    the manifest itself where there is none. Raises ValueError where it is damaged.
     """
     if not (folder / MANIFEST).is_file():
         return [MANIFEST]
@@ -69,8 +71,8 @@ def _append_names(folder: Path, names: list[str]) -> None:
 
 
 def _list_files(folder: Path) -> list[str]:
-    """Paths of the files and links below a folder, without the manifest. Raises OSError where a folder cannot
-    be listed.
+    """Return the paths of the files and links below a folder, without the manifest. Raises OSError where a
+    folder cannot be listed.
     """
     found = []
     for place, folders, files in os.walk(folder, onerror=_raise_error):

@@ -29,8 +29,8 @@ NAMES = {name: name for name in ("x", "y", "z", "type", "name", *NUMBERS)} | ALI
 
 
 def read_points(path: str | Path, dimension: int = 3) -> Points:
-    """Points of a CSV file with a header: `x,y[,z]`, `type` (default eam), `name`, electrical values; other
-    columns are kept.
+    """Read points of a CSV file with a header: `x,y[,z]`, `type` (default eam), `name`, electrical values;
+    other columns are kept.
 
     Raises InputError naming file, line and column where a cell cannot be used.
     """
@@ -39,13 +39,13 @@ def read_points(path: str | Path, dimension: int = 3) -> Points:
 
 
 def read_points_table(path: str | Path, dimension: int = 3) -> Table:
-    """The raw table behind `read_points`; its notes hold `space` and `units` where the file states them."""
+    """Read the raw table behind `read_points`; its notes hold `space` and `units` where the file states them."""
     return read_table(path, "xyz"[:dimension], NAMES)
 
 
 def points_of(table: Table, dimension: int) -> Points:
-    """Points from a table that has the columns x, y and, in 3D, z; their notes say which numbers stood for
-    none.
+    """Return points from a table that has the columns x, y and, in 3D, z; their notes say which numbers stood
+    for none.
     """
     if len(table) == 0:
         raise InputError(f"{table.path}: has a header but no points")
@@ -64,7 +64,7 @@ def _read_column(table: Table, name: str) -> NDArray[Any]:
 
 
 def _check_measured(points: Points, where: str, place: Callable[[int], str]) -> Points:
-    """The same points. Raises InputError for what cannot have been measured."""
+    """Return the points unchanged. Raises InputError for what cannot have been measured."""
     for name, values in points.columns.items():
         if name == "sigma" and (values <= 0.0).any():
             row = int(np.argmax(values <= 0.0))
@@ -77,7 +77,7 @@ def _check_measured(points: Points, where: str, place: Callable[[int], str]) -> 
 
 
 def _read_types(table: Table) -> NDArray[np.str_]:
-    """The type of every point; a file without the column holds eam points only."""
+    """Read the type of every point; a file without the column holds eam points only."""
     if "type" not in table.columns:
         return np.full(len(table), "eam")
     for row, kind in enumerate(table.columns["type"]):
@@ -90,7 +90,7 @@ def _read_types(table: Table) -> NDArray[np.str_]:
 
 
 def points_from(columns: Mapping[str, ArrayLike], where: str) -> Points:
-    """Points from arrays by column, named and checked as those of a file are; missing numbers are NaN.
+    """Return points from arrays by column, named and checked as those of a file are; missing numbers are NaN.
 
     `where` names them in errors. Raises InputError.
     """
@@ -132,7 +132,7 @@ def _as_numbers(name: str, values: NDArray[Any], where: str) -> Array:
 
 
 def scaled(points: Points, factor: float) -> Points:
-    """The same points in another unit of length: their places and their noise levels."""
+    """Return the same points in another unit of length: their places and their noise levels."""
     columns = {
         name: values * factor if name == "sigma" else values for name, values in points.columns.items()
     }

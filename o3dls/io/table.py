@@ -48,8 +48,8 @@ class Table:
         return f"{self.path}: line {self.lines[row]}, column '{name}'"
 
     def numbers(self, name: str, *, missing: bool = False) -> Array:
-        """A column as numbers (n,); empty and `nan` cells become NaN where `missing` is allowed. Raises
-        InputError.
+        """Return a column as numbers (n,); empty and `nan` cells become NaN where `missing` is allowed.
+        Raises InputError.
         """
         cells = self.columns[name]
         if (plain := _plain_numbers(cells, missing)) is not None:
@@ -76,8 +76,8 @@ class Table:
         return value
 
     def values(self, name: str) -> NDArray[Any]:
-        """A column as numbers where every cell is a number or empty, else as text; identifiers such as 007
-        are text.
+        """Return a column as numbers where every cell is a number or empty, else as text; identifiers such as
+        007 are text.
         """
         cells = self.columns[name]
         plain = _plain_numbers(cells, missing=True) if any(cells) else None
@@ -93,8 +93,8 @@ class Table:
 
 
 def _is_number(cell: str) -> bool:
-    """Whether a cell is empty or a number that a float holds and that has no leading zeros, which it would
-    lose.
+    """Return whether a cell is empty or a number that a float holds and that has no leading zeros, which it
+    would lose.
     """
     try:
         value = number(cell or "nan")
@@ -104,7 +104,7 @@ def _is_number(cell: str) -> bool:
 
 
 def _plain_numbers(cells: Sequence[str], missing: bool) -> Array | None:
-    """All cells as numbers at one go; None where one may be none, and each is to be looked at."""
+    """Return all cells as numbers at one go; None where one may be none, so that each is to be looked at."""
     filled = [cell or "nan" for cell in cells] if missing else cells
     try:
         found = np.fromiter(map(float, filled), np.float64, len(cells))
@@ -116,7 +116,7 @@ def _plain_numbers(cells: Sequence[str], missing: bool) -> Array | None:
 
 
 def read_table(path: str | Path, required: Iterable[str], aliases: Mapping[str, str] | None = None) -> Table:
-    """The table in a CSV file. Raises InputError naming file, line and column for anything that does not
+    """Read the table in a CSV file. Raises InputError naming file, line and column for anything that does not
     fit.
     """
     return table_of(read_bytes(Path(path), LARGEST_TABLE), Path(path), required, aliases)
@@ -125,7 +125,7 @@ def read_table(path: str | Path, required: Iterable[str], aliases: Mapping[str, 
 def table_of(
     data: bytes, path: Path, required: Iterable[str], aliases: Mapping[str, str] | None = None
 ) -> Table:
-    """The same from the bytes of a file, which `path` names in errors."""
+    """Return the table in the bytes of a file, which `path` names in errors; as `read_table`."""
     text = decode(data, path)
     lines = [(at, line) for at, line in enumerate(text.splitlines(), 1) if line.strip()]
     for at, line in lines:
@@ -164,7 +164,7 @@ def table_of(
 
 
 def _read_notes(path: Path, comments: Sequence[str]) -> dict[str, str]:
-    """The `key=value` pairs of comment lines. Raises InputError for a frame that is none."""
+    """Read the `key=value` pairs of comment lines. Raises InputError for a frame that is none."""
     notes = {key.lower(): value for key, value in re.findall(r"(\w+)=([^\s,;]+)", " ".join(comments))}
     spaces = {space.lower(): space for space in SPACES}
     if notes.get("space", "unknown").lower() not in spaces:
@@ -214,8 +214,8 @@ def _format_column(values: NDArray[Any], where: str) -> list[str]:
 
 
 def _quote_cell(cell: str) -> str:
-    """A cell in quotes where a comma, a semicolon, a quote or a # at the beginning, as of a comment, would be
-    misread.
+    """Return a cell in quotes where a comma, a semicolon, a quote or a # at the beginning, as of a comment,
+    would be misread.
     """
     return '"' + cell.replace('"', '""') + '"' if cell[:1] == "#" or re.search('[,;"]', cell) else cell
 
@@ -230,7 +230,9 @@ def _format_cell(value: Any, where: str) -> str:
 
 
 def _mark_formula(text: str) -> str:
-    """The text as a spreadsheet shows it and does not run it; a number, such as -1, is none that runs."""
+    """Return the text so that a spreadsheet shows it and does not run it; a number, such as -1, is none that
+    runs.
+    """
     return f"'{text}" if FORMULA.match(text) and not _is_number(text) else text
 
 

@@ -18,7 +18,7 @@ from .text import decode, number_rows, read_bytes
 
 
 def turned(matrix: Array) -> Array:
-    """A transform of LPS coordinates as one of RAS coordinates, and back."""
+    """Return a transform of LPS coordinates as one of RAS coordinates, and the other way round."""
     return TURN @ matrix @ TURN
 
 
@@ -55,7 +55,8 @@ def _itk_text(path: Path, T_map_prior: Array, space: str) -> str:
 
 
 def is_transform(path: str | Path) -> bool:
-    """Whether a file is a pose by its suffix `.tfm` or `.txt`, or a MATLAB 4 file with a transform of ITK.
+    """Return whether a file is a pose by its suffix `.tfm` or `.txt`, or a MATLAB 4 file with a transform of
+    ITK.
 
     Raises InputError where it cannot be read at all.
     """
@@ -64,7 +65,7 @@ def is_transform(path: str | Path) -> bool:
 
 
 def read_transform(path: str | Path) -> tuple[Array, str]:
-    """T_map_prior (4, 4) and its frame (`unknown` for plain text that does not state it); ITK's linear
+    """Read T_map_prior (4, 4) and its frame (`unknown` for plain text that does not state it); ITK's linear
     transforms, by their content, are in LPS and from map to prior. Raises InputError.
     """
     path = Path(path)

@@ -53,8 +53,8 @@ def _is_dicom(path: Path) -> bool:
 
 
 def read_dicom(path: Path, data: bytes) -> Image:
-    """A segmentation: its segments are labels by their numbers and parts by their names, in layers where they
-    overlap. Voxels lie where the functional groups of its frames say, in LPS.
+    """Read a segmentation: its segments are labels by their numbers and parts by their names, in layers where
+    they overlap. Voxels lie where the functional groups of its frames say, in LPS.
 
     Raises InputError for any other DICOM file, and where highdicom is not installed.
     """
@@ -152,7 +152,9 @@ def _image_of_segments(path: Path, segmentation: Any) -> Image:
 
 
 def _label_values(path: Path, segmentation: Any, numbers: list[int]) -> tuple[NDArray[Any], list[int]]:
-    """Numbers of the segments (nz, ny, nx), or (nz, ny, nx, layers) where they overlap; the layer of each."""
+    """Return the numbers of the segments (nz, ny, nx), or (nz, ny, nx, layers) where they overlap; the layer
+    of each.
+    """
     kind = segmentation.segmentation_type.value
     if kind != "FRACTIONAL":
         try:

@@ -25,7 +25,7 @@ Box = tuple[float, float, float, float, float, float]
 
 
 class Choice(TypedDict, total=False):
-    """What is meant of a label volume, as `surface_of` says."""
+    """The options that choose a surface of a label volume; `surface_of` says what each means."""
 
     label: int | None
     part: str | None
@@ -34,7 +34,9 @@ class Choice(TypedDict, total=False):
 
 
 def read(path: Path, data: bytes, *, frame: str | None = None, **choice: Any) -> SurfaceFile:
-    """As `surface_of`, of a file; `frame` is that of its axes where the file does not say how they lie."""
+    """Read the surface of a label volume from a file; `frame` is that of its axes where the file does not say
+    how they lie, the choice is that of `surface_of`.
+    """
     return surface_of(read_image(path, data, frame), str(path), **choice)
 
 
@@ -47,9 +49,9 @@ def surface_of(
     box: Box | None = None,
     layer: int | None = None,
 ) -> SurfaceFile:
-    """The closed surface of one label, or of the segment named `part`; everything outside `box` (x, y, z
-    least, then most) is cut off. `layer` is the index of the one that is meant of a volume with several, such
-    as the phases of a cine; `path` names the image in errors.
+    """Return the closed surface of one label, or of the segment named `part`; everything outside `box` (x, y,
+    z least, then most) is cut off. `layer` is the index of the one that is meant of a volume with several,
+    such as the phases of a cine; `path` names the image in errors.
 
     Only the largest connected piece is taken, and what goes on from it obliquely through thick slices
     (`pieces.py`). Raises InputError where the label is not there, or must be said.
@@ -77,7 +79,7 @@ def surface_of(
 
 
 def _named_segments(notes: Mapping[str, str]) -> dict[str, tuple[int, int]]:
-    """Names of a Slicer segmentation with their layer and label."""
+    """Return the names of a Slicer segmentation with their layer and label."""
     found = {}
     k = 0
     while f"Segment{k}_Name" in notes:
@@ -93,7 +95,7 @@ def _named_segments(notes: Mapping[str, str]) -> dict[str, tuple[int, int]]:
 def _choose_label(
     path: str, image: Image, label: int | None, part: str | None, layer: int | None
 ) -> tuple[NDArray[Any], int]:
-    """The layer and the label in it that are meant; where nothing is said there must be one only."""
+    """Return the layer and the label in it that are meant; where nothing is said there must be one only."""
     layers = image.values if image.values.ndim == 4 else image.values[..., None]
     segments = _named_segments(image.notes)
     given = [f"{k} {v!r}" for k, v in (("label", label), ("part", part), ("layer", layer)) if v is not None]
@@ -141,13 +143,15 @@ def _check_layer(path: str, layer: int, number: int, what: str) -> int:
 
 
 def _hint_options(segments: Mapping[str, Any], option: str) -> str:
-    """The options that say which label or layer is meant: the one named, or a segment of those there are."""
+    """Return the options that say which label or layer is meant: the one named, or a segment of those there
+    are.
+    """
     parts = [f"--part ({', '.join(segments)})"] if segments else []
     return "; say " + " or ".join([option, *parts])
 
 
 def _find_labels(path: str, values: NDArray[Any]) -> list[int]:
-    """Labels other than 0. Raises InputError for an image of grey values.
+    """Return the labels other than 0. Raises InputError for an image of grey values.
 
     Slice by slice from the middle, where a grey image shows what it is: it may be large, and is not copied.
     """
@@ -163,7 +167,7 @@ def _find_labels(path: str, values: NDArray[Any]) -> list[int]:
 
 
 def _whole_values(path: str, values: NDArray[Any]) -> set[int]:
-    """The different values of a slice. Raises InputError where one is not a whole number."""
+    """Return the different values of a slice. Raises InputError where one is not a whole number."""
     found = np.unique(values)
     if found.dtype.kind == "f" and not ((found == np.round(found)) & (np.abs(found) < 1e9)).all():
         raise InputError(
@@ -173,7 +177,7 @@ def _whole_values(path: str, values: NDArray[Any]) -> set[int]:
 
 
 def _voxels_in_box(shape: tuple[int, ...], affine: Array, box: Box) -> NDArray[np.bool_]:
-    """Voxels whose centre lies in the box, (nz, ny, nx)."""
+    """Return voxels whose centre lies in the box, (nz, ny, nx)."""
     k, j, i = np.indices(shape, sparse=True)
     inside = np.ones(shape, dtype=bool)
     for axis in range(3):

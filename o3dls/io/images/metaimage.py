@@ -34,7 +34,7 @@ def knows(data: bytes) -> bool:
 
 
 def read_meta(path: Path, data: bytes) -> Image:
-    """MetaImage, with layers along a fourth axis or as channels: its matrix is in LPS, and its
+    """Read a MetaImage, with layers along a fourth axis or as channels: its matrix is in LPS, and its
     AnatomicalOrientation is not believed, since ITK writes one that means something else.
     """
     end = re.search(rb"^ElementDataFile\s*=\s*([^\r\n]+)\r?\n?", data[:100_000], re.MULTILINE)
@@ -63,7 +63,9 @@ def read_meta(path: Path, data: bytes) -> Image:
 
 
 def _read_sizes(path: Path, header: Mapping[str, str]) -> tuple[int, list[int]]:
-    """Number of axes, and their sizes with that of several channels in front, as they stand in the file."""
+    """Read the number of axes, and their sizes with that of several channels in front, as they stand in the
+    file.
+    """
     axes, channels = header.get("NDims", ""), header.get("ElementNumberOfChannels", "1")
     if axes not in ("3", "4") or not is_count(channels) or (axes == "4" and channels != "1"):
         raise InputError(
@@ -76,7 +78,7 @@ def _read_sizes(path: Path, header: Mapping[str, str]) -> tuple[int, list[int]]:
 
 
 def _read_affine(path: Path, header: Mapping[str, str], n: int) -> Array:
-    """Index to LPS; of a fourth axis nothing is asked but to be apart from those of space."""
+    """Read the matrix from an index to LPS; a fourth axis must only be apart from those of space."""
     names = ("TransformMatrix", "Rotation", "Orientation")
     rows = _read_numbers(path, header, names, n * n, np.eye(n).ravel()).reshape(n, n)
     if rows[:3, 3:].any() or rows[3:, :3].any():
@@ -91,8 +93,8 @@ def _read_affine(path: Path, header: Mapping[str, str], n: int) -> Array:
 
 
 def _voxel_bytes(path: Path, header: Mapping[str, str], file: str, local: bytes, need: int) -> bytes:
-    """The bytes of the voxels: a data file may begin with a header of its own, and -1 says that the voxels
-    are its last bytes.
+    """Return the bytes of the voxels: a data file may begin with a header of its own, and -1 says that the
+    voxels are its last bytes.
     """
     if header.get("BinaryData", "True").lower() != "true":
         raise InputError(

@@ -34,7 +34,7 @@ def knows(data: bytes) -> bool:
 
 
 def _unpack_start(data: bytes) -> bytes:
-    """As many bytes as the longest header has, unpacked."""
+    """Return as many bytes of the file, unpacked, as the longest header has."""
     if not packed(data):
         return data[: max(HEADERS)]
     try:
@@ -44,7 +44,7 @@ def _unpack_start(data: bytes) -> bytes:
 
 
 def _header_kind(start: bytes) -> tuple[int, bool] | None:
-    """Size of the header, and whether the voxels are in the same file; None for other files."""
+    """Return the size of the header, and whether the voxels are in the same file; None for other files."""
     for size, (_, at, single, pair) in HEADERS.items():
         if start[at : at + len(single)] in (single, pair) and len(start) >= size:
             return size, start[at : at + len(single)] == single
@@ -52,7 +52,7 @@ def _header_kind(start: bytes) -> tuple[int, bool] | None:
 
 
 def _is_analyze(start: bytes) -> bool:
-    """Whether a file is a header of Analyze 7.5, which has the size of NIfTI's and no magic word."""
+    """Return whether a file is a header of Analyze 7.5, which has the size of NIfTI's and no magic word."""
     return (
         len(start) == 348 and not any(start[344:]) and 348 in (int.from_bytes(start[:4], o) for o in ORDERS)
     )
@@ -60,7 +60,7 @@ def _is_analyze(start: bytes) -> bool:
 
 @np.errstate(over="ignore", invalid="ignore")  # numbers that overflow are refused where they are checked
 def read_nifti(path: Path, data: bytes, frame: str | None = None) -> Image:
-    """The volume, 3D or with layers (phases in time); `frame` is that of its axes where no form says it."""
+    """Read the volume, 3D or with layers (phases in time); `frame` is that of its axes where no form says it."""
     start = _unpack_start(data)
     kind = _header_kind(start)
     if kind is None:
@@ -83,7 +83,7 @@ def _unpack_file(path: Path, body: bytes, most: int) -> bytes:
 
 
 def _read_pair(path: Path, header: bytes, most: int) -> bytes:
-    """The file of a pair that holds the voxels, unpacked, where the header's own checksum holds too."""
+    """Read the file of a pair that holds the voxels, unpacked; the header's own checksum must hold too."""
     _unpack_file(path, header, LONGEST_HEADER)
     name = _image_name(path)
     body = beside(path, name)
@@ -92,14 +92,14 @@ def _read_pair(path: Path, header: bytes, most: int) -> bytes:
 
 
 def _image_name(path: Path) -> str:
-    """The file of a pair that holds the voxels."""
+    """Return the file of a pair that holds the voxels."""
     stem = re.sub(r"\.hdr(\.gz)?$", "", path.name, flags=re.IGNORECASE)
     names = [stem + ".img", stem + ".img.gz", stem + ".IMG"]
     return next((name for name in names if (path.parent / name).is_file()), names[0])
 
 
 def _read_header(path: Path, block: bytes) -> Any:
-    """nibabel's header of the bytes as they are: what its own checks repair is refused below."""
+    """Return nibabel's header of the bytes as they are: what its own checks would repair is refused below."""
     import nibabel
 
     order = next((o for o in ORDERS if int.from_bytes(block[:4], o) == len(block)), None)
@@ -113,8 +113,8 @@ def _read_header(path: Path, block: bytes) -> Any:
 def _describe_voxels(
     path: Path, header: Any
 ) -> tuple[list[int], np.dtype[Any], int, tuple[float, float] | None]:
-    """Sizes of the axes, four where there are layers; type and first byte of the voxels; slope and intercept,
-    or None.
+    """Return sizes of the axes, four where there are layers; type and first byte of the voxels; slope and
+    intercept, or None.
     """
     from nibabel.spatialimages import HeaderDataError
 
@@ -134,7 +134,8 @@ def _describe_voxels(
 
 @np.errstate(over="ignore", invalid="ignore")
 def place(header: Any, where: str, frame: str | None) -> tuple[Array, str]:
-    """Index to mm, and the frame, by a header of nibabel: its sform if there is one, else its qform.
+    """Return the matrix from an index to mm, and the frame, by a header of nibabel: its sform if there is
+    one, else its qform.
 
     Without either, the axes run along those of `frame`. Raises InputError where that is not said, and where
     the header contradicts itself.

@@ -46,7 +46,7 @@ def knows(data: bytes) -> bool:
 
 
 def read_nrrd(path: Path, data: bytes, frame: str | None = None) -> Image:
-    """The volume, one layer or several; `frame` is that of its axes where only their spacings are said.
+    """Read the volume, one layer or several; `frame` is that of its axes where only their spacings are said.
 
     Raises InputError naming the header's line that cannot be used.
     """
@@ -83,7 +83,7 @@ def read_nrrd(path: Path, data: bytes, frame: str | None = None) -> Image:
 def _read_place(
     path: Path, header: Mapping[str, str], axes: int, frame: str | None
 ) -> tuple[Array, str, int | None]:
-    """Index to mm in LPS, the frame, and which axis is that of the layers.
+    """Read the matrix from an index to mm in LPS, the frame, and which axis is that of the layers.
 
     A file that names no space stays in its own, which is unknown.
     """
@@ -115,7 +115,9 @@ def _read_place(
 def _place_by_spacings(
     path: Path, header: Mapping[str, str], axes: int, frame: str | None
 ) -> tuple[Array, str, int | None]:
-    """As `_read_place`, of a file that has sizes of voxels alone; an axis of layers has none (nan)."""
+    """Return the same as `_read_place` for a file that states sizes of voxels alone; an axis of layers has
+    none (nan).
+    """
     for key in ("space", "space origin", "axis mins", "axismins"):
         if header.get(key):
             raise InputError(
@@ -134,7 +136,9 @@ def _place_by_spacings(
 
 
 def _read_units(path: Path, header: Mapping[str, str], key: str, axes: list[int]) -> Array:
-    """Factors to mm along three axes, by a line of units. Raises InputError for units that are not known."""
+    """Read the factors to mm along three axes, by a line of units. Raises InputError for units that are not
+    known.
+    """
     stated = header.get(key, '"" ' * (max(axes) + 1))
     words = [quoted or bare for quoted, bare in re.findall(r'"([^"]*)"|([^\s"]+)', stated)]
     others = [word for k, word in enumerate(words) if k not in axes]
@@ -178,7 +182,9 @@ def _read_values(path: Path, header: Mapping[str, str], body: bytes, sizes: list
 
 
 def _read_skip(path: Path, header: Mapping[str, str], key: str) -> int:
-    """Lines or bytes before the data, under either spelling of the key; of bytes, -1: all but the data."""
+    """Read how many lines or bytes stand before the data, under either spelling of the key; -1 bytes: all but
+    the data.
+    """
     words = [header[name] for name in (key, key.replace(" ", "")) if name in header]
     if not all(is_count(word) or (word == "-1" and key == "byte skip") for word in words):
         raise InputError(f"{path}: NRRD '{key}: {words[0][:20]}' must be a whole number from 0")

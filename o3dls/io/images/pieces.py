@@ -19,8 +19,8 @@ THINNEST = 1.5  # voxels, radius: less is dust
 
 
 class Bridge(NamedTuple):
-    """From the section of a piece in slice `start` to the chamber's in slice `end` beside it, each (rows,
-    columns).
+    """A bridge leads from the section of a piece in slice `start` to that of the chamber in slice `end`
+    beside it; both are masks (rows, columns).
     """
 
     start: int
@@ -30,7 +30,7 @@ class Bridge(NamedTuple):
 
 
 def largest(mask: Mask) -> Mask:
-    """The largest piece, connected over faces."""
+    """Return the largest piece, connected over faces."""
     from scipy.ndimage import label
 
     pieces, _ = label(mask)
@@ -39,19 +39,23 @@ def largest(mask: Mask) -> Mask:
 
 
 def thick(spacing: Array) -> bool:
-    """Whether slices are so thick that a vein may be lost between them; spacing (3,) with theirs first."""
+    """Return whether slices are so thick that a vein may be lost between them; spacing (3,) with theirs
+    first.
+    """
     return bool(spacing[0] >= THICK * spacing[1:].max())
 
 
 def wide(mask: Mask) -> Mask:
-    """Where a mask is wide enough to enclose anything: three voxels in a plane are, a line is not."""
+    """Return where a mask is wide enough to enclose anything: three voxels in a plane are, a line is not."""
     from scipy.ndimage import gaussian_filter
 
     return np.asarray(gaussian_filter(mask.astype(np.float32), THIN) > 0.5)
 
 
 def filled(mask: Mask) -> Mask:
-    """A mask with outside all around, without the holes inside it that are too thin to enclose anything."""
+    """Return a mask with outside all around, without the holes inside it that are too thin to enclose
+    anything.
+    """
     from scipy.ndimage import label
 
     outside, _ = label(~mask)
@@ -60,8 +64,8 @@ def filled(mask: Mask) -> Mask:
 
 
 def joined(mask: Mask, spacing: Array) -> tuple[Mask, list[Bridge]]:
-    """The largest piece of a mask (slices, rows, columns) with the thin ones that go on from it, and the
-    bridges to these.
+    """Return the largest piece of a mask (slices, rows, columns) with the thin ones that go on from it, and
+    the bridges to these.
 
     The sections of a tube that is thinner than its slices need not overlap where it runs obliquely.
     """
@@ -86,7 +90,7 @@ def joined(mask: Mask, spacing: Array) -> tuple[Mask, list[Bridge]]:
 
 
 def _is_thin_vein(piece: Mask, spacing: Array) -> bool:
-    """Whether a piece, cut out, is as wide as a vein that slices may lose, and no dust."""
+    """Return whether a piece, cut out, is as wide as a vein that slices may lose, and no dust."""
     if min(piece.shape[1:]) < 3:  # there may be 100 000 grains
         return False
     radii = [
@@ -99,8 +103,8 @@ def _is_thin_vein(piece: Mask, spacing: Array) -> bool:
 def _find_near_end(
     pieces: NDArray[Any], k: int, box: tuple[slice, ...], chamber: Mask, spacing: Array
 ) -> tuple[int, int] | None:
-    """The slice at an end of piece k and the next, where the chamber is near in that, and nearer than in its
-    own.
+    """Return the slice at an end of piece k and the slice beyond it, where the chamber is near, and nearer
+    than in the piece's own slice; None where it is not.
     """
     reach = FARTHEST * spacing[0] + spacing[1:].max()  # from centre to centre
     margins = (1, *np.ceil(reach / spacing[1:]).astype(int))
@@ -119,7 +123,7 @@ def _find_near_end(
 
 
 def _distance_to_section(section: Mask, spacing: Array) -> Array:
-    """Distance to the nearest voxel of a section (rows, columns) from everywhere in it."""
+    """Return the distance to the nearest voxel of a section (rows, columns) from everywhere in it."""
     from scipy.ndimage import distance_transform_edt
 
     return np.asarray(distance_transform_edt(~section, sampling=spacing[1:]))

@@ -65,7 +65,7 @@ def _encode_nrrd(data: NDArray[Any], affine: Array, space: str) -> bytes:
 
 
 def _encode_nifti(path: Path, data: NDArray[Any], affine: Array, space: str) -> bytes:
-    """NIfTI-1 with an sform in scanner coordinates, which are RAS."""
+    """Encode as NIfTI-1 with an sform in scanner coordinates, which are RAS."""
     if space not in ("LPS", "RAS"):
         raise InputError(
             f"{path}: NIfTI is RAS by definition and the frame is '{space}'; state LPS or RAS, or write .nrrd"

@@ -24,8 +24,8 @@ LARGEST = 1e6  # mm
 
 @dataclass(frozen=True, eq=False)
 class Image:
-    """Values (nz, ny, nx), or (nz, ny, nx, layers); `affine` takes an index (i, j, k), a voxel's centre, to
-    mm.
+    """An image: values (nz, ny, nx), or (nz, ny, nx, layers), and their `affine`, which takes an index (i, j,
+    k), the centre of a voxel, to mm.
 
     space is LPS, or unknown where the file does not say; notes are free `key = value` pairs, such as Slicer's
     segment names.
@@ -43,8 +43,8 @@ class Image:
 
 
 def along_axes(where: str, fault: str, spacing: Array, frame: str | None) -> tuple[Array, str]:
-    """Index to mm where a file says the sizes of its voxels (3,) and not how its axes lie: along those of
-    `frame`, from its origin on.
+    """Return the matrix from an index to mm where a file states the sizes of its voxels (3,) but not how its
+    axes lie: along those of `frame`, from its origin on.
 
     Raises InputError with the `fault` where the frame is not said.
     """
@@ -58,20 +58,20 @@ def along_axes(where: str, fault: str, spacing: Array, frame: str | None) -> tup
 
 
 def check_affine(where: str, affine: Array) -> Array:
-    """The same affine. Raises InputError where it is not finite or leads far away."""
+    """Return the affine unchanged. Raises InputError where it is not finite or leads far away."""
     if not (np.abs(affine) < LARGEST).all():
         raise InputError(f"{where}: its axes and origin must be finite and below {LARGEST:g}")
     return affine
 
 
 def packed(data: bytes) -> bool:
-    """Whether the bytes are gzip's."""
+    """Return whether the bytes are gzip's."""
     return data[:2] == b"\x1f\x8b"
 
 
 def inflate(path: Path, data: bytes, most: int) -> bytes:
-    """Gzip or zlib data, which may come in several parts, unpacked to their end, where their checksums and
-    lengths are compared; only zeros may follow.
+    """Return gzip or zlib data, which may come in several parts, unpacked to their end, where their checksums
+    and lengths are compared; only zeros may follow.
 
     Raises InputError where they are damaged or have no end, and where more than `most` bytes come out, of
     which no more is kept.
@@ -97,7 +97,8 @@ def inflate(path: Path, data: bytes, most: int) -> bytes:
 
 
 def _inflate_part(path: Path, data: bytes, at: int, left: int) -> tuple[list[bytes], int]:
-    """The pieces of the part that begins at byte `at`, one byte more than `left` at most, and where it ends.
+    """Return the pieces of the part that begins at byte `at`, one byte more than `left` at most, and where it
+    ends.
 
     zlib compares the checksum when it comes to the end, so the part is read until there.
     """
@@ -117,8 +118,8 @@ def _inflate_part(path: Path, data: bytes, at: int, left: int) -> tuple[list[byt
 
 
 def shaped(path: Path, data: bytes, dtype: str, sizes: list[int]) -> NDArray[Any]:
-    """An array whose first axis runs fastest in the file, with the axes turned around. Raises InputError
-    where bytes are missing.
+    """Return an array whose first axis runs fastest in the file, with the axes turned around. Raises
+    InputError where bytes are missing.
     """
     need = size_of(path, sizes, dtype)
     if len(data) < need:
@@ -130,7 +131,7 @@ def shaped(path: Path, data: bytes, dtype: str, sizes: list[int]) -> NDArray[Any
 
 
 def count(path: Path, sizes: list[int]) -> int:
-    """Number of values. Raises InputError for sizes that cannot be."""
+    """Return the number of values. Raises InputError for sizes that cannot be."""
     if not sizes or min(sizes) < 1 or float(np.prod([float(n) for n in sizes])) > MOST_VOXELS:
         raise InputError(
             f"{path}: has size {sizes}: must be positive, at most {MOST_VOXELS} values together; cut "
@@ -140,8 +141,8 @@ def count(path: Path, sizes: list[int]) -> int:
 
 
 def size_of(path: Path, sizes: list[int], dtype: str) -> int:
-    """Number of bytes of the voxels, by what the header says. Raises InputError, before anything is unpacked,
-    where they are too many.
+    """Return the number of bytes of the voxels, by what the header says. Raises InputError, before anything
+    is unpacked, where they are too many.
     """
     size = count(path, sizes) * np.dtype(dtype).itemsize
     if size > MOST_BYTES:
@@ -153,7 +154,7 @@ def size_of(path: Path, sizes: list[int], dtype: str) -> int:
 
 
 def beside(path: Path, name: str) -> bytes:
-    """The bytes of a data file in the same folder. Raises InputError for a path that leads elsewhere."""
+    """Return the bytes of a data file in the same folder. Raises InputError for a path that leads elsewhere."""
     name = name.removeprefix("./")
     if (
         Path(name).name != name

@@ -24,8 +24,8 @@ Field = NDArray[np.float32]
 
 
 def mask_surface(mask: Mask, affine: Array, name: str = "mask") -> Surface:
-    """Closed surface between the voxels of a mask (nz, ny, nx); `affine` (4, 4) takes an index (i, j, k), a
-    voxel's centre, to mm.
+    """Return the closed surface between the voxels of a mask (nz, ny, nx); `affine` (4, 4) takes an index (i,
+    j, k), a voxel's centre, to mm.
 
     What leaves the volume is closed by a flat cap half a voxel past its last. Raises InputError where the
     mask is too thin to enclose anything.
@@ -55,8 +55,8 @@ def mask_surface(mask: Mask, affine: Array, name: str = "mask") -> Surface:
 
 
 def slices_first(mask: Mask, affine: Array) -> tuple[Mask, Array, Array]:
-    """A mask with the axis along which its voxels are longest first, the affine of its indices, which run the
-    other way, and the spacing (3,) along its axes.
+    """Return a mask with the axis along which its voxels are longest first, the affine of its indices, which
+    run the other way, and the spacing (3,) along its axes.
     """
     spacing = np.linalg.norm(affine[:3, :3], axis=0)[::-1]
     thickest = int(spacing.argmax())
@@ -66,8 +66,8 @@ def slices_first(mask: Mask, affine: Array) -> tuple[Mask, Array, Array]:
 
 
 def parts_of(mask: Mask, spacing: Array) -> int:
-    """How many parts of a slice are about as thick as its voxels are wide, fewer for a large mask: odd, so
-    that no node lies half-way between two slices, where a flat wall runs.
+    """Return how many parts of a slice are about as thick as its voxels are wide, fewer for a large mask:
+    odd, so that no node lies half-way between two slices, where a flat wall runs.
     """
     pairs = np.ceil((spacing[0] / spacing[1:].max() - 1.5) / 2.0)
     most = max(int(thick(spacing)), (MOST_NODES // mask.size - 1) // 2)
@@ -75,7 +75,9 @@ def parts_of(mask: Mask, spacing: Array) -> int:
 
 
 def _continue_past_borders(mask: Mask, borders: Sequence[tuple[int, int]]) -> Mask:
-    """A padded mask that goes on past the borders (axis, first or last) of its volume as it reaches them."""
+    """Return a padded mask that goes on past the borders (axis, first or last) of its volume as it reaches
+    them.
+    """
     mask = mask.copy()
     for axis, end in borders:
         slices = mask.swapaxes(0, axis)
@@ -90,8 +92,8 @@ def _cut_off(field: Field, end: int, parts: int) -> None:
 
 
 def wall_field(mask: Mask, spacing: Array) -> Field:
-    """A field that is negative inside the smooth wall of a mask (slices, rows, columns) with outside all
-    around, on its slices and on those that part them.
+    """Return a field that is negative inside the smooth wall of a mask (slices, rows, columns) with outside
+    all around, on its slices and on those that part them.
 
     Where slices are thick, shape-based interpolation (Raya and Udupa 1990) with distances in space: these
     change evenly from slice to slice also where a part ends between two, and a better wall gives better
@@ -118,8 +120,8 @@ def _keep_on_side(values: Field, side: Field, least: float) -> Field:
 
 
 def _distance_to_wall(inside: Mask, spacing: Array) -> Field:
-    """Distance of every voxel's centre to the other side, negative inside; the wall lies half a voxel before
-    the nearest centre there.
+    """Return the distance of every voxel's centre to the other side, negative inside; the wall lies half a
+    voxel before the nearest centre there.
     """
     from scipy.ndimage import distance_transform_edt
 
@@ -129,8 +131,8 @@ def _distance_to_wall(inside: Mask, spacing: Array) -> Field:
 
 
 def _smooth_steps(values: Field, deviation: float) -> Field:
-    """Values without the steps of the voxels; what the filter takes from curved walls, its second pass gives
-    back.
+    """Return values without the steps of the voxels; what the filter takes from curved walls, its second pass
+    gives back.
     """
     from scipy.ndimage import gaussian_filter
 
@@ -139,8 +141,8 @@ def _smooth_steps(values: Field, deviation: float) -> Field:
 
 
 def _interpolate_slices(values: Field, parts: int) -> Field:
-    """Values (slices, rows, columns) with `parts` - 1 slices more in every gap: monotone cubics (Fritsch and
-    Butland 1984), so that the sign does not change between two of one sign.
+    """Return values (slices, rows, columns) with `parts` - 1 slices more in every gap: monotone cubics
+    (Fritsch and Butland 1984), so that the sign does not change between two of one sign.
     """
     from scipy.interpolate import PchipInterpolator
 

@@ -22,7 +22,9 @@ MOST_PACKED, LARGE = 200, 1 << 22
 
 @dataclass(frozen=True)
 class Archive:
-    """Names relative to the study's top, and, where they are zipped, what holds their bytes."""
+    """The files of a study: their names relative to its top and, where they are zipped, what holds their
+    bytes.
+    """
 
     path: Path
     names: tuple[str, ...]
@@ -30,7 +32,9 @@ class Archive:
 
     @classmethod
     def open(cls, path: str | Path) -> Archive:
-        """A folder, a zip, or one file as a study of its own. Raises InputError for what cannot be opened."""
+        """Open a folder, a zip, or one file as a study of its own. Raises InputError for what cannot be
+        opened.
+        """
         path = Path(path)
         if path.is_dir():
             return cls(
@@ -59,7 +63,7 @@ class Archive:
         return cls(path, tuple(sorted(found)), found)
 
     def unpacked(self) -> Iterator[Archive]:
-        """The archive with the files of the one zip in it, if it is zipped and holds just one. Raises
+        """Yield the archive with the files of the one zip in it, if it is zipped and holds just one. Raises
         InputError where that is damaged.
         """
         inner = self.named(".zip")
@@ -69,11 +73,11 @@ class Archive:
             yield Archive(self.path, tuple(sorted(found)), found)
 
     def with_neighbours(self) -> Archive:
-        """All that lies in the folder, where one file of it was named."""
+        """Return the archive of all that lies in the folder, where one file of it was named."""
         return self if self.zipped or len(self.names) > 1 else Archive.open(self.path)
 
     def read(self, name: str) -> bytes:
-        """The bytes of one file. Raises InputError where it is locked or damaged."""
+        """Read the bytes of one file. Raises InputError where it is locked or damaged."""
         if not self.zipped:
             return read_bytes(self.path / name)
         file, info = self.zipped[name]
@@ -96,21 +100,21 @@ class Archive:
             raise InputError(f"{self.path}: {name}: {error}; the zip is damaged") from None
 
     def where(self, name: str) -> Path:
-        """What errors call the file."""
+        """Return the path by which errors name a file."""
         return self.path / name
 
     def find(self, folder: str, name: str) -> str | None:
-        """The file of that name in that folder, upper and lower case and both forms of an accent alike; None
+        """Return the file of a name in a folder, upper and lower case and both forms of an accent alike; None
         where there is none.
         """
         wanted = _plain_name(str(PurePosixPath(folder) / name))
         return next((n for n in self.names if _plain_name(n) == wanted), None)
 
     def named(self, ending: str) -> list[str]:
-        """Files whose name ends so."""
+        """Return the files whose names have an ending."""
         return [name for name in self.names if name.lower().endswith(ending.lower())]
 
 
 def _plain_name(name: str) -> str:
-    """A name in the form in which systems agree on it."""
+    """Return a name in the form in which all file systems agree on it."""
     return unicodedata.normalize("NFC", name).lower()

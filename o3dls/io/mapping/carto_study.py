@@ -57,7 +57,7 @@ class Study:
     shells: tuple[tuple[str, tuple[float, ...] | None], ...]
 
     def map(self, name: str | None) -> Map:
-        """The map of that name, or the only one with points. Raises InputError listing what there is."""
+        """Return the map of that name, or the only one with points. Raises InputError listing what there is."""
         listed = ", ".join(f"{m.name} ({m.points} points)" for m in self.maps)
         found = [m for m in self.maps if (m.name == name if name else m.points > 0)]
         if len(found) != 1:
@@ -67,7 +67,7 @@ class Study:
 
 
 def find_study(archive: Archive) -> Study | None:
-    """The study in an archive; None where no XML of CARTO's is there.
+    """Return the study in an archive; None where no XML of CARTO's is there.
 
     Raises InputError where there are several.
     """
@@ -97,7 +97,9 @@ def _read_xml(archive: Archive, name: str) -> Study:
 
 
 def _as_utf8(data: bytes) -> bytes:
-    """CARTO declares no encoding and writes UTF-8 in one version, cp1252 in another."""
+    """Return the bytes as UTF-8: CARTO declares no encoding and writes UTF-8 in one version, cp1252 in
+    another.
+    """
     try:
         data.decode("utf-8")
     except UnicodeDecodeError:
@@ -129,7 +131,7 @@ def _number_or_none(text: str | None) -> float | None:
 
 
 def _list_shells(root: ElementTree.Element) -> Iterator[tuple[str, tuple[float, ...] | None]]:
-    """Imported shells (CT, MRI) and the vendor's registration of each.
+    """Yield imported shells (CT, MRI) and the vendor's registration of each.
 
     No public source proves its direction.
     """
@@ -146,7 +148,7 @@ def _list_shells(root: ElementTree.Element) -> Iterator[tuple[str, tuple[float, 
 
 
 def read_shell(study: Study, name: str) -> SurfaceFile:
-    """A .mesh file of the study by its name in the XML."""
+    """Read a .mesh file of the study by its name in the XML."""
     found = study.archive.find(study.folder, name)
     if found is None:
         raise InputError(f"{study.archive.where(study.folder)}: its XML names {name}, which is not there")
@@ -154,7 +156,7 @@ def read_shell(study: Study, name: str) -> SurfaceFile:
 
 
 def read_map_points(study: Study, wanted: Map) -> tuple[Points, dict[str, Array]]:
-    """Measured points of a map with their tags, and the landmarks.
+    """Read measured points of a map with their tags, and the landmarks.
 
     These are the places tagged by a known name (veins, valves, LAA), the mean where there are several.
     """
@@ -182,7 +184,7 @@ def read_map_points(study: Study, wanted: Map) -> tuple[Points, dict[str, Array]
 
 
 def read_anatomy(study: Study, of: Map) -> Anatomy:
-    """What another map of the study shows of its chamber, as far as its files are there and in order."""
+    """Read what another map of the study shows of its chamber, as far as its files are there and in order."""
     shell, points = None, np.zeros((0, 3))
     with suppress(InputError):
         shell = read_shell(study, of.files[0]).surface if of.files else None
@@ -192,13 +194,13 @@ def read_anatomy(study: Study, of: Map) -> Anatomy:
 
 
 def read_ablation(study: Study) -> Points | None:
-    """VisiTag's sites of the whole study; None where there are none."""
+    """Read VisiTag's sites of the whole study; None where there are none."""
     name = study.archive.find(f"{study.folder}/VisiTagExport", "Sites.txt")
     return None if name is None else read_sites(study.archive.where(name), study.archive.read(name))
 
 
 def vendor_pose(shell: Array, printed: tuple[float, ...], points: Array) -> Array | None:
-    """The vendor's registration as a pose (4, 4) of a shell's vertices (n, 3) in the map.
+    """Return the vendor's registration as a pose (4, 4) of a shell's vertices (n, 3) in the map.
 
     Rows or columns are told by the zeros. Its direction is not documented: the one that brings the shell to
     the points is taken, None where neither is clearly closer.

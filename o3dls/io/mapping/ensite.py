@@ -51,8 +51,8 @@ class Export:
         return [row[self.header.index(name)] for _, row in self.rows]
 
     def numbers(self, name: str) -> Array:
-        """A column as numbers; `invalid`, empty and infinite cells are NaN. Raises InputError naming line and
-        column.
+        """Return a column as numbers; `invalid`, empty and infinite cells are NaN. Raises InputError naming
+        line and column.
         """
         values = []
         for (line, _), cell in zip(self.rows, self.column(name), strict=True):
@@ -76,8 +76,8 @@ def knows(data: bytes) -> bool:
 
 
 def parse(path: Path, data: bytes, required: Sequence[str]) -> Export:
-    """The table of an export, found by its column names, not by the row that the preamble states. Raises
-    InputError.
+    """Parse the table of an export, found by its column names, not by the row that the preamble states.
+    Raises InputError.
     """
     lines = decode(data, path).splitlines()
     start, header, comma = _find_header(path, lines, required)
@@ -111,8 +111,8 @@ def parse(path: Path, data: bytes, required: Sequence[str]) -> Export:
 def _find_header(
     path: Path, lines: Sequence[str], required: Sequence[str]
 ) -> tuple[int | None, list[str], str]:
-    """The first line that has all the columns, with its names stripped, and what parts them; a name that
-    comes again counts once.
+    """Return the first line that has all the columns, with its names stripped, and what parts them; a name
+    that comes again counts once.
     """
     for number, line in enumerate(lines[:2000]):
         if required[0] in line:
@@ -124,7 +124,7 @@ def _find_header(
 
 
 def read_map(path: Path, data: bytes) -> tuple[Points, dict[str, str]]:
-    """Utilised points of a DxL map at the roving electrode (not projected), and the preamble. Raises
+    """Read utilised points of a DxL map at the roving electrode (not projected), and the preamble. Raises
     InputError.
     """
     places = ("roving x", "roving y", "roving z")
@@ -140,9 +140,9 @@ def read_map(path: Path, data: bytes) -> tuple[Points, dict[str, str]]:
 
 
 def by_number(first: Points, second: Points) -> Points | None:
-    """The points of two exports of one map, which need not use the same rows, joined by their numbers; a
-    value that only one has is NaN elsewhere. None where a number is missing or comes twice, none is in both,
-    or one that is in both differs.
+    """Return the points of two exports of one map, which need not use the same rows, joined by their numbers;
+    a value that only one has is NaN elsewhere. None where a number is missing or comes twice, none is in
+    both, or one that is in both differs.
     """
     numbers = [points.columns.get(NUMBER, np.full(len(points), np.nan)) for points in (first, second)]
     if any(np.isnan(n).any() or len(np.unique(n)) < len(n) for n in numbers):
@@ -162,7 +162,7 @@ def by_number(first: Points, second: Points) -> Points | None:
 
 
 def _utilised_rows(export: Export) -> NDArray[np.bool_]:
-    """The rows that the map uses. Raises InputError where a row does not say."""
+    """Return the rows that the map uses. Raises InputError where a row does not say."""
     marks = export.numbers("utilized")
     blank = np.flatnonzero(np.isnan(marks))
     if len(blank):
@@ -174,7 +174,9 @@ def _utilised_rows(export: Export) -> NDArray[np.bool_]:
 
 
 def _map_values(export: Export) -> dict[str, NDArray[Any]]:
-    """The map's own value, named by what the map is: `PP_bi` is bipolar, `PP_uni` unipolar, `LAT_...` lat."""
+    """Return the map's own value, named by what the map is: `PP_bi` is bipolar, `PP_uni` unipolar, `LAT_...`
+    lat.
+    """
     kind = export.preamble.get("Map type", "")
     first, _, source = kind.partition("_")
     column = next((name for name in VALUES.get(first, (first,)) if name in export.header), None)
@@ -193,7 +195,7 @@ def _map_values(export: Export) -> dict[str, NDArray[Any]]:
 
 
 def read_lesions(path: Path, data: bytes) -> Points:
-    """Ablation points of Lesions.csv or AutoMark_Data.csv. Raises InputError."""
+    """Read ablation points of Lesions.csv or AutoMark_Data.csv. Raises InputError."""
     for places in LESION_XYZ:
         if _find_header(path, decode(data, path).splitlines(), places)[0] is not None:
             export = parse(path, data, places)
@@ -208,8 +210,8 @@ def read_lesions(path: Path, data: bytes) -> Points:
 
 
 def read_cloud(path: Path, data: bytes) -> Points:
-    """Catheter positions of Model_Point_Cloud.csv in the frame of the shell: they lie inside the chamber.
-    Raises InputError.
+    """Read catheter positions of Model_Point_Cloud.csv in the frame of the shell: they lie inside the
+    chamber. Raises InputError.
     """
     export = parse(path, data, ("trn_x", "trn_y", "trn_z"))
     xyz = export.xyz(("trn_x", "trn_y", "trn_z"))
@@ -217,5 +219,5 @@ def read_cloud(path: Path, data: bytes) -> Points:
 
 
 def landmarks_of(shell: SurfaceFile) -> dict[str, Array]:
-    """The labels of a DIF shell as landmarks of the map."""
+    """Return the labels of a DIF shell as landmarks of the map."""
     return {name: np.array(xyz) for name, xyz in shell.metadata.get("labels", {}).items() if name}

@@ -42,7 +42,7 @@ class BadMessage(InputError):
 
 
 def receive(read: Callable[[int], bytes]) -> Received:
-    """The next message of a stream; read(n) gives n bytes, or fewer at its end.
+    """Read the next message of a stream; read(n) gives n bytes, or fewer at its end.
 
     Raises BadMessage for a body that is damaged, InputError where the stream has ended or is not one of
     OpenIGTLink, so that no next message can be found.
@@ -69,7 +69,7 @@ def receive(read: Callable[[int], bytes]) -> Received:
 
 
 def _read_extended(kind: str, name: str, body: bytes) -> Received:
-    """Content and number of a message from version 2 on; its metadata is passed over."""
+    """Read the content and number of a message from version 2 on; its metadata is passed over."""
     if len(body) < EXTENDED.size:
         raise BadMessage(f"a message {kind} is too short for its extended header and is left out")
     own, heads, data, number = EXTENDED.unpack_from(body)
@@ -80,7 +80,7 @@ def _read_extended(kind: str, name: str, body: bytes) -> Received:
 
 
 def points_of(message: Received) -> list[ReceivedPoint]:
-    """The points of a message POINT. Raises BadMessage where it holds something else."""
+    """Return the points of a message POINT. Raises BadMessage where it holds something else."""
     if not message.content or len(message.content) % POINT.size:
         raise BadMessage(f"a message POINT has {len(message.content)} bytes: must be {POINT.size} for each")
     found = []
@@ -92,7 +92,7 @@ def points_of(message: Received) -> list[ReceivedPoint]:
 
 
 def transform_of(message: Received) -> Array:
-    """The pose (4, 4) of a message TRANSFORM. Raises BadMessage where it holds something else."""
+    """Return the pose (4, 4) of a message TRANSFORM. Raises BadMessage where it holds something else."""
     if len(message.content) != 48:
         raise BadMessage(f"a message TRANSFORM has {len(message.content)} bytes: must be 48")
     numbers = np.frombuffer(message.content, dtype=">f4").astype(np.float64)

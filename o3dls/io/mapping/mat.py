@@ -18,16 +18,16 @@ LARGEST = 1 << 30  # values in one variable; more cannot be meant
 
 
 def knows(data: bytes) -> bool:
-    """Whether the bytes begin a MATLAB file; one of version 4 may also be a transform of ITK, and is none
-    then.
+    """Return whether the bytes begin a MATLAB file; one of version 4 may also be a transform of ITK, and is
+    none then.
     """
     name = first_name(data)
     return data[:10] in (b"MATLAB 5.0", b"MATLAB 7.3") or data[:8] == HDF5 or bool(name and not is_itk(name))
 
 
 def load(path: Path, data: bytes) -> dict[str, Any]:
-    """Variables by name; structs are dictionaries, cells of other things lists, MATLAB objects `Opaque`.
-    Raises InputError where the file is damaged, or of version 4.
+    """Return the variables by name; structs are dictionaries, cells of other things lists, MATLAB objects
+    `Opaque`. Raises InputError where the file is damaged, or of version 4.
     """
     if name := first_name(data):
         raise InputError(
@@ -55,8 +55,8 @@ def _load_hdf5(path: Path, data: bytes) -> dict[str, Any]:
 
 
 def _plain_value(node: Any, file: Any) -> Any:
-    """A group as a dictionary, a data set as an array the way MATLAB shows it: axes turned, characters as
-    text, no axis of one.
+    """Return a group as a dictionary, a data set as an array the way MATLAB shows it: axes turned, characters
+    as text, no axis of one.
     """
     import h5py
 
@@ -77,7 +77,7 @@ def _plain_value(node: Any, file: Any) -> Any:
 
 
 def at(tree: Mapping[str, Any], where: str) -> Any:
-    """The value at `a.b.c`, or None where a step is missing; a MATLAB object on the way is the value."""
+    """Return the value at `a.b.c`, or None where a step is missing; a MATLAB object on the way is the value."""
     value: Any = tree
     for name in where.split("."):
         if isinstance(value, Opaque):
@@ -91,8 +91,8 @@ def at(tree: Mapping[str, Any], where: str) -> Any:
 def numbers(
     path: Path, tree: Mapping[str, Any], where: str, width: int | None = None
 ) -> np.ndarray[Any, np.dtype[np.float64]] | None:
-    """Numbers at `a.b.c`, (n,) or (n, width); None where there are none. Raises InputError where they have
-    another shape.
+    """Return numbers at `a.b.c`, (n,) or (n, width); None where there are none. Raises InputError where they
+    have another shape.
     """
     value = at(tree, where)
     if isinstance(value, Opaque):

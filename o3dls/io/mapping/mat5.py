@@ -49,7 +49,7 @@ class Elements:
         return self.at + 8 <= len(self.data)
 
     def take(self) -> tuple[int, bytes]:
-        """Type and bytes of the next element; short ones stand in the tag itself."""
+        """Return the type and the bytes of the next element; those of a short one stand in the tag itself."""
         if not self.left:
             raise self.error("an element is missing")
         kind, size = np.frombuffer(self.data, self.order + "u4", 2, self.at).tolist()
@@ -88,8 +88,8 @@ class Elements:
 
 
 def _unpack_element(run: Elements, packed: bytes) -> bytes:
-    """A packed element, of the length that it says. Raises InputError where that is too long, or where the
-    packed data, at whose end their checksum is, do not end there.
+    """Unpack a packed element to the length that it states. Raises InputError where that is too long, or
+    where the packed data, at whose end their checksum is, do not end there.
     """
     packer = zlib.decompressobj()
     try:
@@ -106,8 +106,8 @@ def _unpack_element(run: Elements, packed: bytes) -> bytes:
 
 
 def read_mat5(path: Path, data: bytes) -> dict[str, Any]:
-    """Variables by name: structs as dictionaries, arrays of structs and cells as lists, numbers without axes
-    of one. Raises InputError.
+    """Read the variables by name: structs as dictionaries, arrays of structs and cells as lists, numbers
+    without axes of one. Raises InputError.
     """
     if data[126:128] not in (b"IM", b"MI"):
         raise InputError(f"{path}: MATLAB header of 128 bytes does not end in IM or MI; the file is damaged")
@@ -129,7 +129,7 @@ def read_mat5(path: Path, data: bytes) -> dict[str, Any]:
 
 
 def _read_array(run: Elements) -> tuple[str, Any]:
-    """Name and value of one array; None for kinds that OpenEP does not use (sparse, functions)."""
+    """Read the name and value of one array; None for kinds that OpenEP does not use (sparse, functions)."""
     if not run.left:
         return "", np.zeros(0)
     flags = run.numbers()
@@ -161,7 +161,7 @@ def _read_nested(run: Elements) -> Any:
 
 
 def _read_numeric(run: Elements, dims: NDArray[Any], count: int) -> NDArray[Any]:
-    """Real values, whatever type they were packed as; first axis fastest."""
+    """Read real values, whatever type they were packed as; first axis fastest."""
     values = run.numbers()
     if len(values) != count:
         raise run.error(f"{count} values are declared, {len(values)} are there")

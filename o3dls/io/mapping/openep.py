@@ -26,7 +26,7 @@ NOTE = "written by o3dls, research software, not for clinical use"
 
 
 def userdata(path: Path, data: bytes) -> Mapping[str, Any]:
-    """The one variable of an OpenEP file. Raises InputError where it is not there."""
+    """Return the one variable of an OpenEP file. Raises InputError where it is not there."""
     found = mat.load(path, data).get("userdata")
     if isinstance(found, Opaque):
         raise InputError(
@@ -38,7 +38,7 @@ def userdata(path: Path, data: bytes) -> Mapping[str, Any]:
 
 
 def read(path: Path, data: bytes) -> SurfaceFile:
-    """The shell in mm with the maps that hold any value."""
+    """Read the shell in mm with the maps that hold any value."""
     tree = userdata(path, data)
     vertices = mat.numbers(path, tree, "surface.triRep.X", 3)
     triangles = mat.numbers(path, tree, "surface.triRep.Triangulation", 3)
@@ -57,22 +57,22 @@ def read(path: Path, data: bytes) -> SurfaceFile:
 
 
 def shell_class(path: Path, data: bytes) -> str | None:
-    """The class of the MATLAB object that stands in place of the shell's arrays; None where none does."""
+    """Return the class of the MATLAB object that stands in place of the shell's arrays; None where none does."""
     found = (mat.at(userdata(path, data), f"surface.triRep.{name}") for name in ("X", "Triangulation"))
     return next((value.of for value in found if isinstance(value, Opaque)), None)
 
 
 def has_shell(path: Path, data: bytes) -> bool:
-    """Whether the data set has a part of a shell: one with a part alone is damaged, one without has its
-    points.
+    """Return whether the data set has a part of a shell: one with a part alone is damaged, one without has
+    its points.
     """
     tree = userdata(path, data)
     return any(mat.at(tree, f"surface.triRep.{name}") is not None for name in ("X", "Triangulation"))
 
 
 def read_points(path: Path, data: bytes) -> Points:
-    """Included electrode positions with bipolar, unipolar (mV) and lat (ms), and the ablation sites. Raises
-    InputError without any.
+    """Read included electrode positions with bipolar, unipolar (mV) and lat (ms), and the ablation sites.
+    Raises InputError without any.
     """
     tree = userdata(path, data)
     xyz = mat.numbers(path, tree, "electric.egmX", 3)
@@ -92,8 +92,8 @@ def read_points(path: Path, data: bytes) -> Points:
 
 
 def _point_columns(path: Path, tree: Mapping[str, Any], n: int) -> list[tuple[str, Array]]:
-    """Columns of the measured points that hold any value; the activation time is counted from the reference
-    annotation.
+    """Return columns of the measured points that hold any value; the activation time is counted from the
+    reference annotation.
     """
     found = [(name, _rows_at(path, tree, f"electric.voltages.{name}", n)) for name in ("bipolar", "unipolar")]
     marks, reference = (
@@ -111,8 +111,8 @@ def _point_columns(path: Path, tree: Mapping[str, Any], n: int) -> list[tuple[st
 def _rows_at(
     path: Path, tree: Mapping[str, Any], where: str, n: int, width: int | None = None
 ) -> Array | None:
-    """Numbers at `a.b.c`, NaN where one is not finite: a row for each of n positions (or one for all); None
-    without. Raises InputError.
+    """Return numbers at `a.b.c`, NaN where one is not finite: a row for each of n positions (or one for all);
+    None without. Raises InputError.
     """
     values = mat.numbers(path, tree, where, width)
     if values is None:
@@ -130,8 +130,8 @@ def write(file: SurfaceFile) -> bytes:
 
 
 def encode(surface: Surface, points: Points | None) -> bytes:
-    """A shell with its maps, and measured points and ablation sites in its frame, all in mm; what OpenEP's
-    readers ask for and is not known is there, and empty.
+    """Encode a shell with its maps, and measured points and ablation sites in its frame, all in mm; what
+    OpenEP's readers ask for and is not known is there, and empty.
     """
     n = len(surface.vertices)
     maps = {
@@ -155,7 +155,7 @@ def _scalar_field(surface: Surface, name: str, n: int) -> Array:
 
 
 def losses(surface: Surface) -> list[str]:
-    """Sentences on what `write` does not keep."""
+    """Return sentences on what `write` does not keep."""
     columns = {column for columns in SURFACE_MAPS.values() for column in columns}
     return left_out(
         surface, [name for name in columns if surface.fields.get(name, np.zeros((1, 1))).ndim == 1]
@@ -163,8 +163,8 @@ def losses(surface: Surface) -> list[str]:
 
 
 def save(tree: Mapping[str, Any]) -> bytes:
-    """The bytes of a .mat file (version 5) with this userdata; the header carries no time, so equal data give
-    equal bytes.
+    """Return the bytes of a .mat file (version 5) with this userdata; the header carries no time, so equal
+    data give equal bytes.
     """
     from scipy.io import savemat
 

@@ -24,8 +24,8 @@ SIGNALS = (
 
 
 def electric_of(points: Points | None) -> dict[str, Any]:
-    """The struct `electric` of the eam points, with all members that OpenEP's readers ask for; empty without
-    any.
+    """Return the struct `electric` of the eam points, with all members that OpenEP's readers ask for; empty
+    without any.
     """
     eam = points.of("eam") if points is not None else None
     n = 0 if eam is None else len(eam)
@@ -56,8 +56,8 @@ def _members_of_points(eam: Points) -> dict[str, Any]:
 
 
 def _annotate_times(lat: Array) -> dict[str, Any]:
-    """Times (n, 1) in ms as whole samples, which openep-py makes of them in any case; those that are not
-    known lie before the window of interest, which holds all others and the reference.
+    """Return times (n, 1) in ms as whole samples, which openep-py makes of them in any case; those that are
+    not known lie before the window of interest, which holds all others and the reference.
     """
     known = np.isfinite(lat)
     rate = WHOLE if (lat[known] == np.round(lat[known])).all() else FINE
@@ -75,7 +75,7 @@ def _annotate_times(lat: Array) -> dict[str, Any]:
 
 
 def rfindex_of(points: Points | None) -> dict[str, Any]:
-    """The struct `rfindex` of the ablation points as a member of `userdata`; nothing without any."""
+    """Return the struct `rfindex` of the ablation points as a member of `userdata`; nothing without any."""
     sites = points.of("ablation") if points is not None else None
     if sites is None or len(sites) == 0:
         return {}
@@ -84,7 +84,7 @@ def rfindex_of(points: Points | None) -> dict[str, Any]:
 
 
 def _column_of_numbers(points: Points, name: str) -> Array:
-    """Numbers (n, 1), NaN where there are none."""
+    """Return numbers (n, 1), NaN where there are none."""
     values = points.columns.get(name)
     numbers = values is not None and values.dtype.kind in "fiu"
     return np.asarray(values if numbers else np.full(len(points), np.nan), dtype=np.float64).reshape(-1, 1)

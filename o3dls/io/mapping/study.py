@@ -24,7 +24,9 @@ MAP_SHELLS = ("landmarkgeo", "contact_mapping_model")  # of EnSite Precision, an
 
 
 def read_study(study: str | Path, map_name: str | None = None) -> Imported:
-    """One map of a study, told by content. Raises InputError listing the maps where the name does not fit."""
+    """Read one map of a study, told by content. Raises InputError listing the maps where the name does not
+    fit.
+    """
     archive = Archive.open(study)
     for files in chain([archive], archive.unpacked()):
         if (found := _find_map(files, map_name)) is not None:
@@ -35,7 +37,9 @@ def read_study(study: str | Path, map_name: str | None = None) -> Imported:
 
 
 def _drop_impossible_values(found: Imported) -> Imported:
-    """The same without values that cannot be, which nobody mends in a study: it is said which are left."""
+    """Return the import without values that cannot be, which nobody mends in a study; its notes say which are
+    left out.
+    """
     columns, said = without_impossible(found.points.columns, lambda row: f"point {row + 1}")
     found.notes += [f"{found.name}: {note}" for note in (*found.points.notes, *said)]
     found.points = replace(found.points, columns=columns)
@@ -43,7 +47,7 @@ def _drop_impossible_values(found: Imported) -> Imported:
 
 
 def _find_map(archive: Archive, map_name: str | None) -> Imported | None:
-    """The map of an archive; None where it holds no study."""
+    """Return the map of an archive; None where it holds no study."""
     if (carto := carto_study.find_study(archive)) is not None:
         return _from_carto(carto, map_name)
     maps = [
@@ -165,15 +169,15 @@ def _take_sites(found: Imported, sites: Points, source: str, others: Sequence[An
 
 
 def _same_points(first: Points, second: Points) -> bool:
-    """Whether two exports are of the same points, and agree in what both say of them."""
+    """Return whether two exports are of the same points, and agree in what both say of them."""
     shared = first.columns.keys() & second.columns.keys()
     alike = all(np.array_equal(first.columns[name], second.columns[name], equal_nan=True) for name in shared)
     return np.array_equal(first.xyz, second.xyz) and alike
 
 
 def _take_dif(archive: Archive, found: Imported) -> None:
-    """The shell of the map with its labels, from the one DIF file that EnSite calls so, else from the only
-    one; model groups and imported segmentations (difNNN.xml) are others.
+    """Take the shell of the map with its labels from the one DIF file that EnSite names so, else from the
+    only one; model groups and imported segmentations (difNNN.xml) are others.
     """
     shells = [name for name in archive.named(".xml") if dif.knows(archive.read(name)[:2000])]
     called = ([name for name in shells if sign in Path(name).name.lower()] for sign in MAP_SHELLS)

@@ -45,12 +45,12 @@ class Cells:
 
     @classmethod
     def of(cls, sizes: Ints, corners: Ints, kind: int) -> Cells:
-        """Cells of one kind."""
+        """Return cells of one kind."""
         return cls(sizes, corners, np.full(len(sizes), kind))
 
     @classmethod
     def joined(cls, parts: Sequence[Cells]) -> Cells:
-        """All cells, in order."""
+        """Return all cells, in order."""
         none = np.zeros(0, dtype=np.int64)
         sizes, corners, types = (
             np.concatenate([none, *(getattr(part, name) for part in parts)])
@@ -62,7 +62,7 @@ class Cells:
         return len(self.sizes)
 
     def blocks(self, *kinds: int) -> list[Block]:
-        """Cells of these kinds, those of equal size together."""
+        """Return the cells of these kinds in blocks of equal size."""
         starts = np.cumsum(self.sizes) - self.sizes
         chosen = np.isin(self.types, kinds)
         rows = [np.flatnonzero(chosen & (self.sizes == size)) for size in np.unique(self.sizes[chosen])]
@@ -80,8 +80,8 @@ def surface_of(
     cell_data: Mapping[str, NDArray[Any]],
     **facts: Any,
 ) -> SurfaceFile:
-    """The surface that cells bound or are, with point data and with cell data carried to the points; text
-    among them is left out.
+    """Return the surface that cells bound or are, with point data and with cell data carried to the points;
+    text among them is left out.
 
     Where there are solids it is their boundary: the faces that one of them has alone. Raises InputError for
     kinds of cells that are not read, and as `SurfaceFile.of`, which takes the facts.
@@ -106,7 +106,7 @@ def surface_of(
 
 
 def _describe_cells(cells: Cells, solid: bool) -> list[str]:
-    """What of the cells is not in the surface."""
+    """Return sentences on what of the cells is not in the surface."""
     beside, lines = cells.count(STRIP, *POLYGONS), cells.count(*POINTS_AND_LINES)
     said = [f"of {cells.count(*SOLIDS)} solid cells their boundary is taken"] if solid else []
     said += [f"{beside} faces beside the solid cells are left out"] if solid and beside else []
@@ -121,7 +121,9 @@ def _blocks_of_polygons(cells: Cells) -> list[Block]:
 
 
 def _boundary_faces(path: Path, vertices: Array, cells: Cells) -> list[Block]:
-    """Faces that one solid has alone, wound outward. Vertices at one place are one: pieces meet in them."""
+    """Return faces that one solid has alone, wound outward. Vertices at one place are one: pieces meet in
+    them.
+    """
     wrong = np.flatnonzero((cells.corners < 0) | (cells.corners >= len(vertices)))
     if len(wrong):
         name = cells.corners[wrong[0]]
@@ -148,7 +150,7 @@ def _boundary_faces(path: Path, vertices: Array, cells: Cells) -> list[Block]:
 
 
 def _turn_outward(vertices: Array, side: Ints, cell: Ints) -> Ints:
-    """Faces (k, n) of convex cells (k, c), turned to look away from the middles of these."""
+    """Return faces (k, n) of convex cells (k, c), turned to look away from the middles of these."""
     with np.errstate(all="ignore"):  # what is not finite is refused where the surface is made
         places = vertices[side]
         normal = np.cross(places[:, 1] - places[:, 0], places[:, -1] - places[:, 0])
@@ -157,7 +159,7 @@ def _turn_outward(vertices: Array, side: Ints, cell: Ints) -> Ints:
 
 
 def _single_rows(keys: Ints) -> Ints:
-    """Rows (n, k) that are there once, in order."""
+    """Return rows (n, k) that are there once, in order."""
     order = np.lexsort(keys.T)
     differ = (keys[order][1:] != keys[order][:-1]).any(axis=1)
     return np.sort(order[np.append(True, differ) & np.append(differ, True)])

@@ -65,8 +65,8 @@ def knows(data: bytes) -> bool:
 
 
 def read(path: Path, data: bytes, *, part: str | None = None) -> SurfaceFile:
-    """One volume of the file, in mm and LPS; its labels are metadata. Raises InputError where `part` must say
-    which volume.
+    """Read one volume of the file, in mm and LPS; its labels are metadata. Raises InputError where `part`
+    must say which volume.
     """
     root = parse_xml(path, data)
     volumes = _name_volumes(root)
@@ -102,7 +102,7 @@ def read(path: Path, data: bytes, *, part: str | None = None) -> SurfaceFile:
 
 
 def parse_xml(path: Path, data: bytes) -> ElementTree.Element:
-    """The XML tree with its comments, since one of them names the scalar."""
+    """Parse the XML tree with its comments, since one of them names the scalar."""
     parser = ElementTree.XMLParser(target=ElementTree.TreeBuilder(insert_comments=True))
     try:
         return ElementTree.fromstring(data, parser)
@@ -113,7 +113,7 @@ def parse_xml(path: Path, data: bytes) -> ElementTree.Element:
 
 
 def _name_volumes(root: ElementTree.Element) -> dict[str, ElementTree.Element]:
-    """The volumes by name; those that share one are told apart by their number."""
+    """Return the volumes by name; those that share one are told apart by their number."""
     found = root.findall("DIFBody/Volumes/Volume")
     names = [volume.get("name", f"volume {k}") for k, volume in enumerate(found)]
     return {
@@ -127,7 +127,9 @@ def _parse_numbers(text: str | None, where: str) -> Array:
 
 
 def _parse_rows(volume: ElementTree.Element, tag: str, width: int, where: str) -> Array:
-    """All rows of an array; its `number` is not believed, since exports are known to state twice too many."""
+    """Parse all rows of an array; its `number` is not believed, since exports are known to state twice too
+    many.
+    """
     element = volume.find(tag)
     values = _parse_numbers(element.text if element is not None else None, f"{where}: <{tag}>")
     if len(values) == 0 or len(values) % width:
@@ -136,7 +138,9 @@ def _parse_rows(volume: ElementTree.Element, tag: str, width: int, where: str) -
 
 
 def _read_fields(volume: ElementTree.Element, n: int, where: str) -> dict[str, Array]:
-    """The scalar, named by the comment before it, missing where it was not sampled; and the status itself."""
+    """Read the scalar, named by the comment before it, missing where it was not sampled; and the status
+    itself.
+    """
     fields: dict[str, Array] = {}
     comment = ""
     for element in volume:
@@ -177,13 +181,13 @@ def _first_field(surface: Surface) -> str | None:
 
 
 def losses(surface: Surface) -> list[str]:
-    """Sentences on what `write` does not keep; where values are missing the status says so."""
+    """Return sentences on what `write` does not keep; where values are missing the status says so."""
     return left_out(surface, (_first_field(surface), "map_status"))
 
 
 def encode(surface: Surface, *, field: str | None = None, name: str = "surface", space: str = "LPS") -> bytes:
-    """The file, in LPS as DIF is (a surface in RAS is turned), de-identified: header fields that could name a
-    patient say NA.
+    """Encode the file, in LPS as DIF is (a surface in RAS is turned), de-identified: header fields that could
+    name a patient say NA.
 
     Raises InputError in 2D.
     """
@@ -218,7 +222,7 @@ def _encode_array(tag: str, form: str, rows: NDArray[Any]) -> str:
 
 
 def _encode_field(surface: Surface, field: str) -> str:
-    """The scalar with its name, 0 where it is missing, and the status that says so."""
+    """Encode the scalar with its name, 0 where it is missing, and the status that says so."""
     if field not in surface.fields:
         raise InputError(f"the surface has no field '{field}'" + did_you_mean(field, list(surface.fields)))
     values = surface.fields[field]

@@ -49,8 +49,8 @@ def read_obj(path: Path, data: bytes) -> SurfaceFile:
 
 
 def _join_continued(path: Path, lines: list[str]) -> list[str]:
-    """Lines with those that a backslash at the end continues; these stay as empty ones, so that the count of
-    lines holds. In a comment it is a part of a name.
+    """Join each line that ends in a backslash with the next one, which stays as an empty line, so that the
+    count of lines holds. In a comment it is a part of a name.
 
     Raises InputError where the last line is to be continued.
     """
@@ -71,8 +71,8 @@ def _join_continued(path: Path, lines: list[str]) -> list[str]:
 
 
 def _obj_polygons(path: Path, lines: list[str], numbers: list[int], before: Ints) -> list[Array]:
-    """Corners of the faces, 0-based; `7/1/3` means corner 7, negative indices count back from the vertices
-    `before` the face.
+    """Return the corners of the faces, 0-based; `7/1/3` means corner 7, negative indices count back from the
+    vertices `before` the face.
     """
     if any("/" in line for line in lines):
         lines = [re.sub(r"/\S*", "", line) for line in lines]
@@ -144,7 +144,7 @@ def read_off(path: Path, data: bytes) -> SurfaceFile:
 
 
 def _off_polygons(path: Path, rows: list[tuple[int, str]]) -> list[Array]:
-    """Corners of the faces; numbers behind them are colours."""
+    """Return the corners of the faces; numbers behind them are colours."""
     table = rectangle([line for _, line in rows]) if rows else None
     if table is not None and (table[:, 0] == 3).all() and table.shape[1] > 3:  # nearly every file
         return [table[:, 1:4]]

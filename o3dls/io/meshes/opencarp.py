@@ -24,8 +24,8 @@ LIKELY = (5.0, 1000.0)  # mm; an extent in micrometres outside is that of a file
 
 
 def knows(data: bytes) -> bool:
-    """A `.pts` or `.elem` file: a count alone on the first line, then three coordinates or an element
-    type.
+    """Return whether the bytes begin a `.pts` or `.elem` file: a count alone on the first line, then three
+    coordinates or an element type.
     """
     number = rb"[-+.\d][-+.\deE]*"
     point = number + rb"([ \t]+" + number + rb"){2}[ \t]*\r?\n"
@@ -33,7 +33,7 @@ def knows(data: bytes) -> bool:
 
 
 def read(path: Path, data: bytes, units: str | None = None) -> SurfaceFile:
-    """The triangles of a mesh, from either of its two files; fields are the `.dat` files named
+    """Read the triangles of a mesh, from either of its two files; fields are the `.dat` files named
     `<base>_<field>.dat`, and `tag` the regions of the triangles, carried to the points.
 
     In mm, or as they are in the file where `units` says what that is in. Raises InputError too where nothing
@@ -57,7 +57,7 @@ def read(path: Path, data: bytes, units: str | None = None) -> SurfaceFile:
 
 
 def _read_tags(path: Path, rows: list[list[str]]) -> dict[str, Ints]:
-    """The regions of the triangles, where these differ: one tag for all says nothing."""
+    """Read the regions of the triangles, where these differ: one tag for all says nothing."""
     tags = [row[4] for row in rows if len(row) == 5]
     if len(tags) < len(rows) or len(set(tags)) == 1:
         return {}
@@ -66,7 +66,7 @@ def _read_tags(path: Path, rows: list[list[str]]) -> dict[str, Ints]:
 
 
 def _apply_masks(fields: dict[str, Array]) -> dict[str, Array]:
-    """Fields with NaN where the mask beside them, as we write it, says that there is no value."""
+    """Return fields with NaN where the mask beside them, as we write it, says that there is no value."""
     for name in [name for name in fields if name + KNOWN in fields]:
         mask = fields[name + KNOWN]
         absent = mask == 0.0
@@ -98,8 +98,8 @@ def _check_units(path: Path, surface: Surface, units: str | None) -> None:
 
 
 def _part_path(path: Path, suffix: str) -> Path:
-    """A file of the mesh that `path` names by its base or by its `.pts` or `.elem`; in upper case where that
-    is.
+    """Return the path of a file of the mesh that `path` names by its base or by its `.pts` or `.elem`; in
+    upper case where that is.
     """
     named = path.suffix.lower() in (".pts", ".elem")
     return path.with_name(
@@ -108,7 +108,7 @@ def _part_path(path: Path, suffix: str) -> Path:
 
 
 def _field_paths(path: Path) -> dict[str, Path]:
-    """The mesh's `.dat` files by field; `la_fine_lat.dat` is no field of `la` where there is a mesh
+    """Return the mesh's `.dat` files by field; `la_fine_lat.dat` is no field of `la` where there is a mesh
     `la_fine`.
     """
     start = _part_path(path, "").name + "_"
@@ -122,7 +122,7 @@ def _field_paths(path: Path) -> dict[str, Path]:
 
 
 def _read_lines(path: Path) -> tuple[int, list[str]]:
-    """The stated count and at least as many lines after it."""
+    """Read the stated count and at least as many lines after it."""
     lines = [line for line in decode(read_bytes(path), path).splitlines() if line.strip()]
     if not lines or not is_count(lines[0].strip()):
         raise InputError(f"{path}: line 1 must state the number of rows")
@@ -179,7 +179,7 @@ def _field_path(path: Path, field: str) -> Path:
 
 
 def losses(surface: Surface) -> list[str]:
-    """Sentences on what `write_mesh` does not keep as it is."""
+    """Return sentences on what `write_mesh` does not keep as it is."""
     scalars = {name: values for name, values in surface.fields.items() if values.ndim == 1}
     lost = {name: int((~np.isfinite(values)).sum()) for name, values in scalars.items()}
     return [
@@ -194,8 +194,8 @@ def losses(surface: Surface) -> list[str]:
 
 
 def _writable_fields(surface: Surface) -> dict[str, Array]:
-    """Scalar fields under names that can stand in a file's name; one with missing values has a mask beside
-    it, 1 where there is a value, since a .dat file has no word for none.
+    """Return scalar fields under names that can stand in a file's name; one with missing values has a mask
+    beside it, 1 where there is a value, since a .dat file has no word for none.
     """
     found: dict[str, Array] = {}
     for name, values in surface.fields.items():

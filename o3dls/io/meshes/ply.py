@@ -119,7 +119,7 @@ def _ascii_tables(path: Path, elements: list[Element], body: memoryview, first: 
 
 
 def _group_by_size(polygons: Any) -> tuple[list[Any], Ints]:
-    """Polygons of equal size together, (k, n) each, and the rows of all."""
+    """Return polygons of equal size together, (k, n) each, and the rows of all."""
     if not isinstance(polygons, list):
         return [polygons], np.arange(len(polygons))
     if not polygons:
@@ -137,7 +137,9 @@ def _stack_vertices(path: Path, columns: Columns) -> Array:
 
 
 def _gather_columns(element: Element, columns: Columns) -> tuple[dict[str, NDArray[Any]], list[str]]:
-    """Columns other than geometry, and a sentence for each that has no place: lists that differ in length."""
+    """Return columns other than geometry, and a sentence for each that has no place: lists that differ in
+    length.
+    """
     found, said = dict[str, NDArray[Any]](), []
     for prop in element.properties:
         values = columns[prop.name]

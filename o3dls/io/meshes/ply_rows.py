@@ -45,21 +45,23 @@ def truncated(path: Path, element: Element, found: int) -> InputError:
 
 
 def whole(count: Any) -> int:
-    """A count as it stands in a file; -1, which no list has, where it is not a whole number."""
+    """Return a count as it stands in a file; -1, which no list has, where it is not a whole number."""
     return int(count) if np.isfinite(count) and count == np.floor(count) and abs(count) < 1e12 else -1
 
 
 def walk(
     element: Element, take: Callable[[str, int], NDArray[Any]]
 ) -> Iterator[tuple[Property, NDArray[Any]]]:
-    """One row: every property with its values; `take(kind, n)` hands out the next n values."""
+    """Yield every property of one row with its values; `take(kind, n)` hands out the next n values."""
     for prop in element.properties:
         n = whole(take(prop.count, 1)[0]) if prop.count else 1
         yield prop, take(prop.kind, n)
 
 
 def ascii_rows(path: Path, element: Element, lines: Sequence[tuple[int, str]]) -> Columns:
-    """Columns from numbered lines, as many as the element has rows. Raises InputError naming the line."""
+    """Return the columns from numbered lines, as many as the element has rows. Raises InputError naming the
+    line.
+    """
     at = [k for k, _ in lines]
     text = [line for _, line in lines]
     what = f"row of '{element.name}'"
@@ -77,7 +79,7 @@ def ascii_rows(path: Path, element: Element, lines: Sequence[tuple[int, str]]) -
 
 
 def _join_rows(element: Element, rows: Mapping[str, list[Any]]) -> Columns:
-    """Columns out of rows: arrays but for lists that differ in length."""
+    """Return columns out of rows: arrays but for lists that differ in length."""
     uneven = {
         prop.name for prop in element.properties if prop.count and len(set(map(len, rows[prop.name]))) != 1
     }
@@ -100,8 +102,8 @@ def _name_cells(element: Element, cells: NDArray[Any], where: str) -> Iterator[t
 
 
 def _split_columns(element: Element, table: NDArray[Any]) -> Columns | None:
-    """Columns of a table whose lists all have the length of the first row's; None where they differ or do not
-    fill it.
+    """Return columns of a table whose lists all have the length of the first row's; None where they differ or
+    do not fill it.
     """
     columns = Columns()
     k = 0
@@ -119,8 +121,8 @@ def _split_columns(element: Element, table: NDArray[Any]) -> Columns | None:
 
 
 def binary_rows(path: Path, element: Element, body: memoryview, order: str) -> tuple[Columns, memoryview]:
-    """Columns of a binary element (order '<' or '>') and what follows it. Raises InputError where the body is
-    too short.
+    """Return columns of a binary element (order '<' or '>') and what follows it. Raises InputError where the
+    body is too short.
     """
     lengths = _first_lengths(element, body, order)
     dtype = np.dtype(
@@ -143,7 +145,7 @@ def _field_types(prop: Property, length: int, order: str) -> list[Any]:
 
 
 def _first_lengths(element: Element, body: memoryview, order: str) -> Mapping[str, int]:
-    """Length of every list in the first row; 0 where the body is too short to tell."""
+    """Return the length of every list in the first row; 0 where the body is too short to tell."""
     lengths = {prop.name: 0 for prop in element.properties if prop.count}
     take = Taker(body, order)
     with suppress(EOFError):
@@ -176,7 +178,7 @@ class Taker:
 def _read_row_by_row(
     path: Path, element: Element, body: memoryview, order: str
 ) -> tuple[Columns, memoryview]:
-    """Columns of a binary element whose lists differ in length."""
+    """Read columns of a binary element whose lists differ in length."""
     columns: dict[str, list[Any]] = {prop.name: [] for prop in element.properties}
     take = Taker(body, order)
     for row in range(element.rows):

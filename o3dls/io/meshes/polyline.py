@@ -17,7 +17,7 @@ from .surface_file import SurfaceFile
 
 
 def knows(data: bytes) -> bool:
-    """A table whose first line that is no comment names x and y, but not z."""
+    """Return whether a table names x and y, but not z, in its first line that is no comment."""
     header = next(
         (line for line in data[:4000].splitlines() if line.strip() and not line.startswith(b"#")), b""
     )
@@ -26,8 +26,8 @@ def knows(data: bytes) -> bool:
 
 
 def read_polyline(path: str | Path) -> SurfaceFile:
-    """Closed outlines of a CSV file and what it states; a repeated last point is dropped, and a single loop
-    is turned counter-clockwise.
+    """Read closed outlines of a CSV file and what it states; a repeated last point is dropped, and a single
+    loop is turned counter-clockwise.
 
     Several loops keep their direction, since holes run clockwise. Raises InputError below 3 points a loop.
     """
@@ -54,7 +54,7 @@ def read_polyline(path: str | Path) -> SurfaceFile:
 
 
 def _drop_repeated(xy: Array, rows: Ints) -> Ints:
-    """Rows of one loop without a repeated last point."""
+    """Return rows of one loop without a repeated last point."""
     return rows[:-1] if len(rows) > 1 and np.allclose(xy[rows[0]], xy[rows[-1]]) else rows
 
 
@@ -64,7 +64,7 @@ def _ring_segments(n: int) -> Ints:
 
 
 def _enclosed_area(xy: Array) -> float:
-    """Signed area, positive counter-clockwise."""
+    """Return the signed area, positive counter-clockwise."""
     return float((xy[:, 0] * np.roll(xy[:, 1], -1) - xy[:, 1] * np.roll(xy[:, 0], -1)).sum() / 2)
 
 
@@ -84,8 +84,8 @@ def write_polyline(path: str | Path, surface: Surface) -> None:
 
 
 def trace_loops(segments: Ints) -> list[Ints]:
-    """Vertex indices of the closed loops that directed segments (m, 2) form, each vertex having one next at
-    most.
+    """Return vertex indices of the closed loops that directed segments (m, 2) form, each vertex having one
+    next at most.
     """
     after = dict(segments.tolist())
     loops = []

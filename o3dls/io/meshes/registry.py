@@ -87,7 +87,7 @@ WITH_OUTLINES = ("vtk", "vtp")
 def read_surface_file(
     path: str | Path, *, units: str | None = None, frame: str | None = None, **options: Any
 ) -> SurfaceFile:
-    """A surface with the frame and units that its file states, format told by content.
+    """Read a surface with the frame and units that its file states, format told by content.
 
     `units` and `frame` are those of the file where it does not state them; only a format that would else take
     its standard's, or cannot be read without, asks for them here.
@@ -116,7 +116,7 @@ def read_surface_file(
 
 
 def _read_content(path: Path) -> bytes:
-    """The bytes of a file. Raises InputError also where another one beside it is meant."""
+    """Read the bytes of a file. Raises InputError also where another one beside it is meant."""
     dicom.check_no_series(path)
     headers = [path.with_suffix(suffix) for suffix in (".hdr", ".nhdr", ".mhd")]
     header = next((header for header in headers if header.is_file()), None)
@@ -130,7 +130,7 @@ def _format_of(data: bytes) -> Format | None:
 
 
 def is_surface(path: str | Path) -> bool:
-    """Whether a file is a surface in a known format, or a table of a 2D outline.
+    """Return whether a file is a surface in a known format, or a table of a 2D outline.
 
     Raises InputError where it cannot be read at all.
     """
@@ -139,7 +139,7 @@ def is_surface(path: str | Path) -> bool:
 
 
 def read_surface(path: str | Path) -> Surface:
-    """A surface from a file, format told by content; 2D outlines from CSV. Raises InputError."""
+    """Read a surface from a file, format told by content; 2D outlines from CSV. Raises InputError."""
     return read_surface_file(path).surface
 
 
@@ -178,7 +178,7 @@ def write_surface(
 
 
 def _format_for(path: Path, format: str | None) -> Format:
-    """The format to write, by name or suffix. Raises InputError listing what there is."""
+    """Return the format to write, by name or suffix. Raises InputError listing what there is."""
     writable = [f for f in FORMATS if f.write or f.name == "opencarp"]
     for known in writable:
         if known.name == format if format else path.suffix.lower() in known.suffixes:

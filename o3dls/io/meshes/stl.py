@@ -24,14 +24,16 @@ UNIT = 0.01  # programs round their normals
 
 
 def knows(data: bytes) -> bool:
-    """Binary STL is known by its size, which is checked first since a binary header may begin with
-    `solid`.
+    """Return whether the bytes are STL: a binary file is known by its size, which is checked first since its
+    header may begin with `solid`.
     """
     return _is_binary(data) or (re.match(rb"\s*solid\b", data[:80]) is not None and b"facet" in data[:2000])
 
 
 def _is_binary(data: bytes) -> bool:
-    """Whether the stated triangles fill the file, or their rows look as facets do and something follows."""
+    """Return whether the stated triangles fill the file, or their rows look as facets do and something
+    follows.
+    """
     if len(data) <= 84:
         return False
     n = _stated_count(data)
@@ -50,8 +52,8 @@ def _binary_rows(data: bytes, n: int, first: int = 0) -> NDArray[Any]:
 
 
 def _look_like_facets(rows: NDArray[Any]) -> NDArray[np.bool_]:
-    """Mask (n,) of rows that can be triangles: normals of length 1, or 0 as some programs write, and finite
-    corners.
+    """Return a mask (n,) of rows that can be triangles: normals of length 1, or 0 as some programs write, and
+    finite corners.
     """
     with np.errstate(all="ignore"):  # the bytes may be anything
         length = np.linalg.norm(rows["normal"].astype(np.float64), axis=1)

@@ -53,8 +53,8 @@ class SurfaceFile:
         metadata: Mapping[str, Any] | None = None,
         notes: Iterable[str] = (),
     ) -> SurfaceFile:
-        """A checked surface; frame and units as given, else from `SPACE=` and `UNITS=` in the header text.
-        `cells` are values per face, (m,) or (m, k), which are carried to the vertices.
+        """Return a checked surface; frame and units as given, else from `SPACE=` and `UNITS=` in the header
+        text. `cells` are values per face, (m,) or (m, k), which are carried to the vertices.
 
         Raises InputError naming the file and the row where a vertex, an index or a triangle cannot be.
         """
@@ -88,7 +88,7 @@ class SurfaceFile:
 
 
 def _carry_cells(surface: Surface, cells: Mapping[str, NDArray[Any]]) -> tuple[Surface, list[str]]:
-    """The surface with values per face carried to its vertices, and a sentence on each."""
+    """Return the surface with values per face carried to its vertices, and a sentence on each."""
     fields, said = dict(surface.fields), []
     for name, values in cells.items():
         what = f"cell data '{escaped(name)}'"
@@ -105,8 +105,8 @@ def _carry_cells(surface: Surface, cells: Mapping[str, NDArray[Any]]) -> tuple[S
 
 
 def _report_opposed(surface: Surface, what: str, vectors: Array, means: Array) -> list[str]:
-    """A sentence where the mean of vectors is short since they oppose each other, as fibres may that have no
-    sense.
+    """Return a sentence where the mean of vectors is short since they oppose each other, as fibres may that
+    have no sense.
     """
     with np.errstate(over="ignore", invalid="ignore"):  # a file may hold any number
         lengths = at_vertices(surface, np.linalg.norm(vectors, axis=1))
@@ -139,8 +139,8 @@ def _format_row(indices: Array | Ints) -> str:
 
 
 def collapsed(faces: Array | Ints) -> NDArray[np.bool_]:
-    """Mask (m,) of faces that name one vertex twice. They have no area and their edges cancel, so a surface
-    is the same without.
+    """Return a mask (m,) of faces that name one vertex twice. They have no area and their edges cancel, so a
+    surface is the same without.
     """
     return np.asarray((faces == np.roll(faces, 1, axis=1)).any(axis=1))
 
@@ -157,14 +157,14 @@ def check_end(path: Path, data: bytes, header: str) -> None:
 
 
 def left_out(surface: Surface, kept: Collection[str | None] = ()) -> list[str]:
-    """A sentence on the fields that a format has no room for, where there are any."""
+    """Return a sentence on the fields that a format has no room for, where there are any."""
     names = [escaped(name) for name in surface.fields if name not in kept]
     return [f"the format has no room for: {', '.join(names)}"] if names else []
 
 
 def flatten_fields(fields: Mapping[str, Array], reserved: Collection[str] = ()) -> dict[str, Array]:
-    """Scalar columns for formats without vectors: (n, k) fields become `name_0` ... `name_k-1`; names get no
-    white space.
+    """Return scalar columns for formats without vectors: (n, k) fields become `name_0` ... `name_k-1`; names
+    get no white space.
     """
     flat: dict[str, Array] = {}
     for name, values in fields.items():
@@ -175,8 +175,8 @@ def flatten_fields(fields: Mapping[str, Array], reserved: Collection[str] = ()) 
 
 
 def unused(name: str, names: Collection[str], ends: Iterable[str] = ("",)) -> str:
-    """The name, with as many `_` behind it as it takes to be none of the others with any of the ends, nor
-    empty.
+    """Return the name, with as many `_` behind it as it takes to be none of the others with any of the ends,
+    nor empty.
     """
     while not name or any(name + end in names for end in ends):
         name += "_"
@@ -184,8 +184,8 @@ def unused(name: str, names: Collection[str], ends: Iterable[str] = ("",)) -> st
 
 
 def gather_fields(flat: Mapping[str, Array]) -> dict[str, Array]:
-    """The inverse of `flatten_fields`: runs `name_0, name_1, ...` become one (n, k) field where they are
-    complete and `name` is free.
+    """Return the inverse of `flatten_fields`: runs `name_0, name_1, ...` become one (n, k) field where they
+    are complete and `name` is free.
     """
     runs: dict[str, set[str]] = {}
     for name in flat:

@@ -15,7 +15,7 @@ STARTS = 16  # corners that are tried as the first of a fan
 
 
 def strips(blocks: Iterable[Array]) -> list[Array]:
-    """Triangles of blocks of triangle strips; every second one is turned."""
+    """Return triangles of blocks of triangle strips; every second one is turned."""
     parts = []
     for block in blocks:
         for k in range(block.shape[1] - 2):
@@ -24,8 +24,8 @@ def strips(blocks: Iterable[Array]) -> list[Array]:
 
 
 def triangulate(vertices: Array, *polygons: Indices) -> tuple[Indices, Ints]:
-    """Triangles (m, 3) of blocks of polygons, each block (k, n) with n corners, and the polygon (m,) that
-    each is cut from, counted through the blocks.
+    """Return triangles (m, 3) of blocks of polygons, each block (k, n) with n corners, and the polygon (m,)
+    that each is cut from, counted through the blocks.
     """
     triangles: list[Indices] = [np.zeros((0, 3), dtype=np.int64)]
     owners: list[Ints] = [np.zeros(0, dtype=np.int64)]
@@ -41,8 +41,8 @@ def triangulate(vertices: Array, *polygons: Indices) -> tuple[Indices, Ints]:
 
 
 def _cut_polygons(vertices: Array, polygons: Indices) -> Indices:
-    """Triangles (k, n - 2, 3) of polygons (k, n): fans, begun at a corner from where they fold nowhere; where
-    every fan folds, ears.
+    """Cut polygons (k, n) into triangles (k, n - 2, 3): fans, begun at a corner from where they fold nowhere;
+    ears, where every fan folds.
     """
     polygons = polygons.copy()
     left = np.arange(len(polygons) if len(vertices) else 0)
@@ -59,19 +59,21 @@ def _cut_polygons(vertices: Array, polygons: Indices) -> Indices:
 
 
 def _corner_places(vertices: Array, corners: Indices) -> Array:
-    """Where corners lie; what is no index is refused where the surface is made."""
+    """Return where corners lie; what is no index is refused where the surface is made."""
     with np.errstate(invalid="ignore"):
         return vertices.take(corners.astype(np.int64), axis=0, mode="clip")
 
 
 def _fan_areas(corners: Array) -> Array:
-    """Twice the area vectors (..., n - 2, 3) of the fan from the first of corners (..., n, 3)."""
+    """Return twice the area vectors (..., n - 2, 3) of the fan from the first of corners (..., n, 3)."""
     spokes = corners[..., 1:, :] - corners[..., :1, :]
     return np.asarray(np.cross(spokes[..., :-1, :], spokes[..., 1:, :]))
 
 
 def _fan_folds(corners: Array) -> NDArray[np.bool_]:
-    """Whether the fan (k,) from the first of corners (k, n, 3) has a triangle against the polygon's sense."""
+    """Return whether the fan (k,) from the first of corners (k, n, 3) has a triangle against the polygon's
+    sense.
+    """
     with np.errstate(all="ignore"):  # what is not finite is refused where the surface is made
         areas = _fan_areas(corners)
         whole = areas.sum(axis=1, keepdims=True)
@@ -80,7 +82,7 @@ def _fan_folds(corners: Array) -> NDArray[np.bool_]:
 
 
 def _project_in_plane(corners: Array) -> Array:
-    """Corners (n, 3) of a polygon in its plane, (n, 2), counter-clockwise."""
+    """Return corners (n, 3) of a polygon in its plane, (n, 2), counter-clockwise."""
     normal = _fan_areas(corners).sum(axis=0)
     normal = normal / np.linalg.norm(normal)
     u = np.cross(normal, np.eye(3)[np.abs(normal).argmin()])
@@ -88,7 +90,7 @@ def _project_in_plane(corners: Array) -> Array:
 
 
 def _clip_ears(xy: Array) -> list[list[int]]:
-    """The n - 2 triangles of a polygon (n, 2), by ear clipping (Meisters 1975).
+    """Return the n - 2 triangles of a polygon (n, 2), by ear clipping (Meisters 1975).
 
     Where it crosses itself, which no triangles fit, the most convex corner passes for an ear: it stays a
     fold.
@@ -107,13 +109,13 @@ def _clip_ears(xy: Array) -> list[list[int]]:
 
 
 def _corner_triangle(ring: list[int], k: int) -> list[int]:
-    """A corner of the ring between its neighbours."""
+    """Return a corner of the ring between its neighbours."""
     return [ring[k - 1], ring[k], ring[(k + 1) % len(ring)]]
 
 
 def _is_ear(xy: Array, ring: list[int], k: int) -> bool:
-    """Whether the corner is convex, and no other lies in the triangle with its neighbours; some may lie at
-    the same place, as where a cut leads to a hole.
+    """Return whether the corner is convex, and no other lies in the triangle with its neighbours; some may
+    lie at the same place, as where a cut leads to a hole.
     """
     a, b, c = xy[_corner_triangle(ring, k)]
     if _signed_area(a, b, c) <= ROUNDING * np.ptp(xy, axis=0).prod():  # straight, but for rounding
@@ -125,6 +127,6 @@ def _is_ear(xy: Array, ring: list[int], k: int) -> bool:
 
 
 def _signed_area(a: Array, b: Array, c: Array) -> Array:
-    """Twice the area of triangles a b c, positive counter-clockwise."""
+    """Return twice the area of triangles a b c, positive counter-clockwise."""
     ab, ac = b - a, c - a
     return np.asarray(ab[..., 0] * ac[..., 1] - ab[..., 1] * ac[..., 0])

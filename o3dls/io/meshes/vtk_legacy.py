@@ -76,7 +76,7 @@ def read(path: Path, data: bytes) -> SurfaceFile:
 
 
 def _read_cells(cursor: Cursor, n: int, size: int, kind: int) -> Cells:
-    """Cells of one kind: rows `k i j ...` up to version 4.2, offsets and connectivity from 5.0 on."""
+    """Read cells of one kind: rows `k i j ...` up to version 4.2, offsets and connectivity from 5.0 on."""
     place = cursor.at
     words = cursor.words()
     if words[:1] == ["OFFSETS"]:
@@ -94,7 +94,7 @@ def _read_cells(cursor: Cursor, n: int, size: int, kind: int) -> Cells:
 
 
 def _unroll_rows(cursor: Cursor, flat: Ints, n: int) -> tuple[Ints, Ints]:
-    """Lengths and corners of rows `k i j ...`."""
+    """Return the lengths and corners of rows `k i j ...`."""
     starts = np.zeros(n + 1, dtype=np.int64)
     for row in range(n):
         if starts[row] >= len(flat) or flat[starts[row]] < 0:
@@ -106,7 +106,7 @@ def _unroll_rows(cursor: Cursor, flat: Ints, n: int) -> tuple[Ints, Ints]:
 
 
 def _set_types(cursor: Cursor, parts: Mapping[str, Cells], types: Ints) -> Cells:
-    """The cells of an unstructured grid with the kinds that the file states behind them."""
+    """Return the cells of an unstructured grid with the kinds that the file states behind them."""
     cells = parts.get("CELLS", Cells.joined([]))
     if len(types) != len(cells):
         raise cursor.error(f"there are {len(types)} CELL_TYPES and {len(cells)} CELLS")
@@ -114,7 +114,9 @@ def _set_types(cursor: Cursor, parts: Mapping[str, Cells], types: Ints) -> Cells
 
 
 def _check_lengths(cursor: Cursor, found: Fields, where: str, n: int) -> Fields:
-    """Data as they are. Raises InputError where an array is longer or shorter than the points or cells."""
+    """Return the data unchanged. Raises InputError where an array is longer or shorter than the points or
+    cells.
+    """
     what = where.replace("_", " ").lower()
     for name, values in found.items():
         if where and len(values) != n:
@@ -123,7 +125,7 @@ def _check_lengths(cursor: Cursor, found: Fields, where: str, n: int) -> Fields:
 
 
 def _read_attribute(cursor: Cursor, words: list[str], n: int) -> Fields:
-    """The arrays that one attribute keyword brings; tables and texture coordinates are read over."""
+    """Read the arrays that one attribute keyword brings; tables and texture coordinates are read over."""
     match [words[0].upper(), *words[1:]]:
         case ["SCALARS", name, kind, *rest]:
             width = cursor.count(rest[0]) if rest else 1

@@ -87,7 +87,7 @@ class _Piece:
 
 
 def _read_data(arrays: Arrays, piece: ElementTree.Element, where: str, n: int) -> Fields:
-    """The arrays of a piece, n rows each."""
+    """Read the arrays of a piece, n rows each."""
     found = {
         array.get("Name", f"array_{k}"): arrays.tuples(array, n)
         for k, array in enumerate(piece.findall(f"{where}/DataArray"))
@@ -97,7 +97,7 @@ def _read_data(arrays: Arrays, piece: ElementTree.Element, where: str, n: int) -
 
 
 def _join_pieces(parts: Sequence[Fields]) -> Fields:
-    """Arrays that all pieces have, one behind the other."""
+    """Return arrays that all pieces have, one behind the other."""
     names = [
         name
         for name, values in parts[0].items()
@@ -107,7 +107,7 @@ def _join_pieces(parts: Sequence[Fields]) -> Fields:
 
 
 def _read_cells(path: Path, arrays: Arrays, piece: ElementTree.Element, name: str) -> Cells:
-    """The cells of one element of a piece; of several kinds in an unstructured grid."""
+    """Read the cells of one element of a piece; of several kinds in an unstructured grid."""
     n = arrays.count(piece, f"NumberOf{name}")
     if n == 0:
         return Cells.joined([])

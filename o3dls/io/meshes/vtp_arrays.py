@@ -31,7 +31,7 @@ LZ4_RATIO = 255  # the most that its blocks can grow, so a wrong size takes no m
 
 
 def _unpack_lz4(packed: bytes, size: int) -> bytes:
-    """A block of LZ4, of `size` bytes at most. Raises ValueError where it is damaged."""
+    """Return a block of LZ4, of `size` bytes at most. Raises ValueError where it is damaged."""
     from lz4 import block
 
     try:
@@ -52,8 +52,8 @@ def _unpack_lzma(packed: bytes, size: int) -> bytes:
 
 
 def _check_whole(unpacked: bytes, ended: bool, size: int) -> bytes:
-    """The same bytes. Raises ValueError where they are too many, or the end, and the checksum with it, was
-    not reached.
+    """Return the bytes unchanged. Raises ValueError where they are too many, or the end, and the checksum
+    with it, was not reached.
     """
     if len(unpacked) > size or not ended:
         raise ValueError(f"its packed data do not end after {size} bytes")
@@ -69,7 +69,9 @@ UNPACK: dict[str, Callable[[bytes, int], bytes]] = {
 
 
 def open_xml(path: Path, data: bytes) -> tuple[ElementTree.Element, bytes]:
-    """The XML tree, and the raw bytes of <AppendedData>, which are cut out first since they are no XML."""
+    """Return the XML tree, and the raw bytes of <AppendedData>, which are cut out first since they are no
+    XML.
+    """
     start = re.search(rb"<AppendedData[^>]*>\s*_", data)
     appended = b""
     if start:
@@ -122,7 +124,9 @@ class Arrays:
         return int(text)
 
     def text(self, root: ElementTree.Element, name: str) -> str | None:
-        """A string of the field data, stored as character codes that end with 0; None where there is none."""
+        """Return a string of the field data, stored as character codes that end with 0; None where there is
+        none.
+        """
         array = root.find(f"*/FieldData/*[@Name='{name}']")
         if array is None:
             return None
@@ -135,13 +139,13 @@ class Arrays:
         return codes.split(b"\0")[0].decode("utf-8", errors="replace")
 
     def tuples(self, array: ElementTree.Element, n: int) -> NDArray[Any]:
-        """Values per point or cell, (n,) or (n, k); int64 where they are of an integer type."""
+        """Return values per point or cell, (n,) or (n, k); int64 where they are of an integer type."""
         width = self.count(array, "NumberOfComponents") or 1
         values = typed(self.numbers(array, n * width), TYPES.get(array.get("type", ""), "f8"))
         return values if width == 1 else values.reshape(n, width)
 
     def numbers(self, array: ElementTree.Element, count: int) -> Array:
-        """The `count` numbers of an array. Raises InputError where it holds another number of them."""
+        """Return the `count` numbers of an array. Raises InputError where it holds another number of them."""
         where = f"{self.path}: array '{array.get('Name', '')}'"
         kind = array.get("type", "")
         if kind not in TYPES:
@@ -157,7 +161,7 @@ class Arrays:
         return np.frombuffer(data, dtype).astype(np.float64)
 
     def _read_bytes(self, array: ElementTree.Element, limit: int) -> bytes:
-        """Unpacked bytes of an array that is not ascii, little more than `limit` of them at most."""
+        """Read unpacked bytes of an array that is not ascii, little more than `limit` of them at most."""
         where = f"{self.path}: array '{array.get('Name', '')}'"
         match array.get("format"):
             case "binary":
@@ -172,7 +176,7 @@ class Arrays:
                 raise InputError(f"{where} has format '{other}': must be ascii, binary or appended")
 
     def _read_block(self, data: bytes, in_base64: bool, where: str, limit: int) -> bytes:
-        """Unpacked bytes of one array: a header of sizes, then the data."""
+        """Read unpacked bytes of one array: a header of sizes, then the data."""
         try:
             if self.compressor:
                 return self._unpack_blocks(data, in_base64, where, limit)
@@ -208,5 +212,5 @@ class Arrays:
 
 
 def _decode_base64(text: bytes, size: int) -> bytes:
-    """At least the first `size` bytes of base64 text, which may go on with something else."""
+    """Return at least the first `size` bytes of base64 text, which may go on with something else."""
     return base64.b64decode(text[: -(-size // 3) * 4], validate=True)

@@ -17,7 +17,7 @@ RIGHTS = (
 
 
 def encode(mesh: CartoMesh) -> bytes:
-    """The file as CARTO prints it: CRLF, cp1252, its blank lines, and its glued colour heading."""
+    """Encode the file as CARTO prints it: CRLF, cp1252, its blank lines, and its glued colour heading."""
     blocks = [
         "".join(f"{line}\n" for line in RIGHTS),
         "[GeneralAttributes]\n"
@@ -58,13 +58,13 @@ def encode(mesh: CartoMesh) -> bytes:
 
 
 def _number_rows(form: str, *columns: Array | Ints) -> str:
-    """Rows `index = numbers`, indices counted from 0."""
+    """Return rows `index = numbers`, with indices counted from 0."""
     table = np.column_stack([np.arange(len(columns[0])), *columns])
     return join_rows(f"%8d ={form}\n", table)
 
 
 def _general_attributes(mesh: CartoMesh) -> list[tuple[str, str]]:
-    """The keys of the first section, in CARTO's order."""
+    """Return the keys of the first section, in CARTO's order."""
     k = len(mesh.colour_names)
     colours = [
         ("ColorsIDs", "".join(f"{i}  " for i in range(k))),

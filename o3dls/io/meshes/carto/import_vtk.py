@@ -74,7 +74,7 @@ def map_field(
 
 
 def encode(surface: Surface, scalar: Mapped, patient: str = ANONYMOUS) -> bytes:
-    """The file: mm, 0-based triangles, one scalar in [0, 1] and its colours.
+    """Encode the file: mm, 0-based triangles, one scalar in [0, 1] and its colours.
 
     Raises InputError for 2D surfaces and titles over 255 characters.
     """
@@ -99,7 +99,7 @@ def encode(surface: Surface, scalar: Mapped, patient: str = ANONYMOUS) -> bytes:
 
 
 def _colour_table(missing: bool) -> Array:
-    """Colours (256, 3) from the least value to the largest; grey for 0 where that stands for none."""
+    """Return colours (256, 3) from the least value to the largest; grey for 0 where that stands for none."""
     at = np.linspace(0.0, 1.0, TABLE_SIZE)
     share = (at - LEAST) / (1.0 - LEAST) if missing else at
     stops = np.linspace(0.0, 1.0, len(COLOURS))
@@ -115,7 +115,7 @@ def write(file: SurfaceFile) -> bytes:
 
 
 def losses(surface: Surface) -> list[str]:
-    """Sentences on what `write` does not keep as it is."""
+    """Return sentences on what `write` does not keep as it is."""
     field = _first_field(surface)
     kept = {field} - {None}
     return [*map_field(surface, field).notes, *left_out(surface, kept)]

@@ -43,7 +43,7 @@ def knows(data: bytes) -> bool:
 
 
 def read(path: Path, data: bytes, *, hidden: bool = False) -> SurfaceFile:
-    """The visible shell in mm; `hidden` keeps triangles of negative groups too.
+    """Read the visible shell in mm; `hidden` keeps triangles of negative groups too.
 
     Vertices without a triangle are left out.
     """
@@ -110,7 +110,7 @@ def write(file: SurfaceFile) -> bytes:
 
 
 def losses(surface: Surface) -> list[str]:
-    """Sentences on what `write` does not keep."""
+    """Return sentences on what `write` does not keep."""
     colours = {OUR_NAMES.get(name, name) for name in COLOURS}
     kept = {name for name, values in surface.fields.items() if name in colours and values.ndim == 1}
     return left_out(surface, kept | {"Scar", "EML"} if colours & surface.fields.keys() else ())

@@ -24,7 +24,7 @@ SECTIONS = (
 
 
 def parse(path: Path, data: bytes) -> CartoMesh:
-    """Everything in the file. Raises InputError naming the line that does not fit."""
+    """Parse everything in the file. Raises InputError naming the line that does not fit."""
     sections = _split_sections(path, _decode_text(data))
     lines = sections["GeneralAttributes"].text.splitlines()
     general = {key.strip(): value for key, _, value in (line.partition("=") for line in lines)}
@@ -100,7 +100,7 @@ def _read_floats(
 
 
 def _read_rows(path: Path, sections: dict[str, Section], name: str, n: int, least: int) -> Array:
-    """The rows `index = numbers` of a section, (n, 1 + columns), with nothing left out.
+    """Read the rows `index = numbers` of a section, (n, 1 + columns), with nothing left out.
 
     There must be at least `least` columns.
     """
@@ -134,7 +134,7 @@ def _read_rows(path: Path, sections: dict[str, Section], name: str, n: int, leas
 
 
 def _read_attributes(path: Path, sections: dict[str, Section], n: int) -> tuple[Ints, tuple[str, ...]]:
-    """Flags per vertex and the comment lines above them, of which the first names the columns."""
+    """Read flags per vertex and the comment lines above them, of which the first names the columns."""
     text = sections.get("VerticesAttributesSection", Section("", 0)).text
     headings = (
         tuple(line.rstrip("\r") for line in re.findall(r"^[ \t]*;[^\n]*", text, re.MULTILINE))
