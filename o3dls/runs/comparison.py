@@ -11,8 +11,8 @@ from .tables import score_table
 
 
 def comparison(runs: Mapping[str, Run]) -> str:
-    """Mean distances of every estimate of several runs, by the runs' names; nothing is averaged, and each
-    unit has a table of its own.
+    """Return the mean distances of every estimate of several runs, by the runs' names; nothing is averaged,
+    and each unit has a table of its own.
     """
     units = dict.fromkeys(run.unit for run in runs.values())
     return "\n".join(

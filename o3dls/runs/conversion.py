@@ -116,7 +116,7 @@ def _convert_surface(
 
 
 def in_millimetres(source: Path, file: SurfaceFile, units: str | None) -> SurfaceFile:
-    """The surface in mm where its units are stated by the file or by `units`.
+    """Return the surface in mm where its units are stated by the file or by `units`.
 
     Else as it is, if its extent can be meant in mm.
     """
@@ -130,12 +130,12 @@ def in_millimetres(source: Path, file: SurfaceFile, units: str | None) -> Surfac
 
 
 def _scaled_units(stated: str) -> str:
-    """Units of lengths once they are scaled: mm, or what cannot be scaled to it."""
+    """Return units of lengths once they are scaled: mm, or what cannot be scaled to it."""
     return stated if stated in ("px", "unknown") else "mm"
 
 
 def _settle_units(source: Path, stated: str, given: str | None) -> str:
-    """As `_settle_stated`, of units.
+    """Return the units that the file states, or those that are given where it states none.
 
     Raises InputError too where the file states none that is known, and nothing is given.
     """
@@ -150,10 +150,7 @@ def _settle_units(source: Path, stated: str, given: str | None) -> str:
 
 
 def _settle_stated(source: Path, what: str, stated: str, given: str | None) -> str:
-    """What the file states, or what is given where it states nothing.
-
-    Raises InputError where the two differ.
-    """
+    """Return what the file states, else what is given. Raises InputError where the two differ."""
     if given and stated not in ("unknown", given):
         raise InputError(
             f"{source}: states {what} {stated}, and {given} was given; omit --{what} if the file is right"
@@ -162,7 +159,7 @@ def _settle_stated(source: Path, what: str, stated: str, given: str | None) -> s
 
 
 def _needs_turn(source: Path, space: str, to: str) -> bool:
-    """Whether coordinates must be turned. Raises InputError where the frame is not known."""
+    """Return whether coordinates must be turned. Raises InputError where the frame is not known."""
     if space not in ("LPS", "RAS"):
         raise InputError(
             f"{source}: its frame is not known, so it cannot be brought to {to}; state it with --frame"
@@ -171,7 +168,7 @@ def _needs_turn(source: Path, space: str, to: str) -> bool:
 
 
 def decimated(surface: Surface, faces: int) -> Surface:
-    """About `faces` triangles by quadric edge collapse that keeps the topology.
+    """Decimate to about `faces` triangles by quadric edge collapse that keeps the topology.
 
     Fields are read at the closest points of the original.
     """
@@ -199,7 +196,7 @@ def decimated(surface: Surface, faces: int) -> Surface:
 def _convert_markups(
     source: Path, target: Path, units: str | None, frame: str | None, to: str | None
 ) -> list[str]:
-    """Slicer's named places to Slicer's file or to a table `name,x,y,z`."""
+    """Write Slicer's named places as Slicer's file or as a table `name,x,y,z`."""
     if units:
         raise InputError(f"{source}: Slicer's markups state their units; omit --units")
     marks = read_markups(source, frame)
@@ -221,7 +218,7 @@ def _write_places(source: Path, target: Path, marks: Markups) -> list[str]:
 def _convert_points(
     source: Path, target: Path, units: str | None, frame: str | None, to: str | None
 ) -> list[str]:
-    """Tables of points or of named places; all columns are kept where the target is a table too."""
+    """Convert tables of points or of named places; all columns are kept where the target is a table too."""
     table = read_points_table(source)
     points = points_of(table, 3)
     said = [f"{source}: {len(points)} points", *(f"{source}: {note}" for note in points.notes)]

@@ -64,8 +64,8 @@ def read_estimate(folder: Path, found: EstimateRecord, case: Case) -> Estimate:
 
 
 def _write_motion(path: Path, case: Case, estimate: Estimate) -> None:
-    """The prior where the motion brought it, vertex by vertex, with its deviation along the normals; and how
-    the deviations go together.
+    """Write the prior where the motion brought it, vertex by vertex, with its deviation along the normals;
+    and how the deviations go together.
     """
     from ..evaluation.wall_modes import wall_modes
 
@@ -83,13 +83,13 @@ def _write_motion(path: Path, case: Case, estimate: Estimate) -> None:
 
 @lru_cache(maxsize=1)  # estimates of one run share their motion
 def _move_prior(prior: Surface, motion: Motion) -> tuple[Surface, Array]:
-    """The prior where a motion brought it, and the deviation (n,) along its normals there."""
+    """Return the prior where a motion brought it, and the deviation (n,) along its normals there."""
     moved = prior.with_vertices(motion(prior.vertices))
     return moved, motion.sd(prior.vertices, moved.vertex_normals)
 
 
 def _read_modes(path: Path, vertices: int) -> WallModes | None:
-    """The joint posterior, where the run kept it. Raises InputError where it was damaged."""
+    """Read the joint posterior, where the run kept it. Raises InputError where it was damaged."""
     from ..motion.recorded import WallModes
 
     if not path.is_file():
@@ -105,7 +105,7 @@ def _read_modes(path: Path, vertices: int) -> WallModes | None:
 
 
 def _read_motion(folder: Path, case: Case, T_map_prior: Array) -> RecordedMotion | None:
-    """The motion as far as a run folder holds it. Raises InputError where it is of another prior."""
+    """Read the motion as far as a run folder holds it. Raises InputError where it is of another prior."""
     from ..motion.recorded import RecordedMotion
 
     path = folder / f"moved_prior.{'csv' if case.dimension == 2 else 'ply'}"
@@ -128,8 +128,8 @@ def _as_warning(found: WarningRecord) -> RunWarning:
 
 
 def write_rows(path: Path, rows: Any) -> None:
-    """Rows of records as a table; a value that a row has not is an empty cell, a line break in a text is
-    escaped.
+    """Write rows of records as a table; a value that a row has not is an empty cell, a line break in a text
+    is escaped.
     """
     names = dict.fromkeys(key for row in rows for key in row)
     if names:

@@ -31,12 +31,12 @@ class FarPoints:
 
     @property
     def doubtful(self) -> bool:
-        """Whether some lie so far off that result and points cannot both be right."""
+        """Whether some of the places lie so far off that result and points cannot both be right."""
         return self._share_beyond(FAR) > FEW_FAR or (self._of_wall and self._share_beyond(OFF) > FEW_OFF)
 
     @property
     def failed(self) -> bool:
-        """Whether most lie so far off."""
+        """Whether most of the places lie so far off."""
         return self._share_beyond(OFF if self._of_wall else FAR) >= HALF
 
     @property
@@ -59,7 +59,7 @@ class FarPoints:
 
     @property
     def _of_wall(self) -> bool:
-        """Landmarks may be the middle of a vein's mouth; all others were on the wall."""
+        """Whether the places were on the wall: landmarks may be the middle of the mouth of a vein."""
         return self.name != SETS["landmarks"]
 
     def _share_beyond(self, limit: float) -> float:
@@ -67,8 +67,8 @@ class FarPoints:
 
 
 def far_points(run: Run, name: str) -> list[FarPoints]:
-    """How far what an estimate of a run was not fitted to lies from its surface, by set; no set that is
-    empty, and none in pixels, which say no length.
+    """Return, by set, how far from the surface of an estimate lies what it was not fitted to; sets that are
+    empty are left out, and all of them in pixels, which say no length.
     """
     if run.unit != "mm":
         return []
@@ -84,7 +84,7 @@ def far_points(run: Run, name: str) -> list[FarPoints]:
 
 
 def warned_of_far_points(run: Run) -> Run:
-    """The run, with a warning on its last estimate for each set of which some lie centimetres off."""
+    """Return the run, with a warning on its last estimate for each set of which some lie centimetres off."""
     found = [
         RunWarning(
             "points-far-off", f"{one.said}: are they of this chamber, and is the pose right?", run.final

@@ -33,7 +33,7 @@ def scored(
     left_out: Mapping[str, Array],
     pipeline: Record,
 ) -> Run:
-    """The run of estimates by name: scored, and their surfaces judged.
+    """Score the estimates by name and judge their surfaces: their run.
 
     fitted: by estimate, the types of the points that it was shown; left_out: the cross-validated distances
     of the eam points; pipeline: its record, with every default written out.
@@ -56,8 +56,8 @@ def scored(
 
 
 def _share_surfaces(estimates: Mapping[str, Estimate]) -> dict[str, Estimate]:
-    """The estimates, where a stage moved nothing with the surface of the one before: what is worked out of a
-    surface is then worked out once.
+    """Return the estimates; one whose stage moved nothing gets the surface of the one before, so that what is
+    worked out of a surface is worked out once.
     """
     found: dict[str, Estimate] = {}
     before: Surface | None = None
@@ -88,7 +88,9 @@ def _score_sets(
 
 
 def _with_distances(case: Case, estimates: Mapping[str, Estimate], left_out: Mapping[str, Array]) -> Points:
-    """The case's points with their distance to every estimate; a landmark's is that to its moved partner."""
+    """Return the case's points with their distance to every estimate; a landmark's is that to its moved
+    partner.
+    """
     columns = dict(case.points.columns)
     marks, eam = case.points.type == "landmark", case.points.type == "eam"
     paired = list(case.landmark_partners())
@@ -116,7 +118,7 @@ def _held_out(case: Case, estimates: Mapping[str, Estimate]) -> Points | None:
 
 
 def provenance(case: Case, pipeline: Record) -> Provenance:
-    """How a run was made: its case, the record of the pipeline, versions, seeds, threads."""
+    """Return how a run was made: its case, the record of the pipeline, versions, seeds, threads."""
     return Provenance(
         schema=SCHEMA,
         case=CaseRecord(
@@ -133,7 +135,7 @@ def provenance(case: Case, pipeline: Record) -> Provenance:
 
 
 def version_of(package: str) -> str | None:
-    """The version of an installed package, None where it is not."""
+    """Return the version of an installed package, None where it is not."""
     for name in (package, f"{package}-cpu"):  # open3d-cpu imports as open3d
         try:
             return version(name)

@@ -22,7 +22,7 @@ from ..geometry.surface import Surface
 
 
 def with_fields(case: Case, estimate: Estimate, fitted: Collection[str]) -> Surface:
-    """The surface with what is known of each vertex, and its own fields.
+    """Return the surface with what is known of each vertex, and its own fields.
 
     These are `displacement_mm`, `sd_mm` (where there is a posterior), `distance_to_nearest_point_mm`,
     `prior_only` (1 farther than `REACH` from every such point), and the electrical values of the points
@@ -51,7 +51,7 @@ def _with_electrical(surface: Surface, points: Points) -> Surface:
 
 
 def displacement(prior: Surface, estimate: Estimate) -> Array:
-    """Signed distance (n,) of the estimate's vertices from the prior under `T_map_prior`.
+    """Return the signed distance (n,) of the estimate's vertices from the prior under `T_map_prior`.
 
     Outward is positive.
     """
@@ -62,7 +62,7 @@ def displacement(prior: Surface, estimate: Estimate) -> Array:
 
 
 def on_prior(prior: Surface, estimate: Estimate) -> Array:
-    """The points (n, d) of the prior that came to lie nearest the estimate's vertices."""
+    """Return the points (n, d) of the prior that came to lie nearest the estimate's vertices."""
     from ..geometry.closest_point import ClosestPoint
 
     _, face, _, weights = ClosestPoint(moved(estimate, prior.vertices), prior.faces).query(

@@ -35,8 +35,8 @@ class Placed:
     frame: str
 
     def in_units(self, units: str) -> Placed:
-        """The surface and the points out of mm in other units; the pose, and what names its unit, stay in
-        mm.
+        """Return the surface and the points out of mm in other units; the pose, and what names its unit, stay
+        in mm.
         """
         from ...io.points import scaled
 
@@ -48,8 +48,8 @@ class Placed:
 
 
 def placed(run: Run, name: str, surface: Surface, on: On, frame: str | None = None) -> Placed:
-    """An estimate's `surface` on the map, or what it shows on the prior's own surface, in `frame`; default
-    that of the map or the prior.
+    """Return an estimate's `surface` on the map, or what it shows on the prior's own surface, in `frame`;
+    default that of the map or the prior.
 
     Raises InputError where the frame is asked for and that of the file is not known.
     """
@@ -72,18 +72,18 @@ def placed(run: Run, name: str, surface: Surface, on: On, frame: str | None = No
 
 
 def frame_of(case: Case, on: On) -> str:
-    """The frame of the map or of the prior, unknown where no file says it."""
+    """Return the frame of the map or of the prior, unknown where no file says it."""
     return case.prior_frame if on == "prior" else case.frame
 
 
 def units_of(case: Case, on: On, format: str) -> tuple[str, str]:
-    """The units of a file to write, and those that belong there: on the prior, those of its own file."""
+    """Return the units of a file to write, and those that belong there: on the prior, those of its own file."""
     own = case.prior_file_units or case.units if on == "prior" else case.units
     return own if format in IN_ANY_UNITS else case.units, own
 
 
 def unknown_frame(on: On) -> str:
-    """A sentence on how to say a frame that no file states."""
+    """Return a sentence on how to say a frame that no file states."""
     if on == "map":
         return 'the frame of the case is unknown; say frame = "LPS" or "RAS" in its case.toml'
     return (
@@ -93,7 +93,7 @@ def unknown_frame(on: On) -> str:
 
 
 def recorded(case: Case, estimate: Estimate) -> RecordedMotion:
-    """The motion of an estimate, with its inverse, by where it brought the prior's vertices."""
+    """Return the motion of an estimate, with its inverse, by where it brought the prior's vertices."""
     from ...evaluation.distances import moved
     from ...motion.recorded import RecordedMotion
 
@@ -105,8 +105,8 @@ def recorded(case: Case, estimate: Estimate) -> RecordedMotion:
 
 
 def _carry_to_prior(case: Case, motion: RecordedMotion, surface: Surface) -> Surface:
-    """The prior with the fields of the surface that its vertices came to lie on, NaN where none is near, and
-    their distance from it.
+    """Return the prior with the fields of the surface that its vertices came to lie on, NaN where none is
+    near, and their distance from it.
     """
     from ...evaluation.projection import project
     from ...evaluation.transfer import between
@@ -117,7 +117,7 @@ def _carry_to_prior(case: Case, motion: RecordedMotion, surface: Surface) -> Sur
 
 
 def _pose_in_frame(case: Case, estimate: Estimate, frame: str) -> Array:
-    """`T_map_prior` between prior and map that are both given in `frame`."""
+    """Return `T_map_prior` between prior and map that are both given in `frame`."""
     prior_frame = case.frame if case.prior_frame == "unknown" else case.prior_frame
     of_map, of_prior = (
         TURN if {own, frame} == {"LPS", "RAS"} else np.eye(len(estimate.T_map_prior))

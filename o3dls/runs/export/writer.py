@@ -105,7 +105,9 @@ class Export(Writer):
         return (self.name, self.estimate or final, self.format, *on)
 
     def mistake(self, case: Case) -> str | None:
-        """The result is about as large as the prior."""
+        """Say what of the grid or the spacing is wrong; the result is taken to be about as large as the
+        prior.
+        """
         if self.grid is not None:
             return None if self.grid.is_file() else f"grid = '{self.grid}': no such image"
         return spacing_mistake(case.prior, self.spacing) if self.format.startswith(("phi", "mask")) else None
@@ -194,7 +196,7 @@ class Export(Writer):
         return counts | {"fields": sorted(read_surface_file(path, units="um").surface.fields)}
 
     def _decimate_to_limit(self, surface: Surface) -> Surface:
-        """Decimated to `faces`, and to what an importing system takes."""
+        """Return the surface decimated to `faces`, and to what an importing system takes."""
         from ...io.meshes.dif import LIMITS
         from ..conversion import decimated
 
@@ -225,13 +227,13 @@ class Export(Writer):
 
 
 def _log_sentences(path: Path, sentences: Iterable[str]) -> None:
-    """What a file does not keep goes to the log."""
+    """Log sentences on what a file does not keep."""
     for sentence in sentences:
         log.info("%s: %s", path.name, sentence)
 
 
 def _write_openep(surface: Surface, path: Path, points: Points) -> dict[str, Any]:
-    """The surface with the measured points, which OpenEP's tools interpolate."""
+    """Write the surface with the measured points, which OpenEP's tools interpolate."""
     from ...io.mapping.openep import encode, losses
     from ...io.mapping.openep_points import SIGNALS
 
