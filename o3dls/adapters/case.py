@@ -28,7 +28,7 @@ Landmarks = Mapping[str, tuple[ArrayLike, ArrayLike]]
 
 
 class Settings(Choice, total=False):
-    """What `case_of` takes besides a prior, points, landmarks and a pose."""
+    """The options that `case_of` takes besides a prior, points, landmarks and a pose."""
 
     name: str
     phases: Sequence[Any]
@@ -52,7 +52,8 @@ def case_of(
     cap: bool = False,
     **choice: Unpack[Choice],
 ) -> Case:
-    """A case of objects of other libraries: whatever `surface_of` and `points_of` take (adapters/objects.py).
+    """Make a case of objects of other libraries: whatever `surface_of` and `points_of` take
+    (adapters/objects.py).
 
     landmarks: name -> (position on the prior, position among the points); init: rough pose (4, 4), prior to
     points; phases: further surfaces of the prior; units: those of all lengths, but for label volumes, which
@@ -96,7 +97,7 @@ def case_of(
 
 
 def _surface_in_mm(file: SurfaceFile, where: str, units: str | None) -> Surface:
-    """The surface in mm; what of the object is not in it goes to the log.
+    """Return the surface in mm; what of the object is not in it goes to the log.
 
     Raises InputError where nobody says the units, and mm cannot be meant.
     """
@@ -110,7 +111,7 @@ def _surface_in_mm(file: SurfaceFile, where: str, units: str | None) -> Surface:
 
 
 def _points_in_mm(thing: Any, landmarks: Landmarks, units: str | None) -> Points:
-    """The points in mm, and behind them the landmarks."""
+    """Return the points in mm, and behind them the landmarks."""
     points = points_of(thing)
     if not len(points):
         raise InputError(

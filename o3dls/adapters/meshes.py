@@ -22,8 +22,8 @@ VOLUMES = ("tetra", "hexahedron", "wedge", "pyramid")  # cells of meshio that ha
 
 
 def to_open3d(surface: Surface) -> Any:
-    """An `open3d.t.geometry.TriangleMesh` with float64 positions and every field as a vertex attribute;
-    `.to_legacy()` drops those.
+    """Return an `open3d.t.geometry.TriangleMesh` with float64 positions and every field as a vertex
+    attribute; `.to_legacy()` drops those.
     """
     import open3d as o3d
 
@@ -36,7 +36,9 @@ def to_open3d(surface: Surface) -> Any:
 
 
 def open3d_like(surface: Surface, other: Any) -> Any:
-    """An Open3D mesh with normals: of the precision of another one of the tensor interface, else legacy."""
+    """Return an Open3D mesh with normals: of the precision of another one of the tensor interface, else
+    legacy.
+    """
     import open3d as o3d
 
     mesh = to_open3d(Surface(surface.vertices, surface.faces)).to_legacy()
@@ -49,7 +51,7 @@ def open3d_like(surface: Surface, other: Any) -> Any:
 
 
 def to_trimesh(surface: Surface) -> Any:
-    """A `trimesh.Trimesh` that keeps the vertices' order; fields are its vertex attributes."""
+    """Return a `trimesh.Trimesh` that keeps the vertices' order; fields are its vertex attributes."""
     import trimesh
 
     surface = _copy_surface(surface)
@@ -59,7 +61,7 @@ def to_trimesh(surface: Surface) -> Any:
 
 
 def to_pyvista(surface: Surface) -> Any:
-    """A `pyvista.PolyData` with the fields as point data. Raises InputError where pyvista is not
+    """Return a `pyvista.PolyData` with the fields as point data. Raises InputError where pyvista is not
     installed.
     """
     pyvista = _import_library("pyvista")
@@ -73,8 +75,8 @@ def to_pyvista(surface: Surface) -> Any:
 
 
 def to_meshio(surface: Surface) -> Any:
-    """A `meshio.Mesh` of triangles with the fields as point data. Raises InputError where meshio is not
-    installed.
+    """Return a `meshio.Mesh` of triangles with the fields as point data. Raises InputError where meshio is
+    not installed.
     """
     meshio = _import_library("meshio")
     surface = _copy_surface(surface)
@@ -89,8 +91,8 @@ def _import_library(name: str) -> Any:
 
 
 def _copy_surface(surface: Surface) -> Surface:
-    """The surface in memory of its own: the libraries share what they are given, and a mesh is there to be
-    edited. InputError in 2D.
+    """Return a copy of the surface in memory of its own: the libraries share what they are given, and a mesh
+    is there to be edited. InputError in 2D.
     """
     if surface.dimension != 3:
         raise InputError("mesh objects of Open3D, trimesh, pyvista and meshio are 3D; this surface is 2D")
@@ -102,7 +104,7 @@ def _copy_surface(surface: Surface) -> Surface:
 
 
 def _is_tensor(thing: Any) -> bool:
-    """Whether an Open3D object is one of the tensor interface."""
+    """Return whether an Open3D object is one of the tensor interface."""
     return ".t." in type(thing).__module__
 
 
@@ -119,7 +121,7 @@ def _from_open3d(mesh: Any, where: str) -> Parts:
 
 
 def _read_values(attributes: Any) -> dict[str, NDArray[Any]]:
-    """Values per vertex or per face of a tensor object; a column of them is flat."""
+    """Read values per vertex or per face of a tensor object; a column of them is flat."""
     arrays = {name: attributes[name].numpy() for name in attributes if name not in NO_FIELDS}
     return {
         name: values[:, 0] if values.ndim == 2 and values.shape[1] == 1 else values
@@ -134,7 +136,7 @@ def _from_trimesh(mesh: Any, where: str) -> Parts:
 
 
 def _from_vtk(mesh: Any, where: str) -> Parts:
-    """A vtkPolyData, as pyvista's is too; polygons and strips become triangles."""
+    """Read a vtkPolyData, as pyvista's is too; polygons and strips become triangles."""
     from vtkmodules.vtkFiltersCore import vtkTriangleFilter
 
     if mesh.GetNumberOfPolys() + mesh.GetNumberOfStrips() == 0:
@@ -158,7 +160,7 @@ def _vtk_array(array: Any) -> NDArray[Any]:
 
 
 def _vtk_values(data: Any) -> Values:
-    """Numbers and words of the points or of the cells, without normals."""
+    """Return numbers and words of the points or of the cells, without normals."""
     found = {}
     for k in range(data.GetNumberOfArrays()):
         array = data.GetAbstractArray(k)

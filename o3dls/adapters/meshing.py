@@ -48,11 +48,11 @@ def extract(
     smallest: float = 1.0,
     raw: Surface | None = None,
 ) -> Extraction:
-    """The surface phi = 0, wound outward. smoothing: Taubin passes; keep: share of the isosurface's faces
-    that decimation leaves; islands: whether pieces beside the largest stay; smallest: the smallest of these
-    that is meant, in areas of the largest, of which one with less than a tenth is dust; raw: a mesh of the
-    zero set, for where an isosurface of phi has another topology. Smoothing that would make the surface cut
-    itself is left out.
+    """Extract the surface phi = 0, wound outward. smoothing: Taubin passes; keep: share of the isosurface's
+    faces that decimation leaves; islands: whether pieces beside the largest stay; smallest: the smallest of
+    these that is meant, in areas of the largest, of which one with less than a tenth is dust; raw: a mesh of
+    the zero set, for where an isosurface of phi has another topology. Smoothing that would make the surface
+    cut itself is left out.
 
     Raises SolverError where phi has no zero set.
     """
@@ -83,8 +83,8 @@ def extract(
 
 
 def _unfold_mesh(mesh: Surface) -> Surface:
-    """Relaxed where faces are turned over, as next to cuts, which follow the lattice; as it is where the
-    relaxed mesh would cut itself.
+    """Return the mesh relaxed where faces are turned over, as next to cuts, which follow the lattice; as it
+    is where the relaxed mesh would cut itself.
     """
     if not flipped(mesh).any():
         return mesh
@@ -93,8 +93,8 @@ def _unfold_mesh(mesh: Surface) -> Surface:
 
 
 def isosurface(field: SignedDistance) -> tuple[Array, Ints]:
-    """Vertices and faces of phi = 0, wound outward: flying edges (Open3D) as they come, in 2D the zero set
-    itself.
+    """Return vertices and faces of phi = 0, wound outward: flying edges (Open3D) as they come, in 2D the zero
+    set itself.
     """
     if field.band.dimension == 2:
         return zero_set(field.band, field.phi)
@@ -129,8 +129,8 @@ def _clean_mesh(raw: Surface, smoothing: int, faces: int, loose: float = LOOSE) 
 
 
 def carry_fields(source: Surface, target: Surface) -> Surface:
-    """The target with the source's fields per vertex, read at the closest points: values never outlive a
-    change of mesh unmoved.
+    """Return the target with the source's fields per vertex, read at the closest points: values never outlive
+    a change of mesh unmoved.
 
     Fields of whole numbers are labels: they are those of the nearest corner, and no mean of two regions.
     """

@@ -55,8 +55,8 @@ CLOUDS = (
 
 
 def to(surface: Surface, kind: str) -> Any:
-    """The surface as an object of open3d (tensor), trimesh, pyvista or meshio, with its fields as values per
-    point. Raises InputError for another kind, in 2D, and where the library is not installed.
+    """Return the surface as an object of open3d (tensor), trimesh, pyvista or meshio, with its fields as
+    values per point. Raises InputError for another kind, in 2D, and where the library is not installed.
     """
     if kind not in KINDS:
         raise InputError(f"no kind of mesh '{kind}'" + did_you_mean(kind, list(KINDS)))
@@ -64,7 +64,8 @@ def to(surface: Surface, kind: str) -> Any:
 
 
 def surface_of(thing: Any, *, frame: str | None = None, **choice: Unpack[Choice]) -> Surface:
-    """The surface of a mesh, of arrays (vertices, faces), or of a label volume, with its fields: `SURFACES`.
+    """Return the surface of a mesh, of arrays (vertices, faces), or of a label volume, with its fields:
+    `SURFACES`.
 
     choice: `label`, `part`, `box`, `layer` of a label volume, which comes in LPS unless `frame` is RAS.
     Raises InputError for anything else.
@@ -73,8 +74,8 @@ def surface_of(thing: Any, *, frame: str | None = None, **choice: Unpack[Choice]
 
 
 def stated_surface(thing: Any, where: str, *, frame: str | None = None, **choice: Any) -> SurfaceFile:
-    """As `surface_of`, with the frame and units where the object states them, as label volumes do; `where`
-    names it in errors.
+    """Return the same as `surface_of`, with the frame and units where the object states them, as label
+    volumes do; `where` names it in errors.
     """
     given = {name: value for name, value in choice.items() if value is not None}
     if (image := _find_reader(IMAGES, thing)) is not None:
@@ -112,7 +113,7 @@ def stated_surface(thing: Any, where: str, *, frame: str | None = None, **choice
 
 
 def _keep_numbers(values: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
-    """Those values that are numbers, truth being 0 or 1."""
+    """Return those values that are numbers, truth being 0 or 1."""
     arrays = {name: np.asarray(one) for name, one in values.items()}
     return {
         name: one.astype(np.int64) if one.dtype.kind == "b" else one
@@ -129,8 +130,8 @@ def _read_pair(thing: Any, where: str) -> tuple[Array, Any, dict[str, Any], dict
 
 
 def points_of(thing: Any, where: str = "points") -> Points:
-    """Points of type eam, or of the types in a column `type`, with the values that the object (`CLOUDS`) has
-    per point, by the names that files use (`bipolar`, `lat`, `sigma`, ...). Raises InputError.
+    """Return points of type eam, or of the types in a column `type`, with the values that the object
+    (`CLOUDS`) has per point, by the names that files use (`bipolar`, `lat`, `sigma`, ...). Raises InputError.
     """
     if isinstance(thing, Points):
         return thing
@@ -155,7 +156,7 @@ def points_of(thing: Any, where: str = "points") -> Points:
 
 
 def _find_reader(readers: Mapping[str, Callable[..., Any]], thing: Any) -> Callable[..., Any] | None:
-    """The reader of an object's class, or of a class that it derives from."""
+    """Return the reader of an object's class, or of a class that it derives from."""
     kinds = (f"{kind.__module__.partition('.')[0]}.{kind.__name__}" for kind in type(thing).__mro__)
     return next((readers[kind] for kind in kinds if kind in readers), None)
 

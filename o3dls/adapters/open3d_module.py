@@ -36,7 +36,9 @@ class _Names(ModuleType):
 
 
 def open3d() -> ModuleType:
-    """The module open3d; its own names are as they are, and what it takes of dash comes when it is used."""
+    """Import the module open3d; its own names are as they are, and what it takes of dash comes when it is
+    used.
+    """
     if "open3d" in sys.modules or PLOTS in sys.modules:
         return import_module("open3d")
     sys.modules[PLOTS] = _Names(PLOTS)

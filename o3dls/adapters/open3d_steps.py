@@ -24,9 +24,9 @@ KERNELS = ("none", "huber", "cauchy", "geman_mcclure", "tukey")
 def open3d_solver(
     metric: str, kernel: str, width: float | None, point_normals: Array, thickness: float
 ) -> Solver:
-    """A solver for `align`: metric as in the stage `icp`, kernel among KERNELS, `width` in robust standard
-    deviations (None: 95 % efficient), normals (n, 3) of the points where the metric needs them, else none (0,
-    3).
+    """Return a solver for `align`: metric as in the stage `icp`, kernel among KERNELS, `width` in robust
+    standard deviations (None: 95 % efficient), normals (n, 3) of the points where the metric needs them, else
+    none (0, 3).
     """
 
     def solve(factors: Factors, weights: Array, body: Body, freedom: Freedom, share: float) -> Array:
@@ -63,8 +63,8 @@ def _step_to_points(points: Array, feet: Array, *, scale: bool) -> Array:
 def _step_on_normals(
     metric: str, kernel: str, width: float, pairs: Pairs, point_normals: Array, thickness: float, body: Body
 ) -> Array:
-    """Open3D moves the points onto a surface at rest and turns them about the origin, so its steps are those
-    of the prior's frame.
+    """Return the step along normals: Open3D moves the points onto a surface at rest and turns them about the
+    origin, so its steps are taken in the frame of the prior.
     """
     import open3d as o3d
 

@@ -144,7 +144,7 @@ def spacing_mistake(surface: Surface, spacing: float) -> str | None:
 
 
 def _check_suited(thing: Any, spacing: float) -> Surface:
-    """The surface of a thing that voxels of a size can show."""
+    """Return the surface of a thing that voxels of a size can show."""
     surface = surface_of(thing)
     if why := spacing_mistake(surface, spacing):
         raise InputError(why)
