@@ -109,7 +109,9 @@ def run_cohort(
 
 
 def _time_of_files(out: Path) -> float:
-    """The time that a file has which is written now into a folder: another machine's, where it keeps them."""
+    """Return the time that a file gets which is now written into a folder: that of another machine, where it
+    keeps the folder.
+    """
     out.mkdir(parents=True, exist_ok=True)
     with NamedTemporaryFile(dir=out, prefix=".batch.partial-") as file:
         return os.fstat(file.fileno()).st_mtime

@@ -30,7 +30,7 @@ SPREAD = 200  # points, spread evenly, that are asked: many beats of one place c
 
 
 def contradiction(case: Case, start: Estimate) -> str:
-    """Why prior, points and landmarks cannot belong together; empty where they can."""
+    """Return why prior, points and landmarks cannot belong together; empty where they can."""
     if case.dimension == 2:
         return ""
     points = case.points.of("eam").xyz
@@ -43,7 +43,7 @@ def contradiction(case: Case, start: Estimate) -> str:
 
 
 def doubtful_points(case: Case, start: Estimate, final: Estimate) -> list[RunWarning]:
-    """Warnings where the points are not what a catheter finds on the wall of this prior."""
+    """Return warnings where the points are not what a catheter finds on the wall of this prior."""
     from ..registration.search import thinned
 
     if case.dimension == 2:
@@ -60,7 +60,7 @@ def doubtful_points(case: Case, start: Estimate, final: Estimate) -> list[RunWar
 
 
 def _find_overlap(case: Case) -> str:
-    """Components of the prior that lie in one another: two surfaces in one file."""
+    """Return a sentence where components of the prior lie in one another, as two surfaces in one file do."""
     from ..geometry.components import component_areas
     from ..levelset.grid.distance import filled_distance
 
@@ -88,7 +88,9 @@ def _find_plane(case: Case, points: Array) -> str:
 
 
 def _find_wrong_column(case: Case) -> str:
-    """One column of coordinates in another unit than the others, as the landmarks show."""
+    """Return a sentence where the landmarks show one column of coordinates to be in another unit than the
+    others.
+    """
     names, prior, measured = case.landmark_pairs()
     if len(names) < 4 or not fix_a_pose(prior, measured):
         return ""
@@ -112,13 +114,15 @@ def _find_wrong_column(case: Case) -> str:
 
 
 def _landmark_error(prior: Array, measured: Array) -> float:
-    """Root mean square distance of landmarks after their best rigid motion."""
+    """Return the root mean square distance of landmarks after their best rigid motion."""
     gap = apply(fit_similarity(prior, measured, scale=False), prior) - measured
     return float(np.sqrt((gap**2).sum(axis=1).mean()))
 
 
 def _find_mixed_frames(case: Case, start: Estimate, points: Array) -> str:
-    """Points in LPS beside landmarks in RAS, or the other way round: turned, they fit clearly better."""
+    """Return a sentence where points are in LPS beside landmarks in RAS, or the other way round: turned, they
+    fit clearly better.
+    """
     from ..registration.global_pose import robust_costs
     from ..registration.match import SurfaceMatcher
     from ..stages.pose_checks import clearly_better
@@ -140,7 +144,7 @@ def _find_mixed_frames(case: Case, start: Estimate, points: Array) -> str:
 
 
 def _find_ball(points: Array, prior: Surface) -> str:
-    """Points much nearer to a ball than to the prior in its pose."""
+    """Return a sentence where the points lie much nearer to a ball than to the prior in its pose."""
     from ..evaluation.distances import distances
 
     design = np.column_stack([2.0 * points, np.ones(len(points))])
@@ -157,7 +161,7 @@ def _find_ball(points: Array, prior: Surface) -> str:
 
 
 def _find_one_side(case: Case, start: Estimate, points: Array) -> str:
-    """Nearly all points on one side of the prior in the pose of the landmarks."""
+    """Return a sentence where nearly all points lie on one side of the prior in the pose of the landmarks."""
     from ..registration.match import SurfaceMatcher
 
     _, prior, measured = case.landmark_pairs()
@@ -177,8 +181,9 @@ def _find_one_side(case: Case, start: Estimate, points: Array) -> str:
 
 
 def _find_scatter(case: Case, final: Estimate) -> str:
-    """Points that scatter about the result more than mapping does: by the noise that a stage found, else by
-    the distances of all. (Points that are spread evenly over a dense map are the extremes of its noise.)
+    """Return a sentence where the points scatter about the result more than mapping does: by the noise that a
+    stage found, else by the distances of all. (Points that are spread evenly over a dense map are the
+    extremes of its noise.)
     """
     from ..evaluation.distances import distances
     from ..noise.robust import robust_sd

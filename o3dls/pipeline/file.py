@@ -26,7 +26,7 @@ Tables = dict[str, Any]
 
 
 def read_pipeline(path: str | Path, settings: Iterable[str] = ()) -> Pipeline:
-    """The pipeline of a TOML file, its folders taken from where the file stands.
+    """Read the pipeline of a TOML file, its folders taken from where the file stands.
 
     `settings` such as `icp.keep=0.9` override it. Raises PipelineError with every mistake, InputError where
     the file cannot be read.
@@ -48,7 +48,7 @@ def read_pipeline(path: str | Path, settings: Iterable[str] = ()) -> Pipeline:
 
 
 def _list_mistakes(tables: Tables, folder: Path) -> tuple[str, ...]:
-    """The mistakes of a file as it stands, without the settings that overrode it."""
+    """Return the mistakes of a file as it stands, without the settings that overrode it."""
     try:
         pipeline_from(tables, folder)
     except PipelineError as error:
@@ -57,13 +57,13 @@ def _list_mistakes(tables: Tables, folder: Path) -> tuple[str, ...]:
 
 
 def _blame_settings(mistake: str, settings: list[str]) -> str:
-    """A mistake that the file alone does not have, behind the settings that it comes from."""
+    """Return a mistake that the file alone does not have, behind the settings that it comes from."""
     meant = [setting for setting in settings if setting.partition("=")[0].strip() in mistake] or settings
     return f"{' '.join(f'--set {setting}' for setting in meant)}: {mistake}"
 
 
 def _resolve_grids(tables: Tables, folder: Path) -> Tables:
-    """The tables with the files that writers name (`grid`) taken from a folder, as case and out are."""
+    """Return the tables with the files that writers name (`grid`) taken from a folder, as case and out are."""
     for table in tables.get("write", []) if isinstance(tables.get("write"), list) else []:
         if isinstance(table, dict) and isinstance(table.get("grid"), str):
             table["grid"] = str(folder / table["grid"])
@@ -71,7 +71,7 @@ def _resolve_grids(tables: Tables, folder: Path) -> Tables:
 
 
 def all_mistakes(path: str | Path, case: str | Path | None = None) -> list[str]:
-    """Every mistake of a pipeline file and of its case, or of the case named here, one sentence each.
+    """Return every mistake of a pipeline file and of its case, or of the case named here, one sentence each.
 
     Nothing is run or written. An earlier run in the folder `out` is none.
     """
@@ -104,12 +104,12 @@ def _note_mistakes(mistakes: list[str]) -> Iterator[None]:
 
 
 def default_pipeline(settings: Iterable[str] = ()) -> Pipeline:
-    """The packaged default: landmarks, icp, deform, topology, level_set, report, export."""
+    """Return the packaged default: landmarks, icp, deform, topology, level_set, report, export."""
     return read_pipeline(pipeline_file("default"), settings)
 
 
 def pipeline_from(tables: Tables, folder: Path = Path()) -> Pipeline:
-    """A pipeline from the tables of a file, or from the `pipeline` of run.json.
+    """Return a pipeline from the tables of a file, or from the `pipeline` of run.json.
 
     Raises PipelineError with every mistake.
     """
@@ -134,7 +134,8 @@ def pipeline_from(tables: Tables, folder: Path = Path()) -> Pipeline:
 
 
 def overridden(tables: Tables, settings: Iterable[str]) -> Tables:
-    """The tables with settings `STAGE.PARAM=VALUE` put in, STAGE being the name of an estimate or a writer.
+    """Return the tables with settings `STAGE.PARAM=VALUE` put in, STAGE being the name of an estimate or a
+    writer.
 
     Raises PipelineError.
     """
@@ -157,7 +158,9 @@ def overridden(tables: Tables, settings: Iterable[str]) -> Tables:
 
 
 def _make_plugins(kind: str, tables: list[Any], mistakes: list[str]) -> list[Any]:
-    """Stages or writers of a file; theirs are added to `mistakes`, each with the place of its table."""
+    """Make the stages or writers of a file; their mistakes are added to `mistakes`, each with the place of
+    its table.
+    """
     made = []
     for k, table in enumerate(tables, 1):
         try:
@@ -209,7 +212,7 @@ def _find_table(tables: Tables, owner: str, setting: str) -> Tables:
 
 
 def _parse_value(text: str) -> Any:
-    """A value as TOML writes it, or a number or True and False as Python does; a bare word is a text."""
+    """Parse a value as TOML writes it, or a number or True and False as Python does; a bare word is a text."""
     readers = (
         lambda: parse_toml(f"value = {text}", text)["value"],
         lambda: {"True": True, "False": False}[text],

@@ -103,7 +103,7 @@ def make_case(
 
 
 def _gather_settings(folder: Path, files: dict[str, Path], given: dict[str, Any]) -> dict[str, Any]:
-    """What case.toml says, with absolute paths: the folder is not there yet."""
+    """Return what case.toml says, with absolute paths: the folder is not there yet."""
     plain = {
         key: list(v) if isinstance(v, tuple) else v
         for key, v in given.items()
@@ -132,7 +132,7 @@ def _check_run(run: Path, folder: Path, reads: list[Path]) -> None:
 
 
 def _relative_path(path: Path, folder: Path) -> str:
-    """A path as seen from the folder; whole where there is no way from the one to the other."""
+    """Return a path as seen from the folder; whole where there is no way from the one to the other."""
     try:
         return Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix()
     except ValueError:  # another drive
@@ -150,7 +150,7 @@ def _case_lines(settings: dict[str, Any]) -> str:
 
 
 def _comment_line(line: str, words: str) -> str:
-    """A line with its comment: beside it, or above one that is long."""
+    """Return a line with its comment: beside it, or above one that is long."""
     if len(line) > COLUMN:
         return f"# {words}\n{line}\n"
     first, *more = textwrap.wrap(words, WIDTH - COLUMN)

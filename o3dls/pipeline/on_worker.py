@@ -40,11 +40,11 @@ class Order:
         return self.path.read_text(encoding="utf-8") != BEGIN
 
     def stop(self) -> None:
-        """No more tasks shall be begun."""
+        """Tell the workers to begin no more tasks."""
         write_file(self.path, STOP)
 
     def fault(self, reads: Path | None = None) -> str | None:
-        """What keeps this machine from doing a task, which reads a folder; None where nothing does."""
+        """Return what keeps this machine from doing a task, which reads a folder; None where nothing does."""
         if not self.path.is_file():
             return f"does not see {self.path.parent}, where the runs shall go; name a folder that all share"
         if reads and not reads.is_dir():
@@ -56,7 +56,7 @@ class Order:
 
 @contextmanager
 def ordered(out: Path) -> Iterator[Order]:
-    """An order in the folder of the runs, which is removed when the block ends."""
+    """Yield an order in the folder of the runs, which is removed when the block ends."""
     # named as what is half made: where nobody was left to remove it, it may be removed like that
     path = out.absolute() / f".batch.partial-{os.getpid():x}-{secrets.token_hex(4)}"
     write_file(path, BEGIN)
@@ -96,7 +96,7 @@ _free: list[tuple[Order, Place[Any]]] = []  # what this worker keeps; its thread
 
 
 def _take_place(order: Order, limits: Limits) -> Place[Any]:
-    """A place that is free, or a new one."""
+    """Return a place that is free, or a new one."""
     with suppress(IndexError):
         while True:
             of, place = _free.pop()

@@ -24,7 +24,7 @@ PARTIAL = re.compile(r"\..*\.partial-")
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of one case, and what it was warned of.
+    """The outcome of one case: what became of it, and what it was warned of.
 
     Rows of its scores, or the sentence that says why there are none. skipped: its run was there already.
     """
@@ -42,7 +42,7 @@ class Outcome:
 
 
 def outcome_of(folder: Path) -> Outcome:
-    """The outcome of a case by its finished run. Raises InputError where the folder holds none."""
+    """Return the outcome of a case by its finished run. Raises InputError where the folder holds none."""
     found = read_record(folder)
     warned = dict.fromkeys(one for estimate in found.estimates.values() for one in estimate.warnings)
     return Outcome(
@@ -65,7 +65,7 @@ def forget_failure(run: Path) -> None:
 
 
 def gathered(runs: Path) -> list[Outcome]:
-    """The outcomes of all cases whose runs, or the reasons that there are none, stand in a folder.
+    """Return the outcomes of all cases whose runs, or the reasons that there are none, stand in a folder.
 
     A run that cannot be read is an outcome too. Raises InputError where there is neither.
     """
@@ -108,7 +108,7 @@ def write_table(out: Path, outcomes: Iterable[Outcome]) -> None:
 
 
 def cohort_rows(outcome: Outcome) -> list[dict[str, Any]]:
-    """Rows of the cohort's table.
+    """Return rows of the cohort's table.
 
     Case, error, faults of its final surface, warnings, then the columns of scores.csv.
     """
@@ -140,5 +140,5 @@ def check_table(out: Path, cases: Iterable[str] | None) -> None:
 
 
 def _shown_name(name: str) -> str:
-    """A name as the table has it."""
+    """Return a name as the table has it."""
     return escaped(name.encode("utf-8", "replace").decode("utf-8")).strip()

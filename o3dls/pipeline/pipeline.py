@@ -82,14 +82,14 @@ class Pipeline:
         }
 
     def fitted(self, name: str) -> tuple[str, ...]:
-        """Types of the points that an estimate, or one that it started from, was given."""
+        """Return types of the points that an estimate, or one that it started from, was given."""
         chain = self.chain(name)
         return tuple(
             sorted({kind for stage in self.stages if stage.estimate_name in chain for kind in stage.fits})
         )
 
     def chain(self, name: str) -> list[str]:
-        """An estimate and those that it started from, back to `start`."""
+        """Return an estimate and those that it started from, back to `start`."""
         return [name, *self.chain(self.sources[name])] if name in self.sources else [name]
 
     def run(self, case: Case | None = None, pool: Executor | None = None) -> Run:
@@ -129,8 +129,8 @@ class Pipeline:
         return replace(run, provenance=made_in, out=self.out, additions=self.writes)
 
     def judged(self, case: Case) -> dict[str, Estimate]:
-        """As `fit`, with the warnings on the start, which every estimate depends on. Raises InputError and
-        SolverError as `run`.
+        """Return the estimates of `fit` with the warnings on the start, which every estimate depends on.
+        Raises InputError and SolverError as `run`.
         """
         self._check_case(case)
         return self._fit_and_judge(case)
@@ -143,7 +143,7 @@ class Pipeline:
             raise InputError("; ".join(why))
 
     def fit(self, case: Case, level: int = logging.INFO) -> dict[str, Estimate]:
-        """Estimates by name, `start` first.
+        """Return estimates by name, `start` first.
 
         Each stage is given the points that it fits, and neither truth nor held-out data.
         """
@@ -162,7 +162,7 @@ class Pipeline:
         return estimates
 
     def _with_start_warnings(self, case: Case, estimates: dict[str, Estimate]) -> dict[str, Estimate]:
-        """The estimates with the warnings on their common start, which every one of them depends on."""
+        """Return the estimates with the warnings on their common start, which every one of them depends on."""
         found = doubtful_pose(case, estimates[START], self.sound_start) if self._knows_pose else []
         final = estimates[self.names[-1]]
         found += components_without_points(case, final.T_map_prior)
@@ -172,7 +172,7 @@ class Pipeline:
         return {name: replace(one, warnings=(*common, *one.warnings)) for name, one in estimates.items()}
 
     def record(self) -> dict[str, Any]:
-        """The pipeline with every default written out, shaped as its file.
+        """Return the pipeline with every default written out, shaped as its file.
 
         Without folders, which say nothing of the result.
         """
@@ -183,7 +183,7 @@ class Pipeline:
         }
 
     def refusals(self, case: Case) -> list[str]:
-        """Why a run on the case would end before any work, one sentence each."""
+        """Return why a run on the case would end before any work, one sentence each."""
         plugins = (*self.stages, *self.writes)
         found = [
             f"{plugin.name}: {why}"
@@ -199,7 +199,7 @@ class Pipeline:
         return not any(stage.finds_pose for stage in self.stages)
 
     def allowed_by(self, case: Case) -> Self:
-        """The pipeline without the stages and writers that cannot work on the case, and beginning with
+        """Return the pipeline without the stages and writers that cannot work on the case, and beginning with
         `global_pose` where nothing else gives the pose.
 
         The log names each one that is skipped or added.

@@ -22,7 +22,7 @@ KILL = signal.SIGTERM if sys.platform == "win32" else signal.SIGKILL
 
 
 class Task(Protocol[T_co]):
-    """What a process shall do, and the name of what comes of it."""
+    """The work that a process shall do, and the name of what comes of it."""
 
     @property
     def name(self) -> str: ...
@@ -83,7 +83,7 @@ class Place(Generic[T]):
             self._start_process()
 
     def look(self) -> tuple[Task[T], T | Death] | None:
-        """The task with its result, or with how its process ended; None while it is at work."""
+        """Return the task with its result, or with how its process ended; None while it is at work."""
         task = self.task
         if task is None or not self.future.done():
             self._heed_limits()

@@ -51,7 +51,7 @@ def spread(
 
 @contextmanager
 def client_of(address: str, jobs: int) -> Iterator[Any]:
-    """A client of the scheduler at an address, or of one with so many workers that ends with the block.
+    """Yield a client of the scheduler at an address, or of one with so many workers that ends with the block.
 
     Raises InputError where dask is not installed, or none answers.
     """
@@ -97,7 +97,7 @@ def _check_address(address: str) -> None:
 
 @contextmanager
 def _local_cluster(workers: int) -> Iterator[Any]:
-    """Workers on this machine, of one task each, which share its cores."""
+    """Yield workers on this machine, of one task each, which share its cores."""
     import dask
     from distributed import LocalCluster
 
@@ -118,8 +118,8 @@ def _local_cluster(workers: int) -> Iterator[Any]:
 
 
 def _ignore_interrupts() -> Any:
-    """What makes workers, also those that replace others, ignore Ctrl-C, which reaches all processes of a
-    terminal: the client tells them.
+    """Return a plugin by which workers, also those that replace others, ignore Ctrl-C, which reaches all
+    processes of a terminal: the client tells them.
     """
     from distributed import WorkerPlugin
 
@@ -156,7 +156,7 @@ class _Spread(Generic[T]):
         self.told = False
 
     def results(self, tasks: Sequence[Task[T]], stop: Event) -> Generator[tuple[Task[T], T | Ended]]:
-        """The tasks with their results, as they end."""
+        """Yield the tasks with their results, as they end."""
         try:
             for task in tasks:
                 self._submit_task(task)
@@ -190,7 +190,7 @@ class _Spread(Generic[T]):
             yield task, result
 
     def _take_result(self, future: Any, task: Task[T]) -> T | Ended | None:
-        """The result of a task; None where it was not begun, or is begun again."""
+        """Return the result of a task; None where it was not begun, or is begun again."""
         from distributed import KilledWorker
 
         try:

@@ -22,7 +22,7 @@ Schema = dict[str, Any]
 
 
 def schema() -> Schema:
-    """What a pipeline file may say, stages and writers of other installed packages included.
+    """Return what a pipeline file may say, stages and writers of other installed packages included.
 
     It knows each parameter by itself; what must fit together, `o3dls check` says.
     """
@@ -53,7 +53,7 @@ def _kind_schemas(kind: str) -> list[Schema]:
 
 
 def _named_schema(name: str, plugin: type[Plugin]) -> Schema:
-    """The table of a stage or writer in the file, with its name."""
+    """Return the table of a stage or writer in the file, with its name."""
     table = _plugin_schema(plugin)
     use = {"const": name, "description": table["description"]}
     return {
@@ -65,7 +65,9 @@ def _named_schema(name: str, plugin: type[Plugin]) -> Schema:
 
 
 def _plugin_schema(plugin: type[Plugin]) -> Schema:
-    """The parameters of a stage or writer; those of a part, which is placed with it, as a table within."""
+    """Return the parameters of a stage or writer; those of a part, which is placed with it, as a table
+    within.
+    """
     found = plugin.model_json_schema()
     found.pop("$defs", None)  # of the parts, which are set in below
     properties = found["properties"]
@@ -88,7 +90,7 @@ def _part_schema(plugin: type[Plugin]) -> Schema:
 
 
 def _parameter_schema(found: Schema) -> Schema:
-    """A parameter with its unit in words, and without the null that TOML does not have."""
+    """Return a parameter with its unit in words, and without the null that TOML does not have."""
     unit = found.pop("unit", "1")
     found.pop("title", None)
     if unit != "1":

@@ -32,8 +32,8 @@ FARTHEST = 0.5  # median distance of the points from the prior after the start p
 
 
 def start_estimate(case: Case) -> Estimate:
-    """The prior in its rough pose: rigid fit of the named landmarks, else `init`, else as it stands; the
-    status says which.
+    """Return the prior in its rough pose: rigid fit of the named landmarks, else `init`, else as it stands;
+    the status says which.
     """
     names, prior, measured = case.landmark_pairs()
     if fix_a_pose(prior, measured):
@@ -55,8 +55,8 @@ def start_estimate(case: Case) -> Estimate:
 
 
 def misfit(case: Case, start: Estimate, *, pose_is_known: bool) -> list[str]:
-    """A sentence where the prior encloses nothing, or the points are too few, of another size than the prior
-    or, where the pose counts as known, far from it.
+    """Return a sentence where the prior encloses nothing, or the points are too few, of another size than the
+    prior or, where the pose counts as known, far from it.
     """
     points = case.points.of("eam").xyz
     found = (
@@ -72,8 +72,8 @@ def misfit(case: Case, start: Estimate, *, pose_is_known: bool) -> list[str]:
 
 
 def pose_unknown(case: Case) -> bool:
-    """Whether the pose of the prior has to be searched: neither landmarks nor `init` give it, and another
-    pose fits the points clearly better than the one that ICP finds from the prior as it is given.
+    """Return whether the pose of the prior has to be searched: neither landmarks nor `init` give it, and
+    another pose fits the points clearly better than the one that ICP finds from the prior as it is given.
     """
     start = start_estimate(case)
     if _gives_pose(case):
@@ -89,8 +89,8 @@ def pose_unknown(case: Case) -> bool:
 
 
 def start_digest(case: Case) -> str:
-    """What `pose_unknown` judges, prior and points, in a few letters: who has its answer need not ask for the
-    pose again. Empty where the case gives the pose, about which it says nothing.
+    """Return a digest of what `pose_unknown` judges, prior and points: who has its answer need not ask for
+    the pose again. Empty where the case gives the pose, about which it says nothing.
     """
     if _gives_pose(case):
         return ""
@@ -103,9 +103,9 @@ def _gives_pose(case: Case) -> bool:
 
 
 def doubtful_pose(case: Case, start: Estimate, sound: str = "") -> list[RunWarning]:
-    """A warning where no landmarks determine the start pose and the points fit the prior clearly better in
-    another one: an `init` of another frame leads to a surface that looks right, since a motion can make up
-    for a turned chamber. sound: `start_digest` of a case about whose pose there was nothing to say.
+    """Return a warning where no landmarks determine the start pose and the points fit the prior clearly
+    better in another one: an `init` of another frame leads to a surface that looks right, since a motion can
+    make up for a turned chamber. sound: `start_digest` of a case about whose pose there was nothing to say.
     """
     if fix_a_pose(*case.landmark_pairs()[1:]) or (sound and sound == start_digest(case)):
         return []
@@ -114,8 +114,8 @@ def doubtful_pose(case: Case, start: Estimate, sound: str = "") -> list[RunWarni
 
 
 def _better_pose(case: Case, start: Estimate) -> str:
-    """A sentence where the points fit the prior, or its mirror image, clearly better in another pose than in
-    the one that ICP finds from the start.
+    """Return a sentence where the points fit the prior, or its mirror image, clearly better in another pose
+    than in the one that ICP finds from the start.
     """
     from ..registration.match import SurfaceMatcher
     from ..stages.icp import ICP, fitted_places
@@ -130,8 +130,8 @@ def _better_pose(case: Case, start: Estimate) -> str:
 
 
 def components_without_points(case: Case, T_map_prior: Array) -> list[RunWarning]:
-    """A warning for each component of the prior, but for small ones, that is nearest to no point: nothing
-    tells where it lies.
+    """Return a warning for each component of the prior, but for small ones, that is nearest to no point:
+    nothing tells where it lies.
     """
     from ..geometry.closest_point import ClosestPoint
     from ..geometry.components import SMALL_COMPONENT, component_areas
@@ -152,7 +152,7 @@ def components_without_points(case: Case, T_map_prior: Array) -> list[RunWarning
 
 
 def _describe_place(case: Case, faces: NDArray[np.bool_]) -> str:
-    """Where some faces of the prior lie."""
+    """Return where some faces of the prior lie."""
     middle = case.prior.vertices[np.unique(case.prior.faces[faces])].mean(axis=0)
     return f"around ({', '.join(f'{x:.0f}' for x in middle)}) {case.units}"
 
@@ -181,7 +181,9 @@ def _find_few_places(points: Array) -> str:
 
 
 def _find_other_size(case: Case, points: Array) -> str:
-    """Points in another unit than the prior's are many times too small or too large, not a little."""
+    """Return a sentence where the points are of another size than the prior: in another unit they are many
+    times too small or too large, not a little.
+    """
     most, span = (
         max(float(np.linalg.norm(np.ptp(np.quantile(points, part, axis=0), axis=0))), 1e-300)
         for part in (MOST, NEARLY_ALL)
@@ -205,7 +207,7 @@ def _find_other_size(case: Case, points: Array) -> str:
 
 
 def _find_far_point(case: Case, points: Array) -> str:
-    """The farthest point, where it is too far off to be of this map."""
+    """Return a sentence on the farthest point, where it is too far off to be of this map."""
     away = np.linalg.norm(points - np.median(points, axis=0), axis=1)
     far = int(away.argmax())
     if away[far] <= SPANS[1] * case.prior.diagonal:

@@ -32,14 +32,15 @@ class Planned:
 
 
 def planned(folders: Iterable[Path], pipeline: Pipeline, *, trim: bool = False) -> list[Planned]:
-    """One pipeline for these case folders, whose names the runs have."""
+    """Plan one pipeline for these case folders, whose names the runs have."""
     return [Planned(folder.resolve().name, folder, pipeline, trim) for folder in folders]
 
 
 def read_study(
     cases: Sequence[Path], pipeline: Path | None = None, settings: Sequence[str] = ()
 ) -> list[Planned]:
-    """What is to be run: of each case folder, each pattern such as `cases/*`, and each row of a table.
+    """Return what is to be run: each case folder, each match of a pattern such as `cases/*`, and each row of
+    a table.
 
     A table has the columns `case` and, where wanted, `pipeline`, `name` and `set.STAGE.PARAM`; its paths are
     relative to it. The run of a row has the name of the case, with `-PIPELINE` behind it where the row names
@@ -58,7 +59,9 @@ def read_study(
 
 
 def shard(study: Sequence[Planned], part: int, parts: int) -> list[Planned]:
-    """The part-th (from 1) of so many parts of a study, by the names of the runs, whatever their order."""
+    """Return the part-th (from 1) of so many parts of a study, by the names of the runs, whatever their
+    order.
+    """
     return sorted(study, key=lambda one: one.name)[part - 1 :: parts]
 
 
@@ -76,7 +79,7 @@ class _Plans:
         return self._read(self.usual, ())
 
     def of(self, path: Path | None, settings: tuple[str, ...]) -> Pipeline:
-        """The pipeline of a row of a table."""
+        """Return the pipeline of a row of a table."""
         return self._read(path or self.usual, settings)
 
     def _read_pipeline(self, path: Path | None, settings: tuple[str, ...]) -> Pipeline:

@@ -25,8 +25,8 @@ log = logging.getLogger("o3dls")
 
 @contextmanager
 def workers(processes: int, beside: int = 0) -> Iterator[Executor]:
-    """A pool of so many processes; what interrupts the block drops the tasks that wait and ends those that
-    run.
+    """Yield a pool of so many processes; what interrupts the block drops the tasks that wait and ends those
+    that run.
 
     beside: how many processes of other pools share the cores with these. Raises InputError where the system
     lets none begin.
@@ -60,8 +60,8 @@ def _open_pool(processes: int, spawn: SpawnContext, given: tuple[int, Connection
 
 @contextmanager
 def second_process(folds: int) -> Iterator[Executor | None]:
-    """A process beside this one for the folds of a cross-validation, which begins at once, as it has much to
-    import; None where there are no folds, or no core for it, or the system lets none begin.
+    """Yield a process beside this one for the folds of a cross-validation, which begins at once, as it has
+    much to import; None where there are no folds, or no core for it, or the system lets none begin.
     """
     with ExitStack() as open_:
         pool = None
@@ -75,8 +75,8 @@ def second_process(folds: int) -> Iterator[Executor | None]:
 
 @contextmanager
 def _block_interrupts() -> Iterator[None]:
-    """A process that begins within this never hears of Ctrl-C, which would end it in its imports with a
-    traceback; this one hears of it afterwards.
+    """Keep Ctrl-C from a process that begins within this, which it would end in its imports with a traceback;
+    this process hears of it afterwards.
     """
     if sys.platform == "win32":
         yield
