@@ -13,7 +13,7 @@ from .stage import Stage
 
 
 def listing() -> str:
-    """Every stage and writer with the first line of what it does."""
+    """Return every stage and writer with the first line of what it does."""
     lines = []
     for kind, group in GROUPS.items():
         names = sorted(registered(group))
@@ -22,7 +22,7 @@ def listing() -> str:
 
 
 def sheet(name: str) -> str:
-    """Parameters of a stage or writer: name, default, unit, bounds or accepted words, meaning. Raises
+    """Return parameters of a stage or writer: name, default, unit, bounds or accepted words, meaning. Raises
     PipelineError.
     """
     plugin = _find_plugin(name)
@@ -30,22 +30,22 @@ def sheet(name: str) -> str:
 
 
 def tables() -> str:
-    """The parameters of every stage and writer that has any, as Markdown tables."""
+    """Return the parameters of every stage and writer that has any, as Markdown tables."""
     names = [name for group in GROUPS.values() for name in sorted(registered(group))]
     return "\n\n".join(table(name) for name in names if _own_parameters(_find_plugin(name)))
 
 
 def table(name: str) -> str:
-    """The parameters of a stage or writer, but for those that all stages have, as a Markdown table. Raises
-    PipelineError.
+    """Return the parameters of a stage or writer, but for those that all stages have, as a Markdown table.
+    Raises PipelineError.
     """
     rows = map(_format_row, _own_parameters(_find_plugin(name)))
     return "\n".join([f"| `{name}` | default | bounds | meaning |", "|---|---|---|---|", *rows])
 
 
 def commented(name: str, keys: Sequence[str]) -> list[tuple[str, str]]:
-    """Some parameters of a stage or writer, each at its default as a pipeline file writes it, and its unit,
-    meaning and bounds. Raises PipelineError.
+    """Return some parameters of a stage or writer, each at its default as a pipeline file writes it, and its
+    unit, meaning and bounds. Raises PipelineError.
     """
     known = {p.name: p for p in describe(_find_plugin(name))}
     return [
@@ -59,7 +59,7 @@ def _describe_parameter(p: Parameter) -> str:
 
 
 def _find_plugin(name: str) -> type[Plugin]:
-    """The stage or writer of a name."""
+    """Return the stage or writer of a name."""
     for kind, group in GROUPS.items():
         if name in registered(group):
             return load(kind, name)
@@ -70,13 +70,13 @@ def _find_plugin(name: str) -> type[Plugin]:
 
 
 def _own_parameters(plugin: type[Plugin]) -> list[Parameter]:
-    """The parameters of a stage or writer, but for those that all stages have."""
+    """Return the parameters of a stage or writer, but for those that all stages have."""
     common = {p.name for p in describe(Stage)}
     return [p for p in describe(plugin) if p.name not in common]
 
 
 def meaning(plugin: type[Plugin]) -> str:
-    """What a stage or writer does: the first paragraph of its docstring, on one line."""
+    """Return what a stage or writer does: the first paragraph of its docstring, on one line."""
     return " ".join(words(plugin).split("\n\n")[0].split())
 
 
@@ -91,7 +91,7 @@ def _format_row(p: Parameter) -> str:
 
 
 def as_toml(value: Any) -> str:
-    """A default as a pipeline file would write it; what has none is left to be filled in."""
+    """Return a default as a pipeline file would write it; what has none is left to be filled in."""
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, tuple | list):

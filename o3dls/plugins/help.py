@@ -47,13 +47,13 @@ class PluginType(ModelMetaclass):
 
 
 def words(plugin: type) -> str:
-    """The docstring of a plugin as its author wrote it, or that of its parent where it has none."""
+    """Return the docstring of a plugin as its author wrote it, or that of its parent where it has none."""
     said = (vars(kind).get("__doc__") for kind in plugin.__mro__)
     return inspect.cleandoc(next(filter(None, said), ""))
 
 
 def _format_block(name: str, field: FieldInfo) -> str:
-    """What a parameter takes, with its default, and below its meaning, with the accepted words."""
+    """Return what a parameter takes, with its default, and below its meaning, with the accepted words."""
     p = described(name, field)
     bounded = p.limits.startswith(("[", "("))
     value = f"{type(p.default).__name__}()" if part(field) else repr(p.default)
@@ -64,7 +64,7 @@ def _format_block(name: str, field: FieldInfo) -> str:
 
 
 def _describe_type(field: FieldInfo, p: Parameter, *, bounded: bool) -> str:
-    """The type of a parameter with its bounds and unit."""
+    """Return the type of a parameter with its bounds and unit."""
     kind = part(field)
     within = f" within {p.limits}" if bounded else "," * bool(p.unit)
     nothing = " or None" if type(None) in get_args(field.annotation) else ""

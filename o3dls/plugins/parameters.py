@@ -30,7 +30,7 @@ class Parameter:
 
 
 def describe(plugin: type[BaseModel]) -> list[Parameter]:
-    """The parameters of a plugin in the order of its class; those of a part as `part.name`."""
+    """Return the parameters of a plugin in the order of its class; those of a part as `part.name`."""
     found = list[Parameter]()
     for name, field in plugin.model_fields.items():
         inner = part(field)
@@ -40,13 +40,15 @@ def describe(plugin: type[BaseModel]) -> list[Parameter]:
 
 
 def part(field: FieldInfo) -> type[BaseModel] | None:
-    """The class of a parameter that is a table of parameters itself, such as `deform` in `phases`."""
+    """Return the class of a parameter that is a table of parameters itself, such as `deform` in `phases`."""
     kind = field.annotation
     return kind if isinstance(kind, type) and issubclass(kind, BaseModel) else None
 
 
 def parameter_error(model: BaseModel, name: str, words: str) -> PydanticCustomError:
-    """For validators of a whole plugin: what is wrong with one of its parameters, given the others."""
+    """Return an error, for validators of a whole plugin, that says what is wrong with one of its parameters,
+    given the others.
+    """
     about = {"name": name, "value": getattr(model, name), "words": words}
     return PydanticCustomError("parameter", "a parameter does not fit the others", about)
 
@@ -58,7 +60,7 @@ def unfitting(model: BaseModel, name: str, condition: str) -> None:
 
 
 def described(name: str, f: FieldInfo) -> Parameter:
-    """A parameter by its field."""
+    """Return a parameter by its field."""
     default = f.get_default(call_default_factory=True)
     return Parameter(
         f.alias or name, _describe_kind(f), default, _shown_unit(f), _describe_limits(f), f.description or ""
@@ -72,7 +74,9 @@ def _describe_part(name: str, inner: type[BaseModel]) -> list[Parameter]:
 
 
 def mistakes(plugin: type[BaseModel], error: ValidationError) -> list[str]:
-    """One sentence per mistake, such as `icp.tolerance = -1.0 mm: must be a number within [0, inf) mm`."""
+    """Return one sentence per mistake, such as `icp.tolerance = -1.0 mm: must be a number within [0, inf)
+    mm`.
+    """
     owner = str(getattr(plugin, "name", plugin.__name__))
     details = error.errors(include_url=False)
     # a list with a wrong entry is also reported as too short
@@ -82,8 +86,8 @@ def mistakes(plugin: type[BaseModel], error: ValidationError) -> list[str]:
 
 
 def as_written(value: Any, field: FieldInfo) -> bool:
-    """Whether a value, or each entry of a list or table, is of the kind that it would be taken for: number,
-    yes or no, something else.
+    """Return whether a value, or each entry of a list or table, is of the kind that it would be taken for:
+    number, yes or no, something else.
     """
     kinds = set(_flatten_annotation(field.annotation)) - {type(None), Ellipsis}
     if not kinds or not kinds <= {bool, int, float}:
@@ -105,7 +109,7 @@ def _is_of_kinds(entry: Any, kinds: set[Any]) -> bool:
 
 
 def _describe_mistakes(plugin: type[BaseModel], owner: str, detail: ErrorDetails) -> list[str]:
-    """One sentence, or one per mistake in a part."""
+    """Return one sentence, or one per mistake in a part."""
     about = detail.get("ctx", {})
     if detail["type"] == "part":
         return [f"{owner}.{mistake}" for mistake in about["mistakes"]]
@@ -144,7 +148,7 @@ def _show_value(value: Any, unit: str) -> str:
 
 
 def _describe_wanted(field: FieldInfo) -> str:
-    """What would be right, in words."""
+    """Return in words what would be right."""
     limits, unit, kind = _describe_limits(field), _shown_unit(field), _describe_kind(field)
     if _accepted_words(field):
         return f"one of {limits}"
@@ -153,14 +157,14 @@ def _describe_wanted(field: FieldInfo) -> str:
 
 
 def _shown_unit(field: FieldInfo) -> str:
-    """The unit to show; a pure number (`1`) shows none."""
+    """Return the unit to show; a pure number (`1`) shows none."""
     extra = field.json_schema_extra
     unit = str(extra.get("unit", "")) if isinstance(extra, dict) else ""
     return "" if unit == "1" else unit
 
 
 def _accepted_words(field: FieldInfo) -> list[str]:
-    """The accepted words of a Literal, also inside a union or a tuple."""
+    """Return the accepted words of a Literal, also inside a union or a tuple."""
     return [
         word
         for part in _flatten_annotation(field.annotation)
@@ -211,8 +215,8 @@ def _describe_kind(field: FieldInfo) -> str:
 
 
 def _describe_limits(field: FieldInfo) -> str:
-    """`[low, high]` with round brackets where a bound is excluded, as infinity is; the accepted words, a
-    pattern, or nothing.
+    """Return `[low, high]`, with round brackets where a bound is excluded, as infinity is; the accepted
+    words, a pattern, or nothing.
     """
     if words := _accepted_words(field):
         return ", ".join(words)

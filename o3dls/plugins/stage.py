@@ -45,4 +45,4 @@ class Stage(Plugin):
 
     @abstractmethod
     def __call__(self, case: Case, start: Estimate) -> Estimate:
-        """A new estimate; neither argument is changed."""
+        """Return a new estimate; neither argument is changed."""
