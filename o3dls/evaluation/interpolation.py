@@ -18,7 +18,7 @@ WIDTH = 4.0  # mm: deviation of the Gaussian that averages the data
 
 
 def to_surface(xyz: Array, values: Array, surface: Surface) -> Array:
-    """Values (n,) per vertex of a surface from values (k,) measured at points (k, d) in its frame.
+    """Return values (n,) per vertex of a surface from values (k,) measured at points (k, d) in its frame.
 
     Each is the mean of the nearest data by a Gaussian of deviation WIDTH on the wall. Points without a value
     or farther than REACH from the wall are left out; vertices farther than REACH from every datum are NaN.
@@ -44,7 +44,7 @@ def to_surface(xyz: Array, values: Array, surface: Surface) -> Array:
 
 @lru_cache(maxsize=1)  # the columns of a map are mostly measured at the same points
 def _nearest_data(data: bytes, surface: Surface) -> tuple[Array, Ints]:
-    """Distances and rows (n, k) of the data (m, d) that are nearest to each vertex, the nearest first."""
+    """Return distances and rows (n, k) of the data (m, d) that are nearest to each vertex, the nearest first."""
     from scipy.spatial import cKDTree
 
     places = np.frombuffer(data).reshape(-1, surface.dimension)

@@ -75,24 +75,26 @@ class _Wall:
         return self.sd * np.sqrt(self.left[self.of])
 
     def mean(self, values: Array, part: Mask | None = None) -> float:
-        """Weighted mean over the vertices, or a part of them; plain where that has no weight."""
+        """Return the weighted mean over the vertices, or a part of them; plain where that has no weight."""
         weights = self.weights if part is None else self.weights * part
         if weights.sum() == 0.0:
             weights = np.ones(len(values)) if part is None else part.astype(np.float64)
         return float(weights @ values / weights.sum())
 
     def expected(self, part: Mask | None = None) -> float:
-        """Mean error that is expected, of the wall or a part of it."""
+        """Return the mean error that is expected, of the wall or a part of it."""
         return MEAN_OVER_SD * self.mean(self.sd_now, part)
 
     def gains(self, noise: float, believed: float) -> Array:
-        """Share (m,) of the mean variance that a point at each place takes."""
+        """Return the share (m,) of the mean variance that a point at each place takes."""
         worth = np.bincount(self.of, self.weights * self.sd**2, len(self.first))
         taken = (worth / self.first) @ self.covariance**2 / (np.diag(self.covariance) + noise**2)
         return np.asarray(believed * taken / max(float(worth @ self.left), TINY))
 
     def measured(self, at: int, noise: float, believed: float) -> _Wall:
-        """The wall that is expected after a point at a place: an outlier, which it may be, tells nothing."""
+        """Return the wall as expected after a point at a place: an outlier, which the point may be, tells
+        nothing.
+        """
         row = self.covariance[at]
         taken = believed * np.outer(row, row) / (row[at] + noise**2)
         return replace(self, covariance=self.covariance - taken)
@@ -106,7 +108,7 @@ def suggest(
     weights: Array | None = None,
     reachable: Mask | None = None,
 ) -> Advice:
-    """The k places whose measurement lowers the mean posterior variance over the wall most, one after
+    """Return the k places whose measurement lowers the mean posterior variance over the wall most, one after
     another, each with those before it in mind.
 
     weights (n,) say how much each vertex of the estimate's surface counts beside its area, reachable (n,)
@@ -136,7 +138,7 @@ def suggest(
 
 @lru_cache(maxsize=2)  # of the prior of a session that is asked again and again
 def _tube_depths(prior: Surface, places: bytes) -> Array:
-    """How deep (m,) vertices of the prior lie in its tubes, in rms radii."""
+    """Return how deep (m,) vertices of the prior lie in its tubes, in rms radii."""
     at = np.frombuffer(places, dtype=np.int64)
     deep = depth_in_tubes(prior.vertices[at], prior.vertex_normals[at], prior.vertices)
     return deep / rms_radius(prior.vertices)
@@ -164,7 +166,7 @@ def _describe_wall(case: Case, estimate: Estimate, modes: WallModes, at: Array, 
 def _choose_places(
     case: Case, estimate: Estimate, wall: _Wall, vertex: Ints, allowed: Mask, k: int, believed: float
 ) -> Advice:
-    """The places of highest worth among those allowed (m,)."""
+    """Return the places of highest worth among those allowed (m,)."""
     surface = estimate.surface
     at = surface.vertices[vertex]
     apart = APART * rms_radius(surface.vertices)

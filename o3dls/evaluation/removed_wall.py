@@ -9,7 +9,7 @@ FAR = 2.5  # mm off all that is left, from which wall is gone: half of the short
 
 
 def removed_wall(before: Surface, after: Surface) -> dict[str, float]:
-    """`removed_share` of the area of a surface that is far from what a stage made of it, and
+    """Return `removed_share` of the area of a surface that is far from what a stage made of it, and
     `removed_reach_mm`: how far its farthest place is, which is the length of a tube that was cut off.
     """
     gap = distances(before.vertices, after)

@@ -19,8 +19,9 @@ MODES = 250  # of an atrium's posterior they hold 98 % and more
 
 @lru_cache(maxsize=4)  # of the estimates of one run that share their motion
 def wall_modes(prior: Surface, motion: Motion | None) -> WallModes | None:
-    """The joint posterior of a motion of the prior by the first columns of its pivoted Cholesky factor, which
-    takes a tenth of the time of eigenvectors; None where it has none, or its run did not keep it.
+    """Return the joint posterior of a motion of the prior by the first columns of its pivoted Cholesky
+    factor, which takes a tenth of the time of eigenvectors; None where it has none, or its run did not keep
+    it.
     """
     if isinstance(motion, RecordedMotion):
         return motion.modes
@@ -41,8 +42,8 @@ def _spread_places(prior: Surface) -> Ints:
 
 
 def spread(points: Array, count: int) -> Ints:
-    """Indices of at most `count` points (n, d), each the farthest from those before it; the first is the
-    farthest from the middle.
+    """Return indices of at most `count` points (n, d), each the farthest from those before it; the first is
+    the farthest from the middle.
     """
     axes = np.ascontiguousarray(points.T)  # sums along the first axis are three times as fast
     gap = np.full(len(points), np.inf)
