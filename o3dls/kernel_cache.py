@@ -34,21 +34,23 @@ def settle() -> None:
 
 
 def _tree_folder() -> str:
-    """The folder for compiled code beside the modules of a package, numba's first choice: all are installed
-    together, and one stands for the others.
+    """Return the folder for compiled code beside the modules of a package, numba's first choice: all are
+    installed together, and one stands for the others.
     """
     return os.path.join(os.path.dirname(__file__), "geometry", "__pycache__")
 
 
 def _home_folder() -> str:
-    """The folder for caches in the home, its second choice."""
+    """Return the folder for caches in the home, its second choice."""
     caches = "~/Library/Caches" if sys.platform == "darwin" else "~/.cache"
     base = os.environ.get("LOCALAPPDATA" if os.name == "nt" else "XDG_CACHE_HOME")
     return os.path.join(base or os.path.expanduser(caches), "numba")
 
 
 def _can_write(folder: str) -> bool:
-    """By trying: permissions tell nothing of a read-only file system, nor to root."""
+    """Return whether a folder can be written, by trying: permissions tell nothing of a read-only file system,
+    nor to root.
+    """
     path = os.path.join(folder, f"o3dls-{os.getpid()}")
     try:
         os.makedirs(folder, exist_ok=True)
@@ -60,8 +62,8 @@ def _can_write(folder: str) -> bool:
 
 
 def _make_temporary() -> tuple[str, bool]:
-    """A folder of this user alone, and whether it is new. Numba runs what it finds there, so none is taken
-    that somebody else may have made.
+    """Make a folder of this user alone, and return it and whether it is new. Numba runs what it finds there,
+    so none is taken that somebody else may have made.
     """
     import stat
     import tempfile

@@ -30,8 +30,8 @@ log = logging.getLogger("o3dls")
 
 
 def axes_of(vectors: Array) -> tuple[int, ...]:
-    """A tuple as long as vectors (n, d) have axes: the compiler knows how long a tuple is, and unrolls a
-    kernel's loops over it.
+    """Return a tuple as long as vectors (n, d) have axes: the compiler knows how long a tuple is, and unrolls
+    the loops of a kernel over it.
     """
     return (0,) * int(vectors.shape[1])
 
@@ -62,7 +62,7 @@ def by_rows(kernel: Callable[..., Any], least: int, rows: tuple[NDArray[Any], ..
 
 
 def threads_for(queries: int) -> int:
-    """How many threads so many queries of a KD-tree are worth."""
+    """Return how many threads so many queries of a KD-tree are worth."""
     return THREADS if queries > QUERIES else 1
 
 
@@ -74,14 +74,14 @@ def limit_threads(processes: int) -> None:
 
 @lru_cache
 def _thread_pool(process: int) -> ThreadPoolExecutor:
-    """Threads of a process: a fork has none of its parent's."""
+    """Return the threads of a process: a fork has none of its parent's."""
     return ThreadPoolExecutor(THREADS - 1)
 
 
 @contextmanager
 def side_by_side() -> Iterator[ThreadPoolExecutor]:
-    """Threads, as many as cores, for work whose compiled loops and linear algebra let go of the interpreter's
-    lock; in each linear algebra has one.
+    """Yield threads, as many as cores, for work whose compiled loops and linear algebra let go of the lock of
+    the interpreter; in each linear algebra has one.
     """
     with one_blas_thread(), ThreadPoolExecutor(THREADS) as threads:
         yield threads

@@ -32,11 +32,11 @@ class Quantity:
     most: float
 
     def impossible(self, values: Array) -> NDArray[np.bool_]:
-        """Where values (n,) are there and cannot be."""
+        """Return where values (n,) are there and cannot have been measured."""
         return np.asarray((values < self.least) | (values > self.most))
 
     def can_be(self, value: float) -> bool:
-        """Whether one value can have been measured."""
+        """Return whether one value can have been measured."""
         return self.least <= value <= self.most and abs(value) < LARGEST
 
     def __str__(self) -> str:
@@ -69,7 +69,9 @@ ALSO |= {f"{name}{gap}voltage": name for name in ("bipolar", "unipolar") for gap
 
 
 def quantity_of(name: str) -> Quantity | None:
-    """The quantity that a column or field is of, as programs name it: in any case, with its unit behind."""
+    """Return the quantity that a column or field is of, as programs name it: in any case, with its unit
+    behind.
+    """
     plain = name.strip().lower()
     if plain in QUANTITIES:
         return QUANTITIES[plain]
@@ -78,14 +80,14 @@ def quantity_of(name: str) -> Quantity | None:
 
 
 def stands_for_none(quantity: Quantity, values: Array) -> NDArray[np.bool_]:
-    """Where the values (n,) of a quantity are words for none."""
+    """Return where values (n,) of a quantity are words for none."""
     words = np.isin(values, WORDS_FOR_NONE) & quantity.impossible(values)
     return np.asarray(words | (np.abs(values) >= LARGEST))
 
 
 def known_values(columns: Mapping[str, NDArray[Any]]) -> tuple[dict[str, NDArray[Any]], tuple[str, ...]]:
-    """The columns by name with NaN for words for none in those that are quantities, and a sentence on each
-    that held any.
+    """Return the columns by name with NaN for words for none in those that are quantities, and a sentence on
+    each that held any.
     """
     known, said = dict(columns), []
     for name, column in columns.items():
@@ -109,7 +111,7 @@ def _describe_missing(name: str, words: Array, n: int) -> str:
 
 
 def impossible_rows(name: str, values: NDArray[Any]) -> Ints:
-    """Rows of a column whose values cannot have been measured, once words for none are NaN."""
+    """Return rows of a column whose values cannot have been measured, once words for none are NaN."""
     quantity = quantity_of(name)
     if quantity is None or not _is_numbers(values):
         return np.zeros(0, dtype=np.int64)
@@ -131,7 +133,7 @@ def check_possible(name: str, values: NDArray[Any], where: str, place: Callable[
 def without_impossible(
     columns: Mapping[str, NDArray[Any]], place: Callable[[int], str]
 ) -> tuple[dict[str, NDArray[Any]], list[str]]:
-    """The columns with NaN for what cannot have been measured, where nobody can mend the file, and a
+    """Return the columns with NaN for what cannot have been measured, where nobody can mend the file, and a
     sentence that names the rows of each.
     """
     kept, said = dict(columns), []
@@ -147,6 +149,6 @@ def without_impossible(
 
 
 def places(rows: Ints, place: Callable[[int], str]) -> str:
-    """The first of some rows by name, and how many there are more."""
+    """Return the first of some rows by name, and how many there are more."""
     more = f" and {len(rows) - NAMED} more" if len(rows) > NAMED else ""
     return ", ".join(place(int(row)) for row in rows[:NAMED]) + more
