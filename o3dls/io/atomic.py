@@ -18,14 +18,14 @@ from zlib import crc32
 from ..errors import InputError, escaped
 from .manifest import foreign
 
-# the file that tells each kind of folder of ours
+# the file by which each kind of our folders is known
 MARKS = {
     "run": "run.json",
     "case": "case.toml",
     "paper": "paper_results.json",
 }
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)  # disk, quota, limit: the system names no file
-SHOWN = 40  # letters of a name in that of its temporary file
+SHOWN = 40  # letters of a name that its temporary name keeps
 # as long as paths in our folders, such as estimates/NAME/surface.ply: systems limit the whole path
 LONGEST = Path("x" * 80) / ("x" * 120)
 log = logging.getLogger("o3dls")
@@ -96,7 +96,9 @@ def staged_file(path: str | Path) -> Iterator[Path]:
 
 def _check_link(path: Path) -> None:
     real = _follow_links(path)
-    if any(place.is_symlink() for place in (real, *real.parents)):  # no link is left but one of a circle
+    if any(
+        place.is_symlink() for place in (real, *real.parents)
+    ):  # realpath follows every link but those of a circle
         raise InputError(f"{path}: is a link that leads to itself, or lies in one; name another")
 
 
@@ -117,7 +119,7 @@ def staged_files(path: str | Path) -> Iterator[Path]:
     with TemporaryDirectory(prefix=".", dir=path.parent) as staged:
         try:
             yield Path(staged) / path.name
-        except InputError as error:  # speaks of a folder that is no more
+        except InputError as error:  # it names the temporary folder, which is removed
             raise InputError(str(error).replace(staged, str(path.parent))) from error
         for file in Path(staged).iterdir():
             os.replace(file, _follow_links(path.parent / file.name))
@@ -128,7 +130,7 @@ def write_file(path: str | Path, content: str | bytes) -> None:
 
     Raises InputError where the disk has no room, or keeps something else than what was written.
     """
-    # names of folders may hold bytes that are no text
+    # names of folders may hold bytes that are not UTF-8
     data = content.encode("utf-8", "replace") if isinstance(content, str) else content
     with staged_file(path) as staged:
         staged.write_bytes(data)
@@ -233,7 +235,7 @@ def staged_folder(out: str | Path, force: bool = False) -> Iterator[Path]:
     try:
         with _report_full_disk(out):
             yield staged
-        check_free(out, force, _folder_kind(staged))  # somebody may have been faster
+        check_free(out, force, _folder_kind(staged))  # another process may have made it meanwhile
         if out.exists():
             old = _temporary_name(out)
             os.replace(out, old)

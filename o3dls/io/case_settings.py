@@ -152,5 +152,5 @@ def toml_lines(settings: Mapping[str, str | int | float | bool]) -> str:
     bare DEL.
     """
     text = "".join(f"{key} = {json.dumps(value, ensure_ascii=False)}\n" for key, value in settings.items())
-    # names of files may hold bytes that are no text
+    # names of files may hold bytes that are not UTF-8
     return text.replace("\x7f", "\\u007f").encode("utf-8", "replace").decode("utf-8")

@@ -16,12 +16,14 @@ from .meshes.registry import read_surface_file
 from .meshes.repair import closed_outward
 from .meshes.surface_file import SurfaceFile
 
-CHOICE = ("label", "part", "box", "layer")  # which surface of the prior's file is meant
+CHOICE = ("label", "part", "box", "layer")  # settings that choose a surface of the prior's file
 log = logging.getLogger("o3dls")
 
 
 def surface_of(folder: Folder, role: str) -> SurfaceFile | None:
-    """Return the surface of a role in mm, None where there is no such file; the prior is closed and outward."""
+    """Return the surface of a role in mm, None where there is no such file; the prior is closed and
+    outward.
+    """
     path = folder.find(role)
     if path is None:
         return None

@@ -16,8 +16,8 @@ from .text import decode, read_bytes
 LARGEST_TOML = 1 << 16  # bytes; what people write by hand has a few thousand
 LARGEST_JSON = 1 << 26  # bytes; a record holds no points
 DEEPEST = 20  # tables and lists in each other; ours have at most six
-MOST_KEYS = 100  # of one dotted key: the parser's time grows with their square
-WHOLE = range(-(1 << 63), 1 << 63)  # what TOML promises to keep
+MOST_KEYS = 100  # parts of one dotted key: the parser's time grows with their square
+WHOLE = range(-(1 << 63), 1 << 63)  # the whole numbers that TOML promises to keep
 
 
 def read_toml(path: str | Path) -> dict[str, Any]:

@@ -20,7 +20,7 @@ HEAD = "#Insight Transform File V1.0"
 KIND = re.compile(r"(\w+)_(?:double|float)_3_3")
 COMPOSITE = "CompositeTransform"
 LARGEST = 1e9  # mm; also keeps products finite
-ROUNDING = 1e-4  # of a versor's length, as files print it
+ROUNDING = 1e-4  # error of a versor's length: files print rounded numbers
 
 
 @dataclass
@@ -53,7 +53,9 @@ def _euler_matrix(p: Array, fixed: Array) -> Array:
 
 
 def _versor_matrix(p: Array, _: Array) -> Array:
-    """Return the matrix of a versor (the vector part of a unit quaternion), a shift, and one scale or none."""
+    """Return the matrix of a versor (the vector part of a unit quaternion), a shift, and one scale or
+    none.
+    """
     scale = float(p[6]) if len(p) == 7 else 1.0
     return similarity(_rotation_of_versor(p[:3]), p[3:6] if len(p) > 3 else np.zeros(3), scale)
 

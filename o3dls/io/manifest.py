@@ -14,7 +14,7 @@ from pathlib import Path
 MANIFEST = "manifest.txt"
 IGNORED = (".DS_Store", "Thumbs.db", "desktop.ini")  # what file browsers leave in any folder
 SURFACE = r"\.(ply|csv)"
-# all that a folder could hold before there was a manifest; a case may be made by hand, under the same names
+# names of the files in folders from before there was a manifest; a case made by hand has the same ones
 RUN = (
     r"run\.json|scores\.csv|points\.csv|held_out\.csv|report\.(html|pdf)|figures/[^/]+\.png"
     r"|estimates/[^/]+/(surface\.(ply|vtp|csv)|trace\.csv|weights\.csv)"

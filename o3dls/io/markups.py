@@ -71,7 +71,7 @@ def _json_points(path: Path, item: Mapping[str, Any]) -> Markups:
     """Return the points of one markup; its own frame and units are honoured, or refused."""
     space, units = item.get("coordinateSystem", "LPS"), item.get("coordinateUnits", "mm")
     units = units[0] if isinstance(units, list) and units else units
-    # a tuple is searched for what has no hash, too
+    # a tuple, since the value may be a list, which has no hash
     if space not in ("LPS", "RAS") or units not in tuple(MILLIMETRES):
         raise InputError(
             f"{path}: coordinateSystem '{space}' must be LPS or RAS, coordinateUnits '{units}' one of "

@@ -39,7 +39,9 @@ def read_points(path: str | Path, dimension: int = 3) -> Points:
 
 
 def read_points_table(path: str | Path, dimension: int = 3) -> Table:
-    """Read the raw table behind `read_points`; its notes hold `space` and `units` where the file states them."""
+    """Read the raw table behind `read_points`; its notes hold `space` and `units` where the file states
+    them.
+    """
     return read_table(path, "xyz"[:dimension], NAMES)
 
 
@@ -120,7 +122,7 @@ def points_from(columns: Mapping[str, ArrayLike], where: str) -> Points:
 def _as_array(values: ArrayLike, where: str) -> NDArray[Any]:
     try:
         return np.array(values)
-    except ValueError as error:  # rows of several lengths
+    except ValueError as error:  # the rows have different lengths
         raise InputError(f"{where}: a column is not an array: {error}") from None
 
 

@@ -21,7 +21,7 @@ from .atomic import write_file
 from .text import LARGEST_WHOLE, decode, number, read_bytes
 
 FORMULA = re.compile("'*[=+@-]")
-ZEROS = re.compile(r"^[-+]?0\d", re.MULTILINE)  # a number would lose them
+ZEROS = re.compile(r"^[-+]?0\d", re.MULTILINE)  # leading zeros, which a number would lose
 LARGEST_TABLE = 1 << 26  # bytes: half a million points; a table takes ten times as much memory
 LONGEST_LINE = 1 << 16  # letters: fewer than the CSV reader takes of one cell
 MOST_COLUMNS = 1000  # an export has fifty, and a run adds two for each estimate

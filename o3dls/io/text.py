@@ -28,7 +28,7 @@ def read_bytes(path: str | Path, most: int = LARGEST_FILE) -> bytes:
         raise InputError(f"{path}: no such file")
     if path.is_dir():
         raise InputError(f"{path}: is a folder; name a file")
-    if not path.is_file():  # what can be read once only, or never ends
+    if not path.is_file():  # it can be read only once, or never ends
         raise InputError(f"{path}: is a pipe or a device, no regular file; save it as a file first")
     try:
         if (size := path.stat().st_size) > most:
@@ -150,7 +150,7 @@ def is_count(word: str) -> bool:
 
 def integers(values: Array, where: str) -> Ints:
     """Return the same numbers as int64. Raises InputError where one is not a whole number."""
-    bad = ~(np.abs(values) < LARGEST_WHOLE) | (values != np.floor(values))  # not-a-number compares false
+    bad = ~(np.abs(values) < LARGEST_WHOLE) | (values != np.floor(values))  # written so that NaN is bad, too
     if bad.any():
         raise InputError(f"{where}: {values[bad][0]:g} must be a whole number")
     return values.astype(np.int64)

@@ -14,7 +14,10 @@ from numpy.typing import NDArray
 from ...errors import InputError
 from .voxels import MOST_BYTES, PIECE, Image, check_affine, count
 
-SEGMENTATIONS = ("1.2.840.10008.5.1.4.1.1.66.4", "1.2.840.10008.5.1.4.1.1.66.7")  # in bits, and as labels
+SEGMENTATIONS = (
+    "1.2.840.10008.5.1.4.1.1.66.4",
+    "1.2.840.10008.5.1.4.1.1.66.7",
+)  # the one stores bits, the other labels
 SEGMENT_FIRST = (
     "segment the left atrium first, for example in 3D Slicer (Segment Editor) or with TotalSegmentator, "
     "and save the labels as NRRD, NIfTI or DICOM SEG"
@@ -23,8 +26,8 @@ PIXELS = 0x7FE00010
 MAY_FOLLOW = (b"\xfa\xff\xfa\xff", b"\xfc\xff\xfc\xff")  # tags of signatures and of padding
 GROUP_LENGTH = b"\2\0\0\0UL\4\0"  # how long the head before the data set is
 DEFLATED = b"1.2.840.10008.1.2.1.99"
-LONGEST_META = 1 << 16  # bytes of that head
-FIRST_FILES = 50  # of a folder, that are looked at
+LONGEST_META = 1 << 16  # bytes of the head before the data set
+FIRST_FILES = 50  # so many files of a folder are looked at
 OCCUPIED = 0.5  # share of a voxel, or probability, from which it is inside
 
 
@@ -67,7 +70,7 @@ def read_dicom(path: Path, data: bytes) -> Image:
             f"if it is an image, {SEGMENT_FIRST}"
         ) from None
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of values that are longer or odder than DICOM allows
+        warnings.simplefilter("ignore")  # pydicom warns of values that are longer or odder than DICOM allows
         try:
             _check_deflated(path, data)
             dataset = pydicom.dcmread(BytesIO(data))
@@ -76,7 +79,7 @@ def read_dicom(path: Path, data: bytes) -> Image:
             return _image_of_segments(path, highdicom.seg.Segmentation.from_dataset(dataset, copy=False))
         except InputError:
             raise
-        except Exception as error:  # of a damaged file both raise whatever their code comes upon
+        except Exception as error:  # on a damaged file both raise errors of any class
             sentence = " ".join(str(error).split())[:200]
             raise InputError(
                 f"{path}: cannot be read as a DICOM segmentation: {type(error).__name__}: {sentence}"
@@ -159,7 +162,7 @@ def _label_values(path: Path, segmentation: Any, numbers: list[int]) -> tuple[ND
     if kind != "FRACTIONAL":
         try:
             return segmentation.get_volume(combine_segments=True).array, [0] * len(numbers)
-        except RuntimeError:  # they overlap
+        except RuntimeError:  # highdicom does not combine segments that overlap
             pass
     shape = [int(n) for n in segmentation.get_volume_geometry().spatial_shape]
     count(path, [*shape, len(numbers)])

@@ -19,7 +19,7 @@ from .voxels import Image
 from .wall import mask_surface, slices_first
 
 __all__ = ["knows", "read"]
-MANY_LABELS = 200  # in one volume: an atlas of the whole body has some hundred
+MANY_LABELS = 200  # different ones: an atlas of the whole body has some hundred
 MOST_LABELS = 1000  # more are no labels, whatever is said of them
 Box = tuple[float, float, float, float, float, float]
 

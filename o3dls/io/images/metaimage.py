@@ -58,7 +58,9 @@ def read_meta(path: Path, data: bytes) -> Image:
     body = _voxel_bytes(path, header, file, data[end.end() :], need)
     if header.get("CompressedData", "").lower() == "true":
         body = inflate(path, body, need)
-    values = shaped(path, body, order + TYPES[kind], sizes)  # channels come out last, a fourth axis first
+    values = shaped(
+        path, body, order + TYPES[kind], sizes
+    )  # channels are the last axis now, a fourth axis is the first
     return Image(np.moveaxis(values, 0, -1) if n == 4 else values, _read_affine(path, header, n))
 
 

@@ -23,9 +23,9 @@ HEADERS = {
     540: ("Nifti2Header", 4, b"n+2\0\r\n\x1a\n", b"ni2\0\r\n\x1a\n"),
 }
 LONGEST_HEADER = 1_000_000  # bytes, with its extensions
-SAME_SIZE = 0.01  # of a voxel's size: headers are rounded
+SAME_SIZE = 0.01  # share of a voxel's size: numbers in headers are rounded
 ORDERS: tuple[Literal["little", "big"], ...] = ("little", "big")
-UNITS = {1: 1000.0, 3: 0.001}  # metres and micrometres; without a word it is mm
+UNITS = {1: 1000.0, 3: 0.001}  # metres and micrometres; any other code means mm
 
 
 def knows(data: bytes) -> bool:
@@ -60,7 +60,9 @@ def _is_analyze(start: bytes) -> bool:
 
 @np.errstate(over="ignore", invalid="ignore")  # numbers that overflow are refused where they are checked
 def read_nifti(path: Path, data: bytes, frame: str | None = None) -> Image:
-    """Read the volume, 3D or with layers (phases in time); `frame` is that of its axes where no form says it."""
+    """Read the volume, 3D or with layers (phases in time); `frame` is that of its axes where no form says
+    it.
+    """
     start = _unpack_start(data)
     kind = _header_kind(start)
     if kind is None:
@@ -87,7 +89,7 @@ def _read_pair(path: Path, header: bytes, most: int) -> bytes:
     _unpack_file(path, header, LONGEST_HEADER)
     name = _image_name(path)
     body = beside(path, name)
-    # it has no word of its own to be known by: damaged ones of gzip must not pass for voxels
+    # an .img has no magic word: damaged gzip data must not pass for voxels
     return inflate(path, body, most) if name.endswith(".gz") else _unpack_file(path, body, most)
 
 
@@ -158,7 +160,7 @@ def _read_qform(header: Any, where: str) -> Array:
     from nibabel.spatialimages import HeaderDataError
 
     header = header.copy()
-    header["pixdim"][0] = -1.0 if header["pixdim"][0] < 0 else 1.0  # as it is meant where it is 0
+    header["pixdim"][0] = -1.0 if header["pixdim"][0] < 0 else 1.0  # 0 is taken for 1, as the standard says
     try:
         return np.asarray(header.get_qform(), dtype=np.float64)
     except (HeaderDataError, ValueError) as error:

@@ -36,8 +36,8 @@ SPACES = {
     "las": (1, -1),
 }
 UNITS = {"mm": 1.0, "millimeter": 1.0, "millimetre": 1.0, "um": 0.001, "µm": 0.001, "cm": 10.0, "m": 1000.0}
-UNITS[""] = 1.0  # says nothing, as no line does
-LONGEST_SKIP = 1 << 20  # bytes of packed data: a header of another format
+UNITS[""] = 1.0  # an empty unit says nothing, like a missing line
+LONGEST_SKIP = 1 << 20  # bytes before packed data: room for the header of another format
 VECTOR = r"\(([^)]*)\)|\bnone\b"
 
 
@@ -75,7 +75,7 @@ def read_nrrd(path: Path, data: bytes, frame: str | None = None) -> Image:
     values = _read_values(
         path, header, beside(path, file) if file else data[end.end() if end else 0 :], sizes
     )
-    if listed is not None:  # the axes come out turned around, since the first one runs fastest
+    if listed is not None:  # the axes are reversed, since the first one runs fastest in the file
         values = np.moveaxis(values, 3 - listed, -1)
     return Image(values, affine, space, notes)
 
@@ -166,7 +166,7 @@ def _read_values(path: Path, header: Mapping[str, str], body: bytes, sizes: list
     dtype = np.dtype((">" if header.get("endian", "little") == "big" else "<") + kind)
     lines, skipped = _read_skip(path, header, "line skip"), _read_skip(path, header, "byte skip")
     body = body.split(b"\n", lines)[-1] if body.count(b"\n") >= lines else b""
-    if skipped < 0:  # the data are the last bytes of the file
+    if skipped < 0:  # -1 means that the data are the last bytes of the file
         if encoding != "raw":
             raise InputError(f"{path}: NRRD 'byte skip: -1' must go with raw encoding, not {encoding[:20]}")
         skipped = max(len(body) - n * dtype.itemsize, 0)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ...arrays import Array, Mask
 
-THIN = 0.6  # voxels: what this blur leaves nothing of encloses nothing
+THIN = 0.6  # voxels, deviation of a blur: a mask that it wipes out encloses nothing
 THICK = 3.0  # widths of a voxel: between thinner slices no vein is lost that shows in them
 WIDEST = 1.0  # slice distances, radius: the sections of what is wider overlap, so it is another chamber
 FARTHEST = 0.7  # slice distances, from section to section: 5 mm wide at 66 degrees through 8 mm
@@ -77,7 +77,7 @@ def joined(mask: Mask, spacing: Array) -> tuple[Mask, list[Bridge]]:
     boxes = dict(enumerate(find_objects(pieces), 1)) if thick(spacing) else {}
     waiting = [k for k, box in boxes.items() if _is_thin_vein(pieces[box] == k, spacing)]
     near = True
-    while near:  # a piece may go on from another
+    while near:  # a piece may continue one that has just been joined
         near = False
         for k in tuple(waiting):
             ends = _find_near_end(pieces, k, boxes[k], chamber, spacing)
@@ -91,7 +91,7 @@ def joined(mask: Mask, spacing: Array) -> tuple[Mask, list[Bridge]]:
 
 def _is_thin_vein(piece: Mask, spacing: Array) -> bool:
     """Return whether a piece, cut out, is as wide as a vein that slices may lose, and no dust."""
-    if min(piece.shape[1:]) < 3:  # there may be 100 000 grains
+    if min(piece.shape[1:]) < 3:  # saves time: there may be 100 000 grains
         return False
     radii = [
         _distance_to_section(section, spacing).max()

@@ -10,7 +10,7 @@ from ...errors import InputError
 from . import dicom, metaimage, nifti, nrrd
 from .voxels import Image
 
-LONGEST_VOXEL = 20.0  # times its width
+LONGEST_VOXEL = 20.0  # how many times longer than wide a voxel may be
 
 
 def knows(data: bytes) -> bool:

@@ -16,10 +16,10 @@ from ...errors import InputError
 from ..text import read_bytes
 
 MOST_VOXELS = 1 << 28  # 1000 slices of 512 x 512: twice the largest CT of a heart
-MOST_BYTES = 1 << 30  # of the voxels, which are held in memory twice
+MOST_BYTES = 1 << 30  # bytes of the voxels, which are held in memory twice
 PIECE = 1 << 16  # packed bytes unpacked at one time
 MOST_PARTS = 1 << 17  # twice those of 1 GiB in blocks of 64 kB, as bgzip writes them
-LARGEST = 1e6  # mm
+LARGEST = 1e6  # mm from the origin
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +79,9 @@ def inflate(path: Path, data: bytes, most: int) -> bytes:
     out: list[bytes] = []
     left, at = most, 0
     for _ in range(MOST_PARTS):
-        if at == len(data) or data[at] == 0:  # no part begins with 0; blocks of tapes are filled with it
+        if (
+            at == len(data) or data[at] == 0
+        ):  # no part begins with 0, with which blocks of tapes are filled up
             break
         part, at = _inflate_part(path, data, at, left)
         out += part
@@ -154,7 +156,9 @@ def size_of(path: Path, sizes: list[int], dtype: str) -> int:
 
 
 def beside(path: Path, name: str) -> bytes:
-    """Return the bytes of a data file in the same folder. Raises InputError for a path that leads elsewhere."""
+    """Return the bytes of a data file in the same folder. Raises InputError for a path that leads
+    elsewhere.
+    """
     name = name.removeprefix("./")
     if (
         Path(name).name != name

@@ -13,12 +13,12 @@ from ...geometry.similarity import apply
 from ...geometry.surface import Surface
 from .pieces import Bridge, filled, joined, thick, wide
 
-# voxels, standard deviations: take the steps of the voxels off
+# standard deviations, in voxels, of the filters that take the steps of the voxels away
 MASK_SMOOTHING = 0.7
-DISTANCE_SMOOTHING = 1.5  # more can be: labels are kept
+DISTANCE_SMOOTHING = 1.5  # may be larger, since labels are kept
 CLEARANCE = 0.1  # voxels: how far the wall stays from their centres at least
 ROUNDS = 2  # a third moves the wall of an atrium by less than 0.01 mm in the mean
-MOST_NODES = 4_000_000  # slices are parted less finely rather than take more than some seconds
+MOST_NODES = 4_000_000  # above it slices are divided less finely, so that a volume takes seconds
 PAD = 2  # voxels around a label: outside, but for the first past the border of the volume
 Field = NDArray[np.float32]
 
@@ -50,7 +50,7 @@ def mask_surface(mask: Mask, affine: Array, name: str = "mask") -> Surface:
     mesh = o3d.t.geometry.TriangleMesh.create_isosurfaces(o3d.core.Tensor.from_numpy(-field), [0.0])
     indices = mesh.vertex.positions.numpy().astype(np.float64) / [1, 1, parts_of(part, spacing)]
     surface = Surface(apply(affine, indices + low[::-1] - PAD), mesh.triangle.indices.numpy())
-    # a mirroring affine turns it
+    # an affine that mirrors turns the faces inside out
     return surface if surface.volume > 0 else Surface(surface.vertices, surface.faces[:, ::-1])
 
 

@@ -16,7 +16,7 @@ from ..text import read_bytes
 LARGEST = 1 << 31  # bytes of one file
 SEVEN_ZIP = b"7z\xbc\xaf\x27\x1c"
 MOST_FILES = 1_000_000
-# how many times larger than packed a file may be, from this size on: text of studies packs to a tenth or so
+# how many times its packed size a file may have, if it is larger than LARGE: text packs to about a tenth
 MOST_PACKED, LARGE = 200, 1 << 22
 
 
@@ -90,11 +90,11 @@ class Archive:
             )
         try:
             return file.read(info)
-        except NotImplementedError as error:  # a RuntimeError too
+        except NotImplementedError as error:  # before RuntimeError, of which it is a subclass
             raise InputError(
                 f"{self.path}: {name}: {error}; unpack it with another program and name the folder"
             ) from None
-        except RuntimeError as error:  # what zipfile raises for a password
+        except RuntimeError as error:  # zipfile raises it where a password is missing
             raise InputError(f"{self.path}: {name}: {error}; unpack it with its password first") from None
         except (zipfile.BadZipFile, EOFError, zlib.error, ValueError) as error:
             raise InputError(f"{self.path}: {name}: {error}; the zip is damaged") from None

@@ -28,7 +28,7 @@ from .belonging import Anatomy
 from .carto_points import read_car, read_sites
 
 ABLATION_TAG = "Ablation"
-CLEARLY_CLOSER = 0.5  # median gap to the points against that of the other direction
+CLEARLY_CLOSER = 0.5  # ratio of the median gaps to the points in the two directions
 BEGINNING = re.compile(rb"(\xef\xbb\xbf)?\s*(<\?xml[^>]*>\s*)?(?><!--.*?-->\s*)*<Study\b", re.DOTALL)
 OF_POINTS = ("_point_export.xml", "_points_export.xml")  # there are thousands, which need not be read
 
@@ -57,7 +57,9 @@ class Study:
     shells: tuple[tuple[str, tuple[float, ...] | None], ...]
 
     def map(self, name: str | None) -> Map:
-        """Return the map of that name, or the only one with points. Raises InputError listing what there is."""
+        """Return the map of that name, or the only one with points. Raises InputError listing what there
+        is.
+        """
         listed = ", ".join(f"{m.name} ({m.points} points)" for m in self.maps)
         found = [m for m in self.maps if (m.name == name if name else m.points > 0)]
         if len(found) != 1:

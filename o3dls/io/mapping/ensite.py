@@ -91,14 +91,14 @@ def parse(path: Path, data: bytes, required: Sequence[str]) -> Export:
             break
         if line.strip():
             cells = cells_of(line, comma, f"{path}: line {number}")
-            if len(cells) < len(header) - 1:  # the last name often stands for any number of ticks
+            if len(cells) < len(header) - 1:  # the last name often stands for any number of samples
                 raise InputError(
                     f"{path}: line {number} has {len(cells)} cells: the columns are {len(header)}"
                 )
             rows.append((number, cells + [""] * (len(header) - len(cells))))
     else:
         stated = preamble.get("# mapping pts", "")
-        # the count tells as surely as EOF does, where the last line has its end
+        # without EOF, the stated count and an ended last line show that the file is whole
         whole = stated == str(len(rows)) and data.endswith((b"\n", b"\r"))
         if "Export File Version" in preamble and not whole:
             raise InputError(

@@ -40,7 +40,9 @@ def crc64(data: bytes) -> int:
 
 
 def message(kind: str, name: str, body: bytes) -> bytes:
-    """Pack a whole message; its time stamp is 0, which means none, so that equal content gives equal bytes."""
+    """Pack a whole message; its time stamp is 0, which means none, so that equal content gives equal
+    bytes.
+    """
     return (
         HEADER.pack(1, kind.encode(), name.encode("ascii", "replace")[:20], 0, len(body), crc64(body)) + body
     )
@@ -137,7 +139,7 @@ def _await_close(connection: socket.socket, timeout: float) -> bool:
     try:
         while connection.recv(65536):
             pass
-        raise ConnectionError("it closed before the end")  # nothing but the end tells it to
+        raise ConnectionError("it closed before the end")  # a receiver must not close before the data end
     except BlockingIOError:
         connection.shutdown(socket.SHUT_WR)
     end = monotonic() + timeout
@@ -147,7 +149,7 @@ def _await_close(connection: socket.socket, timeout: float) -> bool:
             data = connection.recv(65536)
         except TimeoutError:
             return False
-        if not data:  # in order, unless a reset came with it
+        if not data:  # the receiver closed in order, unless its answer was a reset
             if code := connection.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR):
                 raise ConnectionError(code, "it closed before the end")
             return True

@@ -14,7 +14,7 @@ from .mat4 import first_name, is_itk
 from .mat5 import Opaque, read_mat5
 
 HDF5 = b"\x89HDF\r\n\x1a\n"
-LARGEST = 1 << 30  # values in one variable; more cannot be meant
+LARGEST = 1 << 30  # values in one variable; a larger count is damage
 
 
 def knows(data: bytes) -> bool:
@@ -77,7 +77,9 @@ def _plain_value(node: Any, file: Any) -> Any:
 
 
 def at(tree: Mapping[str, Any], where: str) -> Any:
-    """Return the value at `a.b.c`, or None where a step is missing; a MATLAB object on the way is the value."""
+    """Return the value at `a.b.c`, or None where a step is missing; a MATLAB object on the way is the
+    value.
+    """
     value: Any = tree
     for name in where.split("."):
         if isinstance(value, Opaque):

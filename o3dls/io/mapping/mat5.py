@@ -18,7 +18,7 @@ MATRIX, PACKED = 14, 15
 CELL, STRUCT, OBJECT, CHAR, OPAQUE = 1, 2, 3, 4, 17
 NUMERIC = range(6, 16)
 DEEPEST = 40
-PADDING = 8  # bytes, to which elements are filled
+PADDING = 8  # elements are filled up to a multiple of so many bytes
 LARGEST = 1 << 30  # bytes of a variable, which is held in memory more than once
 
 
@@ -133,7 +133,7 @@ def _read_array(run: Elements) -> tuple[str, Any]:
     if not run.left:
         return "", np.zeros(0)
     flags = run.numbers()
-    if len(flags) and int(flags[0]) & 0xFF == OPAQUE:  # has no dimensions
+    if len(flags) and int(flags[0]) & 0xFF == OPAQUE:  # an opaque array has no dimensions
         name, _, of = run.text(), run.text(), run.text()
         return name, Opaque(of)
     dims = run.numbers().astype(np.int64)

@@ -57,7 +57,9 @@ def read(path: Path, data: bytes) -> SurfaceFile:
 
 
 def shell_class(path: Path, data: bytes) -> str | None:
-    """Return the class of the MATLAB object that stands in place of the shell's arrays; None where none does."""
+    """Return the class of the MATLAB object that stands in place of the shell's arrays; None where none
+    does.
+    """
     found = (mat.at(userdata(path, data), f"surface.triRep.{name}") for name in ("X", "Triangulation"))
     return next((value.of for value in found if isinstance(value, Opaque)), None)
 
@@ -117,7 +119,7 @@ def _rows_at(
     values = mat.numbers(path, tree, where, width)
     if values is None:
         return None
-    if len(values) == 1:  # one for all
+    if len(values) == 1:  # one value stands for all positions
         values = np.repeat(values, n, axis=0)
     if len(values) != n:
         raise InputError(f"{path}: {where} has {len(values)} rows: must be {n}, one for each position")

@@ -10,7 +10,7 @@ from ...arrays import Array
 from ...case import Points
 from ..meshes.carto.mesh import MISSING
 
-WHOLE, FINE = 1000.0, 100_000.0  # Hz: one sample is a ms, or a hundredth of one
+WHOLE, FINE = 1000.0, 100_000.0  # Hz: a sample takes 1 ms, or 0.01 ms
 SITE_VALUES = {
     "time": "time",
     "avgForce": "force",
@@ -47,7 +47,7 @@ def _members_of_points(eam: Points) -> dict[str, Any]:
     bipolar = _column_of_numbers(eam, "bipolar")
     return {
         "egmX": eam.xyz,
-        # openep-py takes the voltage from the signal, and one that is nowhere a number for no measurement
+        # openep-py takes the voltage from the signal; a signal of NaN is no measurement to it
         "egm": np.hstack([np.where(np.isfinite(bipolar), 0.0, np.nan), bipolar]),
         "include": np.ones((len(eam), 1)),
         "voltages": {"bipolar": bipolar, "unipolar": _column_of_numbers(eam, "unipolar")},

@@ -20,7 +20,7 @@ from .belonging import Anatomy, of_one_map
 from .imported import Imported, joined
 
 VOLUME_TOLERANCE = 2e-4
-MAP_SHELLS = ("landmarkgeo", "contact_mapping_model")  # of EnSite Precision, and of EnSite X
+MAP_SHELLS = ("landmarkgeo", "contact_mapping_model")  # names of shells in EnSite Precision, and in EnSite X
 
 
 def read_study(study: str | Path, map_name: str | None = None) -> Imported:
@@ -130,7 +130,7 @@ def _from_ensite(archive: Archive, maps: list[str], map_name: str | None) -> Imp
         raise InputError(
             f"{archive.where(chosen[0])}: none of its points is utilised; must hold some: there are {listed}"
         )
-    # the number has joined the files, and is no value of a point
+    # the number was needed to join the files, and is no measured value
     values = {name: column for name, column in points.columns.items() if name != ensite.NUMBER}
     found = Imported(
         replace(points, columns=values),

@@ -20,7 +20,7 @@ from ...geometry.surface import Surface
 from ..text import flat_numbers, join_rows
 from .surface_file import SurfaceFile, left_out
 
-# of the importing system, as MUSIC's authors found in 2016
+# what the importing system takes, as MUSIC's authors found in 2016
 LIMITS = {
     "vertices": 100_000,
     "triangles": 200_000,

@@ -99,7 +99,7 @@ def _obj_polygons(path: Path, lines: list[str], numbers: list[int], before: Ints
 def write_obj(file: SurfaceFile) -> bytes:
     """Encode as OBJ; fields are lost."""
     surface = file.surface
-    # as Open3D states them
+    # comments in the form of Open3D
     counts = f"# number of vertices: {len(surface.vertices)}\n# number of triangles: {len(surface.faces)}\n"
     head = f"# {NOTICE}\n# SPACE={file.space}\n# UNITS={file.units}\n{counts}"
     return (
@@ -146,7 +146,9 @@ def read_off(path: Path, data: bytes) -> SurfaceFile:
 def _off_polygons(path: Path, rows: list[tuple[int, str]]) -> list[Array]:
     """Return the corners of the faces; numbers behind them are colours."""
     table = rectangle([line for _, line in rows]) if rows else None
-    if table is not None and (table[:, 0] == 3).all() and table.shape[1] > 3:  # nearly every file
+    if (
+        table is not None and (table[:, 0] == 3).all() and table.shape[1] > 3
+    ):  # a short cut for nearly every file
         return [table[:, 1:4]]
     polygons = []
     words = [line.split() for _, line in rows]

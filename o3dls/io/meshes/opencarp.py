@@ -18,7 +18,7 @@ from ..text import decode, integers, is_count, join_rows, number_rows, read_byte
 from .surface_file import SurfaceFile, left_out, unused
 
 MICROMETRES = 1000.0
-MISSING = -10_000.0  # CARTO's too: no voltage, time or force is near it
+MISSING = -10_000.0  # as in CARTO: no voltage, time or force is near it
 KNOWN = "_known"  # ends the name of the mask that says where a field has values
 LIKELY = (5.0, 1000.0)  # mm; an extent in micrometres outside is that of a file in another unit
 

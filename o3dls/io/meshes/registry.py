@@ -67,13 +67,13 @@ FORMATS = (
     Format("opencarp", (".pts", ".elem"), opencarp.knows, opencarp.read, None, ("units",), opencarp.losses),
     Format("stl", (".stl",), stl.knows, stl.read, stl.write, (), left_out),
     Format("obj", (".obj",), obj.knows_obj, obj.read_obj, obj.write_obj, (), left_out),
-    # read as any VTK
+    # written only: the reader of VTK files reads it
     Format(
         "carto_vtk", (".vtk",), lambda data: False, vtk_legacy.read, import_vtk.write, (), import_vtk.losses
     ),
 )
 
-# by definition: they have no word for another unit
+# formats that are in mm by definition, and cannot state another unit
 IN_MILLIMETRES = (
     "carto_mesh",
     "carto_vtk",
@@ -170,7 +170,7 @@ def write_surface(
             f"{path}: {known.name} is in mm by definition, and the surface is in {units}; scale it, or "
             "write ply, vtk or vtp"
         )
-    if known.write is None:  # several files
+    if known.write is None:  # openCARP: several files
         opencarp.write_mesh(path, surface)
     else:
         write_file(path, known.write(SurfaceFile(surface, space, units)))

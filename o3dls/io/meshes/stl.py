@@ -20,7 +20,7 @@ from .repair import welded
 from .surface_file import SurfaceFile
 
 TRIANGLE = np.dtype([("normal", "<f4", (3,)), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-UNIT = 0.01  # programs round their normals
+UNIT = 0.01  # tolerance of the length of normals, which programs round
 
 
 def knows(data: bytes) -> bool:

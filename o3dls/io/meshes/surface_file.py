@@ -21,8 +21,8 @@ from ...quantities import known_values
 from ..text import is_count
 
 NOTICE = "o3dls, research software, not for clinical use"
-OPPOSED = 0.5  # of their length: what is left of vectors at right angles is more
-# programs that end their last line, as not all do
+OPPOSED = 0.5  # share of their length: the mean of vectors at right angles is longer
+# programs that always end their last line
 END_LINES = re.compile(f"{NOTICE}|Open3D|VTK generated|VCGLIB generated")
 
 

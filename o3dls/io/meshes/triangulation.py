@@ -118,7 +118,9 @@ def _is_ear(xy: Array, ring: list[int], k: int) -> bool:
     lie at the same place, as where a cut leads to a hole.
     """
     a, b, c = xy[_corner_triangle(ring, k)]
-    if _signed_area(a, b, c) <= ROUNDING * np.ptp(xy, axis=0).prod():  # straight, but for rounding
+    if (
+        _signed_area(a, b, c) <= ROUNDING * np.ptp(xy, axis=0).prod()
+    ):  # the corner is straight, but for rounding
         return False
     others = xy[ring]
     apart = (others != a).any(axis=1) & (others != b).any(axis=1) & (others != c).any(axis=1)

@@ -88,7 +88,7 @@ def _read_cells(cursor: Cursor, n: int, size: int, kind: int) -> Cells:
         return Cells.of(sizes, corners, kind)
     cursor.at = place
     flat = cursor.integers(size, "int")
-    if size == 4 * n and (flat[::4] == 3).all():  # nearly every file
+    if size == 4 * n and (flat[::4] == 3).all():  # a short cut for nearly every file
         return Cells.of(np.full(n, 3), flat.reshape(n, 4)[:, 1:].ravel(), kind)
     return Cells.of(*_unroll_rows(cursor, flat, n), kind)
 
@@ -143,7 +143,7 @@ def _read_attribute(cursor: Cursor, words: list[str], n: int) -> Fields:
             return _skip_numbers(cursor, n * cursor.count(width), kind)
         case ["COLOR_SCALARS", name, width]:
             values = cursor.numbers(n * cursor.count(width), "unsigned_char" if cursor.binary else "float")
-            # ascii counts to 1
+            # ascii colours are within 0 and 1
             values = values if cursor.binary else np.rint(255.0 * values)
             return _as_field(name, values, cursor.count(width), "unsigned_char")
         case ["LOOKUP_TABLE", _, size]:

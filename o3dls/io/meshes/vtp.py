@@ -168,7 +168,9 @@ def _encode_array(name: str, values: Array | Ints) -> str:
     )
     width = 1 if values.ndim == 1 else values.shape[1]
     packed = zlib.compress(data.tobytes(), 1)
-    head = np.array([1, data.nbytes, 0, len(packed)], dtype="<u8")  # one whole block, no partial last one
+    head = np.array(
+        [1, data.nbytes, 0, len(packed)], dtype="<u8"
+    )  # header: one whole block, and no partial last one
     text = (base64.b64encode(head.tobytes()) + base64.b64encode(packed)).decode()
     return (
         f'<DataArray type="{kind}" Name={quoteattr(name)} NumberOfComponents="{width}" '

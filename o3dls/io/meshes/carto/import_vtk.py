@@ -21,7 +21,7 @@ ANONYMOUS = "Anon Anon 00000000"
 COLOURS = np.array([(0.04, 0.21, 0.25), (0.94, 0.47, 0.12), (0.90, 0.11, 0.14)])
 GREY = (0.5, 0.5, 0.5)
 TABLE_SIZE = 256
-# where the least value is put if some are missing: above their entry of the table, for readers that round too
+# where the least value lies if some are missing: above the entry of these in the table, even once rounded
 LEAST = 2.0 / TABLE_SIZE
 
 

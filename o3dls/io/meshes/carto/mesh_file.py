@@ -71,7 +71,7 @@ def read(path: Path, data: bytes, *, hidden: bool = False) -> SurfaceFile:
         name: flags[:, k]
         for k, name in enumerate(mesh.attribute_headings[0].lstrip(" ;").split()[: flags.shape[1]])
     }
-    # slots that CARTO leaves empty
+    # CARTO writes slots that it leaves empty
     fields = {name: values for name, values in fields.items() if np.nan_to_num(values).any()}
     facts = {
         "name": mesh.mesh_name,
