@@ -105,7 +105,7 @@ def _convert_surface(
         surface = decimated(surface, faces)
     space = to or space
     losses = write_surface(target, surface, space=space, units=file.units, format=format)
-    # DIF's by definition: it has been turned
+    # DIF is in LPS by definition, and its writer has turned the surface
     space = "LPS" if space == "RAS" and target.suffix.lower() == ".xml" else space
     return [
         *done,

@@ -31,7 +31,7 @@ MODES = "posterior.npy"  # rows: vertex of the prior, then its part in each mode
 
 def write_estimate(folder: Path, case: Case, estimate: Estimate, fitted: Collection[str]) -> Estimate:
     """Write the files of an estimate; the answer is what is read back of it, with its whole motion."""
-    from .surface_fields import with_fields  # compiled code is not for those who only check a file
+    from .surface_fields import with_fields  # imported late: who only checks a file needs no compiled code
 
     folder.mkdir(parents=True)
     surface = with_fields(case, estimate, fitted)
@@ -75,7 +75,9 @@ def _write_motion(path: Path, case: Case, estimate: Estimate) -> None:
     moved = replace(moved, fields={f"sd_{case.units}": deviation})
     write_surface(path, moved, space=case.frame, units=case.units)
     if modes := wall_modes(case.prior, estimate.motion):
-        table = np.column_stack([modes.places, modes.modes]).astype(np.float32)  # places stay whole to 2^24
+        table = np.column_stack([modes.places, modes.modes]).astype(
+            np.float32
+        )  # float32 holds the places exactly, up to 2^24
         with io.BytesIO() as content:
             np.save(content, table, allow_pickle=False)
             write_file(path.with_name(MODES), content.getvalue())
@@ -140,7 +142,7 @@ def write_rows(path: Path, rows: Any) -> None:
 
 def _as_cell(value: Any) -> Any:
     if isinstance(value, str):
-        # names of folders may hold bytes that are no text
+        # names of folders may hold bytes that are not UTF-8
         return escaped(value.encode("utf-8", "replace").decode("utf-8"))
     return "" if value is None else value.item() if isinstance(value, np.generic) else value
 

@@ -14,9 +14,10 @@ from ..evaluation.distances import distances
 from ..run_warning import RunWarning
 from .run import Run
 
-FAR = 20.0  # mm: beyond all that noise and a catheter's pressure do; a vein's middle is nearer to its wall
-OFF = 10.0  # mm: beyond what a site or a point on this wall may lie off it now and then
-FEW_FAR, FEW_OFF = 0.01, 0.1  # shares that a good result may have beyond the one and the other
+# mm: more than noise or the pressure of a catheter explain; the middle of a vein is nearer to its wall
+FAR = 20.0
+OFF = 10.0  # mm: rarely exceeded by a site or a point on this wall
+FEW_FAR, FEW_OFF = 0.01, 0.1  # shares of the points that may lie beyond FAR and OFF in a good result
 HALF = 0.5
 SETS = {"held_out": "held-out points", "ablation": "ablation sites", "landmarks": "landmarks"}
 log = logging.getLogger("o3dls")

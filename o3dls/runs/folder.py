@@ -17,7 +17,7 @@ from .record import RunRecord, checked, plain
 from .run import Run
 from .scoring import version_of
 
-# what a run is; the rest can be made again
+# files that a run is read from; the others can be made again
 OWN = ("run.json", MANIFEST, "scores.csv", "points.csv", "held_out.csv", "case", "estimates")
 
 
@@ -59,7 +59,9 @@ def read_run(folder: str | Path) -> Run:
 
 
 def repeats(folder: Path, pipeline: Mapping[str, Any], case: Case) -> bool:
-    """Return whether the folder holds an earlier run of a pipeline, by its record, on the files of this case."""
+    """Return whether the folder holds an earlier run of a pipeline, by its record, on the files of this
+    case.
+    """
     found = read_record(folder)
     return found.pipeline == plain(pipeline) and found.case.files == case.files
 
@@ -69,7 +71,7 @@ def is_done(folder: Path, pipeline: Mapping[str, Any], case: Case) -> bool:
     try:
         made_by = read_record(folder).versions.get("o3dls")
         return made_by == version_of("o3dls") and repeats(folder, pipeline, case) and not missing(folder)
-    except (InputError, ValueError):  # there is none, or it was damaged
+    except (InputError, ValueError):  # the run is missing or damaged
         return False
 
 

@@ -15,9 +15,9 @@ from pydantic_core import ErrorDetails
 from ..errors import InputError
 
 SCHEMA = "o3dls/run/2"
-NAME = r"^[A-Za-z][A-Za-z0-9_-]*$"  # of an estimate, which names a folder too
+NAME = r"^[A-Za-z][A-Za-z0-9_-]*$"  # the name of an estimate is also that of a folder
 UNFINISHED = "so it is not a finished run; run it again"
-Amount = float | None  # null: was not finite
+Amount = float | None  # null stands for a number that was not finite
 WANTED = {  # by the type of pydantic's error
     **dict.fromkeys(("dict_type", "model_type", "model_attributes_type"), "a table"),
     "list_type": "a list",

@@ -77,7 +77,9 @@ def frame_of(case: Case, on: On) -> str:
 
 
 def units_of(case: Case, on: On, format: str) -> tuple[str, str]:
-    """Return the units of a file to write, and those that belong there: on the prior, those of its own file."""
+    """Return the units of a file to write, and those that belong there: on the prior, those of its own
+    file.
+    """
     own = case.prior_file_units or case.units if on == "prior" else case.units
     return own if format in IN_ANY_UNITS else case.units, own
 

@@ -72,7 +72,9 @@ def write_labels_like(path: Path, surface: Surface, grid: Path, space: str) -> d
 
 
 def _label_voxels(surface: Surface, affine: NDArray[Any], shape: tuple[int, ...]) -> NDArray[np.uint8]:
-    """Return labels (nx, ny, nz) of the voxels whose centres (i, j, k) `affine` takes to the surface's frame."""
+    """Return labels (nx, ny, nz) of the voxels whose centres (i, j, k) `affine` takes to the surface's
+    frame.
+    """
     from scipy.ndimage import binary_erosion
     from scipy.spatial import cKDTree
 

@@ -138,7 +138,7 @@ class Export(Writer):
 
         The facts are frame, units, pose and meaning of values.
         """
-        # LPS is what DIF is by definition
+        # DIF is in LPS by definition
         frame = "LPS" if self.format == "dif" and frame_of(run.case, self.on) == "RAS" else self.frame
         what = placed(run, name, surface, self.on, frame)
         units, own = units_of(run.case, self.on, self.format)
@@ -151,7 +151,7 @@ class Export(Writer):
         if self.format == "opencarp":
             from ...io.meshes.opencarp import check_fields
 
-            # the files beside `path` are not beside where it is written first
+            # files beside `path` are not seen in the temporary folder that is written first
             check_fields(path, self._decimate_to_limit(what.surface))
         with staged_files(path) as staged:
             facts |= self._write_format(what, staged, units)
