@@ -17,7 +17,7 @@ from ..io.meshes.triangulation import triangulate
 Values = dict[str, NDArray[Any]]
 Parts = tuple[Array, NDArray[Any], Values, Values]  # vertices, faces, values per vertex and per face
 NO_FIELDS = ("positions", "indices", "normals", "colors")  # what Open3D keeps beside values
-FLAT = ("triangle", "quad", "polygon")  # cells of meshio that have none
+FLAT = ("triangle", "quad", "polygon")  # cells of meshio without an inside
 VOLUMES = ("tetra", "hexahedron", "wedge", "pyramid")  # cells of meshio that have an inside
 
 
@@ -131,7 +131,9 @@ def _read_values(attributes: Any) -> dict[str, NDArray[Any]]:
 
 def _from_trimesh(mesh: Any, where: str) -> Parts:
     on_points, on_faces = dict(mesh.vertex_attributes), dict(mesh.face_attributes)
-    on_faces = {name: one for name, one in on_faces.items() if len(one) == len(mesh.faces)}  # unchecked there
+    on_faces = {
+        name: one for name, one in on_faces.items() if len(one) == len(mesh.faces)
+    }  # trimesh does not check their length
     return np.asarray(mesh.vertices), np.asarray(mesh.faces), on_points, on_faces
 
 

@@ -25,7 +25,7 @@ from .self_intersections import self_intersections
 
 # pieces with less than this share of the faces of one that is meant are dust, or what a fold has pinched off
 LOOSE = 0.1
-# spacings: cells by which a mesh that is regularised already loses as many faces again
+# spacings: with cells of this size a mesh that is already regularised loses as many faces again
 WIDER = 1.15
 
 
@@ -68,7 +68,7 @@ def extract(
     if field.band.dimension == 2:
         return Extraction(raw, 0.0, 0.0, len(raw.faces))
     target = int(keep * len(faces))
-    # of better shape, and few faces are soon decimated
+    # its triangles have a better shape, and fewer faces are decimated faster
     even = regularised(raw, cell) if keep < 1.0 else raw
     start = even if len(even.faces) > target else raw
     with ThreadPoolExecutor(1) as beside:

@@ -16,8 +16,8 @@ from .objects import surface_of
 if TYPE_CHECKING:
     from ..levelset.grid.distance import SignedDistance
 
-FEWEST_ACROSS, MOST_VOXELS = 10.0, 1e8  # of a volume, over the diagonal and in all
-HALF_BAND = 3.0  # spacings
+FEWEST_ACROSS, MOST_VOXELS = 10.0, 1e8  # limits of a volume: voxels along the diagonal, and in all
+HALF_BAND = 3.0  # spacings on either side of the surface
 
 
 @dataclass(frozen=True, eq=False)
