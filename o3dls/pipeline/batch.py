@@ -37,7 +37,7 @@ from .scheduler import spread
 from .study import Planned
 from .supervision import Ended, Limits, watched
 
-SHARE = 0.05  # of the time, at most, goes into writing the table of the cases that are done so far
+SHARE = 0.05  # largest share of the time for writing the table of the cases that are done so far
 log = logging.getLogger("o3dls")
 
 
@@ -85,7 +85,7 @@ def run_cohort(
     _check_places(study, out, force)
     if table:
         check_table(out, None if force else [one.name for one in study])
-        (out / PAGE).unlink(missing_ok=True)  # it speaks of runs that are replaced now
+        (out / PAGE).unlink(missing_ok=True)  # the page reports runs that are replaced now
     since = _time_of_files(out) if force else None
     tasks = [_Task(one, out / one.name, since, Path.cwd()) for one in study]
     found: dict[str, Outcome] = {}
@@ -209,7 +209,7 @@ class _Task:
                 traceback.print_exc()
                 reason = f"internal error, please report it: {type(error).__name__}: {error}"
             except SystemExit:
-                # told to end: the pool would take it for the case's error, and go on with the next
+                # the process was told to end: the pool would take this for an error of the case and go on
                 os._exit(1)
         return Outcome(self.name, [], [], reason, warnings)
 

@@ -74,7 +74,7 @@ class Folds:
         """Begin folds beside this process one by one, as a process that is still to begin shall not keep a
         fold that can be done here.
         """
-        with suppress(RuntimeError, CancelledError):  # the other process, or the whole, was ended
+        with suppress(RuntimeError, CancelledError):  # the other process, or the whole run, was ended
             pool.submit(int).result()
             while (fold := _take_fold(self._waiting.pop)) is not None:
                 away = self._rows_left_out(fold)
@@ -124,7 +124,9 @@ def _measure_gaps(fit: Fit, case: Case, away: Ints) -> dict[str, Array]:
 
 
 def _measure_and_log(fit: Fit, case: Case, away: Ints) -> tuple[dict[str, Array], list[str]]:
-    """Return what `_measure_gaps` does, with the lines of the log of that process, which nobody reads there."""
+    """Return what `_measure_gaps` does, with the lines of the log of that process, which nobody reads
+    there.
+    """
     with recorded_log(logging.DEBUG) as lines:
         return _measure_gaps(fit, case, away), lines
 

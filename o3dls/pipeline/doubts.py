@@ -15,18 +15,18 @@ from ..registration.landmarks import fix_a_pose
 from ..run_warning import RunWarning
 
 THINNEST = 0.05  # thickness of the points over their width: one wall of an atrium has .15
-FACTORS = {"cm": 10.0, "in": 25.4, "m": 1000.0}  # mm in what one column may be in
+FACTORS = {"cm": 10.0, "in": 25.4, "m": 1000.0}  # units that one column may be in, in mm
 FAR_LANDMARKS = 0.2  # rms error of landmarks over their rms radius, above which their columns are looked at
-BETTER = 3.0  # times smaller the error must become: mapping error alone remains
+BETTER = 3.0  # how many times smaller the error must become: only mapping error remains then
 OVERLAP = 0.1  # of the volume that components enclose twice, above which they are one within another
 LATTICE = 60  # nodes along the diagonal, on which that is counted
 ROUND = 0.5  # distance of the points from a sphere over that from the prior
 NEAR = 0.05  # rms radii: points nearer to the prior than that lie on it
-ONE_SIDE = 0.9  # of the points on one side of the prior, and
-OFFSET = 0.15  # so far in the median, in rms radii: 4 mm for an atrium
-NOISY = 0.085  # noise in rms radii: 2.2 mm for an atrium, and mapping has 1 to 2,
-NOISY_POSE = 0.11  # the same, 2.9 mm, of a pose, which leaves in it what only a motion follows
-SPREAD = 200  # points, spread evenly, that are asked: many beats of one place count once
+ONE_SIDE = 0.9  # share of the points that lie on one side of the prior; warned of only
+OFFSET = 0.15  # at this median distance, in rms radii: 4 mm for an atrium
+NOISY = 0.085  # noise in rms radii: 2.2 mm for an atrium; mapping has 1 to 2 mm
+NOISY_POSE = 0.11  # the same for a pose, 2.9 mm: it leaves residuals that only a motion can follow
+SPREAD = 200  # number of points, spread evenly, that are used: many beats at one place count once
 
 
 def contradiction(case: Case, start: Estimate) -> str:

@@ -63,7 +63,9 @@ def _blame_settings(mistake: str, settings: list[str]) -> str:
 
 
 def _resolve_grids(tables: Tables, folder: Path) -> Tables:
-    """Return the tables with the files that writers name (`grid`) taken from a folder, as case and out are."""
+    """Return the tables with the files that writers name (`grid`) taken from a folder, as case and out
+    are.
+    """
     for table in tables.get("write", []) if isinstance(tables.get("write"), list) else []:
         if isinstance(table, dict) and isinstance(table.get("grid"), str):
             table["grid"] = str(folder / table["grid"])
@@ -86,7 +88,7 @@ def all_mistakes(path: str | Path, case: str | Path | None = None) -> list[str]:
         with _note_mistakes(mistakes):
             check_free(pipeline.out, True, "run", [Path(source) for source in (path, folder) if source])
     if folder:
-        from ..parallel import compiling_said  # numba is not for those who only check a file
+        from ..parallel import compiling_said  # imported late: who only checks a file needs no numba
 
         with _note_mistakes(mistakes), compiling_said():
             subject = read_case(folder)
@@ -185,7 +187,7 @@ def _make_plugin(kind: str, table: Any) -> Plugin:
         for k, f in plugin.model_fields.items()
         if f.alias and k in table
     ]
-    if mistakes:  # names that only Python needs
+    if mistakes:  # these names are for Python only
         raise PipelineError(*mistakes)
     return plugin.model_validate({key: value for key, value in table.items() if key != "use"})
 
@@ -212,7 +214,9 @@ def _find_table(tables: Tables, owner: str, setting: str) -> Tables:
 
 
 def _parse_value(text: str) -> Any:
-    """Parse a value as TOML writes it, or a number or True and False as Python does; a bare word is a text."""
+    """Parse a value as TOML writes it, or a number or True and False as Python does; a bare word is a
+    text.
+    """
     readers = (
         lambda: parse_toml(f"value = {text}", text)["value"],
         lambda: {"True": True, "False": False}[text],

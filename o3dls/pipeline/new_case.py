@@ -135,7 +135,7 @@ def _relative_path(path: Path, folder: Path) -> str:
     """Return a path as seen from the folder; whole where there is no way from the one to the other."""
     try:
         return Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix()
-    except ValueError:  # another drive
+    except ValueError:  # the two are on different drives
         return path.resolve().as_posix()
 
 

@@ -18,7 +18,7 @@ from ..runs.folder import read_record
 from ..runs.tables import score_rows
 
 COHORT, PAGE = "cohort.csv", "cohort.html"  # the page is the report's: see report/writer.py
-FAILED = ".failed.json"  # behind the name of a case that has no run: why
+FAILED = ".failed.json"  # ends the name of the file that says why a case has no run
 PARTIAL = re.compile(r"\..*\.partial-")
 
 

@@ -54,7 +54,7 @@ class Pipeline:
     case: Path | None = field(default=None, kw_only=True)
     out: Path | None = field(default=None, kw_only=True)
     folds: int = field(default=5, kw_only=True)
-    # of the case in whose start `allowed_by` found nothing to doubt: that is asked once
+    # digest of the case whose start `allowed_by` has already found to be sound
     sound_start: str = field(default="", kw_only=True, compare=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -97,7 +97,7 @@ class Pipeline:
 
         Raises InputError where the case cannot be fitted so, SolverError where a stage fails.
         """
-        from ..parallel import compiling_said  # numba is not for those who only check a file
+        from ..parallel import compiling_said  # imported late: who only checks a file needs no numba
 
         with compiling_said():
             return self._run_case(case or self._own_case(), pool)
@@ -111,7 +111,7 @@ class Pipeline:
             log.warning("%s", warning.sentence)
         left_out = folds.left_out() if folds else {}
         if pool:
-            pool.shutdown(wait=False)  # a process takes its time to end
+            pool.shutdown(wait=False)  # not waited for: a process takes its time to end
         corrected = estimates[self.names[-1]].corrected(case)
         final, warnings = ending(self.chain(self.names[-1])[:-1], left_out, corrected)
         for warning in warnings:
@@ -162,7 +162,9 @@ class Pipeline:
         return estimates
 
     def _with_start_warnings(self, case: Case, estimates: dict[str, Estimate]) -> dict[str, Estimate]:
-        """Return the estimates with the warnings on their common start, which every one of them depends on."""
+        """Return the estimates with the warnings on their common start, which every one of them depends
+        on.
+        """
         found = doubtful_pose(case, estimates[START], self.sound_start) if self._knows_pose else []
         final = estimates[self.names[-1]]
         found += components_without_points(case, final.T_map_prior)

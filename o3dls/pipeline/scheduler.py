@@ -27,7 +27,7 @@ ADDRESS = re.compile(r"(tcp|tls)://(.+):(\d{1,5})")
 GREETING = 100_000  # bytes, at most, of a scheduler's first message
 ANSWERS = 5.0  # seconds in which a scheduler must answer
 POLL = 0.2  # seconds between two looks at what the user wants
-QUIET = 10.0  # seconds without a result after which it is looked whether there are workers
+QUIET = 10.0  # seconds without a result after which we look whether there are workers
 # what dask does a hundred times a second for its dashboard, which nobody sees, on cores that the cases need
 QUIETER = {"distributed.worker.profile.enabled": False, "distributed.admin.tick.interval": "200ms"}
 log = logging.getLogger("o3dls")
@@ -61,7 +61,7 @@ def client_of(address: str, jobs: int) -> Iterator[Any]:
         raise InputError(
             "--scheduler: needs dask.distributed, which is not installed: pip install 'o3dls[cluster]'"
         ) from None
-    logging.getLogger("distributed").propagate = False  # it has a handler of its own, for warnings
+    logging.getLogger("distributed").propagate = False  # distributed prints warnings by a handler of its own
     if address == LOCAL:
         with _local_cluster(jobs) as cluster, Client(cluster, set_as_default=False) as client:
             client.register_plugin(_ignore_interrupts())
@@ -167,7 +167,7 @@ class _Spread(Generic[T]):
                     yield from self._take_ended(self.ended.get(timeout=POLL))
                 self._warn_no_worker()
         finally:
-            self.order.path.unlink(missing_ok=True)  # ends what runs
+            self.order.path.unlink(missing_ok=True)  # its absence tells workers to end what runs
             if self.client.status == "running":
                 self.client.cancel([future for _, future in self.open.values()])
                 self.client.run(released, on_error="ignore")

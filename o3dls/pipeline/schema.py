@@ -69,7 +69,7 @@ def _plugin_schema(plugin: type[Plugin]) -> Schema:
     within.
     """
     found = plugin.model_json_schema()
-    found.pop("$defs", None)  # of the parts, which are set in below
+    found.pop("$defs", None)  # definitions of the parts, which are inserted below
     properties = found["properties"]
     for name, field in plugin.model_fields.items():
         key = field.alias or name

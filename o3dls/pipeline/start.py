@@ -22,9 +22,12 @@ from .doubts import contradiction
 FEWEST_POINTS = 10
 SPANS = (0.1, 4.0)  # extent of the points relative to the prior's: a single vein is 0.15, a chamber 1
 MOST = (0.05, 0.95)  # quantiles between which points must not be too wide, whatever outliers there are
-NEARLY_ALL = (0.01, 0.99)  # ... nor too narrow, however densely one place was mapped
+NEARLY_ALL = (
+    0.01,
+    0.99,
+)  # quantiles between which they must not be too narrow, however densely one place was mapped
 UNITS = {"m": 1e3, "in": 25.4, "cm": 10.0, "um": 1e-3}  # in mm: what may have been mistaken for it
-ATRIUM = 100.0  # mm across: in the right units points and prior are like it
+ATRIUM = 100.0  # mm across: points and prior are about as large once their units are right
 POINTS_IN = "if the points are in {0}, add the line '# units={0}' above the header of their file"
 PRIOR_IN = "if the prior is in {0}, write it in mm: o3dls convert PRIOR OUT --units {0}"
 FLATTEST = 1e-3  # mean thickness relative to the diagonal: .15 is an atrium
@@ -222,7 +225,7 @@ def _find_far_point(case: Case, points: Array) -> str:
 def _find_far_start(case: Case, start: Estimate, points: Array) -> str:
     from scipy.spatial import cKDTree
 
-    # near enough to the wall, without compiled loops
+    # vertices stand for the wall here, which needs no compiled loops
     gap = float(np.median(cKDTree(start.surface.vertices).query(points)[0]))
     size = case.prior.diagonal
     unit = case.units

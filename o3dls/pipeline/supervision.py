@@ -47,7 +47,9 @@ class Limits:
             return Death(said, from_outside=False, of_this_task=True)
         if self.memory is not None and resident(process) > self.memory:
             said = f"took more than {self.memory / MB:g} MB of memory and was stopped (--memory)"
-            return Death(said, from_outside=False, of_this_task=False)  # others may have left some taken
+            return Death(
+                said, from_outside=False, of_this_task=False
+            )  # earlier tasks may have left memory taken
         return None
 
 

@@ -34,7 +34,7 @@ def workers(processes: int, beside: int = 0) -> Iterator[Executor]:
     spawn = get_context("spawn")  # fork hangs once numba has used its threads
     theirs, ours = spawn.Pipe(duplex=False)
     with ours, theirs, _open_pool(processes, spawn, (processes + beside, theirs)) as pool:
-        results = pool._result_queue  # a pool that is shut down forgets it
+        results = pool._result_queue  # kept, since a pool that is shut down forgets it
         try:
             with _block_interrupts():
                 for _ in range(processes):
@@ -43,7 +43,7 @@ def workers(processes: int, beside: int = 0) -> Iterator[Executor]:
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             ours.close()
-            # half a result of one that is ended while it sends: with our end closed, none waits for the rest
+            # a process that is ended while it sends leaves half a result; with our end closed, none waits
             results._writer.close()  # type: ignore[attr-defined]
             raise
 
@@ -113,4 +113,4 @@ def _end_with(parent: Connection) -> None:
     parent.poll(None)
     os.kill(os.getpid(), signal.SIGTERM)
     time.sleep(GRACE)
-    os._exit(1)  # compiled code may have swallowed what was to interrupt it
+    os._exit(1)  # compiled code may have ignored the signal
