@@ -19,10 +19,12 @@ else:
 INDENT = " " * 4
 
 
-@dataclass_transform(kw_only_default=True, field_specifiers=(Field,))  # checkers do not ask its parent
+@dataclass_transform(
+    kw_only_default=True, field_specifiers=(Field,)
+)  # repeated here, as type checkers do not look at the parent
 class PluginType(ModelMetaclass):
     # The class of plugin classes. `help` and editors ask it what a class lists, says of itself and takes.
-    model_fields: dict[str, FieldInfo]  # that of a model
+    model_fields: dict[str, FieldInfo]  # set by pydantic
 
     def __dir__(cls) -> list[str]:
         own = [vars(kind) for kind in cls.__mro__ if kind not in BaseModel.__mro__]
