@@ -90,7 +90,9 @@ def scored_as_fitted(fitted: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def landmark_errors(case: Case, estimate: Estimate) -> Array:
-    """Return distances (k,) between the moved landmarks of the prior and the measured ones of the same name."""
+    """Return distances (k,) between the moved landmarks of the prior and the measured ones of the same
+    name.
+    """
     _, prior, measured = case.landmark_pairs()
     return _vector_lengths(moved(estimate, prior) - measured)
 

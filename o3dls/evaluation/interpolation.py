@@ -44,7 +44,9 @@ def to_surface(xyz: Array, values: Array, surface: Surface) -> Array:
 
 @lru_cache(maxsize=1)  # the columns of a map are mostly measured at the same points
 def _nearest_data(data: bytes, surface: Surface) -> tuple[Array, Ints]:
-    """Return distances and rows (n, k) of the data (m, d) that are nearest to each vertex, the nearest first."""
+    """Return distances and rows (n, k) of the data (m, d) that are nearest to each vertex, the nearest
+    first.
+    """
     from scipy.spatial import cKDTree
 
     places = np.frombuffer(data).reshape(-1, surface.dimension)

@@ -18,7 +18,9 @@ from ..geometry.surface import Surface
 from ..motion.recorded import WallModes
 from .wall_modes import wall_modes
 
-MEAN_OVER_SD = float(np.sqrt(2 / np.pi))  # of the absolute value of a normal variable
+MEAN_OVER_SD = float(
+    np.sqrt(2 / np.pi)
+)  # mean absolute value of a normal variable over its standard deviation
 LEAST_GAIN = 0.02  # share of the mean variance: less is not worth a point
 APART = 0.2  # rms radii, 5 mm for an atrium: from points, from each other, and into tubes
 AROUND = 0.4  # rms radii, 10 mm: the surroundings that a place is judged by
@@ -136,7 +138,7 @@ def suggest(
     return _choose_places(case, estimate, wall, vertex, reachable[vertex] & shallow, k, believed)
 
 
-@lru_cache(maxsize=2)  # of the prior of a session that is asked again and again
+@lru_cache(maxsize=2)  # a session asks for the same prior again and again
 def _tube_depths(prior: Surface, places: bytes) -> Array:
     """Return how deep (m,) vertices of the prior lie in its tubes, in rms radii."""
     at = np.frombuffer(places, dtype=np.int64)

@@ -5,7 +5,9 @@ from __future__ import annotations
 from ..geometry.surface import Surface
 from .distances import distances
 
-FAR = 2.5  # mm off all that is left, from which wall is gone: half of the shortest tube that matters
+FAR = (
+    2.5  # mm from the new surface beyond which wall counts as removed: half of the shortest tube that matters
+)
 
 
 def removed_wall(before: Surface, after: Surface) -> dict[str, float]:

@@ -14,10 +14,10 @@ from ..motion.motion import FittedMotion
 from ..motion.recorded import RecordedMotion, WallModes
 
 PLACES = 500  # 4 to 5 mm apart on an atrium: a third of the shortest correlation length
-MODES = 250  # of an atrium's posterior they hold 98 % and more
+MODES = 250  # they hold at least 98 % of the variance of an atrium's posterior
 
 
-@lru_cache(maxsize=4)  # of the estimates of one run that share their motion
+@lru_cache(maxsize=4)  # estimates of one run share their motion
 def wall_modes(prior: Surface, motion: Motion | None) -> WallModes | None:
     """Return the joint posterior of a motion of the prior by the first columns of its pivoted Cholesky
     factor, which takes a tenth of the time of eigenvectors; None where it has none, or its run did not keep
@@ -36,7 +36,7 @@ def wall_modes(prior: Surface, motion: Motion | None) -> WallModes | None:
     return WallModes(places, modes)
 
 
-@lru_cache(maxsize=2)  # of the prior of a session that is asked again and again
+@lru_cache(maxsize=2)  # a session asks for the same prior again and again
 def _spread_places(prior: Surface) -> Ints:
     return spread(prior.vertices, PLACES)
 
