@@ -68,7 +68,7 @@ def _make_temporary() -> tuple[str, bool]:
     import stat
     import tempfile
 
-    if os.name == "nt":  # where temporary folders belong to a user anyway
+    if os.name == "nt":  # on Windows, temporary folders belong to one user
         return os.path.join(tempfile.gettempdir(), "o3dls-numba"), False
     folder = os.path.join(tempfile.gettempdir(), f"o3dls-numba-{os.getuid()}")
     try:

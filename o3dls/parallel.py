@@ -23,8 +23,8 @@ from .arrays import Array
 
 # the cores this process may use, unless the variable of that name says otherwise
 THREADS: int = config.NUMBA_NUM_THREADS
-QUERIES = 4000  # of a KD-tree that take longer than to wake a thread
-PARTS = 3  # of the rows, for each thread: some take longer than others
+QUERIES = 4000  # of a KD-tree: so many take longer than waking a thread
+PARTS = 3  # blocks of rows per thread: some take longer than others
 
 log = logging.getLogger("o3dls")
 
@@ -47,7 +47,7 @@ def by_rows(kernel: Callable[..., Any], least: int, rows: tuple[NDArray[Any], ..
         kernel(*rows, *shared)
         return
     bounds = np.linspace(0, count, min(PARTS * threads, count // least) + 1).astype(int)
-    # one list iterator hands every part to one thread only
+    # shared by the threads: a list iterator hands out each part only once
     left = iter([tuple(row[a:b] for row in rows) for a, b in pairwise(bounds)])
 
     def work() -> None:
@@ -57,7 +57,7 @@ def by_rows(kernel: Callable[..., Any], least: int, rows: tuple[NDArray[Any], ..
     begun = [_thread_pool(os.getpid()).submit(work) for _ in range(threads - 1)]
     work()
     for thread in begun:
-        if not thread.cancel():  # busy with other work, it has not begun, and nothing is left to do
+        if not thread.cancel():  # a thread that was busy elsewhere has not begun, and nothing is left to do
             thread.result()
 
 

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from .arrays import Array, Ints
 from .errors import InputError
 
-# CARTO's word, and those of programs that handle its exports; one is a word only where it cannot be a value
+# numbers for `no value` in CARTO and in programs that handle its exports, where they are impossible as values
 WORDS_FOR_NONE = (-10_000.0, 10_000.0, -9_999.0, 9_999.0, -99_999.0, 99_999.0, -999.0, 999.0, -32_768.0)
-LARGEST = 1e30  # float's largest number, single or double, is a word for none too, and so is infinity
+LARGEST = 1e30  # the largest single and double floats, and infinity, stand for `no value` as well
 NAMED = 5  # rows with a wrong value that a sentence names
 
 
@@ -43,7 +43,7 @@ class Quantity:
         return f"within [{self.least:g}, {self.most:g}] {self.unit}".rstrip()
 
 
-# wider than any that were seen: what is outside is no measurement
+# wider than all values that were seen: a value outside is no measurement
 QUANTITIES: Mapping[str, Quantity] = {
     "bipolar": Quantity("mV", 0.0, 100.0),  # from peak to peak
     "unipolar": Quantity("mV", -200.0, 200.0),  # some systems give the peak below 0
