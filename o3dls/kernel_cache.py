@@ -15,9 +15,9 @@ def settle() -> None:
     first kernel is imported.
     """
     given = os.environ.get(VARIABLE)
-    if (given and _writable(given)) or _writable(_in_tree()) or _writable(_of_the_user()):
+    if (given and _can_write(given)) or _can_write(_tree_folder()) or _can_write(_home_folder()):
         return
-    folder, new = _temporary()
+    folder, new = _make_temporary()
     os.environ[VARIABLE] = folder  # also for the processes that this one starts
     os.environ.setdefault("MPLCONFIGDIR", folder)  # Matplotlib keeps what it knows of fonts in the home too
     if "numba" in sys.modules:
@@ -33,22 +33,24 @@ def settle() -> None:
         )
 
 
-def _in_tree() -> str:
-    """The folder for compiled code beside the modules of a package, numba's first choice: all are installed
-    together, and one stands for the others.
+def _tree_folder() -> str:
+    """Return the folder for compiled code beside the modules of a package, numba's first choice: all are
+    installed together, and one stands for the others.
     """
     return os.path.join(os.path.dirname(__file__), "geometry", "__pycache__")
 
 
-def _of_the_user() -> str:
-    """The folder for caches in the home, its second choice."""
+def _home_folder() -> str:
+    """Return the folder for caches in the home, its second choice."""
     caches = "~/Library/Caches" if sys.platform == "darwin" else "~/.cache"
     base = os.environ.get("LOCALAPPDATA" if os.name == "nt" else "XDG_CACHE_HOME")
     return os.path.join(base or os.path.expanduser(caches), "numba")
 
 
-def _writable(folder: str) -> bool:
-    """By trying: permissions tell nothing of a read-only file system, nor to root."""
+def _can_write(folder: str) -> bool:
+    """Return whether a folder can be written, by trying: permissions tell nothing of a read-only file system,
+    nor to root.
+    """
     path = os.path.join(folder, f"o3dls-{os.getpid()}")
     try:
         os.makedirs(folder, exist_ok=True)
@@ -59,14 +61,14 @@ def _writable(folder: str) -> bool:
     return True
 
 
-def _temporary() -> tuple[str, bool]:
-    """A folder of this user alone, and whether it is new. Numba runs what it finds there, so none is taken
-    that somebody else may have made.
+def _make_temporary() -> tuple[str, bool]:
+    """Make a folder of this user alone, and return it and whether it is new. Numba runs what it finds there,
+    so none is taken that somebody else may have made.
     """
     import stat
     import tempfile
 
-    if os.name == "nt":  # where temporary folders belong to a user anyway
+    if os.name == "nt":  # on Windows, temporary folders belong to one user
         return os.path.join(tempfile.gettempdir(), "o3dls-numba"), False
     folder = os.path.join(tempfile.gettempdir(), f"o3dls-numba-{os.getuid()}")
     try:

@@ -24,15 +24,15 @@ from .arrays import Array
 
 # the cores this process may use, unless the variable of that name says otherwise
 THREADS: int = config.NUMBA_NUM_THREADS
-QUERIES = 4000  # of a KD-tree that take longer than to wake a thread
-PARTS = 3  # of the rows, for each thread: some take longer than others
+QUERIES = 4000  # of a KD-tree: so many take longer than waking a thread
+PARTS = 3  # blocks of rows per thread: some take longer than others
 
 log = logging.getLogger("o3dls")
 
 
 def axes_of(vectors: Array) -> tuple[int, ...]:
-    """A tuple as long as vectors (n, d) have axes: the compiler knows how long a tuple is, and unrolls a
-    kernel's loops over it.
+    """Return a tuple as long as vectors (n, d) have axes: the compiler knows how long a tuple is, and unrolls
+    the loops of a kernel over it.
     """
     return (0,) * int(vectors.shape[1])
 
@@ -48,22 +48,22 @@ def by_rows(kernel: Callable[..., Any], least: int, rows: tuple[NDArray[Any], ..
         kernel(*rows, *shared)
         return
     bounds = np.linspace(0, count, min(PARTS * threads, count // least) + 1).astype(int)
-    # one list iterator hands every part to one thread only
+    # shared by the threads: a list iterator hands out each part only once
     left = iter([tuple(row[a:b] for row in rows) for a, b in pairwise(bounds)])
 
     def work() -> None:
         for part in left:
             kernel(*part, *shared)
 
-    begun = [_pool(os.getpid()).submit(work) for _ in range(threads - 1)]
+    begun = [_thread_pool(os.getpid()).submit(work) for _ in range(threads - 1)]
     work()
     for thread in begun:
-        if not thread.cancel():  # busy with other work, it has not begun, and nothing is left to do
+        if not thread.cancel():  # a thread that was busy elsewhere has not begun, and nothing is left to do
             thread.result()
 
 
 def threads_for(queries: int) -> int:
-    """How many threads so many queries of a KD-tree are worth."""
+    """Return how many threads so many queries of a KD-tree are worth."""
     return THREADS if queries > QUERIES else 1
 
 
@@ -74,8 +74,8 @@ def limit_threads(processes: int) -> None:
 
 
 @lru_cache
-def _pool(process: int) -> ThreadPoolExecutor:
-    """Threads of a process: a fork has none of its parent's."""
+def _thread_pool(process: int) -> ThreadPoolExecutor:
+    """Return the threads of a process: a fork has none of its parent's."""
     return ThreadPoolExecutor(THREADS - 1)
 
 
@@ -91,8 +91,8 @@ def started_beside(work: Callable[[], None]) -> None:
 
 @contextmanager
 def side_by_side() -> Iterator[ThreadPoolExecutor]:
-    """Threads, as many as cores, for work whose compiled loops and linear algebra let go of the interpreter's
-    lock; in each linear algebra has one.
+    """Yield threads, as many as cores, for work whose compiled loops and linear algebra let go of the lock of
+    the interpreter; in each linear algebra has one.
     """
     with one_blas_thread(), ThreadPoolExecutor(THREADS) as threads:
         yield threads
@@ -103,12 +103,12 @@ def one_blas_thread() -> Iterator[None]:
     """Within this, linear algebra has one thread: on matrices of a few hundred rows two take three times as
     long, and on a busy machine they wait for each other without end.
     """
-    with _blas().limit(limits=1, user_api="blas"):
+    with _blas_controller().limit(limits=1, user_api="blas"):
         yield
 
 
 @lru_cache
-def _blas() -> ThreadpoolController:
+def _blas_controller() -> ThreadpoolController:
     return ThreadpoolController()
 
 

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from .arrays import Array, Ints
 from .errors import InputError
 
-# CARTO's word, and those of programs that handle its exports; one is a word only where it cannot be a value
+# numbers for `no value` in CARTO and in programs that handle its exports, where they are impossible as values
 WORDS_FOR_NONE = (-10_000.0, 10_000.0, -9_999.0, 9_999.0, -99_999.0, 99_999.0, -999.0, 999.0, -32_768.0)
-LARGEST = 1e30  # float's largest number, single or double, is a word for none too, and so is infinity
+LARGEST = 1e30  # the largest single and double floats, and infinity, stand for `no value` as well
 NAMED = 5  # rows with a wrong value that a sentence names
 
 
@@ -32,18 +32,18 @@ class Quantity:
     most: float
 
     def impossible(self, values: Array) -> NDArray[np.bool_]:
-        """Where values (n,) are there and cannot be."""
+        """Return where values (n,) are there and cannot have been measured."""
         return np.asarray((values < self.least) | (values > self.most))
 
     def can_be(self, value: float) -> bool:
-        """Whether one value can have been measured."""
+        """Return whether one value can have been measured."""
         return self.least <= value <= self.most and abs(value) < LARGEST
 
     def __str__(self) -> str:
         return f"within [{self.least:g}, {self.most:g}] {self.unit}".rstrip()
 
 
-# wider than any that were seen: what is outside is no measurement
+# wider than all values that were seen: a value outside is no measurement
 QUANTITIES: Mapping[str, Quantity] = {
     "bipolar": Quantity("mV", 0.0, 100.0),  # from peak to peak
     "unipolar": Quantity("mV", -200.0, 200.0),  # some systems give the peak below 0
@@ -69,7 +69,9 @@ ALSO |= {f"{name}{gap}voltage": name for name in ("bipolar", "unipolar") for gap
 
 
 def quantity_of(name: str) -> Quantity | None:
-    """The quantity that a column or field is of, as programs name it: in any case, with its unit behind."""
+    """Return the quantity that a column or field is of, as programs name it: in any case, with its unit
+    behind.
+    """
     plain = name.strip().lower()
     if plain in QUANTITIES:
         return QUANTITIES[plain]
@@ -78,14 +80,14 @@ def quantity_of(name: str) -> Quantity | None:
 
 
 def stands_for_none(quantity: Quantity, values: Array) -> NDArray[np.bool_]:
-    """Where the values (n,) of a quantity are words for none."""
+    """Return where values (n,) of a quantity are words for none."""
     words = np.isin(values, WORDS_FOR_NONE) & quantity.impossible(values)
     return np.asarray(words | (np.abs(values) >= LARGEST))
 
 
 def known_values(columns: Mapping[str, NDArray[Any]]) -> tuple[dict[str, NDArray[Any]], tuple[str, ...]]:
-    """The columns by name with NaN for words for none in those that are quantities, and a sentence on each
-    that held any.
+    """Return the columns by name with NaN for words for none in those that are quantities, and a sentence on
+    each that held any.
     """
     known, said = dict(columns), []
     for name, column in columns.items():
@@ -95,7 +97,7 @@ def known_values(columns: Mapping[str, NDArray[Any]]) -> tuple[dict[str, NDArray
         none = stands_for_none(quantity, values)
         known[name] = np.where(none, np.nan, values)
         if none.any():
-            said.append(_sentence(name, values[none], len(values)))
+            said.append(_describe_missing(name, values[none], len(values)))
     return known, tuple(said)
 
 
@@ -103,13 +105,13 @@ def _is_numbers(column: NDArray[Any]) -> bool:
     return column.ndim == 1 and column.dtype.kind in "fiu"
 
 
-def _sentence(name: str, words: Array, n: int) -> str:
+def _describe_missing(name: str, words: Array, n: int) -> str:
     listed = ", ".join(f"{word:g}" for word in np.unique(words)[:NAMED])
     return f"{len(words)} of {n} values of '{name}' are {listed}, which stands for none: they are left empty"
 
 
 def impossible_rows(name: str, values: NDArray[Any]) -> Ints:
-    """Rows of a column whose values cannot have been measured, once words for none are NaN."""
+    """Return rows of a column whose values cannot have been measured, once words for none are NaN."""
     quantity = quantity_of(name)
     if quantity is None or not _is_numbers(values):
         return np.zeros(0, dtype=np.int64)
@@ -131,7 +133,7 @@ def check_possible(name: str, values: NDArray[Any], where: str, place: Callable[
 def without_impossible(
     columns: Mapping[str, NDArray[Any]], place: Callable[[int], str]
 ) -> tuple[dict[str, NDArray[Any]], list[str]]:
-    """The columns with NaN for what cannot have been measured, where nobody can mend the file, and a
+    """Return the columns with NaN for what cannot have been measured, where nobody can mend the file, and a
     sentence that names the rows of each.
     """
     kept, said = dict(columns), []
@@ -147,6 +149,6 @@ def without_impossible(
 
 
 def places(rows: Ints, place: Callable[[int], str]) -> str:
-    """The first of some rows by name, and how many there are more."""
+    """Return the first of some rows by name, and how many there are more."""
     more = f" and {len(rows) - NAMED} more" if len(rows) > NAMED else ""
     return ", ".join(place(int(row)) for row in rows[:NAMED]) + more

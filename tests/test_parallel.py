@@ -60,7 +60,7 @@ def test_a_thread_that_is_busy_with_other_work_is_not_waited_for(monkeypatch: py
     monkeypatch.setattr(compiled, "THREADS", 2)
     done = np.zeros(100)
     freed = threading.Event()
-    busy = compiled._pool(os.getpid()).submit(freed.wait, 60.0)
+    busy = compiled._thread_pool(os.getpid()).submit(freed.wait, 60.0)
 
     def kernel(rows: Any) -> None:
         rows += 1.0

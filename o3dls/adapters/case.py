@@ -28,7 +28,7 @@ Landmarks = Mapping[str, tuple[ArrayLike, ArrayLike]]
 
 
 class Settings(Choice, total=False):
-    """What `case_of` takes besides a prior, points, landmarks and a pose."""
+    """The options that `case_of` takes besides a prior, points, landmarks and a pose."""
 
     name: str
     phases: Sequence[Any]
@@ -52,7 +52,8 @@ def case_of(
     cap: bool = False,
     **choice: Unpack[Choice],
 ) -> Case:
-    """A case of objects of other libraries: whatever `surface_of` and `points_of` take (adapters/objects.py).
+    """Make a case of objects of other libraries: whatever `surface_of` and `points_of` take
+    (adapters/objects.py).
 
     landmarks: name -> (position on the prior, position among the points); init: rough pose (4, 4), prior to
     points; phases: further surfaces of the prior; units: those of all lengths, but for label volumes, which
@@ -70,16 +71,16 @@ def case_of(
             raise InputError(f"{key} = '{value}': must be one of {', '.join(allowed)}")
     factor = MILLIMETRES[units or "mm"]
     file = stated_surface(prior, "prior", frame=frame, **choice)
-    surface = _in_mm(file, "prior", units)
+    surface = _surface_in_mm(file, "prior", units)
     pose = None if init is None else np.array(init, dtype=np.float64)
     if pose is not None and pose.ndim == 2:
         pose[:-1, -1] *= factor
     return Case(
         name=name,
         prior=closed_outward(surface, "prior", cap=cap),
-        points=_points(points, landmarks or {}, units),
+        points=_points_in_mm(points, landmarks or {}, units),
         prior_landmarks={
-            str(name): _place(name, "on the prior", at, surface.dimension) * factor
+            str(name): _check_place(name, "on the prior", at, surface.dimension) * factor
             for name, (at, _) in (landmarks or {}).items()
         },
         init=pose,
@@ -89,14 +90,14 @@ def case_of(
         prior_file_units=units if file.units == "unknown" else None,
         prior_of=prior_of,
         phases=tuple(
-            _in_mm(stated_surface(phase, f"phase {k}", frame=frame), f"phase {k}", units)
+            _surface_in_mm(stated_surface(phase, f"phase {k}", frame=frame), f"phase {k}", units)
             for k, phase in enumerate(phases, 1)
         ),
     )
 
 
-def _in_mm(file: SurfaceFile, where: str, units: str | None) -> Surface:
-    """The surface in mm; what of the object is not in it goes to the log.
+def _surface_in_mm(file: SurfaceFile, where: str, units: str | None) -> Surface:
+    """Return the surface in mm; what of the object is not in it goes to the log.
 
     Raises InputError where nobody says the units, and mm cannot be meant.
     """
@@ -109,8 +110,8 @@ def _in_mm(file: SurfaceFile, where: str, units: str | None) -> Surface:
     return file.surface.with_vertices(file.surface.vertices * MILLIMETRES[units or "mm"])
 
 
-def _points(thing: Any, landmarks: Landmarks, units: str | None) -> Points:
-    """The points in mm, and behind them the landmarks."""
+def _points_in_mm(thing: Any, landmarks: Landmarks, units: str | None) -> Points:
+    """Return the points in mm, and behind them the landmarks."""
     points = points_of(thing)
     if not len(points):
         raise InputError(
@@ -125,14 +126,15 @@ def _points(thing: Any, landmarks: Landmarks, units: str | None) -> Points:
         check_scale("points", points.xyz, np.inf, option="units = ")  # a few points may lie close together
     if landmarks:
         places = [
-            _place(name, "among the points", at, points.xyz.shape[1]) for name, (_, at) in landmarks.items()
+            _check_place(name, "among the points", at, points.xyz.shape[1])
+            for name, (_, at) in landmarks.items()
         ]
         names = {"name": np.array([str(name) for name in landmarks])}
         points = joined(points, Points(np.array(places), np.full(len(places), "landmark"), names))
     return scaled(points, MILLIMETRES[units or "mm"])
 
 
-def _place(name: str, where: str, at: ArrayLike, dimension: int) -> Array:
+def _check_place(name: str, where: str, at: ArrayLike, dimension: int) -> Array:
     place = np.asarray(at, dtype=np.float64)
     if place.shape != (dimension,) or not np.isfinite(place).all():
         raise InputError(

@@ -13,7 +13,9 @@ from ..io.images.voxels import Image, check_affine
 
 
 def _from_simpleitk(image: Any, where: str, frame: str | None) -> Image:
-    """ITK's space is LPS, and its arrays are (nz, ny, nx), with components behind and time in front."""
+    """Return an image of SimpleITK: ITK's space is LPS, and its arrays are (nz, ny, nx), with components
+    behind and time in front.
+    """
     from SimpleITK import GetArrayFromImage
 
     n = image.GetDimension()
@@ -32,7 +34,7 @@ def _from_simpleitk(image: Any, where: str, frame: str | None) -> Image:
 
 
 def _from_nibabel(image: Any, where: str, frame: str | None) -> Image:
-    """As the reader of NIfTI files: the header says how it lies."""
+    """Return an image of nibabel as the reader of NIfTI files does: the header says how it lies."""
     values = np.asanyarray(image.dataobj)
     layers = [n for n in values.shape[3:] if n != 1]
     if values.ndim < 3 or len(layers) > 1:

@@ -17,17 +17,17 @@ from ..io.meshes.triangulation import triangulate
 Values = dict[str, NDArray[Any]]
 Parts = tuple[Array, NDArray[Any], Values, Values]  # vertices, faces, values per vertex and per face
 NO_FIELDS = ("positions", "indices", "normals", "colors")  # what Open3D keeps beside values
-FLAT = ("triangle", "quad", "polygon")  # cells of meshio that have none
+FLAT = ("triangle", "quad", "polygon")  # cells of meshio without an inside
 VOLUMES = ("tetra", "hexahedron", "wedge", "pyramid")  # cells of meshio that have an inside
 
 
 def to_open3d(surface: Surface) -> Any:
-    """An `open3d.t.geometry.TriangleMesh` with float64 positions and every field as a vertex attribute;
-    `.to_legacy()` drops those.
+    """Return an `open3d.t.geometry.TriangleMesh` with float64 positions and every field as a vertex
+    attribute; `.to_legacy()` drops those.
     """
     import open3d as o3d
 
-    surface = _copied(surface)
+    surface = _copy_surface(surface)
     tensor = o3d.core.Tensor.from_numpy
     mesh = o3d.t.geometry.TriangleMesh(tensor(surface.vertices), tensor(surface.faces))
     for name, values in surface.fields.items():
@@ -36,7 +36,9 @@ def to_open3d(surface: Surface) -> Any:
 
 
 def open3d_like(surface: Surface, other: Any) -> Any:
-    """An Open3D mesh with normals: of the precision of another one of the tensor interface, else legacy."""
+    """Return an Open3D mesh with normals: of the precision of another one of the tensor interface, else
+    legacy.
+    """
     import open3d as o3d
 
     mesh = to_open3d(Surface(surface.vertices, surface.faces)).to_legacy()
@@ -49,21 +51,21 @@ def open3d_like(surface: Surface, other: Any) -> Any:
 
 
 def to_trimesh(surface: Surface) -> Any:
-    """A `trimesh.Trimesh` that keeps the vertices' order; fields are its vertex attributes."""
+    """Return a `trimesh.Trimesh` that keeps the vertices' order; fields are its vertex attributes."""
     import trimesh
 
-    surface = _copied(surface)
+    surface = _copy_surface(surface)
     return trimesh.Trimesh(
         surface.vertices, surface.faces, process=False, vertex_attributes=dict(surface.fields)
     )
 
 
 def to_pyvista(surface: Surface) -> Any:
-    """A `pyvista.PolyData` with the fields as point data. Raises InputError where pyvista is not
+    """Return a `pyvista.PolyData` with the fields as point data. Raises InputError where pyvista is not
     installed.
     """
-    pyvista = _library("pyvista")
-    surface = _copied(surface)
+    pyvista = _import_library("pyvista")
+    surface = _copy_surface(surface)
     mesh = pyvista.PolyData(
         surface.vertices, np.column_stack([np.full(len(surface.faces), 3), surface.faces]).ravel()
     )
@@ -73,24 +75,24 @@ def to_pyvista(surface: Surface) -> Any:
 
 
 def to_meshio(surface: Surface) -> Any:
-    """A `meshio.Mesh` of triangles with the fields as point data. Raises InputError where meshio is not
-    installed.
+    """Return a `meshio.Mesh` of triangles with the fields as point data. Raises InputError where meshio is
+    not installed.
     """
-    meshio = _library("meshio")
-    surface = _copied(surface)
+    meshio = _import_library("meshio")
+    surface = _copy_surface(surface)
     return meshio.Mesh(surface.vertices, [("triangle", surface.faces)], point_data=dict(surface.fields))
 
 
-def _library(name: str) -> Any:
+def _import_library(name: str) -> Any:
     try:
         return import_module(name)
     except ImportError as error:
         raise InputError(f"{name} is not installed: pip install {name}") from error
 
 
-def _copied(surface: Surface) -> Surface:
-    """The surface in memory of its own: the libraries share what they are given, and a mesh is there to be
-    edited. InputError in 2D.
+def _copy_surface(surface: Surface) -> Surface:
+    """Return a copy of the surface in memory of its own: the libraries share what they are given, and a mesh
+    is there to be edited. InputError in 2D.
     """
     if surface.dimension != 3:
         raise InputError("mesh objects of Open3D, trimesh, pyvista and meshio are 3D; this surface is 2D")
@@ -101,25 +103,25 @@ def _copied(surface: Surface) -> Surface:
     )
 
 
-def _tensor(thing: Any) -> bool:
-    """Whether an Open3D object is one of the tensor interface."""
+def _is_tensor(thing: Any) -> bool:
+    """Return whether an Open3D object is one of the tensor interface."""
     return ".t." in type(thing).__module__
 
 
 def _from_open3d(mesh: Any, where: str) -> Parts:
     hint = "; Open3D gives such a mesh where it could not read a file"
-    if _tensor(mesh):
+    if _is_tensor(mesh):
         if "positions" not in mesh.vertex or "indices" not in mesh.triangle:
             raise InputError(f"{where}: the mesh is empty: has no vertex positions or no triangles{hint}")
         vertices, faces = mesh.vertex.positions.numpy(), mesh.triangle.indices.numpy()
-        return vertices, faces, _values(mesh.vertex), _values(mesh.triangle)
+        return vertices, faces, _read_values(mesh.vertex), _read_values(mesh.triangle)
     if len(mesh.triangles) == 0:
         raise InputError(f"{where}: the mesh is empty: {len(mesh.vertices)} vertices, no triangles{hint}")
     return np.asarray(mesh.vertices), np.asarray(mesh.triangles), {}, {}
 
 
-def _values(attributes: Any) -> dict[str, NDArray[Any]]:
-    """Values per vertex or per face of a tensor object; a column of them is flat."""
+def _read_values(attributes: Any) -> dict[str, NDArray[Any]]:
+    """Read values per vertex or per face of a tensor object; a column of them is flat."""
     arrays = {name: attributes[name].numpy() for name in attributes if name not in NO_FIELDS}
     return {
         name: values[:, 0] if values.ndim == 2 and values.shape[1] == 1 else values
@@ -129,12 +131,14 @@ def _values(attributes: Any) -> dict[str, NDArray[Any]]:
 
 def _from_trimesh(mesh: Any, where: str) -> Parts:
     on_points, on_faces = dict(mesh.vertex_attributes), dict(mesh.face_attributes)
-    on_faces = {name: one for name, one in on_faces.items() if len(one) == len(mesh.faces)}  # unchecked there
+    on_faces = {
+        name: one for name, one in on_faces.items() if len(one) == len(mesh.faces)
+    }  # trimesh does not check their length
     return np.asarray(mesh.vertices), np.asarray(mesh.faces), on_points, on_faces
 
 
 def _from_vtk(mesh: Any, where: str) -> Parts:
-    """A vtkPolyData, as pyvista's is too; polygons and strips become triangles."""
+    """Read a vtkPolyData, as pyvista's is too; polygons and strips become triangles."""
     from vtkmodules.vtkFiltersCore import vtkTriangleFilter
 
     if mesh.GetNumberOfPolys() + mesh.GetNumberOfStrips() == 0:
@@ -158,7 +162,7 @@ def _vtk_array(array: Any) -> NDArray[Any]:
 
 
 def _vtk_values(data: Any) -> Values:
-    """Numbers and words of the points or of the cells, without normals."""
+    """Return numbers and words of the points or of the cells, without normals."""
     found = {}
     for k in range(data.GetNumberOfArrays()):
         array = data.GetAbstractArray(k)
@@ -201,7 +205,9 @@ MESHES: Mapping[str, Callable[[Any, str], Parts]] = {
 # positions and values per point
 POINT_READERS: Mapping[str, Callable[[Any], tuple[Any, dict[str, Any]]]] = {
     "open3d.PointCloud": lambda cloud: (
-        (cloud.point.positions.numpy(), _values(cloud.point)) if _tensor(cloud) else (cloud.points, {})
+        (cloud.point.positions.numpy(), _read_values(cloud.point))
+        if _is_tensor(cloud)
+        else (cloud.points, {})
     ),
     "trimesh.PointCloud": lambda cloud: (cloud.vertices, {}),
     "trimesh.Path": lambda path: (path.vertices, {}),

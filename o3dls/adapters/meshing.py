@@ -25,7 +25,7 @@ from .self_intersections import self_intersections
 
 # pieces with less than this share of the faces of one that is meant are dust, or what a fold has pinched off
 LOOSE = 0.1
-# spacings: cells by which a mesh that is regularised already loses as many faces again
+# spacings: with cells of this size a mesh that is already regularised loses as many faces again
 WIDER = 1.15
 
 
@@ -48,11 +48,11 @@ def extract(
     smallest: float = 1.0,
     raw: Surface | None = None,
 ) -> Extraction:
-    """The surface phi = 0, wound outward. smoothing: Taubin passes; keep: share of the isosurface's faces
-    that decimation leaves; islands: whether pieces beside the largest stay; smallest: the smallest of these
-    that is meant, in areas of the largest, of which one with less than a tenth is dust; raw: a mesh of the
-    zero set, for where an isosurface of phi has another topology. Smoothing that would make the surface cut
-    itself is left out.
+    """Extract the surface phi = 0, wound outward. smoothing: Taubin passes; keep: share of the isosurface's
+    faces that decimation leaves; islands: whether pieces beside the largest stay; smallest: the smallest of
+    these that is meant, in areas of the largest, of which one with less than a tenth is dust; raw: a mesh of
+    the zero set, for where an isosurface of phi has another topology. Smoothing that would make the surface
+    cut itself is left out.
 
     Raises SolverError where phi has no zero set.
     """
@@ -68,23 +68,23 @@ def extract(
     if field.band.dimension == 2:
         return Extraction(raw, 0.0, 0.0, len(raw.faces))
     target = int(keep * len(faces))
-    # of better shape, and few faces are soon decimated
+    # its triangles have a better shape, and fewer faces are decimated faster
     even = regularised(raw, cell) if keep < 1.0 else raw
     start = even if len(even.faces) > target else raw
     with ThreadPoolExecutor(1) as beside:
         tree = beside.submit(lambda: raw.closest_point)  # while pymeshlab works on the other core
-        smooth = _clean(start, smoothing, target, LOOSE * smallest)
-        mesh = _unfolded(smooth)
+        smooth = _clean_mesh(start, smoothing, target, LOOSE * smallest)
+        mesh = _unfold_mesh(smooth)
     # where two walls are closer than the lattice tells apart
     if smoothing and mesh is smooth and self_intersections(smooth):
-        mesh = _unfolded(_clean(start, 0, target, LOOSE * smallest))
+        mesh = _unfold_mesh(_clean_mesh(start, 0, target, LOOSE * smallest))
     shift = tree.result().distance(mesh.vertices)
     return Extraction(mesh, float(shift.mean()), float(shift.max()), len(raw.faces))
 
 
-def _unfolded(mesh: Surface) -> Surface:
-    """Relaxed where faces are turned over, as next to cuts, which follow the lattice; as it is where the
-    relaxed mesh would cut itself.
+def _unfold_mesh(mesh: Surface) -> Surface:
+    """Return the mesh relaxed where faces are turned over, as next to cuts, which follow the lattice; as it
+    is where the relaxed mesh would cut itself.
     """
     if not flipped(mesh).any():
         return mesh
@@ -93,8 +93,8 @@ def _unfolded(mesh: Surface) -> Surface:
 
 
 def isosurface(field: SignedDistance) -> tuple[Array, Ints]:
-    """Vertices and faces of phi = 0, wound outward: flying edges (Open3D) as they come, in 2D the zero set
-    itself.
+    """Return vertices and faces of phi = 0, wound outward: flying edges (Open3D) as they come, in 2D the zero
+    set itself.
     """
     if field.band.dimension == 2:
         return zero_set(field.band, field.phi)
@@ -106,7 +106,7 @@ def isosurface(field: SignedDistance) -> tuple[Array, Ints]:
     return vertices, mesh.triangle.indices.numpy()[:, ::-1]  # Open3D winds towards the smaller values
 
 
-def _clean(raw: Surface, smoothing: int, faces: int, loose: float = LOOSE) -> Surface:
+def _clean_mesh(raw: Surface, smoothing: int, faces: int, loose: float = LOOSE) -> Surface:
     """Repair non-manifold edges, drop dust, smooth lightly (Taubin 1995), decimate by quadrics to so many
     faces; topology is kept.
     """
@@ -129,8 +129,8 @@ def _clean(raw: Surface, smoothing: int, faces: int, loose: float = LOOSE) -> Su
 
 
 def carry_fields(source: Surface, target: Surface) -> Surface:
-    """The target with the source's fields per vertex, read at the closest points: values never outlive a
-    change of mesh unmoved.
+    """Return the target with the source's fields per vertex, read at the closest points: values never outlive
+    a change of mesh unmoved.
 
     Fields of whole numbers are labels: they are those of the nearest corner, and no mean of two regions.
     """

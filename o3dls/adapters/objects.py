@@ -55,8 +55,8 @@ CLOUDS = (
 
 
 def to(surface: Surface, kind: str) -> Any:
-    """The surface as an object of open3d (tensor), trimesh, pyvista or meshio, with its fields as values per
-    point. Raises InputError for another kind, in 2D, and where the library is not installed.
+    """Return the surface as an object of open3d (tensor), trimesh, pyvista or meshio, with its fields as
+    values per point. Raises InputError for another kind, in 2D, and where the library is not installed.
     """
     if kind not in KINDS:
         raise InputError(f"no kind of mesh '{kind}'" + did_you_mean(kind, list(KINDS)))
@@ -64,7 +64,8 @@ def to(surface: Surface, kind: str) -> Any:
 
 
 def surface_of(thing: Any, *, frame: str | None = None, **choice: Unpack[Choice]) -> Surface:
-    """The surface of a mesh, of arrays (vertices, faces), or of a label volume, with its fields: `SURFACES`.
+    """Return the surface of a mesh, of arrays (vertices, faces), or of a label volume, with its fields:
+    `SURFACES`.
 
     choice: `label`, `part`, `box`, `layer` of a label volume, which comes in LPS unless `frame` is RAS.
     Raises InputError for anything else.
@@ -73,25 +74,27 @@ def surface_of(thing: Any, *, frame: str | None = None, **choice: Unpack[Choice]
 
 
 def stated_surface(thing: Any, where: str, *, frame: str | None = None, **choice: Any) -> SurfaceFile:
-    """As `surface_of`, with the frame and units where the object states them, as label volumes do; `where`
-    names it in errors.
+    """Return the same as `surface_of`, with the frame and units where the object states them, as label
+    volumes do; `where` names it in errors.
     """
     given = {name: value for name, value in choice.items() if value is not None}
-    if (image := _reader(IMAGES, thing)) is not None:
+    if (image := _find_reader(IMAGES, thing)) is not None:
         file = labels.surface_of(checked(image(thing, where, frame), where), where, **given)
         if {file.space, frame} == {"LPS", "RAS"}:
             return SurfaceFile(file.surface.transformed(TURN), str(frame), file.units, file.metadata)
         return file
     if given:
         raise InputError(
-            f"{where}: '{next(iter(given))}' does not apply to {_kind(thing)}, only to label volumes"
+            f"{where}: '{next(iter(given))}' does not apply to {_class_name(thing)}, only to label volumes"
         )
     if isinstance(thing, Surface):
         fields, said = known_values(thing.fields)
         return SurfaceFile(replace(thing, fields=fields) if said else thing, notes=said)
-    read = _pair if isinstance(thing, tuple | list) and len(thing) == 2 else _reader(MESHES, thing)
+    read = _read_pair if isinstance(thing, tuple | list) and len(thing) == 2 else _find_reader(MESHES, thing)
     if read is None:
-        raise InputError(f"{where}: an object of type {_kind(thing)} is not a surface: must be {SURFACES}")
+        raise InputError(
+            f"{where}: an object of type {_class_name(thing)} is not a surface: must be {SURFACES}"
+        )
     vertices, faces, fields, cells = read(thing, where)
     if (
         vertices.ndim != 2
@@ -104,13 +107,13 @@ def stated_surface(thing: Any, where: str, *, frame: str | None = None, **choice
             "(m, 3), in the plane (n, 2) and (m, 2)"
         )
     # copies: a library shares its memory, and a mesh is there to be edited; words are no field of a surface
-    numbers = {name: np.array(values, dtype=np.float64) for name, values in _numbers(fields).items()}
+    numbers = {name: np.array(values, dtype=np.float64) for name, values in _keep_numbers(fields).items()}
     at = np.array(vertices, dtype=np.float64)
-    return SurfaceFile.of(Path(where), at, faces, numbers, cells=_numbers(cells))
+    return SurfaceFile.of(Path(where), at, faces, numbers, cells=_keep_numbers(cells))
 
 
-def _numbers(values: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
-    """Those values that are numbers, truth being 0 or 1."""
+def _keep_numbers(values: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
+    """Return those values that are numbers, truth being 0 or 1."""
     arrays = {name: np.asarray(one) for name, one in values.items()}
     return {
         name: one.astype(np.int64) if one.dtype.kind == "b" else one
@@ -119,7 +122,7 @@ def _numbers(values: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
     }
 
 
-def _pair(thing: Any, where: str) -> tuple[Array, Any, dict[str, Any], dict[str, Any]]:
+def _read_pair(thing: Any, where: str) -> tuple[Array, Any, dict[str, Any], dict[str, Any]]:
     try:
         return np.asarray(thing[0], dtype=np.float64), np.asarray(thing[1], dtype=np.float64), {}, {}
     except (TypeError, ValueError):
@@ -127,22 +130,22 @@ def _pair(thing: Any, where: str) -> tuple[Array, Any, dict[str, Any], dict[str,
 
 
 def points_of(thing: Any, where: str = "points") -> Points:
-    """Points of type eam, or of the types in a column `type`, with the values that the object (`CLOUDS`) has
-    per point, by the names that files use (`bipolar`, `lat`, `sigma`, ...). Raises InputError.
+    """Return points of type eam, or of the types in a column `type`, with the values that the object
+    (`CLOUDS`) has per point, by the names that files use (`bipolar`, `lat`, `sigma`, ...). Raises InputError.
     """
     if isinstance(thing, Points):
         return thing
     if isinstance(thing, Mapping):
         return points_from(thing, where)
-    read = _reader(POINT_READERS, thing)
+    read = _find_reader(POINT_READERS, thing)
     if read is None and not isinstance(thing, np.ndarray | tuple | list):
-        raise InputError(f"{where}: an object of type {_kind(thing)} holds no points: must be {CLOUDS}")
+        raise InputError(f"{where}: an object of type {_class_name(thing)} holds no points: must be {CLOUDS}")
     try:
         xyz, values = read(thing) if read else (thing, {})
         xyz = np.array(xyz, dtype=np.float64)
     except (KeyError, TypeError, ValueError):
         raise InputError(
-            f"{where}: an object of type {_kind(thing)} holds no points: must be {CLOUDS}"
+            f"{where}: an object of type {_class_name(thing)} holds no points: must be {CLOUDS}"
         ) from None
     if xyz.ndim != 2 or xyz.shape[1] not in (2, 3):
         raise InputError(f"{where}: have shape {xyz.shape}: must be (n, 3), or (n, 2) in the plane")
@@ -152,11 +155,11 @@ def points_of(thing: Any, where: str = "points") -> Points:
     return points_from({**dict(zip("xyz", xyz.T, strict=False)), **flatten_fields(values)}, where)
 
 
-def _reader(readers: Mapping[str, Callable[..., Any]], thing: Any) -> Callable[..., Any] | None:
-    """The reader of an object's class, or of a class that it derives from."""
+def _find_reader(readers: Mapping[str, Callable[..., Any]], thing: Any) -> Callable[..., Any] | None:
+    """Return the reader of an object's class, or of a class that it derives from."""
     kinds = (f"{kind.__module__.partition('.')[0]}.{kind.__name__}" for kind in type(thing).__mro__)
     return next((readers[kind] for kind in kinds if kind in readers), None)
 
 
-def _kind(thing: Any) -> str:
+def _class_name(thing: Any) -> str:
     return f"{type(thing).__module__}.{type(thing).__name__}"

@@ -17,12 +17,12 @@ class Later:
         self._module, self._name = module, name
 
     def __getattr__(self, name: str) -> Any:
-        return getattr(self._own(), name)
+        return getattr(self._import_own(), name)
 
     def __call__(self, *given: Any, **named: Any) -> Any:
-        return self._own()(*given, **named)
+        return self._import_own()(*given, **named)
 
-    def _own(self) -> Any:
+    def _import_own(self) -> Any:
         return getattr(import_module(self._module), self._name)
 
 
@@ -36,7 +36,9 @@ class _Names(ModuleType):
 
 
 def open3d() -> ModuleType:
-    """The module open3d; its own names are as they are, and what it takes of dash comes when it is used."""
+    """Import the module open3d; its own names are as they are, and what it takes of dash comes when it is
+    used.
+    """
     if "open3d" in sys.modules or PLOTS in sys.modules:
         return import_module("open3d")
     sys.modules[PLOTS] = _Names(PLOTS)

@@ -24,18 +24,18 @@ KERNELS = ("none", "huber", "cauchy", "geman_mcclure", "tukey")
 def open3d_solver(
     metric: str, kernel: str, width: float | None, point_normals: Array, thickness: float
 ) -> Solver:
-    """A solver for `align`: metric as in the stage `icp`, kernel among KERNELS, `width` in robust standard
-    deviations (None: 95 % efficient), normals (n, 3) of the points where the metric needs them, else none (0,
-    3).
+    """Return a solver for `align`: metric as in the stage `icp`, kernel among KERNELS, `width` in robust
+    standard deviations (None: 95 % efficient), normals (n, 3) of the points where the metric needs them, else
+    none (0, 3).
     """
 
     def solve(factors: Factors, weights: Array, body: Body, freedom: Freedom, share: float) -> Array:
         kept = np.flatnonzero(weights > 0.0)
         if metric == "point_to_point":
-            return _point_to_point(factors.pairs.points[kept], factors.pairs.feet[kept], scale=freedom.scale)
+            return _step_to_points(factors.pairs.points[kept], factors.pairs.feet[kept], scale=freedom.scale)
         factor = EFFICIENT_95.get(kernel, 1.0) if width is None else width
         normals = point_normals[kept] if len(point_normals) else point_normals
-        return _on_normals(
+        return _step_on_normals(
             metric,
             kernel,
             factor * robust_sd(factors.residuals[kept]),
@@ -48,21 +48,23 @@ def open3d_solver(
     return solve
 
 
-def _point_to_point(points: Array, feet: Array, *, scale: bool) -> Array:
+def _step_to_points(points: Array, feet: Array, *, scale: bool) -> Array:
     import open3d as o3d
 
     estimator = o3d.pipelines.registration.TransformationEstimationPointToPoint(scale)
     return np.asarray(
-        estimator.compute_transformation(_cloud(feet), _cloud(points), _one_to_one(len(points))),
+        estimator.compute_transformation(
+            _make_cloud(feet), _make_cloud(points), _pair_one_to_one(len(points))
+        ),
         dtype=np.float64,
     )
 
 
-def _on_normals(
+def _step_on_normals(
     metric: str, kernel: str, width: float, pairs: Pairs, point_normals: Array, thickness: float, body: Body
 ) -> Array:
-    """Open3D moves the points onto a surface at rest and turns them about the origin, so its steps are those
-    of the prior's frame.
+    """Return the step along normals: Open3D moves the points onto a surface at rest and turns them about the
+    origin, so its steps are taken in the frame of the prior.
     """
     import open3d as o3d
 
@@ -70,30 +72,30 @@ def _on_normals(
     scale = scale_of(prior_map)
     turn = prior_map[:3, :3] / scale
     normals = pairs.normals @ turn.T
-    surface = _cloud(apply(prior_map, pairs.feet), normals, thickness)
-    points = _cloud(apply(prior_map, pairs.points))
+    surface = _make_cloud(apply(prior_map, pairs.feet), normals, thickness)
+    points = _make_cloud(apply(prior_map, pairs.points))
     if len(point_normals):
-        points = _cloud(apply(prior_map, pairs.points), point_normals @ turn.T, thickness)
+        points = _make_cloud(apply(prior_map, pairs.points), point_normals @ turn.T, thickness)
     registration = o3d.pipelines.registration
     if metric == "generalized":
         estimator = registration.TransformationEstimationForGeneralizedICP(
-            thickness, _loss(kernel, width * scale)
+            thickness, _make_loss(kernel, width * scale)
         )
     elif metric == "symmetric":  # its residual is along the sum of the normals, ours along their mean
-        estimator = registration.TransformationEstimationSymmetric(_loss(kernel, 2.0 * width * scale))
+        estimator = registration.TransformationEstimationSymmetric(_make_loss(kernel, 2.0 * width * scale))
     else:
-        estimator = registration.TransformationEstimationPointToPlane(_loss(kernel, width * scale))
-    matrix = estimator.compute_transformation(points, surface, _one_to_one(len(normals)))
+        estimator = registration.TransformationEstimationPointToPlane(_make_loss(kernel, width * scale))
+    matrix = estimator.compute_transformation(points, surface, _pair_one_to_one(len(normals)))
     return np.asarray(body.T_map_prior @ np.linalg.inv(matrix) @ prior_map, dtype=np.float64)
 
 
-def _one_to_one(count: int) -> Any:
+def _pair_one_to_one(count: int) -> Any:
     import open3d as o3d
 
     return o3d.utility.Vector2iVector(np.column_stack([np.arange(count)] * 2).astype(np.int32))
 
 
-def _cloud(points: Array, normals: Array | None = None, thickness: float = 1.0) -> Any:
+def _make_cloud(points: Array, normals: Array | None = None, thickness: float = 1.0) -> Any:
     import open3d as o3d
 
     cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points))
@@ -105,7 +107,7 @@ def _cloud(points: Array, normals: Array | None = None, thickness: float = 1.0) 
     return cloud
 
 
-def _loss(kernel: str, width: float) -> Any:
+def _make_loss(kernel: str, width: float) -> Any:
     import open3d as o3d
 
     registration = o3d.pipelines.registration

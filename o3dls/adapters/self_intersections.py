@@ -12,12 +12,12 @@ SHAKEN = 1e-8  # diagonals: a nanometre of an atrium
 
 
 def self_intersections(surface: Surface) -> int:
-    """Number of faces that cut through another face."""
+    """Return the number of faces that cut through another face."""
     return int(crossing(surface).sum())
 
 
 def crossing(surface: Surface) -> NDArray[np.bool_]:
-    """Faces (m,) that cut through another face. In 2D every segment against every other: outlines have
+    """Return faces (m,) that cut through another face. In 2D every segment against every other: outlines have
     hundreds of them, not millions.
     """
     if surface.dimension == 2:
@@ -27,19 +27,19 @@ def crossing(surface: Surface) -> NDArray[np.bool_]:
 
 
 def _crossing_triangles(surface: Surface) -> NDArray[np.bool_]:
-    """Those that pymeshlab finds, and finds again on vertices that are shaken a little: of faces that lie
-    side by side in one plane it takes some for crossing, depending on how they are turned. Walls that touch
-    cross only once they are shaken.
+    """Return the faces that pymeshlab takes for crossing, and does again on vertices that are shaken a
+    little: of faces that lie side by side in one plane it takes some for crossing, depending on how they are
+    turned. Walls that touch cross only once they are shaken.
     """
-    found = _selected(surface)
+    found = _select_crossing(surface)
     if found.any():
         shaken = SHAKEN * surface.diagonal * np.random.default_rng(0).normal(size=surface.vertices.shape)
-        found &= _selected(surface.with_vertices(surface.vertices + shaken))
+        found &= _select_crossing(surface.with_vertices(surface.vertices + shaken))
     return found
 
 
-def _selected(surface: Surface) -> NDArray[np.bool_]:
-    """Faces (m,) that pymeshlab takes for crossing another one."""
+def _select_crossing(surface: Surface) -> NDArray[np.bool_]:
+    """Return faces (m,) that pymeshlab takes for crossing another one."""
     import pymeshlab
 
     meshes = pymeshlab.MeshSet()

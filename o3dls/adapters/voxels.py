@@ -16,8 +16,8 @@ from .objects import surface_of
 if TYPE_CHECKING:
     from ..levelset.grid.distance import SignedDistance
 
-FEWEST_ACROSS, MOST_VOXELS = 10.0, 1e8  # of a volume, over the diagonal and in all
-HALF_BAND = 3.0  # spacings
+FEWEST_ACROSS, MOST_VOXELS = 10.0, 1e8  # limits of a volume: voxels along the diagonal, and in all
+HALF_BAND = 3.0  # spacings on either side of the surface
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +80,7 @@ def signed_distance(surface: Any, spacing: float, *, width: float | None = None)
     """
     from ..levelset.grid.distance import signed_distance
 
-    wall = _suited(surface, spacing)
+    wall = _check_suited(surface, spacing)
     reach = HALF_BAND * spacing if width is None else width
     if not spacing <= reach <= wall.diagonal:
         raise InputError(f"width = {reach:g}: must be between spacing = {spacing:g} and {wall.diagonal:.3g}")
@@ -118,7 +118,7 @@ def voxelise(surface: Any, spacing: float, *, margin: int = 4) -> Voxels:
     """
     from ..levelset.grid.distance import filled_distance, signed_distance
 
-    wall = _suited(surface, spacing)
+    wall = _check_suited(surface, spacing)
     if margin < 1:
         raise InputError(f"margin = {margin} voxels: must be 1 or more")
     whole = filled_distance(wall.vertices, wall.faces, spacing, margin)
@@ -143,8 +143,8 @@ def spacing_mistake(surface: Surface, spacing: float) -> str | None:
     return f"spacing = {spacing:g}: a volume of {voxels:.2g} voxels; {between}"
 
 
-def _suited(thing: Any, spacing: float) -> Surface:
-    """The surface of a thing that voxels of a size can show."""
+def _check_suited(thing: Any, spacing: float) -> Surface:
+    """Return the surface of a thing that voxels of a size can show."""
     surface = surface_of(thing)
     if why := spacing_mistake(surface, spacing):
         raise InputError(why)

@@ -24,12 +24,14 @@ Record = dict[str, float | int | None]
 
 
 def distances(points: Array, surface: Surface) -> Array:
-    """Exact unsigned distances (n,) of points (n, d) to the triangles or segments of a surface."""
+    """Return exact unsigned distances (n,) of points (n, d) to the triangles or segments of a surface."""
     return surface.closest_point.distance(points)
 
 
 def sample(surface: Surface, count: int = SAMPLES, seed: int = SAMPLING_SEED) -> Array:
-    """Points (count, d) spread uniformly over the area of a surface; the same seed gives the same points."""
+    """Return points (count, d) spread uniformly over the area of a surface; the same seed gives the same
+    points.
+    """
     rng = np.random.default_rng(seed)
     area = np.cumsum(surface.face_areas)
     faces = surface.faces[np.searchsorted(area, rng.uniform(0.0, area[-1], count), side="right")]
@@ -39,7 +41,7 @@ def sample(surface: Surface, count: int = SAMPLES, seed: int = SAMPLING_SEED) ->
 
 
 def summary(values: Array, unit: str) -> Record:
-    """`{n, mean_mm, median_mm, rms_mm, p95_mm, max_mm}` of distances (n,)."""
+    """Return `{n, mean_mm, median_mm, rms_mm, p95_mm, max_mm}` of distances (n,)."""
     found = {
         "mean": values.mean(),
         "median": np.median(values),
@@ -51,8 +53,8 @@ def summary(values: Array, unit: str) -> Record:
 
 
 def measure(case: Case, estimate: Estimate, fitted: tuple[str, ...]) -> dict[str, Array]:
-    """Distances by set; `fitted` are the point types that this estimate, or one that it started from, was
-    shown.
+    """Return distances by set; `fitted` are the point types that this estimate, or one that it started from,
+    was shown.
 
     Sets never mix: a point is scored as fitted where the estimate saw its type, and an empty set is left out.
     """
@@ -67,40 +69,44 @@ def measure(case: Case, estimate: Estimate, fitted: tuple[str, ...]) -> dict[str
         sets |= _held_out(truth.held_out, truth.unseen, estimate.surface)
     if truth is not None and truth.correspondence is not None:
         prior, position = truth.correspondence
-        sets["correspondence"] = _lengths(moved(estimate, prior) - position)
+        sets["correspondence"] = _vector_lengths(moved(estimate, prior) - position)
     if truth is not None and truth.surface is not None:
-        sets["truth_to_surface"], sets["surface_to_truth"] = _both_ways(truth.surface, estimate.surface)
+        sets["truth_to_surface"], sets["surface_to_truth"] = _measure_both_ways(
+            truth.surface, estimate.surface
+        )
     return {name: values for name, values in sets.items() if len(values)}
 
 
 @lru_cache(maxsize=1)  # estimates that follow each other may share their surface
-def _both_ways(truth: Surface, surface: Surface) -> tuple[Array, Array]:
+def _measure_both_ways(truth: Surface, surface: Surface) -> tuple[Array, Array]:
     return distances(sample(truth), surface), distances(sample(surface), truth)
 
 
 def scored_as_fitted(fitted: tuple[str, ...]) -> tuple[str, ...]:
-    """Point types of the set `fitted`: `inside` points bound the surface from one side, so their distance is
-    no error.
+    """Return the point types of the set `fitted`: `inside` points bound the surface from one side, so their
+    distance is no error.
     """
     return tuple({"eam", *fitted} - {"inside"})
 
 
 def landmark_errors(case: Case, estimate: Estimate) -> Array:
-    """Distances (k,) between the moved landmarks of the prior and the measured ones of the same name."""
+    """Return distances (k,) between the moved landmarks of the prior and the measured ones of the same
+    name.
+    """
     _, prior, measured = case.landmark_pairs()
-    return _lengths(moved(estimate, prior) - measured)
+    return _vector_lengths(moved(estimate, prior) - measured)
 
 
 def moved(estimate: Estimate, prior_points: Array) -> Array:
-    """Points (n, d) of the prior in the map frame: by the motion where there is one, else by the
+    """Return points (n, d) of the prior in the map frame: by the motion where there is one, else by the
     similarity.
     """
     return estimate.motion(prior_points) if estimate.motion else apply(estimate.T_map_prior, prior_points)
 
 
 def truth_scores(sets: Mapping[str, Array], surface: Surface, truth: Surface, unit: str) -> Record:
-    """`{assd, hd95, dice, within_1, within_2, within_3}`; hd95 is the larger of both directions, dice None
-    where truth is open.
+    """Return `{assd, hd95, dice, within_1, within_2, within_3}`; hd95 is the larger of both directions, dice
+    None where truth is open.
     """
     to_surface, to_truth = sets["truth_to_surface"], sets["surface_to_truth"]
     return {
@@ -112,8 +118,8 @@ def truth_scores(sets: Mapping[str, Array], surface: Surface, truth: Surface, un
 
 @lru_cache(maxsize=1)
 def dice(a: Surface, b: Surface) -> float:
-    """Overlap 2|A and B| / (|A| + |B|) of what two closed surfaces enclose, counted on one grid of cell
-    centres.
+    """Return the overlap 2|A and B| / (|A| + |B|) of what two closed surfaces enclose, counted on one grid of
+    cell centres.
     """
     both = np.vstack([a.vertices, b.vertices])
     low = both.min(axis=0)
@@ -128,8 +134,8 @@ def dice(a: Surface, b: Surface) -> float:
 
 
 def occupancy(surface: Surface, axes: list[Array]) -> NDArray[np.bool_]:
-    """True at the nodes of the grid of `axes` (one array of evenly spaced coordinates per dimension) that a
-    closed surface encloses.
+    """Return True at the nodes of the grid of `axes` (one array of evenly spaced coordinates per dimension)
+    that a closed surface encloses.
     """
     from ..levelset.grid.winding import winding
 
@@ -149,5 +155,5 @@ def _held_out(points: Array, unseen: NDArray[np.bool_] | None, surface: Surface)
     return {"held_out": gap, "held_out_seen": gap[~unseen], "held_out_unseen": gap[unseen]}
 
 
-def _lengths(vectors: Array) -> Array:
+def _vector_lengths(vectors: Array) -> Array:
     return np.asarray(np.linalg.norm(vectors, axis=1))

@@ -26,7 +26,7 @@ ELECTRICAL = {
 def with_electrical(
     surface: Surface, points: Points, *, columns: Collection[str] = tuple(ELECTRICAL)
 ) -> Surface:
-    """The surface with each of these columns that the eam points carry, NaN where no value is near."""
+    """Return the surface with each of these columns that the eam points carry, NaN where no value is near."""
     fields = dict(surface.fields)
     for name, (xyz, values) in measured_values(points, columns).items():
         near = (project(xyz, surface).distance <= REACH).any()
@@ -37,7 +37,9 @@ def with_electrical(
 def measured_values(
     points: Points, columns: Collection[str] = tuple(ELECTRICAL)
 ) -> dict[str, tuple[Array, Array]]:
-    """Positions (k, d) and values (k,) of each of these columns of the eam points that holds any number."""
+    """Return positions (k, d) and values (k,) of each of these columns of the eam points that holds any
+    number.
+    """
     eam = points.of("eam")
     found = dict[str, tuple[Array, Array]]()
     for name in columns:

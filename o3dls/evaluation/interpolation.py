@@ -18,7 +18,7 @@ WIDTH = 4.0  # mm: deviation of the Gaussian that averages the data
 
 
 def to_surface(xyz: Array, values: Array, surface: Surface) -> Array:
-    """Values (n,) per vertex of a surface from values (k,) measured at points (k, d) in its frame.
+    """Return values (n,) per vertex of a surface from values (k,) measured at points (k, d) in its frame.
 
     Each is the mean of the nearest data by a Gaussian of deviation WIDTH on the wall. Points without a value
     or farther than REACH from the wall are left out; vertices farther than REACH from every datum are NaN.
@@ -35,7 +35,7 @@ def to_surface(xyz: Array, values: Array, surface: Surface) -> Array:
         raise InputError(
             f"none of {len(values)} points has a value and lies within {REACH:g} mm of the surface"
         )
-    distance, row = _neighbours(wall.foot[used].tobytes(), surface)
+    distance, row = _nearest_data(wall.foot[used].tobytes(), surface)
     # the nearest has weight 1: no underflow, however far it is
     weights = np.exp((distance[:, :1] ** 2 - distance**2) / (2 * WIDTH**2))
     mean = (weights * values[used][row]).sum(axis=1) / weights.sum(axis=1)
@@ -43,8 +43,10 @@ def to_surface(xyz: Array, values: Array, surface: Surface) -> Array:
 
 
 @lru_cache(maxsize=1)  # the columns of a map are mostly measured at the same points
-def _neighbours(data: bytes, surface: Surface) -> tuple[Array, Ints]:
-    """Distances and rows (n, k) of the data (m, d) that are nearest to each vertex, the nearest first."""
+def _nearest_data(data: bytes, surface: Surface) -> tuple[Array, Ints]:
+    """Return distances and rows (n, k) of the data (m, d) that are nearest to each vertex, the nearest
+    first.
+    """
     from scipy.spatial import cKDTree
 
     places = np.frombuffer(data).reshape(-1, surface.dimension)

@@ -18,7 +18,9 @@ from ..geometry.surface import Surface
 from ..motion.recorded import WallModes
 from .wall_modes import wall_modes
 
-MEAN_OVER_SD = float(np.sqrt(2 / np.pi))  # of the absolute value of a normal variable
+MEAN_OVER_SD = float(
+    np.sqrt(2 / np.pi)
+)  # mean absolute value of a normal variable over its standard deviation
 LEAST_GAIN = 0.02  # share of the mean variance: less is not worth a point
 APART = 0.2  # rms radii, 5 mm for an atrium: from points, from each other, and into tubes
 AROUND = 0.4  # rms radii, 10 mm: the surroundings that a place is judged by
@@ -75,24 +77,26 @@ class _Wall:
         return self.sd * np.sqrt(self.left[self.of])
 
     def mean(self, values: Array, part: Mask | None = None) -> float:
-        """Weighted mean over the vertices, or a part of them; plain where that has no weight."""
+        """Return the weighted mean over the vertices, or a part of them; plain where that has no weight."""
         weights = self.weights if part is None else self.weights * part
         if weights.sum() == 0.0:
             weights = np.ones(len(values)) if part is None else part.astype(np.float64)
         return float(weights @ values / weights.sum())
 
     def expected(self, part: Mask | None = None) -> float:
-        """Mean error that is expected, of the wall or a part of it."""
+        """Return the mean error that is expected, of the wall or a part of it."""
         return MEAN_OVER_SD * self.mean(self.sd_now, part)
 
     def gains(self, noise: float, believed: float) -> Array:
-        """Share (m,) of the mean variance that a point at each place takes."""
+        """Return the share (m,) of the mean variance that a point at each place takes."""
         worth = np.bincount(self.of, self.weights * self.sd**2, len(self.first))
         taken = (worth / self.first) @ self.covariance**2 / (np.diag(self.covariance) + noise**2)
         return np.asarray(believed * taken / max(float(worth @ self.left), TINY))
 
     def measured(self, at: int, noise: float, believed: float) -> _Wall:
-        """The wall that is expected after a point at a place: an outlier, which it may be, tells nothing."""
+        """Return the wall as expected after a point at a place: an outlier, which the point may be, tells
+        nothing.
+        """
         row = self.covariance[at]
         taken = believed * np.outer(row, row) / (row[at] + noise**2)
         return replace(self, covariance=self.covariance - taken)
@@ -106,7 +110,7 @@ def suggest(
     weights: Array | None = None,
     reachable: Mask | None = None,
 ) -> Advice:
-    """The k places whose measurement lowers the mean posterior variance over the wall most, one after
+    """Return the k places whose measurement lowers the mean posterior variance over the wall most, one after
     another, each with those before it in mind.
 
     weights (n,) say how much each vertex of the estimate's surface counts beside its area, reachable (n,)
@@ -124,25 +128,25 @@ def suggest(
     if k < 1:
         raise InputError(f"k = {k}: must be at least 1")
     n = len(estimate.surface.vertices)
-    reachable = np.ones(n, dtype=bool) if reachable is None else _checked("reachable", reachable, n) > 0
-    weights = np.ones(n) if weights is None else _checked("weights", weights, n)
+    reachable = np.ones(n, dtype=bool) if reachable is None else _check_weights("reachable", reachable, n) > 0
+    weights = np.ones(n) if weights is None else _check_weights("weights", weights, n)
     at = estimate.motion(case.prior.vertices[modes.places])
-    wall = _wall(case, estimate, modes, at, weights)
+    wall = _describe_wall(case, estimate, modes, at, weights)
     vertex = np.asarray(cKDTree(estimate.surface.vertices).query(at)[1], dtype=np.int64)
     believed = 1.0 if estimate.weights is None else float(estimate.weights.mean())
-    shallow = _depths(case.prior, modes.places.tobytes()) < APART
-    return _chosen(case, estimate, wall, vertex, reachable[vertex] & shallow, k, believed)
+    shallow = _tube_depths(case.prior, modes.places.tobytes()) < APART
+    return _choose_places(case, estimate, wall, vertex, reachable[vertex] & shallow, k, believed)
 
 
-@lru_cache(maxsize=2)  # of the prior of a session that is asked again and again
-def _depths(prior: Surface, places: bytes) -> Array:
-    """How deep (m,) vertices of the prior lie in its tubes, in rms radii."""
+@lru_cache(maxsize=2)  # a session asks for the same prior again and again
+def _tube_depths(prior: Surface, places: bytes) -> Array:
+    """Return how deep (m,) vertices of the prior lie in its tubes, in rms radii."""
     at = np.frombuffer(places, dtype=np.int64)
     deep = depth_in_tubes(prior.vertices[at], prior.vertex_normals[at], prior.vertices)
     return deep / rms_radius(prior.vertices)
 
 
-def _checked(name: str, given: Array | Mask, n: int) -> Array:
+def _check_weights(name: str, given: Array | Mask, n: int) -> Array:
     values = np.asarray(given, dtype=np.float64)
     if values.shape != (n,):
         raise InputError(f"{name} has shape {values.shape}: the estimate's surface has {n} vertices")
@@ -151,7 +155,7 @@ def _checked(name: str, given: Array | Mask, n: int) -> Array:
     return values
 
 
-def _wall(case: Case, estimate: Estimate, modes: WallModes, at: Array, weights: Array) -> _Wall:
+def _describe_wall(case: Case, estimate: Estimate, modes: WallModes, at: Array, weights: Array) -> _Wall:
     surface = estimate.surface
     covariance = modes.modes @ modes.modes.T
     first = np.maximum(np.diag(covariance), TINY)
@@ -161,10 +165,10 @@ def _wall(case: Case, estimate: Estimate, modes: WallModes, at: Array, weights: 
     return _Wall(covariance, first, of, np.where(known, sd, 0.0), weights * surface.vertex_areas * known)
 
 
-def _chosen(
+def _choose_places(
     case: Case, estimate: Estimate, wall: _Wall, vertex: Ints, allowed: Mask, k: int, believed: float
 ) -> Advice:
-    """The places of highest worth among those allowed (m,)."""
+    """Return the places of highest worth among those allowed (m,)."""
     surface = estimate.surface
     at = surface.vertices[vertex]
     apart = APART * rms_radius(surface.vertices)

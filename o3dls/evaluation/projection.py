@@ -12,7 +12,7 @@ from ..geometry.surface import Surface
 
 @dataclass(frozen=True, eq=False)
 class Projection:
-    """Where points (k, d) meet a surface.
+    """The places where points (k, d) meet a surface.
 
     Distance (k,), face (k,), foot (k, d) and barycentric weights (k, d) in it.
     """
@@ -24,6 +24,6 @@ class Projection:
 
 
 def project(xyz: Array, surface: Surface) -> Projection:
-    """The closest points of a surface to points (k, d)."""
+    """Return the closest points of a surface to points (k, d)."""
     squared, face, foot, weights = surface.closest_point.query(np.asarray(xyz, dtype=np.float64))
     return Projection(np.sqrt(squared), face, foot, weights)

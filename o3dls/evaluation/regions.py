@@ -27,8 +27,8 @@ LEFT, RIGHT = ("LSPV", "LIPV", "LCPV"), ("RSPV", "RMPV", "RIPV", "RCPV")
 
 
 def regions(surface: Surface, axes: Array, landmarks: Mapping[str, Array]) -> Ints | None:
-    """Region of each vertex (n,) of a left atrium, a place in `REGIONS`; None where no vein of either side is
-    named, so that nothing says that it is one.
+    """Return the region of each vertex (n,) of a left atrium, a place in `REGIONS`; None where no vein of
+    either side is named, so that nothing says that it is one.
 
     axes (3, 3): unit directions to the patient's left, front and head; landmarks (3,) by name, all in the
     frame of the surface, in mm. A vertex belongs to a landmark within 10 mm of which it lies, or of the
@@ -42,7 +42,7 @@ def regions(surface: Surface, axes: Array, landmarks: Mapping[str, Array]) -> In
         return None
     area = surface.vertex_areas
     middle = area @ surface.vertices / area.sum()
-    far = np.column_stack([_off(surface.vertices, at, middle) for at in places.values()])
+    far = np.column_stack([_distance_off_axis(surface.vertices, at, middle) for at in places.values()])
     wall = far.min(axis=1) > REACH
     offset = (surface.vertices - middle) @ axes.T
     spread = np.sqrt((area * wall) @ offset**2 / (area @ wall))
@@ -52,13 +52,13 @@ def regions(surface: Surface, axes: Array, landmarks: Mapping[str, Array]) -> In
 
 
 def word(region: int) -> str:
-    """What a region is called."""
+    """Return what a region is called."""
     return WORDS.get(REGIONS[region], REGIONS[region])
 
 
-def _off(points: Array, at: Array, middle: Array) -> Array:
-    """Distance (n,) of points (n, 3) from the half-line from a place away from the middle, less what it opens
-    by along it.
+def _distance_off_axis(points: Array, at: Array, middle: Array) -> Array:
+    """Return the distance (n,) of points (n, 3) from the half-line from a place away from the middle, less
+    what it opens by along it.
     """
     out = (at - middle) / np.linalg.norm(at - middle)
     along = np.maximum((points - at) @ out, 0.0)

@@ -5,11 +5,13 @@ from __future__ import annotations
 from ..geometry.surface import Surface
 from .distances import distances
 
-FAR = 2.5  # mm off all that is left, from which wall is gone: half of the shortest tube that matters
+FAR = (
+    2.5  # mm from the new surface beyond which wall counts as removed: half of the shortest tube that matters
+)
 
 
 def removed_wall(before: Surface, after: Surface) -> dict[str, float]:
-    """`removed_share` of the area of a surface that is far from what a stage made of it, and
+    """Return `removed_share` of the area of a surface that is far from what a stage made of it, and
     `removed_reach_mm`: how far its farthest place is, which is the length of a tube that was cut off.
     """
     gap = distances(before.vertices, after)

@@ -19,8 +19,8 @@ SEED = 74215
 
 @dataclass(frozen=True)
 class Difference:
-    """Mean of `second - first` over the same points (negative: the second is closer), its 95 % interval, and
-    what it rests on.
+    """The mean of `second - first` over the same points (negative: the second is closer), its 95 % interval,
+    and what it rests on.
 
     The interval is NaN where there are too few points to resample in blocks.
     """
@@ -44,14 +44,14 @@ class Difference:
 
 
 def paired_difference(first: Array, second: Array, positions: Array) -> Difference:
-    """Difference of two distances (n,) measured at the same positions (n, d), with a block bootstrap
-    interval.
+    """Return the difference of two distances (n,) measured at the same positions (n, d), with a block
+    bootstrap interval.
     """
     change = second - first
     labels = spatial_blocks(positions)
     sums = np.bincount(labels, change)
     counts = np.bincount(labels)
-    drawn = _drawn(len(counts))
+    drawn = _draw_blocks(len(counts))
     enough = len(counts) >= FEWEST_BLOCKS
     low, high = np.percentile((drawn @ sums) / (drawn @ counts), [2.5, 97.5]) if enough else (np.nan, np.nan)
     return Difference(
@@ -66,14 +66,15 @@ def paired_difference(first: Array, second: Array, positions: Array) -> Differen
 
 
 @lru_cache(maxsize=8)  # a page has some thirty differences, most of them of MOST_BLOCKS blocks
-def _drawn(blocks: int) -> Ints:
-    """How often (ROUNDS, blocks) each block is drawn in each round."""
+def _draw_blocks(blocks: int) -> Ints:
+    """Return how often (ROUNDS, blocks) each block is drawn in each round."""
     rng = np.random.default_rng(SEED)
     return rng.multinomial(blocks, np.full(blocks, 1 / blocks), size=ROUNDS)
 
 
 def difference_over_cases(differences: Sequence[Difference]) -> Difference:
-    """Mean of the differences of several cases, each of one weight, with Student's interval; NaN for one.
+    """Return the mean of the differences of several cases, each of one weight, with Student's interval; NaN
+    for one.
 
     Cohorts are small, and an interval from resampling a few cases is too narrow (of five it holds the truth
     in about 84 of 100).
@@ -91,8 +92,8 @@ def difference_over_cases(differences: Sequence[Difference]) -> Difference:
 
 
 def spatial_blocks(positions: Array) -> Ints:
-    """Block number (n,) of each point: up to 60 blocks of some 5 points (2 where points are few), around
-    points far from one another.
+    """Return the block number (n,) of each point: up to 60 blocks of some 5 points (2 where points are few),
+    around points far from one another.
     """
     count = max(1, min(len(positions) // 2, max(FEWEST_BLOCKS, len(positions) // PER_BLOCK), MOST_BLOCKS))
     nearest = np.full(len(positions), np.inf)

@@ -24,7 +24,8 @@ def between(
     target_motion: Motion | None = None,
     reach: float = REACH,
 ) -> Surface:
-    """The target with the source's fields, read where the two meet once each has been moved by its motion.
+    """Return the target with the source's fields, read where the two meet once each has been moved by its
+    motion.
 
     Give `source_motion` (such as an estimate's motion) to bring fields of the prior to the refined surface,
     `target_motion` to bring fields of the map back to the prior: a place is then followed through the

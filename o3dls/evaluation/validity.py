@@ -15,8 +15,8 @@ Record = dict[str, bool | int | float | None]
 
 
 def validity(surface: Surface, prior: Surface, unit: str = "mm") -> Record:
-    """`{watertight, components, euler, self_intersections, flipped_faces, volume_ml, volume_change}` of a
-    surface.
+    """Return `{watertight, components, euler, self_intersections, flipped_faces, volume_ml, volume_change}`
+    of a surface.
 
     volume_change is (volume - volume of the prior as it was given) / volume of the prior, so it holds the
     scale of the motion too. In 2D the enclosed area, `area_mm2` or `area_px2`, stands for the volume. Open
@@ -37,8 +37,8 @@ def validity(surface: Surface, prior: Surface, unit: str = "mm") -> Record:
 
 
 def faults(found: Record, prior: Record, *, reshaped: bool = False) -> list[str]:
-    """Why a surface is not valid, one sentence each; what the prior itself brings is not held against the
-    result, nor handles that points have asked for where it was `reshaped`.
+    """Return why a surface is not valid, one sentence each; what the prior itself brings is not held against
+    the result, nor handles that points have asked for where it was `reshaped`.
     """
     said = []
     if prior["watertight"] and not found["watertight"]:
@@ -58,41 +58,41 @@ def faults(found: Record, prior: Record, *, reshaped: bool = False) -> list[str]
 
 
 def handles(found: Record) -> int:
-    """Number of handles of a closed surface; an open one's borders cannot be told from them, and an outline
-    has none.
+    """Return the number of handles of a closed surface; an open one's borders cannot be told from them, and
+    an outline has none.
     """
     closed = found["watertight"] and "volume_ml" in found
     return int((found["components"] or 0) - (found["euler"] or 0) / 2) if closed else 0
 
 
 def components(surface: Surface) -> int:
-    """Number of pieces that hang together by shared vertices."""
+    """Return the number of pieces that hang together by shared vertices."""
     from ..geometry.components import component_labels
 
     return len(np.unique(component_labels(len(surface.vertices), surface.faces)[surface.faces[:, 0]]))
 
 
 def euler(surface: Surface) -> int:
-    """Euler number: vertices - edges + faces in 3D (2 for a sphere), vertices - segments in 2D (0 for closed
-    loops).
+    """Return the Euler number: vertices - edges + faces in 3D (2 for a sphere), vertices - segments in 2D (0
+    for closed loops).
     """
     used = len(np.unique(surface.faces))
     return (
         used - len(surface.faces)
         if surface.dimension == 2
-        else used - len(_edges(surface)) + len(surface.faces)
+        else used - len(_unique_edges(surface)) + len(surface.faces)
     )
 
 
 def flipped_faces(surface: Surface) -> int:
-    """Faces that look against the mean direction of the surface at their own corners, as folded-over faces
-    do.
+    """Return faces that look against the mean direction of the surface at their own corners, as folded-over
+    faces do.
     """
     return int(flipped(surface).sum())
 
 
-def _edges(surface: Surface) -> Ints:
-    """Undirected edges (k, 2), each once."""
+def _unique_edges(surface: Surface) -> Ints:
+    """Return the undirected edges (k, 2), each once."""
     f = surface.faces
     pairs = f if surface.dimension == 2 else np.vstack([f[:, [0, 1]], f[:, [1, 2]], f[:, [2, 0]]])
     low, high = np.sort(pairs, axis=1).T

@@ -14,19 +14,20 @@ from ..motion.motion import FittedMotion
 from ..motion.recorded import RecordedMotion, WallModes
 
 PLACES = 500  # 4 to 5 mm apart on an atrium: a third of the shortest correlation length
-MODES = 250  # of an atrium's posterior they hold 98 % and more
+MODES = 250  # they hold at least 98 % of the variance of an atrium's posterior
 
 
-@lru_cache(maxsize=4)  # of the estimates of one run that share their motion
+@lru_cache(maxsize=4)  # estimates of one run share their motion
 def wall_modes(prior: Surface, motion: Motion | None) -> WallModes | None:
-    """The joint posterior of a motion of the prior by the first columns of its pivoted Cholesky factor, which
-    takes a tenth of the time of eigenvectors; None where it has none, or its run did not keep it.
+    """Return the joint posterior of a motion of the prior by the first columns of its pivoted Cholesky
+    factor, which takes a tenth of the time of eigenvectors; None where it has none, or its run did not keep
+    it.
     """
     if isinstance(motion, RecordedMotion):
         return motion.modes
     if not isinstance(motion, FittedMotion):
         return None
-    places = _places(prior)
+    places = _spread_places(prior)
     normals = prior.with_vertices(motion(prior.vertices)).vertex_normals[places]
     joint = motion.joint(prior.vertices[places], normals)
     factor, pivots, rank, _ = dpstrf(joint, tol=ROUNDING * float(joint.max()), lower=True)
@@ -35,14 +36,14 @@ def wall_modes(prior: Surface, motion: Motion | None) -> WallModes | None:
     return WallModes(places, modes)
 
 
-@lru_cache(maxsize=2)  # of the prior of a session that is asked again and again
-def _places(prior: Surface) -> Ints:
+@lru_cache(maxsize=2)  # a session asks for the same prior again and again
+def _spread_places(prior: Surface) -> Ints:
     return spread(prior.vertices, PLACES)
 
 
 def spread(points: Array, count: int) -> Ints:
-    """Indices of at most `count` points (n, d), each the farthest from those before it; the first is the
-    farthest from the middle.
+    """Return indices of at most `count` points (n, d), each the farthest from those before it; the first is
+    the farthest from the middle.
     """
     axes = np.ascontiguousarray(points.T)  # sums along the first axis are three times as fast
     gap = np.full(len(points), np.inf)

@@ -18,35 +18,35 @@ from zlib import crc32
 from ..errors import InputError, escaped
 from .manifest import foreign
 
-# the file that tells each kind of folder of ours
+# the file by which each kind of our folders is known
 MARKS = {
     "run": "run.json",
     "case": "case.toml",
     "paper": "paper_results.json",
 }
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)  # disk, quota, limit: the system names no file
-SHOWN = 40  # letters of a name in that of its temporary file
+SHOWN = 40  # letters of a name that its temporary name keeps
 # as long as paths in our folders, such as estimates/NAME/surface.ply: systems limit the whole path
 LONGEST = Path("x" * 80) / ("x" * 120)
 log = logging.getLogger("o3dls")
 
 
-def _real(path: str | Path) -> Path:
-    """Where links lead; unlike `Path.resolve` it does not fail on a link that leads to itself."""
+def _follow_links(path: str | Path) -> Path:
+    """Return where links lead; unlike `Path.resolve` this does not fail on one that leads to itself."""
     return Path(os.path.realpath(path))
 
 
-def _sibling(path: Path) -> Path:
-    """A name nobody else uses beside what `path` stands for, and not longer than a system takes; keeps the
-    suffix, since writers choose their format by it.
+def _temporary_name(path: Path) -> Path:
+    """Return a name that nobody else uses beside what `path` stands for; it is not too long for a system, and
+    keeps the suffix, since writers choose their format by it.
     """
-    folder = _real(path).parent
+    folder = _follow_links(path).parent
     folder.mkdir(parents=True, exist_ok=True)
-    return folder / f"{_mark(path)}{os.getpid():x}-{secrets.token_hex(4)}{path.suffix[:12]}"
+    return folder / f"{_partial_prefix(path)}{os.getpid():x}-{secrets.token_hex(4)}{path.suffix[:12]}"
 
 
-def _mark(path: Path) -> str:
-    """How temporary names of `path` begin, and of nothing else in its folder."""
+def _partial_prefix(path: Path) -> str:
+    """Return how the temporary names of `path` begin, and those of nothing else in its folder."""
     name = path.name
     if len(name) > SHOWN:
         name = f"{name[:SHOWN]}~{crc32(os.fsencode(name)):08x}"
@@ -57,15 +57,15 @@ def remove_partial(folder: Path, process: int | None = None) -> None:
     """Remove what a process that is no more left half made of a folder, beside it; without its number, what
     any left.
     """
-    real = _real(folder)
-    mark = _mark(real) + ("" if process is None else f"{process:x}-")
+    real = _follow_links(folder)
+    mark = _partial_prefix(real) + ("" if process is None else f"{process:x}-")
     for left in real.parent.iterdir() if real.parent.is_dir() else ():
         if left.name.startswith(mark) and left.is_dir():
             shutil.rmtree(left, ignore_errors=True)
 
 
 @contextmanager
-def _named(path: Path) -> Iterator[None]:
+def _report_full_disk(path: Path) -> Iterator[None]:
     """Say what could not be written where there is no room for it."""
     try:
         yield
@@ -84,19 +84,21 @@ def staged_file(path: str | Path) -> Iterator[Path]:
     """
     path = Path(path)
     _check_file(path)
-    staged = _sibling(path)
+    staged = _temporary_name(path)
     try:
-        with _named(path):
+        with _report_full_disk(path):
             yield staged
-            _settle(staged)
-        os.replace(staged, _real(path))
+            _flush_to_disk(staged)
+        os.replace(staged, _follow_links(path))
     finally:
         staged.unlink(missing_ok=True)
 
 
 def _check_link(path: Path) -> None:
-    real = _real(path)
-    if any(place.is_symlink() for place in (real, *real.parents)):  # no link is left but one of a circle
+    real = _follow_links(path)
+    if any(
+        place.is_symlink() for place in (real, *real.parents)
+    ):  # realpath follows every link but those of a circle
         raise InputError(f"{path}: is a link that leads to itself, or lies in one; name another")
 
 
@@ -117,10 +119,10 @@ def staged_files(path: str | Path) -> Iterator[Path]:
     with TemporaryDirectory(prefix=".", dir=path.parent) as staged:
         try:
             yield Path(staged) / path.name
-        except InputError as error:  # speaks of a folder that is no more
+        except InputError as error:  # it names the temporary folder, which is removed
             raise InputError(str(error).replace(staged, str(path.parent))) from error
         for file in Path(staged).iterdir():
-            os.replace(file, _real(path.parent / file.name))
+            os.replace(file, _follow_links(path.parent / file.name))
 
 
 def write_file(path: str | Path, content: str | bytes) -> None:
@@ -128,7 +130,7 @@ def write_file(path: str | Path, content: str | bytes) -> None:
 
     Raises InputError where the disk has no room, or keeps something else than what was written.
     """
-    # names of folders may hold bytes that are no text
+    # names of folders may hold bytes that are not UTF-8
     data = content.encode("utf-8", "replace") if isinstance(content, str) else content
     with staged_file(path) as staged:
         staged.write_bytes(data)
@@ -136,7 +138,7 @@ def write_file(path: str | Path, content: str | bytes) -> None:
             raise InputError(f"{path}: cannot be written: the disk kept {len(kept)} of {len(data)} bytes")
 
 
-def _settle(path: Path) -> None:
+def _flush_to_disk(path: Path) -> None:
     """Wait until a file is on the disk: some systems say only then that there is no room for it."""
     with path.open("rb+") as file:
         os.fsync(file.fileno())
@@ -152,9 +154,9 @@ def check_free(
     not be replaced by it.
     """
     out = Path(out)
-    if _exists(out) and not out.is_dir():
+    if _path_exists(out) and not out.is_dir():
         raise InputError(f"{out}: is a file; name a folder")
-    if out.exists() and Path.cwd().is_relative_to(_real(out)):
+    if out.exists() and Path.cwd().is_relative_to(_follow_links(out)):
         raise InputError(
             f"{out}: is the working folder, or holds it, and would be replaced; name another folder"
         )
@@ -165,8 +167,8 @@ def check_free(
     _check_writable(out)
 
 
-def _exists(path: Path) -> bool:
-    """Whether a path is there. Raises InputError for one that cannot be, such as a name that is too long."""
+def _path_exists(path: Path) -> bool:
+    """Return whether a path is there. Raises InputError for one that cannot be, as with too long a name."""
     if "\0" in str(path):
         raise InputError(f"{path}: cannot be a path: it contains a zero byte; name another")
     try:
@@ -176,13 +178,13 @@ def _exists(path: Path) -> bool:
 
 
 def _check_replaceable(out: Path, kind: str | None, reads: Sequence[Path]) -> None:
-    there = _kind(out)
+    there = _folder_kind(out)
     if there is None or there != (kind or there):
         raise InputError(
             f"{out}: is not a {kind or ' or '.join(MARKS)}, so o3dls does not replace it; name another folder"
         )
     for source in reads:
-        if _real(source).is_relative_to(_real(out)):
+        if _follow_links(source).is_relative_to(_follow_links(out)):
             raise InputError(
                 f"{out}: is or holds {source}, which is read, and would be replaced; name another folder"
             )
@@ -194,8 +196,8 @@ def _check_replaceable(out: Path, kind: str | None, reads: Sequence[Path]) -> No
         )
 
 
-def _kind(folder: Path) -> str | None:
-    """What a folder of ours is; None for any other, and where it bears the marks of two kinds."""
+def _folder_kind(folder: Path) -> str | None:
+    """Return the kind of a folder of ours; None for any other, or where it bears two marks."""
     found = [kind for kind, mark in MARKS.items() if (folder / mark).exists()]
     return found[0] if len(found) == 1 else None
 
@@ -204,12 +206,12 @@ def _check_writable(out: Path) -> None:
     """Raise InputError where the folder `out` cannot be made, with names in it as long as ours: only trying
     tells, and better before the work than after it.
     """
-    real = _real(out)
+    real = _follow_links(out)
     _check_link(out)
     there = next(folder for folder in real.parents if folder.exists())
     try:
         # named as what becomes of it, so that remove_partial finds what a killed process leaves
-        trial = Path(mkdtemp(prefix=f"{_mark(real)}{os.getpid():x}-", dir=there))
+        trial = Path(mkdtemp(prefix=f"{_partial_prefix(real)}{os.getpid():x}-", dir=there))
         try:
             (trial / real.relative_to(there) / LONGEST).mkdir(parents=True)
         finally:
@@ -227,29 +229,29 @@ def staged_folder(out: str | Path, force: bool = False) -> Iterator[Path]:
     exists (see check_free), or is of another kind than what was made.
     """
     check_free(out, force)
-    out = _real(out)
-    staged = _sibling(out)
+    out = _follow_links(out)
+    staged = _temporary_name(out)
     staged.mkdir()
     try:
-        with _named(out):
+        with _report_full_disk(out):
             yield staged
-        check_free(out, force, _kind(staged))  # somebody may have been faster
+        check_free(out, force, _folder_kind(staged))  # another process may have made it meanwhile
         if out.exists():
-            old = _sibling(out)
+            old = _temporary_name(out)
             os.replace(out, old)
             try:
                 os.replace(staged, out)
             except OSError:
                 os.replace(old, out)
                 raise
-            _remove(old)
+            _remove_replaced(old)
         else:
             os.replace(staged, out)
     finally:
         shutil.rmtree(staged, ignore_errors=True)
 
 
-def _remove(old: Path) -> None:
+def _remove_replaced(old: Path) -> None:
     """Remove what was replaced, or say that it is still there: the new one is in its place."""
     try:
         shutil.rmtree(old)

@@ -19,7 +19,7 @@ from .table import Table
 
 
 def millimetres_per_unit(folder: Folder, path: Path, stated: str | None) -> float:
-    """Factor to mm: what the file states, else what the case says.
+    """Return the factor to mm: what the file states, else what the case says.
 
     Raises InputError for units that nobody knows.
     """
@@ -29,7 +29,7 @@ def millimetres_per_unit(folder: Folder, path: Path, stated: str | None) -> floa
 
 
 def in_millimetres(folder: Folder, path: Path, file: SurfaceFile) -> SurfaceFile:
-    """The file with its surface in mm."""
+    """Return the file with its surface in mm."""
     return replace(
         file,
         surface=file.surface.with_vertices(
@@ -39,7 +39,7 @@ def in_millimetres(folder: Folder, path: Path, file: SurfaceFile) -> SurfaceFile
 
 
 def in_frame(xyz: Array, stated: str | None, space: str) -> Array:
-    """Coordinates (n, d) of a file that states its frame, in the frame `space`.
+    """Return the coordinates (n, d) of a file that states its frame, in the frame `space`.
 
     As they are where one of the two is not known.
     """
@@ -48,12 +48,12 @@ def in_frame(xyz: Array, stated: str | None, space: str) -> Array:
 
 
 def surface_in_frame(file: SurfaceFile, space: str) -> Surface:
-    """The surface of a file in the frame `space`, as `in_frame`."""
+    """Return the surface of a file in the frame `space`, as `in_frame`."""
     return file.surface.with_vertices(in_frame(file.surface.vertices, file.space, space))
 
 
 def coordinates(folder: Folder, table: Table, names: Sequence[str], space: str) -> Array:
-    """Coordinates (n, d) out of columns of a table, in mm and in the frame `space`."""
+    """Return coordinates (n, d) out of columns of a table, in mm and in the frame `space`."""
     xyz = np.column_stack([table.numbers(name) for name in names]) * millimetres_per_unit(
         folder, table.path, table.notes.get("units")
     )

@@ -34,7 +34,7 @@ def read_case(
     frame: str | None = None,
     fewest: int = FEWEST_POINTS,
 ) -> Case:
-    """The case in a folder, lengths in mm (px where it says so).
+    """Read the case in a folder, lengths in mm (px where it says so).
 
     `points` replace its own, `units` and `frame` say what it does not. fewest: points of type eam that must
     be there; where it is 0 there need be no file of them. Raises InputError for everything that is missing,
@@ -45,7 +45,7 @@ def read_case(
 
 
 def case_of(opened: Folder, points: str | Path | None = None, fewest: int = FEWEST_POINTS) -> Case:
-    """The case of a folder whose settings are known; parameters and errors as of `read_case`."""
+    """Return the case of a folder whose settings are known; parameters and errors as of `read_case`."""
     prior = surface_of(opened, "prior")
     if prior is None:
         raise InputError(
@@ -55,30 +55,30 @@ def case_of(opened: Folder, points: str | Path | None = None, fewest: int = FEWE
     if fewest == 0 and points is None and opened.find("points") is None:
         measured, frame = no_points(opened.dimension), str(opened.settings.get("frame", "unknown"))
     else:
-        table = _points_table(opened, points)
-        measured, frame = _points(opened, table, fewest), _frame(opened, table)
+        table = _read_points_table(opened, points)
+        measured, frame = _read_points(opened, table, fewest), _points_frame(opened, table)
     case = Case(
         name=opened.settings.get("name", opened.path.resolve().name),
         prior=prior.surface,
         points=measured,
-        prior_landmarks=_landmarks(opened, prior.space),
-        init=_init(opened),
+        prior_landmarks=_read_landmarks(opened, prior.space),
+        init=_read_pose(opened),
         units=opened.units,
         frame=frame,
         prior_frame=prior.space,
-        prior_file_units=_file_units(opened, prior.units),
+        prior_file_units=_prior_file_units(opened, prior.units),
         prior_of=opened.settings.get("prior_of", "patient"),
         notes=opened.settings.get("notes", ""),
         files=opened.hashes,
         truth=truth_of(opened, prior.space, frame),
         phases=phases_of(opened, prior.space),
     )
-    _check(case, opened)
+    _check_case(case, opened)
     return case
 
 
-def _frame(folder: Folder, table: Table) -> str:
-    """The frame that the points or the case state. Raises InputError where both do, and differ."""
+def _points_frame(folder: Folder, table: Table) -> str:
+    """Return the frame that the points or the case state. Raises InputError where both do, and differ."""
     stated = table.notes.get("space", "unknown")
     given = str(folder.settings.get("frame", "unknown"))
     if "unknown" not in (stated, given) and stated != given:
@@ -89,13 +89,15 @@ def _frame(folder: Folder, table: Table) -> str:
     return given if stated == "unknown" else stated
 
 
-def _file_units(folder: Folder, stated: str) -> str:
-    """The units of the prior's own file, which the case that a run keeps says apart: that prior is in mm."""
+def _prior_file_units(folder: Folder, stated: str) -> str:
+    """Return the units of the prior's own file; the case that a run keeps states them apart, as its prior is
+    in mm.
+    """
     said = stated if stated in MILLIMETRES else folder.settings.get("units", folder.units)
     return str(folder.settings.get("prior_file_units", said))
 
 
-def _points_table(folder: Folder, points: str | Path | None) -> Table:
+def _read_points_table(folder: Folder, points: str | Path | None) -> Table:
     path = folder.find("points") if points is None else Path(points)
     if path is None:
         raise InputError(
@@ -107,7 +109,7 @@ def _points_table(folder: Folder, points: str | Path | None) -> Table:
     return table
 
 
-def _points(folder: Folder, table: Table, fewest: int) -> Points:
+def _read_points(folder: Folder, table: Table, fewest: int) -> Points:
     if len(table) == fewest == 0:
         return no_points(folder.dimension)
     stated = table.notes.get("units", "unknown")
@@ -124,40 +126,40 @@ def _points(folder: Folder, table: Table, fewest: int) -> Points:
     return points
 
 
-def _landmarks(folder: Folder, space: str) -> dict[str, Array]:
-    """Places named on the prior, in its frame `space`."""
+def _read_landmarks(folder: Folder, space: str) -> dict[str, Array]:
+    """Read places named on the prior, in its frame `space`."""
     path = folder.find("prior_landmarks")
     if path is None:
         return {}
     if path.suffix.lower() in MARKUPS:
-        return _markups(folder, path, space)
+        return _read_slicer_landmarks(folder, path, space)
     axes = tuple("xyz"[: folder.dimension])
     table = read_table(path, ("name", *axes))
     names = table.columns["name"]
-    _unique(names, [table.where(row, "name") for row in range(len(names))])
+    _check_unique_names(names, [table.where(row, "name") for row in range(len(names))])
     return dict(zip(names, coordinates(folder, table, axes, space), strict=True))
 
 
-def _markups(folder: Folder, path: Path, space: str) -> dict[str, Array]:
-    """Places that Slicer named on the prior."""
+def _read_slicer_landmarks(folder: Folder, path: Path, space: str) -> dict[str, Array]:
+    """Read places that Slicer named on the prior."""
     if folder.dimension != 3 or folder.units == "px":
         raise InputError(
             f"{path}: Slicer's markups are places in 3D, in mm; write a table name,x,y in their place"
         )
     marks = read_markups(path)
-    _unique(marks.names, [str(path)] * len(marks.names))
+    _check_unique_names(marks.names, [str(path)] * len(marks.names))
     return dict(zip(marks.names, in_frame(marks.xyz, marks.space, space), strict=True))
 
 
-def _unique(names: Sequence[str], places: Sequence[str]) -> None:
+def _check_unique_names(names: Sequence[str], places: Sequence[str]) -> None:
     for row, (name, where) in enumerate(zip(names, places, strict=True)):
         if not name or name in names[:row]:
             fault = "appears twice" if name else "is empty"
             raise InputError(f"{where}: '{name}' {fault}; each landmark needs a name of its own")
 
 
-def _init(folder: Folder) -> Array | None:
-    """The rough pose prior -> map, translation scaled to mm."""
+def _read_pose(folder: Folder) -> Array | None:
+    """Read the rough pose prior -> map, translation scaled to mm."""
     path = folder.find("init")
     if path is None:
         return None
@@ -176,8 +178,10 @@ def _init(folder: Folder) -> Array | None:
     return matrix
 
 
-def _check(case: Case, folder: Folder) -> None:
-    """What can only be seen with the whole case: landmark pairs and outlier rows."""
+def _check_case(case: Case, folder: Folder) -> None:
+    """Raise InputError for what only the whole case shows: landmarks without a pair, outlier rows out of
+    range.
+    """
     marks = case.points.of("landmark")
     names = [str(name) for name in marks.columns.get("name", np.full(len(marks), ""))]
     for name in names:

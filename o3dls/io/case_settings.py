@@ -54,8 +54,8 @@ class Folder:
         return "px" if self.settings.get("units") == "px" else "mm"
 
     def scale(self, stated: str | None = None) -> float:
-        """Factor to mm: what a file itself states comes before what the case says. Raises InputError where
-        only one of them is in px.
+        """Return the factor to mm: what a file itself states comes before what the case says. Raises
+        InputError where only one of them is in px.
         """
         if stated in MILLIMETRES and "px" in (stated, self.units) and stated != self.units:
             raise InputError(
@@ -66,8 +66,8 @@ class Folder:
         return MILLIMETRES[stated if stated in MILLIMETRES else self.settings.get("units", "mm")]
 
     def find(self, role: str) -> Path | None:
-        """The file of a role: named in case.toml, else the one file of that stem. Raises InputError where it
-        is missing or double.
+        """Return the file of a role: named in case.toml, else the one file of that stem. Raises InputError
+        where it is missing or double.
         """
         if role in self.settings:
             path: Path = self.path / self.settings[role]
@@ -102,7 +102,7 @@ class Folder:
 
 
 def open_folder(path: Path, overrides: Mapping[str, str]) -> Folder:
-    """Settings of a folder. Raises InputError for a missing folder or a wrong case.toml."""
+    """Return the settings of a folder. Raises InputError for a missing folder or a wrong case.toml."""
     if not path.is_dir():
         raise InputError(f"{path}: no such case folder")
     folder = Folder(path, {}, {})
@@ -123,8 +123,8 @@ def open_folder(path: Path, overrides: Mapping[str, str]) -> Folder:
 
 
 def new_folder(path: Path, settings: dict[str, Any]) -> Folder:
-    """A case folder that is still to be made, with settings as options give them. Raises InputError for a
-    wrong one.
+    """Return a case folder that is still to be made, with settings as options give them. Raises InputError
+    for a wrong one.
     """
     for key, value in settings.items():
         _check_setting(f"--{key}", key, value)
@@ -148,9 +148,9 @@ def _check_setting(where: str, key: str, value: Any) -> None:
 
 
 def toml_lines(settings: Mapping[str, str | int | float | bool]) -> str:
-    """Settings as case.toml holds them; JSON's strings, numbers and booleans are TOML's too, but for a bare
-    DEL.
+    """Return settings as lines of case.toml; JSON's strings, numbers and booleans are TOML's too, but for a
+    bare DEL.
     """
     text = "".join(f"{key} = {json.dumps(value, ensure_ascii=False)}\n" for key, value in settings.items())
-    # names of files may hold bytes that are no text
+    # names of files may hold bytes that are not UTF-8
     return text.replace("\x7f", "\\u007f").encode("utf-8", "replace").decode("utf-8")

@@ -16,17 +16,19 @@ from .meshes.registry import read_surface_file
 from .meshes.repair import closed_outward
 from .meshes.surface_file import SurfaceFile
 
-CHOICE = ("label", "part", "box", "layer")  # which surface of the prior's file is meant
+CHOICE = ("label", "part", "box", "layer")  # settings that choose a surface of the prior's file
 log = logging.getLogger("o3dls")
 
 
 def surface_of(folder: Folder, role: str) -> SurfaceFile | None:
-    """The surface of a role in mm, None where there is no such file; the prior is closed and outward."""
+    """Return the surface of a role in mm, None where there is no such file; the prior is closed and
+    outward.
+    """
     path = folder.find(role)
     if path is None:
         return None
     choice = {key: folder.settings.get(key) for key in CHOICE} if role == "prior" else {}
-    file = _read(folder, path, **choice)
+    file = _read_in_millimetres(folder, path, **choice)
     surface = file.surface
     if surface.dimension != folder.dimension:
         hint = f"say dimension = {surface.dimension} in case.toml"
@@ -38,26 +40,28 @@ def surface_of(folder: Folder, role: str) -> SurfaceFile | None:
     return replace(file, surface=closed_outward(surface, str(path), cap=folder.settings.get("cap", False)))
 
 
-def _read(folder: Folder, path: Path, **choice: Any) -> SurfaceFile:
-    """The surface of a file in mm; what of the file is not in it goes to the log."""
-    file = read_surface_file(path, **_stated(folder), **choice)
+def _read_in_millimetres(folder: Folder, path: Path, **choice: Any) -> SurfaceFile:
+    """Read the surface of a file in mm; what of the file is not in it goes to the log."""
+    file = read_surface_file(path, **_stated_settings(folder), **choice)
     for note in file.notes:
         log.info("%s: %s", path, note)
     return in_millimetres(folder, path, file)
 
 
-def _stated(folder: Folder) -> dict[str, str | None]:
-    """What the case says of files that do not say it themselves."""
+def _stated_settings(folder: Folder) -> dict[str, str | None]:
+    """Return what the case says of files that do not say it themselves."""
     return {key: folder.settings.get(key) for key in ("units", "frame")}
 
 
 def phases_of(folder: Folder, space: str) -> tuple[Surface, ...]:
-    """The surfaces in the folder phases/, in the order of their names and in the prior's frame `space`."""
+    """Return the surfaces in the folder phases/, in the order of their names and in the prior's frame
+    `space`.
+    """
     found = []
     for path in sorted(
         p for p in (folder.path / "phases").glob("*") if p.is_file() and not p.name.startswith(".")
     ):
-        surface = surface_in_frame(_read(folder, path), space)
+        surface = surface_in_frame(_read_in_millimetres(folder, path), space)
         if surface.dimension != folder.dimension:
             raise InputError(f"{path}: is {surface.dimension}D, the case is {folder.dimension}D")
         folder.note(path)

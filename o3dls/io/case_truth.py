@@ -17,7 +17,7 @@ from .text import integers
 
 
 def truth_of(folder: Folder, prior: str, frame: str) -> Truth | None:
-    """Whatever the folder holds for evaluation, in the frame of the points; None where it holds nothing.
+    """Return what the folder holds for evaluation, in the frame of the points; None where it holds nothing.
 
     `frame` names the frame of the points, `prior` that of the prior.
     """
@@ -34,14 +34,14 @@ def truth_of(folder: Folder, prior: str, frame: str) -> Truth | None:
         unseen=None if held is None or "unseen" not in held.columns else held.numbers("unseen") > 0,
         correspondence=None
         if pairs is None
-        else (_side(folder, pairs, "p", prior), _side(folder, pairs, "t", frame)),
+        else (_read_pair_side(folder, pairs, "p", prior), _read_pair_side(folder, pairs, "t", frame)),
         outliers=None
         if outliers is None
         else integers(outliers.numbers("row"), f"{outliers.path}: column 'row'"),
     )
 
 
-def _side(folder: Folder, pairs: Table, side: str, space: str) -> Array:
+def _read_pair_side(folder: Folder, pairs: Table, side: str, space: str) -> Array:
     return coordinates(folder, pairs, [side + axis for axis in "xyz"[: folder.dimension]], space)
 
 

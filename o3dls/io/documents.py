@@ -16,18 +16,18 @@ from .text import decode, read_bytes
 LARGEST_TOML = 1 << 16  # bytes; what people write by hand has a few thousand
 LARGEST_JSON = 1 << 26  # bytes; a record holds no points
 DEEPEST = 20  # tables and lists in each other; ours have at most six
-MOST_KEYS = 100  # of one dotted key: the parser's time grows with their square
-WHOLE = range(-(1 << 63), 1 << 63)  # what TOML promises to keep
+MOST_KEYS = 100  # parts of one dotted key: the parser's time grows with their square
+WHOLE = range(-(1 << 63), 1 << 63)  # the whole numbers that TOML promises to keep
 
 
 def read_toml(path: str | Path) -> dict[str, Any]:
-    """The tables of a TOML file. Raises InputError where it is none, or is too large or too deep."""
+    """Read the tables of a TOML file. Raises InputError where it is none, or is too large or too deep."""
     path = Path(path)
     return parse_toml(decode(read_bytes(path, LARGEST_TOML), path), str(path))
 
 
 def parse_toml(text: str, where: str) -> dict[str, Any]:
-    """The tables of a TOML text. Raises InputError, which begins with `where`."""
+    """Parse the tables of a TOML text. Raises InputError, which begins with `where`."""
     # a dotted key holds no comma, and no list of numbers is without one
     if any(part.count(".") > MOST_KEYS for part in re.split(r"[=,\n]", text)):
         raise InputError(f"{where}: has a dotted key of more than {MOST_KEYS} parts; write it as a table")
@@ -44,15 +44,15 @@ def parse_toml(text: str, where: str) -> dict[str, Any]:
 
 
 def read_json(path: str | Path) -> Any:
-    """The value of a JSON file. Raises InputError where it is none, or is too large or too deep."""
+    """Read the value of a JSON file. Raises InputError where it is none, or is too large or too deep."""
     path = Path(path)
     return parse_json(decode(read_bytes(path, LARGEST_JSON), path), str(path))
 
 
 def parse_json(text: str, where: str) -> Any:
-    """The value of a JSON text. Raises InputError, which begins with `where`."""
+    """Parse the value of a JSON text. Raises InputError, which begins with `where`."""
     try:
-        value = json.loads(text, parse_constant=_no_number)
+        value = json.loads(text, parse_constant=_refuse_constant)
         bounded(value, where)
         return value
     except json.JSONDecodeError as error:
@@ -65,10 +65,10 @@ def parse_json(text: str, where: str) -> Any:
 
 
 class _NoNumber(ValueError):
-    """NaN and the infinities, which Python writes and JSON does not know."""
+    """A JSON text holds NaN or an infinity, which Python writes and JSON does not know."""
 
 
-def _no_number(word: str) -> None:
+def _refuse_constant(word: str) -> None:
     raise _NoNumber(f"is not JSON: {word} is not a number there")
 
 

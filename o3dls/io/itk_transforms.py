@@ -20,7 +20,7 @@ HEAD = "#Insight Transform File V1.0"
 KIND = re.compile(r"(\w+)_(?:double|float)_3_3")
 COMPOSITE = "CompositeTransform"
 LARGEST = 1e9  # mm; also keeps products finite
-ROUNDING = 1e-4  # of a versor's length, as files print it
+ROUNDING = 1e-4  # error of a versor's length: files print rounded numbers
 
 
 @dataclass
@@ -37,12 +37,14 @@ class Part:
         return found[1] if found else self.kind
 
 
-def _affine(p: Array, _: Array) -> Array:
+def _affine_matrix(p: Array, _: Array) -> Array:
     return similarity(p[:9].reshape(3, 3), p[9:])
 
 
-def _euler(p: Array, fixed: Array) -> Array:
-    """ITK turns about y, x, z in this order; about x, y, z where a fourth fixed parameter says so."""
+def _euler_matrix(p: Array, fixed: Array) -> Array:
+    """Return the matrix of turns about y, x, z in this order, as ITK makes them; about x, y, z where a fourth
+    fixed parameter says so.
+    """
     from scipy.spatial.transform import Rotation
 
     order = "xyz" if fixed[3:].any() else "yxz"
@@ -50,18 +52,22 @@ def _euler(p: Array, fixed: Array) -> Array:
     return similarity(Rotation.from_euler(order, angles).as_matrix(), p[3:])
 
 
-def _versor(p: Array, _: Array) -> Array:
-    """The vector part of a unit quaternion, a shift, and one scale or none."""
+def _versor_matrix(p: Array, _: Array) -> Array:
+    """Return the matrix of a versor (the vector part of a unit quaternion), a shift, and one scale or
+    none.
+    """
     scale = float(p[6]) if len(p) == 7 else 1.0
-    return similarity(_rotation(p[:3]), p[3:6] if len(p) > 3 else np.zeros(3), scale)
+    return similarity(_rotation_of_versor(p[:3]), p[3:6] if len(p) > 3 else np.zeros(3), scale)
 
 
-def _scale_versor(p: Array, _: Array) -> Array:
-    """ITK adds what the scales exceed 1 by to the diagonal of the rotation."""
-    return similarity(_rotation(p[:3]) + np.diag(p[6:] - 1.0), p[3:6])
+def _scale_versor_matrix(p: Array, _: Array) -> Array:
+    """Return the matrix of a versor with scales: ITK adds what these exceed 1 by to the diagonal of the
+    rotation.
+    """
+    return similarity(_rotation_of_versor(p[:3]) + np.diag(p[6:] - 1.0), p[3:6])
 
 
-def _rotation(versor: Array) -> Array:
+def _rotation_of_versor(versor: Array) -> Array:
     from scipy.spatial.transform import Rotation
 
     square = float(versor @ versor)
@@ -71,36 +77,36 @@ def _rotation(versor: Array) -> Array:
     return rotation
 
 
-def _scale(p: Array, _: Array) -> Array:
+def _scale_matrix(p: Array, _: Array) -> Array:
     return similarity(np.diag(p), np.zeros(3))
 
 
-def _shift(p: Array, _: Array) -> Array:
+def _shift_matrix(p: Array, _: Array) -> Array:
     return similarity(np.eye(3), p)
 
 
-def _identity(_: Array, __: Array) -> Array:
+def _identity_matrix(_: Array, __: Array) -> Array:
     return np.eye(4)
 
 
 # class of ITK: how many parameters, how many fixed ones (the centre; Euler's order), and the matrix of them
 LINEAR: Mapping[str, tuple[int, tuple[int, ...], Callable[[Array, Array], Array]]] = {
-    "AffineTransform": (12, (3,), _affine),
-    "MatrixOffsetTransformBase": (12, (3,), _affine),
-    "Euler3DTransform": (6, (3, 4), _euler),
-    "VersorTransform": (3, (3,), _versor),
-    "VersorRigid3DTransform": (6, (3,), _versor),
-    "Similarity3DTransform": (7, (3,), _versor),
-    "ScaleVersor3DTransform": (9, (3,), _scale_versor),
-    "ScaleTransform": (3, (3,), _scale),
-    "TranslationTransform": (3, (0,), _shift),
-    "IdentityTransform": (0, (0,), _identity),
+    "AffineTransform": (12, (3,), _affine_matrix),
+    "MatrixOffsetTransformBase": (12, (3,), _affine_matrix),
+    "Euler3DTransform": (6, (3, 4), _euler_matrix),
+    "VersorTransform": (3, (3,), _versor_matrix),
+    "VersorRigid3DTransform": (6, (3,), _versor_matrix),
+    "Similarity3DTransform": (7, (3,), _versor_matrix),
+    "ScaleVersor3DTransform": (9, (3,), _scale_versor_matrix),
+    "ScaleTransform": (3, (3,), _scale_matrix),
+    "TranslationTransform": (3, (0,), _shift_matrix),
+    "IdentityTransform": (0, (0,), _identity_matrix),
 }
 
 
 def read_itk_text(path: Path, text: str) -> Array:
-    """The matrix (4, 4) of a text file, from the fixed to the moving image in LPS; a composite's last part
-    acts first. Raises InputError, by name for what is not linear.
+    """Read the matrix (4, 4) of a text file, from the fixed to the moving image in LPS; a composite's last
+    part acts first. Raises InputError, by name for what is not linear.
     """
     parts: list[Part] = []
     for at, line in enumerate(text.splitlines(), 1):
@@ -111,22 +117,22 @@ def read_itk_text(path: Path, text: str) -> Array:
             parts.append(Part(value.strip()))
         elif key in ("Parameters", "FixedParameters") and parts and key not in parts[-1].numbers:
             if parts[-1].name in LINEAR:  # a field of displacements may have millions
-                parts[-1].numbers[key] = _numbers(path, at, key, value.split())
+                parts[-1].numbers[key] = _read_parameters(path, at, key, value.split())
         else:
             raise InputError(
                 f"{path}: line {at}: '{line[:40]}' must be one of 'Transform:' and, once each after it, "
                 "'Parameters:' and 'FixedParameters:'"
             )
-    return _composed(path, parts)
+    return _compose_parts(path, parts)
 
 
-def _numbers(path: Path, at: int, key: str, words: Sequence[str]) -> Array:
+def _read_parameters(path: Path, at: int, key: str, words: Sequence[str]) -> Array:
     check_numbers(words, len(words), f"{path}: line {at}", key)
     return np.array(words, dtype=np.float64)
 
 
 def read_itk_mat(path: Path, data: bytes) -> Array:
-    """The matrix (4, 4) of a MATLAB 4 file, as `read_itk_text`. Raises InputError."""
+    """Read the matrix (4, 4) of a MATLAB 4 file, which maps as that of `read_itk_text`. Raises InputError."""
     variables = dict(read_mat4(path, data))
     kind, *others = variables
     if others != ["fixed"]:
@@ -137,10 +143,10 @@ def read_itk_mat(path: Path, data: bytes) -> Array:
     numbers = dict(zip(("Parameters", "FixedParameters"), variables.values(), strict=True))
     if kind.startswith(COMPOSITE):
         raise InputError(f"{path}: holds a {kind} without its parts; write it as .tfm")
-    return _composed(path, [Part(kind, numbers)])
+    return _compose_parts(path, [Part(kind, numbers)])
 
 
-def _composed(path: Path, parts: Sequence[Part]) -> Array:
+def _compose_parts(path: Path, parts: Sequence[Part]) -> Array:
     composite = bool(parts) and parts[0].name == COMPOSITE
     single = parts[1:] if composite else parts
     countable = len(single) > 0 if composite else len(single) == 1
@@ -149,10 +155,10 @@ def _composed(path: Path, parts: Sequence[Part]) -> Array:
             f"{path}: holds {', '.join(part.kind for part in parts) or 'no transform'}: must hold one linear "
             f"transform in 3D ({', '.join(LINEAR)}), or a {COMPOSITE} of such"
         )
-    return reduce(np.matmul, [_matrix(path, part) for part in single])
+    return reduce(np.matmul, [_part_matrix(path, part) for part in single])
 
 
-def _matrix(path: Path, part: Part) -> Array:
+def _part_matrix(path: Path, part: Part) -> Array:
     count, fixed_counts, matrix = LINEAR[part.name]
     parameters, fixed = (part.numbers.get(key) for key in ("Parameters", "FixedParameters"))
     if parameters is None or fixed is None or len(parameters) != count or len(fixed) not in fixed_counts:

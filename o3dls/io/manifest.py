@@ -14,7 +14,7 @@ from pathlib import Path
 MANIFEST = "manifest.txt"
 IGNORED = (".DS_Store", "Thumbs.db", "desktop.ini")  # what file browsers leave in any folder
 SURFACE = r"\.(ply|csv)"
-# all that a folder could hold before there was a manifest; a case may be made by hand, under the same names
+# names of the files in folders from before there was a manifest; a case made by hand has the same ones
 RUN = (
     r"run\.json|scores\.csv|points\.csv|held_out\.csv|report\.(html|pdf)|figures/[^/]+\.png"
     r"|estimates/[^/]+/(surface\.(ply|vtp|csv)|trace\.csv|weights\.csv)"
@@ -28,7 +28,7 @@ WRITTEN = {"run": re.compile(RUN), "paper": re.compile(PAPER)}
 
 def write_manifest(folder: Path) -> None:
     """Name every file of a folder as ours, one a line, as a string of JSON."""
-    _append(folder, _files(folder))
+    _append_names(folder, _list_files(folder))
 
 
 @contextmanager
@@ -38,24 +38,26 @@ def noted(folder: str | Path) -> Iterator[None]:
     if not (folder / MANIFEST).is_file():
         yield
         return
-    before = set(_files(folder))
+    before = set(_list_files(folder))
     try:
         yield
     finally:
-        _append(folder, [name for name in _files(folder) if name not in before])
+        _append_names(folder, [name for name in _list_files(folder) if name not in before])
 
 
 def foreign(folder: Path, kind: str) -> list[str]:
-    """The files in a folder of a kind (run, case, paper) that o3dls did not write, by their paths in it."""
+    """Return the files in a folder of a kind (run, case, paper) that o3dls did not write, by their paths in
+    it.
+    """
     if not (folder / MANIFEST).is_file():
-        return [n for n in _files(folder) if kind not in WRITTEN or not WRITTEN[kind].fullmatch(n)]
+        return [n for n in _list_files(folder) if kind not in WRITTEN or not WRITTEN[kind].fullmatch(n)]
     listed = set((folder / MANIFEST).read_text(encoding="utf-8", errors="replace").split("\n"))
-    return [name for name in _files(folder) if json.dumps(name) not in listed]
+    return [name for name in _list_files(folder) if json.dumps(name) not in listed]
 
 
 def missing(folder: Path) -> list[str]:
-    """The files that o3dls wrote in a folder and that are not there any more, by their paths in it; the
-    manifest itself where there is none. Raises ValueError where it is damaged.
+    """Return the files that o3dls wrote in a folder and that are not there any more, by their paths in it;
+    the manifest itself where there is none. Raises ValueError where it is damaged.
     """
     if not (folder / MANIFEST).is_file():
         return [MANIFEST]
@@ -63,21 +65,21 @@ def missing(folder: Path) -> list[str]:
     return [name for name in map(json.loads, listed) if not os.path.lexists(folder / name)]
 
 
-def _append(folder: Path, names: list[str]) -> None:
+def _append_names(folder: Path, names: list[str]) -> None:
     with (folder / MANIFEST).open("a", encoding="utf-8", newline="\n") as file:
         file.writelines(f"{json.dumps(name)}\n" for name in names)
 
 
-def _files(folder: Path) -> list[str]:
-    """Paths of the files and links below a folder, without the manifest. Raises OSError where a folder cannot
-    be listed.
+def _list_files(folder: Path) -> list[str]:
+    """Return the paths of the files and links below a folder, without the manifest. Raises OSError where a
+    folder cannot be listed.
     """
     found = []
-    for place, folders, files in os.walk(folder, onerror=_raise):
+    for place, folders, files in os.walk(folder, onerror=_raise_error):
         links = [name for name in folders if (Path(place) / name).is_symlink()]
         found += [(Path(place) / name).relative_to(folder).as_posix() for name in (*links, *files)]
     return sorted(name for name in found if name != MANIFEST and name.split("/")[-1] not in IGNORED)
 
 
-def _raise(error: OSError) -> None:
+def _raise_error(error: OSError) -> None:
     raise error

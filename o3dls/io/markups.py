@@ -32,7 +32,7 @@ class Markups:
     space: str
 
     def in_space(self, space: str) -> Markups:
-        """The same places in LPS or RAS. Raises InputError where either frame is unknown."""
+        """Return the same places in LPS or RAS. Raises InputError where either frame is unknown."""
         if self.space == space:
             return self
         if {self.space, space} != {"LPS", "RAS"}:
@@ -41,8 +41,8 @@ class Markups:
 
 
 def read_markups(path: str | Path, frame: str | None = None) -> Markups:
-    """Defined control points of a `.mrk.json` or `.fcsv` file, told by content; `frame` is that of an old
-    `.fcsv`, which states none. Raises InputError.
+    """Read defined control points of a `.mrk.json` or `.fcsv` file, told by content; `frame` is that of an
+    old `.fcsv`, which states none. Raises InputError.
     """
     path = Path(path)
     text = decode(read_bytes(path), path)
@@ -68,10 +68,10 @@ def _read_json(path: Path, text: str) -> Markups:
 
 
 def _json_points(path: Path, item: Mapping[str, Any]) -> Markups:
-    """The points of one markup; its own frame and units are honoured, or refused."""
+    """Return the points of one markup; its own frame and units are honoured, or refused."""
     space, units = item.get("coordinateSystem", "LPS"), item.get("coordinateUnits", "mm")
     units = units[0] if isinstance(units, list) and units else units
-    # a tuple is searched for what has no hash, too
+    # a tuple, since the value may be a list, which has no hash
     if space not in ("LPS", "RAS") or units not in tuple(MILLIMETRES):
         raise InputError(
             f"{path}: coordinateSystem '{space}' must be LPS or RAS, coordinateUnits '{units}' one of "

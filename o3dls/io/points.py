@@ -29,8 +29,8 @@ NAMES = {name: name for name in ("x", "y", "z", "type", "name", *NUMBERS)} | ALI
 
 
 def read_points(path: str | Path, dimension: int = 3) -> Points:
-    """Points of a CSV file with a header: `x,y[,z]`, `type` (default eam), `name`, electrical values; other
-    columns are kept.
+    """Read points of a CSV file with a header: `x,y[,z]`, `type` (default eam), `name`, electrical values;
+    other columns are kept.
 
     Raises InputError naming file, line and column where a cell cannot be used.
     """
@@ -39,32 +39,34 @@ def read_points(path: str | Path, dimension: int = 3) -> Points:
 
 
 def read_points_table(path: str | Path, dimension: int = 3) -> Table:
-    """The raw table behind `read_points`; its notes hold `space` and `units` where the file states them."""
+    """Read the raw table behind `read_points`; its notes hold `space` and `units` where the file states
+    them.
+    """
     return read_table(path, "xyz"[:dimension], NAMES)
 
 
 def points_of(table: Table, dimension: int) -> Points:
-    """Points from a table that has the columns x, y and, in 3D, z; their notes say which numbers stood for
-    none.
+    """Return points from a table that has the columns x, y and, in 3D, z; their notes say which numbers stood
+    for none.
     """
     if len(table) == 0:
         raise InputError(f"{table.path}: has a header but no points")
     axes = tuple("xyz"[:dimension])
     xyz = np.column_stack([table.numbers(axis) for axis in axes])
-    columns = {name: _column(table, name) for name in table.columns if name not in (*axes, "type")}
-    return _measured(
-        Points(xyz, _types(table), columns), str(table.path), lambda row: f"line {table.lines[row]}"
+    columns = {name: _read_column(table, name) for name in table.columns if name not in (*axes, "type")}
+    return _check_measured(
+        Points(xyz, _read_types(table), columns), str(table.path), lambda row: f"line {table.lines[row]}"
     )
 
 
-def _column(table: Table, name: str) -> NDArray[Any]:
+def _read_column(table: Table, name: str) -> NDArray[Any]:
     if name == "name":
         return np.array(table.columns[name], dtype=str)
     return table.numbers(name, missing=True) if name in NUMBERS else table.values(name)
 
 
-def _measured(points: Points, where: str, place: Callable[[int], str]) -> Points:
-    """The same points. Raises InputError for what cannot have been measured."""
+def _check_measured(points: Points, where: str, place: Callable[[int], str]) -> Points:
+    """Return the points unchanged. Raises InputError for what cannot have been measured."""
     for name, values in points.columns.items():
         if name == "sigma" and (values <= 0.0).any():
             row = int(np.argmax(values <= 0.0))
@@ -76,8 +78,8 @@ def _measured(points: Points, where: str, place: Callable[[int], str]) -> Points
     return points
 
 
-def _types(table: Table) -> NDArray[np.str_]:
-    """The type of every point; a file without the column holds eam points only."""
+def _read_types(table: Table) -> NDArray[np.str_]:
+    """Read the type of every point; a file without the column holds eam points only."""
     if "type" not in table.columns:
         return np.full(len(table), "eam")
     for row, kind in enumerate(table.columns["type"]):
@@ -90,12 +92,13 @@ def _types(table: Table) -> NDArray[np.str_]:
 
 
 def points_from(columns: Mapping[str, ArrayLike], where: str) -> Points:
-    """Points from arrays by column, named and checked as those of a file are; missing numbers are NaN.
+    """Return points from arrays by column, named and checked as those of a file are; missing numbers are NaN.
 
     `where` names them in errors. Raises InputError.
     """
     named = [
-        (NAMES.get(str(name).lower(), str(name)), _array(values, where)) for name, values in columns.items()
+        (NAMES.get(str(name).lower(), str(name)), _as_array(values, where))
+        for name, values in columns.items()
     ]
     found = dict(named)
     axes = [axis for axis in "xyz" if axis in found]
@@ -107,23 +110,23 @@ def points_from(columns: Mapping[str, ArrayLike], where: str) -> Points:
     if len(set(shapes)) > 1 or len(shapes[0]) != 1:
         raise InputError(f"{where}: {', '.join(axes)} have shapes {shapes}: must be columns of one length")
     for name in found.keys() & {*axes, *NUMBERS}:
-        found[name] = _numbers(name, found[name], where)
+        found[name] = _as_numbers(name, found[name], where)
     bad = int((~np.isfinite([found[axis] for axis in axes]).all(axis=0)).sum())
     if bad:
         raise InputError(f"{where}: {bad} points are not finite; remove them")
     kinds = found.pop("type", np.full(len(found["x"]), "eam"))
     points = Points(np.column_stack([found.pop(axis) for axis in axes]), kinds, found)
-    return _measured(points, where, "row {}".format)
+    return _check_measured(points, where, "row {}".format)
 
 
-def _array(values: ArrayLike, where: str) -> NDArray[Any]:
+def _as_array(values: ArrayLike, where: str) -> NDArray[Any]:
     try:
         return np.array(values)
-    except ValueError as error:  # rows of several lengths
+    except ValueError as error:  # the rows have different lengths
         raise InputError(f"{where}: a column is not an array: {error}") from None
 
 
-def _numbers(name: str, values: NDArray[Any], where: str) -> Array:
+def _as_numbers(name: str, values: NDArray[Any], where: str) -> Array:
     try:
         return np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError):
@@ -131,7 +134,7 @@ def _numbers(name: str, values: NDArray[Any], where: str) -> Array:
 
 
 def scaled(points: Points, factor: float) -> Points:
-    """The same points in another unit of length: their places and their noise levels."""
+    """Return the same points in another unit of length: their places and their noise levels."""
     columns = {
         name: values * factor if name == "sigma" else values for name, values in points.columns.items()
     }

@@ -21,7 +21,7 @@ from .atomic import write_file
 from .text import LARGEST_WHOLE, decode, number, read_bytes
 
 FORMULA = re.compile("'*[=+@-]")
-ZEROS = re.compile(r"^[-+]?0\d", re.MULTILINE)  # a number would lose them
+ZEROS = re.compile(r"^[-+]?0\d", re.MULTILINE)  # leading zeros, which a number would lose
 LARGEST_TABLE = 1 << 26  # bytes: half a million points; a table takes ten times as much memory
 LONGEST_LINE = 1 << 16  # letters: fewer than the CSV reader takes of one cell
 MOST_COLUMNS = 1000  # an export has fifty, and a run adds two for each estimate
@@ -48,17 +48,17 @@ class Table:
         return f"{self.path}: line {self.lines[row]}, column '{name}'"
 
     def numbers(self, name: str, *, missing: bool = False) -> Array:
-        """A column as numbers (n,); empty and `nan` cells become NaN where `missing` is allowed. Raises
-        InputError.
+        """Return a column as numbers (n,); empty and `nan` cells become NaN where `missing` is allowed.
+        Raises InputError.
         """
         cells = self.columns[name]
         if (plain := _plain_numbers(cells, missing)) is not None:
             return plain
         return np.array(
-            [self._number(row, name, cell, missing) for row, cell in enumerate(cells)], dtype=np.float64
+            [self._read_number(row, name, cell, missing) for row, cell in enumerate(cells)], dtype=np.float64
         )
 
-    def _number(self, row: int, name: str, cell: str, missing: bool) -> float:
+    def _read_number(self, row: int, name: str, cell: str, missing: bool) -> float:
         if missing and cell.lower() in ("", "nan"):
             return np.nan
         try:
@@ -76,8 +76,8 @@ class Table:
         return value
 
     def values(self, name: str) -> NDArray[Any]:
-        """A column as numbers where every cell is a number or empty, else as text; identifiers such as 007
-        are text.
+        """Return a column as numbers where every cell is a number or empty, else as text; identifiers such as
+        007 are text.
         """
         cells = self.columns[name]
         plain = _plain_numbers(cells, missing=True) if any(cells) else None
@@ -93,8 +93,8 @@ class Table:
 
 
 def _is_number(cell: str) -> bool:
-    """Whether a cell is empty or a number that a float holds and that has no leading zeros, which it would
-    lose.
+    """Return whether a cell is empty or a number that a float holds and that has no leading zeros, which it
+    would lose.
     """
     try:
         value = number(cell or "nan")
@@ -104,7 +104,7 @@ def _is_number(cell: str) -> bool:
 
 
 def _plain_numbers(cells: Sequence[str], missing: bool) -> Array | None:
-    """All cells as numbers at one go; None where one may be none, and each is to be looked at."""
+    """Return all cells as numbers at one go; None where one may be none, so that each is to be looked at."""
     filled = [cell or "nan" for cell in cells] if missing else cells
     try:
         found = np.fromiter(map(float, filled), np.float64, len(cells))
@@ -116,7 +116,7 @@ def _plain_numbers(cells: Sequence[str], missing: bool) -> Array | None:
 
 
 def read_table(path: str | Path, required: Iterable[str], aliases: Mapping[str, str] | None = None) -> Table:
-    """The table in a CSV file. Raises InputError naming file, line and column for anything that does not
+    """Read the table in a CSV file. Raises InputError naming file, line and column for anything that does not
     fit.
     """
     return table_of(read_bytes(Path(path), LARGEST_TABLE), Path(path), required, aliases)
@@ -125,7 +125,7 @@ def read_table(path: str | Path, required: Iterable[str], aliases: Mapping[str, 
 def table_of(
     data: bytes, path: Path, required: Iterable[str], aliases: Mapping[str, str] | None = None
 ) -> Table:
-    """The same from the bytes of a file, which `path` names in errors."""
+    """Return the table in the bytes of a file, which `path` names in errors; as `read_table`."""
     text = decode(data, path)
     lines = [(at, line) for at, line in enumerate(text.splitlines(), 1) if line.strip()]
     for at, line in lines:
@@ -138,12 +138,12 @@ def table_of(
     unquoted = re.sub('"[^"]*"', "", body[0][1])
     delimiter = next((d for d in ";\t" if d in unquoted), ",")
     cells = [
-        [_without_mark(cell.strip()) for cell in row]
+        [_unmark_formula(cell.strip()) for cell in row]
         for row in csv.reader((line for _, line in body), delimiter=delimiter)
     ]
     if len(cells) != len(body):
         raise InputError(f"{path}: a quoted cell runs over several lines; close the quotes on each line")
-    header = _header(cells[0], path, body[0][0], required, aliases or {})
+    header = _read_header(cells[0], path, body[0][0], required, aliases or {})
     for (at, line), row in zip(body[1:], cells[1:], strict=True):
         if line.lstrip().startswith("#"):
             raise InputError(
@@ -158,11 +158,13 @@ def table_of(
             )
             raise InputError(f"{path}: line {at} has {len(row)} cells, the header has {len(header)}{hint}")
     columns = {name: [row[k] for row in cells[1:]] for k, name in enumerate(header)}
-    return Table(path, columns, [at for at, _ in body[1:]], _notes(path, [line for _, line in lines[:top]]))
+    return Table(
+        path, columns, [at for at, _ in body[1:]], _read_notes(path, [line for _, line in lines[:top]])
+    )
 
 
-def _notes(path: Path, comments: Sequence[str]) -> dict[str, str]:
-    """The `key=value` pairs of comment lines. Raises InputError for a frame that is none."""
+def _read_notes(path: Path, comments: Sequence[str]) -> dict[str, str]:
+    """Read the `key=value` pairs of comment lines. Raises InputError for a frame that is none."""
     notes = {key.lower(): value for key, value in re.findall(r"(\w+)=([^\s,;]+)", " ".join(comments))}
     spaces = {space.lower(): space for space in SPACES}
     if notes.get("space", "unknown").lower() not in spaces:
@@ -172,7 +174,7 @@ def _notes(path: Path, comments: Sequence[str]) -> dict[str, str]:
     return notes | ({"units": notes["units"].lower()} if "units" in notes else {})
 
 
-def _header(
+def _read_header(
     cells: Sequence[str], path: Path, line: int, required: Iterable[str], aliases: Mapping[str, str]
 ) -> list[str]:
     if len(cells) > MOST_COLUMNS:
@@ -196,41 +198,43 @@ def write_table(
     InputError for line breaks.
     """
     note = "# " + " ".join(f"{key}={value}" for key, value in notes.items()) + "\n" if notes else ""
-    cells = (_cells(values, f"{path}: column '{name}'") for name, values in columns.items())
-    header = [_quoted(_marked(name)) for name in columns]
-    write_file(path, note + "".join(_line(row) for row in (header, *zip(*cells, strict=True))))
+    cells = (_format_column(values, f"{path}: column '{name}'") for name, values in columns.items())
+    header = [_quote_cell(_mark_formula(name)) for name in columns]
+    write_file(path, note + "".join(_join_cells(row) for row in (header, *zip(*cells, strict=True))))
 
 
-def _line(cells: Iterable[str]) -> str:
+def _join_cells(cells: Iterable[str]) -> str:
     return (",".join(cells) or '""') + "\n"  # an empty line would be no row
 
 
-def _cells(values: NDArray[Any], where: str) -> list[str]:
+def _format_column(values: NDArray[Any], where: str) -> list[str]:
     if values.dtype.kind == "f":
         return ["" if value != value else repr(value) for value in values.tolist()]
-    return [_quoted(_cell(value, where)) for value in values.tolist()]
+    return [_quote_cell(_format_cell(value, where)) for value in values.tolist()]
 
 
-def _quoted(cell: str) -> str:
-    """A cell in quotes where a comma, a semicolon, a quote or a # at the beginning, as of a comment, would be
-    misread.
+def _quote_cell(cell: str) -> str:
+    """Return a cell in quotes where a comma, a semicolon, a quote or a # at the beginning, as of a comment,
+    would be misread.
     """
     return '"' + cell.replace('"', '""') + '"' if cell[:1] == "#" or re.search('[,;"]', cell) else cell
 
 
-def _cell(value: Any, where: str) -> str:
+def _format_cell(value: Any, where: str) -> str:
     if isinstance(value, float):
         return "" if np.isnan(value) else repr(value)
     text = str(value)
     if len(f"{text}.".splitlines()) > 1:
         raise InputError(f"{where}: {text!r} holds a line break, which a cell cannot; take it out first")
-    return _marked(text)
+    return _mark_formula(text)
 
 
-def _marked(text: str) -> str:
-    """The text as a spreadsheet shows it and does not run it; a number, such as -1, is none that runs."""
+def _mark_formula(text: str) -> str:
+    """Return the text so that a spreadsheet shows it and does not run it; a number, such as -1, is none that
+    runs.
+    """
     return f"'{text}" if FORMULA.match(text) and not _is_number(text) else text
 
 
-def _without_mark(cell: str) -> str:
+def _unmark_formula(cell: str) -> str:
     return cell[1:] if cell[:1] == "'" and FORMULA.match(cell) else cell

@@ -20,7 +20,7 @@ LARGEST_FILE = 1 << 31  # bytes: it is held in memory, and more than once
 
 
 def read_bytes(path: str | Path, most: int = LARGEST_FILE) -> bytes:
-    """The content of a file. Raises InputError where it is missing, a folder, a pipe, empty, larger than
+    """Read the content of a file. Raises InputError where it is missing, a folder, a pipe, empty, larger than
     `most` bytes or not readable.
     """
     path = Path(path)
@@ -28,7 +28,7 @@ def read_bytes(path: str | Path, most: int = LARGEST_FILE) -> bytes:
         raise InputError(f"{path}: no such file")
     if path.is_dir():
         raise InputError(f"{path}: is a folder; name a file")
-    if not path.is_file():  # what can be read once only, or never ends
+    if not path.is_file():  # it can be read only once, or never ends
         raise InputError(f"{path}: is a pipe or a device, no regular file; save it as a file first")
     try:
         if (size := path.stat().st_size) > most:
@@ -42,7 +42,9 @@ def read_bytes(path: str | Path, most: int = LARGEST_FILE) -> bytes:
 
 
 def decode(data: bytes, path: str | Path) -> str:
-    """Text from UTF-8, else cp1252 (clinical systems write both). Raises InputError for binary content."""
+    """Decode text from UTF-8, else cp1252 (clinical systems write both). Raises InputError for binary
+    content.
+    """
     if b"\0" in data[:4096]:
         raise InputError(f"{path}: is binary where text was expected")
     try:
@@ -52,7 +54,7 @@ def decode(data: bytes, path: str | Path) -> str:
 
 
 def cells_of(line: str, delimiter: str, where: str) -> list[str]:
-    """The cells of one line of CSV. Raises InputError, which begins with `where`."""
+    """Return the cells of one line of CSV. Raises InputError, which begins with `where`."""
     try:
         return next(csv.reader([line], delimiter=delimiter))
     except csv.Error as error:  # such as a cell of more than 131072 letters
@@ -60,7 +62,7 @@ def cells_of(line: str, delimiter: str, where: str) -> list[str]:
 
 
 def number_rows(lines: Sequence[str], columns: int, path: str | Path, at: Sequence[int], what: str) -> Array:
-    """Exactly `columns` numbers from every line, (n, columns); `at` holds their line numbers. Raises
+    """Return exactly `columns` numbers from every line, (n, columns); `at` holds their line numbers. Raises
     InputError that names one.
     """
     if not lines:
@@ -74,8 +76,8 @@ def number_rows(lines: Sequence[str], columns: int, path: str | Path, at: Sequen
 
 
 def rectangle(lines: Sequence[str]) -> Array | None:
-    """The numbers of lines that all hold equally many, (n, columns); None where they do not, or a word is no
-    number.
+    """Return the numbers of lines that all hold equally many, (n, columns); None where they do not, or a word
+    is no number.
     """
     try:
         with warnings.catch_warnings():
@@ -87,8 +89,8 @@ def rectangle(lines: Sequence[str]) -> Array | None:
 
 
 def number(word: str) -> float:
-    """The number that a word of a file stands for. Raises ValueError, also for `1_0`, which Python itself
-    takes for 10.
+    """Return the number that a word of a file stands for. Raises ValueError, also for `1_0`, which Python
+    itself takes for 10.
     """
     if "_" in word:
         raise ValueError(word)
@@ -109,8 +111,8 @@ def check_numbers(cells: Sequence[str], columns: int, where: str, what: str) -> 
 
 
 def flat_numbers(text: str, count: int, where: str) -> Array:
-    """The `count` numbers of a block of text, however it is broken into lines. Raises InputError naming
-    `where`.
+    """Return the `count` numbers of a block of text, however it is broken into lines. Raises InputError
+    naming `where`.
     """
     words = text.split()
     if len(words) != count:
@@ -125,8 +127,8 @@ def flat_numbers(text: str, count: int, where: str) -> Array:
 
 
 def join_rows(form: str, rows: NDArray[Any]) -> str:
-    """One line per row, each written by the %-format `form`: the whole table in one operation, which is what
-    makes it quick.
+    """Return one line per row, each written by the %-format `form`: the whole table in one operation, which
+    is what makes it quick.
 
     Columns that hold one value only, such as the empty slots of a map, are written into the format first.
     """
@@ -142,21 +144,21 @@ def join_rows(form: str, rows: NDArray[Any]) -> str:
 
 
 def is_count(word: str) -> bool:
-    """Whether a word is a plain whole number of at most twelve digits."""
+    """Return whether a word is a plain whole number of at most twelve digits."""
     return word.isascii() and word.isdecimal() and len(word) <= 12
 
 
 def integers(values: Array, where: str) -> Ints:
-    """The same numbers as int64. Raises InputError where one is not a whole number."""
-    bad = ~(np.abs(values) < LARGEST_WHOLE) | (values != np.floor(values))  # not-a-number compares false
+    """Return the same numbers as int64. Raises InputError where one is not a whole number."""
+    bad = ~(np.abs(values) < LARGEST_WHOLE) | (values != np.floor(values))  # written so that NaN is bad, too
     if bad.any():
         raise InputError(f"{where}: {values[bad][0]:g} must be a whole number")
     return values.astype(np.int64)
 
 
 def typed(values: Array, kind: str) -> NDArray[Any]:
-    """Numbers that a file declares as of numpy's type `kind`: int64 where that is of whole numbers and they
-    are, by which labels are told from measurements.
+    """Return numbers in the type `kind` of numpy that a file declares: int64 where that is of whole numbers
+    and they are, by which labels are told from measurements.
     """
     whole = kind[0] in "iu" and (np.abs(values) < LARGEST_WHOLE).all() and (values == np.floor(values)).all()
     return values.astype(np.int64) if whole else values

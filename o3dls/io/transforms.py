@@ -18,7 +18,7 @@ from .text import decode, number_rows, read_bytes
 
 
 def turned(matrix: Array) -> Array:
-    """A transform of LPS coordinates as one of RAS coordinates, and back."""
+    """Return a transform of LPS coordinates as one of RAS coordinates, and the other way round."""
     return TURN @ matrix @ TURN
 
 
@@ -55,7 +55,8 @@ def _itk_text(path: Path, T_map_prior: Array, space: str) -> str:
 
 
 def is_transform(path: str | Path) -> bool:
-    """Whether a file is a pose by its suffix `.tfm` or `.txt`, or a MATLAB 4 file with a transform of ITK.
+    """Return whether a file is a pose by its suffix `.tfm` or `.txt`, or a MATLAB 4 file with a transform of
+    ITK.
 
     Raises InputError where it cannot be read at all.
     """
@@ -64,20 +65,20 @@ def is_transform(path: str | Path) -> bool:
 
 
 def read_transform(path: str | Path) -> tuple[Array, str]:
-    """T_map_prior (4, 4) and its frame (`unknown` for plain text that does not state it); ITK's linear
+    """Read T_map_prior (4, 4) and its frame (`unknown` for plain text that does not state it); ITK's linear
     transforms, by their content, are in LPS and from map to prior. Raises InputError.
     """
     path = Path(path)
     data = read_bytes(path)
     if first_name(data):
-        return _inverse(path, read_itk_mat(path, data)), "LPS"
+        return _invert_transform(path, read_itk_mat(path, data)), "LPS"
     text = decode(data, path)
     if text.startswith(HEAD):
-        return _inverse(path, read_itk_text(path, text)), "LPS"
+        return _invert_transform(path, read_itk_text(path, text)), "LPS"
     return _read_rows(path, text)
 
 
-def _inverse(path: Path, matrix: Array) -> Array:
+def _invert_transform(path: Path, matrix: Array) -> Array:
     if not (np.abs(matrix) < LARGEST).all() or abs(np.linalg.det(matrix[:3, :3])) < 1e-9:
         raise InputError(f"{path}: its transform cannot be turned around: it is singular or not finite")
     return np.asarray(np.linalg.inv(matrix), dtype=np.float64)
@@ -94,6 +95,6 @@ def _read_rows(path: Path, text: str) -> tuple[Array, str]:
     matrix = number_rows([line for _, line in lines], 4, path, [k for k, _ in lines], "row")
     if not np.array_equal(matrix[3], [0, 0, 0, 1]):
         raise InputError(f"{path}: line {lines[3][0]}: the last row must be 0 0 0 1")
-    _inverse(path, matrix)
+    _invert_transform(path, matrix)
     stated = re.search(r"SPACE=(\w+)", text)
     return matrix, stated[1] if stated else "unknown"

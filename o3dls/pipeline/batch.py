@@ -37,7 +37,7 @@ from .scheduler import spread
 from .study import Planned
 from .supervision import Ended, Limits, watched
 
-SHARE = 0.05  # of the time, at most, goes into writing the table of the cases that are done so far
+SHARE = 0.05  # largest share of the time for writing the table of the cases that are done so far
 log = logging.getLogger("o3dls")
 
 
@@ -85,7 +85,7 @@ def run_cohort(
     _check_places(study, out, force)
     if table:
         check_table(out, None if force else [one.name for one in study])
-        (out / PAGE).unlink(missing_ok=True)  # it speaks of runs that are replaced now
+        (out / PAGE).unlink(missing_ok=True)  # the page reports runs that are replaced now
     since = _time_of_files(out) if force else None
     tasks = [_Task(one, out / one.name, since, Path.cwd()) for one in study]
     found: dict[str, Outcome] = {}
@@ -98,7 +98,7 @@ def run_cohort(
             if outcome.error:
                 note_failure(outcome, out)
             found[task.name] = outcome
-            _log(outcome, len(found), len(study))
+            _log_outcome(outcome, len(found), len(study))
             if written:
                 written(found)
             if told:
@@ -109,13 +109,15 @@ def run_cohort(
 
 
 def _time_of_files(out: Path) -> float:
-    """The time that a file has which is written now into a folder: another machine's, where it keeps them."""
+    """Return the time that a file gets which is now written into a folder: that of another machine, where it
+    keeps the folder.
+    """
     out.mkdir(parents=True, exist_ok=True)
     with NamedTemporaryFile(dir=out, prefix=".batch.partial-") as file:
         return os.fstat(file.fileno()).st_mtime
 
 
-def _log(outcome: Outcome, done: int, of: int) -> None:
+def _log_outcome(outcome: Outcome, done: int, of: int) -> None:
     for warning in () if outcome.skipped else outcome.warnings:
         log.warning("%s: %s", outcome.case, warning)
     log.info("%d of %d: %s", done, of, outcome)
@@ -198,7 +200,7 @@ class _Task:
             os.chdir(self.work)
         with recorded_log(logging.WARNING) as warnings:
             try:
-                return self._outcome()
+                return self._run_or_skip()
             except (O3dlsError, OSError) as error:
                 reason = str(error)
             except MemoryError:
@@ -207,11 +209,11 @@ class _Task:
                 traceback.print_exc()
                 reason = f"internal error, please report it: {type(error).__name__}: {error}"
             except SystemExit:
-                # told to end: the pool would take it for the case's error, and go on with the next
+                # the process was told to end: the pool would take this for an error of the case and go on
                 os._exit(1)
         return Outcome(self.name, [], [], reason, warnings)
 
-    def _outcome(self) -> Outcome:
+    def _run_or_skip(self) -> Outcome:
         case = read_case(self.plan.folder)
         pipeline = self.plan.pipeline.allowed_by(case) if self.plan.trim else self.plan.pipeline
         if not self._too_old() and is_done(self.out, pipeline.record(), case):

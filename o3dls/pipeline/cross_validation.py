@@ -31,8 +31,9 @@ Fit = Callable[[Case], Mapping[str, Estimate]]
 
 
 def cross_validate(fit: Fit, case: Case, folds: int) -> dict[str, Array]:
-    """Distances (k,) of the case's eam points to the estimates fitted without their block, by estimate, in
-    file order; without the offset of a part of the map where the fold's last estimate took one out.
+    """Return distances (k,) of the case's eam points to the estimates fitted without their block, by
+    estimate, in file order; without the offset of a part of the map where the fold's last estimate took one
+    out.
     """
     return Folds(fit, case, folds).left_out()
 
@@ -53,16 +54,16 @@ class Folds:
             self._thread.start()
 
     def left_out(self) -> dict[str, Array]:
-        """The distances, as `cross_validate` gives them. Raises what a fit raises, with its fold."""
+        """Return the distances, as `cross_validate` gives them. Raises what a fit raises, with its fold."""
         found: dict[int, dict[str, Array]] = {}
-        while (fold := _taken(self._waiting.popleft)) is not None:
-            with self._named(fold):
-                found[fold] = _gaps(self._fit, self._case, self._away(fold))
+        while (fold := _take_fold(self._waiting.popleft)) is not None:
+            with self._name_fold(fold):
+                found[fold] = _measure_gaps(self._fit, self._case, self._rows_left_out(fold))
         if self._thread:
             self._thread.join()
         for fold in sorted(set(range(self._count)) - found.keys()):
-            with self._named(fold):
-                found[fold] = self._from_beside(fold)
+            with self._name_fold(fold):
+                found[fold] = self._await_beside(fold)
         gaps = {name: np.zeros(len(self._rows)) for name in found[0]}
         for fold, by_name in found.items():
             for name, values in by_name.items():
@@ -70,63 +71,69 @@ class Folds:
         return gaps
 
     def _begin_beside(self, pool: Executor) -> None:
-        """One by one, as a process that is still to begin shall not keep a fold that can be done here."""
-        with suppress(RuntimeError, CancelledError):  # the other process, or the whole, was ended
+        """Begin folds beside this process one by one, as a process that is still to begin shall not keep a
+        fold that can be done here.
+        """
+        with suppress(RuntimeError, CancelledError):  # the other process, or the whole run, was ended
             pool.submit(int).result()
-            while (fold := _taken(self._waiting.pop)) is not None:
-                away = self._away(fold)
-                self._beside[fold] = pool.submit(_gaps_and_log, self._fit, self._case, away)
+            while (fold := _take_fold(self._waiting.pop)) is not None:
+                away = self._rows_left_out(fold)
+                self._beside[fold] = pool.submit(_measure_and_log, self._fit, self._case, away)
                 wait([self._beside[fold]])
 
-    def _from_beside(self, fold: int) -> dict[str, Array]:
+    def _await_beside(self, fold: int) -> dict[str, Array]:
         try:
             found, lines = self._beside[fold].result()
         except (KeyError, BrokenExecutor, CancelledError):  # its process was ended, as where memory is short
-            return _gaps(self._fit, self._case, self._away(fold))
+            return _measure_gaps(self._fit, self._case, self._rows_left_out(fold))
         for line in lines:
             log.debug("%s", line)
         return found
 
-    def _away(self, fold: int) -> Ints:
+    def _rows_left_out(self, fold: int) -> Ints:
         return np.asarray(self._rows[self._fold_of == fold])
 
     @contextmanager
-    def _named(self, fold: int) -> Iterator[None]:
-        """Within this a fold is done: the log and errors name it."""
-        log.info("fold %d of %d: %d points left out", fold + 1, self._count, len(self._away(fold)))
+    def _name_fold(self, fold: int) -> Iterator[None]:
+        """Do a fold within this: the log and errors name it."""
+        log.info("fold %d of %d: %d points left out", fold + 1, self._count, len(self._rows_left_out(fold)))
         try:
             yield
         except O3dlsError as error:
             self._waiting.clear()
             where = f"fold {fold + 1} of {self._count} of the cross-validation"
+            points = len(self._rows_left_out(fold))
             raise type(error)(
-                f"in {where}, with {len(self._away(fold))} points left out: {error}; folds = 0 leaves it away"
+                f"in {where}, with {points} points left out: {error}; folds = 0 leaves it away"
             ) from error
 
 
-def _taken(take: Callable[[], int]) -> int | None:
-    """The next fold, which no other thread has; None where there is no more."""
+def _take_fold(take: Callable[[], int]) -> int | None:
+    """Return the next fold, which no other thread has; None where there is no more."""
     try:
         return take()
     except IndexError:
         return None
 
 
-def _gaps(fit: Fit, case: Case, away: Ints) -> dict[str, Array]:
-    """By estimate, the distances of the points `away` to what is fitted without them."""
+def _measure_gaps(fit: Fit, case: Case, away: Ints) -> dict[str, Array]:
+    """Return, by estimate, the distances of the points `away` to what is fitted without them."""
     estimates = fit(without(case, away))
     left = list(estimates.values())[-1].corrected(case).points.xyz[away]
     return {name: distances(left, estimate.surface) for name, estimate in estimates.items()}
 
 
-def _gaps_and_log(fit: Fit, case: Case, away: Ints) -> tuple[dict[str, Array], list[str]]:
-    """The same, with the lines of the log of that process, which nobody reads there."""
+def _measure_and_log(fit: Fit, case: Case, away: Ints) -> tuple[dict[str, Array], list[str]]:
+    """Return what `_measure_gaps` does, with the lines of the log of that process, which nobody reads
+    there.
+    """
     with recorded_log(logging.DEBUG) as lines:
-        return _gaps(fit, case, away), lines
+        return _measure_gaps(fit, case, away), lines
 
 
 def ending(chain: Sequence[str], left_out: Mapping[str, Array], case: Case) -> tuple[str, list[RunWarning]]:
-    """Name of the estimate that a run ends with; and, where it is not the last, a warning that says why.
+    """Return the name of the estimate that a run ends with; and, where it is not the last, a warning that
+    says why.
 
     chain: the last estimate and those that it started from, last first; left_out: by estimate, distances (n,)
     of the eam points of the case to what was fitted without them. The last is rejected where another is
@@ -140,10 +147,10 @@ def ending(chain: Sequence[str], left_out: Mapping[str, Array], case: Case) -> t
     farther = paired_difference(left_out[best], left_out[last], case.points.of("eam").xyz)
     if not farther.low > 0.0:
         return last, []
-    return best, [RunWarning("stage-rejected", _rejection(last, best, farther, case.units), last)]
+    return best, [RunWarning("stage-rejected", _explain_rejection(last, best, farther, case.units), last)]
 
 
-def _rejection(last: str, best: str, farther: Difference, unit: str) -> str:
+def _explain_rejection(last: str, best: str, farther: Difference, unit: str) -> str:
     return (
         f"{last} is farther from points that were left out than {best} ({farther.second:.2f} against "
         f"{farther.first:.2f} {unit}, by {farther.low:.2f} to {farther.high:.2f}): the result is {best}"
@@ -151,7 +158,7 @@ def _rejection(last: str, best: str, farther: Difference, unit: str) -> str:
 
 
 def too_many(case: Case, folds: int) -> list[str]:
-    """A sentence where the case has fewer points than folds."""
+    """Return a sentence where the case has fewer points than folds."""
     points = int((case.points.type == "eam").sum())
     return (
         [f"folds = {folds}: {points} points of type eam are there: must be at most {points}, or 0 for none"]
@@ -161,15 +168,15 @@ def too_many(case: Case, folds: int) -> list[str]:
 
 
 def without(case: Case, rows: Ints) -> Case:
-    """The case without some of its points, and without truth: its rows would no longer fit."""
+    """Return the case without some of its points, and without truth: its rows would no longer fit."""
     keep = np.ones(len(case.points), dtype=bool)
     keep[rows] = False
     return replace(case, points=case.points.select(keep), truth=None)
 
 
 def fold_of(points: Array, folds: int) -> Ints:
-    """Fold (n,) in 0..folds-1 of each point: a fold is made of a few compact blocks, so that a point's
-    neighbours leave with it.
+    """Return the fold (n,) in 0..folds-1 of each point: a fold is made of a few compact blocks, so that a
+    point's neighbours leave with it.
 
     Single points would be too easy to tell from their neighbours; one big block per fold would be too hard,
     as it unmaps a whole wall.
@@ -182,8 +189,8 @@ def fold_of(points: Array, folds: int) -> Ints:
 
 
 def blocks(points: Array, rows: Ints, count: int) -> list[Ints]:
-    """The rows in `count` compact blocks of equal size, by cutting across the direction of largest spread
-    again and again.
+    """Return the rows in `count` compact blocks of equal size, by cutting across the direction of largest
+    spread again and again.
     """
     if count == 1:
         return [rows]

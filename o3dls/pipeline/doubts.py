@@ -15,47 +15,52 @@ from ..registration.landmarks import fix_a_pose
 from ..run_warning import RunWarning
 
 THINNEST = 0.05  # thickness of the points over their width: one wall of an atrium has .15
-FACTORS = {"cm": 10.0, "in": 25.4, "m": 1000.0}  # mm in what one column may be in
+FACTORS = {"cm": 10.0, "in": 25.4, "m": 1000.0}  # units that one column may be in, in mm
 FAR_LANDMARKS = 0.2  # rms error of landmarks over their rms radius, above which their columns are looked at
-BETTER = 3.0  # times smaller the error must become: mapping error alone remains
+BETTER = 3.0  # how many times smaller the error must become: only mapping error remains then
 OVERLAP = 0.1  # of the volume that components enclose twice, above which they are one within another
 LATTICE = 60  # nodes along the diagonal, on which that is counted
 ROUND = 0.5  # distance of the points from a sphere over that from the prior
 NEAR = 0.05  # rms radii: points nearer to the prior than that lie on it
-ONE_SIDE = 0.9  # of the points on one side of the prior, and
-OFFSET = 0.15  # so far in the median, in rms radii: 4 mm for an atrium
-NOISY = 0.085  # noise in rms radii: 2.2 mm for an atrium, and mapping has 1 to 2,
-NOISY_POSE = 0.11  # the same, 2.9 mm, of a pose, which leaves in it what only a motion follows
-SPREAD = 200  # points, spread evenly, that are asked: many beats of one place count once
+ONE_SIDE = 0.9  # share of the points that lie on one side of the prior; warned of only
+OFFSET = 0.15  # at this median distance, in rms radii: 4 mm for an atrium
+NOISY = 0.085  # noise in rms radii: 2.2 mm for an atrium; mapping has 1 to 2 mm
+NOISY_POSE = 0.11  # the same for a pose, 2.9 mm: it leaves residuals that only a motion can follow
+SPREAD = 200  # number of points, spread evenly, that are used: many beats at one place count once
 
 
 def contradiction(case: Case, start: Estimate) -> str:
-    """Why prior, points and landmarks cannot belong together; empty where they can."""
+    """Return why prior, points and landmarks cannot belong together; empty where they can."""
     if case.dimension == 2:
         return ""
     points = case.points.of("eam").xyz
-    return _overlapping(case) or _column(case) or _plane(case, points) or _frames(case, start, points)
+    return (
+        _find_overlap(case)
+        or _find_wrong_column(case)
+        or _find_plane(case, points)
+        or _find_mixed_frames(case, start, points)
+    )
 
 
 def doubtful_points(case: Case, start: Estimate, final: Estimate) -> list[RunWarning]:
-    """Warnings where the points are not what a catheter finds on the wall of this prior."""
+    """Return warnings where the points are not what a catheter finds on the wall of this prior."""
     from ..registration.search import thinned
 
     if case.dimension == 2:
         return []
     points = thinned(case.points.of("eam").xyz, SPREAD)
     found = []
-    if ball := _sphere(points, case.prior.transformed(final.T_map_prior)):
+    if ball := _find_ball(points, case.prior.transformed(final.T_map_prior)):
         found.append(RunWarning("points-on-a-ball", ball))
-    if beside := _one_side(case, start, points):
+    if beside := _find_one_side(case, start, points):
         found.append(RunWarning("points-beside-the-wall", beside))
-    if scattered := _scattered(case, final):
+    if scattered := _find_scatter(case, final):
         found.append(RunWarning("large-noise", scattered))
     return found
 
 
-def _overlapping(case: Case) -> str:
-    """Components of the prior that lie in one another: two surfaces in one file."""
+def _find_overlap(case: Case) -> str:
+    """Return a sentence where components of the prior lie in one another, as two surfaces in one file do."""
     from ..geometry.components import component_areas
     from ..levelset.grid.distance import filled_distance
 
@@ -72,7 +77,7 @@ def _overlapping(case: Case) -> str:
     )
 
 
-def _plane(case: Case, points: Array) -> str:
+def _find_plane(case: Case, points: Array) -> str:
     deviations = np.sqrt(np.clip(np.linalg.eigvalsh(np.cov(points.T)), 0.0, None))
     if deviations[0] > THINNEST * deviations[1]:
         return ""
@@ -82,8 +87,10 @@ def _plane(case: Case, points: Array) -> str:
     )
 
 
-def _column(case: Case) -> str:
-    """One column of coordinates in another unit than the others, as the landmarks show."""
+def _find_wrong_column(case: Case) -> str:
+    """Return a sentence where the landmarks show one column of coordinates to be in another unit than the
+    others.
+    """
     names, prior, measured = case.landmark_pairs()
     if len(names) < 4 or not fix_a_pose(prior, measured):
         return ""
@@ -107,13 +114,15 @@ def _column(case: Case) -> str:
 
 
 def _landmark_error(prior: Array, measured: Array) -> float:
-    """Root mean square distance of landmarks after their best rigid motion."""
+    """Return the root mean square distance of landmarks after their best rigid motion."""
     gap = apply(fit_similarity(prior, measured, scale=False), prior) - measured
     return float(np.sqrt((gap**2).sum(axis=1).mean()))
 
 
-def _frames(case: Case, start: Estimate, points: Array) -> str:
-    """Points in LPS beside landmarks in RAS, or the other way round: turned, they fit clearly better."""
+def _find_mixed_frames(case: Case, start: Estimate, points: Array) -> str:
+    """Return a sentence where points are in LPS beside landmarks in RAS, or the other way round: turned, they
+    fit clearly better.
+    """
     from ..registration.global_pose import robust_costs
     from ..registration.match import SurfaceMatcher
     from ..stages.pose_checks import clearly_better
@@ -134,8 +143,8 @@ def _frames(case: Case, start: Estimate, points: Array) -> str:
     )
 
 
-def _sphere(points: Array, prior: Surface) -> str:
-    """Points much nearer to a ball than to the prior in its pose."""
+def _find_ball(points: Array, prior: Surface) -> str:
+    """Return a sentence where the points lie much nearer to a ball than to the prior in its pose."""
     from ..evaluation.distances import distances
 
     design = np.column_stack([2.0 * points, np.ones(len(points))])
@@ -151,8 +160,8 @@ def _sphere(points: Array, prior: Surface) -> str:
     )
 
 
-def _one_side(case: Case, start: Estimate, points: Array) -> str:
-    """Nearly all points on one side of the prior in the pose of the landmarks."""
+def _find_one_side(case: Case, start: Estimate, points: Array) -> str:
+    """Return a sentence where nearly all points lie on one side of the prior in the pose of the landmarks."""
     from ..registration.match import SurfaceMatcher
 
     _, prior, measured = case.landmark_pairs()
@@ -171,9 +180,10 @@ def _one_side(case: Case, start: Estimate, points: Array) -> str:
     )
 
 
-def _scattered(case: Case, final: Estimate) -> str:
-    """Points that scatter about the result more than mapping does: by the noise that a stage found, else by
-    the distances of all. (Points that are spread evenly over a dense map are the extremes of its noise.)
+def _find_scatter(case: Case, final: Estimate) -> str:
+    """Return a sentence where the points scatter about the result more than mapping does: by the noise that a
+    stage found, else by the distances of all. (Points that are spread evenly over a dense map are the
+    extremes of its noise.)
     """
     from ..evaluation.distances import distances
     from ..noise.robust import robust_sd

@@ -26,7 +26,7 @@ Tables = dict[str, Any]
 
 
 def read_pipeline(path: str | Path, settings: Iterable[str] = ()) -> Pipeline:
-    """The pipeline of a TOML file, its folders taken from where the file stands.
+    """Read the pipeline of a TOML file, its folders taken from where the file stands.
 
     `settings` such as `icp.keep=0.9` override it. Raises PipelineError with every mistake, InputError where
     the file cannot be read.
@@ -34,21 +34,21 @@ def read_pipeline(path: str | Path, settings: Iterable[str] = ()) -> Pipeline:
     path, settings = Path(path), list(settings)
     text = decode(read_bytes(path, LARGEST_TOML), path)
     try:
-        tables = _beside(parse_toml(text, str(path)), path.parent)
+        tables = _resolve_grids(parse_toml(text, str(path)), path.parent)
     except InputError as error:
         raise PipelineError(str(error)) from None
     changed = overridden(deepcopy(tables), settings)
     try:
         return pipeline_from(changed, path.parent)
     except PipelineError as error:
-        own = _mistakes(tables, path.parent)
+        own = _list_mistakes(tables, path.parent)
         raise PipelineError(
-            *(f"{path}: {said}" if said in own else _blamed(said, settings) for said in error.args)
+            *(f"{path}: {said}" if said in own else _blame_settings(said, settings) for said in error.args)
         ) from None
 
 
-def _mistakes(tables: Tables, folder: Path) -> tuple[str, ...]:
-    """The mistakes of a file as it stands, without the settings that overrode it."""
+def _list_mistakes(tables: Tables, folder: Path) -> tuple[str, ...]:
+    """Return the mistakes of a file as it stands, without the settings that overrode it."""
     try:
         pipeline_from(tables, folder)
     except PipelineError as error:
@@ -56,14 +56,16 @@ def _mistakes(tables: Tables, folder: Path) -> tuple[str, ...]:
     return ()
 
 
-def _blamed(mistake: str, settings: list[str]) -> str:
-    """A mistake that the file alone does not have, behind the settings that it comes from."""
+def _blame_settings(mistake: str, settings: list[str]) -> str:
+    """Return a mistake that the file alone does not have, behind the settings that it comes from."""
     meant = [setting for setting in settings if setting.partition("=")[0].strip() in mistake] or settings
     return f"{' '.join(f'--set {setting}' for setting in meant)}: {mistake}"
 
 
-def _beside(tables: Tables, folder: Path) -> Tables:
-    """The tables with the files that writers name (`grid`) taken from a folder, as case and out are."""
+def _resolve_grids(tables: Tables, folder: Path) -> Tables:
+    """Return the tables with the files that writers name (`grid`) taken from a folder, as case and out
+    are.
+    """
     for table in tables.get("write", []) if isinstance(tables.get("write"), list) else []:
         if isinstance(table, dict) and isinstance(table.get("grid"), str):
             table["grid"] = str(folder / table["grid"])
@@ -71,7 +73,7 @@ def _beside(tables: Tables, folder: Path) -> Tables:
 
 
 def all_mistakes(path: str | Path, case: str | Path | None = None) -> list[str]:
-    """Every mistake of a pipeline file and of its case, or of the case named here, one sentence each.
+    """Return every mistake of a pipeline file and of its case, or of the case named here, one sentence each.
 
     Nothing is run or written. An earlier run in the folder `out` is none.
     """
@@ -83,19 +85,19 @@ def all_mistakes(path: str | Path, case: str | Path | None = None) -> list[str]:
         mistakes += map(str, error.args)
     folder = case or (None if pipeline is None else pipeline.case)
     if pipeline is not None and pipeline.out:
-        with _noted(mistakes):
+        with _note_mistakes(mistakes):
             check_free(pipeline.out, True, "run", [Path(source) for source in (path, folder) if source])
     if folder:
-        from ..parallel import compiling_said  # numba is not for those who only check a file
+        from ..parallel import compiling_said  # imported late: who only checks a file needs no numba
 
-        with _noted(mistakes), compiling_said():
+        with _note_mistakes(mistakes), compiling_said():
             subject = read_case(folder)
             mistakes += [] if pipeline is None else pipeline.refusals(subject)
     return mistakes
 
 
 @contextmanager
-def _noted(mistakes: list[str]) -> Iterator[None]:
+def _note_mistakes(mistakes: list[str]) -> Iterator[None]:
     """Add the mistakes of the block as sentences, and go on."""
     try:
         yield
@@ -104,12 +106,12 @@ def _noted(mistakes: list[str]) -> Iterator[None]:
 
 
 def default_pipeline(settings: Iterable[str] = ()) -> Pipeline:
-    """The packaged default: landmarks, icp, deform, topology, level_set, report, export."""
+    """Return the packaged default: landmarks, icp, deform, topology, level_set, report, export."""
     return read_pipeline(pipeline_file("default"), settings)
 
 
 def pipeline_from(tables: Tables, folder: Path = Path()) -> Pipeline:
-    """A pipeline from the tables of a file, or from the `pipeline` of run.json.
+    """Return a pipeline from the tables of a file, or from the `pipeline` of run.json.
 
     Raises PipelineError with every mistake.
     """
@@ -121,12 +123,12 @@ def pipeline_from(tables: Tables, folder: Path = Path()) -> Pipeline:
     ]
     if mistakes:
         raise PipelineError(*mistakes)
-    stages, writes = (_plugins(kind, tables.get(kind, []), mistakes) for kind in ("stage", "write"))
+    stages, writes = (_make_plugins(kind, tables.get(kind, []), mistakes) for kind in ("stage", "write"))
     if mistakes:
         raise PipelineError(
             *mistakes,
             *order_mistakes(
-                [_step(table) for table in tables.get("stage", []) if isinstance(table, Mapping)]
+                [_step_of_table(table) for table in tables.get("stage", []) if isinstance(table, Mapping)]
             ),
         )
     places = {key: folder / tables[key] for key in FOLDERS if key in tables}
@@ -134,7 +136,8 @@ def pipeline_from(tables: Tables, folder: Path = Path()) -> Pipeline:
 
 
 def overridden(tables: Tables, settings: Iterable[str]) -> Tables:
-    """The tables with settings `STAGE.PARAM=VALUE` put in, STAGE being the name of an estimate or a writer.
+    """Return the tables with settings `STAGE.PARAM=VALUE` put in, STAGE being the name of an estimate or a
+    writer.
 
     Raises PipelineError.
     """
@@ -147,27 +150,29 @@ def overridden(tables: Tables, settings: Iterable[str]) -> Tables:
             raise PipelineError(
                 f"--set {setting}: names a folder, not a parameter: use --{name} {value.strip()}"
             )
-        target = _table(tables, owners[0], setting) if owners else tables
+        target = _find_table(tables, owners[0], setting) if owners else tables
         for part in owners[1:]:  # such as `phases.deform.odds`
             target = target.setdefault(part, {})
             if not isinstance(target, dict):
                 raise PipelineError(f"--set {setting}: '{part}' is not a table")
-        target[name] = _value(value.strip())
+        target[name] = _parse_value(value.strip())
     return tables
 
 
-def _plugins(kind: str, tables: list[Any], mistakes: list[str]) -> list[Any]:
-    """Stages or writers of a file; theirs are added to `mistakes`, each with the place of its table."""
+def _make_plugins(kind: str, tables: list[Any], mistakes: list[str]) -> list[Any]:
+    """Make the stages or writers of a file; their mistakes are added to `mistakes`, each with the place of
+    its table.
+    """
     made = []
     for k, table in enumerate(tables, 1):
         try:
-            made.append(_plugin(kind, table))
+            made.append(_make_plugin(kind, table))
         except PipelineError as error:
             mistakes += [f"[[{kind}]] {k}: {mistake}" for mistake in error.args]
     return made
 
 
-def _plugin(kind: str, table: Any) -> Plugin:
+def _make_plugin(kind: str, table: Any) -> Plugin:
     if not isinstance(table, Mapping):
         raise PipelineError(f"must be a table, not {table!r}")
     if "use" not in table:
@@ -182,18 +187,18 @@ def _plugin(kind: str, table: Any) -> Plugin:
         for k, f in plugin.model_fields.items()
         if f.alias and k in table
     ]
-    if mistakes:  # names that only Python needs
+    if mistakes:  # these names are for Python only
         raise PipelineError(*mistakes)
     return plugin.model_validate({key: value for key, value in table.items() if key != "use"})
 
 
-def _step(table: Mapping[str, Any]) -> tuple[str, str, str | None]:
+def _step_of_table(table: Mapping[str, Any]) -> tuple[str, str, str | None]:
     use = str(table.get("use"))
     after = table.get("after")
     return use, str(table.get("as") or use), after if isinstance(after, str) else None
 
 
-def _table(tables: Tables, owner: str, setting: str) -> Tables:
+def _find_table(tables: Tables, owner: str, setting: str) -> Tables:
     every = [
         table for kind in ("stage", "write") for table in tables.get(kind, []) if isinstance(table, dict)
     ]
@@ -208,8 +213,10 @@ def _table(tables: Tables, owner: str, setting: str) -> Tables:
     return every[names.index(owner)]
 
 
-def _value(text: str) -> Any:
-    """A value as TOML writes it, or a number or True and False as Python does; a bare word is a text."""
+def _parse_value(text: str) -> Any:
+    """Parse a value as TOML writes it, or a number or True and False as Python does; a bare word is a
+    text.
+    """
     readers = (
         lambda: parse_toml(f"value = {text}", text)["value"],
         lambda: {"True": True, "False": False}[text],

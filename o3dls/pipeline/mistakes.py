@@ -14,7 +14,7 @@ MOST_FOLDS = 50
 def mistakes(
     stages: Sequence[Stage], writes: Sequence[Writer], names: Sequence[str], folds: int
 ) -> list[str]:
-    """What is wrong with a whole pipeline, one sentence each; its parts have checked themselves.
+    """Return what is wrong with a whole pipeline, one sentence each; its parts have checked themselves.
 
     names: of its estimates in order.
     """
@@ -38,7 +38,7 @@ def mistakes(
 
 
 def order_mistakes(steps: Sequence[tuple[str, str, str | None]]) -> list[str]:
-    """What is wrong with the order of stages.
+    """Return what is wrong with the order of stages.
 
     They are given as (stage, name of its estimate, name of the estimate it starts after).
     """

@@ -88,22 +88,22 @@ def make_case(
         _check_file(role, path)
     run = folder / "run" if out is None else out
     _check_run(run, folder, list(files.values()))
-    known = _settings(folder, files, settings)
+    known = _gather_settings(folder, files, settings)
     with compiling_said():
         case = case_of(new_folder(folder, known))
         plan = default_pipeline().allowed_by(case)
         if why := plan.refusals(case):
             raise InputError("; ".join(why))
-    relative = known | {role: _relative(path, folder) for role, path in files.items()}
+    relative = known | {role: _relative_path(path, folder) for role, path in files.items()}
     with staged_folder(folder, force) as staged:
         write_file(staged / "case.toml", CASE_HEAD + _case_lines(relative))
-        write_file(staged / "pipeline.toml", _pipeline_text(plan, _relative(run, folder)))
+        write_file(staged / "pipeline.toml", _pipeline_text(plan, _relative_path(run, folder)))
         write_manifest(staged)
     return folder / "pipeline.toml"
 
 
-def _settings(folder: Path, files: dict[str, Path], given: dict[str, Any]) -> dict[str, Any]:
-    """What case.toml says, with absolute paths: the folder is not there yet."""
+def _gather_settings(folder: Path, files: dict[str, Path], given: dict[str, Any]) -> dict[str, Any]:
+    """Return what case.toml says, with absolute paths: the folder is not there yet."""
     plain = {
         key: list(v) if isinstance(v, tuple) else v
         for key, v in given.items()
@@ -131,11 +131,11 @@ def _check_run(run: Path, folder: Path, reads: list[Path]) -> None:
     check_free(run, True, "run", reads)
 
 
-def _relative(path: Path, folder: Path) -> str:
-    """A path as seen from the folder; whole where there is no way from the one to the other."""
+def _relative_path(path: Path, folder: Path) -> str:
+    """Return a path as seen from the folder; whole where there is no way from the one to the other."""
     try:
         return Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix()
-    except ValueError:  # another drive
+    except ValueError:  # the two are on different drives
         return path.resolve().as_posix()
 
 
@@ -143,14 +143,14 @@ def _case_lines(settings: dict[str, Any]) -> str:
     lines = []
     for key, default, words in CASE_KEYS:
         if key in settings:
-            lines.append(_remark(toml_lines({key: settings[key]}).rstrip(), words))
+            lines.append(_comment_line(toml_lines({key: settings[key]}).rstrip(), words))
         elif default is not None:
-            lines.append(_remark("# " + toml_lines({key: default}).rstrip(), words))
+            lines.append(_comment_line("# " + toml_lines({key: default}).rstrip(), words))
     return "".join(lines)
 
 
-def _remark(line: str, words: str) -> str:
-    """A line with its comment: beside it, or above one that is long."""
+def _comment_line(line: str, words: str) -> str:
+    """Return a line with its comment: beside it, or above one that is long."""
     if len(line) > COLUMN:
         return f"# {words}\n{line}\n"
     first, *more = textwrap.wrap(words, WIDTH - COLUMN)
@@ -159,25 +159,26 @@ def _remark(line: str, words: str) -> str:
 
 def _pipeline_text(plan: Pipeline, out: str) -> str:
     blocks = [
-        _block(kind, plugin)
+        _plugin_block(kind, plugin)
         for kind, plugins in (("stage", plan.stages), ("write", plan.writes))
         for plugin in plugins
     ]
     return "".join(
         [
             PIPELINE_HEAD,
-            _remark('case = "."', "this folder; another: o3dls run --case DIR"),
-            _remark(toml_lines({"out": out}).rstrip(), "the run folder; made when the run is whole"),
-            _remark(f"# folds = {plan.folds}", FOLDS),
+            _comment_line('case = "."', "this folder; another: o3dls run --case DIR"),
+            _comment_line(toml_lines({"out": out}).rstrip(), "the run folder; made when the run is whole"),
+            _comment_line(f"# folds = {plan.folds}", FOLDS),
             *blocks,
         ]
     )
 
 
-def _block(kind: str, plugin: Plugin) -> str:
+def _plugin_block(kind: str, plugin: Plugin) -> str:
     given = [f"{key} = {as_toml(getattr(plugin, key))}" for key in sorted(plugin.model_fields_set)]
     shown = [
-        _remark(f"# {line}", words) for line, words in commented(plugin.name, SHOWN.get(plugin.name, ()))
+        _comment_line(f"# {line}", words)
+        for line, words in commented(plugin.name, SHOWN.get(plugin.name, ()))
     ]
     head = "".join(f"# {line}\n" for line in textwrap.wrap(meaning(type(plugin)), WIDTH))
     return "".join(

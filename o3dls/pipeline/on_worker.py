@@ -20,7 +20,7 @@ from .supervision import Ended, Limits, attended
 
 BEGIN, STOP = "begin\n", "begin no more\n"
 NO_MORE = Death("the batch was ended", from_outside=False, of_this_task=True)
-# a worker's thread stands for a core; nannies say so to linear algebra, and to numba nobody does
+# a worker has one core per thread: a nanny limits linear algebra to it, and nobody limits numba
 ONE_CORE = ("NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS")
 T = TypeVar("T")
 
@@ -40,11 +40,11 @@ class Order:
         return self.path.read_text(encoding="utf-8") != BEGIN
 
     def stop(self) -> None:
-        """No more tasks shall be begun."""
+        """Tell the workers to begin no more tasks."""
         write_file(self.path, STOP)
 
     def fault(self, reads: Path | None = None) -> str | None:
-        """What keeps this machine from doing a task, which reads a folder; None where nothing does."""
+        """Return what keeps this machine from doing a task, which reads a folder; None where nothing does."""
         if not self.path.is_file():
             return f"does not see {self.path.parent}, where the runs shall go; name a folder that all share"
         if reads and not reads.is_dir():
@@ -56,8 +56,8 @@ class Order:
 
 @contextmanager
 def ordered(out: Path) -> Iterator[Order]:
-    """An order in the folder of the runs, which is removed when the block ends."""
-    # named as what is half made: where nobody was left to remove it, it may be removed like that
+    """Yield an order in the folder of the runs, which is removed when the block ends."""
+    # the name is that of a half-made file, so that it is removed like one if its process was killed
     path = out.absolute() / f".batch.partial-{os.getpid():x}-{secrets.token_hex(4)}"
     write_file(path, BEGIN)
     try:
@@ -78,9 +78,9 @@ def done_here(task: Task[T], limits: Limits, order: Order, reads: Path | None) -
         raise InputError(f"worker {get_worker().address}: {fault}")
     if order.stopped:
         return None
-    place = _place(order, limits)
+    place = _take_place(order, limits)
     ((_, result),) = attended([place], [task], limits, Event())
-    task.abandoned()  # by a worker that was lost with its process
+    task.abandoned()  # removes what was left by a worker that was lost with its process
     _free.append((order, place))
     return result
 
@@ -95,16 +95,16 @@ def released() -> None:
 _free: list[tuple[Order, Place[Any]]] = []  # what this worker keeps; its threads take from it
 
 
-def _place(order: Order, limits: Limits) -> Place[Any]:
-    """A place that is free, or a new one."""
+def _take_place(order: Order, limits: Limits) -> Place[Any]:
+    """Return a place that is free, or a new one."""
     with suppress(IndexError):
         while True:
             of, place = _free.pop()
             if of == order:
                 return place
-            place.close()  # of another batch, which has ended or can begin a new one
+            place.close()  # it belongs to another batch, which has ended or can begin a new process
     for name in ONE_CORE:
         os.environ.setdefault(name, "1")
-    if current_process().daemon:  # such may have no processes, and a nanny's workers are such
+    if current_process().daemon:  # a daemon may not begin processes, and the workers of a nanny are daemons
         current_process().daemon = False
     return Place(lambda *taken: limits.exceeded(*taken) or (None if order.path.exists() else NO_MORE), 0)

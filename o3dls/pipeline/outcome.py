@@ -18,13 +18,13 @@ from ..runs.folder import read_record
 from ..runs.tables import score_rows
 
 COHORT, PAGE = "cohort.csv", "cohort.html"  # the page is the report's: see report/writer.py
-FAILED = ".failed.json"  # behind the name of a case that has no run: why
+FAILED = ".failed.json"  # ends the name of the file that says why a case has no run
 PARTIAL = re.compile(r"\..*\.partial-")
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of one case, and what it was warned of.
+    """The outcome of one case: what became of it, and what it was warned of.
 
     Rows of its scores, or the sentence that says why there are none. skipped: its run was there already.
     """
@@ -42,7 +42,7 @@ class Outcome:
 
 
 def outcome_of(folder: Path) -> Outcome:
-    """The outcome of a case by its finished run. Raises InputError where the folder holds none."""
+    """Return the outcome of a case by its finished run. Raises InputError where the folder holds none."""
     found = read_record(folder)
     warned = dict.fromkeys(one for estimate in found.estimates.values() for one in estimate.warnings)
     return Outcome(
@@ -65,7 +65,7 @@ def forget_failure(run: Path) -> None:
 
 
 def gathered(runs: Path) -> list[Outcome]:
-    """The outcomes of all cases whose runs, or the reasons that there are none, stand in a folder.
+    """Return the outcomes of all cases whose runs, or the reasons that there are none, stand in a folder.
 
     A run that cannot be read is an outcome too. Raises InputError where there is neither.
     """
@@ -79,18 +79,20 @@ def gathered(runs: Path) -> list[Outcome]:
     ]
     if not made and not failed:
         raise InputError(f"{runs}: holds no runs; name the folder that `o3dls batch` wrote its runs into")
-    found = [_failure(name, path) for name, path in failed.items()] + [_made(folder) for folder in made]
+    found = [_read_failure(name, path) for name, path in failed.items()] + [
+        _read_outcome(folder) for folder in made
+    ]
     return sorted(found, key=lambda outcome: outcome.case)
 
 
-def _made(folder: Path) -> Outcome:
+def _read_outcome(folder: Path) -> Outcome:
     try:
         return outcome_of(folder)
     except InputError as error:
         return Outcome(folder.name, [], [], str(error))
 
 
-def _failure(name: str, path: Path) -> Outcome:
+def _read_failure(name: str, path: Path) -> Outcome:
     said = read_json(path)
     if not isinstance(said, dict) or not isinstance(said.get("error"), str):
         raise InputError(f"{path}: does not say why the case failed; run it again")
@@ -106,7 +108,7 @@ def write_table(out: Path, outcomes: Iterable[Outcome]) -> None:
 
 
 def cohort_rows(outcome: Outcome) -> list[dict[str, Any]]:
-    """Rows of the cohort's table.
+    """Return rows of the cohort's table.
 
     Case, error, faults of its final surface, warnings, then the columns of scores.csv.
     """
@@ -125,7 +127,7 @@ def check_table(out: Path, cases: Iterable[str] | None) -> None:
     if cases is None:
         return
     advice = "name another folder or use --force"
-    known = {_shown(case) for case in cases}
+    known = {_shown_name(case) for case in cases}
     if (out / COHORT).exists():
         try:
             there = read_table(out / COHORT, ("case", "error")).columns["case"]
@@ -137,6 +139,6 @@ def check_table(out: Path, cases: Iterable[str] | None) -> None:
         raise InputError(f"{out / PAGE}: exists already, without the table of a batch; {advice}")
 
 
-def _shown(name: str) -> str:
-    """A name as the table has it."""
+def _shown_name(name: str) -> str:
+    """Return a name as the table has it."""
     return escaped(name.encode("utf-8", "replace").decode("utf-8")).strip()

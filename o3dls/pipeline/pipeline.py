@@ -54,7 +54,7 @@ class Pipeline:
     case: Path | None = field(default=None, kw_only=True)
     out: Path | None = field(default=None, kw_only=True)
     folds: int = field(default=5, kw_only=True)
-    # of the case in whose start `allowed_by` found nothing to doubt: that is asked once
+    # digest of the case whose start `allowed_by` has already found to be sound
     sound_start: str = field(default="", kw_only=True, compare=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -82,14 +82,14 @@ class Pipeline:
         }
 
     def fitted(self, name: str) -> tuple[str, ...]:
-        """Types of the points that an estimate, or one that it started from, was given."""
+        """Return types of the points that an estimate, or one that it started from, was given."""
         chain = self.chain(name)
         return tuple(
             sorted({kind for stage in self.stages if stage.estimate_name in chain for kind in stage.fits})
         )
 
     def chain(self, name: str) -> list[str]:
-        """An estimate and those that it started from, back to `start`."""
+        """Return an estimate and those that it started from, back to `start`."""
         return [name, *self.chain(self.sources[name])] if name in self.sources else [name]
 
     def run(self, case: Case | None = None, pool: Executor | None = None) -> Run:
@@ -97,25 +97,25 @@ class Pipeline:
 
         Raises InputError where the case cannot be fitted so, SolverError where a stage fails.
         """
-        from ..parallel import compiling_said  # numba is not for those who only check a file
+        from ..parallel import compiling_said  # imported late: who only checks a file needs no numba
 
         with compiling_said():
-            return self._run(case or self._own_case(), pool)
+            return self._run_case(case or self._own_case(), pool)
 
-    def _run(self, case: Case, pool: Executor | None) -> Run:
+    def _run_case(self, case: Case, pool: Executor | None) -> Run:
         from ..parallel import started_beside
 
         begin = perf_counter()
-        self._check(case)
+        self._check_case(case)
         for writer in self.writes:
             started_beside(writer.prepare)
         folds = Folds(partial(self.fit, level=logging.DEBUG), case, self.folds, pool) if self.folds else None
-        estimates = self._judged(case)
+        estimates = self._fit_and_judge(case)
         for warning in each_once(one for estimate in estimates.values() for one in estimate.warnings):
             log.warning("%s", warning.sentence)
         left_out = folds.left_out() if folds else {}
         if pool:
-            pool.shutdown(wait=False)  # a process takes its time to end
+            pool.shutdown(wait=False)  # not waited for: a process takes its time to end
         corrected = estimates[self.names[-1]].corrected(case)
         final, warnings = ending(self.chain(self.names[-1])[:-1], left_out, corrected)
         for warning in warnings:
@@ -133,21 +133,21 @@ class Pipeline:
         return replace(run, provenance=made_in, out=self.out, additions=self.writes)
 
     def judged(self, case: Case) -> dict[str, Estimate]:
-        """As `fit`, with the warnings on the start, which every estimate depends on. Raises InputError and
-        SolverError as `run`.
+        """Return the estimates of `fit` with the warnings on the start, which every estimate depends on.
+        Raises InputError and SolverError as `run`.
         """
-        self._check(case)
-        return self._judged(case)
+        self._check_case(case)
+        return self._fit_and_judge(case)
 
-    def _judged(self, case: Case) -> dict[str, Estimate]:
+    def _fit_and_judge(self, case: Case) -> dict[str, Estimate]:
         return self._with_start_warnings(case.visible(), self.fit(case))
 
-    def _check(self, case: Case) -> None:
+    def _check_case(self, case: Case) -> None:
         if why := self.refusals(case):
             raise InputError("; ".join(why))
 
     def fit(self, case: Case, level: int = logging.INFO) -> dict[str, Estimate]:
-        """Estimates by name, `start` first.
+        """Return estimates by name, `start` first.
 
         Each stage is given the points that it fits, and neither truth nor held-out data.
         """
@@ -166,7 +166,9 @@ class Pipeline:
         return estimates
 
     def _with_start_warnings(self, case: Case, estimates: dict[str, Estimate]) -> dict[str, Estimate]:
-        """The estimates with the warnings on their common start, which every one of them depends on."""
+        """Return the estimates with the warnings on their common start, which every one of them depends
+        on.
+        """
         found = doubtful_pose(case, estimates[START], self.sound_start) if self._knows_pose else []
         final = estimates[self.names[-1]]
         found += components_without_points(case, final.T_map_prior)
@@ -176,7 +178,7 @@ class Pipeline:
         return {name: replace(one, warnings=(*common, *one.warnings)) for name, one in estimates.items()}
 
     def record(self) -> dict[str, Any]:
-        """The pipeline with every default written out, shaped as its file.
+        """Return the pipeline with every default written out, shaped as its file.
 
         Without folders, which say nothing of the result.
         """
@@ -187,7 +189,7 @@ class Pipeline:
         }
 
     def refusals(self, case: Case) -> list[str]:
-        """Why a run on the case would end before any work, one sentence each."""
+        """Return why a run on the case would end before any work, one sentence each."""
         plugins = (*self.stages, *self.writes)
         found = [
             f"{plugin.name}: {why}"
@@ -203,7 +205,7 @@ class Pipeline:
         return not any(stage.finds_pose for stage in self.stages)
 
     def allowed_by(self, case: Case) -> Self:
-        """The pipeline without the stages and writers that cannot work on the case, and beginning with
+        """Return the pipeline without the stages and writers that cannot work on the case, and beginning with
         `global_pose` where nothing else gives the pose.
 
         The log names each one that is skipped or added.

@@ -22,7 +22,7 @@ KILL = signal.SIGTERM if sys.platform == "win32" else signal.SIGKILL
 
 
 class Task(Protocol[T_co]):
-    """What a process shall do, and the name of what comes of it."""
+    """The work that a process shall do, and the name of what comes of it."""
 
     @property
     def name(self) -> str: ...
@@ -78,26 +78,26 @@ class Place(Generic[T]):
             self.close()
         self.task, self._beyond = task, None
         if self._pool and self.process:
-            self._submit(self._pool, task)
+            self._submit_task(self._pool, task)
         else:
-            self._start()
+            self._start_process()
 
     def look(self) -> tuple[Task[T], T | Death] | None:
-        """The task with its result, or with how its process ended; None while it is at work."""
+        """Return the task with its result, or with how its process ended; None while it is at work."""
         task = self.task
         if task is None or not self.future.done():
-            self._heed()
+            self._heed_limits()
             return None
         try:
             result = self.future.result()
         except BrokenProcessPool:
-            return task, self._died(task)
+            return task, self._close_dead(task)
         if self.process is None and self._pool:
             self.process = result
-            self._submit(self._pool, task)
+            self._submit_task(self._pool, task)
             return None
         if self._beyond:
-            return task, self._died(task)
+            return task, self._close_dead(task)
         self._done += 1
         self.task = None
         return task, result
@@ -105,11 +105,11 @@ class Place(Generic[T]):
     def tell(self) -> None:
         """Tell the process to end, with what is half made removed."""
         self._told = monotonic()
-        self._signal(signal.SIGTERM)
+        self._send_signal(signal.SIGTERM)
 
     def kill(self) -> None:
         """End the process at once, if it is at work still."""
-        self._signal(KILL)
+        self._send_signal(KILL)
 
     def close(self) -> None:
         """Wait for the process to end; what it left half made is removed."""
@@ -119,21 +119,21 @@ class Place(Generic[T]):
         self.task = self.process = self._pool = None
         self._done = 0
 
-    def _start(self) -> None:
+    def _start_process(self) -> None:
         self._pool = self._open.enter_context(workers(1, self._beside))
         self.future = self._pool.submit(os.getpid)  # its imports are no part of the task's time
 
-    def _submit(self, pool: Executor, task: Task[T]) -> None:
+    def _submit_task(self, pool: Executor, task: Task[T]) -> None:
         try:
             self.future = pool.submit(task)
         except BrokenProcessPool:  # ended while it had nothing to do
             self.task = None
             self.close()
             self.task = task
-            self._start()
+            self._start_process()
         self._begun = monotonic()
 
-    def _heed(self) -> None:
+    def _heed_limits(self) -> None:
         """Tell a process that is beyond a limit to end, and end it where it does not."""
         now = monotonic()
         if self.process is None:
@@ -145,12 +145,12 @@ class Place(Generic[T]):
         elif now - self._told > GRACE:
             self.kill()
 
-    def _died(self, task: Task[T]) -> Death:
+    def _close_dead(self, task: Task[T]) -> Death:
         death, first = self._beyond or OUTSIDE, not self._done
         self.close()
         return replace(death, of_this_task=first or death.of_this_task)
 
-    def _signal(self, number: int) -> None:
+    def _send_signal(self, number: int) -> None:
         if self.process and not self.future.done():
             with suppress(ProcessLookupError):
                 os.kill(self.process, number)

@@ -27,7 +27,7 @@ ADDRESS = re.compile(r"(tcp|tls)://(.+):(\d{1,5})")
 GREETING = 100_000  # bytes, at most, of a scheduler's first message
 ANSWERS = 5.0  # seconds in which a scheduler must answer
 POLL = 0.2  # seconds between two looks at what the user wants
-QUIET = 10.0  # seconds without a result after which it is looked whether there are workers
+QUIET = 10.0  # seconds without a result after which we look whether there are workers
 # what dask does a hundred times a second for its dashboard, which nobody sees, on cores that the cases need
 QUIETER = {"distributed.worker.profile.enabled": False, "distributed.admin.tick.interval": "200ms"}
 log = logging.getLogger("o3dls")
@@ -51,7 +51,7 @@ def spread(
 
 @contextmanager
 def client_of(address: str, jobs: int) -> Iterator[Any]:
-    """A client of the scheduler at an address, or of one with so many workers that ends with the block.
+    """Yield a client of the scheduler at an address, or of one with so many workers that ends with the block.
 
     Raises InputError where dask is not installed, or none answers.
     """
@@ -61,10 +61,10 @@ def client_of(address: str, jobs: int) -> Iterator[Any]:
         raise InputError(
             "--scheduler: needs dask.distributed, which is not installed: pip install 'o3dls[cluster]'"
         ) from None
-    logging.getLogger("distributed").propagate = False  # it has a handler of its own, for warnings
+    logging.getLogger("distributed").propagate = False  # distributed prints warnings by a handler of its own
     if address == LOCAL:
-        with _cluster(jobs) as cluster, Client(cluster, set_as_default=False) as client:
-            client.register_plugin(_deaf())
+        with _local_cluster(jobs) as cluster, Client(cluster, set_as_default=False) as client:
+            client.register_plugin(_ignore_interrupts())
             yield client
         return
     try:
@@ -96,8 +96,8 @@ def _check_address(address: str) -> None:
 
 
 @contextmanager
-def _cluster(workers: int) -> Iterator[Any]:
-    """Workers on this machine, of one task each, which share its cores."""
+def _local_cluster(workers: int) -> Iterator[Any]:
+    """Yield workers on this machine, of one task each, which share its cores."""
     import dask
     from distributed import LocalCluster
 
@@ -117,9 +117,9 @@ def _cluster(workers: int) -> Iterator[Any]:
             yield cluster
 
 
-def _deaf() -> Any:
-    """What makes workers, also those that replace others, ignore Ctrl-C, which reaches all processes of a
-    terminal: the client tells them.
+def _ignore_interrupts() -> Any:
+    """Return a plugin by which workers, also those that replace others, ignore Ctrl-C, which reaches all
+    processes of a terminal: the client tells them.
     """
     from distributed import WorkerPlugin
 
@@ -134,12 +134,12 @@ def _check_workers(client: Any, order: Order) -> None:
     """Raise InputError where a worker cannot do the tasks."""
     for worker, said in client.run(order.fault, on_error="return").items():
         if isinstance(said, Exception):
-            said = _unfit(said)
+            said = _describe_unfit(said)
         if said:
             raise InputError(f"worker {worker}: {said}")
 
 
-def _unfit(error: BaseException) -> str:
+def _describe_unfit(error: BaseException) -> str:
     return f"cannot begin a case: {type(error).__name__}: {error}; install the same Python, dask and o3dls"
 
 
@@ -156,23 +156,23 @@ class _Spread(Generic[T]):
         self.told = False
 
     def results(self, tasks: Sequence[Task[T]], stop: Event) -> Generator[tuple[Task[T], T | Ended]]:
-        """The tasks with their results, as they end."""
+        """Yield the tasks with their results, as they end."""
         try:
             for task in tasks:
-                self._submit(task)
+                self._submit_task(task)
             while self.open:
                 if stop.is_set() and not self.told:
-                    self._stop()
+                    self._stop_waiting()
                 with suppress(Empty):
-                    yield from self._ended(self.ended.get(timeout=POLL))
-                self._look()
+                    yield from self._take_ended(self.ended.get(timeout=POLL))
+                self._warn_no_worker()
         finally:
-            self.order.path.unlink(missing_ok=True)  # ends what runs
+            self.order.path.unlink(missing_ok=True)  # its absence tells workers to end what runs
             if self.client.status == "running":
                 self.client.cancel([future for _, future in self.open.values()])
                 self.client.run(released, on_error="ignore")
 
-    def _submit(self, task: Task[T]) -> None:
+    def _submit_task(self, task: Task[T]) -> None:
         # One prefix for all: a scheduler keeps back what its workers cannot begin yet only of a large group.
         # What it has given to a worker counts as failed when that worker is lost.
         self.submitted += 1
@@ -182,15 +182,15 @@ class _Spread(Generic[T]):
         self.open[key] = task, future
         future.add_done_callback(self.ended.put)
 
-    def _ended(self, future: Any) -> Iterator[tuple[Task[T], T | Ended]]:
+    def _take_ended(self, future: Any) -> Iterator[tuple[Task[T], T | Ended]]:
         self.heard = monotonic()
         task, _ = self.open.pop(future.key, (None, None))
-        result = self._result(future, task) if task else None
+        result = self._take_result(future, task) if task else None
         if task and result is not None:
             yield task, result
 
-    def _result(self, future: Any, task: Task[T]) -> T | Ended | None:
-        """The result of a task; None where it was not begun, or is begun again."""
+    def _take_result(self, future: Any, task: Task[T]) -> T | Ended | None:
+        """Return the result of a task; None where it was not begun, or is begun again."""
         from distributed import KilledWorker
 
         try:
@@ -200,7 +200,7 @@ class _Spread(Generic[T]):
             if self.deaths[task] > self.limits.retries:
                 task.abandoned()
                 return Ended("the workers that had it were lost again and again; is there too little memory?")
-            self._submit(task)
+            self._submit_task(task)
             return None
         except CancelledError:
             raise InputError(
@@ -209,10 +209,10 @@ class _Spread(Generic[T]):
         except InputError:
             raise
         except Exception as error:
-            raise InputError(f"a worker {_unfit(error)}") from error
+            raise InputError(f"a worker {_describe_unfit(error)}") from error
         return found
 
-    def _stop(self) -> None:
+    def _stop_waiting(self) -> None:
         """Begin no more: what no worker has been given is taken back, and workers hear of it."""
         self.told = True
         self.order.stop()
@@ -220,7 +220,7 @@ class _Spread(Generic[T]):
         self.client.cancel([self.open.pop(key)[1] for key in self.open.keys() - given])
         log.info("stopping: what runs ends, and no more is begun; once more ends it at once")
 
-    def _look(self) -> None:
+    def _warn_no_worker(self) -> None:
         """Say where there is nobody to do the tasks."""
         if self.open and monotonic() - self.heard > QUIET:
             self.heard = monotonic()

@@ -22,12 +22,12 @@ Schema = dict[str, Any]
 
 
 def schema() -> Schema:
-    """What a pipeline file may say, stages and writers of other installed packages included.
+    """Return what a pipeline file may say, stages and writers of other installed packages included.
 
     It knows each parameter by itself; what must fit together, `o3dls check` says.
     """
     folders: Schema = {key: {"type": "string"} for key in ("case", "out")}
-    tables: Schema = {kind: {"type": "array", "items": {"oneOf": _kinds(kind)}} for kind in GROUPS}
+    tables: Schema = {kind: {"type": "array", "items": {"oneOf": _kind_schemas(kind)}} for kind in GROUPS}
     known = {**folders, **tables}
     properties = {key: {**of, "description": MEANINGS[key]} for key, of in known.items()}
     return {
@@ -35,11 +35,11 @@ def schema() -> Schema:
         "title": "o3dls pipeline",
         "type": "object",
         "additionalProperties": False,
-        "properties": {**properties, "folds": _folds()},
+        "properties": {**properties, "folds": _folds_schema()},
     }
 
 
-def _folds() -> Schema:
+def _folds_schema() -> Schema:
     return {
         "description": "folds of the cross-validation; 0: none",
         "type": "integer",
@@ -48,13 +48,13 @@ def _folds() -> Schema:
     }
 
 
-def _kinds(kind: str) -> list[Schema]:
-    return [_named(name, load(kind, name)) for name in sorted(registered(GROUPS[kind]))]
+def _kind_schemas(kind: str) -> list[Schema]:
+    return [_named_schema(name, load(kind, name)) for name in sorted(registered(GROUPS[kind]))]
 
 
-def _named(name: str, plugin: type[Plugin]) -> Schema:
-    """The table of a stage or writer in the file, with its name."""
-    table = _table(plugin)
+def _named_schema(name: str, plugin: type[Plugin]) -> Schema:
+    """Return the table of a stage or writer in the file, with its name."""
+    table = _plugin_schema(plugin)
     use = {"const": name, "description": table["description"]}
     return {
         **table,
@@ -64,31 +64,33 @@ def _named(name: str, plugin: type[Plugin]) -> Schema:
     }
 
 
-def _table(plugin: type[Plugin]) -> Schema:
-    """The parameters of a stage or writer; those of a part, which is placed with it, as a table within."""
+def _plugin_schema(plugin: type[Plugin]) -> Schema:
+    """Return the parameters of a stage or writer; those of a part, which is placed with it, as a table
+    within.
+    """
     found = plugin.model_json_schema()
-    found.pop("$defs", None)  # of the parts, which are set in below
+    found.pop("$defs", None)  # definitions of the parts, which are inserted below
     properties = found["properties"]
     for name, field in plugin.model_fields.items():
         key = field.alias or name
         inner = part(field)
         if inner and issubclass(inner, Plugin):
-            properties[key] = _part(inner)
+            properties[key] = _part_schema(inner)
         else:
-            properties[key] = _parameter(properties[key])
+            properties[key] = _parameter_schema(properties[key])
     found["description"] = " ".join(words(plugin).split())
     return found
 
 
-def _part(plugin: type[Plugin]) -> Schema:
-    table = _table(plugin)
+def _part_schema(plugin: type[Plugin]) -> Schema:
+    table = _plugin_schema(plugin)
     hidden = {plugin.model_fields[name].alias or name for name in plugin.placing}
     table["properties"] = {key: of for key, of in table["properties"].items() if key not in hidden}
     return table
 
 
-def _parameter(found: Schema) -> Schema:
-    """A parameter with its unit in words, and without the null that TOML does not have."""
+def _parameter_schema(found: Schema) -> Schema:
+    """Return a parameter with its unit in words, and without the null that TOML does not have."""
     unit = found.pop("unit", "1")
     found.pop("title", None)
     if unit != "1":

@@ -22,9 +22,12 @@ from .doubts import contradiction
 FEWEST_POINTS = 10
 SPANS = (0.1, 4.0)  # extent of the points relative to the prior's: a single vein is 0.15, a chamber 1
 MOST = (0.05, 0.95)  # quantiles between which points must not be too wide, whatever outliers there are
-NEARLY_ALL = (0.01, 0.99)  # ... nor too narrow, however densely one place was mapped
+NEARLY_ALL = (
+    0.01,
+    0.99,
+)  # quantiles between which they must not be too narrow, however densely one place was mapped
 UNITS = {"m": 1e3, "in": 25.4, "cm": 10.0, "um": 1e-3}  # in mm: what may have been mistaken for it
-ATRIUM = 100.0  # mm across: in the right units points and prior are like it
+ATRIUM = 100.0  # mm across: points and prior are about as large once their units are right
 POINTS_IN = "if the points are in {0}, add the line '# units={0}' above the header of their file"
 PRIOR_IN = "if the prior is in {0}, write it in mm: o3dls convert PRIOR OUT --units {0}"
 FLATTEST = 1e-3  # mean thickness relative to the diagonal: .15 is an atrium
@@ -32,22 +35,22 @@ FARTHEST = 0.5  # median distance of the points from the prior after the start p
 
 
 def start_estimate(case: Case) -> Estimate:
-    """The prior in its rough pose: rigid fit of the named landmarks, else `init`, else as it stands; the
-    status says which.
+    """Return the prior in its rough pose: rigid fit of the named landmarks, else `init`, else as it stands;
+    the status says which.
     """
     names, prior, measured = case.landmark_pairs()
     if fix_a_pose(prior, measured):
-        start = _placed(case, fit_similarity(prior, measured, scale=False), "")
+        start = _place_prior(case, fit_similarity(prior, measured, scale=False), "")
         error = np.sqrt((landmark_errors(case, start) ** 2).mean())
-        return _placed(
+        return _place_prior(
             case,
             start.T_map_prior,
             f"rigid fit of {len(names)} landmarks ({', '.join(names)}), rms {error:.2f} {case.units}",
         )
     why = f"; {len(names)} landmark pairs on one line do not determine a pose" if len(names) >= 3 else ""
     if case.init is not None:
-        return _placed(case, case.init, f"pose from the case's init matrix{why}")
-    return _placed(
+        return _place_prior(case, case.init, f"pose from the case's init matrix{why}")
+    return _place_prior(
         case,
         np.eye(case.dimension + 1),
         f"prior as given: the case has neither 3 landmark pairs nor an init matrix{why}",
@@ -55,32 +58,32 @@ def start_estimate(case: Case) -> Estimate:
 
 
 def misfit(case: Case, start: Estimate, *, pose_is_known: bool) -> list[str]:
-    """A sentence where the prior encloses nothing, or the points are too few, of another size than the prior
-    or, where the pose counts as known, far from it.
+    """Return a sentence where the prior encloses nothing, or the points are too few, of another size than the
+    prior or, where the pose counts as known, far from it.
     """
     points = case.points.of("eam").xyz
     found = (
-        _flat(case)
-        or _few(points)
-        or _other_size(case, points)
-        or _far_point(case, points)
+        _find_flat_prior(case)
+        or _find_few_places(points)
+        or _find_other_size(case, points)
+        or _find_far_point(case, points)
         or contradiction(case, start)
     )
     if not found and pose_is_known:
-        found = _far(case, start, points)
+        found = _find_far_start(case, start, points)
     return [found] if found else []
 
 
 def pose_unknown(case: Case) -> bool:
-    """Whether the pose of the prior has to be searched: neither landmarks nor `init` give it, and another
-    pose fits the points clearly better than the one that ICP finds from the prior as it is given.
+    """Return whether the pose of the prior has to be searched: neither landmarks nor `init` give it, and
+    another pose fits the points clearly better than the one that ICP finds from the prior as it is given.
     """
     start = start_estimate(case)
     if _gives_pose(case):
         return False
     if misfit(case, start, pose_is_known=False):
         return False  # no pose helps, and the run is refused with the reason
-    if _far(case, start, case.points.of("eam").xyz):
+    if _find_far_start(case, start, case.points.of("eam").xyz):
         return True
     try:
         return bool(_better_pose(case, start))
@@ -89,8 +92,8 @@ def pose_unknown(case: Case) -> bool:
 
 
 def start_digest(case: Case) -> str:
-    """What `pose_unknown` judges, prior and points, in a few letters: who has its answer need not ask for the
-    pose again. Empty where the case gives the pose, about which it says nothing.
+    """Return a digest of what `pose_unknown` judges, prior and points: who has its answer need not ask for
+    the pose again. Empty where the case gives the pose, about which it says nothing.
     """
     if _gives_pose(case):
         return ""
@@ -103,9 +106,9 @@ def _gives_pose(case: Case) -> bool:
 
 
 def doubtful_pose(case: Case, start: Estimate, sound: str = "") -> list[RunWarning]:
-    """A warning where no landmarks determine the start pose and the points fit the prior clearly better in
-    another one: an `init` of another frame leads to a surface that looks right, since a motion can make up
-    for a turned chamber. sound: `start_digest` of a case about whose pose there was nothing to say.
+    """Return a warning where no landmarks determine the start pose and the points fit the prior clearly
+    better in another one: an `init` of another frame leads to a surface that looks right, since a motion can
+    make up for a turned chamber. sound: `start_digest` of a case about whose pose there was nothing to say.
     """
     if fix_a_pose(*case.landmark_pairs()[1:]) or (sound and sound == start_digest(case)):
         return []
@@ -114,8 +117,8 @@ def doubtful_pose(case: Case, start: Estimate, sound: str = "") -> list[RunWarni
 
 
 def _better_pose(case: Case, start: Estimate) -> str:
-    """A sentence where the points fit the prior, or its mirror image, clearly better in another pose than in
-    the one that ICP finds from the start.
+    """Return a sentence where the points fit the prior, or its mirror image, clearly better in another pose
+    than in the one that ICP finds from the start.
     """
     from ..registration.match import SurfaceMatcher
     from ..stages.icp import ICP, fitted_places
@@ -130,8 +133,8 @@ def _better_pose(case: Case, start: Estimate) -> str:
 
 
 def components_without_points(case: Case, T_map_prior: Array) -> list[RunWarning]:
-    """A warning for each component of the prior, but for small ones, that is nearest to no point: nothing
-    tells where it lies.
+    """Return a warning for each component of the prior, but for small ones, that is nearest to no point:
+    nothing tells where it lies.
     """
     from ..geometry.closest_point import ClosestPoint
     from ..geometry.components import SMALL_COMPONENT, component_areas
@@ -144,24 +147,24 @@ def components_without_points(case: Case, T_map_prior: Array) -> list[RunWarning
     return [
         RunWarning(
             "component-without-points",
-            f"no point is near the component of the prior {_around(case, component == k)} "
+            f"no point is near the component of the prior {_describe_place(case, component == k)} "
             f"({areas[k] / prior.area:.0%} of its area): does it belong to this chamber?",
         )
         for k in unseen
     ]
 
 
-def _around(case: Case, faces: NDArray[np.bool_]) -> str:
-    """Where some faces of the prior lie."""
+def _describe_place(case: Case, faces: NDArray[np.bool_]) -> str:
+    """Return where some faces of the prior lie."""
     middle = case.prior.vertices[np.unique(case.prior.faces[faces])].mean(axis=0)
     return f"around ({', '.join(f'{x:.0f}' for x in middle)}) {case.units}"
 
 
-def _placed(case: Case, T_map_prior: Array, status: str) -> Estimate:
+def _place_prior(case: Case, T_map_prior: Array, status: str) -> Estimate:
     return Estimate(case.prior.transformed(T_map_prior), T_map_prior, status)
 
 
-def _flat(case: Case) -> str:
+def _find_flat_prior(case: Case) -> str:
     prior, unit = case.prior, case.units
     if not prior.watertight or prior.dimension * prior.volume > FLATTEST * prior.diagonal * prior.area:
         return ""
@@ -171,7 +174,7 @@ def _flat(case: Case) -> str:
     )
 
 
-def _few(points: Array) -> str:
+def _find_few_places(points: Array) -> str:
     places = len(np.unique(points, axis=0))
     return (
         ""
@@ -180,8 +183,10 @@ def _few(points: Array) -> str:
     )
 
 
-def _other_size(case: Case, points: Array) -> str:
-    """Points in another unit than the prior's are many times too small or too large, not a little."""
+def _find_other_size(case: Case, points: Array) -> str:
+    """Return a sentence where the points are of another size than the prior: in another unit they are many
+    times too small or too large, not a little.
+    """
     most, span = (
         max(float(np.linalg.norm(np.ptp(np.quantile(points, part, axis=0), axis=0))), 1e-300)
         for part in (MOST, NEARLY_ALL)
@@ -204,8 +209,8 @@ def _other_size(case: Case, points: Array) -> str:
     return f"{spans}: {remedy.format(name)}; otherwise check the units of both"
 
 
-def _far_point(case: Case, points: Array) -> str:
-    """The farthest point, where it is too far off to be of this map."""
+def _find_far_point(case: Case, points: Array) -> str:
+    """Return a sentence on the farthest point, where it is too far off to be of this map."""
     away = np.linalg.norm(points - np.median(points, axis=0), axis=1)
     far = int(away.argmax())
     if away[far] <= SPANS[1] * case.prior.diagonal:
@@ -217,10 +222,10 @@ def _far_point(case: Case, points: Array) -> str:
     )
 
 
-def _far(case: Case, start: Estimate, points: Array) -> str:
+def _find_far_start(case: Case, start: Estimate, points: Array) -> str:
     from scipy.spatial import cKDTree
 
-    # near enough to the wall, without compiled loops
+    # vertices stand for the wall here, which needs no compiled loops
     gap = float(np.median(cKDTree(start.surface.vertices).query(points)[0]))
     size = case.prior.diagonal
     unit = case.units

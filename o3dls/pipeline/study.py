@@ -32,14 +32,15 @@ class Planned:
 
 
 def planned(folders: Iterable[Path], pipeline: Pipeline, *, trim: bool = False) -> list[Planned]:
-    """One pipeline for these case folders, whose names the runs have."""
+    """Plan one pipeline for these case folders, whose names the runs have."""
     return [Planned(folder.resolve().name, folder, pipeline, trim) for folder in folders]
 
 
 def read_study(
     cases: Sequence[Path], pipeline: Path | None = None, settings: Sequence[str] = ()
 ) -> list[Planned]:
-    """What is to be run: of each case folder, each pattern such as `cases/*`, and each row of a table.
+    """Return what is to be run: each case folder, each match of a pattern such as `cases/*`, and each row of
+    a table.
 
     A table has the columns `case` and, where wanted, `pipeline`, `name` and `set.STAGE.PARAM`; its paths are
     relative to it. The run of a row has the name of the case, with `-PIPELINE` behind it where the row names
@@ -49,16 +50,18 @@ def read_study(
     found: list[Planned] = []
     for path in cases:
         if path.suffix.lower() in TABLES and not path.is_dir():
-            found += _rows(read_table(path, ("case",)), plans)
+            found += _plan_rows(read_table(path, ("case",)), plans)
         elif not path.exists() and glob.has_magic(str(path)):
-            found += planned(_matching(path), plans.own, trim=plans.trims)
+            found += planned(_match_folders(path), plans.own, trim=plans.trims)
         else:
             found += planned([path], plans.own, trim=plans.trims)
     return found
 
 
 def shard(study: Sequence[Planned], part: int, parts: int) -> list[Planned]:
-    """The part-th (from 1) of so many parts of a study, by the names of the runs, whatever their order."""
+    """Return the part-th (from 1) of so many parts of a study, by the names of the runs, whatever their
+    order.
+    """
     return sorted(study, key=lambda one: one.name)[part - 1 :: parts]
 
 
@@ -68,7 +71,7 @@ class _Plans:
     def __init__(self, usual: Path | None, settings: tuple[str, ...]) -> None:
         self.usual, self.settings = usual, settings
         self.trims = usual is None
-        self._read = cache(self._made)
+        self._read = cache(self._read_pipeline)
 
     @property
     def own(self) -> Pipeline:
@@ -76,30 +79,30 @@ class _Plans:
         return self._read(self.usual, ())
 
     def of(self, path: Path | None, settings: tuple[str, ...]) -> Pipeline:
-        """The pipeline of a row of a table."""
+        """Return the pipeline of a row of a table."""
         return self._read(path or self.usual, settings)
 
-    def _made(self, path: Path | None, settings: tuple[str, ...]) -> Pipeline:
+    def _read_pipeline(self, path: Path | None, settings: tuple[str, ...]) -> Pipeline:
         every = [*self.settings, *settings]
         return read_pipeline(path, every) if path else default_pipeline(every)
 
 
-def _matching(pattern: Path) -> list[Path]:
+def _match_folders(pattern: Path) -> list[Path]:
     folders = [Path(name) for name in sorted(glob.glob(str(pattern), recursive=True))]
     if found := [folder for folder in folders if folder.is_dir()]:
         return found
     raise InputError(f"{pattern}: no folder has such a name; name case folders, or a table of them (.csv)")
 
 
-def _rows(table: Table, plans: _Plans) -> list[Planned]:
+def _plan_rows(table: Table, plans: _Plans) -> list[Planned]:
     for column in table.columns:
         if column not in COLUMNS and not column.startswith(SET):
             hint = did_you_mean(column, [*COLUMNS, f"{SET}STAGE.PARAM"])
             raise InputError(f"{table.path}: column '{column}': no such column{hint}")
-    return [_row(table, row, plans) for row in range(len(table))]
+    return [_plan_row(table, row, plans) for row in range(len(table))]
 
 
-def _row(table: Table, row: int, plans: _Plans) -> Planned:
+def _plan_row(table: Table, row: int, plans: _Plans) -> Planned:
     cells = {name: column[row] for name, column in table.columns.items() if column[row]}
     if "case" not in cells:
         raise InputError(f"{table.where(row, 'case')}: is empty; name the case folder")

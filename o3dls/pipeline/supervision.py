@@ -26,7 +26,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Limits:
-    """What a task may take: seconds and bytes of resident memory (None: any); and how often it is begun again
+    """The limits of a task: seconds and bytes of resident memory (None: any); and how often it is begun again
     where its process was ended from outside. Raises InputError.
     """
 
@@ -39,7 +39,7 @@ class Limits:
             raise InputError("--memory: this system does not say what memory a process has; leave it out")
 
     def exceeded(self, seconds: float, process: int) -> Death | None:
-        """The limit that a task is beyond, after so many seconds in a process; None where it is within
+        """Return the limit that a task is beyond, after so many seconds in a process; None where it is within
         all.
         """
         if self.seconds is not None and seconds > self.seconds:
@@ -47,13 +47,15 @@ class Limits:
             return Death(said, from_outside=False, of_this_task=True)
         if self.memory is not None and resident(process) > self.memory:
             said = f"took more than {self.memory / MB:g} MB of memory and was stopped (--memory)"
-            return Death(said, from_outside=False, of_this_task=False)  # others may have left some taken
+            return Death(
+                said, from_outside=False, of_this_task=False
+            )  # earlier tasks may have left memory taken
         return None
 
 
 def resident(process: int) -> int:
-    """Bytes of memory that a process has; 0 where it is no more, or the system does not say. Addresses would
-    be no measure: compiled code and linear algebra reserve many more than they use.
+    """Return the bytes of memory that a process has; 0 where it is no more, or the system does not say.
+    Addresses would be no measure: compiled code and linear algebra reserve many more than they use.
     """
     try:
         if PROC.is_dir():
@@ -67,7 +69,7 @@ def resident(process: int) -> int:
 
 @dataclass(frozen=True)
 class Ended:
-    """There is no result: why the process of a task was ended."""
+    """The result of a task whose process was ended: the reason why there is no other."""
 
     reason: str
 
@@ -89,7 +91,7 @@ def watched(
 def attended(
     places: Sequence[Place[T]], tasks: Sequence[Task[T]], limits: Limits, stop: Event
 ) -> Generator[tuple[Task[T], T | Ended]]:
-    """The same in given places, which are left open, for tasks that come later."""
+    """Do the tasks as `watched` does, in given places, which are left open for tasks that come later."""
     line = _Line(tasks, limits)
     while busy := line.begun(places, stop):
         wait([place.future for place in busy], timeout=POLL, return_when=FIRST_COMPLETED)
@@ -143,7 +145,7 @@ class _Line(Generic[T]):
         return busy
 
     def again(self, task: Task[T], death: Death) -> bool:
-        """Whether a task is begun again, as the last.
+        """Return whether a task is begun again, as the last.
 
         What ended a process that had done other tasks may be of their making, and does not count.
         """
@@ -156,7 +158,7 @@ class _Line(Generic[T]):
         return True
 
     def reason(self, task: Task[T], death: Death) -> str:
-        """Why a task has no result."""
+        """Return why a task has no result."""
         if not death.from_outside:
             return death.reason
         times = "once" if self.deaths[task] == 1 else f"{self.deaths[task]} times"

@@ -25,32 +25,32 @@ log = logging.getLogger("o3dls")
 
 @contextmanager
 def workers(processes: int, beside: int = 0) -> Iterator[Executor]:
-    """A pool of so many processes; what interrupts the block drops the tasks that wait and ends those that
-    run.
+    """Yield a pool of so many processes; what interrupts the block drops the tasks that wait and ends those
+    that run.
 
     beside: how many processes of other pools share the cores with these. Raises InputError where the system
     lets none begin.
     """
     spawn = get_context("spawn")  # fork hangs once numba has used its threads
     theirs, ours = spawn.Pipe(duplex=False)
-    with ours, theirs, _pool(processes, spawn, (processes + beside, theirs)) as pool:
-        results = pool._result_queue  # a pool that is shut down forgets it
+    with ours, theirs, _open_pool(processes, spawn, (processes + beside, theirs)) as pool:
+        results = pool._result_queue  # kept, since a pool that is shut down forgets it
         try:
-            with _unheard():
+            with _block_interrupts():
                 for _ in range(processes):
                     pool.submit(int)  # begins a process
             yield pool
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             ours.close()
-            # half a result of one that is ended while it sends: with our end closed, none waits for the rest
+            # a process that is ended while it sends leaves half a result; with our end closed, none waits
             results._writer.close()  # type: ignore[attr-defined]
             raise
 
 
-def _pool(processes: int, spawn: SpawnContext, given: tuple[int, Connection]) -> ProcessPoolExecutor:
+def _open_pool(processes: int, spawn: SpawnContext, given: tuple[int, Connection]) -> ProcessPoolExecutor:
     try:
-        return ProcessPoolExecutor(processes, spawn, initializer=_begin, initargs=given)
+        return ProcessPoolExecutor(processes, spawn, initializer=_begin_process, initargs=given)
     except (OSError, ImportError) as error:  # ImportError: Python was built without semaphores
         raise InputError(
             f"no further process can be begun ({error}): processes need semaphores, on Linux in a /dev/shm "
@@ -60,8 +60,8 @@ def _pool(processes: int, spawn: SpawnContext, given: tuple[int, Connection]) ->
 
 @contextmanager
 def second_process(folds: int) -> Iterator[Executor | None]:
-    """A process beside this one for the folds of a cross-validation, which begins at once, as it has much to
-    import; None where there are no folds, or no core for it, or the system lets none begin.
+    """Yield a process beside this one for the folds of a cross-validation, which begins at once, as it has
+    much to import; None where there are no folds, or no core for it, or the system lets none begin.
     """
     with ExitStack() as open_:
         pool = None
@@ -74,9 +74,9 @@ def second_process(folds: int) -> Iterator[Executor | None]:
 
 
 @contextmanager
-def _unheard() -> Iterator[None]:
-    """A process that begins within this never hears of Ctrl-C, which would end it in its imports with a
-    traceback; this one hears of it afterwards.
+def _block_interrupts() -> Iterator[None]:
+    """Keep Ctrl-C from a process that begins within this, which it would end in its imports with a traceback;
+    this process hears of it afterwards.
     """
     if sys.platform == "win32":
         yield
@@ -88,17 +88,17 @@ def _unheard() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _begin(processes: int, parent: Connection) -> None:
+def _begin_process(processes: int, parent: Connection) -> None:
     """Prepare a process of the pool: it has its share of the cores, and ends when told, or when its parent is
     no more.
     """
     parallel.limit_threads(processes)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # reaches all processes of a terminal; the parent decides
-    signal.signal(signal.SIGTERM, _told)
+    signal.signal(signal.SIGTERM, _end_when_told)
     Thread(target=_end_with, args=(parent,), daemon=True).start()
 
 
-def _told(*_: Any) -> None:
+def _end_when_told(*_: Any) -> None:
     """End, with what is half made removed, and without a word: what an interrupted library says of it, such
     as that it cannot be imported, is no news.
     """
@@ -113,4 +113,4 @@ def _end_with(parent: Connection) -> None:
     parent.poll(None)
     os.kill(os.getpid(), signal.SIGTERM)
     time.sleep(GRACE)
-    os._exit(1)  # compiled code may have swallowed what was to interrupt it
+    os._exit(1)  # compiled code may have ignored the signal

@@ -13,7 +13,7 @@ from .stage import Stage
 
 
 def listing() -> str:
-    """Every stage and writer with the first line of what it does."""
+    """Return every stage and writer with the first line of what it does."""
     lines = []
     for kind, group in GROUPS.items():
         names = sorted(registered(group))
@@ -22,42 +22,44 @@ def listing() -> str:
 
 
 def sheet(name: str) -> str:
-    """Parameters of a stage or writer: name, default, unit, bounds or accepted words, meaning. Raises
+    """Return parameters of a stage or writer: name, default, unit, bounds or accepted words, meaning. Raises
     PipelineError.
     """
-    plugin = _named(name)
-    return "\n".join([f"{name}: {words(plugin)}", "", *map(_line, describe(plugin))])
+    plugin = _find_plugin(name)
+    return "\n".join([f"{name}: {words(plugin)}", "", *map(_format_line, describe(plugin))])
 
 
 def tables() -> str:
-    """The parameters of every stage and writer that has any, as Markdown tables."""
+    """Return the parameters of every stage and writer that has any, as Markdown tables."""
     names = [name for group in GROUPS.values() for name in sorted(registered(group))]
-    return "\n\n".join(table(name) for name in names if _own(_named(name)))
+    return "\n\n".join(table(name) for name in names if _own_parameters(_find_plugin(name)))
 
 
 def table(name: str) -> str:
-    """The parameters of a stage or writer, but for those that all stages have, as a Markdown table. Raises
-    PipelineError.
+    """Return the parameters of a stage or writer, but for those that all stages have, as a Markdown table.
+    Raises PipelineError.
     """
-    rows = map(_row, _own(_named(name)))
+    rows = map(_format_row, _own_parameters(_find_plugin(name)))
     return "\n".join([f"| `{name}` | default | bounds | meaning |", "|---|---|---|---|", *rows])
 
 
 def commented(name: str, keys: Sequence[str]) -> list[tuple[str, str]]:
-    """Some parameters of a stage or writer, each at its default as a pipeline file writes it, and its unit,
-    meaning and bounds. Raises PipelineError.
+    """Return some parameters of a stage or writer, each at its default as a pipeline file writes it, and its
+    unit, meaning and bounds. Raises PipelineError.
     """
-    known = {p.name: p for p in describe(_named(name))}
-    return [(f"{p.name} = {as_toml(p.default)}", _about(p)) for p in map(known.__getitem__, keys)]
+    known = {p.name: p for p in describe(_find_plugin(name))}
+    return [
+        (f"{p.name} = {as_toml(p.default)}", _describe_parameter(p)) for p in map(known.__getitem__, keys)
+    ]
 
 
-def _about(p: Parameter) -> str:
+def _describe_parameter(p: Parameter) -> str:
     unit = f"{p.unit}: " if p.unit else ""
     return f"{unit}{p.meaning} ({p.limits or p.kind})"
 
 
-def _named(name: str) -> type[Plugin]:
-    """The stage or writer of a name."""
+def _find_plugin(name: str) -> type[Plugin]:
+    """Return the stage or writer of a name."""
     for kind, group in GROUPS.items():
         if name in registered(group):
             return load(kind, name)
@@ -67,29 +69,29 @@ def _named(name: str) -> type[Plugin]:
     )
 
 
-def _own(plugin: type[Plugin]) -> list[Parameter]:
-    """The parameters of a stage or writer, but for those that all stages have."""
+def _own_parameters(plugin: type[Plugin]) -> list[Parameter]:
+    """Return the parameters of a stage or writer, but for those that all stages have."""
     common = {p.name for p in describe(Stage)}
     return [p for p in describe(plugin) if p.name not in common]
 
 
 def meaning(plugin: type[Plugin]) -> str:
-    """What a stage or writer does: the first paragraph of its docstring, on one line."""
+    """Return what a stage or writer does: the first paragraph of its docstring, on one line."""
     return " ".join(words(plugin).split("\n\n")[0].split())
 
 
-def _line(p: Parameter) -> str:
+def _format_line(p: Parameter) -> str:
     value = f"{p.name} = {as_toml(p.default)} {p.unit}".rstrip()
     return f"  {value:<34} {p.meaning} ({p.limits or p.kind})"
 
 
-def _row(p: Parameter) -> str:
+def _format_row(p: Parameter) -> str:
     value = f"`{as_toml(p.default)}` {p.unit}".rstrip()
     return f"| `{p.name}` | {value} | {p.limits or p.kind} | {p.meaning} |"
 
 
 def as_toml(value: Any) -> str:
-    """A default as a pipeline file would write it; what has none is left to be filled in."""
+    """Return a default as a pipeline file would write it; what has none is left to be filled in."""
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, tuple | list):

@@ -30,23 +30,25 @@ class Parameter:
 
 
 def describe(plugin: type[BaseModel]) -> list[Parameter]:
-    """The parameters of a plugin in the order of its class; those of a part as `part.name`."""
+    """Return the parameters of a plugin in the order of its class; those of a part as `part.name`."""
     found = list[Parameter]()
     for name, field in plugin.model_fields.items():
         inner = part(field)
-        own = [described(name, field)] if inner is None else _of_part(name, inner)
+        own = [described(name, field)] if inner is None else _describe_part(name, inner)
         found += own
     return found
 
 
 def part(field: FieldInfo) -> type[BaseModel] | None:
-    """The class of a parameter that is a table of parameters itself, such as `deform` in `phases`."""
+    """Return the class of a parameter that is a table of parameters itself, such as `deform` in `phases`."""
     kind = field.annotation
     return kind if isinstance(kind, type) and issubclass(kind, BaseModel) else None
 
 
 def parameter_error(model: BaseModel, name: str, words: str) -> PydanticCustomError:
-    """For validators of a whole plugin: what is wrong with one of its parameters, given the others."""
+    """Return an error, for validators of a whole plugin, that says what is wrong with one of its parameters,
+    given the others.
+    """
     about = {"name": name, "value": getattr(model, name), "words": words}
     return PydanticCustomError("parameter", "a parameter does not fit the others", about)
 
@@ -58,32 +60,36 @@ def unfitting(model: BaseModel, name: str, condition: str) -> None:
 
 
 def described(name: str, f: FieldInfo) -> Parameter:
-    """A parameter by its field."""
+    """Return a parameter by its field."""
     default = f.get_default(call_default_factory=True)
-    return Parameter(f.alias or name, _kind(f), default, _unit(f), _limits(f), f.description or "")
+    return Parameter(
+        f.alias or name, _describe_kind(f), default, _shown_unit(f), _describe_limits(f), f.description or ""
+    )
 
 
-def _of_part(name: str, inner: type[BaseModel]) -> list[Parameter]:
+def _describe_part(name: str, inner: type[BaseModel]) -> list[Parameter]:
     placing = getattr(inner, "placing", ())
     own = [described(key, field) for key, field in inner.model_fields.items() if key not in placing]
     return [replace(one, name=f"{name}.{one.name}") for one in own]
 
 
 def mistakes(plugin: type[BaseModel], error: ValidationError) -> list[str]:
-    """One sentence per mistake, such as `icp.tolerance = -1.0 mm: must be a number within [0, inf) mm`."""
+    """Return one sentence per mistake, such as `icp.tolerance = -1.0 mm: must be a number within [0, inf)
+    mm`.
+    """
     owner = str(getattr(plugin, "name", plugin.__name__))
     details = error.errors(include_url=False)
     # a list with a wrong entry is also reported as too short
     inside = {detail["loc"][0] for detail in details if len(detail["loc"]) > 1}
     kept = [detail for detail in details if len(detail["loc"]) != 1 or detail["loc"][0] not in inside]
-    return list(dict.fromkeys(one for detail in kept for one in _sentences(plugin, owner, detail)))
+    return list(dict.fromkeys(one for detail in kept for one in _describe_mistakes(plugin, owner, detail)))
 
 
 def as_written(value: Any, field: FieldInfo) -> bool:
-    """Whether a value, or each entry of a list or table, is of the kind that it would be taken for: number,
-    yes or no, something else.
+    """Return whether a value, or each entry of a list or table, is of the kind that it would be taken for:
+    number, yes or no, something else.
     """
-    kinds = set(_parts(field.annotation)) - {type(None), Ellipsis}
+    kinds = set(_flatten_annotation(field.annotation)) - {type(None), Ellipsis}
     if not kinds or not kinds <= {bool, int, float}:
         return True
     entries = (
@@ -93,28 +99,28 @@ def as_written(value: Any, field: FieldInfo) -> bool:
         if isinstance(value, list | tuple)
         else [value]
     )
-    return all(_is(entry, kinds) for entry in entries)
+    return all(_is_of_kinds(entry, kinds) for entry in entries)
 
 
-def _is(entry: Any, kinds: set[Any]) -> bool:
+def _is_of_kinds(entry: Any, kinds: set[Any]) -> bool:
     if isinstance(entry, bool):
         return bool in kinds
     return kinds != {bool} if isinstance(entry, int | float) else not isinstance(entry, str | bytes)
 
 
-def _sentences(plugin: type[BaseModel], owner: str, detail: ErrorDetails) -> list[str]:
-    """One sentence, or one per mistake in a part."""
+def _describe_mistakes(plugin: type[BaseModel], owner: str, detail: ErrorDetails) -> list[str]:
+    """Return one sentence, or one per mistake in a part."""
     about = detail.get("ctx", {})
     if detail["type"] == "part":
         return [f"{owner}.{mistake}" for mistake in about["mistakes"]]
     if detail["type"] == "parameter":
         field = plugin.model_fields[about["name"]]
-        value = _shown(about["value"], _unit(field))
+        value = _show_value(about["value"], _shown_unit(field))
         return [f"{owner}.{field.alias or about['name']} = {value}: {about['words']}"]
-    return [_sentence(plugin, owner, detail)]
+    return [_describe_mistake(plugin, owner, detail)]
 
 
-def _sentence(plugin: type[BaseModel], owner: str, detail: ErrorDetails) -> str:
+def _describe_mistake(plugin: type[BaseModel], owner: str, detail: ErrorDetails) -> str:
     fields = {f.alias or name: f for name, f in plugin.model_fields.items()}
     key = str(detail["loc"][0]) if detail["loc"] else ""
     if detail["type"] == "extra_forbidden":
@@ -126,58 +132,59 @@ def _sentence(plugin: type[BaseModel], owner: str, detail: ErrorDetails) -> str:
     if key not in fields:
         return f"{owner}: {message}"
     field = fields[key]
-    words = _words(fields[key])
+    words = _accepted_words(fields[key])
     entry = len(detail["loc"]) > 1 and get_origin(field.annotation) in (tuple, list, dict)
     place = f"{key}[{detail['loc'][1]!r}]" if entry else key
-    given = f"{owner}.{place} = {_shown(detail['input'], _unit(field))}"
+    given = f"{owner}.{place} = {_show_value(detail['input'], _shown_unit(field))}"
     if words and isinstance(detail["input"], str):
         return f"{given}{did_you_mean(detail['input'], words)}"
-    return f"{given}: {message if entry or detail['type'] == 'value_error' else f'must be {_wanted(field)}'}"
+    own_words = entry or detail["type"] == "value_error"
+    return f"{given}: {message if own_words else f'must be {_describe_wanted(field)}'}"
 
 
-def _shown(value: Any, unit: str) -> str:
+def _show_value(value: Any, unit: str) -> str:
     plain = list(value) if isinstance(value, tuple) else value
     return repr(value).lower() if isinstance(value, bool) else f"{plain!r} {unit}".rstrip()
 
 
-def _wanted(field: FieldInfo) -> str:
-    """What would be right, in words."""
-    limits, unit, kind = _limits(field), _unit(field), _kind(field)
-    if _words(field):
+def _describe_wanted(field: FieldInfo) -> str:
+    """Return in words what would be right."""
+    limits, unit, kind = _describe_limits(field), _shown_unit(field), _describe_kind(field)
+    if _accepted_words(field):
         return f"one of {limits}"
     kind = kind if kind.startswith("true") else f"a {kind}"
     return f"{kind} within {limits} {unit}".rstrip() if limits.startswith(("[", "(")) else limits or kind
 
 
-def _unit(field: FieldInfo) -> str:
-    """The unit to show; a pure number (`1`) shows none."""
+def _shown_unit(field: FieldInfo) -> str:
+    """Return the unit to show; a pure number (`1`) shows none."""
     extra = field.json_schema_extra
     unit = str(extra.get("unit", "")) if isinstance(extra, dict) else ""
     return "" if unit == "1" else unit
 
 
-def _words(field: FieldInfo) -> list[str]:
-    """The accepted words of a Literal, also inside a union or a tuple."""
+def _accepted_words(field: FieldInfo) -> list[str]:
+    """Return the accepted words of a Literal, also inside a union or a tuple."""
     return [
         word
-        for part in _parts(field.annotation)
+        for part in _flatten_annotation(field.annotation)
         if get_origin(part) is Literal
         for word in get_args(part)
         if isinstance(word, str)
     ]
 
 
-def _parts(annotation: Any) -> list[Any]:
+def _flatten_annotation(annotation: Any) -> list[Any]:
     if get_origin(annotation) in (Union, UnionType, tuple, list):
-        return [deep for part in get_args(annotation) for deep in _parts(part)]
+        return [deep for part in get_args(annotation) for deep in _flatten_annotation(part)]
     if get_origin(annotation) is dict:
-        return _parts(get_args(annotation)[1])
+        return _flatten_annotation(get_args(annotation)[1])
     if get_origin(annotation) is Annotated:
-        return _parts(get_args(annotation)[0])
+        return _flatten_annotation(get_args(annotation)[0])
     return [annotation]
 
 
-def _kind(field: FieldInfo) -> str:
+def _describe_kind(field: FieldInfo) -> str:
     names = {
         bool: "true or false",
         int: "whole number",
@@ -191,7 +198,7 @@ def _kind(field: FieldInfo) -> str:
         return "table of parameters"
     parts = [
         "word" if get_origin(p) is Literal else names.get(p, getattr(p, "__name__", str(p)))
-        for p in _parts(field.annotation)
+        for p in _flatten_annotation(field.annotation)
     ]
     kind = " or ".join(dict.fromkeys(filter(None, parts)))
     if get_origin(field.annotation) is dict:
@@ -207,11 +214,11 @@ def _kind(field: FieldInfo) -> str:
     return f"list of {kind}s{''.join(bounds)}"
 
 
-def _limits(field: FieldInfo) -> str:
-    """`[low, high]` with round brackets where a bound is excluded, as infinity is; the accepted words, a
-    pattern, or nothing.
+def _describe_limits(field: FieldInfo) -> str:
+    """Return `[low, high]`, with round brackets where a bound is excluded, as infinity is; the accepted
+    words, a pattern, or nothing.
     """
-    if words := _words(field):
+    if words := _accepted_words(field):
         return ", ".join(words)
     known = ("ge", "gt", "le", "lt", "pattern")
     bounds = {

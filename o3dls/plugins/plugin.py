@@ -45,7 +45,7 @@ class Plugin(BaseModel, ABC, metaclass=PluginType):
 
     @field_validator("*", mode="before")
     @classmethod
-    def _as_written(cls, value: Any, info: ValidationInfo) -> Any:
+    def _check_as_written(cls, value: Any, info: ValidationInfo) -> Any:
         """Text is neither a number nor yes or no, and a number is not yes or no: pydantic would read "no" as
         false and "1" as 1.
         """
@@ -55,8 +55,8 @@ class Plugin(BaseModel, ABC, metaclass=PluginType):
 
     @field_validator("*", mode="before")
     @classmethod
-    def _part(cls, value: Any, info: ValidationInfo) -> Any:
-        """A table becomes the part that it describes, with the mistakes of that named."""
+    def _make_part(cls, value: Any, info: ValidationInfo) -> Any:
+        """Make the part that a table describes, with its mistakes under the name of the part."""
         field = cls.model_fields[info.field_name] if info.field_name else None
         kind = part(field) if field else None
         if kind is None or not issubclass(kind, Plugin) or not isinstance(value, Mapping | kind):
@@ -73,7 +73,7 @@ class Plugin(BaseModel, ABC, metaclass=PluginType):
         return made
 
     def record(self) -> dict[str, Any]:
-        """Every parameter with its value, as a pipeline file would say it."""
+        """Return every parameter with its value, as a pipeline file would say it."""
         parts = {name: part(field) for name, field in type(self).model_fields.items()}
         left_out = {
             name: set(kind.placing) for name, kind in parts.items() if kind and issubclass(kind, Plugin)
@@ -81,20 +81,20 @@ class Plugin(BaseModel, ABC, metaclass=PluginType):
         return {"use": self.name} | self.model_dump(mode="json", by_alias=True, exclude=left_out or None)
 
     def obstacle(self, case: Case) -> str | None:
-        """Why this plugin cannot work on the case (a sentence), None where it can."""
+        """Return why this plugin cannot work on the case (a sentence), None where it can."""
         return None
 
     def mistake(self, case: Case) -> str | None:
-        """What of the case or the parameters must be corrected first (a sentence), None where nothing: asked
-        where there is no obstacle.
+        """Return what of the case or the parameters must be corrected first (a sentence), None where nothing
+        must; it is asked where there is no obstacle.
         """
         return None
 
 
 @cache
 def registered(group: str) -> dict[str, EntryPoint]:
-    """Entry points of `o3dls.stages` or `o3dls.writers` by name. Raises PipelineError where two share a
-    name.
+    """Return the entry points of `o3dls.stages` or `o3dls.writers` by name. Raises PipelineError where two
+    share a name.
     """
     found: dict[str, EntryPoint] = {}
     for entry in entry_points(group=group):
@@ -108,8 +108,8 @@ def registered(group: str) -> dict[str, EntryPoint]:
 
 
 def load(kind: str, name: Any) -> type[Plugin]:
-    """The class of a stage (kind 'stage') or writer (kind 'write') by name. Raises PipelineError where there
-    is none or it cannot load.
+    """Load the class of a stage (kind 'stage') or writer (kind 'write') by name. Raises PipelineError where
+    there is none or it cannot load.
     """
     known = registered(GROUPS[kind])
     if name not in known:

@@ -28,7 +28,8 @@ class Stage(Plugin):
         str | None,
         Field(
             alias="as",
-            pattern=r"^[A-Za-z][A-Za-z0-9_-]{0,59}$",  # it names files too, and systems take 255 bytes
+            # it is also the name of files, which systems limit to 255 bytes
+            pattern=r"^[A-Za-z][A-Za-z0-9_-]{0,59}$",
             description="name of the estimate; default: the stage's name",
         ),
     ] = None
@@ -45,4 +46,4 @@ class Stage(Plugin):
 
     @abstractmethod
     def __call__(self, case: Case, start: Estimate) -> Estimate:
-        """A new estimate; neither argument is changed."""
+        """Return a new estimate; neither argument is changed."""

@@ -11,14 +11,16 @@ from .tables import score_table
 
 
 def comparison(runs: Mapping[str, Run]) -> str:
-    """Mean distances of every estimate of several runs, by the runs' names; nothing is averaged, and each
-    unit has a table of its own.
+    """Return the mean distances of every estimate of several runs, by the runs' names; nothing is averaged,
+    and each unit has a table of its own.
     """
     units = dict.fromkeys(run.unit for run in runs.values())
-    return "\n".join(_table(unit, {k: run for k, run in runs.items() if run.unit == unit}) for unit in units)
+    return "\n".join(
+        _table_in_unit(unit, {k: run for k, run in runs.items() if run.unit == unit}) for unit in units
+    )
 
 
-def _table(unit: str, runs: Mapping[str, Run]) -> str:
+def _table_in_unit(unit: str, runs: Mapping[str, Run]) -> str:
     lines = [
         replace(line, label=escaped(f"{label} {run.case.name} {line.label}"))
         for label, run in runs.items()

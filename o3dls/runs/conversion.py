@@ -59,7 +59,7 @@ def convert(
         if value is not None and value not in allowed:
             raise InputError(f"{name} = '{value}': must be one of {', '.join(allowed)}")
     if is_surface(source):
-        return _surface(source, target, format, units, frame, to, cap=cap, faces=faces, choice=choice)
+        return _convert_surface(source, target, format, units, frame, to, cap=cap, faces=faces, choice=choice)
     suffix, pose = source.suffix.lower(), is_transform(source)
     if suffix not in (*TABLES, *MARKUPS) and not pose:
         raise InputError(
@@ -71,11 +71,11 @@ def convert(
             f"{source}: is not a surface, so cap, faces, format, label, part, box, layer and hidden do "
             "not apply to it"
         )
-    write = _transform if pose else _markups if suffix in MARKUPS else _points
+    write = _convert_transform if pose else _convert_markups if suffix in MARKUPS else _convert_points
     return write(source, target, units, frame, to)
 
 
-def _surface(
+def _convert_surface(
     source: Path,
     target: Path,
     format: str | None,
@@ -89,7 +89,7 @@ def _surface(
 ) -> list[str]:
     file = in_millimetres(source, read_surface_file(source, units=units, frame=frame, **choice), units)
     surface = file.surface
-    space = _settled(source, "frame", file.space, frame)
+    space = _settle_stated(source, "frame", file.space, frame)
     done = [
         f"{source}: {len(surface.vertices)} vertices, {len(surface.faces)} faces, frame {space}, units "
         f"{file.units}",
@@ -97,7 +97,7 @@ def _surface(
     ]
     if to and surface.dimension == 2:
         raise InputError(f"{source}: is an outline in 2D, and LPS and RAS are frames in 3D; omit --to")
-    if to and _turns(source, space, to):
+    if to and _needs_turn(source, space, to):
         surface = surface.transformed(TURN)
     if cap:
         surface = closed_outward(surface, str(source), cap=True)
@@ -105,7 +105,7 @@ def _surface(
         surface = decimated(surface, faces)
     space = to or space
     losses = write_surface(target, surface, space=space, units=file.units, format=format)
-    # DIF's by definition: it has been turned
+    # DIF is in LPS by definition, and its writer has turned the surface
     space = "LPS" if space == "RAS" and target.suffix.lower() == ".xml" else space
     return [
         *done,
@@ -116,11 +116,11 @@ def _surface(
 
 
 def in_millimetres(source: Path, file: SurfaceFile, units: str | None) -> SurfaceFile:
-    """The surface in mm where its units are stated by the file or by `units`.
+    """Return the surface in mm where its units are stated by the file or by `units`.
 
     Else as it is, if its extent can be meant in mm.
     """
-    stated = _units(source, file.units, units)
+    stated = _settle_units(source, file.units, units)
     if stated == "unknown":
         if file.surface.dimension == 3:
             check_scale(source, file.surface.vertices)
@@ -130,17 +130,17 @@ def in_millimetres(source: Path, file: SurfaceFile, units: str | None) -> Surfac
 
 
 def _scaled_units(stated: str) -> str:
-    """Units of lengths once they are scaled: mm, or what cannot be scaled to it."""
+    """Return units of lengths once they are scaled: mm, or what cannot be scaled to it."""
     return stated if stated in ("px", "unknown") else "mm"
 
 
-def _units(source: Path, stated: str, given: str | None) -> str:
-    """As `_settled`, of units.
+def _settle_units(source: Path, stated: str, given: str | None) -> str:
+    """Return the units that the file states, or those that are given where it states none.
 
     Raises InputError too where the file states none that is known, and nothing is given.
     """
     if stated in (*MILLIMETRES, "unknown"):
-        return _settled(source, "units", stated, given)
+        return _settle_stated(source, "units", stated, given)
     if given is None:
         raise InputError(
             f"{source}: states units '{stated}': must be one of {', '.join(MILLIMETRES)}; say which with "
@@ -149,11 +149,8 @@ def _units(source: Path, stated: str, given: str | None) -> str:
     return given
 
 
-def _settled(source: Path, what: str, stated: str, given: str | None) -> str:
-    """What the file states, or what is given where it states nothing.
-
-    Raises InputError where the two differ.
-    """
+def _settle_stated(source: Path, what: str, stated: str, given: str | None) -> str:
+    """Return what the file states, else what is given. Raises InputError where the two differ."""
     if given and stated not in ("unknown", given):
         raise InputError(
             f"{source}: states {what} {stated}, and {given} was given; omit --{what} if the file is right"
@@ -161,8 +158,8 @@ def _settled(source: Path, what: str, stated: str, given: str | None) -> str:
     return given or stated
 
 
-def _turns(source: Path, space: str, to: str) -> bool:
-    """Whether coordinates must be turned. Raises InputError where the frame is not known."""
+def _needs_turn(source: Path, space: str, to: str) -> bool:
+    """Return whether coordinates must be turned. Raises InputError where the frame is not known."""
     if space not in ("LPS", "RAS"):
         raise InputError(
             f"{source}: its frame is not known, so it cannot be brought to {to}; state it with --frame"
@@ -171,7 +168,7 @@ def _turns(source: Path, space: str, to: str) -> bool:
 
 
 def decimated(surface: Surface, faces: int) -> Surface:
-    """About `faces` triangles by quadric edge collapse that keeps the topology.
+    """Decimate to about `faces` triangles by quadric edge collapse that keeps the topology.
 
     Fields are read at the closest points of the original.
     """
@@ -196,12 +193,14 @@ def decimated(surface: Surface, faces: int) -> Surface:
     return carry_fields(surface, welded(Surface(mesh.vertex_matrix(), mesh.face_matrix())))
 
 
-def _markups(source: Path, target: Path, units: str | None, frame: str | None, to: str | None) -> list[str]:
-    """Slicer's named places to Slicer's file or to a table `name,x,y,z`."""
+def _convert_markups(
+    source: Path, target: Path, units: str | None, frame: str | None, to: str | None
+) -> list[str]:
+    """Write Slicer's named places as Slicer's file or as a table `name,x,y,z`."""
     if units:
         raise InputError(f"{source}: Slicer's markups state their units; omit --units")
     marks = read_markups(source, frame)
-    _settled(source, "frame", marks.space, frame)
+    _settle_stated(source, "frame", marks.space, frame)
     return _write_places(source, target, marks.in_space(to) if to else marks)
 
 
@@ -216,17 +215,19 @@ def _write_places(source: Path, target: Path, marks: Markups) -> list[str]:
     return [f"{source}: {len(marks.names)} named places", f"{target}: frame {marks.space}, units mm"]
 
 
-def _points(source: Path, target: Path, units: str | None, frame: str | None, to: str | None) -> list[str]:
-    """Tables of points or of named places; all columns are kept where the target is a table too."""
+def _convert_points(
+    source: Path, target: Path, units: str | None, frame: str | None, to: str | None
+) -> list[str]:
+    """Convert tables of points or of named places; all columns are kept where the target is a table too."""
     table = read_points_table(source)
     points = points_of(table, 3)
     said = [f"{source}: {len(points)} points", *(f"{source}: {note}" for note in points.notes)]
-    space = _settled(source, "frame", table.notes.get("space", "unknown"), frame)
-    stated = _units(source, table.notes.get("units", "unknown"), units)
+    space = _settle_stated(source, "frame", table.notes.get("space", "unknown"), frame)
+    stated = _settle_units(source, table.notes.get("units", "unknown"), units)
     if stated == "unknown":
         check_scale(source, points.xyz)
     points = scaled(points, MILLIMETRES.get(stated, 1.0))
-    xyz = apply(TURN, points.xyz) if to and _turns(source, space, to) else points.xyz
+    xyz = apply(TURN, points.xyz) if to and _needs_turn(source, space, to) else points.xyz
     space, units = to or space, _scaled_units(stated)
     columns = {**dict(zip("xyz", xyz.T, strict=True)), "type": points.type, **points.columns}
     if target.suffix.lower() == ".csv":
@@ -240,16 +241,18 @@ def _points(source: Path, target: Path, units: str | None, frame: str | None, to
     return _write_places(source, target, Markups(tuple(map(str, names)), xyz, space))
 
 
-def _transform(source: Path, target: Path, units: str | None, frame: str | None, to: str | None) -> list[str]:
+def _convert_transform(
+    source: Path, target: Path, units: str | None, frame: str | None, to: str | None
+) -> list[str]:
     if units:
         raise InputError(f"{source}: a pose moves by mm; omit --units")
     matrix, stated = read_transform(source)
-    space = _settled(source, "frame", stated, frame)
-    if to and _turns(source, space, to):
+    space = _settle_stated(source, "frame", stated, frame)
+    if to and _needs_turn(source, space, to):
         matrix = turned(matrix)
     write_transform(target, matrix, to or space)
-    return [f"{source}: pose {_sentence(matrix)}", f"{target}: frame {to or space}"]
+    return [f"{source}: pose {_describe_pose(matrix)}", f"{target}: frame {to or space}"]
 
 
-def _sentence(matrix: Array) -> str:
+def _describe_pose(matrix: Array) -> str:
     return re.sub(r"\s+", " ", np.array2string(matrix, precision=3, suppress_small=True))

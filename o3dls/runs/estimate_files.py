@@ -31,7 +31,7 @@ MODES = "posterior.npy"  # rows: vertex of the prior, then its part in each mode
 
 def write_estimate(folder: Path, case: Case, estimate: Estimate, fitted: Collection[str]) -> Estimate:
     """Write the files of an estimate; the answer is what is read back of it, with its whole motion."""
-    from .surface_fields import with_fields  # compiled code is not for those who only check a file
+    from .surface_fields import with_fields  # imported late: who only checks a file needs no compiled code
 
     folder.mkdir(parents=True)
     surface = with_fields(case, estimate, fitted)
@@ -55,41 +55,43 @@ def read_estimate(folder: Path, found: EstimateRecord, case: Case) -> Estimate:
         iterations=found.iterations,
         seconds=found.seconds,
         sigma=found.sigma_mm if case.units == "mm" else found.sigma_px,
-        weights=_column(folder / "weights.csv", "weight"),
+        weights=_read_column(folder / "weights.csv", "weight"),
         motion=_read_motion(folder, case, T_map_prior),
         trace=_read_trace(folder / "trace.csv"),
-        warnings=tuple(map(_warning, found.warnings)),
+        warnings=tuple(map(_as_warning, found.warnings)),
         facts=found.facts,
     )
 
 
 def _write_motion(path: Path, case: Case, estimate: Estimate) -> None:
-    """The prior where the motion brought it, vertex by vertex, with its deviation along the normals; and how
-    the deviations go together.
+    """Write the prior where the motion brought it, vertex by vertex, with its deviation along the normals;
+    and how the deviations go together.
     """
     from ..evaluation.wall_modes import wall_modes
 
     if estimate.motion is None:
         return
-    moved, deviation = _moved(case.prior, estimate.motion)
+    moved, deviation = _move_prior(case.prior, estimate.motion)
     moved = replace(moved, fields={f"sd_{case.units}": deviation})
     write_surface(path, moved, space=case.frame, units=case.units)
     if modes := wall_modes(case.prior, estimate.motion):
-        table = np.column_stack([modes.places, modes.modes]).astype(np.float32)  # places stay whole to 2^24
+        table = np.column_stack([modes.places, modes.modes]).astype(
+            np.float32
+        )  # float32 holds the places exactly, up to 2^24
         with io.BytesIO() as content:
             np.save(content, table, allow_pickle=False)
             write_file(path.with_name(MODES), content.getvalue())
 
 
 @lru_cache(maxsize=1)  # estimates of one run share their motion
-def _moved(prior: Surface, motion: Motion) -> tuple[Surface, Array]:
-    """The prior where a motion brought it, and the deviation (n,) along its normals there."""
+def _move_prior(prior: Surface, motion: Motion) -> tuple[Surface, Array]:
+    """Return the prior where a motion brought it, and the deviation (n,) along its normals there."""
     moved = prior.with_vertices(motion(prior.vertices))
     return moved, motion.sd(prior.vertices, moved.vertex_normals)
 
 
 def _read_modes(path: Path, vertices: int) -> WallModes | None:
-    """The joint posterior, where the run kept it. Raises InputError where it was damaged."""
+    """Read the joint posterior, where the run kept it. Raises InputError where it was damaged."""
     from ..motion.recorded import WallModes
 
     if not path.is_file():
@@ -105,7 +107,7 @@ def _read_modes(path: Path, vertices: int) -> WallModes | None:
 
 
 def _read_motion(folder: Path, case: Case, T_map_prior: Array) -> RecordedMotion | None:
-    """The motion as far as a run folder holds it. Raises InputError where it is of another prior."""
+    """Read the motion as far as a run folder holds it. Raises InputError where it is of another prior."""
     from ..motion.recorded import RecordedMotion
 
     path = folder / f"moved_prior.{'csv' if case.dimension == 2 else 'ply'}"
@@ -119,7 +121,7 @@ def _read_motion(folder: Path, case: Case, T_map_prior: Array) -> RecordedMotion
     return RecordedMotion(case.prior, moved, T_map_prior, deviation, modes)
 
 
-def _warning(found: WarningRecord) -> RunWarning:
+def _as_warning(found: WarningRecord) -> RunWarning:
     if found.code not in CODES:
         raise InputError(
             f"run.json: warning code '{found.code}' is unknown: was it written by a newer version?"
@@ -128,19 +130,19 @@ def _warning(found: WarningRecord) -> RunWarning:
 
 
 def write_rows(path: Path, rows: Any) -> None:
-    """Rows of records as a table; a value that a row has not is an empty cell, a line break in a text is
-    escaped.
+    """Write rows of records as a table; a value that a row has not is an empty cell, a line break in a text
+    is escaped.
     """
     names = dict.fromkeys(key for row in rows for key in row)
     if names:
         write_table(
-            path, {name: np.array([_cell(row.get(name)) for row in rows], dtype=object) for name in names}
+            path, {name: np.array([_as_cell(row.get(name)) for row in rows], dtype=object) for name in names}
         )
 
 
-def _cell(value: Any) -> Any:
+def _as_cell(value: Any) -> Any:
     if isinstance(value, str):
-        # names of folders may hold bytes that are no text
+        # names of folders may hold bytes that are not UTF-8
         return escaped(value.encode("utf-8", "replace").decode("utf-8"))
     return "" if value is None else value.item() if isinstance(value, np.generic) else value
 
@@ -155,5 +157,5 @@ def _read_trace(path: Path) -> tuple[dict[str, float], ...]:
     )
 
 
-def _column(path: Path, name: str) -> Array | None:
+def _read_column(path: Path, name: str) -> Array | None:
     return read_table(path, (name,)).numbers(name, missing=True) if path.is_file() else None

@@ -14,9 +14,10 @@ from ..evaluation.distances import distances
 from ..run_warning import RunWarning
 from .run import Run
 
-FAR = 20.0  # mm: beyond all that noise and a catheter's pressure do; a vein's middle is nearer to its wall
-OFF = 10.0  # mm: beyond what a site or a point on this wall may lie off it now and then
-FEW_FAR, FEW_OFF = 0.01, 0.1  # shares that a good result may have beyond the one and the other
+# mm: more than noise or the pressure of a catheter explain; the middle of a vein is nearer to its wall
+FAR = 20.0
+OFF = 10.0  # mm: rarely exceeded by a site or a point on this wall
+FEW_FAR, FEW_OFF = 0.01, 0.1  # shares of the points that may lie beyond FAR and OFF in a good result
 HALF = 0.5
 SETS = {"held_out": "held-out points", "ablation": "ablation sites", "landmarks": "landmarks"}
 log = logging.getLogger("o3dls")
@@ -31,43 +32,44 @@ class FarPoints:
 
     @property
     def doubtful(self) -> bool:
-        """Whether some lie so far off that result and points cannot both be right."""
-        return self._share(FAR) > FEW_FAR or (self._of_wall and self._share(OFF) > FEW_OFF)
+        """Whether some of the places lie so far off that result and points cannot both be right."""
+        return self._share_beyond(FAR) > FEW_FAR or (self._of_wall and self._share_beyond(OFF) > FEW_OFF)
 
     @property
     def failed(self) -> bool:
-        """Whether most lie so far off."""
-        return self._share(OFF if self._of_wall else FAR) >= HALF
+        """Whether most of the places lie so far off."""
+        return self._share_beyond(OFF if self._of_wall else FAR) >= HALF
 
     @property
     def short(self) -> str:
-        return f"{len(self._far)} of {len(self.distances)} {self.name}"
+        return f"{len(self._far_distances)} of {len(self.distances)} {self.name}"
 
     @property
     def said(self) -> str:
-        where = f"more than {self._limit:g} mm from the surface, {np.median(self._far):.0f} mm in the median"
+        median = np.median(self._far_distances)
+        where = f"more than {self._far_limit:g} mm from the surface, {median:.0f} mm in the median"
         return f"{self.short} lie {where}"
 
     @property
-    def _limit(self) -> float:
-        return FAR if self._share(FAR) > FEW_FAR else OFF
+    def _far_limit(self) -> float:
+        return FAR if self._share_beyond(FAR) > FEW_FAR else OFF
 
     @property
-    def _far(self) -> Array:
-        return self.distances[self.distances > self._limit]
+    def _far_distances(self) -> Array:
+        return self.distances[self.distances > self._far_limit]
 
     @property
     def _of_wall(self) -> bool:
-        """Landmarks may be the middle of a vein's mouth; all others were on the wall."""
+        """Whether the places were on the wall: landmarks may be the middle of the mouth of a vein."""
         return self.name != SETS["landmarks"]
 
-    def _share(self, limit: float) -> float:
+    def _share_beyond(self, limit: float) -> float:
         return float((self.distances > limit).mean())
 
 
 def far_points(run: Run, name: str) -> list[FarPoints]:
-    """How far what an estimate of a run was not fitted to lies from its surface, by set; no set that is
-    empty, and none in pixels, which say no length.
+    """Return, by set, how far from the surface of an estimate lies what it was not fitted to; sets that are
+    empty are left out, and all of them in pixels, which say no length.
     """
     if run.unit != "mm":
         return []
@@ -83,7 +85,7 @@ def far_points(run: Run, name: str) -> list[FarPoints]:
 
 
 def warned_of_far_points(run: Run) -> Run:
-    """The run, with a warning on its last estimate for each set of which some lie centimetres off."""
+    """Return the run, with a warning on its last estimate for each set of which some lie centimetres off."""
     found = [
         RunWarning(
             "points-far-off", f"{one.said}: are they of this chamber, and is the pose right?", run.final

@@ -17,12 +17,12 @@ from .record import RunRecord, checked, plain
 from .run import Run
 from .scoring import version_of
 
-# what a run is; the rest can be made again
+# files that a run is read from; the others can be made again
 OWN = ("run.json", MANIFEST, "scores.csv", "points.csv", "held_out.csv", "case", "estimates")
 
 
 def read_record(folder: str | Path) -> RunRecord:
-    """The content of a folder's run.json. Raises InputError where it is none, or was damaged."""
+    """Read the content of a folder's run.json. Raises InputError where it is none, or was damaged."""
     path = Path(folder) / "run.json"
     if not path.is_file():
         raise InputError(f"{folder}: is not a run folder: it has no run.json")
@@ -30,7 +30,7 @@ def read_record(folder: str | Path) -> RunRecord:
 
 
 def read_run(folder: str | Path) -> Run:
-    """A run from its folder: everything but level sets; motions as far as the prior moved.
+    """Read a run from its folder: everything but level sets; motions as far as the prior moved.
 
     Raises InputError where the folder holds no finished run.
     """
@@ -59,17 +59,19 @@ def read_run(folder: str | Path) -> Run:
 
 
 def repeats(folder: Path, pipeline: Mapping[str, Any], case: Case) -> bool:
-    """Whether the folder holds an earlier run of a pipeline, by its record, on the files of this case."""
+    """Return whether the folder holds an earlier run of a pipeline, by its record, on the files of this
+    case.
+    """
     found = read_record(folder)
     return found.pipeline == plain(pipeline) and found.case.files == case.files
 
 
 def is_done(folder: Path, pipeline: Mapping[str, Any], case: Case) -> bool:
-    """Whether the folder holds, with every file, a run of a pipeline on this case by this version."""
+    """Return whether the folder holds, with every file, a run of a pipeline on this case by this version."""
     try:
         made_by = read_record(folder).versions.get("o3dls")
         return made_by == version_of("o3dls") and repeats(folder, pipeline, case) and not missing(folder)
-    except (InputError, ValueError):  # there is none, or it was damaged
+    except (InputError, ValueError):  # the run is missing or damaged
         return False
 
 

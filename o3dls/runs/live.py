@@ -14,8 +14,8 @@ from .export.placed import On, frame_of, placed, unknown_frame
 
 
 def messages(folder: str | Path, estimate: str | None = None, on: On = "map") -> list[bytes]:
-    """POLYDATA, POINT and TRANSFORM messages of an estimate (default: the last), on the map or on the prior,
-    in RAS, which is what receivers take them for.
+    """Return POLYDATA, POINT and TRANSFORM messages of an estimate (default: the last), on the map or on the
+    prior, in RAS, which is what receivers take them for.
 
     Raises InputError where the run or the estimate is not there, or the case does not state its frame.
     """

@@ -26,7 +26,7 @@ class _Lines(logging.Handler):
 
 @contextmanager
 def recorded_log(level: int) -> Iterator[list[str]]:
-    """The lines of the log, from a level on, that the block gives."""
+    """Yield a list that gets the lines of the log, from a level on, that the block gives."""
     handler = _Lines(level)
     before = log.level
     log.addHandler(handler)

@@ -15,9 +15,9 @@ from pydantic_core import ErrorDetails
 from ..errors import InputError
 
 SCHEMA = "o3dls/run/2"
-NAME = r"^[A-Za-z][A-Za-z0-9_-]*$"  # of an estimate, which names a folder too
+NAME = r"^[A-Za-z][A-Za-z0-9_-]*$"  # the name of an estimate is also that of a folder
 UNFINISHED = "so it is not a finished run; run it again"
-Amount = float | None  # null: was not finite
+Amount = float | None  # null stands for a number that was not finite
 WANTED = {  # by the type of pydantic's error
     **dict.fromkeys(("dict_type", "model_type", "model_attributes_type"), "a table"),
     "list_type": "a list",
@@ -29,19 +29,22 @@ WANTED = {  # by the type of pydantic's error
 
 
 class _Part(BaseModel):
-    """A table of the record: kinds are as written, further keys are let be, and fields have the file's order.
-    Its checks are built when a record is first read or written, since most commands do neither.
+    """A table of the record: values must be of the kind as written, further keys are let be, and fields keep
+    the order of the file. Its checks are built when a record is first read or written, since most commands do
+    neither.
     """
 
     model_config = ConfigDict(strict=True, extra="allow", frozen=True, allow_inf_nan=False, defer_build=True)
 
     def table(self) -> dict[str, Any]:
-        """The table as the file has it."""
+        """Return the table as the file has it."""
         return self.model_dump(by_alias=True, exclude_unset=True)
 
 
 def _read_as(part: type[_Part]) -> AfterValidator:
-    """A table that must be readable as a part, and stays as it is, in its maker's order."""
+    """Return a validator of a table that must be readable as a part, and stays as it is, in the order of its
+    maker.
+    """
 
     def read(table: dict[str, Any]) -> dict[str, Any]:
         part.model_validate(table)
@@ -69,7 +72,7 @@ class _Direction(_Part):
 
 
 class _Facts(_Part):
-    """Of what stages have to say, what others read."""
+    """Those facts of the stages that others read."""
 
     changes: list[str] = []
     observability: list[_Direction] | None = None
@@ -77,7 +80,9 @@ class _Facts(_Part):
 
 
 class _Scores(_Part):
-    """By set of points, as many and what they have; the truth alone has other measures than distances."""
+    """The scores by set of points, with the measures that each set has; the truth alone has other measures
+    than distances.
+    """
 
     __pydantic_extra__: dict[str, dict[str, Amount]] = Field(init=False)
 
@@ -130,7 +135,9 @@ class EstimateRecord(_Part):
 
 
 class Provenance(_Part):
-    """What it takes to make the run again; the pipeline is as its file would say it, with every default."""
+    """Everything that it takes to make the run again; the pipeline is as its file would say it, with every
+    default.
+    """
 
     schema_: str = Field(alias="schema")
     case: CaseRecord
@@ -149,7 +156,7 @@ class Provenance(_Part):
 
 
 class RunRecord(Provenance):
-    """The whole of run.json."""
+    """The whole content of run.json."""
 
     final: str
     valid: bool
@@ -157,17 +164,19 @@ class RunRecord(Provenance):
     estimates: dict[str, EstimateRecord]
 
     @model_validator(mode="after")
-    def _consistent(self) -> RunRecord:
+    def _check_consistent(self) -> RunRecord:
         if "start" not in self.estimates:
             raise ValueError(f"estimates: has no 'start', {UNFINISHED}")
         if self.final not in self.estimates:
             raise ValueError(f"final: '{self.final}' is no estimate of the run: must be one of its estimates")
         for name, one in self.estimates.items():
-            self._check(f"estimates.{name}", name, one)
+            self._check_estimate(f"estimates.{name}", name, one)
         return self
 
-    def _check(self, where: str, name: str, one: EstimateRecord) -> None:
-        """What depends on the case: its unit is a part of keys, and its dimension the size of a pose."""
+    def _check_estimate(self, where: str, name: str, one: EstimateRecord) -> None:
+        """Raise ValueError for what depends on the case: its unit is a part of keys, and its dimension the
+        size of a pose.
+        """
         if not re.fullmatch(NAME, name):
             raise ValueError(f"{where}: the name of an estimate must be letters, digits, _ and -")
         size, unit = self.case.dimension + 1, self.case.units
@@ -180,13 +189,13 @@ class RunRecord(Provenance):
                 raise ValueError(f"{where}.scores.{group}: has no number 'mean_{unit}'")
 
     def text(self) -> str:
-        """The content of the file."""
+        """Return the content of the file."""
         return json.dumps(self.table(), indent=1, allow_nan=False) + "\n"
 
 
 def checked(found: Any, path: str) -> RunRecord:
-    """The record with this content. Raises InputError with the place in the file of the first mistake, and
-    what it must be.
+    """Return the record with this content. Raises InputError with the place in the file of the first mistake,
+    and what it must be.
     """
     schema = found.get("schema") if isinstance(found, dict) else None
     if schema != SCHEMA:
@@ -196,11 +205,11 @@ def checked(found: Any, path: str) -> RunRecord:
     try:
         return RunRecord.model_validate(found)
     except ValidationError as error:
-        raise InputError(f"{path}: {_sentence(error.errors(include_url=False)[0])}") from None
+        raise InputError(f"{path}: {_describe_error(error.errors(include_url=False)[0])}") from None
 
 
-def _sentence(detail: ErrorDetails) -> str:
-    """Such as `estimates.icp.seconds = 'x': must be a valid number`."""
+def _describe_error(detail: ErrorDetails) -> str:
+    """Return a sentence such as `estimates.icp.seconds = 'x': must be a valid number`."""
     if detail["type"] == "value_error":
         return str(detail["ctx"]["error"])
     place = "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in detail["loc"])[1:]
@@ -211,7 +220,7 @@ def _sentence(detail: ErrorDetails) -> str:
 
 
 def plain(value: Any) -> Any:
-    """The value as JSON knows it: numpy unwrapped, what is not finite as null."""
+    """Return the value as JSON knows it: numpy unwrapped, what is not finite as null."""
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple | np.ndarray):

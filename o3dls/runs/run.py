@@ -25,7 +25,7 @@ Record = dict[str, Any]
 
 
 class Addition(Protocol):
-    """What adds files to the folder of a run, such as a `Writer` of a pipeline."""
+    """A callable that adds files to the folder of a run, such as a `Writer` of a pipeline."""
 
     name: ClassVar[str]
 
@@ -71,7 +71,7 @@ class Run:
         return self.faults_of(self.final)
 
     def faults_of(self, name: str) -> list[str]:
-        """Why the surface of an estimate is not valid.
+        """Return why the surface of an estimate is not valid.
 
         `start` is the prior in another pose, so its faults are the prior's.
         """
@@ -122,7 +122,7 @@ class Run:
 
 
 def record(run: Run) -> RunRecord:
-    """The content of run.json; equal inputs give equal records but for `seconds`."""
+    """Return the content of run.json; equal inputs give equal records but for `seconds`."""
     found = run.provenance.table() | {
         "final": run.final,
         "valid": not run.faults,

@@ -33,19 +33,21 @@ def scored(
     left_out: Mapping[str, Array],
     pipeline: Record,
 ) -> Run:
-    """The run of estimates by name: scored, and their surfaces judged.
+    """Score the estimates by name and judge their surfaces: their run.
 
     fitted: by estimate, the types of the points that it was shown; left_out: the cross-validated distances
     of the eam points; pipeline: its record, with every default written out.
     """
-    estimates = _one_surface_each(estimates)
+    estimates = _share_surfaces(estimates)
     surfaces = dict.fromkeys(estimate.surface for estimate in estimates.values())
     judged = {surface: validity(surface, case.prior, case.units) for surface in surfaces}
     return Run(
         case=case,
         estimates=estimates,
         fitted=fitted,
-        scores={name: _scores(case, e, fitted[name], left_out.get(name)) for name, e in estimates.items()},
+        scores={
+            name: _score_sets(case, e, fitted[name], left_out.get(name)) for name, e in estimates.items()
+        },
         validity={name: judged[estimate.surface] for name, estimate in estimates.items()},
         points=_with_distances(case, estimates, left_out),
         held_out=_held_out(case, estimates),
@@ -53,20 +55,20 @@ def scored(
     )
 
 
-def _one_surface_each(estimates: Mapping[str, Estimate]) -> dict[str, Estimate]:
-    """The estimates, where a stage moved nothing with the surface of the one before: what is worked out of a
-    surface is then worked out once.
+def _share_surfaces(estimates: Mapping[str, Estimate]) -> dict[str, Estimate]:
+    """Return the estimates; one whose stage moved nothing gets the surface of the one before, so that what is
+    worked out of a surface is worked out once.
     """
     found: dict[str, Estimate] = {}
     before: Surface | None = None
     for name, estimate in estimates.items():
-        same = before is not None and _equal(before, estimate.surface)
+        same = before is not None and _same_surface(before, estimate.surface)
         found[name] = replace(estimate, surface=before) if same and before is not None else estimate
         before = found[name].surface
     return found
 
 
-def _equal(a: Surface, b: Surface) -> bool:
+def _same_surface(a: Surface, b: Surface) -> bool:
     return (
         np.array_equal(a.vertices, b.vertices)
         and np.array_equal(a.faces, b.faces)
@@ -75,7 +77,7 @@ def _equal(a: Surface, b: Surface) -> bool:
     )
 
 
-def _scores(
+def _score_sets(
     case: Case, estimate: Estimate, fitted: tuple[str, ...], left_out: Array | None
 ) -> dict[str, Record]:
     sets = measure(case, estimate, fitted) | ({} if left_out is None else {"cross_validated": left_out})
@@ -86,7 +88,9 @@ def _scores(
 
 
 def _with_distances(case: Case, estimates: Mapping[str, Estimate], left_out: Mapping[str, Array]) -> Points:
-    """The case's points with their distance to every estimate; a landmark's is that to its moved partner."""
+    """Return the case's points with their distance to every estimate; a landmark's is that to its moved
+    partner.
+    """
     columns = dict(case.points.columns)
     marks, eam = case.points.type == "landmark", case.points.type == "eam"
     paired = list(case.landmark_partners())
@@ -114,7 +118,7 @@ def _held_out(case: Case, estimates: Mapping[str, Estimate]) -> Points | None:
 
 
 def provenance(case: Case, pipeline: Record) -> Provenance:
-    """How a run was made: its case, the record of the pipeline, versions, seeds, threads."""
+    """Return how a run was made: its case, the record of the pipeline, versions, seeds, threads."""
     return Provenance(
         schema=SCHEMA,
         case=CaseRecord(
@@ -131,7 +135,7 @@ def provenance(case: Case, pipeline: Record) -> Provenance:
 
 
 def version_of(package: str) -> str | None:
-    """The version of an installed package, None where it is not."""
+    """Return the version of an installed package, None where it is not."""
     for name in (package, f"{package}-cpu"):  # open3d-cpu imports as open3d
         try:
             return version(name)

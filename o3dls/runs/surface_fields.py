@@ -22,7 +22,7 @@ from ..geometry.surface import Surface
 
 
 def with_fields(case: Case, estimate: Estimate, fitted: Collection[str]) -> Surface:
-    """The surface with what is known of each vertex, and its own fields.
+    """Return the surface with what is known of each vertex, and its own fields.
 
     These are `displacement_mm`, `sd_mm` (where there is a posterior), `distance_to_nearest_point_mm`,
     `prior_only` (1 farther than `REACH` from every such point), and the electrical values of the points
@@ -34,7 +34,7 @@ def with_fields(case: Case, estimate: Estimate, fitted: Collection[str]) -> Surf
     """
     surface = _with_electrical(estimate.surface, case.points)
     unit = case.units
-    gap = _to_points(case.points.of("eam", *({"ablation"} & set(fitted))), surface)
+    gap = _distance_to_points(case.points.of("eam", *({"ablation"} & set(fitted))), surface)
     fields = {
         f"displacement_{unit}": displacement(case.prior, estimate),
         f"distance_to_nearest_point_{unit}": gap,
@@ -51,7 +51,7 @@ def _with_electrical(surface: Surface, points: Points) -> Surface:
 
 
 def displacement(prior: Surface, estimate: Estimate) -> Array:
-    """Signed distance (n,) of the estimate's vertices from the prior under `T_map_prior`.
+    """Return the signed distance (n,) of the estimate's vertices from the prior under `T_map_prior`.
 
     Outward is positive.
     """
@@ -62,7 +62,7 @@ def displacement(prior: Surface, estimate: Estimate) -> Array:
 
 
 def on_prior(prior: Surface, estimate: Estimate) -> Array:
-    """The points (n, d) of the prior that came to lie nearest the estimate's vertices."""
+    """Return the points (n, d) of the prior that came to lie nearest the estimate's vertices."""
     from ..geometry.closest_point import ClosestPoint
 
     _, face, _, weights = ClosestPoint(moved(estimate, prior.vertices), prior.faces).query(
@@ -71,7 +71,7 @@ def on_prior(prior: Surface, estimate: Estimate) -> Array:
     return np.asarray(np.einsum("nk,nkd->nd", weights, prior.vertices[prior.faces[face]]))
 
 
-def _to_points(points: Points, surface: Surface) -> Array:
+def _distance_to_points(points: Points, surface: Surface) -> Array:
     from scipy.spatial import cKDTree
 
     return np.asarray(cKDTree(points.xyz).query(surface.vertices)[0])

@@ -32,7 +32,7 @@ class ScoreLine:
 
 
 def score_rows(scores: Mapping[str, Scores]) -> list[dict[str, Any]]:
-    """One row per estimate and set, with the columns of every set."""
+    """Return one row per estimate and set, with the columns of every set."""
     rows = [
         {"estimate": name, "set": group, **record}
         for name, sets in scores.items()
@@ -43,16 +43,16 @@ def score_rows(scores: Mapping[str, Scores]) -> list[dict[str, Any]]:
 
 
 def score_table(lines: Sequence[ScoreLine]) -> str:
-    """Mean distances side by side, in aligned columns; sets that no line has are left out."""
+    """Return mean distances side by side, in aligned columns; sets that no line has are left out."""
     shown = [heading for heading, (group, _) in SCREEN.items() if any(group in line.scores for line in lines)]
     rows = [["", *shown, "valid"]]
-    rows += [[line.label, *_cells(line, shown), "yes" if line.valid else "no"] for line in lines]
+    rows += [[line.label, *_format_cells(line, shown), "yes" if line.valid else "no"] for line in lines]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     aligned = [[first.ljust(widths[0]), *map(str.rjust, rest, widths[1:])] for first, *rest in rows]
     return "\n".join("  ".join(row) for row in aligned)
 
 
-def _cells(line: ScoreLine, shown: list[str]) -> Iterator[str]:
+def _format_cells(line: ScoreLine, shown: list[str]) -> Iterator[str]:
     for heading in shown:
         group, key = SCREEN[heading]
         record = line.scores.get(group, {})

@@ -21,8 +21,8 @@ class Writer(Plugin):
         return ()
 
     def target(self, final: str) -> tuple[str, ...]:
-        """What its files are of and named after; two writers of one target would overwrite each other's.
-        `final`: the last estimate.
+        """Return what its files are of and named after; two writers of one target would overwrite each
+        other's. `final`: the last estimate.
         """
         return (self.name, *map(str, self.record().values()))
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from shapes import ball_with_tube, circle, meshed, round_distance, torus
 
-from o3dls.adapters.meshing import _clean, carry_fields, extract, isosurface
+from o3dls.adapters.meshing import _clean_mesh, carry_fields, extract, isosurface
 from o3dls.adapters.self_intersections import self_intersections
 from o3dls.errors import SolverError
 from o3dls.evaluation.distances import distances
@@ -90,7 +90,7 @@ def test_smoothing_that_would_make_the_walls_of_a_slot_cross_is_left_out() -> No
         return np.maximum(round_distance(12.0)(points), -slot)
 
     phi = field(meshed(slotted, 15.0, 0.25))
-    assert self_intersections(_clean(Surface(*isosurface(phi)), 3, 3096)) > 0  # as it would be
+    assert self_intersections(_clean_mesh(Surface(*isosurface(phi)), 3, 3096)) > 0  # as it would be
     assert self_intersections(extract(phi).surface) == 0
 
 

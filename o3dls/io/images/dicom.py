@@ -14,7 +14,10 @@ from numpy.typing import NDArray
 from ...errors import InputError
 from .voxels import MOST_BYTES, PIECE, Image, check_affine, count
 
-SEGMENTATIONS = ("1.2.840.10008.5.1.4.1.1.66.4", "1.2.840.10008.5.1.4.1.1.66.7")  # in bits, and as labels
+SEGMENTATIONS = (
+    "1.2.840.10008.5.1.4.1.1.66.4",
+    "1.2.840.10008.5.1.4.1.1.66.7",
+)  # the one stores bits, the other labels
 SEGMENT_FIRST = (
     "segment the left atrium first, for example in 3D Slicer (Segment Editor) or with TotalSegmentator, "
     "and save the labels as NRRD, NIfTI or DICOM SEG"
@@ -23,8 +26,8 @@ PIXELS = 0x7FE00010
 MAY_FOLLOW = (b"\xfa\xff\xfa\xff", b"\xfc\xff\xfc\xff")  # tags of signatures and of padding
 GROUP_LENGTH = b"\2\0\0\0UL\4\0"  # how long the head before the data set is
 DEFLATED = b"1.2.840.10008.1.2.1.99"
-LONGEST_META = 1 << 16  # bytes of that head
-FIRST_FILES = 50  # of a folder, that are looked at
+LONGEST_META = 1 << 16  # bytes of the head before the data set
+FIRST_FILES = 50  # so many files of a folder are looked at
 OCCUPIED = 0.5  # share of a voxel, or probability, from which it is inside
 
 
@@ -53,8 +56,8 @@ def _is_dicom(path: Path) -> bool:
 
 
 def read_dicom(path: Path, data: bytes) -> Image:
-    """A segmentation: its segments are labels by their numbers and parts by their names, in layers where they
-    overlap. Voxels lie where the functional groups of its frames say, in LPS.
+    """Read a segmentation: its segments are labels by their numbers and parts by their names, in layers where
+    they overlap. Voxels lie where the functional groups of its frames say, in LPS.
 
     Raises InputError for any other DICOM file, and where highdicom is not installed.
     """
@@ -67,16 +70,16 @@ def read_dicom(path: Path, data: bytes) -> Image:
             f"if it is an image, {SEGMENT_FIRST}"
         ) from None
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of values that are longer or odder than DICOM allows
+        warnings.simplefilter("ignore")  # pydicom warns of values that are longer or odder than DICOM allows
         try:
             _check_deflated(path, data)
             dataset = pydicom.dcmread(BytesIO(data))
             _check_kind(path, dataset)
             _check_end(path, dataset, data)
-            return _image(path, highdicom.seg.Segmentation.from_dataset(dataset, copy=False))
+            return _image_of_segments(path, highdicom.seg.Segmentation.from_dataset(dataset, copy=False))
         except InputError:
             raise
-        except Exception as error:  # of a damaged file both raise whatever their code comes upon
+        except Exception as error:  # on a damaged file both raise errors of any class
             sentence = " ".join(str(error).split())[:200]
             raise InputError(
                 f"{path}: cannot be read as a DICOM segmentation: {type(error).__name__}: {sentence}"
@@ -125,7 +128,7 @@ def _check_end(path: Path, dataset: Any, data: bytes) -> None:
         )
 
 
-def _image(path: Path, segmentation: Any) -> Image:
+def _image_of_segments(path: Path, segmentation: Any) -> Image:
     geometry = segmentation.get_volume_geometry()
     if geometry is None:
         raise InputError(
@@ -133,7 +136,7 @@ def _image(path: Path, segmentation: Any) -> Image:
         )
     count(path, [int(n) for n in geometry.spatial_shape])
     numbers = [int(number) for number in segmentation.segment_numbers]
-    values, layers = _labels(path, segmentation, numbers)
+    values, layers = _label_values(path, segmentation, numbers)
     names = [str(segmentation.get_segment_description(number).segment_label).strip() for number in numbers]
     notes: dict[str, str] = {}
     for k, (number, name) in enumerate(zip(numbers, names, strict=True)):
@@ -151,13 +154,15 @@ def _image(path: Path, segmentation: Any) -> Image:
     return Image(values, check_affine(str(path), affine), "LPS", notes)
 
 
-def _labels(path: Path, segmentation: Any, numbers: list[int]) -> tuple[NDArray[Any], list[int]]:
-    """Numbers of the segments (nz, ny, nx), or (nz, ny, nx, layers) where they overlap; the layer of each."""
+def _label_values(path: Path, segmentation: Any, numbers: list[int]) -> tuple[NDArray[Any], list[int]]:
+    """Return the numbers of the segments (nz, ny, nx), or (nz, ny, nx, layers) where they overlap; the layer
+    of each.
+    """
     kind = segmentation.segmentation_type.value
     if kind != "FRACTIONAL":
         try:
             return segmentation.get_volume(combine_segments=True).array, [0] * len(numbers)
-        except RuntimeError:  # they overlap
+        except RuntimeError:  # highdicom does not combine segments that overlap
             pass
     shape = [int(n) for n in segmentation.get_volume_geometry().spatial_shape]
     count(path, [*shape, len(numbers)])

@@ -34,7 +34,7 @@ def knows(data: bytes) -> bool:
 
 
 def read_meta(path: Path, data: bytes) -> Image:
-    """MetaImage, with layers along a fourth axis or as channels: its matrix is in LPS, and its
+    """Read a MetaImage, with layers along a fourth axis or as channels: its matrix is in LPS, and its
     AnatomicalOrientation is not believed, since ITK writes one that means something else.
     """
     end = re.search(rb"^ElementDataFile\s*=\s*([^\r\n]+)\r?\n?", data[:100_000], re.MULTILINE)
@@ -47,7 +47,7 @@ def read_meta(path: Path, data: bytes) -> Image:
     kind = header.get("ElementType", "").removeprefix("MET_")
     if kind not in TYPES:
         raise InputError(f"{path}: has ElementType '{kind[:40]}': must be one of {', '.join(TYPES)}")
-    n, sizes = _sizes(path, header)
+    n, sizes = _read_sizes(path, header)
     order = (
         ">"
         if "true" in (header.get(k, "").lower() for k in ("BinaryDataByteOrderMSB", "ElementByteOrderMSB"))
@@ -55,50 +55,56 @@ def read_meta(path: Path, data: bytes) -> Image:
     )
     file = end[1].decode("utf-8", errors="replace").strip()
     need = size_of(path, sizes, TYPES[kind])
-    body = _body(path, header, file, data[end.end() :], need)
+    body = _voxel_bytes(path, header, file, data[end.end() :], need)
     if header.get("CompressedData", "").lower() == "true":
         body = inflate(path, body, need)
-    values = shaped(path, body, order + TYPES[kind], sizes)  # channels come out last, a fourth axis first
-    return Image(np.moveaxis(values, 0, -1) if n == 4 else values, _affine(path, header, n))
+    values = shaped(
+        path, body, order + TYPES[kind], sizes
+    )  # channels are the last axis now, a fourth axis is the first
+    return Image(np.moveaxis(values, 0, -1) if n == 4 else values, _read_affine(path, header, n))
 
 
-def _sizes(path: Path, header: Mapping[str, str]) -> tuple[int, list[int]]:
-    """Number of axes, and their sizes with that of several channels in front, as they stand in the file."""
+def _read_sizes(path: Path, header: Mapping[str, str]) -> tuple[int, list[int]]:
+    """Read the number of axes, and their sizes with that of several channels in front, as they stand in the
+    file.
+    """
     axes, channels = header.get("NDims", ""), header.get("ElementNumberOfChannels", "1")
     if axes not in ("3", "4") or not is_count(channels) or (axes == "4" and channels != "1"):
         raise InputError(
             f"{path}: has NDims = {axes[:20]} and {channels[:20]} channels: must be a volume in 3D, or "
             "several along a fourth axis or as channels"
         )
-    sizes = _numbers(path, header, ("DimSize",), int(axes), None)
+    sizes = _read_numbers(path, header, ("DimSize",), int(axes), None)
     whole = [int(size) if size == int(size) and abs(size) < 1e9 else -1 for size in sizes]
     return int(axes), whole if channels == "1" else [int(channels), *whole]
 
 
-def _affine(path: Path, header: Mapping[str, str], n: int) -> Array:
-    """Index to LPS; of a fourth axis nothing is asked but to be apart from those of space."""
+def _read_affine(path: Path, header: Mapping[str, str], n: int) -> Array:
+    """Read the matrix from an index to LPS; a fourth axis must only be apart from those of space."""
     names = ("TransformMatrix", "Rotation", "Orientation")
-    rows = _numbers(path, header, names, n * n, np.eye(n).ravel()).reshape(n, n)
+    rows = _read_numbers(path, header, names, n * n, np.eye(n).ravel()).reshape(n, n)
     if rows[:3, 3:].any() or rows[3:, :3].any():
         raise InputError(
             f"{path}: the fourth axis of its TransformMatrix runs through space: must be time alone"
         )
     affine = np.eye(4)
-    spacing = _numbers(path, header, ("ElementSpacing", "ElementSize"), n, np.ones(n))
+    spacing = _read_numbers(path, header, ("ElementSpacing", "ElementSize"), n, np.ones(n))
     affine[:3, :3] = rows[:3, :3].T * spacing[:3]
-    affine[:3, 3] = _numbers(path, header, ("Offset", "Position", "Origin"), n, np.zeros(n))[:3]
+    affine[:3, 3] = _read_numbers(path, header, ("Offset", "Position", "Origin"), n, np.zeros(n))[:3]
     return affine
 
 
-def _body(path: Path, header: Mapping[str, str], file: str, local: bytes, need: int) -> bytes:
-    """The bytes of the voxels: a data file may begin with a header of its own, and -1 says that the voxels
-    are its last bytes.
+def _voxel_bytes(path: Path, header: Mapping[str, str], file: str, local: bytes, need: int) -> bytes:
+    """Return the bytes of the voxels: a data file may begin with a header of its own, and -1 says that the
+    voxels are its last bytes.
     """
     if header.get("BinaryData", "True").lower() != "true":
         raise InputError(
             f"{path}: BinaryData = {header['BinaryData'][:20]}: must be True; save the voxels as binary"
         )
-    size = int(integers(_numbers(path, header, ("HeaderSize",), 1, np.zeros(1)), f"{path}: HeaderSize")[0])
+    size = int(
+        integers(_read_numbers(path, header, ("HeaderSize",), 1, np.zeros(1)), f"{path}: HeaderSize")[0]
+    )
     if size < -1 or (size > 0 and file == "LOCAL"):
         raise InputError(
             f"{path}: HeaderSize = {size}: must be -1 or 0, or above 0 where the voxels are in a file of "
@@ -108,7 +114,7 @@ def _body(path: Path, header: Mapping[str, str], file: str, local: bytes, need: 
     return body[-need:] if size == -1 else body[size:]
 
 
-def _numbers(
+def _read_numbers(
     path: Path, header: Mapping[str, str], keys: tuple[str, ...], n: int, default: Array | None
 ) -> Array:
     key = next((key for key in keys if key in header), None)

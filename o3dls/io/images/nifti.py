@@ -23,18 +23,18 @@ HEADERS = {
     540: ("Nifti2Header", 4, b"n+2\0\r\n\x1a\n", b"ni2\0\r\n\x1a\n"),
 }
 LONGEST_HEADER = 1_000_000  # bytes, with its extensions
-SAME_SIZE = 0.01  # of a voxel's size: headers are rounded
+SAME_SIZE = 0.01  # share of a voxel's size: numbers in headers are rounded
 ORDERS: tuple[Literal["little", "big"], ...] = ("little", "big")
-UNITS = {1: 1000.0, 3: 0.001}  # metres and micrometres; without a word it is mm
+UNITS = {1: 1000.0, 3: 0.001}  # metres and micrometres; any other code means mm
 
 
 def knows(data: bytes) -> bool:
-    start = _start(data)
-    return _kind(start) is not None or _analyze(start)
+    start = _unpack_start(data)
+    return _header_kind(start) is not None or _is_analyze(start)
 
 
-def _start(data: bytes) -> bytes:
-    """As many bytes as the longest header has, unpacked."""
+def _unpack_start(data: bytes) -> bytes:
+    """Return as many bytes of the file, unpacked, as the longest header has."""
     if not packed(data):
         return data[: max(HEADERS)]
     try:
@@ -43,16 +43,16 @@ def _start(data: bytes) -> bytes:
         return b""
 
 
-def _kind(start: bytes) -> tuple[int, bool] | None:
-    """Size of the header, and whether the voxels are in the same file; None for other files."""
+def _header_kind(start: bytes) -> tuple[int, bool] | None:
+    """Return the size of the header, and whether the voxels are in the same file; None for other files."""
     for size, (_, at, single, pair) in HEADERS.items():
         if start[at : at + len(single)] in (single, pair) and len(start) >= size:
             return size, start[at : at + len(single)] == single
     return None
 
 
-def _analyze(start: bytes) -> bool:
-    """Whether a file is a header of Analyze 7.5, which has the size of NIfTI's and no magic word."""
+def _is_analyze(start: bytes) -> bool:
+    """Return whether a file is a header of Analyze 7.5, which has the size of NIfTI's and no magic word."""
     return (
         len(start) == 348 and not any(start[344:]) and 348 in (int.from_bytes(start[:4], o) for o in ORDERS)
     )
@@ -60,46 +60,48 @@ def _analyze(start: bytes) -> bool:
 
 @np.errstate(over="ignore", invalid="ignore")  # numbers that overflow are refused where they are checked
 def read_nifti(path: Path, data: bytes, frame: str | None = None) -> Image:
-    """The volume, 3D or with layers (phases in time); `frame` is that of its axes where no form says it."""
-    start = _start(data)
-    kind = _kind(start)
+    """Read the volume, 3D or with layers (phases in time); `frame` is that of its axes where no form says
+    it.
+    """
+    start = _unpack_start(data)
+    kind = _header_kind(start)
     if kind is None:
         raise InputError(f"{path}: is Analyze 7.5, which does not say left from right: save it as NIfTI")
     size, single = kind
-    header = _header(path, start[:size])
-    sizes, dtype, offset, scaling = _voxels(path, header)
+    header = _read_header(path, start[:size])
+    sizes, dtype, offset, scaling = _describe_voxels(path, header)
     if offset < (size if single else 0):
         raise InputError(f"{path}: has its voxels at byte {offset}, within the header of {size} bytes")
     most = offset + size_of(path, sizes, dtype.str)
-    body = _unpacked(path, data, most) if single else _of_pair(path, data, most)
+    body = _unpack_file(path, data, most) if single else _read_pair(path, data, most)
     values = shaped(path, body[offset:], dtype.str, sizes)
     if scaling is not None and scaling != (1.0, 0.0):
         values = values * scaling[0] + scaling[1]
     return Image(np.moveaxis(values, 0, -1) if values.ndim == 4 else values, *place(header, str(path), frame))
 
 
-def _unpacked(path: Path, body: bytes, most: int) -> bytes:
+def _unpack_file(path: Path, body: bytes, most: int) -> bytes:
     return inflate(path, body, most) if packed(body) else body
 
 
-def _of_pair(path: Path, header: bytes, most: int) -> bytes:
-    """The file of a pair that holds the voxels, unpacked, where the header's own checksum holds too."""
-    _unpacked(path, header, LONGEST_HEADER)
+def _read_pair(path: Path, header: bytes, most: int) -> bytes:
+    """Read the file of a pair that holds the voxels, unpacked; the header's own checksum must hold too."""
+    _unpack_file(path, header, LONGEST_HEADER)
     name = _image_name(path)
     body = beside(path, name)
-    # it has no word of its own to be known by: damaged ones of gzip must not pass for voxels
-    return inflate(path, body, most) if name.endswith(".gz") else _unpacked(path, body, most)
+    # an .img has no magic word: damaged gzip data must not pass for voxels
+    return inflate(path, body, most) if name.endswith(".gz") else _unpack_file(path, body, most)
 
 
 def _image_name(path: Path) -> str:
-    """The file of a pair that holds the voxels."""
+    """Return the file of a pair that holds the voxels."""
     stem = re.sub(r"\.hdr(\.gz)?$", "", path.name, flags=re.IGNORECASE)
     names = [stem + ".img", stem + ".img.gz", stem + ".IMG"]
     return next((name for name in names if (path.parent / name).is_file()), names[0])
 
 
-def _header(path: Path, block: bytes) -> Any:
-    """nibabel's header of the bytes as they are: what its own checks repair is refused below."""
+def _read_header(path: Path, block: bytes) -> Any:
+    """Return nibabel's header of the bytes as they are: what its own checks would repair is refused below."""
     import nibabel
 
     order = next((o for o in ORDERS if int.from_bytes(block[:4], o) == len(block)), None)
@@ -110,9 +112,11 @@ def _header(path: Path, block: bytes) -> Any:
     return getattr(nibabel, HEADERS[len(block)][0])(block, endianness=order, check=False)
 
 
-def _voxels(path: Path, header: Any) -> tuple[list[int], np.dtype[Any], int, tuple[float, float] | None]:
-    """Sizes of the axes, four where there are layers; type and first byte of the voxels; slope and intercept,
-    or None.
+def _describe_voxels(
+    path: Path, header: Any
+) -> tuple[list[int], np.dtype[Any], int, tuple[float, float] | None]:
+    """Return sizes of the axes, four where there are layers; type and first byte of the voxels; slope and
+    intercept, or None.
     """
     from nibabel.spatialimages import HeaderDataError
 
@@ -132,7 +136,8 @@ def _voxels(path: Path, header: Any) -> tuple[list[int], np.dtype[Any], int, tup
 
 @np.errstate(over="ignore", invalid="ignore")
 def place(header: Any, where: str, frame: str | None) -> tuple[Array, str]:
-    """Index to mm, and the frame, by a header of nibabel: its sform if there is one, else its qform.
+    """Return the matrix from an index to mm, and the frame, by a header of nibabel: its sform if there is
+    one, else its qform.
 
     Without either, the axes run along those of `frame`. Raises InputError where that is not said, and where
     the header contradicts itself.
@@ -141,9 +146,9 @@ def place(header: Any, where: str, frame: str | None) -> tuple[Array, str]:
     pixdim = np.asarray(header["pixdim"], dtype=np.float64)
     if int(header["sform_code"]) > 0:
         affine = np.asarray(header.get_sform(), dtype=np.float64)
-        _agree(where, affine, pixdim[1:4])
+        _check_voxel_sizes(where, affine, pixdim[1:4])
     elif int(header["qform_code"]) > 0:
-        affine = _qform(header, where)
+        affine = _read_qform(header, where)
     else:
         return along_axes(
             where, "its header has neither qform nor sform", np.abs(pixdim[1:4]) * factor, frame
@@ -151,18 +156,18 @@ def place(header: Any, where: str, frame: str | None) -> tuple[Array, str]:
     return check_affine(where, TURN @ np.diag([factor, factor, factor, 1.0]) @ affine), "LPS"
 
 
-def _qform(header: Any, where: str) -> Array:
+def _read_qform(header: Any, where: str) -> Array:
     from nibabel.spatialimages import HeaderDataError
 
     header = header.copy()
-    header["pixdim"][0] = -1.0 if header["pixdim"][0] < 0 else 1.0  # as it is meant where it is 0
+    header["pixdim"][0] = -1.0 if header["pixdim"][0] < 0 else 1.0  # 0 is taken for 1, as the standard says
     try:
         return np.asarray(header.get_qform(), dtype=np.float64)
     except (HeaderDataError, ValueError) as error:
         raise InputError(f"{where}: its qform is not a rotation: {error}") from None
 
 
-def _agree(where: str, affine: Array, pixdim: Array) -> None:
+def _check_voxel_sizes(where: str, affine: Array, pixdim: Array) -> None:
     """Refuse a sform whose voxels have other sizes than the header's pixdim (3,): one of them is wrong, or
     the sform leads to another body, as to a standard brain.
     """

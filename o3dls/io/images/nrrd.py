@@ -36,8 +36,8 @@ SPACES = {
     "las": (1, -1),
 }
 UNITS = {"mm": 1.0, "millimeter": 1.0, "millimetre": 1.0, "um": 0.001, "µm": 0.001, "cm": 10.0, "m": 1000.0}
-UNITS[""] = 1.0  # says nothing, as no line does
-LONGEST_SKIP = 1 << 20  # bytes of packed data: a header of another format
+UNITS[""] = 1.0  # an empty unit says nothing, like a missing line
+LONGEST_SKIP = 1 << 20  # bytes before packed data: room for the header of another format
 VECTOR = r"\(([^)]*)\)|\bnone\b"
 
 
@@ -46,7 +46,7 @@ def knows(data: bytes) -> bool:
 
 
 def read_nrrd(path: Path, data: bytes, frame: str | None = None) -> Image:
-    """The volume, one layer or several; `frame` is that of its axes where only their spacings are said.
+    """Read the volume, one layer or several; `frame` is that of its axes where only their spacings are said.
 
     Raises InputError naming the header's line that cannot be used.
     """
@@ -71,22 +71,24 @@ def read_nrrd(path: Path, data: bytes, frame: str | None = None) -> Image:
             f"{path}: NRRD has dimension {header.get('dimension')} and sizes {header.get('sizes')}: must "
             "be 3, or 4 with an axis of layers"
         )
-    affine, space, listed = _place(path, header, len(sizes), frame)
-    values = _values(path, header, beside(path, file) if file else data[end.end() if end else 0 :], sizes)
-    if listed is not None:  # the axes come out turned around, since the first one runs fastest
+    affine, space, listed = _read_place(path, header, len(sizes), frame)
+    values = _read_values(
+        path, header, beside(path, file) if file else data[end.end() if end else 0 :], sizes
+    )
+    if listed is not None:  # the axes are reversed, since the first one runs fastest in the file
         values = np.moveaxis(values, 3 - listed, -1)
     return Image(values, affine, space, notes)
 
 
-def _place(
+def _read_place(
     path: Path, header: Mapping[str, str], axes: int, frame: str | None
 ) -> tuple[Array, str, int | None]:
-    """Index to mm in LPS, the frame, and which axis is that of the layers.
+    """Read the matrix from an index to mm in LPS, the frame, and which axis is that of the layers.
 
     A file that names no space stays in its own, which is unknown.
     """
     if "space directions" not in header and "spacings" in header:
-        return _spaced(path, header, axes, frame)
+        return _place_by_spacings(path, header, axes, frame)
     vectors = [match[1] for match in re.finditer(VECTOR, header.get("space directions", ""))]
     if len(vectors) != axes or sum(vector is not None for vector in vectors) != 3:
         raise InputError(
@@ -99,7 +101,7 @@ def _place(
     if origin is None or origin[1] is None:
         raise InputError(f"{path}: NRRD 'space origin' must be a vector")
     affine[:3, 3] = flat_numbers(origin[1].replace(",", " "), 3, f"{path}: space origin")
-    affine[:3] *= _millimetres(path, header, "space units", [0, 1, 2])[:, None]
+    affine[:3] *= _read_units(path, header, "space units", [0, 1, 2])[:, None]
     check_affine(f"{path}: NRRD 'space directions' and 'space origin'", affine)
     listed = vectors.index(None) if axes == 4 else None
     name = header.get("space", "").lower()
@@ -110,10 +112,12 @@ def _place(
     return np.diag([*SPACES[name], 1.0, 1.0]) @ affine, "LPS", listed
 
 
-def _spaced(
+def _place_by_spacings(
     path: Path, header: Mapping[str, str], axes: int, frame: str | None
 ) -> tuple[Array, str, int | None]:
-    """As `_place`, of a file that has sizes of voxels alone; an axis of layers has none (nan)."""
+    """Return the same as `_read_place` for a file that states sizes of voxels alone; an axis of layers has
+    none (nan).
+    """
     for key in ("space", "space origin", "axis mins", "axismins"):
         if header.get(key):
             raise InputError(
@@ -126,13 +130,15 @@ def _spaced(
             f"{path}: NRRD spacings {header['spacings'][:60]}: must be three above 0, and nan for an axis of "
             "layers"
         )
-    spacing = sizes[spatial] * _millimetres(path, header, "units", spatial)
+    spacing = sizes[spatial] * _read_units(path, header, "units", spatial)
     listed = ({*range(axes)} - {*spatial}).pop() if axes == 4 else None
     return *along_axes(str(path), "it has spacings and no space directions", spacing, frame), listed
 
 
-def _millimetres(path: Path, header: Mapping[str, str], key: str, axes: list[int]) -> Array:
-    """Factors to mm along three axes, by a line of units. Raises InputError for units that are not known."""
+def _read_units(path: Path, header: Mapping[str, str], key: str, axes: list[int]) -> Array:
+    """Read the factors to mm along three axes, by a line of units. Raises InputError for units that are not
+    known.
+    """
     stated = header.get(key, '"" ' * (max(axes) + 1))
     words = [quoted or bare for quoted, bare in re.findall(r'"([^"]*)"|([^\s"]+)', stated)]
     others = [word for k, word in enumerate(words) if k not in axes]
@@ -149,7 +155,7 @@ def _millimetres(path: Path, header: Mapping[str, str], key: str, axes: list[int
     return np.array([UNITS[words[k]] for k in axes])
 
 
-def _values(path: Path, header: Mapping[str, str], body: bytes, sizes: list[int]) -> NDArray[Any]:
+def _read_values(path: Path, header: Mapping[str, str], body: bytes, sizes: list[int]) -> NDArray[Any]:
     kind = TYPES.get(header.get("type", "").lower())
     if kind is None:
         raise InputError(
@@ -158,9 +164,9 @@ def _values(path: Path, header: Mapping[str, str], body: bytes, sizes: list[int]
     n = count(path, sizes)
     encoding = header.get("encoding", "").lower()
     dtype = np.dtype((">" if header.get("endian", "little") == "big" else "<") + kind)
-    lines, skipped = _skip(path, header, "line skip"), _skip(path, header, "byte skip")
+    lines, skipped = _read_skip(path, header, "line skip"), _read_skip(path, header, "byte skip")
     body = body.split(b"\n", lines)[-1] if body.count(b"\n") >= lines else b""
-    if skipped < 0:  # the data are the last bytes of the file
+    if skipped < 0:  # -1 means that the data are the last bytes of the file
         if encoding != "raw":
             raise InputError(f"{path}: NRRD 'byte skip: -1' must go with raw encoding, not {encoding[:20]}")
         skipped = max(len(body) - n * dtype.itemsize, 0)
@@ -175,8 +181,10 @@ def _values(path: Path, header: Mapping[str, str], body: bytes, sizes: list[int]
     return shaped(path, body, dtype.str, sizes)
 
 
-def _skip(path: Path, header: Mapping[str, str], key: str) -> int:
-    """Lines or bytes before the data, under either spelling of the key; of bytes, -1: all but the data."""
+def _read_skip(path: Path, header: Mapping[str, str], key: str) -> int:
+    """Read how many lines or bytes stand before the data, under either spelling of the key; -1 bytes: all but
+    the data.
+    """
     words = [header[name] for name in (key, key.replace(" ", "")) if name in header]
     if not all(is_count(word) or (word == "-1" and key == "byte skip") for word in words):
         raise InputError(f"{path}: NRRD '{key}: {words[0][:20]}' must be a whole number from 0")

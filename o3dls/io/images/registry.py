@@ -10,7 +10,7 @@ from ...errors import InputError
 from . import dicom, metaimage, nifti, nrrd
 from .voxels import Image
 
-LONGEST_VOXEL = 20.0  # times its width
+LONGEST_VOXEL = 20.0  # how many times longer than wide a voxel may be
 
 
 def knows(data: bytes) -> bool:
@@ -18,7 +18,7 @@ def knows(data: bytes) -> bool:
 
 
 def read_image(path: Path, data: bytes, frame: str | None = None) -> Image:
-    """The volume in a file; `frame` is that of its axes where the file does not say how they lie. Raises
+    """Read the volume in a file; `frame` is that of its axes where the file does not say how they lie. Raises
     InputError where it is damaged or does not lie anywhere.
     """
     if dicom.knows(data):
@@ -31,7 +31,7 @@ def read_image(path: Path, data: bytes, frame: str | None = None) -> Image:
 
 
 def checked(image: Image, where: str) -> Image:
-    """The same image. Raises InputError where its voxels are of no size that a scanner has."""
+    """Return the image unchanged. Raises InputError where its voxels are of no size that a scanner has."""
     affine = image.affine
     if abs(np.linalg.det(affine)) < 1e-9:
         raise InputError(f"{where}: its axes span no volume: {affine[:3].round(6).tolist()}")

@@ -37,16 +37,16 @@ def write_volume(path: str | Path, values: NDArray[Any], affine: Array, *, space
         raise InputError(f"{path}: volumes are written in 3D; these values are {data.ndim}D")
     name = path.name.lower()
     if name.endswith(".nrrd"):
-        content = _nrrd(data, affine, space)
+        content = _encode_nrrd(data, affine, space)
     elif name.endswith((".nii", ".nii.gz")):
-        content = _nifti(path, data, affine, space)
+        content = _encode_nifti(path, data, affine, space)
         content = gzip.compress(content, 6, mtime=0) if name.endswith(".gz") else content
     else:
         raise InputError(f"{path}: volumes are written as .nrrd, .nii or .nii.gz")
     write_file(path, content)
 
 
-def _nrrd(data: NDArray[Any], affine: Array, space: str) -> bytes:
+def _encode_nrrd(data: NDArray[Any], affine: Array, space: str) -> bytes:
     axes = " ".join(f"({','.join(map(repr, axis))})" for axis in affine[:3, :3].T.tolist())
     lines = [
         "NRRD0004",
@@ -64,8 +64,8 @@ def _nrrd(data: NDArray[Any], affine: Array, space: str) -> bytes:
     return ("\n".join(lines) + "\n\n").encode() + gzip.compress(data.tobytes(order="F"), 6, mtime=0)
 
 
-def _nifti(path: Path, data: NDArray[Any], affine: Array, space: str) -> bytes:
-    """NIfTI-1 with an sform in scanner coordinates, which are RAS."""
+def _encode_nifti(path: Path, data: NDArray[Any], affine: Array, space: str) -> bytes:
+    """Encode as NIfTI-1 with an sform in scanner coordinates, which are RAS."""
     if space not in ("LPS", "RAS"):
         raise InputError(
             f"{path}: NIfTI is RAS by definition and the frame is '{space}'; state LPS or RAS, or write .nrrd"

@@ -16,16 +16,16 @@ from ...errors import InputError
 from ..text import read_bytes
 
 MOST_VOXELS = 1 << 28  # 1000 slices of 512 x 512: twice the largest CT of a heart
-MOST_BYTES = 1 << 30  # of the voxels, which are held in memory twice
+MOST_BYTES = 1 << 30  # bytes of the voxels, which are held in memory twice
 PIECE = 1 << 16  # packed bytes unpacked at one time
 MOST_PARTS = 1 << 17  # twice those of 1 GiB in blocks of 64 kB, as bgzip writes them
-LARGEST = 1e6  # mm
+LARGEST = 1e6  # mm from the origin
 
 
 @dataclass(frozen=True, eq=False)
 class Image:
-    """Values (nz, ny, nx), or (nz, ny, nx, layers); `affine` takes an index (i, j, k), a voxel's centre, to
-    mm.
+    """An image: values (nz, ny, nx), or (nz, ny, nx, layers), and their `affine`, which takes an index (i, j,
+    k), the centre of a voxel, to mm.
 
     space is LPS, or unknown where the file does not say; notes are free `key = value` pairs, such as Slicer's
     segment names.
@@ -43,8 +43,8 @@ class Image:
 
 
 def along_axes(where: str, fault: str, spacing: Array, frame: str | None) -> tuple[Array, str]:
-    """Index to mm where a file says the sizes of its voxels (3,) and not how its axes lie: along those of
-    `frame`, from its origin on.
+    """Return the matrix from an index to mm where a file states the sizes of its voxels (3,) but not how its
+    axes lie: along those of `frame`, from its origin on.
 
     Raises InputError with the `fault` where the frame is not said.
     """
@@ -58,20 +58,20 @@ def along_axes(where: str, fault: str, spacing: Array, frame: str | None) -> tup
 
 
 def check_affine(where: str, affine: Array) -> Array:
-    """The same affine. Raises InputError where it is not finite or leads far away."""
+    """Return the affine unchanged. Raises InputError where it is not finite or leads far away."""
     if not (np.abs(affine) < LARGEST).all():
         raise InputError(f"{where}: its axes and origin must be finite and below {LARGEST:g}")
     return affine
 
 
 def packed(data: bytes) -> bool:
-    """Whether the bytes are gzip's."""
+    """Return whether the bytes are gzip's."""
     return data[:2] == b"\x1f\x8b"
 
 
 def inflate(path: Path, data: bytes, most: int) -> bytes:
-    """Gzip or zlib data, which may come in several parts, unpacked to their end, where their checksums and
-    lengths are compared; only zeros may follow.
+    """Return gzip or zlib data, which may come in several parts, unpacked to their end, where their checksums
+    and lengths are compared; only zeros may follow.
 
     Raises InputError where they are damaged or have no end, and where more than `most` bytes come out, of
     which no more is kept.
@@ -79,9 +79,11 @@ def inflate(path: Path, data: bytes, most: int) -> bytes:
     out: list[bytes] = []
     left, at = most, 0
     for _ in range(MOST_PARTS):
-        if at == len(data) or data[at] == 0:  # no part begins with 0; blocks of tapes are filled with it
+        if (
+            at == len(data) or data[at] == 0
+        ):  # no part begins with 0, with which blocks of tapes are filled up
             break
-        part, at = _part(path, data, at, left)
+        part, at = _inflate_part(path, data, at, left)
         out += part
         left -= sum(map(len, part))
         if left < 0:
@@ -96,8 +98,9 @@ def inflate(path: Path, data: bytes, most: int) -> bytes:
     return b"".join(out)
 
 
-def _part(path: Path, data: bytes, at: int, left: int) -> tuple[list[bytes], int]:
-    """The pieces of the part that begins at byte `at`, one byte more than `left` at most, and where it ends.
+def _inflate_part(path: Path, data: bytes, at: int, left: int) -> tuple[list[bytes], int]:
+    """Return the pieces of the part that begins at byte `at`, one byte more than `left` at most, and where it
+    ends.
 
     zlib compares the checksum when it comes to the end, so the part is read until there.
     """
@@ -117,8 +120,8 @@ def _part(path: Path, data: bytes, at: int, left: int) -> tuple[list[bytes], int
 
 
 def shaped(path: Path, data: bytes, dtype: str, sizes: list[int]) -> NDArray[Any]:
-    """An array whose first axis runs fastest in the file, with the axes turned around. Raises InputError
-    where bytes are missing.
+    """Return an array whose first axis runs fastest in the file, with the axes turned around. Raises
+    InputError where bytes are missing.
     """
     need = size_of(path, sizes, dtype)
     if len(data) < need:
@@ -130,7 +133,7 @@ def shaped(path: Path, data: bytes, dtype: str, sizes: list[int]) -> NDArray[Any
 
 
 def count(path: Path, sizes: list[int]) -> int:
-    """Number of values. Raises InputError for sizes that cannot be."""
+    """Return the number of values. Raises InputError for sizes that cannot be."""
     if not sizes or min(sizes) < 1 or float(np.prod([float(n) for n in sizes])) > MOST_VOXELS:
         raise InputError(
             f"{path}: has size {sizes}: must be positive, at most {MOST_VOXELS} values together; cut "
@@ -140,8 +143,8 @@ def count(path: Path, sizes: list[int]) -> int:
 
 
 def size_of(path: Path, sizes: list[int], dtype: str) -> int:
-    """Number of bytes of the voxels, by what the header says. Raises InputError, before anything is unpacked,
-    where they are too many.
+    """Return the number of bytes of the voxels, by what the header says. Raises InputError, before anything
+    is unpacked, where they are too many.
     """
     size = count(path, sizes) * np.dtype(dtype).itemsize
     if size > MOST_BYTES:
@@ -153,7 +156,9 @@ def size_of(path: Path, sizes: list[int], dtype: str) -> int:
 
 
 def beside(path: Path, name: str) -> bytes:
-    """The bytes of a data file in the same folder. Raises InputError for a path that leads elsewhere."""
+    """Return the bytes of a data file in the same folder. Raises InputError for a path that leads
+    elsewhere.
+    """
     name = name.removeprefix("./")
     if (
         Path(name).name != name

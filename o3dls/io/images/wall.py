@@ -13,19 +13,19 @@ from ...geometry.similarity import apply
 from ...geometry.surface import Surface
 from .pieces import Bridge, filled, joined, thick, wide
 
-# voxels, standard deviations: take the steps of the voxels off
+# standard deviations, in voxels, of the filters that take the steps of the voxels away
 MASK_SMOOTHING = 0.7
-DISTANCE_SMOOTHING = 1.5  # more can be: labels are kept
+DISTANCE_SMOOTHING = 1.5  # may be larger, since labels are kept
 CLEARANCE = 0.1  # voxels: how far the wall stays from their centres at least
 ROUNDS = 2  # a third moves the wall of an atrium by less than 0.01 mm in the mean
-MOST_NODES = 4_000_000  # slices are parted less finely rather than take more than some seconds
+MOST_NODES = 4_000_000  # above it slices are divided less finely, so that a volume takes seconds
 PAD = 2  # voxels around a label: outside, but for the first past the border of the volume
 Field = NDArray[np.float32]
 
 
 def mask_surface(mask: Mask, affine: Array, name: str = "mask") -> Surface:
-    """Closed surface between the voxels of a mask (nz, ny, nx); `affine` (4, 4) takes an index (i, j, k), a
-    voxel's centre, to mm.
+    """Return the closed surface between the voxels of a mask (nz, ny, nx); `affine` (4, 4) takes an index (i,
+    j, k), a voxel's centre, to mm.
 
     What leaves the volume is closed by a flat cap half a voxel past its last. Raises InputError where the
     mask is too thin to enclose anything.
@@ -44,19 +44,19 @@ def mask_surface(mask: Mask, affine: Array, name: str = "mask") -> Surface:
     borders += [(axis, -1) for axis in range(3) if high[axis] == mask.shape[axis] - 1]
     if len(borders) == 6:  # it was cut out around the label, so none of them cuts the label
         borders = []
-    field = wall_field(_continued(part, borders), spacing)
+    field = wall_field(_continue_past_borders(part, borders), spacing)
     for axis, end in borders:
         _cut_off(field.swapaxes(0, axis), end, parts_of(part, spacing) if axis == 0 else 1)
     mesh = o3d.t.geometry.TriangleMesh.create_isosurfaces(o3d.core.Tensor.from_numpy(-field), [0.0])
     indices = mesh.vertex.positions.numpy().astype(np.float64) / [1, 1, parts_of(part, spacing)]
     surface = Surface(apply(affine, indices + low[::-1] - PAD), mesh.triangle.indices.numpy())
-    # a mirroring affine turns it
+    # an affine that mirrors turns the faces inside out
     return surface if surface.volume > 0 else Surface(surface.vertices, surface.faces[:, ::-1])
 
 
 def slices_first(mask: Mask, affine: Array) -> tuple[Mask, Array, Array]:
-    """A mask with the axis along which its voxels are longest first, the affine of its indices, which run the
-    other way, and the spacing (3,) along its axes.
+    """Return a mask with the axis along which its voxels are longest first, the affine of its indices, which
+    run the other way, and the spacing (3,) along its axes.
     """
     spacing = np.linalg.norm(affine[:3, :3], axis=0)[::-1]
     thickest = int(spacing.argmax())
@@ -66,16 +66,18 @@ def slices_first(mask: Mask, affine: Array) -> tuple[Mask, Array, Array]:
 
 
 def parts_of(mask: Mask, spacing: Array) -> int:
-    """How many parts of a slice are about as thick as its voxels are wide, fewer for a large mask: odd, so
-    that no node lies half-way between two slices, where a flat wall runs.
+    """Return how many parts of a slice are about as thick as its voxels are wide, fewer for a large mask:
+    odd, so that no node lies half-way between two slices, where a flat wall runs.
     """
     pairs = np.ceil((spacing[0] / spacing[1:].max() - 1.5) / 2.0)
     most = max(int(thick(spacing)), (MOST_NODES // mask.size - 1) // 2)
     return 1 + 2 * int(np.clip(pairs, 0, most))
 
 
-def _continued(mask: Mask, borders: Sequence[tuple[int, int]]) -> Mask:
-    """A padded mask that goes on past the borders (axis, first or last) of its volume as it reaches them."""
+def _continue_past_borders(mask: Mask, borders: Sequence[tuple[int, int]]) -> Mask:
+    """Return a padded mask that goes on past the borders (axis, first or last) of its volume as it reaches
+    them.
+    """
     mask = mask.copy()
     for axis, end in borders:
         slices = mask.swapaxes(0, axis)
@@ -90,8 +92,8 @@ def _cut_off(field: Field, end: int, parts: int) -> None:
 
 
 def wall_field(mask: Mask, spacing: Array) -> Field:
-    """A field that is negative inside the smooth wall of a mask (slices, rows, columns) with outside all
-    around, on its slices and on those that part them.
+    """Return a field that is negative inside the smooth wall of a mask (slices, rows, columns) with outside
+    all around, on its slices and on those that part them.
 
     Where slices are thick, shape-based interpolation (Raya and Udupa 1990) with distances in space: these
     change evenly from slice to slice also where a part ends between two, and a better wall gives better
@@ -100,26 +102,26 @@ def wall_field(mask: Mask, spacing: Array) -> Field:
     parts = parts_of(mask, spacing)
     side = np.where(mask, -1.0, 1.0).astype(np.float32)
     if parts == 1:
-        return _on_its_side(_smooth(side, MASK_SMOOTHING), side, 2.0 * CLEARANCE)
+        return _keep_on_side(_smooth_steps(side, MASK_SMOOTHING), side, 2.0 * CLEARANCE)
     least = CLEARANCE * spacing.min()
-    distance = _to_other_side(mask, spacing)
+    distance = _distance_to_wall(mask, spacing)
     for _ in range(ROUNDS):
-        inside = _between_slices(distance, parts) < 0.0
-        distance = _smooth(_to_other_side(inside, spacing / [parts, 1, 1]), DISTANCE_SMOOTHING)
-        distance = _on_its_side(distance[::parts], side, least)
-    field = _between_slices(distance, parts)
+        inside = _interpolate_slices(distance, parts) < 0.0
+        distance = _smooth_steps(_distance_to_wall(inside, spacing / [parts, 1, 1]), DISTANCE_SMOOTHING)
+        distance = _keep_on_side(distance[::parts], side, least)
+    field = _interpolate_slices(distance, parts)
     for bridge in joined(mask, spacing)[1]:
-        _unite(field, bridge, parts, spacing)
+        _unite_bridge(field, bridge, parts, spacing)
     return field
 
 
-def _on_its_side(values: Field, side: Field, least: float) -> Field:
+def _keep_on_side(values: Field, side: Field, least: float) -> Field:
     return np.asarray(side * np.maximum(side * values, np.float32(least)))
 
 
-def _to_other_side(inside: Mask, spacing: Array) -> Field:
-    """Distance of every voxel's centre to the other side, negative inside; the wall lies half a voxel before
-    the nearest centre there.
+def _distance_to_wall(inside: Mask, spacing: Array) -> Field:
+    """Return the distance of every voxel's centre to the other side, negative inside; the wall lies half a
+    voxel before the nearest centre there.
     """
     from scipy.ndimage import distance_transform_edt
 
@@ -128,9 +130,9 @@ def _to_other_side(inside: Mask, spacing: Array) -> Field:
     return np.asarray(distance + np.where(inside, 0.5, -0.5) * np.float32(spacing.min()), dtype=np.float32)
 
 
-def _smooth(values: Field, deviation: float) -> Field:
-    """Values without the steps of the voxels; what the filter takes from curved walls, its second pass gives
-    back.
+def _smooth_steps(values: Field, deviation: float) -> Field:
+    """Return values without the steps of the voxels; what the filter takes from curved walls, its second pass
+    gives back.
     """
     from scipy.ndimage import gaussian_filter
 
@@ -138,9 +140,9 @@ def _smooth(values: Field, deviation: float) -> Field:
     return np.asarray(once + gaussian_filter(values - once, deviation))
 
 
-def _between_slices(values: Field, parts: int) -> Field:
-    """Values (slices, rows, columns) with `parts` - 1 slices more in every gap: monotone cubics (Fritsch and
-    Butland 1984), so that the sign does not change between two of one sign.
+def _interpolate_slices(values: Field, parts: int) -> Field:
+    """Return values (slices, rows, columns) with `parts` - 1 slices more in every gap: monotone cubics
+    (Fritsch and Butland 1984), so that the sign does not change between two of one sign.
     """
     from scipy.interpolate import PchipInterpolator
 
@@ -152,13 +154,13 @@ def _between_slices(values: Field, parts: int) -> Field:
     return out
 
 
-def _unite(field: Field, bridge: Bridge, parts: int, spacing: Array) -> None:
+def _unite_bridge(field: Field, bridge: Bridge, parts: int, spacing: Array) -> None:
     """Unite the field with a tube from slice to slice: the piece's section slides to where the chamber's
     covers it best, and becomes what is common to both on the way.
     """
     from scipy.ndimage import shift
 
-    piece, chamber = (_to_other_side(section, spacing[1:]) for section in (bridge.piece, bridge.chamber))
+    piece, chamber = (_distance_to_wall(section, spacing[1:]) for section in (bridge.piece, bridge.chamber))
     centre = np.unravel_index(piece.argmin(), piece.shape)
     offset = np.stack([axis - at for axis, at in zip(np.indices(piece.shape), centre, strict=True)])
     way = np.linalg.norm(offset * spacing[1:, None, None], axis=0)

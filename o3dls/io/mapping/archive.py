@@ -16,13 +16,15 @@ from ..text import read_bytes
 LARGEST = 1 << 31  # bytes of one file
 SEVEN_ZIP = b"7z\xbc\xaf\x27\x1c"
 MOST_FILES = 1_000_000
-# how many times larger than packed a file may be, from this size on: text of studies packs to a tenth or so
+# how many times its packed size a file may have, if it is larger than LARGE: text packs to about a tenth
 MOST_PACKED, LARGE = 200, 1 << 22
 
 
 @dataclass(frozen=True)
 class Archive:
-    """Names relative to the study's top, and, where they are zipped, what holds their bytes."""
+    """The files of a study: their names relative to its top and, where they are zipped, what holds their
+    bytes.
+    """
 
     path: Path
     names: tuple[str, ...]
@@ -30,7 +32,9 @@ class Archive:
 
     @classmethod
     def open(cls, path: str | Path) -> Archive:
-        """A folder, a zip, or one file as a study of its own. Raises InputError for what cannot be opened."""
+        """Open a folder, a zip, or one file as a study of its own. Raises InputError for what cannot be
+        opened.
+        """
         path = Path(path)
         if path.is_dir():
             return cls(
@@ -42,10 +46,10 @@ class Archive:
             raise InputError(f"{path}: is a 7-Zip archive, whatever its name; unpack it and name the folder")
         if data[:4] != b"PK\x03\x04":
             return cls(path.parent, (path.name,))
-        return cls._zipped(path, data)
+        return cls._open_zip(path, data)
 
     @classmethod
-    def _zipped(cls, path: Path, data: bytes) -> Archive:
+    def _open_zip(cls, path: Path, data: bytes) -> Archive:
         try:
             file = zipfile.ZipFile(io.BytesIO(data))
         except (zipfile.BadZipFile, NotImplementedError, ValueError, EOFError, zlib.error) as error:
@@ -59,21 +63,21 @@ class Archive:
         return cls(path, tuple(sorted(found)), found)
 
     def unpacked(self) -> Iterator[Archive]:
-        """The archive with the files of the one zip in it, if it is zipped and holds just one. Raises
+        """Yield the archive with the files of the one zip in it, if it is zipped and holds just one. Raises
         InputError where that is damaged.
         """
         inner = self.named(".zip")
         if self.zipped and len(inner) == 1:
-            within = self._zipped(self.path / inner[0], self.read(inner[0])).zipped
+            within = self._open_zip(self.path / inner[0], self.read(inner[0])).zipped
             found = {**self.zipped, **{f"{inner[0]}/{name}": where for name, where in within.items()}}
             yield Archive(self.path, tuple(sorted(found)), found)
 
     def with_neighbours(self) -> Archive:
-        """All that lies in the folder, where one file of it was named."""
+        """Return the archive of all that lies in the folder, where one file of it was named."""
         return self if self.zipped or len(self.names) > 1 else Archive.open(self.path)
 
     def read(self, name: str) -> bytes:
-        """The bytes of one file. Raises InputError where it is locked or damaged."""
+        """Read the bytes of one file. Raises InputError where it is locked or damaged."""
         if not self.zipped:
             return read_bytes(self.path / name)
         file, info = self.zipped[name]
@@ -86,31 +90,31 @@ class Archive:
             )
         try:
             return file.read(info)
-        except NotImplementedError as error:  # a RuntimeError too
+        except NotImplementedError as error:  # before RuntimeError, of which it is a subclass
             raise InputError(
                 f"{self.path}: {name}: {error}; unpack it with another program and name the folder"
             ) from None
-        except RuntimeError as error:  # what zipfile raises for a password
+        except RuntimeError as error:  # zipfile raises it where a password is missing
             raise InputError(f"{self.path}: {name}: {error}; unpack it with its password first") from None
         except (zipfile.BadZipFile, EOFError, zlib.error, ValueError) as error:
             raise InputError(f"{self.path}: {name}: {error}; the zip is damaged") from None
 
     def where(self, name: str) -> Path:
-        """What errors call the file."""
+        """Return the path by which errors name a file."""
         return self.path / name
 
     def find(self, folder: str, name: str) -> str | None:
-        """The file of that name in that folder, upper and lower case and both forms of an accent alike; None
+        """Return the file of a name in a folder, upper and lower case and both forms of an accent alike; None
         where there is none.
         """
-        wanted = _plain(str(PurePosixPath(folder) / name))
-        return next((n for n in self.names if _plain(n) == wanted), None)
+        wanted = _plain_name(str(PurePosixPath(folder) / name))
+        return next((n for n in self.names if _plain_name(n) == wanted), None)
 
     def named(self, ending: str) -> list[str]:
-        """Files whose name ends so."""
+        """Return the files whose names have an ending."""
         return [name for name in self.names if name.lower().endswith(ending.lower())]
 
 
-def _plain(name: str) -> str:
-    """A name in the form in which systems agree on it."""
+def _plain_name(name: str) -> str:
+    """Return a name in the form in which all file systems agree on it."""
     return unicodedata.normalize("NFC", name).lower()

@@ -25,7 +25,7 @@ class Anatomy:
 
     @property
     def reach(self) -> float:
-        """How far from it a site may lie and still be on its wall."""
+        """The distance from the map up to which a site may still be on its wall."""
         from scipy.spatial import cKDTree
 
         if self.shell is not None or len(self.points) < 2:
@@ -34,7 +34,7 @@ class Anatomy:
         return max(REACH, GAPS * float(np.median(gaps[:, 1])))
 
     def distances(self, sites: Array) -> Array:
-        """From each site (n, 3) to the shell or the nearest point, whichever is nearer."""
+        """Return the distance of each site (n, 3) to the shell or the nearest point, whichever is nearer."""
         from scipy.spatial import cKDTree
 
         from ...geometry.closest_point import ClosestPoint
@@ -48,7 +48,8 @@ class Anatomy:
 
 
 def of_one_map(sites: Points, own: Anatomy, others: Sequence[Anatomy]) -> tuple[Points, str]:
-    """The sites that lie on the chamber of a map, and a sentence on those that do not; empty where all do.
+    """Return the sites that lie on the chamber of a map, and a sentence on those that do not; empty where all
+    do.
 
     A site is another's where it lies farther from this map than its `reach`, or clearly nearer to another
     one. A map that shows no chamber has all of them.

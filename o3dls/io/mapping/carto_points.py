@@ -26,7 +26,7 @@ SITES = {
 
 
 def read_car(path: Path, data: bytes) -> tuple[Points, NDArray[np.int64]]:
-    """Catheter positions (not projected) with voltages in mV, lat in ms, and the ids of the points.
+    """Read catheter positions (not projected) with voltages in mV, lat in ms, and the ids of the points.
 
     A map without points gives none. Raises InputError.
     """
@@ -51,7 +51,7 @@ def read_car(path: Path, data: bytes) -> tuple[Points, NDArray[np.int64]]:
 
 
 def read_sites(path: Path, data: bytes) -> Points:
-    """Ablation sites of VisiTag with what was measured at each; columns are found by name.
+    """Read ablation sites of VisiTag with what was measured at each; columns are found by name.
 
     Raises InputError.
     """

@@ -28,7 +28,7 @@ from .belonging import Anatomy
 from .carto_points import read_car, read_sites
 
 ABLATION_TAG = "Ablation"
-CLEARLY_CLOSER = 0.5  # median gap to the points against that of the other direction
+CLEARLY_CLOSER = 0.5  # ratio of the median gaps to the points in the two directions
 BEGINNING = re.compile(rb"(\xef\xbb\xbf)?\s*(<\?xml[^>]*>\s*)?(?><!--.*?-->\s*)*<Study\b", re.DOTALL)
 OF_POINTS = ("_point_export.xml", "_points_export.xml")  # there are thousands, which need not be read
 
@@ -57,7 +57,9 @@ class Study:
     shells: tuple[tuple[str, tuple[float, ...] | None], ...]
 
     def map(self, name: str | None) -> Map:
-        """The map of that name, or the only one with points. Raises InputError listing what there is."""
+        """Return the map of that name, or the only one with points. Raises InputError listing what there
+        is.
+        """
         listed = ", ".join(f"{m.name} ({m.points} points)" for m in self.maps)
         found = [m for m in self.maps if (m.name == name if name else m.points > 0)]
         if len(found) != 1:
@@ -67,7 +69,7 @@ class Study:
 
 
 def find_study(archive: Archive) -> Study | None:
-    """The study in an archive; None where no XML of CARTO's is there.
+    """Return the study in an archive; None where no XML of CARTO's is there.
 
     Raises InputError where there are several.
     """
@@ -80,24 +82,26 @@ def find_study(archive: Archive) -> Study | None:
         raise InputError(
             f"{archive.path}: holds {len(found)} studies ({', '.join(found)}); name the folder of one"
         )
-    return _study(archive.with_neighbours(), found[0]) if found else None
+    return _read_xml(archive.with_neighbours(), found[0]) if found else None
 
 
-def _study(archive: Archive, name: str) -> Study:
+def _read_xml(archive: Archive, name: str) -> Study:
     where = archive.where(name)
     root = parse_xml(where, _as_utf8(archive.read(name)))
     units = root.find("Units")
     if units is not None and units.get("Distance", "mm") != "mm":
         raise InputError(f"{where}: its distances are in {units.get('Distance')}: must be mm")
     full_names = {tag.get("ID", ""): tag.get("Short_Name", "") for tag in root.iterfind("Maps/TagsTable/Tag")}
-    maps = tuple(_map(element, full_names) for element in root.iterfind("Maps/Map"))
+    maps = tuple(_read_map(element, full_names) for element in root.iterfind("Maps/Map"))
     if not maps:
         raise InputError(f"{where}: describes no map")
-    return Study(archive, str(PurePosixPath(name).parent), maps, tuple(_shells(root)))
+    return Study(archive, str(PurePosixPath(name).parent), maps, tuple(_list_shells(root)))
 
 
 def _as_utf8(data: bytes) -> bytes:
-    """CARTO declares no encoding and writes UTF-8 in one version, cp1252 in another."""
+    """Return the bytes as UTF-8: CARTO declares no encoding and writes UTF-8 in one version, cp1252 in
+    another.
+    """
     try:
         data.decode("utf-8")
     except UnicodeDecodeError:
@@ -105,7 +109,7 @@ def _as_utf8(data: bytes) -> bytes:
     return data
 
 
-def _map(element: ElementTree.Element, tag_names: dict[str, str]) -> Map:
+def _read_map(element: ElementTree.Element, tag_names: dict[str, str]) -> Map:
     tags: dict[int, list[str]] = {}
     points = element.findall("CartoPoints/Point")
     for point in points:
@@ -115,28 +119,28 @@ def _map(element: ElementTree.Element, tag_names: dict[str, str]) -> Map:
     return Map(
         element.get("Name", ""),
         tuple(re.findall(r"[^;|]+?\.mesh", element.get("FileNames", ""))),
-        _number(element.get("Volume")),
+        _number_or_none(element.get("Volume")),
         len(points),
         tags,
     )
 
 
-def _number(text: str | None) -> float | None:
+def _number_or_none(text: str | None) -> float | None:
     try:
         return float(text or "")
     except ValueError:
         return None
 
 
-def _shells(root: ElementTree.Element) -> Iterator[tuple[str, tuple[float, ...] | None]]:
-    """Imported shells (CT, MRI) and the vendor's registration of each.
+def _list_shells(root: ElementTree.Element) -> Iterator[tuple[str, tuple[float, ...] | None]]:
+    """Yield imported shells (CT, MRI) and the vendor's registration of each.
 
     No public source proves its direction.
     """
     for mesh in root.iterfind(".//Meshes/Mesh"):
         if mesh.get("FileName"):
             numbers = [
-                _number(word)
+                _number_or_none(word)
                 for word in (
                     mesh.findtext("RegistrationMatrix") or root.findtext(".//RegistrationMatrix") or ""
                 ).split()
@@ -146,7 +150,7 @@ def _shells(root: ElementTree.Element) -> Iterator[tuple[str, tuple[float, ...] 
 
 
 def read_shell(study: Study, name: str) -> SurfaceFile:
-    """A .mesh file of the study by its name in the XML."""
+    """Read a .mesh file of the study by its name in the XML."""
     found = study.archive.find(study.folder, name)
     if found is None:
         raise InputError(f"{study.archive.where(study.folder)}: its XML names {name}, which is not there")
@@ -154,7 +158,7 @@ def read_shell(study: Study, name: str) -> SurfaceFile:
 
 
 def read_map_points(study: Study, wanted: Map) -> tuple[Points, dict[str, Array]]:
-    """Measured points of a map with their tags, and the landmarks.
+    """Read measured points of a map with their tags, and the landmarks.
 
     These are the places tagged by a known name (veins, valves, LAA), the mean where there are several.
     """
@@ -182,7 +186,7 @@ def read_map_points(study: Study, wanted: Map) -> tuple[Points, dict[str, Array]
 
 
 def read_anatomy(study: Study, of: Map) -> Anatomy:
-    """What another map of the study shows of its chamber, as far as its files are there and in order."""
+    """Read what another map of the study shows of its chamber, as far as its files are there and in order."""
     shell, points = None, np.zeros((0, 3))
     with suppress(InputError):
         shell = read_shell(study, of.files[0]).surface if of.files else None
@@ -192,13 +196,13 @@ def read_anatomy(study: Study, of: Map) -> Anatomy:
 
 
 def read_ablation(study: Study) -> Points | None:
-    """VisiTag's sites of the whole study; None where there are none."""
+    """Read VisiTag's sites of the whole study; None where there are none."""
     name = study.archive.find(f"{study.folder}/VisiTagExport", "Sites.txt")
     return None if name is None else read_sites(study.archive.where(name), study.archive.read(name))
 
 
 def vendor_pose(shell: Array, printed: tuple[float, ...], points: Array) -> Array | None:
-    """The vendor's registration as a pose (4, 4) of a shell's vertices (n, 3) in the map.
+    """Return the vendor's registration as a pose (4, 4) of a shell's vertices (n, 3) in the map.
 
     Rows or columns are told by the zeros. Its direction is not documented: the one that brings the shell to
     the points is taken, None where neither is clearly closer.

@@ -51,8 +51,8 @@ class Export:
         return [row[self.header.index(name)] for _, row in self.rows]
 
     def numbers(self, name: str) -> Array:
-        """A column as numbers; `invalid`, empty and infinite cells are NaN. Raises InputError naming line and
-        column.
+        """Return a column as numbers; `invalid`, empty and infinite cells are NaN. Raises InputError naming
+        line and column.
         """
         values = []
         for (line, _), cell in zip(self.rows, self.column(name), strict=True):
@@ -76,11 +76,11 @@ def knows(data: bytes) -> bool:
 
 
 def parse(path: Path, data: bytes, required: Sequence[str]) -> Export:
-    """The table of an export, found by its column names, not by the row that the preamble states. Raises
-    InputError.
+    """Parse the table of an export, found by its column names, not by the row that the preamble states.
+    Raises InputError.
     """
     lines = decode(data, path).splitlines()
-    start, header, comma = _header(path, lines, required)
+    start, header, comma = _find_header(path, lines, required)
     if start is None:
         raise InputError(f"{path}: has no line with the columns {', '.join(required)}")
     found = (re.match(rf"\s*([^:*{comma}]+?)\s*:\s*{comma}?\s*([^{comma}]*)", line) for line in lines[:start])
@@ -91,14 +91,14 @@ def parse(path: Path, data: bytes, required: Sequence[str]) -> Export:
             break
         if line.strip():
             cells = cells_of(line, comma, f"{path}: line {number}")
-            if len(cells) < len(header) - 1:  # the last name often stands for any number of ticks
+            if len(cells) < len(header) - 1:  # the last name often stands for any number of samples
                 raise InputError(
                     f"{path}: line {number} has {len(cells)} cells: the columns are {len(header)}"
                 )
             rows.append((number, cells + [""] * (len(header) - len(cells))))
     else:
         stated = preamble.get("# mapping pts", "")
-        # the count tells as surely as EOF does, where the last line has its end
+        # without EOF, the stated count and an ended last line show that the file is whole
         whole = stated == str(len(rows)) and data.endswith((b"\n", b"\r"))
         if "Export File Version" in preamble and not whole:
             raise InputError(
@@ -108,9 +108,11 @@ def parse(path: Path, data: bytes, required: Sequence[str]) -> Export:
     return Export(path, preamble, header, rows)
 
 
-def _header(path: Path, lines: Sequence[str], required: Sequence[str]) -> tuple[int | None, list[str], str]:
-    """The first line that has all the columns, with its names stripped, and what parts them; a name that
-    comes again counts once.
+def _find_header(
+    path: Path, lines: Sequence[str], required: Sequence[str]
+) -> tuple[int | None, list[str], str]:
+    """Return the first line that has all the columns, with its names stripped, and what parts them; a name
+    that comes again counts once.
     """
     for number, line in enumerate(lines[:2000]):
         if required[0] in line:
@@ -122,14 +124,14 @@ def _header(path: Path, lines: Sequence[str], required: Sequence[str]) -> tuple[
 
 
 def read_map(path: Path, data: bytes) -> tuple[Points, dict[str, str]]:
-    """Utilised points of a DxL map at the roving electrode (not projected), and the preamble. Raises
+    """Read utilised points of a DxL map at the roving electrode (not projected), and the preamble. Raises
     InputError.
     """
     places = ("roving x", "roving y", "roving z")
     export = parse(path, data, places)
     xyz = export.xyz(places)
-    used = _utilised(export) if "utilized" in export.header else np.ones(len(xyz), dtype=bool)
-    columns = _values(export)
+    used = _utilised_rows(export) if "utilized" in export.header else np.ones(len(xyz), dtype=bool)
+    columns = _map_values(export)
     if NUMBER in export.header:
         columns[NUMBER] = export.numbers(NUMBER)
     if "force (g)" in export.header:
@@ -138,9 +140,9 @@ def read_map(path: Path, data: bytes) -> tuple[Points, dict[str, str]]:
 
 
 def by_number(first: Points, second: Points) -> Points | None:
-    """The points of two exports of one map, which need not use the same rows, joined by their numbers; a
-    value that only one has is NaN elsewhere. None where a number is missing or comes twice, none is in both,
-    or one that is in both differs.
+    """Return the points of two exports of one map, which need not use the same rows, joined by their numbers;
+    a value that only one has is NaN elsewhere. None where a number is missing or comes twice, none is in
+    both, or one that is in both differs.
     """
     numbers = [points.columns.get(NUMBER, np.full(len(points), np.nan)) for points in (first, second)]
     if any(np.isnan(n).any() or len(np.unique(n)) < len(n) for n in numbers):
@@ -159,8 +161,8 @@ def by_number(first: Points, second: Points) -> Points | None:
     return both.select(np.argsort(both.columns[NUMBER]))
 
 
-def _utilised(export: Export) -> NDArray[np.bool_]:
-    """The rows that the map uses. Raises InputError where a row does not say."""
+def _utilised_rows(export: Export) -> NDArray[np.bool_]:
+    """Return the rows that the map uses. Raises InputError where a row does not say."""
     marks = export.numbers("utilized")
     blank = np.flatnonzero(np.isnan(marks))
     if len(blank):
@@ -171,8 +173,10 @@ def _utilised(export: Export) -> NDArray[np.bool_]:
     return np.asarray(marks == 1)
 
 
-def _values(export: Export) -> dict[str, NDArray[Any]]:
-    """The map's own value, named by what the map is: `PP_bi` is bipolar, `PP_uni` unipolar, `LAT_...` lat."""
+def _map_values(export: Export) -> dict[str, NDArray[Any]]:
+    """Return the map's own value, named by what the map is: `PP_bi` is bipolar, `PP_uni` unipolar, `LAT_...`
+    lat.
+    """
     kind = export.preamble.get("Map type", "")
     first, _, source = kind.partition("_")
     column = next((name for name in VALUES.get(first, (first,)) if name in export.header), None)
@@ -191,9 +195,9 @@ def _values(export: Export) -> dict[str, NDArray[Any]]:
 
 
 def read_lesions(path: Path, data: bytes) -> Points:
-    """Ablation points of Lesions.csv or AutoMark_Data.csv. Raises InputError."""
+    """Read ablation points of Lesions.csv or AutoMark_Data.csv. Raises InputError."""
     for places in LESION_XYZ:
-        if _header(path, decode(data, path).splitlines(), places)[0] is not None:
+        if _find_header(path, decode(data, path).splitlines(), places)[0] is not None:
             export = parse(path, data, places)
             xyz = export.xyz(places)
             columns: dict[str, NDArray[Any]] = {
@@ -206,8 +210,8 @@ def read_lesions(path: Path, data: bytes) -> Points:
 
 
 def read_cloud(path: Path, data: bytes) -> Points:
-    """Catheter positions of Model_Point_Cloud.csv in the frame of the shell: they lie inside the chamber.
-    Raises InputError.
+    """Read catheter positions of Model_Point_Cloud.csv in the frame of the shell: they lie inside the
+    chamber. Raises InputError.
     """
     export = parse(path, data, ("trn_x", "trn_y", "trn_z"))
     xyz = export.xyz(("trn_x", "trn_y", "trn_z"))
@@ -215,5 +219,5 @@ def read_cloud(path: Path, data: bytes) -> Points:
 
 
 def landmarks_of(shell: SurfaceFile) -> dict[str, Array]:
-    """The labels of a DIF shell as landmarks of the map."""
+    """Return the labels of a DIF shell as landmarks of the map."""
     return {name: np.array(xyz) for name, xyz in shell.metadata.get("labels", {}).items() if name}

@@ -31,7 +31,7 @@ def _crc_table() -> tuple[int, ...]:
 
 
 def crc64(data: bytes) -> int:
-    """CRC-64 of ECMA-182: start 0, most significant bit first, no final xor."""
+    """Return the CRC-64 of ECMA-182: start 0, most significant bit first, no final xor."""
     table = _crc_table()
     value = 0
     for byte in data:
@@ -40,14 +40,16 @@ def crc64(data: bytes) -> int:
 
 
 def message(kind: str, name: str, body: bytes) -> bytes:
-    """A whole message; its time stamp is 0, which means none, so that equal content gives equal bytes."""
+    """Pack a whole message; its time stamp is 0, which means none, so that equal content gives equal
+    bytes.
+    """
     return (
         HEADER.pack(1, kind.encode(), name.encode("ascii", "replace")[:20], 0, len(body), crc64(body)) + body
     )
 
 
 def polydata(surface: Surface, name: str = "o3dls") -> bytes:
-    """A surface with its fields as point data, float32."""
+    """Pack a surface with its fields as point data, float32."""
     if surface.dimension != 3:
         raise InputError("OpenIGTLink surfaces are 3D")
     cells = np.column_stack([np.full(len(surface.faces), 3), surface.faces]).astype(">u4").tobytes()
@@ -67,14 +69,16 @@ def polydata(surface: Surface, name: str = "o3dls") -> bytes:
 
 
 def _attribute_type(width: int) -> int:
-    """0 scalar, 1 vector, 3 tensor; other widths go as scalars of several components."""
+    """Return the number of an attribute type: 0 scalar, 1 vector, 3 tensor; other widths go as scalars of
+    several components.
+    """
     return {3: 1, 9: 3}.get(width, 0)
 
 
 def points(
     names: Sequence[str], xyz: Array, name: str = "o3dls", *, group: str = "o3dls", diameter: float = 3.0
 ) -> bytes:
-    """Named points, such as landmarks or ablation sites."""
+    """Pack named points, such as landmarks or ablation sites."""
     rows = [
         struct.pack(
             ">64s32s4B4f20s",
@@ -94,7 +98,7 @@ def points(
 
 
 def transform(matrix: Array, name: str = "o3dls") -> bytes:
-    """A 4x4 pose: the columns of its linear part, then the translation."""
+    """Pack a 4x4 pose: the columns of its linear part, then the translation."""
     return message(
         "TRANSFORM", name, np.concatenate([matrix[:3, :3].T.ravel(), matrix[:3, 3]]).astype(">f4").tobytes()
     )
@@ -119,7 +123,7 @@ def send(
         try:
             for data in messages:
                 connection.sendall(data)
-            return sum(map(len, messages)), _closed(connection, timeout)
+            return sum(map(len, messages)), _await_close(connection, timeout)
         except OSError as error:
             raise InputError(
                 f"{host}:{port}: the receiver did not read everything: {error}; is it an OpenIGTLink server "
@@ -127,15 +131,15 @@ def send(
             ) from None
 
 
-def _closed(connection: socket.socket, timeout: float) -> bool:
-    """Whether the receiver closes in answer to the end of the data; what it sends meanwhile is passed over.
-    Raises OSError where it closed before the end.
+def _await_close(connection: socket.socket, timeout: float) -> bool:
+    """Return whether the receiver closes in answer to the end of the data; what it sends meanwhile is passed
+    over. Raises OSError where it closed before the end.
     """
     connection.setblocking(False)
     try:
         while connection.recv(65536):
             pass
-        raise ConnectionError("it closed before the end")  # nothing but the end tells it to
+        raise ConnectionError("it closed before the end")  # a receiver must not close before the data end
     except BlockingIOError:
         connection.shutdown(socket.SHUT_WR)
     end = monotonic() + timeout
@@ -145,7 +149,7 @@ def _closed(connection: socket.socket, timeout: float) -> bool:
             data = connection.recv(65536)
         except TimeoutError:
             return False
-        if not data:  # in order, unless a reset came with it
+        if not data:  # the receiver closed in order, unless its answer was a reset
             if code := connection.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR):
                 raise ConnectionError(code, "it closed before the end")
             return True

@@ -42,7 +42,7 @@ class BadMessage(InputError):
 
 
 def receive(read: Callable[[int], bytes]) -> Received:
-    """The next message of a stream; read(n) gives n bytes, or fewer at its end.
+    """Read the next message of a stream; read(n) gives n bytes, or fewer at its end.
 
     Raises BadMessage for a body that is damaged, InputError where the stream has ended or is not one of
     OpenIGTLink, so that no next message can be found.
@@ -53,19 +53,23 @@ def receive(read: Callable[[int], bytes]) -> Received:
     if len(head) < HEADER.size:
         raise InputError("the sender closed the connection in the middle of a message")
     version, kind, name, _, size, crc = HEADER.unpack(head)
-    if version not in VERSIONS or size > LARGEST or not _text(kind).isprintable():
+    if version not in VERSIONS or size > LARGEST or not _decode_text(kind).isprintable():
         raise InputError(f"what was received is no OpenIGTLink message (version {version}, {size} bytes)")
     body = read(size)
     if len(body) < size:
         raise InputError("the sender closed the connection in the middle of a message")
-    word = _text(kind)
+    word = _decode_text(kind)
     if crc64(body) != crc:
         raise BadMessage(f"a message {word} was damaged on its way (its checksum is wrong) and is left out")
-    return Received(word, _text(name), body) if version == 1 else _extended(word, _text(name), body)
+    return (
+        Received(word, _decode_text(name), body)
+        if version == 1
+        else _read_extended(word, _decode_text(name), body)
+    )
 
 
-def _extended(kind: str, name: str, body: bytes) -> Received:
-    """Content and number of a message from version 2 on; its metadata is passed over."""
+def _read_extended(kind: str, name: str, body: bytes) -> Received:
+    """Read the content and number of a message from version 2 on; its metadata is passed over."""
     if len(body) < EXTENDED.size:
         raise BadMessage(f"a message {kind} is too short for its extended header and is left out")
     own, heads, data, number = EXTENDED.unpack_from(body)
@@ -76,19 +80,19 @@ def _extended(kind: str, name: str, body: bytes) -> Received:
 
 
 def points_of(message: Received) -> list[ReceivedPoint]:
-    """The points of a message POINT. Raises BadMessage where it holds something else."""
+    """Return the points of a message POINT. Raises BadMessage where it holds something else."""
     if not message.content or len(message.content) % POINT.size:
         raise BadMessage(f"a message POINT has {len(message.content)} bytes: must be {POINT.size} for each")
     found = []
     for name, group, *_, x, y, z, _, _ in POINT.iter_unpack(message.content):
         if not np.isfinite((x, y, z)).all():
             raise BadMessage(f"a message POINT holds a place that is not finite: {[x, y, z]}; it is left out")
-        found.append(ReceivedPoint(_text(name), _text(group), (x, y, z)))
+        found.append(ReceivedPoint(_decode_text(name), _decode_text(group), (x, y, z)))
     return found
 
 
 def transform_of(message: Received) -> Array:
-    """The pose (4, 4) of a message TRANSFORM. Raises BadMessage where it holds something else."""
+    """Return the pose (4, 4) of a message TRANSFORM. Raises BadMessage where it holds something else."""
     if len(message.content) != 48:
         raise BadMessage(f"a message TRANSFORM has {len(message.content)} bytes: must be 48")
     numbers = np.frombuffer(message.content, dtype=">f4").astype(np.float64)
@@ -99,5 +103,5 @@ def transform_of(message: Received) -> Array:
     return matrix
 
 
-def _text(field: bytes) -> str:
+def _decode_text(field: bytes) -> str:
     return field.split(b"\0", 1)[0].decode("utf-8", "replace").strip()

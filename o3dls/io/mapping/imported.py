@@ -14,7 +14,7 @@ from ..meshes.surface_file import SurfaceFile
 
 @dataclass
 class Imported:
-    """What a study gives, with sentences on what was taken and left, and notes on the files.
+    """The import of one map of a study, with sentences on what was taken and left, and notes on the files.
 
     Points with landmarks in the map frame, and the system's own shell.
     """
@@ -33,7 +33,9 @@ class Imported:
 
 
 def joined(first: Points, second: Points) -> Points:
-    """Two sets of points as one; a column that only one has is missing (NaN, or empty text) for the other."""
+    """Return two sets of points as one; a column that only one has is missing (NaN, or empty text) for the
+    other.
+    """
 
     def column(points: Points, name: str, like: Any) -> Any:
         empty = np.full(len(points), np.nan) if like.dtype.kind == "f" else np.full(len(points), "")

@@ -14,20 +14,20 @@ from .mat4 import first_name, is_itk
 from .mat5 import Opaque, read_mat5
 
 HDF5 = b"\x89HDF\r\n\x1a\n"
-LARGEST = 1 << 30  # values in one variable; more cannot be meant
+LARGEST = 1 << 30  # values in one variable; a larger count is damage
 
 
 def knows(data: bytes) -> bool:
-    """Whether the bytes begin a MATLAB file; one of version 4 may also be a transform of ITK, and is none
-    then.
+    """Return whether the bytes begin a MATLAB file; one of version 4 may also be a transform of ITK, and is
+    none then.
     """
     name = first_name(data)
     return data[:10] in (b"MATLAB 5.0", b"MATLAB 7.3") or data[:8] == HDF5 or bool(name and not is_itk(name))
 
 
 def load(path: Path, data: bytes) -> dict[str, Any]:
-    """Variables by name; structs are dictionaries, cells of other things lists, MATLAB objects `Opaque`.
-    Raises InputError where the file is damaged, or of version 4.
+    """Return the variables by name; structs are dictionaries, cells of other things lists, MATLAB objects
+    `Opaque`. Raises InputError where the file is damaged, or of version 4.
     """
     if name := first_name(data):
         raise InputError(
@@ -47,21 +47,21 @@ def _load_hdf5(path: Path, data: bytes) -> dict[str, Any]:
         ) from error
     try:
         with h5py.File(io.BytesIO(data), "r") as file:
-            return {name: _plain(file[name], file) for name in file if not name.startswith("#")}
+            return {name: _plain_value(file[name], file) for name in file if not name.startswith("#")}
     except Exception as error:  # a foreign parser, which raises whatever it meets
         raise InputError(
             f"{path}: is not a readable MATLAB 7.3 file: {error}; it is truncated or damaged"
         ) from error
 
 
-def _plain(node: Any, file: Any) -> Any:
-    """A group as a dictionary, a data set as an array the way MATLAB shows it: axes turned, characters as
-    text, no axis of one.
+def _plain_value(node: Any, file: Any) -> Any:
+    """Return a group as a dictionary, a data set as an array the way MATLAB shows it: axes turned, characters
+    as text, no axis of one.
     """
     import h5py
 
     if isinstance(node, h5py.Group):
-        return {name: _plain(node[name], file) for name in node}
+        return {name: _plain_value(node[name], file) for name in node}
     if node.size > LARGEST:
         raise ValueError(f"{node.name} declares {node.size} values")
     if node.attrs.get("MATLAB_empty", 0):
@@ -70,14 +70,16 @@ def _plain(node: Any, file: Any) -> Any:
         return Opaque(bytes(node.attrs.get("MATLAB_class", b"object")).decode("latin-1"))
     values = np.asarray(node[()]).T
     if values.dtype == h5py.ref_dtype:
-        return [_plain(file[reference], file) for reference in values.ravel()]
+        return [_plain_value(file[reference], file) for reference in values.ravel()]
     if node.attrs.get("MATLAB_class", b"") == b"char":
         return "".join(chr(code) for code in values.ravel())
     return values.squeeze()
 
 
 def at(tree: Mapping[str, Any], where: str) -> Any:
-    """The value at `a.b.c`, or None where a step is missing; a MATLAB object on the way is the value."""
+    """Return the value at `a.b.c`, or None where a step is missing; a MATLAB object on the way is the
+    value.
+    """
     value: Any = tree
     for name in where.split("."):
         if isinstance(value, Opaque):
@@ -91,8 +93,8 @@ def at(tree: Mapping[str, Any], where: str) -> Any:
 def numbers(
     path: Path, tree: Mapping[str, Any], where: str, width: int | None = None
 ) -> np.ndarray[Any, np.dtype[np.float64]] | None:
-    """Numbers at `a.b.c`, (n,) or (n, width); None where there are none. Raises InputError where they have
-    another shape.
+    """Return numbers at `a.b.c`, (n,) or (n, width); None where there are none. Raises InputError where they
+    have another shape.
     """
     value = at(tree, where)
     if isinstance(value, Opaque):

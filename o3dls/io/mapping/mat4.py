@@ -15,7 +15,7 @@ LONGEST = 256  # bytes of a variable's name
 
 
 def first_name(data: bytes) -> str | None:
-    """The name of the first variable; None where the bytes begin no MATLAB 4 file."""
+    """Return the name of the first variable; None where the bytes begin no MATLAB 4 file."""
     for order, machine in (("<", 0), (">", 1)):
         if len(data) < 20:
             return None
@@ -29,12 +29,12 @@ def first_name(data: bytes) -> str | None:
 
 
 def is_itk(name: str) -> bool:
-    """Whether a variable's name is that of a transform of ITK."""
+    """Return whether a variable's name is that of a transform of ITK."""
     return re.fullmatch(r"\w+_(double|float)_\d_\d", name) is not None
 
 
 def read_mat4(path: Path, data: bytes) -> list[tuple[str, Array]]:
-    """Names and real numbers (n,) of all variables, in order; at least one. Raises InputError."""
+    """Read names and real numbers (n,) of all variables, in order; at least one. Raises InputError."""
     from scipy.io import loadmat, whosmat
 
     # scipy reads as version 5 what is none of 4, and crashes on damaged ones

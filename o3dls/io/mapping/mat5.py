@@ -18,7 +18,7 @@ MATRIX, PACKED = 14, 15
 CELL, STRUCT, OBJECT, CHAR, OPAQUE = 1, 2, 3, 4, 17
 NUMERIC = range(6, 16)
 DEEPEST = 40
-PADDING = 8  # bytes, to which elements are filled
+PADDING = 8  # elements are filled up to a multiple of so many bytes
 LARGEST = 1 << 30  # bytes of a variable, which is held in memory more than once
 
 
@@ -49,7 +49,7 @@ class Elements:
         return self.at + 8 <= len(self.data)
 
     def take(self) -> tuple[int, bytes]:
-        """Type and bytes of the next element; short ones stand in the tag itself."""
+        """Return the type and the bytes of the next element; those of a short one stand in the tag itself."""
         if not self.left:
             raise self.error("an element is missing")
         kind, size = np.frombuffer(self.data, self.order + "u4", 2, self.at).tolist()
@@ -87,9 +87,9 @@ class Elements:
         return body.decode(TEXT[kind] + ("-be" if self.order == ">" else "-le") * wide, errors="replace")
 
 
-def _unpacked(run: Elements, packed: bytes) -> bytes:
-    """A packed element, of the length that it says. Raises InputError where that is too long, or where the
-    packed data, at whose end their checksum is, do not end there.
+def _unpack_element(run: Elements, packed: bytes) -> bytes:
+    """Unpack a packed element to the length that it states. Raises InputError where that is too long, or
+    where the packed data, at whose end their checksum is, do not end there.
     """
     packer = zlib.decompressobj()
     try:
@@ -106,8 +106,8 @@ def _unpacked(run: Elements, packed: bytes) -> bytes:
 
 
 def read_mat5(path: Path, data: bytes) -> dict[str, Any]:
-    """Variables by name: structs as dictionaries, arrays of structs and cells as lists, numbers without axes
-    of one. Raises InputError.
+    """Read the variables by name: structs as dictionaries, arrays of structs and cells as lists, numbers
+    without axes of one. Raises InputError.
     """
     if data[126:128] not in (b"IM", b"MI"):
         raise InputError(f"{path}: MATLAB header of 128 bytes does not end in IM or MI; the file is damaged")
@@ -116,10 +116,10 @@ def read_mat5(path: Path, data: bytes) -> dict[str, Any]:
     while run.left:
         kind, body = run.take()
         if kind == PACKED:
-            kind, body = run.inside(_unpacked(run, body)).take()
+            kind, body = run.inside(_unpack_element(run, body)).take()
         if kind != MATRIX:
             raise run.error(f"a variable of type {kind} is not an array")
-        name, value = _matrix(run.inside(body))
+        name, value = _read_array(run.inside(body))
         if name in variables:
             raise run.error(f"variable '{name}' appears twice")
         variables[name] = value
@@ -128,12 +128,12 @@ def read_mat5(path: Path, data: bytes) -> dict[str, Any]:
     return variables
 
 
-def _matrix(run: Elements) -> tuple[str, Any]:
-    """Name and value of one array; None for kinds that OpenEP does not use (sparse, functions)."""
+def _read_array(run: Elements) -> tuple[str, Any]:
+    """Read the name and value of one array; None for kinds that OpenEP does not use (sparse, functions)."""
     if not run.left:
         return "", np.zeros(0)
     flags = run.numbers()
-    if len(flags) and int(flags[0]) & 0xFF == OPAQUE:  # has no dimensions
+    if len(flags) and int(flags[0]) & 0xFF == OPAQUE:  # an opaque array has no dimensions
         name, _, of = run.text(), run.text(), run.text()
         return name, Opaque(of)
     dims = run.numbers().astype(np.int64)
@@ -143,32 +143,32 @@ def _matrix(run: Elements) -> tuple[str, Any]:
     kind = int(flags[0]) & 0xFF
     count = int(np.prod(dims))
     if kind in NUMERIC:
-        return name, _numeric(run, dims, count)
+        return name, _read_numeric(run, dims, count)
     if kind == CHAR:
         return name, run.text().rstrip("\0") if count else ""
     if kind == CELL:
-        return name, [_nested(run) for _ in range(count)]
+        return name, [_read_nested(run) for _ in range(count)]
     if kind in (STRUCT, OBJECT):
-        return name, _struct(run, count, is_object=kind == OBJECT)
+        return name, _read_struct(run, count, is_object=kind == OBJECT)
     return name, None
 
 
-def _nested(run: Elements) -> Any:
+def _read_nested(run: Elements) -> Any:
     kind, body = run.take()
     if kind != MATRIX:
         raise run.error(f"an element of type {kind} stands where an array must be")
-    return _matrix(run.inside(body))[1]
+    return _read_array(run.inside(body))[1]
 
 
-def _numeric(run: Elements, dims: NDArray[Any], count: int) -> NDArray[Any]:
-    """Real values, whatever type they were packed as; first axis fastest."""
+def _read_numeric(run: Elements, dims: NDArray[Any], count: int) -> NDArray[Any]:
+    """Read real values, whatever type they were packed as; first axis fastest."""
     values = run.numbers()
     if len(values) != count:
         raise run.error(f"{count} values are declared, {len(values)} are there")
     return values.astype(np.float64).reshape(dims.tolist(), order="F").squeeze()
 
 
-def _struct(run: Elements, count: int, *, is_object: bool) -> Any:
+def _read_struct(run: Elements, count: int, *, is_object: bool) -> Any:
     if is_object:
         run.text()
     length = run.numbers()
@@ -179,5 +179,5 @@ def _struct(run: Elements, count: int, *, is_object: bool) -> Any:
     names = [body[k : k + width].split(b"\0")[0].decode("latin-1") for k in range(0, len(body), width)]
     if count > len(run.data):
         raise run.error(f"{count} structs are declared in {len(run.data)} bytes")
-    found = [{name: _nested(run) for name in names} for _ in range(count)]
+    found = [{name: _read_nested(run) for name in names} for _ in range(count)]
     return found[0] if count == 1 else found

@@ -26,7 +26,7 @@ NOTE = "written by o3dls, research software, not for clinical use"
 
 
 def userdata(path: Path, data: bytes) -> Mapping[str, Any]:
-    """The one variable of an OpenEP file. Raises InputError where it is not there."""
+    """Return the one variable of an OpenEP file. Raises InputError where it is not there."""
     found = mat.load(path, data).get("userdata")
     if isinstance(found, Opaque):
         raise InputError(
@@ -38,7 +38,7 @@ def userdata(path: Path, data: bytes) -> Mapping[str, Any]:
 
 
 def read(path: Path, data: bytes) -> SurfaceFile:
-    """The shell in mm with the maps that hold any value."""
+    """Read the shell in mm with the maps that hold any value."""
     tree = userdata(path, data)
     vertices = mat.numbers(path, tree, "surface.triRep.X", 3)
     triangles = mat.numbers(path, tree, "surface.triRep.Triangulation", 3)
@@ -48,7 +48,7 @@ def read(path: Path, data: bytes) -> SurfaceFile:
         )
     fields: dict[str, Array] = {}
     for name, columns in SURFACE_MAPS.items():
-        values = _rows(path, tree, f"surface.{name}", len(vertices), len(columns))
+        values = _rows_at(path, tree, f"surface.{name}", len(vertices), len(columns))
         if values is not None:
             fields |= {
                 column: values[:, k] for k, column in enumerate(columns) if np.isfinite(values[:, k]).any()
@@ -57,47 +57,49 @@ def read(path: Path, data: bytes) -> SurfaceFile:
 
 
 def shell_class(path: Path, data: bytes) -> str | None:
-    """The class of the MATLAB object that stands in place of the shell's arrays; None where none does."""
+    """Return the class of the MATLAB object that stands in place of the shell's arrays; None where none
+    does.
+    """
     found = (mat.at(userdata(path, data), f"surface.triRep.{name}") for name in ("X", "Triangulation"))
     return next((value.of for value in found if isinstance(value, Opaque)), None)
 
 
 def has_shell(path: Path, data: bytes) -> bool:
-    """Whether the data set has a part of a shell: one with a part alone is damaged, one without has its
-    points.
+    """Return whether the data set has a part of a shell: one with a part alone is damaged, one without has
+    its points.
     """
     tree = userdata(path, data)
     return any(mat.at(tree, f"surface.triRep.{name}") is not None for name in ("X", "Triangulation"))
 
 
 def read_points(path: Path, data: bytes) -> Points:
-    """Included electrode positions with bipolar, unipolar (mV) and lat (ms), and the ablation sites. Raises
-    InputError without any.
+    """Read included electrode positions with bipolar, unipolar (mV) and lat (ms), and the ablation sites.
+    Raises InputError without any.
     """
     tree = userdata(path, data)
     xyz = mat.numbers(path, tree, "electric.egmX", 3)
     xyz = np.zeros((0, 3)) if xyz is None else xyz
     sites = mat.numbers(path, tree, "rfindex.tag.X", 3)
     sites = np.zeros((0, 3)) if sites is None else sites
-    include = _rows(path, tree, "electric.include", len(xyz))
+    include = _rows_at(path, tree, "electric.include", len(xyz))
     keep = np.isfinite(xyz).all(axis=1) & (True if include is None else include > 0)
     if keep.sum() + len(sites) == 0:
         raise InputError(f"{path}: has no measured points (electric.egmX)")
     columns: dict[str, NDArray[Any]] = {
         name: np.append(values[keep], np.full(len(sites), np.nan))
-        for name, values in _values(path, tree, len(xyz))
+        for name, values in _point_columns(path, tree, len(xyz))
     }
     kinds = np.array(["eam"] * int(keep.sum()) + ["ablation"] * len(sites))
     return Points(np.vstack([xyz[keep], sites]), kinds, columns)
 
 
-def _values(path: Path, tree: Mapping[str, Any], n: int) -> list[tuple[str, Array]]:
-    """Columns of the measured points that hold any value; the activation time is counted from the reference
-    annotation.
+def _point_columns(path: Path, tree: Mapping[str, Any], n: int) -> list[tuple[str, Array]]:
+    """Return columns of the measured points that hold any value; the activation time is counted from the
+    reference annotation.
     """
-    found = [(name, _rows(path, tree, f"electric.voltages.{name}", n)) for name in ("bipolar", "unipolar")]
+    found = [(name, _rows_at(path, tree, f"electric.voltages.{name}", n)) for name in ("bipolar", "unipolar")]
     marks, reference = (
-        _rows(path, tree, f"electric.annotations.{name}", n) for name in ("mapAnnot", "referenceAnnot")
+        _rows_at(path, tree, f"electric.annotations.{name}", n) for name in ("mapAnnot", "referenceAnnot")
     )
     rate = mat.numbers(path, tree, "electric.sampleFrequency")
     if marks is not None and reference is not None:
@@ -108,14 +110,16 @@ def _values(path: Path, tree: Mapping[str, Any], n: int) -> list[tuple[str, Arra
     return [(name, values) for name, values in found if values is not None and np.isfinite(values).any()]
 
 
-def _rows(path: Path, tree: Mapping[str, Any], where: str, n: int, width: int | None = None) -> Array | None:
-    """Numbers at `a.b.c`, NaN where one is not finite: a row for each of n positions (or one for all); None
-    without. Raises InputError.
+def _rows_at(
+    path: Path, tree: Mapping[str, Any], where: str, n: int, width: int | None = None
+) -> Array | None:
+    """Return numbers at `a.b.c`, NaN where one is not finite: a row for each of n positions (or one for all);
+    None without. Raises InputError.
     """
     values = mat.numbers(path, tree, where, width)
     if values is None:
         return None
-    if len(values) == 1:  # one for all
+    if len(values) == 1:  # one value stands for all positions
         values = np.repeat(values, n, axis=0)
     if len(values) != n:
         raise InputError(f"{path}: {where} has {len(values)} rows: must be {n}, one for each position")
@@ -128,12 +132,12 @@ def write(file: SurfaceFile) -> bytes:
 
 
 def encode(surface: Surface, points: Points | None) -> bytes:
-    """A shell with its maps, and measured points and ablation sites in its frame, all in mm; what OpenEP's
-    readers ask for and is not known is there, and empty.
+    """Encode a shell with its maps, and measured points and ablation sites in its frame, all in mm; what
+    OpenEP's readers ask for and is not known is there, and empty.
     """
     n = len(surface.vertices)
     maps = {
-        name: np.column_stack([_scalar(surface, column, n) for column in columns])
+        name: np.column_stack([_scalar_field(surface, column, n) for column in columns])
         for name, columns in SURFACE_MAPS.items()
     }
     shell = {"X": surface.vertices, "Triangulation": surface.faces + 1.0}
@@ -147,13 +151,13 @@ def encode(surface: Surface, points: Points | None) -> bytes:
     return save(tree)
 
 
-def _scalar(surface: Surface, name: str, n: int) -> Array:
+def _scalar_field(surface: Surface, name: str, n: int) -> Array:
     values = surface.fields.get(name)
     return np.full(n, np.nan) if values is None or values.ndim > 1 else values
 
 
 def losses(surface: Surface) -> list[str]:
-    """Sentences on what `write` does not keep."""
+    """Return sentences on what `write` does not keep."""
     columns = {column for columns in SURFACE_MAPS.values() for column in columns}
     return left_out(
         surface, [name for name in columns if surface.fields.get(name, np.zeros((1, 1))).ndim == 1]
@@ -161,8 +165,8 @@ def losses(surface: Surface) -> list[str]:
 
 
 def save(tree: Mapping[str, Any]) -> bytes:
-    """The bytes of a .mat file (version 5) with this userdata; the header carries no time, so equal data give
-    equal bytes.
+    """Return the bytes of a .mat file (version 5) with this userdata; the header carries no time, so equal
+    data give equal bytes.
     """
     from scipy.io import savemat
 

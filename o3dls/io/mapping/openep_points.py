@@ -10,7 +10,7 @@ from ...arrays import Array
 from ...case import Points
 from ..meshes.carto.mesh import MISSING
 
-WHOLE, FINE = 1000.0, 100_000.0  # Hz: one sample is a ms, or a hundredth of one
+WHOLE, FINE = 1000.0, 100_000.0  # Hz: a sample takes 1 ms, or 0.01 ms
 SITE_VALUES = {
     "time": "time",
     "avgForce": "force",
@@ -24,8 +24,8 @@ SIGNALS = (
 
 
 def electric_of(points: Points | None) -> dict[str, Any]:
-    """The struct `electric` of the eam points, with all members that OpenEP's readers ask for; empty without
-    any.
+    """Return the struct `electric` of the eam points, with all members that OpenEP's readers ask for; empty
+    without any.
     """
     eam = points.of("eam") if points is not None else None
     n = 0 if eam is None else len(eam)
@@ -40,24 +40,24 @@ def electric_of(points: Points | None) -> dict[str, Any]:
         ),
         "impedances": {"time": none, "value": none},
     }
-    return found if eam is None or n == 0 else found | _measured(eam)
+    return found if eam is None or n == 0 else found | _members_of_points(eam)
 
 
-def _measured(eam: Points) -> dict[str, Any]:
-    bipolar = _column(eam, "bipolar")
+def _members_of_points(eam: Points) -> dict[str, Any]:
+    bipolar = _column_of_numbers(eam, "bipolar")
     return {
         "egmX": eam.xyz,
-        # openep-py takes the voltage from the signal, and one that is nowhere a number for no measurement
+        # openep-py takes the voltage from the signal; a signal of NaN is no measurement to it
         "egm": np.hstack([np.where(np.isfinite(bipolar), 0.0, np.nan), bipolar]),
         "include": np.ones((len(eam), 1)),
-        "voltages": {"bipolar": bipolar, "unipolar": _column(eam, "unipolar")},
-        **_annotations(_column(eam, "lat")),
+        "voltages": {"bipolar": bipolar, "unipolar": _column_of_numbers(eam, "unipolar")},
+        **_annotate_times(_column_of_numbers(eam, "lat")),
     }
 
 
-def _annotations(lat: Array) -> dict[str, Any]:
-    """Times (n, 1) in ms as whole samples, which openep-py makes of them in any case; those that are not
-    known lie before the window of interest, which holds all others and the reference.
+def _annotate_times(lat: Array) -> dict[str, Any]:
+    """Return times (n, 1) in ms as whole samples, which openep-py makes of them in any case; those that are
+    not known lie before the window of interest, which holds all others and the reference.
     """
     known = np.isfinite(lat)
     rate = WHOLE if (lat[known] == np.round(lat[known])).all() else FINE
@@ -75,16 +75,16 @@ def _annotations(lat: Array) -> dict[str, Any]:
 
 
 def rfindex_of(points: Points | None) -> dict[str, Any]:
-    """The struct `rfindex` of the ablation points as a member of `userdata`; nothing without any."""
+    """Return the struct `rfindex` of the ablation points as a member of `userdata`; nothing without any."""
     sites = points.of("ablation") if points is not None else None
     if sites is None or len(sites) == 0:
         return {}
-    values = {theirs: _column(sites, ours) for theirs, ours in SITE_VALUES.items()}
+    values = {theirs: _column_of_numbers(sites, ours) for theirs, ours in SITE_VALUES.items()}
     return {"rfindex": {"tag": {"X": sites.xyz, **values}}}
 
 
-def _column(points: Points, name: str) -> Array:
-    """Numbers (n, 1), NaN where there are none."""
+def _column_of_numbers(points: Points, name: str) -> Array:
+    """Return numbers (n, 1), NaN where there are none."""
     values = points.columns.get(name)
     numbers = values is not None and values.dtype.kind in "fiu"
     return np.asarray(values if numbers else np.full(len(points), np.nan), dtype=np.float64).reshape(-1, 1)

@@ -20,30 +20,34 @@ from .belonging import Anatomy, of_one_map
 from .imported import Imported, joined
 
 VOLUME_TOLERANCE = 2e-4
-MAP_SHELLS = ("landmarkgeo", "contact_mapping_model")  # of EnSite Precision, and of EnSite X
+MAP_SHELLS = ("landmarkgeo", "contact_mapping_model")  # names of shells in EnSite Precision, and in EnSite X
 
 
 def read_study(study: str | Path, map_name: str | None = None) -> Imported:
-    """One map of a study, told by content. Raises InputError listing the maps where the name does not fit."""
+    """Read one map of a study, told by content. Raises InputError listing the maps where the name does not
+    fit.
+    """
     archive = Archive.open(study)
     for files in chain([archive], archive.unpacked()):
-        if (found := _found(files, map_name)) is not None:
-            return _of_known_values(found)
+        if (found := _find_map(files, map_name)) is not None:
+            return _drop_impossible_values(found)
     raise InputError(
         f"{study}: holds no CARTO 3 study (.xml), no EnSite map (.csv) and no OpenEP data set (.mat)"
     )
 
 
-def _of_known_values(found: Imported) -> Imported:
-    """The same without values that cannot be, which nobody mends in a study: it is said which are left."""
+def _drop_impossible_values(found: Imported) -> Imported:
+    """Return the import without values that cannot be, which nobody mends in a study; its notes say which are
+    left out.
+    """
     columns, said = without_impossible(found.points.columns, lambda row: f"point {row + 1}")
     found.notes += [f"{found.name}: {note}" for note in (*found.points.notes, *said)]
     found.points = replace(found.points, columns=columns)
     return found
 
 
-def _found(archive: Archive, map_name: str | None) -> Imported | None:
-    """The map of an archive; None where it holds no study."""
+def _find_map(archive: Archive, map_name: str | None) -> Imported | None:
+    """Return the map of an archive; None where it holds no study."""
     if (carto := carto_study.find_study(archive)) is not None:
         return _from_carto(carto, map_name)
     maps = [
@@ -126,7 +130,7 @@ def _from_ensite(archive: Archive, maps: list[str], map_name: str | None) -> Imp
         raise InputError(
             f"{archive.where(chosen[0])}: none of its points is utilised; must hold some: there are {listed}"
         )
-    # the number has joined the files, and is no value of a point
+    # the number was needed to join the files, and is no measured value
     values = {name: column for name, column in points.columns.items() if name != ensite.NUMBER}
     found = Imported(
         replace(points, columns=values),
@@ -165,15 +169,15 @@ def _take_sites(found: Imported, sites: Points, source: str, others: Sequence[An
 
 
 def _same_points(first: Points, second: Points) -> bool:
-    """Whether two exports are of the same points, and agree in what both say of them."""
+    """Return whether two exports are of the same points, and agree in what both say of them."""
     shared = first.columns.keys() & second.columns.keys()
     alike = all(np.array_equal(first.columns[name], second.columns[name], equal_nan=True) for name in shared)
     return np.array_equal(first.xyz, second.xyz) and alike
 
 
 def _take_dif(archive: Archive, found: Imported) -> None:
-    """The shell of the map with its labels, from the one DIF file that EnSite calls so, else from the only
-    one; model groups and imported segmentations (difNNN.xml) are others.
+    """Take the shell of the map with its labels from the one DIF file that EnSite names so, else from the
+    only one; model groups and imported segmentations (difNNN.xml) are others.
     """
     shells = [name for name in archive.named(".xml") if dif.knows(archive.read(name)[:2000])]
     called = ([name for name in shells if sign in Path(name).name.lower()] for sign in MAP_SHELLS)

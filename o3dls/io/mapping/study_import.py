@@ -91,15 +91,15 @@ def _write_map(folder: Path, found: Imported) -> None:
     if found.shell is not None:
         write_surface(folder / "map.ply", found.shell.surface, space=found.space)
     for name, shell in found.shells.items():
-        write_surface(folder / f"{_stem(name)}_shell.ply", shell.surface, space=shell.space)
+        write_surface(folder / f"{_plain_stem(name)}_shell.ply", shell.surface, space=shell.space)
     for name, matrix in found.registrations.items():
         rows = np.reshape(matrix, (4, 4)).tolist()
         text = "".join(" ".join(map(repr, row)) + "\n" for row in rows)
-        write_file(folder / f"{_stem(name)}_vendor_registration.txt", text)
+        write_file(folder / f"{_plain_stem(name)}_vendor_registration.txt", text)
 
 
-def _stem(name: str) -> str:
-    """A file's name without its suffix and other dots.
+def _plain_stem(name: str) -> str:
+    """Return a file's name without its suffix and other dots.
 
     What stands before a dot is how a case finds its files.
     """
@@ -107,7 +107,9 @@ def _stem(name: str) -> str:
 
 
 def _registered_shell(found: Imported) -> tuple[str, Array] | None:
-    """Name and pose of the one imported shell that is closed and whose registration the points confirm."""
+    """Return the name and pose of the one imported shell that is closed and whose registration the points
+    confirm.
+    """
     points = found.points.of("eam").xyz
     poses = {
         name: vendor_pose(found.shells[name].surface.vertices, printed, points)
@@ -131,7 +133,7 @@ def _write_registered(folder: Path, name: str, pose: Array, found: Imported) -> 
 
 
 def _write_prior(folder: Path, prior: Path, found: Imported, choice: dict[str, Any]) -> str:
-    """The prior, closed and outward; gives its frame."""
+    """Write the prior, closed and outward, and return its frame."""
     cap = bool(choice.pop("cap", False))
     file = read_surface_file(prior, **choice)
     space = _settled_frame(prior, file.space, choice.get("frame"))
@@ -146,7 +148,9 @@ def _write_prior(folder: Path, prior: Path, found: Imported, choice: dict[str, A
 
 
 def _settled_frame(prior: Path, stated: str, given: str | None) -> str:
-    """The frame that the prior states, else the one that is given. Raises InputError where they differ."""
+    """Return the frame that the prior states, else the one that is given. Raises InputError where they
+    differ.
+    """
     if given not in (*SPACES, None):
         raise InputError(f"frame = '{given}': must be one of {', '.join(SPACES)}")
     if given is not None and stated not in ("unknown", given):
@@ -155,7 +159,7 @@ def _settled_frame(prior: Path, stated: str, given: str | None) -> str:
 
 
 def _write_landmarks(folder: Path, path: Path, found: Imported, space: str) -> tuple[str, ...]:
-    """Places named on the prior, turned into the prior's frame where both frames are known.
+    """Write the places named on the prior, turned into the prior's frame where both frames are known.
 
     Gives the names.
     """
@@ -172,7 +176,7 @@ def _write_landmarks(folder: Path, path: Path, found: Imported, space: str) -> t
 
 
 def _say_partners(found: Imported, prior: tuple[str, ...]) -> None:
-    """Which names of the map and of the prior are taken for one place, and which have no partner."""
+    """Say which names of the map and of the prior are taken for one place, and which have no partner."""
     ours = tuple(found.landmarks)
     pairs = [(ours[i], prior[j]) for i, j in partners(ours, prior).items()]
     found.took += [
@@ -187,7 +191,8 @@ def _say_partners(found: Imported, prior: tuple[str, ...]) -> None:
 
 
 def _read_places(path: Path) -> tuple[Markups, dict[str, str]]:
-    """Slicer markups or a table `name,x,y,z`, in mm where the units are stated, and then a note of that.
+    """Read Slicer markups or a table `name,x,y,z`, in mm where the units are stated, and a note of the units
+    where they are.
 
     Raises InputError.
     """

@@ -45,12 +45,12 @@ class Cells:
 
     @classmethod
     def of(cls, sizes: Ints, corners: Ints, kind: int) -> Cells:
-        """Cells of one kind."""
+        """Return cells of one kind."""
         return cls(sizes, corners, np.full(len(sizes), kind))
 
     @classmethod
     def joined(cls, parts: Sequence[Cells]) -> Cells:
-        """All cells, in order."""
+        """Return all cells, in order."""
         none = np.zeros(0, dtype=np.int64)
         sizes, corners, types = (
             np.concatenate([none, *(getattr(part, name) for part in parts)])
@@ -62,7 +62,7 @@ class Cells:
         return len(self.sizes)
 
     def blocks(self, *kinds: int) -> list[Block]:
-        """Cells of these kinds, those of equal size together."""
+        """Return the cells of these kinds in blocks of equal size."""
         starts = np.cumsum(self.sizes) - self.sizes
         chosen = np.isin(self.types, kinds)
         rows = [np.flatnonzero(chosen & (self.sizes == size)) for size in np.unique(self.sizes[chosen])]
@@ -80,8 +80,8 @@ def surface_of(
     cell_data: Mapping[str, NDArray[Any]],
     **facts: Any,
 ) -> SurfaceFile:
-    """The surface that cells bound or are, with point data and with cell data carried to the points; text
-    among them is left out.
+    """Return the surface that cells bound or are, with point data and with cell data carried to the points;
+    text among them is left out.
 
     Where there are solids it is their boundary: the faces that one of them has alone. Raises InputError for
     kinds of cells that are not read, and as `SurfaceFile.of`, which takes the facts.
@@ -94,34 +94,36 @@ def surface_of(
             "extract the surface first"
         )
     solid = cells.count(*SOLIDS) > 0
-    blocks = _boundary(path, vertices, cells) if solid else _polygons(cells)
+    blocks = _boundary_faces(path, vertices, cells) if solid else _blocks_of_polygons(cells)
     triangles, owner = triangulate(vertices, *(corners for corners, _ in blocks))
     rows = np.concatenate([np.zeros(0, dtype=np.int64), *(rows for _, rows in blocks)])[owner]
     text = [name for name, values in (*fields.items(), *cell_data.items()) if values.dtype.kind == TEXT]
-    notes = [*_notes(cells, solid), *(f"text '{escaped(name)}' is left out" for name in text)]
+    notes = [*_describe_cells(cells, solid), *(f"text '{escaped(name)}' is left out" for name in text)]
     on_points = {name: values for name, values in fields.items() if values.dtype.kind != TEXT}
     on_faces = {name: values[rows] for name, values in cell_data.items() if values.dtype.kind != TEXT}
     file = SurfaceFile.of(path, vertices, triangles, on_points, cells=on_faces, notes=notes, **facts)
     return replace(file, surface=file.surface.without_unused()) if solid else file
 
 
-def _notes(cells: Cells, solid: bool) -> list[str]:
-    """What of the cells is not in the surface."""
+def _describe_cells(cells: Cells, solid: bool) -> list[str]:
+    """Return sentences on what of the cells is not in the surface."""
     beside, lines = cells.count(STRIP, *POLYGONS), cells.count(*POINTS_AND_LINES)
     said = [f"of {cells.count(*SOLIDS)} solid cells their boundary is taken"] if solid else []
     said += [f"{beside} faces beside the solid cells are left out"] if solid and beside else []
     return [*said, f"{lines} cells that are points or lines are left out"] if lines else said
 
 
-def _polygons(cells: Cells) -> list[Block]:
+def _blocks_of_polygons(cells: Cells) -> list[Block]:
     blocks = cells.blocks(*POLYGONS)
     for corners, rows in cells.blocks(STRIP):
         blocks += [(part, rows) for part in strips([corners])]
     return blocks
 
 
-def _boundary(path: Path, vertices: Array, cells: Cells) -> list[Block]:
-    """Faces that one solid has alone, wound outward. Vertices at one place are one: pieces meet in them."""
+def _boundary_faces(path: Path, vertices: Array, cells: Cells) -> list[Block]:
+    """Return faces that one solid has alone, wound outward. Vertices at one place are one: pieces meet in
+    them.
+    """
     wrong = np.flatnonzero((cells.corners < 0) | (cells.corners >= len(vertices)))
     if len(wrong):
         name = cells.corners[wrong[0]]
@@ -137,18 +139,18 @@ def _boundary(path: Path, vertices: Array, cells: Cells) -> list[Block]:
                     f"{needed}"
                 )
             for side in sides:
-                turned = _outward(vertices, corners[:, side], corners)
+                turned = _turn_outward(vertices, corners[:, side], corners)
                 faces.setdefault(len(side), []).append((turned, rows))
     found = []
     for parts in faces.values():
         corners, rows = (np.concatenate(column) for column in zip(*parts, strict=True))
-        alone = _alone(np.sort(places[corners], axis=1))
+        alone = _single_rows(np.sort(places[corners], axis=1))
         found.append((corners[alone], rows[alone]))
     return found
 
 
-def _outward(vertices: Array, side: Ints, cell: Ints) -> Ints:
-    """Faces (k, n) of convex cells (k, c), turned to look away from the middles of these."""
+def _turn_outward(vertices: Array, side: Ints, cell: Ints) -> Ints:
+    """Return faces (k, n) of convex cells (k, c), turned to look away from the middles of these."""
     with np.errstate(all="ignore"):  # what is not finite is refused where the surface is made
         places = vertices[side]
         normal = np.cross(places[:, 1] - places[:, 0], places[:, -1] - places[:, 0])
@@ -156,8 +158,8 @@ def _outward(vertices: Array, side: Ints, cell: Ints) -> Ints:
     return np.where((out < 0.0)[:, None], side[:, ::-1], side)
 
 
-def _alone(keys: Ints) -> Ints:
-    """Rows (n, k) that are there once, in order."""
+def _single_rows(keys: Ints) -> Ints:
+    """Return rows (n, k) that are there once, in order."""
     order = np.lexsort(keys.T)
     differ = (keys[order][1:] != keys[order][:-1]).any(axis=1)
     return np.sort(order[np.append(True, differ) & np.append(differ, True)])

@@ -20,7 +20,7 @@ from ...geometry.surface import Surface
 from ..text import flat_numbers, join_rows
 from .surface_file import SurfaceFile, left_out
 
-# of the importing system, as MUSIC's authors found in 2016
+# what the importing system takes, as MUSIC's authors found in 2016
 LIMITS = {
     "vertices": 100_000,
     "triangles": 200_000,
@@ -65,11 +65,11 @@ def knows(data: bytes) -> bool:
 
 
 def read(path: Path, data: bytes, *, part: str | None = None) -> SurfaceFile:
-    """One volume of the file, in mm and LPS; its labels are metadata. Raises InputError where `part` must say
-    which volume.
+    """Read one volume of the file, in mm and LPS; its labels are metadata. Raises InputError where `part`
+    must say which volume.
     """
     root = parse_xml(path, data)
-    volumes = _volumes(root)
+    volumes = _name_volumes(root)
     if not volumes:
         raise InputError(f"{path}: DIF holds no <Volume>")
     if part is None and len(volumes) > 1:
@@ -79,10 +79,10 @@ def read(path: Path, data: bytes, *, part: str | None = None) -> SurfaceFile:
     name = part or next(iter(volumes))
     volume = volumes[name]
     where = f"{path}: volume '{name}'"
-    vertices = _rows(volume, "Vertices", 3, where)
-    polygons = _rows(volume, "Polygons", 3, where)
+    vertices = _parse_rows(volume, "Vertices", 3, where)
+    polygons = _parse_rows(volume, "Polygons", 3, where)
     labels = {
-        label.get("name", ""): _numbers(label.text, f"{path}: label").tolist()
+        label.get("name", ""): _parse_numbers(label.text, f"{path}: label").tolist()
         for label in root.iterfind("DIFBody/Labels/Label")
     }
     facts = {
@@ -94,7 +94,7 @@ def read(path: Path, data: bytes, *, part: str | None = None) -> SurfaceFile:
         path,
         vertices,
         polygons - 1,
-        _fields(volume, len(vertices), where),
+        _read_fields(volume, len(vertices), where),
         space="LPS",
         units="mm",
         metadata=facts,
@@ -102,7 +102,7 @@ def read(path: Path, data: bytes, *, part: str | None = None) -> SurfaceFile:
 
 
 def parse_xml(path: Path, data: bytes) -> ElementTree.Element:
-    """The XML tree with its comments, since one of them names the scalar."""
+    """Parse the XML tree with its comments, since one of them names the scalar."""
     parser = ElementTree.XMLParser(target=ElementTree.TreeBuilder(insert_comments=True))
     try:
         return ElementTree.fromstring(data, parser)
@@ -112,8 +112,8 @@ def parse_xml(path: Path, data: bytes) -> ElementTree.Element:
         ) from None
 
 
-def _volumes(root: ElementTree.Element) -> dict[str, ElementTree.Element]:
-    """The volumes by name; those that share one are told apart by their number."""
+def _name_volumes(root: ElementTree.Element) -> dict[str, ElementTree.Element]:
+    """Return the volumes by name; those that share one are told apart by their number."""
     found = root.findall("DIFBody/Volumes/Volume")
     names = [volume.get("name", f"volume {k}") for k, volume in enumerate(found)]
     return {
@@ -121,29 +121,33 @@ def _volumes(root: ElementTree.Element) -> dict[str, ElementTree.Element]:
     }
 
 
-def _numbers(text: str | None, where: str) -> Array:
+def _parse_numbers(text: str | None, where: str) -> Array:
     text = text or ""
     return flat_numbers(text, len(text.split()), where)
 
 
-def _rows(volume: ElementTree.Element, tag: str, width: int, where: str) -> Array:
-    """All rows of an array; its `number` is not believed, since exports are known to state twice too many."""
+def _parse_rows(volume: ElementTree.Element, tag: str, width: int, where: str) -> Array:
+    """Parse all rows of an array; its `number` is not believed, since exports are known to state twice too
+    many.
+    """
     element = volume.find(tag)
-    values = _numbers(element.text if element is not None else None, f"{where}: <{tag}>")
+    values = _parse_numbers(element.text if element is not None else None, f"{where}: <{tag}>")
     if len(values) == 0 or len(values) % width:
         raise InputError(f"{where}: <{tag}> holds {len(values)} numbers: must be rows of {width}")
     return values.reshape(-1, width)
 
 
-def _fields(volume: ElementTree.Element, n: int, where: str) -> dict[str, Array]:
-    """The scalar, named by the comment before it, missing where it was not sampled; and the status itself."""
+def _read_fields(volume: ElementTree.Element, n: int, where: str) -> dict[str, Array]:
+    """Read the scalar, named by the comment before it, missing where it was not sampled; and the status
+    itself.
+    """
     fields: dict[str, Array] = {}
     comment = ""
     for element in volume:
         if element.tag not in ARRAYS:  # a comment: its tag is a function
             comment = element.text or ""
         elif element.tag in ("Map_data", "Map_status"):
-            values = _numbers(element.text, f"{where}: <{element.tag}>")
+            values = _parse_numbers(element.text, f"{where}: <{element.tag}>")
             if len(values) != n:
                 raise InputError(
                     f"{where}: <{element.tag}> holds {len(values)} values: there are {n} vertices"
@@ -169,21 +173,21 @@ def write(file: SurfaceFile) -> bytes:
     """Encode with the first scalar field (version 5.0), or the bare shell (version 3.0, which the system
     imports).
     """
-    return encode(file.surface, field=_first(file.surface), space=file.space)
+    return encode(file.surface, field=_first_field(file.surface), space=file.space)
 
 
-def _first(surface: Surface) -> str | None:
+def _first_field(surface: Surface) -> str | None:
     return next((k for k, values in surface.fields.items() if values.ndim == 1 and k != "map_status"), None)
 
 
 def losses(surface: Surface) -> list[str]:
-    """Sentences on what `write` does not keep; where values are missing the status says so."""
-    return left_out(surface, (_first(surface), "map_status"))
+    """Return sentences on what `write` does not keep; where values are missing the status says so."""
+    return left_out(surface, (_first_field(surface), "map_status"))
 
 
 def encode(surface: Surface, *, field: str | None = None, name: str = "surface", space: str = "LPS") -> bytes:
-    """The file, in LPS as DIF is (a surface in RAS is turned), de-identified: header fields that could name a
-    patient say NA.
+    """Encode the file, in LPS as DIF is (a surface in RAS is turned), de-identified: header fields that could
+    name a patient say NA.
 
     Raises InputError in 2D.
     """
@@ -200,10 +204,10 @@ def encode(surface: Surface, *, field: str | None = None, name: str = "surface",
             f"    <Version>SJM_DIF_{'3.0' if field is None else '5.0'}</Version>\n{header}  </DIFHeader>\n  "
             "<DIFBody>\n",
             f'    <Volumes number="1">\n      <Volume name={quoteattr(name)} color="CC0000FF">\n',
-            _block("Vertices", "%.4f %.4f %.4f\n", surface.vertices),
-            _block("Normals", "", np.zeros(0)) if field is None else _map_data(surface, field),
-            _block("Polygons", "%d %d %d\n", surface.faces + 1),
-            "" if field is None else _block("Surface_of_origin", "%d\n", np.zeros(len(surface.faces))),
+            _encode_array("Vertices", "%.4f %.4f %.4f\n", surface.vertices),
+            _encode_array("Normals", "", np.zeros(0)) if field is None else _encode_field(surface, field),
+            _encode_array("Polygons", "%d %d %d\n", surface.faces + 1),
+            "" if field is None else _encode_array("Surface_of_origin", "%d\n", np.zeros(len(surface.faces))),
             '      </Volume>\n    </Volumes>\n    <Labels number="0">tag</Labels>\n    <ObjectMap>\n',
             f"      <Rotation>{' '.join(['0.000000'] * 9)}</Rotation>\n",
             "      <Translation>0 0 0</Translation>\n      <Scaling>1 1 1</Scaling>\n      "
@@ -213,12 +217,12 @@ def encode(surface: Surface, *, field: str | None = None, name: str = "surface",
     ).encode()
 
 
-def _block(tag: str, form: str, rows: NDArray[Any]) -> str:
+def _encode_array(tag: str, form: str, rows: NDArray[Any]) -> str:
     return f'        <{tag} number="{len(rows)}">\n{join_rows(form, rows)}</{tag}>\n'
 
 
-def _map_data(surface: Surface, field: str) -> str:
-    """The scalar with its name, 0 where it is missing, and the status that says so."""
+def _encode_field(surface: Surface, field: str) -> str:
+    """Encode the scalar with its name, 0 where it is missing, and the status that says so."""
     if field not in surface.fields:
         raise InputError(f"the surface has no field '{field}'" + did_you_mean(field, list(surface.fields)))
     values = surface.fields[field]
@@ -226,9 +230,9 @@ def _map_data(surface: Surface, field: str) -> str:
     return "".join(
         [
             f"        <!-- {NAMED_BY} {escape(field).replace('--', '- -')} -->\n",
-            _block("Map_data", "%.4f\n", np.where(known, values, 0.0)),
+            _encode_array("Map_data", "%.4f\n", np.where(known, values, 0.0)),
             f"        <!--{STATUS}-->\n",
-            _block("Map_status", "%d\n", np.where(known, 0, UNSAMPLED)),
-            _block("Normals", "%.5f %.5f %.5f\n", surface.vertex_normals),
+            _encode_array("Map_status", "%d\n", np.where(known, 0, UNSAMPLED)),
+            _encode_array("Normals", "%.5f %.5f %.5f\n", surface.vertex_normals),
         ]
     )

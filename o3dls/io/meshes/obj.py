@@ -20,7 +20,7 @@ def knows_obj(data: bytes) -> bool:
 
 def read_obj(path: Path, data: bytes) -> SurfaceFile:
     """Decode an OBJ file; normals, textures and groups are ignored. Raises InputError naming the line."""
-    lines = _whole_lines(path, [line.strip() for line in decode(data, path).splitlines()])
+    lines = _join_continued(path, [line.strip() for line in decode(data, path).splitlines()])
     rows = [k for k, line in enumerate(lines) if line.startswith(("v ", "v\t"))]
     widths = {len(lines[k].split()) for k in rows}
     if not widths <= {4, 5, 7, 8}:
@@ -33,7 +33,7 @@ def read_obj(path: Path, data: bytes) -> SurfaceFile:
     ]
     vertices = table[0][:, :3] if table else np.zeros((0, 3))
     faces = [k for k, line in enumerate(lines) if line.startswith(("f ", "f\t"))]
-    polygons = _polygons(
+    polygons = _obj_polygons(
         path, [lines[k][1:] for k in faces], [k + 1 for k in faces], np.searchsorted(rows, faces)
     )
     header = "\n".join(line for line in lines[:50] if line.startswith("#"))
@@ -48,9 +48,9 @@ def read_obj(path: Path, data: bytes) -> SurfaceFile:
     return SurfaceFile.of(path, vertices, triangles, header=header)
 
 
-def _whole_lines(path: Path, lines: list[str]) -> list[str]:
-    """Lines with those that a backslash at the end continues; these stay as empty ones, so that the count of
-    lines holds. In a comment it is a part of a name.
+def _join_continued(path: Path, lines: list[str]) -> list[str]:
+    """Join each line that ends in a backslash with the next one, which stays as an empty line, so that the
+    count of lines holds. In a comment it is a part of a name.
 
     Raises InputError where the last line is to be continued.
     """
@@ -70,9 +70,9 @@ def _whole_lines(path: Path, lines: list[str]) -> list[str]:
     return lines
 
 
-def _polygons(path: Path, lines: list[str], numbers: list[int], before: Ints) -> list[Array]:
-    """Corners of the faces, 0-based; `7/1/3` means corner 7, negative indices count back from the vertices
-    `before` the face.
+def _obj_polygons(path: Path, lines: list[str], numbers: list[int], before: Ints) -> list[Array]:
+    """Return the corners of the faces, 0-based; `7/1/3` means corner 7, negative indices count back from the
+    vertices `before` the face.
     """
     if any("/" in line for line in lines):
         lines = [re.sub(r"/\S*", "", line) for line in lines]
@@ -99,7 +99,7 @@ def _polygons(path: Path, lines: list[str], numbers: list[int], before: Ints) ->
 def write_obj(file: SurfaceFile) -> bytes:
     """Encode as OBJ; fields are lost."""
     surface = file.surface
-    # as Open3D states them
+    # comments in the form of Open3D
     counts = f"# number of vertices: {len(surface.vertices)}\n# number of triangles: {len(surface.faces)}\n"
     head = f"# {NOTICE}\n# SPACE={file.space}\n# UNITS={file.units}\n{counts}"
     return (
@@ -144,9 +144,11 @@ def read_off(path: Path, data: bytes) -> SurfaceFile:
 
 
 def _off_polygons(path: Path, rows: list[tuple[int, str]]) -> list[Array]:
-    """Corners of the faces; numbers behind them are colours."""
+    """Return the corners of the faces; numbers behind them are colours."""
     table = rectangle([line for _, line in rows]) if rows else None
-    if table is not None and (table[:, 0] == 3).all() and table.shape[1] > 3:  # nearly every file
+    if (
+        table is not None and (table[:, 0] == 3).all() and table.shape[1] > 3
+    ):  # a short cut for nearly every file
         return [table[:, 1:4]]
     polygons = []
     words = [line.split() for _, line in rows]

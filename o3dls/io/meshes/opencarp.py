@@ -18,14 +18,14 @@ from ..text import decode, integers, is_count, join_rows, number_rows, read_byte
 from .surface_file import SurfaceFile, left_out, unused
 
 MICROMETRES = 1000.0
-MISSING = -10_000.0  # CARTO's too: no voltage, time or force is near it
+MISSING = -10_000.0  # as in CARTO: no voltage, time or force is near it
 KNOWN = "_known"  # ends the name of the mask that says where a field has values
 LIKELY = (5.0, 1000.0)  # mm; an extent in micrometres outside is that of a file in another unit
 
 
 def knows(data: bytes) -> bool:
-    """A `.pts` or `.elem` file: a count alone on the first line, then three coordinates or an element
-    type.
+    """Return whether the bytes begin a `.pts` or `.elem` file: a count alone on the first line, then three
+    coordinates or an element type.
     """
     number = rb"[-+.\d][-+.\deE]*"
     point = number + rb"([ \t]+" + number + rb"){2}[ \t]*\r?\n"
@@ -33,31 +33,31 @@ def knows(data: bytes) -> bool:
 
 
 def read(path: Path, data: bytes, units: str | None = None) -> SurfaceFile:
-    """The triangles of a mesh, from either of its two files; fields are the `.dat` files named
+    """Read the triangles of a mesh, from either of its two files; fields are the `.dat` files named
     `<base>_<field>.dat`, and `tag` the regions of the triangles, carried to the points.
 
     In mm, or as they are in the file where `units` says what that is in. Raises InputError too where nothing
     is said and the extent is not one in micrometres, as many files are in mm.
     """
-    points, elements = _part(path, ".pts"), _part(path, ".elem")
-    n, lines = _lines(points)
+    points, elements = _part_path(path, ".pts"), _part_path(path, ".elem")
+    n, lines = _read_lines(points)
     vertices = number_rows(lines[:n], 3, points, range(2, n + 2), "point")
-    m, lines = _lines(elements)
+    m, lines = _read_lines(elements)
     rows = [line.split() for line in lines[:m]]
     wrong = next((k for k, row in enumerate(rows) if row[0] != "Tr" or len(row) not in (4, 5)), None)
     if wrong is not None:
         found = f"{elements}: line {wrong + 2}: '{lines[wrong][:40]}'"
         raise InputError(f"{found}: only triangles (Tr i j k [tag]) are read; extract the surface first")
     faces = number_rows([" ".join(row[1:4]) for row in rows], 3, elements, range(2, m + 2), "triangle")
-    fields = _unmasked({name: _values(dat, n) for name, dat in _dats(path).items()})
-    tags = _tags(elements, rows)
+    fields = _apply_masks({name: _read_values(dat, n) for name, dat in _field_paths(path).items()})
+    tags = _read_tags(elements, rows)
     file = SurfaceFile.of(elements, vertices, faces, fields, cells=tags, units=units or "mm")
     _check_units(points, file.surface, units)
     return file if units else replace(file, surface=file.surface.with_vertices(vertices / MICROMETRES))
 
 
-def _tags(path: Path, rows: list[list[str]]) -> dict[str, Ints]:
-    """The regions of the triangles, where these differ: one tag for all says nothing."""
+def _read_tags(path: Path, rows: list[list[str]]) -> dict[str, Ints]:
+    """Read the regions of the triangles, where these differ: one tag for all says nothing."""
     tags = [row[4] for row in rows if len(row) == 5]
     if len(tags) < len(rows) or len(set(tags)) == 1:
         return {}
@@ -65,8 +65,8 @@ def _tags(path: Path, rows: list[list[str]]) -> dict[str, Ints]:
     return {"tag": integers(numbers, f"{path}: tag")}
 
 
-def _unmasked(fields: dict[str, Array]) -> dict[str, Array]:
-    """Fields with NaN where the mask beside them, as we write it, says that there is no value."""
+def _apply_masks(fields: dict[str, Array]) -> dict[str, Array]:
+    """Return fields with NaN where the mask beside them, as we write it, says that there is no value."""
     for name in [name for name in fields if name + KNOWN in fields]:
         mask = fields[name + KNOWN]
         absent = mask == 0.0
@@ -97,9 +97,9 @@ def _check_units(path: Path, surface: Surface, units: str | None) -> None:
         )
 
 
-def _part(path: Path, suffix: str) -> Path:
-    """A file of the mesh that `path` names by its base or by its `.pts` or `.elem`; in upper case where that
-    is.
+def _part_path(path: Path, suffix: str) -> Path:
+    """Return the path of a file of the mesh that `path` names by its base or by its `.pts` or `.elem`; in
+    upper case where that is.
     """
     named = path.suffix.lower() in (".pts", ".elem")
     return path.with_name(
@@ -107,11 +107,11 @@ def _part(path: Path, suffix: str) -> Path:
     )
 
 
-def _dats(path: Path) -> dict[str, Path]:
-    """The mesh's `.dat` files by field; `la_fine_lat.dat` is no field of `la` where there is a mesh
+def _field_paths(path: Path) -> dict[str, Path]:
+    """Return the mesh's `.dat` files by field; `la_fine_lat.dat` is no field of `la` where there is a mesh
     `la_fine`.
     """
-    start = _part(path, "").name + "_"
+    start = _part_path(path, "").name + "_"
     beside = sorted(p for p in path.parent.glob("*") if p.name.startswith(start))
     others = tuple(f"{p.stem}_" for p in beside if p.suffix.lower() == ".pts")
     return {
@@ -121,8 +121,8 @@ def _dats(path: Path) -> dict[str, Path]:
     }
 
 
-def _lines(path: Path) -> tuple[int, list[str]]:
-    """The stated count and at least as many lines after it."""
+def _read_lines(path: Path) -> tuple[int, list[str]]:
+    """Read the stated count and at least as many lines after it."""
     lines = [line for line in decode(read_bytes(path), path).splitlines() if line.strip()]
     if not lines or not is_count(lines[0].strip()):
         raise InputError(f"{path}: line 1 must state the number of rows")
@@ -132,7 +132,7 @@ def _lines(path: Path) -> tuple[int, list[str]]:
     return n, lines[1:]
 
 
-def _values(path: Path, n: int) -> Array:
+def _read_values(path: Path, n: int) -> Array:
     lines = [line for line in decode(read_bytes(path), path).splitlines() if line.strip()]
     if len(lines) != n:
         raise InputError(f"{path}: holds {len(lines)} values: the mesh has {n} points")
@@ -156,30 +156,30 @@ def write_mesh(path: Path, surface: Surface) -> None:
     }
     with staged_files(path) as staged:
         for suffix, text in texts.items():
-            write_file(_part(staged, suffix), text)
-        for field, values in _writable(surface).items():
-            write_file(_dat(staged, field), join_rows("%.9g\n", values))
+            write_file(_part_path(staged, suffix), text)
+        for field, values in _writable_fields(surface).items():
+            write_file(_field_path(staged, field), join_rows("%.9g\n", values))
 
 
 def check_fields(path: Path, surface: Surface) -> None:
     """Raise InputError where `.dat` files of an earlier mesh of this name would pass for fields of this
     surface.
     """
-    own = {_dat(path, field) for field in _writable(surface)}
-    if earlier := sorted(set(_dats(path).values()) - own):
+    own = {_field_path(path, field) for field in _writable_fields(surface)}
+    if earlier := sorted(set(_field_paths(path).values()) - own):
         raise InputError(
             f"{earlier[0]}: is a field of an earlier mesh of this name; remove it, or write under "
             "another name"
         )
 
 
-def _dat(path: Path, field: str) -> Path:
-    base = _part(path, "")
+def _field_path(path: Path, field: str) -> Path:
+    base = _part_path(path, "")
     return base.with_name(f"{base.name}_{field}.dat")
 
 
 def losses(surface: Surface) -> list[str]:
-    """Sentences on what `write_mesh` does not keep as it is."""
+    """Return sentences on what `write_mesh` does not keep as it is."""
     scalars = {name: values for name, values in surface.fields.items() if values.ndim == 1}
     lost = {name: int((~np.isfinite(values)).sum()) for name, values in scalars.items()}
     return [
@@ -193,9 +193,9 @@ def losses(surface: Surface) -> list[str]:
     ]
 
 
-def _writable(surface: Surface) -> dict[str, Array]:
-    """Scalar fields under names that can stand in a file's name; one with missing values has a mask beside
-    it, 1 where there is a value, since a .dat file has no word for none.
+def _writable_fields(surface: Surface) -> dict[str, Array]:
+    """Return scalar fields under names that can stand in a file's name; one with missing values has a mask
+    beside it, 1 where there is a value, since a .dat file has no word for none.
     """
     found: dict[str, Array] = {}
     for name, values in surface.fields.items():

@@ -55,7 +55,7 @@ def read(path: Path, data: bytes) -> SurfaceFile:
         if order
         else _ascii_tables(path, elements, body, len(header) + 2)
     )
-    vertices = _vertices(path, tables.get("vertex", {}))
+    vertices = _stack_vertices(path, tables.get("vertex", {}))
     named = {element.name: element for element in elements}
     lists = [prop.name for prop in named["face"].properties if prop.count] if "face" in named else []
     corners = next((name for name in CORNERS if name in lists), None)
@@ -63,10 +63,10 @@ def read(path: Path, data: bytes) -> SurfaceFile:
         raise InputError(
             f"{path}: has no faces (element 'face' with a list 'vertex_indices'); a surface needs triangles"
         )
-    blocks, rows = _blocks(tables["face"][corners])
+    blocks, rows = _group_by_size(tables["face"][corners])
     triangles, owner = triangulate(vertices, *blocks)
-    fields, notes = _fields(named["vertex"], tables["vertex"])
-    values, more = _fields(named["face"], tables["face"])
+    fields, notes = _gather_columns(named["vertex"], tables["vertex"])
+    values, more = _gather_columns(named["face"], tables["face"])
     cells = {name: array[rows[owner]] for name, array in values.items()}
     return SurfaceFile.of(
         path, vertices, triangles, fields, cells=cells, header=comments, notes=[*notes, *more]
@@ -118,8 +118,8 @@ def _ascii_tables(path: Path, elements: list[Element], body: memoryview, first: 
     return tables
 
 
-def _blocks(polygons: Any) -> tuple[list[Any], Ints]:
-    """Polygons of equal size together, (k, n) each, and the rows of all."""
+def _group_by_size(polygons: Any) -> tuple[list[Any], Ints]:
+    """Return polygons of equal size together, (k, n) each, and the rows of all."""
     if not isinstance(polygons, list):
         return [polygons], np.arange(len(polygons))
     if not polygons:
@@ -129,15 +129,17 @@ def _blocks(polygons: Any) -> tuple[list[Any], Ints]:
     return [np.array([polygons[k] for k in mine]) for mine in rows], np.concatenate(rows)
 
 
-def _vertices(path: Path, columns: Columns) -> Array:
+def _stack_vertices(path: Path, columns: Columns) -> Array:
     missing = [axis for axis in "xyz" if axis not in columns]
     if missing:
         raise InputError(f"{path}: PLY vertices have no property '{missing[0]}'")
     return np.column_stack([np.asarray(columns[axis], dtype=np.float64) for axis in "xyz"])
 
 
-def _fields(element: Element, columns: Columns) -> tuple[dict[str, NDArray[Any]], list[str]]:
-    """Columns other than geometry, and a sentence for each that has no place: lists that differ in length."""
+def _gather_columns(element: Element, columns: Columns) -> tuple[dict[str, NDArray[Any]], list[str]]:
+    """Return columns other than geometry, and a sentence for each that has no place: lists that differ in
+    length.
+    """
     found, said = dict[str, NDArray[Any]](), []
     for prop in element.properties:
         values = columns[prop.name]

@@ -45,21 +45,23 @@ def truncated(path: Path, element: Element, found: int) -> InputError:
 
 
 def whole(count: Any) -> int:
-    """A count as it stands in a file; -1, which no list has, where it is not a whole number."""
+    """Return a count as it stands in a file; -1, which no list has, where it is not a whole number."""
     return int(count) if np.isfinite(count) and count == np.floor(count) and abs(count) < 1e12 else -1
 
 
 def walk(
     element: Element, take: Callable[[str, int], NDArray[Any]]
 ) -> Iterator[tuple[Property, NDArray[Any]]]:
-    """One row: every property with its values; `take(kind, n)` hands out the next n values."""
+    """Yield every property of one row with its values; `take(kind, n)` hands out the next n values."""
     for prop in element.properties:
         n = whole(take(prop.count, 1)[0]) if prop.count else 1
         yield prop, take(prop.kind, n)
 
 
 def ascii_rows(path: Path, element: Element, lines: Sequence[tuple[int, str]]) -> Columns:
-    """Columns from numbered lines, as many as the element has rows. Raises InputError naming the line."""
+    """Return the columns from numbered lines, as many as the element has rows. Raises InputError naming the
+    line.
+    """
     at = [k for k, _ in lines]
     text = [line for _, line in lines]
     what = f"row of '{element.name}'"
@@ -67,22 +69,24 @@ def ascii_rows(path: Path, element: Element, lines: Sequence[tuple[int, str]]) -
     if scalars or len({len(line.split()) for line in text}) == 1:
         width = len(element.properties) if scalars else len(text[0].split())
         table = number_rows(text, width, path, at, what)
-        if (columns := _columns(element, table)) is not None:
+        if (columns := _split_columns(element, table)) is not None:
             return columns
     cells = (number_rows([line], len(line.split()), path, [k], what)[0] for k, line in lines)
-    rows = [dict(_named(element, row, f"{path}: line {k}")) for (k, _), row in zip(lines, cells, strict=True)]
-    return _joined(element, {prop.name: [row[prop.name] for row in rows] for prop in element.properties})
+    rows = [
+        dict(_name_cells(element, row, f"{path}: line {k}")) for (k, _), row in zip(lines, cells, strict=True)
+    ]
+    return _join_rows(element, {prop.name: [row[prop.name] for row in rows] for prop in element.properties})
 
 
-def _joined(element: Element, rows: Mapping[str, list[Any]]) -> Columns:
-    """Columns out of rows: arrays but for lists that differ in length."""
+def _join_rows(element: Element, rows: Mapping[str, list[Any]]) -> Columns:
+    """Return columns out of rows: arrays but for lists that differ in length."""
     uneven = {
         prop.name for prop in element.properties if prop.count and len(set(map(len, rows[prop.name]))) != 1
     }
     return {name: values if name in uneven else np.array(values) for name, values in rows.items()}
 
 
-def _named(element: Element, cells: NDArray[Any], where: str) -> Iterator[tuple[str, Any]]:
+def _name_cells(element: Element, cells: NDArray[Any], where: str) -> Iterator[tuple[str, Any]]:
     rest = cells
 
     def take(kind: str, n: int) -> NDArray[Any]:
@@ -97,9 +101,9 @@ def _named(element: Element, cells: NDArray[Any], where: str) -> Iterator[tuple[
         yield prop.name, values if prop.count else values[0]
 
 
-def _columns(element: Element, table: NDArray[Any]) -> Columns | None:
-    """Columns of a table whose lists all have the length of the first row's; None where they differ or do not
-    fill it.
+def _split_columns(element: Element, table: NDArray[Any]) -> Columns | None:
+    """Return columns of a table whose lists all have the length of the first row's; None where they differ or
+    do not fill it.
     """
     columns = Columns()
     k = 0
@@ -117,12 +121,12 @@ def _columns(element: Element, table: NDArray[Any]) -> Columns | None:
 
 
 def binary_rows(path: Path, element: Element, body: memoryview, order: str) -> tuple[Columns, memoryview]:
-    """Columns of a binary element (order '<' or '>') and what follows it. Raises InputError where the body is
-    too short.
+    """Return columns of a binary element (order '<' or '>') and what follows it. Raises InputError where the
+    body is too short.
     """
     lengths = _first_lengths(element, body, order)
     dtype = np.dtype(
-        [d for prop in element.properties for d in _fields(prop, lengths.get(prop.name, 0), order)]
+        [d for prop in element.properties for d in _field_types(prop, lengths.get(prop.name, 0), order)]
     )
     size = dtype.itemsize * element.rows
     if size <= len(body):
@@ -131,17 +135,17 @@ def binary_rows(path: Path, element: Element, body: memoryview, order: str) -> t
             return {prop.name: rows[prop.name] for prop in element.properties}, body[size:]
     elif not lengths:
         raise truncated(path, element, len(body) // max(dtype.itemsize, 1))
-    return _row_by_row(path, element, body, order)
+    return _read_row_by_row(path, element, body, order)
 
 
-def _fields(prop: Property, length: int, order: str) -> list[Any]:
+def _field_types(prop: Property, length: int, order: str) -> list[Any]:
     if prop.count is None:
         return [(prop.name, order + prop.kind)]
     return [(f"{prop.name} count", order + prop.count), (prop.name, order + prop.kind, (length,))]
 
 
 def _first_lengths(element: Element, body: memoryview, order: str) -> Mapping[str, int]:
-    """Length of every list in the first row; 0 where the body is too short to tell."""
+    """Return the length of every list in the first row; 0 where the body is too short to tell."""
     lengths = {prop.name: 0 for prop in element.properties if prop.count}
     take = Taker(body, order)
     with suppress(EOFError):
@@ -171,8 +175,10 @@ class Taker:
         return values
 
 
-def _row_by_row(path: Path, element: Element, body: memoryview, order: str) -> tuple[Columns, memoryview]:
-    """Columns of a binary element whose lists differ in length."""
+def _read_row_by_row(
+    path: Path, element: Element, body: memoryview, order: str
+) -> tuple[Columns, memoryview]:
+    """Read columns of a binary element whose lists differ in length."""
     columns: dict[str, list[Any]] = {prop.name: [] for prop in element.properties}
     take = Taker(body, order)
     for row in range(element.rows):
@@ -181,4 +187,4 @@ def _row_by_row(path: Path, element: Element, body: memoryview, order: str) -> t
                 columns[prop.name].append(values if prop.count else values[0])
         except EOFError:
             raise truncated(path, element, row) from None
-    return _joined(element, columns), body[take.at :]
+    return _join_rows(element, columns), body[take.at :]

@@ -17,7 +17,7 @@ from .surface_file import SurfaceFile
 
 
 def knows(data: bytes) -> bool:
-    """A table whose first line that is no comment names x and y, but not z."""
+    """Return whether a table names x and y, but not z, in its first line that is no comment."""
     header = next(
         (line for line in data[:4000].splitlines() if line.strip() and not line.startswith(b"#")), b""
     )
@@ -26,8 +26,8 @@ def knows(data: bytes) -> bool:
 
 
 def read_polyline(path: str | Path) -> SurfaceFile:
-    """Closed outlines of a CSV file and what it states; a repeated last point is dropped, and a single loop
-    is turned counter-clockwise.
+    """Read closed outlines of a CSV file and what it states; a repeated last point is dropped, and a single
+    loop is turned counter-clockwise.
 
     Several loops keep their direction, since holes run clockwise. Raises InputError below 3 points a loop.
     """
@@ -37,32 +37,34 @@ def read_polyline(path: str | Path) -> SurfaceFile:
         name: table.numbers(name, missing=True) for name in table.columns if name not in ("x", "y", "loop")
     }
     label = table.numbers("loop") if "loop" in table.columns else np.zeros(len(xy))
-    loops = [_open(xy, np.flatnonzero(label == value)) for value in np.unique(label)]
+    loops = [_drop_repeated(xy, np.flatnonzero(label == value)) for value in np.unique(label)]
     if min(map(len, loops), default=0) < 3:
         raise InputError(
             f"{path}: a closed outline needs at least 3 points; there are {min(map(len, loops), default=0)}"
         )
-    if len(loops) == 1 and _enclosed(xy[loops[0]]) < 0:
+    if len(loops) == 1 and _enclosed_area(xy[loops[0]]) < 0:
         loops = [loops[0][::-1]]
     starts = np.cumsum([0, *map(len, loops)])
-    faces = np.concatenate([start + _ring(len(rows)) for start, rows in zip(starts, loops, strict=False)])
+    faces = np.concatenate(
+        [start + _ring_segments(len(rows)) for start, rows in zip(starts, loops, strict=False)]
+    )
     order = np.concatenate(loops)
     surface = Surface(xy[order], faces, {name: values[order] for name, values in fields.items()})
     return SurfaceFile(surface, table.notes.get("space", "unknown"), table.notes.get("units", "unknown"))
 
 
-def _open(xy: Array, rows: Ints) -> Ints:
-    """Rows of one loop without a repeated last point."""
+def _drop_repeated(xy: Array, rows: Ints) -> Ints:
+    """Return rows of one loop without a repeated last point."""
     return rows[:-1] if len(rows) > 1 and np.allclose(xy[rows[0]], xy[rows[-1]]) else rows
 
 
-def _ring(n: int) -> Ints:
+def _ring_segments(n: int) -> Ints:
     index = np.arange(n)
     return np.column_stack([index, np.roll(index, -1)])
 
 
-def _enclosed(xy: Array) -> float:
-    """Signed area, positive counter-clockwise."""
+def _enclosed_area(xy: Array) -> float:
+    """Return the signed area, positive counter-clockwise."""
     return float((xy[:, 0] * np.roll(xy[:, 1], -1) - xy[:, 1] * np.roll(xy[:, 0], -1)).sum() / 2)
 
 
@@ -82,8 +84,8 @@ def write_polyline(path: str | Path, surface: Surface) -> None:
 
 
 def trace_loops(segments: Ints) -> list[Ints]:
-    """Vertex indices of the closed loops that directed segments (m, 2) form, each vertex having one next at
-    most.
+    """Return vertex indices of the closed loops that directed segments (m, 2) form, each vertex having one
+    next at most.
     """
     after = dict(segments.tolist())
     loops = []

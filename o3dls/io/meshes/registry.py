@@ -67,13 +67,13 @@ FORMATS = (
     Format("opencarp", (".pts", ".elem"), opencarp.knows, opencarp.read, None, ("units",), opencarp.losses),
     Format("stl", (".stl",), stl.knows, stl.read, stl.write, (), left_out),
     Format("obj", (".obj",), obj.knows_obj, obj.read_obj, obj.write_obj, (), left_out),
-    # read as any VTK
+    # written only: the reader of VTK files reads it
     Format(
         "carto_vtk", (".vtk",), lambda data: False, vtk_legacy.read, import_vtk.write, (), import_vtk.losses
     ),
 )
 
-# by definition: they have no word for another unit
+# formats that are in mm by definition, and cannot state another unit
 IN_MILLIMETRES = (
     "carto_mesh",
     "carto_vtk",
@@ -87,7 +87,7 @@ WITH_OUTLINES = ("vtk", "vtp")
 def read_surface_file(
     path: str | Path, *, units: str | None = None, frame: str | None = None, **options: Any
 ) -> SurfaceFile:
-    """A surface with the frame and units that its file states, format told by content.
+    """Read a surface with the frame and units that its file states, format told by content.
 
     `units` and `frame` are those of the file where it does not state them; only a format that would else take
     its standard's, or cannot be read without, asks for them here.
@@ -97,9 +97,9 @@ def read_surface_file(
     no use for.
     """
     path = Path(path)
-    data = _content(path)
+    data = _read_content(path)
     given = {name: value for name, value in options.items() if value is not None}
-    known = _known(data)
+    known = _format_of(data)
     for name, value in (("units", units), ("frame", frame)):
         if value and known and name in known.options:
             given[name] = value
@@ -115,8 +115,8 @@ def read_surface_file(
     return known.read(path, data, **given) if known else polyline.read_polyline(path)
 
 
-def _content(path: Path) -> bytes:
-    """The bytes of a file. Raises InputError also where another one beside it is meant."""
+def _read_content(path: Path) -> bytes:
+    """Read the bytes of a file. Raises InputError also where another one beside it is meant."""
     dicom.check_no_series(path)
     headers = [path.with_suffix(suffix) for suffix in (".hdr", ".nhdr", ".mhd")]
     header = next((header for header in headers if header.is_file()), None)
@@ -125,21 +125,21 @@ def _content(path: Path) -> bytes:
     return read_bytes(path)
 
 
-def _known(data: bytes) -> Format | None:
+def _format_of(data: bytes) -> Format | None:
     return next((f for f in FORMATS if f.knows(data)), None)
 
 
 def is_surface(path: str | Path) -> bool:
-    """Whether a file is a surface in a known format, or a table of a 2D outline.
+    """Return whether a file is a surface in a known format, or a table of a 2D outline.
 
     Raises InputError where it cannot be read at all.
     """
-    data = _content(Path(path))
-    return _known(data) is not None or (Path(path).suffix.lower() == ".csv" and polyline.knows(data))
+    data = _read_content(Path(path))
+    return _format_of(data) is not None or (Path(path).suffix.lower() == ".csv" and polyline.knows(data))
 
 
 def read_surface(path: str | Path) -> Surface:
-    """A surface from a file, format told by content; 2D outlines from CSV. Raises InputError."""
+    """Read a surface from a file, format told by content; 2D outlines from CSV. Raises InputError."""
     return read_surface_file(path).surface
 
 
@@ -170,7 +170,7 @@ def write_surface(
             f"{path}: {known.name} is in mm by definition, and the surface is in {units}; scale it, or "
             "write ply, vtk or vtp"
         )
-    if known.write is None:  # several files
+    if known.write is None:  # openCARP: several files
         opencarp.write_mesh(path, surface)
     else:
         write_file(path, known.write(SurfaceFile(surface, space, units)))
@@ -178,7 +178,7 @@ def write_surface(
 
 
 def _format_for(path: Path, format: str | None) -> Format:
-    """The format to write, by name or suffix. Raises InputError listing what there is."""
+    """Return the format to write, by name or suffix. Raises InputError listing what there is."""
     writable = [f for f in FORMATS if f.write or f.name == "opencarp"]
     for known in writable:
         if known.name == format if format else path.suffix.lower() in known.suffixes:

@@ -13,7 +13,7 @@ from .polyline import trace_loops
 
 
 def closed_outward(surface: Surface, where: str, *, cap: bool = False) -> Surface:
-    """The surface welded, wound outward and, where `cap` allows it, with its openings closed by fans.
+    """Return the surface welded, wound outward and, where `cap` allows it, with its openings closed by fans.
 
     Raises InputError where it stays open or an edge has more than two faces.
     """
@@ -29,8 +29,8 @@ def closed_outward(surface: Surface, where: str, *, cap: bool = False) -> Surfac
 
 
 def welded(surface: Surface) -> Surface:
-    """Vertices at one place made one, as formats without sharing (STL) need it; triangles that vanish are
-    dropped.
+    """Return the surface with vertices at one place made one, as formats without sharing (STL) need it;
+    triangles that vanish are dropped.
     """
     _, first, inverse = np.unique(place_keys(surface.vertices), return_index=True, return_inverse=True)
     if len(first) == len(surface.vertices):
@@ -47,8 +47,8 @@ def welded(surface: Surface) -> Surface:
 
 
 def place_keys(vertices: Array) -> Ints:
-    """One whole number per place: the ranks of its coordinates, put together. Three times as fast as sorting
-    rows.
+    """Return one whole number per place: the ranks of its coordinates, put together. Three times as fast as
+    sorting rows.
     """
     keys = np.zeros(len(vertices), dtype=np.int64)
     size = 1
@@ -63,7 +63,7 @@ def place_keys(vertices: Array) -> Ints:
 
 
 def boundary_edges(faces: Ints, n: int) -> Ints:
-    """Directed edges (k, 2) that no other triangle runs along the other way."""
+    """Return the directed edges (k, 2) that no other triangle runs along the other way."""
     a = faces.ravel()
     b = np.roll(faces, -1, axis=1).ravel()
     free = ~np.isin(a * n + b, b * n + a)
@@ -71,8 +71,8 @@ def boundary_edges(faces: Ints, n: int) -> Ints:
 
 
 def coherent(surface: Surface, where: str) -> Surface:
-    """The same triangles, all wound one way within each component. Raises InputError for edges with more than
-    two triangles.
+    """Return the same triangles, all wound one way within each component. Raises InputError for edges with
+    more than two triangles.
     """
     faces = surface.faces
     n = len(surface.vertices)
@@ -90,15 +90,15 @@ def coherent(surface: Surface, where: str) -> Surface:
         )
     first = order[start[count == 2]]
     second = order[start[count == 2] + 1]
-    turned = _turned(owner[first], owner[second], (a < b)[first] == (a < b)[second], len(faces), where)
+    turned = _faces_to_turn(owner[first], owner[second], (a < b)[first] == (a < b)[second], len(faces), where)
     return (
         replace(surface, faces=np.where(turned[:, None], faces[:, ::-1], faces)) if turned.any() else surface
     )
 
 
-def _turned(left: Ints, right: Ints, opposed: Array, n: int, where: str) -> Array:
-    """Which faces to flip so that no two neighbours (left, right) disagree; each component keeps the sense of
-    most of its faces.
+def _faces_to_turn(left: Ints, right: Ints, opposed: Array, n: int, where: str) -> Array:
+    """Return which faces to flip so that no two neighbours (left, right) disagree; each component keeps the
+    sense of most of its faces.
     """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
@@ -119,8 +119,8 @@ def _turned(left: Ints, right: Ints, opposed: Array, n: int, where: str) -> Arra
 
 
 def capped(surface: Surface, where: str = "surface") -> Surface:
-    """Every opening closed by a fan around its centre; the new vertices take the mean of the rim's fields,
-    and of labels (fields of whole numbers) the one that is there most often.
+    """Return the surface with every opening closed by a fan around its centre; the new vertices take the mean
+    of the rim's fields, and of labels (fields of whole numbers) the one that is there most often.
     """
     edges = boundary_edges(surface.faces, len(surface.vertices))
     if len(np.unique(edges[:, 0])) < len(edges) or not np.array_equal(
@@ -136,14 +136,14 @@ def capped(surface: Surface, where: str = "surface") -> Surface:
         vertices.append(surface.vertices[rim].mean(axis=0, keepdims=True))
         faces.append(np.column_stack([np.roll(rim, -1), rim, np.full(len(rim), centre)]))
         for name, values in surface.fields.items():
-            fields[name].append(_at_centre(values, rim))
+            fields[name].append(_value_at_centre(values, rim))
     return Surface(
         np.concatenate(vertices), np.concatenate(faces), {k: np.concatenate(v) for k, v in fields.items()}
     )
 
 
-def _at_centre(values: Array, rim: Ints) -> Array:
-    """The value (1, ...) of a field in the middle of a rim."""
+def _value_at_centre(values: Array, rim: Ints) -> Array:
+    """Return the value (1, ...) of a field in the middle of a rim."""
     if (values == np.round(values))[np.isfinite(values)].all():
         labels, count = np.unique(values[rim], axis=0, return_counts=True)
         return np.asarray(labels[[count.argmax()]])

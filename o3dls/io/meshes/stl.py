@@ -20,36 +20,40 @@ from .repair import welded
 from .surface_file import SurfaceFile
 
 TRIANGLE = np.dtype([("normal", "<f4", (3,)), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-UNIT = 0.01  # programs round their normals
+UNIT = 0.01  # tolerance of the length of normals, which programs round
 
 
 def knows(data: bytes) -> bool:
-    """Binary STL is known by its size, which is checked first since a binary header may begin with
-    `solid`.
+    """Return whether the bytes are STL: a binary file is known by its size, which is checked first since its
+    header may begin with `solid`.
     """
     return _is_binary(data) or (re.match(rb"\s*solid\b", data[:80]) is not None and b"facet" in data[:2000])
 
 
 def _is_binary(data: bytes) -> bool:
-    """Whether the stated triangles fill the file, or their rows look as facets do and something follows."""
+    """Return whether the stated triangles fill the file, or their rows look as facets do and something
+    follows.
+    """
     if len(data) <= 84:
         return False
-    n = _stated(data)
+    n = _stated_count(data)
     size = 84 + TRIANGLE.itemsize * n
-    return len(data) == size or (n > 0 and len(data) > size and bool(_facets(_rows(data, n)).all()))
+    return len(data) == size or (
+        n > 0 and len(data) > size and bool(_look_like_facets(_binary_rows(data, n)).all())
+    )
 
 
-def _stated(data: bytes) -> int:
+def _stated_count(data: bytes) -> int:
     return int(np.frombuffer(data, "<u4", 1, 80)[0])
 
 
-def _rows(data: bytes, n: int, first: int = 0) -> NDArray[Any]:
+def _binary_rows(data: bytes, n: int, first: int = 0) -> NDArray[Any]:
     return np.frombuffer(data, TRIANGLE, n, 84 + TRIANGLE.itemsize * first)
 
 
-def _facets(rows: NDArray[Any]) -> NDArray[np.bool_]:
-    """Mask (n,) of rows that can be triangles: normals of length 1, or 0 as some programs write, and finite
-    corners.
+def _look_like_facets(rows: NDArray[Any]) -> NDArray[np.bool_]:
+    """Return a mask (n,) of rows that can be triangles: normals of length 1, or 0 as some programs write, and
+    finite corners.
     """
     with np.errstate(all="ignore"):  # the bytes may be anything
         length = np.linalg.norm(rows["normal"].astype(np.float64), axis=1)
@@ -61,8 +65,8 @@ def read(path: Path, data: bytes) -> SurfaceFile:
     """Decode an STL file. Raises InputError where a triangle is incomplete, or there are more than stated."""
     notes = []
     if _is_binary(data):
-        n = _stated(data)
-        corners = _rows(data, n)["corners"].reshape(-1, 3).astype(np.float64)
+        n = _stated_count(data)
+        corners = _binary_rows(data, n)["corners"].reshape(-1, 3).astype(np.float64)
         header = data[:80].decode("ascii", errors="replace")
         if behind := len(data) - 84 - TRIANGLE.itemsize * n:
             _check_behind(path, data, n)
@@ -78,8 +82,10 @@ def _check_behind(path: Path, data: bytes, n: int) -> None:
     """Raise InputError where what follows the stated triangles is one more of them."""
     if len(data) < 84 + TRIANGLE.itemsize * (n + 1):
         return
-    row = _rows(data, 1, n)
-    if _facets(row)[0] and np.ptp(row["corners"], axis=1).any():  # zeros that fill up a block are none
+    row = _binary_rows(data, 1, n)
+    if (
+        _look_like_facets(row)[0] and np.ptp(row["corners"], axis=1).any()
+    ):  # zeros that fill up a block are none
         raise InputError(
             f"{path}: states {n} triangles, and another follows: the count is wrong, or two files were joined"
         )

@@ -21,8 +21,8 @@ from ...quantities import known_values
 from ..text import is_count
 
 NOTICE = "o3dls, research software, not for clinical use"
-OPPOSED = 0.5  # of their length: what is left of vectors at right angles is more
-# programs that end their last line, as not all do
+OPPOSED = 0.5  # share of their length: the mean of vectors at right angles is longer
+# programs that always end their last line
 END_LINES = re.compile(f"{NOTICE}|Open3D|VTK generated|VCGLIB generated")
 
 
@@ -53,8 +53,8 @@ class SurfaceFile:
         metadata: Mapping[str, Any] | None = None,
         notes: Iterable[str] = (),
     ) -> SurfaceFile:
-        """A checked surface; frame and units as given, else from `SPACE=` and `UNITS=` in the header text.
-        `cells` are values per face, (m,) or (m, k), which are carried to the vertices.
+        """Return a checked surface; frame and units as given, else from `SPACE=` and `UNITS=` in the header
+        text. `cells` are values per face, (m,) or (m, k), which are carried to the vertices.
 
         Raises InputError naming the file and the row where a vertex, an index or a triangle cannot be.
         """
@@ -77,7 +77,7 @@ class SurfaceFile:
         numbers, none = known_values(numbers)
         cells, of_cells = known_values(cells or {})  # before a mean is taken
         surface = Surface(vertices, faces[whole].astype(np.int64), numbers)
-        surface, said = _carried(surface, {name: values[whole] for name, values in cells.items()})
+        surface, said = _carry_cells(surface, {name: values[whole] for name, values in cells.items()})
         return cls(
             surface,
             spaces.get(space.lower(), "unknown"),
@@ -87,8 +87,8 @@ class SurfaceFile:
         )
 
 
-def _carried(surface: Surface, cells: Mapping[str, NDArray[Any]]) -> tuple[Surface, list[str]]:
-    """The surface with values per face carried to its vertices, and a sentence on each."""
+def _carry_cells(surface: Surface, cells: Mapping[str, NDArray[Any]]) -> tuple[Surface, list[str]]:
+    """Return the surface with values per face carried to its vertices, and a sentence on each."""
     fields, said = dict(surface.fields), []
     for name, values in cells.items():
         what = f"cell data '{escaped(name)}'"
@@ -100,13 +100,13 @@ def _carried(surface: Surface, cells: Mapping[str, NDArray[Any]]) -> tuple[Surfa
         how = "the label with the largest area" if labels else "the mean, weighted by area, of the cells"
         said.append(f"{what} are carried to the points: {how} around each")
         if not labels and values.shape[1:] == (3,):
-            said += _cancelled(surface, what, values, fields[name])
+            said += _report_opposed(surface, what, values, fields[name])
     return replace(surface, fields=fields), said
 
 
-def _cancelled(surface: Surface, what: str, vectors: Array, means: Array) -> list[str]:
-    """A sentence where the mean of vectors is short since they oppose each other, as fibres may that have no
-    sense.
+def _report_opposed(surface: Surface, what: str, vectors: Array, means: Array) -> list[str]:
+    """Return a sentence where the mean of vectors is short since they oppose each other, as fibres may that
+    have no sense.
     """
     with np.errstate(over="ignore", invalid="ignore"):  # a file may hold any number
         lengths = at_vertices(surface, np.linalg.norm(vectors, axis=1))
@@ -119,24 +119,28 @@ def check_faces(path: Path, faces: Array | Ints, n: int) -> None:
     broken = np.flatnonzero((faces != np.floor(faces)).any(axis=1) | np.isnan(faces).any(axis=1))
     if len(broken):
         raise InputError(
-            f"{path}: triangle {broken[0]} has an index that is not a whole number: {_row(faces[broken[0]])}"
+            f"{path}: triangle {broken[0]} has an index that is not a whole number: "
+            f"{_format_row(faces[broken[0]])}"
         )
     bad = np.flatnonzero(((faces < 0) | (faces >= n)).any(axis=1))
     if len(bad):
         raise InputError(
-            f"{path}: triangle {bad[0]} names vertices {_row(faces[bad[0]])}: there are {n}, counted from 0"
+            f"{path}: triangle {bad[0]} names vertices {_format_row(faces[bad[0]])}: there are {n}, "
+            "counted from 0"
         )
     if collapsed(faces).all():
-        raise InputError(f"{path}: triangle 0 names one vertex twice: {_row(faces[0])}, and so do all others")
+        raise InputError(
+            f"{path}: triangle 0 names one vertex twice: {_format_row(faces[0])}, and so do all others"
+        )
 
 
-def _row(indices: Array | Ints) -> str:
+def _format_row(indices: Array | Ints) -> str:
     return f"[{', '.join(f'{value:g}' for value in indices)}]"
 
 
 def collapsed(faces: Array | Ints) -> NDArray[np.bool_]:
-    """Mask (m,) of faces that name one vertex twice. They have no area and their edges cancel, so a surface
-    is the same without.
+    """Return a mask (m,) of faces that name one vertex twice. They have no area and their edges cancel, so a
+    surface is the same without.
     """
     return np.asarray((faces == np.roll(faces, 1, axis=1)).any(axis=1))
 
@@ -153,14 +157,14 @@ def check_end(path: Path, data: bytes, header: str) -> None:
 
 
 def left_out(surface: Surface, kept: Collection[str | None] = ()) -> list[str]:
-    """A sentence on the fields that a format has no room for, where there are any."""
+    """Return a sentence on the fields that a format has no room for, where there are any."""
     names = [escaped(name) for name in surface.fields if name not in kept]
     return [f"the format has no room for: {', '.join(names)}"] if names else []
 
 
 def flatten_fields(fields: Mapping[str, Array], reserved: Collection[str] = ()) -> dict[str, Array]:
-    """Scalar columns for formats without vectors: (n, k) fields become `name_0` ... `name_k-1`; names get no
-    white space.
+    """Return scalar columns for formats without vectors: (n, k) fields become `name_0` ... `name_k-1`; names
+    get no white space.
     """
     flat: dict[str, Array] = {}
     for name, values in fields.items():
@@ -171,8 +175,8 @@ def flatten_fields(fields: Mapping[str, Array], reserved: Collection[str] = ()) 
 
 
 def unused(name: str, names: Collection[str], ends: Iterable[str] = ("",)) -> str:
-    """The name, with as many `_` behind it as it takes to be none of the others with any of the ends, nor
-    empty.
+    """Return the name, with as many `_` behind it as it takes to be none of the others with any of the ends,
+    nor empty.
     """
     while not name or any(name + end in names for end in ends):
         name += "_"
@@ -180,8 +184,8 @@ def unused(name: str, names: Collection[str], ends: Iterable[str] = ("",)) -> st
 
 
 def gather_fields(flat: Mapping[str, Array]) -> dict[str, Array]:
-    """The inverse of `flatten_fields`: runs `name_0, name_1, ...` become one (n, k) field where they are
-    complete and `name` is free.
+    """Return the inverse of `flatten_fields`: runs `name_0, name_1, ...` become one (n, k) field where they
+    are complete and `name` is free.
     """
     runs: dict[str, set[str]] = {}
     for name in flat:

@@ -42,7 +42,7 @@ class Cursor:
         return InputError(f"{self.place}: {text}")
 
     def line(self) -> str:
-        """The next line, without its end; empty at the end of the file."""
+        """Return the next line, without its end; empty at the end of the file."""
         end = self.data.find(b"\n", self.at)
         end = len(self.data) if end < 0 else end
         line = self.data[self.at : end]
@@ -50,14 +50,14 @@ class Cursor:
         return line.decode("utf-8", errors="replace").strip()
 
     def words(self) -> list[str]:
-        """Words of the next line that is not blank; none at the end of the file."""
+        """Return words of the next line that is not blank; none at the end of the file."""
         while self.at < len(self.data):
             if words := self.line().split():
                 return words
         return []
 
     def choice(self, *allowed: str) -> str:
-        """The next line, which must be one of the given."""
+        """Read the next line, which must be one of those allowed."""
         found = " ".join(self.words()).upper()
         if found not in allowed:
             raise self.error(f"'{found[:60]}' must be {' or '.join(allowed)}")
@@ -70,19 +70,19 @@ class Cursor:
         return words
 
     def count(self, word: str) -> int:
-        """A number of things that the rest of the file could hold."""
+        """Return a number of things, which the rest of the file must be able to hold."""
         if not is_count(word) or int(word) > len(self.data):
             raise self.error(f"'{word[:20]}' is not a count that a file of {len(self.data)} bytes can hold")
         return int(word)
 
     def numbers(self, n: int, kind: str) -> Array:
-        """The next n numbers of a VTK type, as float64."""
+        """Return the next n numbers of a VTK type, as float64."""
         if kind not in TYPES:
             raise self.error(f"'{kind[:20]}' is not a VTK type; there are {', '.join(TYPES)}")
         return self._binary_numbers(n, kind) if self.binary else self._ascii_numbers(n)
 
     def integers(self, n: int, kind: str) -> Ints:
-        """The next n numbers, which must be whole."""
+        """Return the next n numbers, which must be whole."""
         place = self.place
         return integers(self.numbers(n, kind), f"{place} and below")
 
@@ -131,12 +131,12 @@ class Cursor:
             check_numbers(words, len(words), self.place, "value")
 
     def skip_block(self) -> None:
-        """Past the blank line that ends a METADATA block."""
+        """Skip the lines up to the blank one that ends a METADATA block."""
         while self.at < len(self.data) and self.line():
             pass
 
     def skip_strings(self, n: int) -> None:
-        """Past n strings: lines in ascii; in binary the two top bits of the first byte say how wide the
+        """Skip n strings: lines in ascii; in binary the two top bits of the first byte say how wide the
         length is.
         """
         for _ in range(n):

@@ -49,18 +49,18 @@ def read(path: Path, data: bytes) -> SurfaceFile:
             case [what, n, size] if what in KINDS:
                 if what in parts:
                     raise cursor.error(f"{what} appear twice")
-                parts[what] = _cells(cursor, cursor.count(n), cursor.count(size), KINDS[what])
+                parts[what] = _read_cells(cursor, cursor.count(n), cursor.count(size), KINDS[what])
             case ["CELL_TYPES", n]:
                 types = cursor.integers(cursor.count(n), "int")
-                parts["CELLS"] = _of_types(cursor, parts, types)
+                parts["CELLS"] = _set_types(cursor, parts, types)
             case ["POINT_DATA" | "CELL_DATA" as where, n]:
                 rows = cursor.count(n)
             case ["METADATA"]:
                 cursor.skip_block()
             case _:
-                found = _attribute(cursor, words, rows)
+                found = _read_attribute(cursor, words, rows)
                 there = len(vertices) if where == "POINT_DATA" else sum(map(len, parts.values()))
-                data_of[where] |= _complete(cursor, found, where, there)
+                data_of[where] |= _check_lengths(cursor, found, where, there)
     cells = Cells.joined([parts[what] for what in KINDS if what in parts])
     if (cells.types == KINDS["CELLS"]).any():
         raise cursor.error("the kinds of the CELLS are not stated: CELL_TYPES must follow them")
@@ -75,8 +75,8 @@ def read(path: Path, data: bytes) -> SurfaceFile:
     )
 
 
-def _cells(cursor: Cursor, n: int, size: int, kind: int) -> Cells:
-    """Cells of one kind: rows `k i j ...` up to version 4.2, offsets and connectivity from 5.0 on."""
+def _read_cells(cursor: Cursor, n: int, size: int, kind: int) -> Cells:
+    """Read cells of one kind: rows `k i j ...` up to version 4.2, offsets and connectivity from 5.0 on."""
     place = cursor.at
     words = cursor.words()
     if words[:1] == ["OFFSETS"]:
@@ -88,13 +88,13 @@ def _cells(cursor: Cursor, n: int, size: int, kind: int) -> Cells:
         return Cells.of(sizes, corners, kind)
     cursor.at = place
     flat = cursor.integers(size, "int")
-    if size == 4 * n and (flat[::4] == 3).all():  # nearly every file
+    if size == 4 * n and (flat[::4] == 3).all():  # a short cut for nearly every file
         return Cells.of(np.full(n, 3), flat.reshape(n, 4)[:, 1:].ravel(), kind)
-    return Cells.of(*_unroll(cursor, flat, n), kind)
+    return Cells.of(*_unroll_rows(cursor, flat, n), kind)
 
 
-def _unroll(cursor: Cursor, flat: Ints, n: int) -> tuple[Ints, Ints]:
-    """Lengths and corners of rows `k i j ...`."""
+def _unroll_rows(cursor: Cursor, flat: Ints, n: int) -> tuple[Ints, Ints]:
+    """Return the lengths and corners of rows `k i j ...`."""
     starts = np.zeros(n + 1, dtype=np.int64)
     for row in range(n):
         if starts[row] >= len(flat) or flat[starts[row]] < 0:
@@ -105,16 +105,18 @@ def _unroll(cursor: Cursor, flat: Ints, n: int) -> tuple[Ints, Ints]:
     return np.diff(starts) - 1, np.delete(flat, starts[:-1])
 
 
-def _of_types(cursor: Cursor, parts: Mapping[str, Cells], types: Ints) -> Cells:
-    """The cells of an unstructured grid with the kinds that the file states behind them."""
+def _set_types(cursor: Cursor, parts: Mapping[str, Cells], types: Ints) -> Cells:
+    """Return the cells of an unstructured grid with the kinds that the file states behind them."""
     cells = parts.get("CELLS", Cells.joined([]))
     if len(types) != len(cells):
         raise cursor.error(f"there are {len(types)} CELL_TYPES and {len(cells)} CELLS")
     return replace(cells, types=types)
 
 
-def _complete(cursor: Cursor, found: Fields, where: str, n: int) -> Fields:
-    """Data as they are. Raises InputError where an array is longer or shorter than the points or cells."""
+def _check_lengths(cursor: Cursor, found: Fields, where: str, n: int) -> Fields:
+    """Return the data unchanged. Raises InputError where an array is longer or shorter than the points or
+    cells.
+    """
     what = where.replace("_", " ").lower()
     for name, values in found.items():
         if where and len(values) != n:
@@ -122,46 +124,48 @@ def _complete(cursor: Cursor, found: Fields, where: str, n: int) -> Fields:
     return found
 
 
-def _attribute(cursor: Cursor, words: list[str], n: int) -> Fields:
-    """The arrays that one attribute keyword brings; tables and texture coordinates are read over."""
+def _read_attribute(cursor: Cursor, words: list[str], n: int) -> Fields:
+    """Read the arrays that one attribute keyword brings; tables and texture coordinates are read over."""
     match [words[0].upper(), *words[1:]]:
         case ["SCALARS", name, kind, *rest]:
             width = cursor.count(rest[0]) if rest else 1
             place = cursor.at
             if cursor.words()[:1] != ["LOOKUP_TABLE"]:
                 cursor.at = place
-            return _named(name, cursor.numbers(n * width, kind), width, kind)
+            return _as_field(name, cursor.numbers(n * width, kind), width, kind)
         case ["NORMALS" | "VECTORS" | "TENSORS" | "GLOBAL_IDS" | "PEDIGREE_IDS" as what, name, kind]:
             return (
-                _named(name, cursor.numbers(n * WIDTHS[what], kind), WIDTHS[what], kind)
+                _as_field(name, cursor.numbers(n * WIDTHS[what], kind), WIDTHS[what], kind)
                 if what != "NORMALS"
-                else _drop(cursor, n * 3, kind)
+                else _skip_numbers(cursor, n * 3, kind)
             )
         case ["TEXTURE_COORDINATES", _, width, kind]:
-            return _drop(cursor, n * cursor.count(width), kind)
+            return _skip_numbers(cursor, n * cursor.count(width), kind)
         case ["COLOR_SCALARS", name, width]:
             values = cursor.numbers(n * cursor.count(width), "unsigned_char" if cursor.binary else "float")
-            # ascii counts to 1
+            # ascii colours are within 0 and 1
             values = values if cursor.binary else np.rint(255.0 * values)
-            return _named(name, values, cursor.count(width), "unsigned_char")
+            return _as_field(name, values, cursor.count(width), "unsigned_char")
         case ["LOOKUP_TABLE", _, size]:
-            return _drop(cursor, 4 * cursor.count(size), "unsigned_char" if cursor.binary else "float")
+            return _skip_numbers(
+                cursor, 4 * cursor.count(size), "unsigned_char" if cursor.binary else "float"
+            )
         case ["FIELD", _, arrays]:
-            return _field(cursor, cursor.count(arrays))
+            return _read_field_arrays(cursor, cursor.count(arrays))
     raise cursor.error(f"'{' '.join(words)[:60]}' is not a known VTK keyword")
 
 
-def _drop(cursor: Cursor, count: int, kind: str) -> Fields:
+def _skip_numbers(cursor: Cursor, count: int, kind: str) -> Fields:
     cursor.numbers(count, kind)
     return {}
 
 
-def _named(name: str, values: Array, width: int, kind: str) -> Fields:
+def _as_field(name: str, values: Array, width: int, kind: str) -> Fields:
     numbers = typed(values, TYPES[kind])
     return {unquote(name): numbers if width == 1 else numbers.reshape(-1, max(width, 1))}
 
 
-def _field(cursor: Cursor, arrays: int) -> Fields:
+def _read_field_arrays(cursor: Cursor, arrays: int) -> Fields:
     found: Fields = {}
     while arrays > 0:
         words = cursor.words()
@@ -178,7 +182,7 @@ def _field(cursor: Cursor, arrays: int) -> Fields:
             cursor.skip_strings(width * rows)
             found[unquote(name)] = np.zeros(rows, dtype=TEXT)
         else:
-            found |= _named(name, cursor.numbers(width * rows, kind), width, kind)
+            found |= _as_field(name, cursor.numbers(width * rows, kind), width, kind)
         arrays -= 1
     return found
 

@@ -54,8 +54,8 @@ def read(path: Path, data: bytes) -> SurfaceFile:
         path,
         np.concatenate([piece.vertices for piece in pieces]),
         Cells.joined(cells),
-        _joined([piece.point_data for piece in pieces]),
-        _joined([piece.cell_data for piece in pieces]),
+        _join_pieces([piece.point_data for piece in pieces]),
+        _join_pieces([piece.cell_data for piece in pieces]),
         space=notes["SPACE"],
         units=notes["UNITS"],
     )
@@ -77,17 +77,17 @@ class _Piece:
         if points is None:
             raise InputError(f"{path}: <Piece> has no <Points><DataArray>")
         vertices = arrays.numbers(points, 3 * n).reshape(-1, 3) if n else np.zeros((0, 3))
-        cells = Cells.joined([_cells(path, arrays, piece, name) for name in KINDS])
+        cells = Cells.joined([_read_cells(path, arrays, piece, name) for name in KINDS])
         return cls(
             vertices,
             cells,
-            _data(arrays, piece, "PointData", n),
-            _data(arrays, piece, "CellData", len(cells)),
+            _read_data(arrays, piece, "PointData", n),
+            _read_data(arrays, piece, "CellData", len(cells)),
         )
 
 
-def _data(arrays: Arrays, piece: ElementTree.Element, where: str, n: int) -> Fields:
-    """The arrays of a piece, n rows each."""
+def _read_data(arrays: Arrays, piece: ElementTree.Element, where: str, n: int) -> Fields:
+    """Read the arrays of a piece, n rows each."""
     found = {
         array.get("Name", f"array_{k}"): arrays.tuples(array, n)
         for k, array in enumerate(piece.findall(f"{where}/DataArray"))
@@ -96,8 +96,8 @@ def _data(arrays: Arrays, piece: ElementTree.Element, where: str, n: int) -> Fie
     return {name: values for name, values in (found | text).items() if name != "Normals"}
 
 
-def _joined(parts: Sequence[Fields]) -> Fields:
-    """Arrays that all pieces have, one behind the other."""
+def _join_pieces(parts: Sequence[Fields]) -> Fields:
+    """Return arrays that all pieces have, one behind the other."""
     names = [
         name
         for name, values in parts[0].items()
@@ -106,8 +106,8 @@ def _joined(parts: Sequence[Fields]) -> Fields:
     return {name: np.concatenate([part[name] for part in parts]) for name in names}
 
 
-def _cells(path: Path, arrays: Arrays, piece: ElementTree.Element, name: str) -> Cells:
-    """The cells of one element of a piece; of several kinds in an unstructured grid."""
+def _read_cells(path: Path, arrays: Arrays, piece: ElementTree.Element, name: str) -> Cells:
+    """Read the cells of one element of a piece; of several kinds in an unstructured grid."""
     n = arrays.count(piece, f"NumberOf{name}")
     if n == 0:
         return Cells.joined([])
@@ -137,7 +137,9 @@ def write(file: SurfaceFile) -> bytes:
     n, d = surface.vertices.shape
     m = len(surface.faces)
     xyz = np.column_stack([surface.vertices, np.zeros((n, 3 - d))])
-    cells = _array("connectivity", surface.faces.ravel()) + _array("offsets", np.arange(d, d * m + 1, d))
+    cells = _encode_array("connectivity", surface.faces.ravel()) + _encode_array(
+        "offsets", np.arange(d, d * m + 1, d)
+    )
     kind = "Polys" if d == 3 else "Lines"
     counts = (
         f'NumberOfPoints="{n}" NumberOfVerts="0" NumberOfLines="{m * (d == 2)}" NumberOfStrips="0" '
@@ -149,24 +151,26 @@ def write(file: SurfaceFile) -> bytes:
             'header_type="UInt64" ',
             'compressor="vtkZLibDataCompressor">\n<PolyData>\n<FieldData>\n',
             *(
-                _text(name, text)
+                _encode_text(name, text)
                 for name, text in (("SPACE", file.space), ("UNITS", file.units), ("NOTICE", NOTICE))
             ),
             f"</FieldData>\n<Piece {counts}>\n<PointData>\n",
-            *(_array(name, values) for name, values in surface.fields.items()),
-            f"</PointData>\n<Points>\n{_array('Points', xyz)}</Points>\n<{kind}>\n{cells}</{kind}>\n",
+            *(_encode_array(name, values) for name, values in surface.fields.items()),
+            f"</PointData>\n<Points>\n{_encode_array('Points', xyz)}</Points>\n<{kind}>\n{cells}</{kind}>\n",
             "</Piece>\n</PolyData>\n</VTKFile>\n",
         ]
     ).encode()
 
 
-def _array(name: str, values: Array | Ints) -> str:
+def _encode_array(name: str, values: Array | Ints) -> str:
     kind, data = (
         ("Int64", values.astype("<i8")) if values.dtype.kind == "i" else ("Float64", values.astype("<f8"))
     )
     width = 1 if values.ndim == 1 else values.shape[1]
     packed = zlib.compress(data.tobytes(), 1)
-    head = np.array([1, data.nbytes, 0, len(packed)], dtype="<u8")  # one whole block, no partial last one
+    head = np.array(
+        [1, data.nbytes, 0, len(packed)], dtype="<u8"
+    )  # header: one whole block, and no partial last one
     text = (base64.b64encode(head.tobytes()) + base64.b64encode(packed)).decode()
     return (
         f'<DataArray type="{kind}" Name={quoteattr(name)} NumberOfComponents="{width}" '
@@ -174,6 +178,6 @@ def _array(name: str, values: Array | Ints) -> str:
     )
 
 
-def _text(name: str, text: str) -> str:
+def _encode_text(name: str, text: str) -> str:
     codes = " ".join(str(b) for b in (*text.encode(), 0))
     return f'<Array type="String" Name="{name}" NumberOfTuples="1" format="ascii">{codes}</Array>\n'

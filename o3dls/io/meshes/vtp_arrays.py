@@ -31,7 +31,7 @@ LZ4_RATIO = 255  # the most that its blocks can grow, so a wrong size takes no m
 
 
 def _unpack_lz4(packed: bytes, size: int) -> bytes:
-    """A block of LZ4, of `size` bytes at most. Raises ValueError where it is damaged."""
+    """Return a block of LZ4, of `size` bytes at most. Raises ValueError where it is damaged."""
     from lz4 import block
 
     try:
@@ -43,17 +43,17 @@ def _unpack_lz4(packed: bytes, size: int) -> bytes:
 
 def _unpack_zlib(packed: bytes, size: int) -> bytes:
     packer = zlib.decompressobj()
-    return _to_the_end(packer.decompress(packed, size + 1), packer.eof, size)
+    return _check_whole(packer.decompress(packed, size + 1), packer.eof, size)
 
 
 def _unpack_lzma(packed: bytes, size: int) -> bytes:
     packer = lzma.LZMADecompressor()
-    return _to_the_end(packer.decompress(packed, size + 1), packer.eof, size)
+    return _check_whole(packer.decompress(packed, size + 1), packer.eof, size)
 
 
-def _to_the_end(unpacked: bytes, ended: bool, size: int) -> bytes:
-    """The same bytes. Raises ValueError where they are too many, or the end, and the checksum with it, was
-    not reached.
+def _check_whole(unpacked: bytes, ended: bool, size: int) -> bytes:
+    """Return the bytes unchanged. Raises ValueError where they are too many, or the end, and the checksum
+    with it, was not reached.
     """
     if len(unpacked) > size or not ended:
         raise ValueError(f"its packed data do not end after {size} bytes")
@@ -69,7 +69,9 @@ UNPACK: dict[str, Callable[[bytes, int], bytes]] = {
 
 
 def open_xml(path: Path, data: bytes) -> tuple[ElementTree.Element, bytes]:
-    """The XML tree, and the raw bytes of <AppendedData>, which are cut out first since they are no XML."""
+    """Return the XML tree, and the raw bytes of <AppendedData>, which are cut out first since they are no
+    XML.
+    """
     start = re.search(rb"<AppendedData[^>]*>\s*_", data)
     appended = b""
     if start:
@@ -122,7 +124,9 @@ class Arrays:
         return int(text)
 
     def text(self, root: ElementTree.Element, name: str) -> str | None:
-        """A string of the field data, stored as character codes that end with 0; None where there is none."""
+        """Return a string of the field data, stored as character codes that end with 0; None where there is
+        none.
+        """
         array = root.find(f"*/FieldData/*[@Name='{name}']")
         if array is None:
             return None
@@ -131,17 +135,17 @@ class Arrays:
                 int(word) for word in (array.text or "").split() if is_count(word) and int(word) < 128
             )
         else:
-            codes = self._bytes(array, LONGEST_TEXT)
+            codes = self._read_bytes(array, LONGEST_TEXT)
         return codes.split(b"\0")[0].decode("utf-8", errors="replace")
 
     def tuples(self, array: ElementTree.Element, n: int) -> NDArray[Any]:
-        """Values per point or cell, (n,) or (n, k); int64 where they are of an integer type."""
+        """Return values per point or cell, (n,) or (n, k); int64 where they are of an integer type."""
         width = self.count(array, "NumberOfComponents") or 1
         values = typed(self.numbers(array, n * width), TYPES.get(array.get("type", ""), "f8"))
         return values if width == 1 else values.reshape(n, width)
 
     def numbers(self, array: ElementTree.Element, count: int) -> Array:
-        """The `count` numbers of an array. Raises InputError where it holds another number of them."""
+        """Return the `count` numbers of an array. Raises InputError where it holds another number of them."""
         where = f"{self.path}: array '{array.get('Name', '')}'"
         kind = array.get("type", "")
         if kind not in TYPES:
@@ -149,49 +153,53 @@ class Arrays:
         if array.get("format") == "ascii":
             return flat_numbers(array.text or "", count, where)
         dtype = np.dtype(self.order + TYPES[kind])
-        data = self._bytes(array, count * dtype.itemsize)
+        data = self._read_bytes(array, count * dtype.itemsize)
         if len(data) != count * dtype.itemsize:
             raise InputError(
                 f"{where} has {len(data)} bytes: {count} values of {kind} need {count * dtype.itemsize}"
             )
         return np.frombuffer(data, dtype).astype(np.float64)
 
-    def _bytes(self, array: ElementTree.Element, limit: int) -> bytes:
-        """Unpacked bytes of an array that is not ascii, little more than `limit` of them at most."""
+    def _read_bytes(self, array: ElementTree.Element, limit: int) -> bytes:
+        """Read unpacked bytes of an array that is not ascii, little more than `limit` of them at most."""
         where = f"{self.path}: array '{array.get('Name', '')}'"
         match array.get("format"):
             case "binary":
-                return self._block((array.text or "").strip().encode("ascii", "replace"), True, where, limit)
+                return self._read_block(
+                    (array.text or "").strip().encode("ascii", "replace"), True, where, limit
+                )
             case "appended":
-                return self._block(self.appended[self.count(array, "offset") :], self.in_base64, where, limit)
+                return self._read_block(
+                    self.appended[self.count(array, "offset") :], self.in_base64, where, limit
+                )
             case other:
                 raise InputError(f"{where} has format '{other}': must be ascii, binary or appended")
 
-    def _block(self, data: bytes, in_base64: bool, where: str, limit: int) -> bytes:
-        """Unpacked bytes of one array: a header of sizes, then the data."""
+    def _read_block(self, data: bytes, in_base64: bool, where: str, limit: int) -> bytes:
+        """Read unpacked bytes of one array: a header of sizes, then the data."""
         try:
             if self.compressor:
-                return self._unpack(data, in_base64, where, limit)
-            size = int(self._head(data, 1, in_base64)[0])
+                return self._unpack_blocks(data, in_base64, where, limit)
+            size = int(self._read_head(data, 1, in_base64)[0])
             first = self.head.itemsize
             last = self.head.itemsize + size
-            return (_decode(data, last)[first:] if in_base64 else data[first:last])[:size]
+            return (_decode_base64(data, last)[first:] if in_base64 else data[first:last])[:size]
         except (binascii.Error, zlib.error, lzma.LZMAError, ValueError) as error:
             raise InputError(f"{where} is damaged: {error}") from None
 
-    def _head(self, data: bytes, n: int, in_base64: bool) -> NDArray[Any]:
+    def _read_head(self, data: bytes, n: int, in_base64: bool) -> NDArray[Any]:
         size = n * self.head.itemsize
-        raw = _decode(data, size) if in_base64 else data[:size]
+        raw = _decode_base64(data, size) if in_base64 else data[:size]
         return np.frombuffer(raw[:size], self.head, n)
 
-    def _unpack(self, data: bytes, in_base64: bool, where: str, limit: int) -> bytes:
-        blocks = int(self._head(data, 1, in_base64)[0])
+    def _unpack_blocks(self, data: bytes, in_base64: bool, where: str, limit: int) -> bytes:
+        blocks = int(self._read_head(data, 1, in_base64)[0])
         if blocks > len(data):
             raise InputError(f"{where} declares {blocks} packed blocks in {len(data)} bytes")
-        head = self._head(data, 3 + blocks, in_base64).astype(np.int64)
+        head = self._read_head(data, 3 + blocks, in_base64).astype(np.int64)
         start = (3 + blocks) * self.head.itemsize
         start = -(-start // 3) * 4 if in_base64 else start  # the header is encoded on its own
-        packed = _decode(data[start:], int(head[3:].sum())) if in_base64 else data[start:]
+        packed = _decode_base64(data[start:], int(head[3:].sum())) if in_base64 else data[start:]
         unpacked = []
         at = 0
         for k, size in enumerate(head[3:].tolist()):
@@ -203,6 +211,6 @@ class Arrays:
         return b"".join(unpacked)
 
 
-def _decode(text: bytes, size: int) -> bytes:
-    """At least the first `size` bytes of base64 text, which may go on with something else."""
+def _decode_base64(text: bytes, size: int) -> bytes:
+    """Return at least the first `size` bytes of base64 text, which may go on with something else."""
     return base64.b64decode(text[: -(-size // 3) * 4], validate=True)

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 def facts_of(run: Run, name: str, format: str, on: str, space: str, units: str) -> dict[str, Any]:
-    """What a reader of the file must know and the file cannot say.
+    """Return what a reader of the file must know and the file cannot say.
 
     No name of a case: it may be a patient's.
     """

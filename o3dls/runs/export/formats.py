@@ -52,7 +52,7 @@ NEED_FRAME = ("phi_nifti", "mask_nifti", "tfm")  # formats that say LPS or RAS b
 
 
 def file_name(estimate: str, format: str, on: str = "map") -> str:
-    """Name of an exported file; the CARTO dialect is told from plain VTK, and what lies on the prior is named
-    so.
+    """Return the name of an exported file; the CARTO dialect is told from plain VTK, and what lies on the
+    prior is named so.
     """
     return f"{estimate}{'_on_prior' if on == 'prior' else ''}.{SUFFIXES.get(format, format)}"

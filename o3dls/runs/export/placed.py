@@ -35,8 +35,8 @@ class Placed:
     frame: str
 
     def in_units(self, units: str) -> Placed:
-        """The surface and the points out of mm in other units; the pose, and what names its unit, stay in
-        mm.
+        """Return the surface and the points out of mm in other units; the pose, and what names its unit, stay
+        in mm.
         """
         from ...io.points import scaled
 
@@ -48,8 +48,8 @@ class Placed:
 
 
 def placed(run: Run, name: str, surface: Surface, on: On, frame: str | None = None) -> Placed:
-    """An estimate's `surface` on the map, or what it shows on the prior's own surface, in `frame`; default
-    that of the map or the prior.
+    """Return an estimate's `surface` on the map, or what it shows on the prior's own surface, in `frame`;
+    default that of the map or the prior.
 
     Raises InputError where the frame is asked for and that of the file is not known.
     """
@@ -59,10 +59,10 @@ def placed(run: Run, name: str, surface: Surface, on: On, frame: str | None = No
         raise InputError(f"case {case.name}: {unknown_frame(on)}")
     frame = frame or own
     points = run.points or case.points
-    pose = _pose(case, estimate, frame)
+    pose = _pose_in_frame(case, estimate, frame)
     if on == "prior":
         motion = recorded(case, estimate)
-        surface = _on_prior(case, motion, surface)
+        surface = _carry_to_prior(case, motion, surface)
         points = replace(points, xyz=motion.inverse(points.xyz))
         pose = np.asarray(np.linalg.inv(pose))
     if frame != own:
@@ -72,18 +72,20 @@ def placed(run: Run, name: str, surface: Surface, on: On, frame: str | None = No
 
 
 def frame_of(case: Case, on: On) -> str:
-    """The frame of the map or of the prior, unknown where no file says it."""
+    """Return the frame of the map or of the prior, unknown where no file says it."""
     return case.prior_frame if on == "prior" else case.frame
 
 
 def units_of(case: Case, on: On, format: str) -> tuple[str, str]:
-    """The units of a file to write, and those that belong there: on the prior, those of its own file."""
+    """Return the units of a file to write, and those that belong there: on the prior, those of its own
+    file.
+    """
     own = case.prior_file_units or case.units if on == "prior" else case.units
     return own if format in IN_ANY_UNITS else case.units, own
 
 
 def unknown_frame(on: On) -> str:
-    """A sentence on how to say a frame that no file states."""
+    """Return a sentence on how to say a frame that no file states."""
     if on == "map":
         return 'the frame of the case is unknown; say frame = "LPS" or "RAS" in its case.toml'
     return (
@@ -93,7 +95,7 @@ def unknown_frame(on: On) -> str:
 
 
 def recorded(case: Case, estimate: Estimate) -> RecordedMotion:
-    """The motion of an estimate, with its inverse, by where it brought the prior's vertices."""
+    """Return the motion of an estimate, with its inverse, by where it brought the prior's vertices."""
     from ...evaluation.distances import moved
     from ...motion.recorded import RecordedMotion
 
@@ -104,9 +106,9 @@ def recorded(case: Case, estimate: Estimate) -> RecordedMotion:
     return RecordedMotion(case.prior, after, estimate.T_map_prior, unknown)
 
 
-def _on_prior(case: Case, motion: RecordedMotion, surface: Surface) -> Surface:
-    """The prior with the fields of the surface that its vertices came to lie on, NaN where none is near, and
-    their distance from it.
+def _carry_to_prior(case: Case, motion: RecordedMotion, surface: Surface) -> Surface:
+    """Return the prior with the fields of the surface that its vertices came to lie on, NaN where none is
+    near, and their distance from it.
     """
     from ...evaluation.projection import project
     from ...evaluation.transfer import between
@@ -116,8 +118,8 @@ def _on_prior(case: Case, motion: RecordedMotion, surface: Surface) -> Surface:
     return replace(found, fields={**found.fields, f"distance_to_result_{case.units}": gap})
 
 
-def _pose(case: Case, estimate: Estimate, frame: str) -> Array:
-    """`T_map_prior` between prior and map that are both given in `frame`."""
+def _pose_in_frame(case: Case, estimate: Estimate, frame: str) -> Array:
+    """Return `T_map_prior` between prior and map that are both given in `frame`."""
     prior_frame = case.frame if case.prior_frame == "unknown" else case.prior_frame
     of_map, of_prior = (
         TURN if {own, frame} == {"LPS", "RAS"} else np.eye(len(estimate.T_map_prior))

@@ -54,7 +54,7 @@ def write_labels_like(path: Path, surface: Surface, grid: Path, space: str) -> d
     turn = TURN if {space, image.space} == {"LPS", "RAS"} else np.eye(4)
     affine = turn @ image.affine
     shape = image.values.shape[2::-1]
-    labels = _labels(surface, affine, shape)
+    labels = _label_voxels(surface, affine, shape)
     if not labels.any():
         raise InputError(
             f"{grid}: the surface lies outside its {shape} voxels: is it the image of this prior?"
@@ -71,8 +71,10 @@ def write_labels_like(path: Path, surface: Surface, grid: Path, space: str) -> d
     }
 
 
-def _labels(surface: Surface, affine: NDArray[Any], shape: tuple[int, ...]) -> NDArray[np.uint8]:
-    """Labels (nx, ny, nz) of the voxels whose centres (i, j, k) `affine` takes to the surface's frame."""
+def _label_voxels(surface: Surface, affine: NDArray[Any], shape: tuple[int, ...]) -> NDArray[np.uint8]:
+    """Return labels (nx, ny, nz) of the voxels whose centres (i, j, k) `affine` takes to the surface's
+    frame.
+    """
     from scipy.ndimage import binary_erosion
     from scipy.spatial import cKDTree
 

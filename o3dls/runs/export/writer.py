@@ -71,7 +71,7 @@ class Export(Writer):
     )
 
     @model_validator(mode="after")
-    def _fitting(self) -> Export:
+    def _check_options(self) -> Export:
         if self.format != "carto_vtk" and (self.vmin, self.vmax) != (None, None):
             raise PipelineError(
                 f"export: vmin and vmax belong to the format carto_vtk; {self.format} writes values as "
@@ -105,7 +105,9 @@ class Export(Writer):
         return (self.name, self.estimate or final, self.format, *on)
 
     def mistake(self, case: Case) -> str | None:
-        """The result is about as large as the prior."""
+        """Say what of the grid or the spacing is wrong; the result is taken to be about as large as the
+        prior.
+        """
         if self.grid is not None:
             return None if self.grid.is_file() else f"grid = '{self.grid}': no such image"
         return spacing_mistake(case.prior, self.spacing) if self.format.startswith(("phi", "mask")) else None
@@ -136,25 +138,27 @@ class Export(Writer):
 
         The facts are frame, units, pose and meaning of values.
         """
-        # LPS is what DIF is by definition
+        # DIF is in LPS by definition
         frame = "LPS" if self.format == "dif" and frame_of(run.case, self.on) == "RAS" else self.frame
         what = placed(run, name, surface, self.on, frame)
         units, own = units_of(run.case, self.on, self.format)
         what = what.in_units(units)
         facts = facts_of(run, name, self.format, self.on, what.frame, units)
         if units != own:
-            _say(path, [f"is in {units}, as every {self.format} is; the prior's own file is in {own}"])
+            _log_sentences(
+                path, [f"is in {units}, as every {self.format} is; the prior's own file is in {own}"]
+            )
         if self.format == "opencarp":
             from ...io.meshes.opencarp import check_fields
 
-            # the files beside `path` are not beside where it is written first
-            check_fields(path, self._small_enough(what.surface))
+            # files beside `path` are not seen in the temporary folder that is written first
+            check_fields(path, self._decimate_to_limit(what.surface))
         with staged_files(path) as staged:
-            facts |= self._write(what, staged, units)
+            facts |= self._write_format(what, staged, units)
             sidecar = staged.with_name(staged.name + ".json")
             write_file(sidecar, json.dumps(facts, indent=1, allow_nan=False) + "\n")
 
-    def _write(self, what: Placed, path: Path, units: str) -> dict[str, Any]:
+    def _write_format(self, what: Placed, path: Path, units: str) -> dict[str, Any]:
         """Write one file of the format; what only this format has to say goes into the sidecar."""
         from ...io.meshes.registry import read_surface_file, write_surface
         from ...io.points import write_points
@@ -170,7 +174,7 @@ class Export(Writer):
         surface = what.surface
         if self.grid is not None:
             return write_labels_like(path, surface, self.grid, what.frame)
-        surface = self._small_enough(surface)
+        surface = self._decimate_to_limit(surface)
         counts: dict[str, Any] = {"vertices": len(surface.vertices), "triangles": len(surface.faces)}
         if self.format == "carto_vtk":
             return counts | {"scalar": self._write_carto(surface, path)}
@@ -183,14 +187,16 @@ class Export(Writer):
         if self.format == "openep":
             counts |= _write_openep(surface, path, what.points)
         else:
-            _say(path, write_surface(path, surface, space=what.frame, units=units, format=self.format))
+            _log_sentences(
+                path, write_surface(path, surface, space=what.frame, units=units, format=self.format)
+            )
         if self.format == "opencarp":
             counts["units"] = "um"
         # a format may hold fewer than the surface has
         return counts | {"fields": sorted(read_surface_file(path, units="um").surface.fields)}
 
-    def _small_enough(self, surface: Surface) -> Surface:
-        """Decimated to `faces`, and to what an importing system takes."""
+    def _decimate_to_limit(self, surface: Surface) -> Surface:
+        """Return the surface decimated to `faces`, and to what an importing system takes."""
         from ...io.meshes.dif import LIMITS
         from ..conversion import decimated
 
@@ -209,7 +215,7 @@ class Export(Writer):
         limits = None if self.vmin is None or self.vmax is None else (self.vmin, self.vmax)
         scalar = map_field(surface, self.field, limits)
         write_file(path, encode(surface, scalar))
-        _say(path, scalar.notes)
+        _log_sentences(path, scalar.notes)
         return dict(scalar.meaning)
 
     def _write_dif(self, surface: Surface, path: Path) -> dict[str, Any]:
@@ -220,18 +226,18 @@ class Export(Writer):
         return {"field": self.field, "values": "as they are", "missing_vertices_unsampled": missing}
 
 
-def _say(path: Path, sentences: Iterable[str]) -> None:
-    """What a file does not keep goes to the log."""
+def _log_sentences(path: Path, sentences: Iterable[str]) -> None:
+    """Log sentences on what a file does not keep."""
     for sentence in sentences:
         log.info("%s: %s", path.name, sentence)
 
 
 def _write_openep(surface: Surface, path: Path, points: Points) -> dict[str, Any]:
-    """The surface with the measured points, which OpenEP's tools interpolate."""
+    """Write the surface with the measured points, which OpenEP's tools interpolate."""
     from ...io.mapping.openep import encode, losses
     from ...io.mapping.openep_points import SIGNALS
 
     write_file(path, encode(surface, points))
-    _say(path, losses(surface))
+    _log_sentences(path, losses(surface))
     kinds = {kind: int((points.type == kind).sum()) for kind in ("eam", "ablation")}
     return {"points": kinds, "electrograms": SIGNALS}

@@ -17,13 +17,14 @@ RIGHTS = (
 
 
 def encode(mesh: CartoMesh) -> bytes:
-    """The file as CARTO prints it: CRLF, cp1252, its blank lines, and its glued colour heading."""
+    """Encode the file as CARTO prints it: CRLF, cp1252, its blank lines, and its glued colour heading."""
     blocks = [
         "".join(f"{line}\n" for line in RIGHTS),
-        "[GeneralAttributes]\n" + "".join(f"{key:<23s}= {value}\n" for key, value in _general(mesh)),
+        "[GeneralAttributes]\n"
+        + "".join(f"{key:<23s}= {value}\n" for key, value in _general_attributes(mesh)),
         "[VerticesSection]\n;                   X             Y             Z        NormalX   NormalY   "
         "NormalZ  GroupID\n",
-        _numbered(
+        _number_rows(
             " %13.3f %13.3f %13.3f   %9.5f %9.5f %9.5f %8d",
             mesh.vertices,
             mesh.vertex_normals,
@@ -31,7 +32,7 @@ def encode(mesh: CartoMesh) -> bytes:
         ),
         "[TrianglesSection]\n;           Vertex0  Vertex1  Vertex2     NormalX   NormalY   NormalZ  "
         "GroupID\n",
-        _numbered(
+        _number_rows(
             " %8d %8d %8d   %9.5f %9.5f %9.5f %8d",
             mesh.triangles,
             mesh.triangle_normals,
@@ -46,9 +47,9 @@ def encode(mesh: CartoMesh) -> bytes:
         )
         blocks += [
             "[VerticesColorsSection]\n" + heading,
-            _numbered(" " + " %13.5f" * mesh.colours.shape[1], mesh.colours),
+            _number_rows(" " + " %13.5f" * mesh.colours.shape[1], mesh.colours),
         ]
-    flags = _numbered(" " + "%6d" * mesh.attributes.shape[1], mesh.attributes)
+    flags = _number_rows(" " + "%6d" * mesh.attributes.shape[1], mesh.attributes)
     blocks.append(
         "[VerticesAttributesSection]\n" + "".join(f"{line}\n" for line in mesh.attribute_headings) + flags
     )
@@ -56,14 +57,14 @@ def encode(mesh: CartoMesh) -> bytes:
     return text.encode() if text.isascii() else text.encode("cp1252", errors="replace")
 
 
-def _numbered(form: str, *columns: Array | Ints) -> str:
-    """Rows `index = numbers`, indices counted from 0."""
+def _number_rows(form: str, *columns: Array | Ints) -> str:
+    """Return rows `index = numbers`, with indices counted from 0."""
     table = np.column_stack([np.arange(len(columns[0])), *columns])
     return join_rows(f"%8d ={form}\n", table)
 
 
-def _general(mesh: CartoMesh) -> list[tuple[str, str]]:
-    """The keys of the first section, in CARTO's order."""
+def _general_attributes(mesh: CartoMesh) -> list[tuple[str, str]]:
+    """Return the keys of the first section, in CARTO's order."""
     k = len(mesh.colour_names)
     colours = [
         ("ColorsIDs", "".join(f"{i}  " for i in range(k))),

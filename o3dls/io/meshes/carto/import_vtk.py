@@ -21,7 +21,7 @@ ANONYMOUS = "Anon Anon 00000000"
 COLOURS = np.array([(0.04, 0.21, 0.25), (0.94, 0.47, 0.12), (0.90, 0.11, 0.14)])
 GREY = (0.5, 0.5, 0.5)
 TABLE_SIZE = 256
-# where the least value is put if some are missing: above their entry of the table, for readers that round too
+# where the least value lies if some are missing: above the entry of these in the table, even once rounded
 LEAST = 2.0 / TABLE_SIZE
 
 
@@ -74,7 +74,7 @@ def map_field(
 
 
 def encode(surface: Surface, scalar: Mapped, patient: str = ANONYMOUS) -> bytes:
-    """The file: mm, 0-based triangles, one scalar in [0, 1] and its colours.
+    """Encode the file: mm, 0-based triangles, one scalar in [0, 1] and its colours.
 
     Raises InputError for 2D surfaces and titles over 255 characters.
     """
@@ -99,7 +99,7 @@ def encode(surface: Surface, scalar: Mapped, patient: str = ANONYMOUS) -> bytes:
 
 
 def _colour_table(missing: bool) -> Array:
-    """Colours (256, 3) from the least value to the largest; grey for 0 where that stands for none."""
+    """Return colours (256, 3) from the least value to the largest; grey for 0 where that stands for none."""
     at = np.linspace(0.0, 1.0, TABLE_SIZE)
     share = (at - LEAST) / (1.0 - LEAST) if missing else at
     stops = np.linspace(0.0, 1.0, len(COLOURS))
@@ -111,17 +111,17 @@ def _colour_table(missing: bool) -> Array:
 
 def write(file: SurfaceFile) -> bytes:
     """Encode with the first scalar field, if there is one, at its own limits."""
-    return encode(file.surface, map_field(file.surface, _first(file.surface)))
+    return encode(file.surface, map_field(file.surface, _first_field(file.surface)))
 
 
 def losses(surface: Surface) -> list[str]:
-    """Sentences on what `write` does not keep as it is."""
-    field = _first(surface)
+    """Return sentences on what `write` does not keep as it is."""
+    field = _first_field(surface)
     kept = {field} - {None}
     return [*map_field(surface, field).notes, *left_out(surface, kept)]
 
 
-def _first(surface: Surface) -> str | None:
+def _first_field(surface: Surface) -> str | None:
     return next(
         (name for name, values in surface.fields.items() if values.ndim == 1 and np.isfinite(values).any()),
         None,

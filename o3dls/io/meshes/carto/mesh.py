@@ -20,7 +20,7 @@ ATTRIBUTE_HEADINGS = (
 
 @dataclass(frozen=True, eq=False)
 class CartoMesh:
-    """All that a .mesh file says, as it says it.
+    """Everything that a .mesh file says, in its own terms.
 
     Hidden triangles have groups below 0; colours (n, k) hold CARTO's own missing values. Colours have one
     column more than names, which has no name and is kept. Attribute headings are the comment lines of their
@@ -45,5 +45,5 @@ class CartoMesh:
 
 
 def present(values: Array) -> Array:
-    """NaN for the values that mean `none`: -10000, and +10000 in some exports."""
+    """Return the values with NaN for those that mean `none`: -10000, and +10000 in some exports."""
     return np.where(np.abs(values) >= -MISSING, np.nan, values)

@@ -43,7 +43,7 @@ def knows(data: bytes) -> bool:
 
 
 def read(path: Path, data: bytes, *, hidden: bool = False) -> SurfaceFile:
-    """The visible shell in mm; `hidden` keeps triangles of negative groups too.
+    """Read the visible shell in mm; `hidden` keeps triangles of negative groups too.
 
     Vertices without a triangle are left out.
     """
@@ -71,7 +71,7 @@ def read(path: Path, data: bytes, *, hidden: bool = False) -> SurfaceFile:
         name: flags[:, k]
         for k, name in enumerate(mesh.attribute_headings[0].lstrip(" ;").split()[: flags.shape[1]])
     }
-    # slots that CARTO leaves empty
+    # CARTO writes slots that it leaves empty
     fields = {name: values for name, values in fields.items() if np.nan_to_num(values).any()}
     facts = {
         "name": mesh.mesh_name,
@@ -110,7 +110,7 @@ def write(file: SurfaceFile) -> bytes:
 
 
 def losses(surface: Surface) -> list[str]:
-    """Sentences on what `write` does not keep."""
+    """Return sentences on what `write` does not keep."""
     colours = {OUR_NAMES.get(name, name) for name in COLOURS}
     kept = {name for name, values in surface.fields.items() if name in colours and values.ndim == 1}
     return left_out(surface, kept | {"Scar", "EML"} if colours & surface.fields.keys() else ())

@@ -24,18 +24,18 @@ SECTIONS = (
 
 
 def parse(path: Path, data: bytes) -> CartoMesh:
-    """Everything in the file. Raises InputError naming the line that does not fit."""
-    sections = _sections(path, _decode(data))
+    """Parse everything in the file. Raises InputError naming the line that does not fit."""
+    sections = _split_sections(path, _decode_text(data))
     lines = sections["GeneralAttributes"].text.splitlines()
     general = {key.strip(): value for key, _, value in (line.partition("=") for line in lines)}
-    n, m, k = (_count(path, general, key) for key in ("NumVertex", "NumTriangle", "NumVertexColors"))
-    vertices = _rows(path, sections, "VerticesSection", n, 8)
-    triangles = _rows(path, sections, "TrianglesSection", m, 8)
+    n, m, k = (_read_count(path, general, key) for key in ("NumVertex", "NumTriangle", "NumVertexColors"))
+    vertices = _read_rows(path, sections, "VerticesSection", n, 8)
+    triangles = _read_rows(path, sections, "TrianglesSection", m, 8)
     names = tuple(general.get("ColorsNames", "").split()) if k else ()
     if len(names) != k:
         raise InputError(f"{path}: NumVertexColors = {k}, but ColorsNames has {len(names)} names")
-    colours = _rows(path, sections, "VerticesColorsSection", n, 1 + k)[:, 1:] if k else np.zeros((n, 0))
-    attributes, headings = _attributes(path, sections, n)
+    colours = _read_rows(path, sections, "VerticesColorsSection", n, 1 + k)[:, 1:] if k else np.zeros((n, 0))
+    attributes, headings = _read_attributes(path, sections, n)
     return CartoMesh(
         vertices[:, 1:4],
         vertices[:, 4:7],
@@ -50,12 +50,12 @@ def parse(path: Path, data: bytes) -> CartoMesh:
         general.get("MeshID", "-1").strip(),
         general.get("MeshName", "").strip(),
         general.get("TopologyStatus", "0").strip(),
-        _floats(path, general, "MeshColor", 4, (0.0, 1.0, 0.0, 1.0)),
-        _floats(path, general, "Matrix", 16, tuple(np.eye(4).ravel())),
+        _read_floats(path, general, "MeshColor", 4, (0.0, 1.0, 0.0, 1.0)),
+        _read_floats(path, general, "Matrix", 16, tuple(np.eye(4).ravel())),
     )
 
 
-def _decode(data: bytes) -> str:
+def _decode_text(data: bytes) -> str:
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -70,7 +70,7 @@ class Section:
     line: int
 
 
-def _sections(path: Path, text: str) -> dict[str, Section]:
+def _split_sections(path: Path, text: str) -> dict[str, Section]:
     sections: dict[str, Section] = {}
     headings = list(re.finditer(r"^\[([^\]\n]*)\][^\n]*\n?", text, re.MULTILINE))
     for heading, after in zip_longest(headings, headings[1:]):
@@ -84,14 +84,14 @@ def _sections(path: Path, text: str) -> dict[str, Section]:
     return sections
 
 
-def _count(path: Path, general: dict[str, str], key: str) -> int:
+def _read_count(path: Path, general: dict[str, str], key: str) -> int:
     text = general.get(key, "0" if key == "NumVertexColors" else "").strip()
     if not is_count(text):
         raise InputError(f"{path}: {key} = '{text[:20]}' must be a count")
     return int(text)
 
 
-def _floats(
+def _read_floats(
     path: Path, general: dict[str, str], key: str, n: int, default: tuple[float, ...]
 ) -> tuple[float, ...]:
     if key not in general:
@@ -99,8 +99,8 @@ def _floats(
     return tuple(number_rows([general[key]], n, path, [0], key)[0].tolist())
 
 
-def _rows(path: Path, sections: dict[str, Section], name: str, n: int, least: int) -> Array:
-    """The rows `index = numbers` of a section, (n, 1 + columns), with nothing left out.
+def _read_rows(path: Path, sections: dict[str, Section], name: str, n: int, least: int) -> Array:
+    """Read the rows `index = numbers` of a section, (n, 1 + columns), with nothing left out.
 
     There must be at least `least` columns.
     """
@@ -133,8 +133,8 @@ def _rows(path: Path, sections: dict[str, Section], name: str, n: int, least: in
     return rows
 
 
-def _attributes(path: Path, sections: dict[str, Section], n: int) -> tuple[Ints, tuple[str, ...]]:
-    """Flags per vertex and the comment lines above them, of which the first names the columns."""
+def _read_attributes(path: Path, sections: dict[str, Section], n: int) -> tuple[Ints, tuple[str, ...]]:
+    """Read flags per vertex and the comment lines above them, of which the first names the columns."""
     text = sections.get("VerticesAttributesSection", Section("", 0)).text
     headings = (
         tuple(line.rstrip("\r") for line in re.findall(r"^[ \t]*;[^\n]*", text, re.MULTILINE))
@@ -143,6 +143,6 @@ def _attributes(path: Path, sections: dict[str, Section], n: int) -> tuple[Ints,
     if not re.search(r"^[ \t]*\d+[ \t]*=", text, re.MULTILINE):
         return np.zeros((0, 2), dtype=np.int64), headings
     return integers(
-        _rows(path, sections, "VerticesAttributesSection", n, 2)[:, 1:],
+        _read_rows(path, sections, "VerticesAttributesSection", n, 2)[:, 1:],
         f"{path}: [VerticesAttributesSection]",
     ), headings
