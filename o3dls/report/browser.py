@@ -37,8 +37,8 @@ def show(page: Path, *, wait: float = WAIT) -> None:
 
     Raises InputError where there is no browser.
     """
-    opener = _opener()
-    if opener is None or not _opens(opener, f"{page.resolve().as_uri()}#{PICTURES}", wait):
+    opener = _find_opener()
+    if opener is None or not _takes_address(opener, f"{page.resolve().as_uri()}#{PICTURES}", wait):
         raise InputError(
             f"no browser could be opened here: open {page} in one, or copy it to a machine that has one; "
             "it is a single file and needs no network"
@@ -51,7 +51,7 @@ def has_display() -> bool:
     return bool(named) or not sys.platform.startswith(("linux", "freebsd"))
 
 
-def _opener() -> Callable[[str], bool] | None:
+def _find_opener() -> Callable[[str], bool] | None:
     """What opens an address: the browser that BROWSER names, else one with windows; never one in the
     terminal, which runs no scripts.
     """
@@ -65,7 +65,7 @@ def _opener() -> Callable[[str], bool] | None:
     return found.open if chosen or type(found) is not webbrowser.GenericBrowser else None
 
 
-def _opens(opener: Callable[[str], bool], address: str, wait: float) -> bool:
+def _takes_address(opener: Callable[[str], bool], address: str, wait: float) -> bool:
     """Whether the browser took the address; some answer only when they are closed."""
     answers: list[bool] = []
 

@@ -32,20 +32,20 @@ def steps(subject: Subject) -> list[Step]:
     key = f"mean_{subject.unit}"
     group = subject.headline or ""
     means = {name: found[group][key] for name, found in scores.items() if group in found}
-    way = [name for name in _way(subject) if name in means]
+    way = [name for name in _trace_way(subject) if name in means]
     return [Step(name, means[before], means[name]) for before, name in pairwise(way)]
 
 
-def _way(subject: Subject) -> list[str]:
+def _trace_way(subject: Subject) -> list[str]:
     """Names of the estimates from the first to the last, each begun from the one before it."""
-    origin = _origins(subject)
+    origin = _find_origins(subject)
     way = [subject.last.key]
     while way[-1] in origin:
         way.append(origin[way[-1]])
     return way[::-1]
 
 
-def _origins(subject: Subject) -> Mapping[str, str]:
+def _find_origins(subject: Subject) -> Mapping[str, str]:
     """The estimate that each stage began from: the one before it, or the one that its `after` names."""
     names = list(subject.last.run.estimates)
     made = subject.last.run.provenance.parameters

@@ -31,10 +31,10 @@ def document(
 
 def policy(style: str, body: Html, scripts: Sequence[str]) -> str:
     """The content security policy of a page, by hashes."""
-    own = [_hash(text) for text in scripts if f"<script>{text}</script>" in body]
-    rules = ["default-src 'none'", "img-src data:", f"style-src {_hash(style)}", "base-uri 'none'"]
+    own = [_hash_source(text) for text in scripts if f"<script>{text}</script>" in body]
+    rules = ["default-src 'none'", "img-src data:", f"style-src {_hash_source(style)}", "base-uri 'none'"]
     return "; ".join([*rules, "form-action 'none'", *([f"script-src {' '.join(own)}"] if own else [])])
 
 
-def _hash(text: str) -> str:
+def _hash_source(text: str) -> str:
     return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode('ascii')}'"

@@ -43,7 +43,7 @@ def expected_of(surface: Surface, unit: str) -> Expected | None:
         return None
     error = _expected_distance(surface, sd, unit)
     everywhere = np.ones(len(sd), dtype=bool)
-    means = [_mean(surface, error, part) for part in (everywhere, far == 0, far > 0)]
+    means = [_mean_over_part(surface, error, part) for part in (everywhere, far == 0, far > 0)]
     return None if means[0] is None else Expected(means[0], *means[1:])
 
 
@@ -67,7 +67,7 @@ def absent_share(surface: Surface) -> float:
     return float(surface.vertex_areas @ absence(surface) / surface.vertex_areas.sum())
 
 
-def _mean(surface: Surface, error: Array, part: NDArray[np.bool_]) -> float | None:
+def _mean_over_part(surface: Surface, error: Array, part: NDArray[np.bool_]) -> float | None:
     """Mean error on the vertices of a part, weighted by their area."""
     area = surface.vertex_areas * (part & np.isfinite(error))
     return float(area @ np.nan_to_num(error) / area.sum()) if area.sum() > 0 else None

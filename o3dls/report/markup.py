@@ -28,7 +28,7 @@ def tag(name: str, /, *children: Child, **attributes: Child) -> Html:
     gives a bare attribute.
     """
     written = "".join(
-        _attribute(key.rstrip("_").replace("_", "-"), value) for key, value in attributes.items()
+        _write_attribute(key.rstrip("_").replace("_", "-"), value) for key, value in attributes.items()
     )
     if name in ("meta", "img", "input", "br"):
         return Html(f"<{name}{written}>")
@@ -46,7 +46,7 @@ def join(*children: Child) -> Html:
     )
 
 
-def _attribute(key: str, value: Child) -> str:
+def _write_attribute(key: str, value: Child) -> str:
     if value is None or value is False:
         return ""
     if key in LINKS and not SAFE.match(GAPS.sub("", str(value))):
@@ -72,11 +72,11 @@ def table(head: Sequence[Child], rows: Sequence[Sequence[Child]], caption: str =
     body = [tag("tr", tag("th", row[0], scope="row"), *(tag("td", cell) for cell in row[1:])) for row in rows]
     whole = tag("table", tag("thead", top), tag("tbody", *body))
     said = tag("p", caption, class_="soft") if caption else None
-    name = caption or f"Table: {_words(head[0])}"
+    name = caption or f"Table: {_strip_tags(head[0])}"
     return join(said, tag("div", whole, class_="scroll", tabindex="0", role="group", aria_label=name))
 
 
-def _words(cell: Child) -> str:
+def _strip_tags(cell: Child) -> str:
     text = unescape(re.sub("<[^>]*>", " ", cell)) if isinstance(cell, Html) else str(cell)
     return " ".join(text.split())
 

@@ -26,7 +26,7 @@ def report_page(subject: Subject) -> str:
     found = [section for make in (*SECTIONS, *plugin_sections()) if (section := make(subject))]
     return page(
         f"{subject.case.name}: {subject.last.name}",
-        join(_head(subject), *(section.html() for section in found)),
+        join(_page_head(subject), *(section.html() for section in found)),
         links=contents(found),
     )
 
@@ -44,7 +44,7 @@ def page(title: str, body: Html, *scripts: str, links: Html | None = None) -> st
     return document(title, style, whole, [script, *viewer_code()])
 
 
-def _head(subject: Subject) -> Html:
+def _page_head(subject: Subject) -> Html:
     case = subject.case
     kinds = ", ".join(
         f"{int((case.points.type == kind).sum())} {kind}" for kind in dict.fromkeys(case.points.type.tolist())

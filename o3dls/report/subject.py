@@ -207,12 +207,12 @@ def read_subject(
         for key in run.estimates
     ]
     named = {result.name: result for result in results}
-    subject = Subject(named, _shown(named, runs, prefixes, compare), runs, folders)
+    subject = Subject(named, _choose_shown(named, runs, prefixes, compare), runs, folders)
     first = None if compare or len(runs) > 1 else subject.first
     return replace(subject, shown=[first.name, subject.last.name]) if first else subject
 
 
-def _shown(
+def _choose_shown(
     named: Mapping[str, Result], runs: Sequence[Run], prefixes: Sequence[str], compare: Sequence[str]
 ) -> list[str]:
     """The named estimates, in every run; without names the last two of one run, or the last of each."""
@@ -221,14 +221,14 @@ def _shown(
             raise InputError(f"report: no estimate '{name}'{did_you_mean(name, list(named))}")
     if compare:
         pairs = [(word, result) for word in compare for result in named.values()]
-        return _few([result.name for word, result in pairs if word in (result.name, result.key)])
+        return _check_count([result.name for word, result in pairs if word in (result.name, result.key)])
     if len(runs) > 1:
         return [prefix + run.final for run, prefix in zip(runs, prefixes, strict=True)][-MOST_SHOWN:]
     names = list(runs[0].estimates)
     return names[: names.index(runs[0].final) + 1][-2:]
 
 
-def _few(names: list[str]) -> list[str]:
+def _check_count(names: list[str]) -> list[str]:
     if len(names) > MOST_SHOWN:
         raise InputError(
             f"report: {len(names)} estimates to show side by side ({', '.join(names)}): at most {MOST_SHOWN}"

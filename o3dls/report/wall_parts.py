@@ -43,15 +43,15 @@ def wall_parts(subject: Subject) -> list[Part]:
     if subject.case.dimension == 2:
         return []
     expected = expected_error(subject)
-    positions, gaps, before = _unfitted(subject)
+    positions, gaps, before = _unfitted_distances(subject)
     far = _without_points(subject, positions)
     return [
-        _part(MAPPED, expected.mapped if expected else None, positions, gaps, before, ~far),
-        _part(PRIOR_ONLY, expected.prior_only if expected else None, positions, gaps, before, far),
+        _measure_part(MAPPED, expected.mapped if expected else None, positions, gaps, before, ~far),
+        _measure_part(PRIOR_ONLY, expected.prior_only if expected else None, positions, gaps, before, far),
     ]
 
 
-def _part(
+def _measure_part(
     name: str,
     expected: float | None,
     positions: Array,
@@ -64,7 +64,7 @@ def _part(
     return Part(name, expected, float(gaps[rows].mean()) if n else None, n, gain)
 
 
-def _unfitted(subject: Subject) -> tuple[Array, Array, Array | None]:
+def _unfitted_distances(subject: Subject) -> tuple[Array, Array, Array | None]:
     """Positions and distances of the set that speaks first, and the baseline's; none where all was fitted."""
     group = subject.headline
     if group is None or group == "fitted":

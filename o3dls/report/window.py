@@ -64,7 +64,7 @@ class Stand:
         return {
             **numbers,
             **views,
-            "F": lambda choice: replace(choice, field=self._next(choice.field)),
+            "F": lambda choice: replace(choice, field=self._next_field(choice.field)),
             "P": lambda choice: replace(choice, points=not choice.points),
             "L": lambda choice: replace(choice, landmarks=not choice.landmarks),
             "G": lambda choice: replace(choice, prior=not choice.prior),
@@ -92,19 +92,19 @@ class Stand:
         the words that name them.
         """
         name = self.names[choice.estimate]
-        found = [mesh(self.subject.surfaces[name], self._colours(name, choice))]
+        found = [mesh(self.subject.surfaces[name], self._vertex_colours(name, choice))]
         if choice.points:
-            found.append(self._balls(name))
+            found.append(self._draw_points(name))
         if choice.prior:
             pose = self.subject.results[name].estimate.T_map_prior
             found.append(edges(self.subject.case.prior.transformed(pose), EDGES["prior"][1]))
-        truth = self._truth
+        truth = self._true_surface
         if choice.truth and truth is not None:
             found.append(edges(truth, EDGES["truth"][1]))
-        return [*found, *self._words(choice)]
+        return [*found, *self._draw_words(choice)]
 
     @property
-    def _truth(self) -> Surface | None:
+    def _true_surface(self) -> Surface | None:
         return self.subject.case.truth.surface if self.subject.case.truth else None
 
     def page(self, choice: Choice) -> Sheet:
@@ -112,31 +112,31 @@ class Stand:
         last = self.subject.last.estimate.surface
         return sheet(last, list(self.views.values())[choice.view], self.seen.up)
 
-    def _next(self, field: int | None) -> int | None:
+    def _next_field(self, field: int | None) -> int | None:
         """Through all fields, then plain, then again from the first."""
         if field is None:
             return 0 if self.fields else None
         return field + 1 if field + 1 < len(self.fields) else None
 
-    def _colours(self, name: str, choice: Choice) -> Array:
+    def _vertex_colours(self, name: str, choice: Choice) -> Array:
         surface = self.subject.surfaces[name]
         field = self.fields[choice.field] if choice.field is not None and self.fields else None
         if field is None or field.key not in surface.fields:
             return np.tile(PLAIN_COLOUR, (len(surface.vertices), 1))
         return colours_of(surface.fields[field.key], field)
 
-    def _balls(self, name: str) -> Any:
+    def _draw_points(self, name: str) -> Any:
         """All points as one mesh of balls in the colours of their distance."""
         result = self.subject.results[name]
         colours = colours_of(result.point_distances, self.gaps)
         return balls(result.drawn_points.xyz, colours)
 
-    def _words(self, choice: Choice) -> list[Any]:
+    def _draw_words(self, choice: Choice) -> list[Any]:
         """Name of the estimate and of the view, of what is drawn as edges, colour bars with their ends, and
         the names of landmarks.
         """
         page = self.page(choice)
-        shown = [name for name in EDGES if getattr(choice, name) and (name == "prior" or self._truth)]
+        shown = [name for name in EDGES if getattr(choice, name) and (name == "prior" or self._true_surface)]
         edged = ", ".join(f"{EDGES[name][0]} edges: {name}" for name in shown)
         named = f"{self.names[choice.estimate]}, {list(self.views)[choice.view]}"
         said = [page.text(named, (-1.0, 1.3)), page.text(edged, (-1.0, 1.16))]
@@ -180,13 +180,13 @@ def _run_window(stand: Stand, title: str, folder: str) -> None:
         )
     window.get_render_option().mesh_show_back_face = True
     state = stand.first
-    _show(window, stand, state, first=True)
+    _show_choice(window, stand, state, first=True)
 
     def on(key: str, change: Callable[[Choice], Choice]) -> Callable[[Any], bool]:
         def press(_: Any) -> bool:
             nonlocal state
             state = change(state)
-            _show(window, stand, state, turned=key in views)
+            _show_choice(window, stand, state, turned=key in views)
             return True
 
         return press
@@ -200,7 +200,9 @@ def _run_window(stand: Stand, title: str, folder: str) -> None:
     window.destroy_window()
 
 
-def _show(window: Any, stand: Stand, choice: Choice, *, first: bool = False, turned: bool = False) -> None:
+def _show_choice(
+    window: Any, stand: Stand, choice: Choice, *, first: bool = False, turned: bool = False
+) -> None:
     """Put a choice into the window; the camera stays but for the first time, and where a view is chosen."""
     window.clear_geometries()
     for geometry in stand.geometries(choice):

@@ -42,7 +42,7 @@ class Report(Writer):
     def __call__(self, run: Run, folder: Path) -> None:
         from .subject import read_subject
 
-        _write(read_subject([folder], self.compare, [run]), folder / REPORT, pdf=self.pdf)
+        _write_page(read_subject([folder], self.compare, [run]), folder / REPORT, pdf=self.pdf)
 
 
 def write_report(
@@ -63,10 +63,10 @@ def write_report(
     from .subject import read_subject
 
     subject = read_subject([Path(folder) for folder in folders], compare)
-    return _write(subject, _page(out or subject.folders[0] / REPORT), pdf=pdf)
+    return _write_page(subject, _check_page_path(out or subject.folders[0] / REPORT), pdf=pdf)
 
 
-def _write(subject: Subject, path: Path, *, pdf: bool) -> Path:
+def _write_page(subject: Subject, path: Path, *, pdf: bool) -> Path:
     """Write the page of a subject, and its pictures."""
     from ..io.atomic import write_file
     from ..io.manifest import noted
@@ -109,12 +109,12 @@ def _write_cohort(folders: Sequence[str | Path], failed: Mapping[str, str], out:
     from .cohort.entries import read_entries
     from .cohort.page import cohort_page
 
-    path = _page(out)
+    path = _check_page_path(out)
     write_file(path, cohort_page(read_entries([Path(folder) for folder in folders]), path, failed))
     return path
 
 
-def _page(out: str | Path) -> Path:
+def _check_page_path(out: str | Path) -> Path:
     """The path of a page to write. Raises InputError for a name that says it is something else, or is a part
     of a run.
     """

@@ -39,12 +39,12 @@ class CaseOfRuns:
         """The paired difference at the same points, over the runs' mean distances; None where there are
         none.
         """
-        first, second = self._averaged(pair[0]), self._averaged(pair[1])
+        first, second = self._average_runs(pair[0]), self._average_runs(pair[1])
         if first is None or second is None or not _same_points(first[0], second[0]) or len(first[0]) < 2:
             return None
         return paired_difference(first[1], second[1], first[0])
 
-    def _averaged(self, estimate: str) -> tuple[Array, Array] | None:
+    def _average_runs(self, estimate: str) -> tuple[Array, Array] | None:
         """Positions, and the distance of each in the mean of the runs; None where these have not the same."""
         found = [run.measured[estimate] for run in self.runs if estimate in run.measured]
         if not found or not all(_same_points(found[0][0], positions) for positions, _ in found):
@@ -92,7 +92,7 @@ class Block:
             )
             for runs in by_case.values()
         ]
-        return sorted(found, key=lambda case: (np.isnan(case.mean(self.main[1])), -_worst(case, self)))
+        return sorted(found, key=lambda case: (np.isnan(case.mean(self.main[1])), -_worst_mean(case, self)))
 
     @cached_property
     def differences(self) -> dict[Pair, list[tuple[CaseOfRuns, Difference]]]:
@@ -112,7 +112,7 @@ class Block:
         return difference_over_cases([one for _, one in self.differences[pair]])
 
 
-def _worst(case: CaseOfRuns, block: Block) -> float:
+def _worst_mean(case: CaseOfRuns, block: Block) -> float:
     main = case.mean(block.main[1])
     return max(max(case.means(run.last)) for run in case.runs) if np.isnan(main) else main
 

@@ -29,7 +29,7 @@ def displayed(surface: Surface, case: Case, left_out: Array, distances: Array) -
     It has no displacement where a pose alone has moved it.
     """
     surface = with_electrical(decimated(surface), case.points)
-    carried = _carried(surface, case.units, left_out, distances)
+    carried = _carry_distances(surface, case.units, left_out, distances)
     fields = {**_distances_to_truth(surface, case), **surface.fields, **carried}
     key = f"displacement_{case.units}"
     if key in fields and (np.nan_to_num(np.abs(fields[key])) <= NEGLIGIBLE).all():
@@ -45,7 +45,7 @@ def _distances_to_truth(surface: Surface, case: Case) -> dict[str, Array]:
     return {f"{TRUTH}_{case.units}": distances(surface.vertices, case.truth.surface)}
 
 
-def _carried(surface: Surface, unit: str, xyz: Array, values: Array) -> dict[str, Array]:
+def _carry_distances(surface: Surface, unit: str, xyz: Array, values: Array) -> dict[str, Array]:
     """Distances (k,) of points (k, d) as a field, NaN far from all of them; none where all are far."""
     if len(xyz) == 0 or (project(xyz, surface).distance > REACH).all():
         return {}

@@ -22,10 +22,12 @@ def spread_section(subject: Subject) -> Section | None:
     if not sets:
         return None
     shown = [group for group in sets if group != "fitted"][:2] or sets
-    return Section("spread", "Distribution of distances", join(*(_pair(subject, group) for group in shown)))
+    return Section(
+        "spread", "Distribution of distances", join(*(_draw_pair(subject, group) for group in shown))
+    )
 
 
-def _pair(subject: Subject, group: str) -> Html:
+def _draw_pair(subject: Subject, group: str) -> Html:
     names = dict.fromkeys([next(iter(subject.results)), *subject.shown])  # where it began, and what is shown
     found = [
         (name, subject.style(name), subject.results[name].measured(group, subject.last)[1]) for name in names

@@ -24,12 +24,12 @@ def all_surfaces(subject: Subject) -> dict[str, Surface]:
     others = [name for name in subject.results if name not in subject.shown]
     few = int(np.clip(ALL_FACES // max(len(others), 1), FEWEST, MOST))
     return {
-        name: subject.surfaces[name] if name in subject.shown else _coarse(subject, name, few)
+        name: subject.surfaces[name] if name in subject.shown else _coarse_surface(subject, name, few)
         for name in subject.results
     }
 
 
-def _coarse(subject: Subject, name: str, faces: int) -> Surface:
+def _coarse_surface(subject: Subject, name: str, faces: int) -> Surface:
     result = subject.results[name]
     surface = decimated(result.estimate.surface, faces * 3 // 2, faces)
     return displayed(surface, subject.case, *result.measured("cross_validated"))
@@ -60,11 +60,11 @@ def estimate_data(subject: Subject, name: str, surface: Surface, places: Mapping
         "caption": f"{full} faces, {drawn} drawn" if full > drawn else "",
         "colour": f"--s{subject.style(name) % STYLES}",
         "dash": [],
-        **_judged(subject, name),
+        **_judge_points(subject, name),
     }
 
 
-def _judged(subject: Subject, name: str) -> Json:
+def _judge_points(subject: Subject, name: str) -> Json:
     """Of every drawn point its distance to the estimate and its belief, where it has one; 1 where the
     estimate took it for an outlier; and the types of points that it was fitted to.
     """

@@ -90,16 +90,16 @@ def known_fields(surfaces: Sequence[Surface], unit: str) -> list[Field]:
     named = {field.key for field in [*words, region]} | {
         "prior_only"
     }  # which is hatched, whatever the colours
-    others = [_other(key) for key in there if key not in named]
-    return [_ranged(field, surfaces) for field in [*words, *others, region] if field.key in there]
+    others = [_other_field(key) for key in there if key not in named]
+    return [_fit_range(field, surfaces) for field in [*words, *others, region] if field.key in there]
 
 
-def _other(key: str) -> Field:
+def _other_field(key: str) -> Field:
     colours = "mapping" if key in VOLTAGES or key in STEPS else "electrical"
     return Field(key, key, ELECTRICAL.get(key, ""), colours, step=STEPS.get(key, 0.0))
 
 
-def _ranged(field: Field, surfaces: Sequence[Surface]) -> Field:
+def _fit_range(field: Field, surfaces: Sequence[Surface]) -> Field:
     if field.key in VOLTAGES:
         low, high = VOLTAGES[field.key]
         return replace(field, low=low, high=high)

@@ -96,7 +96,7 @@ def draw_pictures(
         axes = figure.add_axes((left + k * each, bottom + 0.16 * height, each, 0.76 * height))
         pictures = _painted.setdefault(subject, {})  # slides show those of the page, at another size
         if (name, behind) not in pictures:
-            pictures[name, behind] = _picture(subject, name, surface, field, view)
+            pictures[name, behind] = _draw_picture(subject, name, surface, field, view)
         axes.imshow(pictures[name, behind], interpolation="antialiased")
         shrunk(axes.set_title(drawable(name), fontsize=11, parse_math=False), axes.bbox.width)
         axes.set_axis_off()
@@ -118,7 +118,7 @@ def _fitting_view(surfaces: Sequence[Surface], axes: Array) -> View:
     return View(axes, (low + high) / 2 @ axes, MARGIN * max(height, width * PIXELS[1] / PIXELS[0]))
 
 
-def _picture(subject: Subject, name: str, surface: Surface, field: Field, view: View) -> Any:
+def _draw_picture(subject: Subject, name: str, surface: Surface, field: Field, view: View) -> Any:
     """One picture: the surface in the colours of a field, the points in those of their distance."""
     from .raster import Canvas
 
@@ -163,13 +163,13 @@ def drawable(text: str, longest: int = 32) -> str:
     """Text that the figures' font can draw: other letters become a box, and what is too long is cut in the
     middle.
     """
-    known = _letters()
+    known = _known_letters()
     cut = text if len(text) <= longest else f"{text[: (longest - 1) // 2]}…{text[-(longest // 2) :]}"
     return "".join(letter if ord(letter) in known else "□" for letter in cut)
 
 
 @cache
-def _letters() -> frozenset[int]:
+def _known_letters() -> frozenset[int]:
     from matplotlib.font_manager import findfont, get_font
 
     return frozenset(get_font(findfont("DejaVu Sans")).get_charmap())

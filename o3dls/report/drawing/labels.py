@@ -34,13 +34,13 @@ class Sheet:
 
     def text(self, words: str, at: tuple[float, float]) -> Surface | None:
         """Words that begin at a place; None where there is no letter that can be drawn."""
-        return self._written(words, self.place(np.array([at]))[0])
+        return self._write_words(words, self.place(np.array([at]))[0])
 
     def before(self, words: str, at: Array) -> Surface | None:
         """Words before a position (3,), so that what is there does not hide them."""
-        return self._written(words, at + self.radius * BEFORE * self.axes[2])
+        return self._write_words(words, at + self.radius * BEFORE * self.axes[2])
 
-    def _written(self, words: str, origin: Array) -> Surface | None:
+    def _write_words(self, words: str, origin: Array) -> Surface | None:
         if not words:
             return None
         import open3d as o3d

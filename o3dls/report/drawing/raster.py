@@ -42,7 +42,7 @@ class Canvas:
         self._depth = np.full(shape, -np.inf)
         self._scale = shape[0] / view.height
 
-    def _pixels(self, points: Array) -> Array:
+    def _place_on_grid(self, points: Array) -> Array:
         """Column, row (pixels of the fine grid) and depth (mm), (n, 3)."""
         flat = self.view.project(points)
         rows, columns = self._depth.shape
@@ -53,14 +53,14 @@ class Canvas:
     def surface(self, surface: Surface, colours: Array) -> None:
         """Draw a surface with a colour per vertex (n, 3) in [0, 1]."""
         facing = surface.vertex_normals @ self.view.axes[2]
-        corners = self._pixels(surface.vertices)
+        corners = self._place_on_grid(surface.vertices)
         shades = np.asarray(colours, dtype=np.float64)
         _draw_triangles(corners, surface.faces, shades, facing, self._colour, self._depth)
 
     def balls(self, centres: Array, colours: Array, radius: float) -> None:
         """Draw shaded balls of a radius in mm with white rims, colours (n, 3)."""
         _draw_balls(
-            self._pixels(centres),
+            self._place_on_grid(centres),
             np.asarray(colours, dtype=np.float64),
             radius,
             self._scale,

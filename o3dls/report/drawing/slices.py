@@ -36,11 +36,11 @@ def slice_surface(surface: Surface, axis: int, level: float) -> Array:
     # the corner alone on its side
     lone = np.where(above.sum(axis=1) == 1, above.argmax(axis=1), (~above).argmax(axis=1))
     rows = np.arange(len(crossing))
-    ends = [_between(crossing[rows, lone], crossing[rows, (lone + k) % 3], axis, level) for k in (1, 2)]
+    ends = [_cross_level(crossing[rows, lone], crossing[rows, (lone + k) % 3], axis, level) for k in (1, 2)]
     return np.delete(np.stack(ends, axis=1), axis, axis=2)
 
 
-def _between(a: Array, b: Array, axis: int, level: float) -> Array:
+def _cross_level(a: Array, b: Array, axis: int, level: float) -> Array:
     share = (level - a[:, axis]) / (b[:, axis] - a[:, axis])
     return a + share[:, None] * (b - a)
 
@@ -89,7 +89,7 @@ def drawing(
     is what a listener hears of the picture.
     """
     lines = [
-        tag("path", d=_path(frame.place(one.segments)), class_=f"series {one.classes}")
+        tag("path", d=_write_path(frame.place(one.segments)), class_=f"series {one.classes}")
         for one in outlines
         if len(one.segments)
     ]
@@ -146,7 +146,7 @@ def _side_names(frame: Frame) -> list[Html]:
     ]
 
 
-def _path(segments: Array) -> str:
+def _write_path(segments: Array) -> str:
     """SVG path of segments (n, 2, 2), joined where one ends where the next begins."""
     parts = []
     last = ""

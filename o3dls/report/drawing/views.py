@@ -69,19 +69,19 @@ def orientation(subject: Subject) -> Orientation:
     pose = subject.last.estimate.T_map_prior
     if case.prior_frame != "unknown":
         known_by = f"frame of the prior, {case.prior_frame}, in the pose of {subject.last.name}"
-        return _turned(in_frame(case.prior_frame, known_by), pose)
-    veins = by_veins(_landmarks(subject))
+        return _turn_directions(in_frame(case.prior_frame, known_by), pose)
+    veins = by_veins(_named_landmarks(subject))
     own = f"prior's own axes, in the pose of {subject.last.name}: the patient's are not known"
-    return veins or _turned(in_frame("LPS", own, patient=False), pose)
+    return veins or _turn_directions(in_frame("LPS", own, patient=False), pose)
 
 
-def _turned(one: Orientation, pose: Array) -> Orientation:
+def _turn_directions(one: Orientation, pose: Array) -> Orientation:
     """The directions where a pose (4, 4), whose scale is the same everywhere, brings them."""
     turn = pose[:3, :3] / np.cbrt(np.linalg.det(pose[:3, :3]))
     return Orientation(turn @ one.left, turn @ one.front, turn @ one.up, one.known_by, one.patient)
 
 
-def _landmarks(subject: Subject) -> dict[str, Array]:
+def _named_landmarks(subject: Subject) -> dict[str, Array]:
     marks = subject.case.points.of("landmark")
     names = marks.columns.get("name", np.full(len(marks), ""))
     return {str(name): at for name, at in zip(names, marks.xyz, strict=True)}

@@ -82,12 +82,14 @@ def located(subject: Subject, found: Advice) -> list[Located]:
     of = wall_regions(subject, subject.last.estimate.surface)
     marks = landmarks_in_map(subject)
     return [
-        Located(one, "" if of is None else word(int(of[one.vertex])), *_nearest(one, marks), subject.unit)
+        Located(
+            one, "" if of is None else word(int(of[one.vertex])), *_nearest_landmark(one, marks), subject.unit
+        )
         for one in found.places
     ]
 
 
-def _nearest(place: Place, marks: dict[str, NDArray[np.float64]]) -> tuple[str, float | None]:
+def _nearest_landmark(place: Place, marks: dict[str, NDArray[np.float64]]) -> tuple[str, float | None]:
     gaps = {name: float(np.linalg.norm(at - place.xyz)) for name, at in marks.items()}
     name = min(gaps, key=gaps.__getitem__, default="")
     return name, gaps.get(name)

@@ -26,7 +26,7 @@ def electrical_section(subject: Subject) -> Section | None:
     if not values or subject.case.dimension == 2:
         return None
     surface = with_electrical(subject.last.estimate.surface, subject.case.points)
-    rows = [_row(surface, name, *found) for name, found in values.items()]
+    rows = [_column_row(surface, name, *found) for name, found in values.items()]
     head: list[Child] = [
         "measured",
         "unit",
@@ -48,7 +48,7 @@ def electrical_section(subject: Subject) -> Section | None:
     )
 
 
-def _row(surface: Surface, name: str, xyz: Array, values: Array) -> list[Child]:
+def _column_row(surface: Surface, name: str, xyz: Array, values: Array) -> list[Child]:
     from scipy.spatial import cKDTree
 
     known = np.isfinite(surface.fields[name])

@@ -25,19 +25,19 @@ def overall(found: Sequence[Check], sentences: Sequence[str]) -> Html:
     return tag(
         "p",
         tag("strong", WORDS[grade], class_="grade"),
-        f" {said or _passed(found)}. ",
-        _told(sentences),
+        f" {said or _count_passed(found)}. ",
+        _shorten_warnings(sentences),
         class_=f"overall {grade}",
     )
 
 
-def _passed(found: Sequence[Check]) -> str:
+def _count_passed(found: Sequence[Check]) -> str:
     """What OK rests on: a check without data proves nothing."""
     without = sum(one.grade == "none" for one in found)
     return f"{len(found) - without} checks passed" + (f", {without} without data" if without else "")
 
 
-def _told(warnings: Sequence[str]) -> Html | None:
+def _shorten_warnings(warnings: Sequence[str]) -> Html | None:
     if not warnings:
         return None
     count = f"{len(warnings)} warning{'' if len(warnings) == 1 else 's'}"
@@ -69,7 +69,7 @@ def outcome_section(subject: Subject) -> Section:
     body = join(
         tag("p", verdict(subject), class_="verdict"),
         parts_table(subject),
-        tag("ul", *map(_sentence, checks(subject)), class_="checks", aria_label="Checks"),
+        tag("ul", *map(_check_item, checks(subject)), class_="checks", aria_label="Checks"),
         tag("ul", *(tag("li", text) for text in said), class_="warnings", aria_label="Warnings")
         if said
         else None,
@@ -77,6 +77,6 @@ def outcome_section(subject: Subject) -> Section:
     return Section("outcome", "Outcome", body)
 
 
-def _sentence(one: Check) -> Html:
+def _check_item(one: Check) -> Html:
     grade = tag("span", WORDS[one.grade], class_="grade")
     return tag("li", tag("b", one.name), grade, tag("span", one.said), class_=one.grade)
