@@ -82,8 +82,8 @@ class Board:
         with self._lock:
             self._seq += 1
             kind = event["event"]
-            sent = Sent(self._seq, kind, _text({**event, "seq": self._seq}))
-            self._remember(kind, event, sent)
+            sent = Sent(self._seq, kind, _write_json({**event, "seq": self._seq}))
+            self._remember_event(kind, event, sent)
             for box in self._boxes:
                 box.put(sent)
 
@@ -93,7 +93,7 @@ class Board:
         """
         box = Box()
         with self._lock:
-            for one in self._missed(last):
+            for one in self._events_since(last):
                 box.waiting.append(one)  # however many: nothing of it may be lost
             self._boxes.append(box)
         return box
@@ -105,7 +105,7 @@ class Board:
     def newest(self) -> list[Sent]:
         """The newest of everything, in the order in which a page needs it."""
         with self._lock:
-            return self._snapshot()
+            return self._take_snapshot()
 
     def last(self, kind: str) -> Event | None:
         """The newest event of a kind that says all of something; None before there is one."""
@@ -117,24 +117,24 @@ class Board:
         """The name of an event over sessions, which a page gives when it comes back."""
         return f"{self.session}-{sent.seq}"
 
-    def _missed(self, last: str) -> list[Sent]:
+    def _events_since(self, last: str) -> list[Sent]:
         session, _, number = last.rpartition("-")
         seen = int(number) if session == self.session and number.isdecimal() else None
         if seen is None or not self._forgotten <= seen <= self._seq:
-            return self._snapshot()
+            return self._take_snapshot()
         newest = [one for kind, one in self._newest.items() if kind in WHOLE]
         return sorted((one for one in [*self._log, *newest] if one.seq > seen), key=lambda one: one.seq)
 
-    def _snapshot(self) -> list[Sent]:
+    def _take_snapshot(self) -> list[Sent]:
         newest = self._newest
-        points = Sent(self._seq, "points", _text(self._all_points()))
+        points = Sent(self._seq, "points", _write_json(self._all_points()))
         found = [newest.get("scene"), newest.get("surface"), points, newest.get("state"), newest.get("tip")]
         return [one for one in [*found, newest.get("end")] if one is not None]
 
     def _all_points(self) -> Event:
         return {"event": "points", "seq": self._seq, "points": list(self._points.values())}
 
-    def _remember(self, kind: str, event: Event, sent: Sent) -> None:
+    def _remember_event(self, kind: str, event: Event, sent: Sent) -> None:
         if kind in (*WHOLE, "end"):
             self._newest[kind] = sent
         if kind not in WHOLE:
@@ -144,7 +144,7 @@ class Board:
         if kind == "scene":
             self._newest.pop("surface", None)  # it was of the scene before
         elif kind == "point":
-            _put(self._points, event)
+            _update_point(self._points, event)
         elif kind == "weights":
             for name, weight, distance in zip(
                 event["ids"], event["weights"], event["distances"], strict=True
@@ -153,7 +153,7 @@ class Board:
                     self._points[name] |= {"weight": weight, "distance": distance}
 
 
-def _put(points: dict[int, Event], given: Event) -> None:
+def _update_point(points: dict[int, Event], given: Event) -> None:
     """What is new of a point over what was known of it; one that was taken back is gone."""
     if given.get("type") == "undone":
         points.pop(given["id"], None)
@@ -162,6 +162,6 @@ def _put(points: dict[int, Event], given: Event) -> None:
     points[given["id"]] = points.get(given["id"], {}) | content
 
 
-def _text(event: Event) -> str:
+def _write_json(event: Event) -> str:
     """One line of JSON. Raises ValueError where a number is not finite: browsers would not read it."""
     return json.dumps(event, allow_nan=False, separators=(",", ":"))

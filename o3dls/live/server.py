@@ -35,7 +35,7 @@ class LiveServer:
         self._act, self._acting = act, Lock()
         self._boxes: dict[int, tuple[Box, str]] = {}
         self._lock = Lock()
-        self._server = self._bound(port)
+        self._server = self._open_server(port)
         self.port = int(self._server.server_address[1])
         self._thread = Thread(target=self._server.serve_forever, args=(0.1,), daemon=True)
         self._thread.start()
@@ -114,7 +114,7 @@ class LiveServer:
         self._server.server_close()
         self._thread.join(5.0)
 
-    def _bound(self, port: int) -> ThreadingHTTPServer:
+    def _open_server(self, port: int) -> ThreadingHTTPServer:
         class Own(Handler):
             live = self
 

@@ -48,12 +48,12 @@ def begin(source: Source, desk: Desk, stop: Event, done: Event) -> Thread:
     """Follow a source in a thread of its own, again and again where it is lost; `done` is set once it has no
     more.
     """
-    thread = Thread(target=_follow, args=(source, desk, stop, done), daemon=True)
+    thread = Thread(target=_keep_following, args=(source, desk, stop, done), daemon=True)
     thread.start()
     return thread
 
 
-def _follow(source: Source, desk: Desk, stop: Event, done: Event) -> None:
+def _keep_following(source: Source, desk: Desk, stop: Event, done: Event) -> None:
     said = ""
     while not stop.is_set():
         try:
