@@ -29,27 +29,29 @@ def run_command(arguments: list[str]) -> int:
         with heeded():
             return cli.main(arguments or ["--help"], prog_name="o3dls", standalone_mode=False) or DONE
     except click.ClickException as error:
-        return _failed(error.format_message(), WRONG_INPUT)
+        return _report_failure(error.format_message(), WRONG_INPUT)
     except click.exceptions.Abort:
-        return _failed("interrupted", INTERRUPTED)
+        return _report_failure("interrupted", INTERRUPTED)
     except SystemExit as end:  # so click answers what a shell asks for completion, and a closed stdout
         if end.code and COMPLETE in os.environ:
-            return _failed(f"{COMPLETE} = '{os.environ[COMPLETE]}': {COMPLETIONS}", WRONG_INPUT)
+            return _report_failure(f"{COMPLETE} = '{os.environ[COMPLETE]}': {COMPLETIONS}", WRONG_INPUT)
         return UNREAD if end.code else DONE
     except SolverError as error:
-        return _failed(str(error), INTERNAL)
+        return _report_failure(str(error), INTERNAL)
     except (O3dlsError, OSError) as error:
-        return _failed(str(error), WRONG_INPUT)
+        return _report_failure(str(error), WRONG_INPUT)
     except MemoryError:
-        return _failed("there is too little memory; close other programs, or take less data", WRONG_INPUT)
+        return _report_failure(
+            "there is too little memory; close other programs, or take less data", WRONG_INPUT
+        )
     except Exception as error:
         import traceback
 
         say_lines(traceback.format_exc().rstrip(), error=True)
-        return _failed(f"internal error, please report it: {type(error).__name__}: {error}", INTERNAL)
+        return _report_failure(f"internal error, please report it: {type(error).__name__}: {error}", INTERNAL)
 
 
-def _failed(sentence: str, code: int) -> int:
+def _report_failure(sentence: str, code: int) -> int:
     complain(sentence)
     return code
 

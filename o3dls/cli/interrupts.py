@@ -30,12 +30,12 @@ class Interrupted(BaseException):
 def listen() -> None:
     """From now on signals raise Interrupted."""
     for number in SIGNALS:
-        signal.signal(number, _raise)
-    sys.unraisablehook = _again
-    atexit.register(_end)  # the first to be registered is the last to be called
+        signal.signal(number, _raise_once)
+    sys.unraisablehook = _raise_again
+    atexit.register(_end_at_once)  # the first to be registered is the last to be called
 
 
-def _end() -> None:
+def _end_at_once() -> None:
     """End at once: a library that was interrupted in its import may not end in order."""
     if _heard:
         sys.stdout.flush()
@@ -43,14 +43,14 @@ def _end() -> None:
         os._exit(128 + _heard[0])
 
 
-def _raise(number: int, _: object) -> None:
+def _raise_once(number: int, _: object) -> None:
     """Raise, unless it is raised already, and what is half made is being removed."""
     _heard.append(number)
     if not isinstance(sys.exc_info()[1], Interrupted):
         raise Interrupted
 
 
-def _again(lost: sys.UnraisableHookArgs) -> None:
+def _raise_again(lost: sys.UnraisableHookArgs) -> None:
     """Raise once more, a little later, what ended in a place that no exception leaves, such as a destructor.
 
     Once it was raised, destructors of what is half made fail, and have nothing to say.
@@ -71,7 +71,7 @@ def first_told(tell: Callable[[], None]) -> Iterator[None]:
 
     def hear(number: int, frame: object) -> None:
         if _heard:
-            _raise(number, frame)
+            _raise_once(number, frame)
         else:
             _heard.append(number)
             tell()

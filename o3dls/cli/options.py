@@ -53,7 +53,7 @@ def progress(command: Any) -> Any:
         "--quiet",
         is_flag=True,
         expose_value=False,
-        callback=_from(logging.WARNING),
+        callback=_print_from(logging.WARNING),
         help="print only warnings and results",
     )
     verbose = click.option(
@@ -61,13 +61,13 @@ def progress(command: Any) -> Any:
         "--verbose",
         is_flag=True,
         expose_value=False,
-        callback=_from(logging.DEBUG),
+        callback=_print_from(logging.DEBUG),
         help="also print the parameters of each stage and each fit of the cross-validation",
     )
     return quiet(verbose(command))
 
 
-def _from(level: int) -> Callable[[click.Context, click.Parameter, bool], None]:
+def _print_from(level: int) -> Callable[[click.Context, click.Parameter, bool], None]:
     """Where the option is given: print the log's lines from a level on. The log itself may be listened to for
     more.
     """

@@ -33,7 +33,7 @@ class Bar:
         left = self.cases - ended
         full = "#" * (LENGTH * ended // max(self.cases, 1))
         computed = ended - self.skipped
-        estimate = f", about {_duration(seconds / computed * left)}" if computed and left else ""
+        estimate = f", about {_write_duration(seconds / computed * left)}" if computed and left else ""
         return f"[{full:.<{LENGTH}}] {self.done} done, {self.failed} failed, {left} left{estimate}"
 
     def show(self) -> None:
@@ -42,7 +42,7 @@ class Bar:
         sys.stderr.flush()
 
 
-def _duration(seconds: float) -> str:
+def _write_duration(seconds: float) -> str:
     if seconds < 90:
         return f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
@@ -57,17 +57,17 @@ def bar(cases: int) -> Iterator[Bar | None]:
         return
     shown = Bar(cases)
     for handler in handlers:
-        handler.addFilter(_wiped)
+        handler.addFilter(_wipe_bar)
     shown.show()
     try:
         yield shown
     finally:
         for handler in handlers:
-            handler.removeFilter(_wiped)
+            handler.removeFilter(_wipe_bar)
         sys.stderr.write(WIPE)
 
 
-def _wiped(_: logging.LogRecord) -> bool:
+def _wipe_bar(_: logging.LogRecord) -> bool:
     """Wipe the bar before a line of the log takes its place."""
     sys.stderr.write(WIPE)
     return True

@@ -32,12 +32,12 @@ def prepare() -> None:
     handler.setFormatter(Lines(sys.stderr.isatty()))
     logging.basicConfig(handlers=[handler], level=logging.WARNING)
     logging.getLogger("o3dls").setLevel(logging.INFO)
-    codecs.register_error("o3dls", _written)
+    codecs.register_error("o3dls", _write_unknown)
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="o3dls")
 
 
-def _written(error: UnicodeError) -> tuple[str | bytes, int]:
+def _write_unknown(error: UnicodeError) -> tuple[str | bytes, int]:
     """Names of folders may hold bytes that are no text: they go out as they came in; letters that the
     terminal does not know as in a literal of Python.
     """
