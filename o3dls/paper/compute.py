@@ -48,11 +48,11 @@ def left_out(scope: Scope) -> dict[str, str]:
 def computed(tasks: Sequence[Task]) -> Iterator[Outcome]:
     """Outcomes in the order of the tasks; progress goes to the log."""
     with workers(min(2, os.cpu_count() or 1)) as pool:
-        for k, outcome in enumerate(pool.map(_call, tasks), 1):
+        for k, outcome in enumerate(pool.map(_run_task, tasks), 1):
             log.info("paper: %d of %d: %s", k, len(tasks), tasks[k - 1].label)
             yield outcome
 
 
-def _call(task: Task) -> Outcome:
+def _run_task(task: Task) -> Outcome:
     logging.getLogger("o3dls").setLevel(logging.WARNING)
     return task()

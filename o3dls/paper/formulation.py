@@ -176,11 +176,15 @@ def blocks(results: Results) -> list[Block]:
             "stays or grows and the surface breaks into components. Dashed: our automatic choice, which the "
             "evidence makes without a weight."
         ),
-        Figure("alpha", "Fitted and held-out error, and pieces of the surface, over alpha.", _curve(results)),
+        Figure(
+            "alpha",
+            "Fitted and held-out error, and pieces of the surface, over alpha.",
+            _draw_curves(results),
+        ),
     ]
 
 
-def _curve(results: Results) -> bytes:
+def _draw_curves(results: Results) -> bytes:
     rows = [row for row in results.of("alpha") if row["alpha"] is not None]
     alphas = sorted({row["alpha"] for row in rows})
     with plain_figure(7.4, 3.2) as figure:

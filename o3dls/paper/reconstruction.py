@@ -20,7 +20,7 @@ def neighbours(points: Array) -> int:
     return max(NEIGHBOURS, len(points) // 300)
 
 
-def _cloud(points: Array) -> Any:
+def _make_cloud(points: Array) -> Any:
     """An Open3D cloud with oriented normals."""
     import open3d as o3d
 
@@ -34,7 +34,7 @@ def _cloud(points: Array) -> Any:
     return cloud
 
 
-def _surface(mesh: Any) -> Surface:
+def _make_surface(mesh: Any) -> Surface:
     if len(mesh.triangles) == 0:
         raise InputError("no surface")
     return Surface(np.asarray(mesh.vertices), np.asarray(mesh.triangles))
@@ -44,8 +44,10 @@ def poisson(points: Array) -> Surface:
     """Screened Poisson reconstruction (Kazhdan 2013) by Open3D."""
     import open3d as o3d
 
-    return _surface(
-        o3d.geometry.TriangleMesh.create_from_point_cloud_poisson(_cloud(points), depth=6, n_threads=1)[0]
+    return _make_surface(
+        o3d.geometry.TriangleMesh.create_from_point_cloud_poisson(_make_cloud(points), depth=6, n_threads=1)[
+            0
+        ]
     )
 
 
@@ -53,22 +55,22 @@ def alpha_shape(points: Array) -> Surface:
     """Alpha shape by Open3D, its radius three times the points' distance."""
     import open3d as o3d
 
-    spacing = _spacing(points)
-    return _surface(
+    spacing = _measure_spacing(points)
+    return _make_surface(
         o3d.geometry.TriangleMesh.create_from_point_cloud_alpha_shape(
-            o3d.geometry.PointCloud(_cloud(points)), 3.0 * spacing
+            o3d.geometry.PointCloud(_make_cloud(points)), 3.0 * spacing
         )
     )
 
 
-def _spacing(points: Array) -> float:
+def _measure_spacing(points: Array) -> float:
     """How far apart points lie: the median distance of the sixth neighbour."""
     from scipy.spatial import cKDTree
 
     return float(np.median(np.asarray(cKDTree(points).query(points, k=7)[0])[:, -1]))
 
 
-def _lattice(points: Array) -> tuple[Array, list[Array]]:
+def _make_lattice(points: Array) -> tuple[Array, list[Array]]:
     """Nodes (k, 3) and axes of a lattice about the points."""
     axes = [
         np.arange(low - 5 * CELL, high + 6 * CELL, CELL)
@@ -100,13 +102,13 @@ def tangent_planes(points: Array) -> Surface:
     """
     from scipy.spatial import cKDTree
 
-    nodes, axes = _lattice(points)
-    normals = np.asarray(_cloud(points).normals)
+    nodes, axes = _make_lattice(points)
+    normals = np.asarray(_make_cloud(points).normals)
     middles = points[cKDTree(points).query(points, k=neighbours(points))[1]].mean(axis=1)
     nearest = cKDTree(middles).query(nodes)[1]
     signed = ((nodes - middles[nearest]) * normals[nearest]).sum(axis=1)
     found = _zero_set(signed.reshape([len(axis) for axis in axes]), axes)
-    known = np.asarray(cKDTree(points).query(found.vertices)[0]) < 2.0 * _spacing(points) + CELL
+    known = np.asarray(cKDTree(points).query(found.vertices)[0]) < 2.0 * _measure_spacing(points) + CELL
     return Surface(found.vertices, found.faces[known[found.faces].all(axis=1)])
 
 
@@ -119,12 +121,12 @@ def minimal_surface(points: Array) -> Surface:
     from scipy.ndimage import distance_transform_edt
     from scipy.spatial import cKDTree
 
-    nodes, axes = _lattice(points)
+    nodes, axes = _make_lattice(points)
     shape = [len(axis) for axis in axes]
     d = np.asarray(cKDTree(points).query(nodes)[0]).reshape(shape)
     slope = np.gradient(d, CELL)
-    outside = max(1.5 * _spacing(points), 2.0 * CELL)
-    phi = _filled(d - outside, distance_transform_edt)
+    outside = max(1.5 * _measure_spacing(points), 2.0 * CELL)
+    phi = _fill_cavities(d - outside, distance_transform_edt)
     dt = 0.2 * CELL / max(1.0, float(np.percentile(d, 95)) / CELL)
     for step in range(int(1.5 * outside / dt)):
         g = np.gradient(phi, CELL)
@@ -135,11 +137,11 @@ def minimal_surface(points: Array) -> Surface:
             + sum(a * b for a, b in zip(slope, g, strict=True))
         )
         if step % 10 == 9:
-            phi = _filled(phi, distance_transform_edt)
+            phi = _fill_cavities(phi, distance_transform_edt)
     return _zero_set(phi, axes)
 
 
-def _filled(phi: Array, edt: Callable[..., Any]) -> Array:
+def _fill_cavities(phi: Array, edt: Callable[..., Any]) -> Array:
     """Signed distance of the outer boundary of phi < 0.
 
     Cavities that nothing reaches from outside are inside.
