@@ -17,8 +17,9 @@ WAIT = 10.0  # seconds; a browser that has not answered by then is one that runs
 
 
 def page_of(folder: str | Path) -> Path:
-    """The report of a run: report.html in its folder, or where that is not there or older than the run, one
-    that is made now, in a folder for passing files. Raises InputError where the folder holds no finished run.
+    """Return the report of a run, and make it first where it is needed. It is report.html in the run's
+    folder; where that is missing or older than the run, a new one is made in a temporary folder. Raises
+    InputError where the folder holds no finished run.
     """
     from tempfile import mkdtemp
 
@@ -46,13 +47,13 @@ def show(page: Path, *, wait: float = WAIT) -> None:
 
 
 def has_display() -> bool:
-    """Whether programs can show windows here."""
+    """Return whether programs can show windows here."""
     named = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
     return bool(named) or not sys.platform.startswith(("linux", "freebsd"))
 
 
 def _find_opener() -> Callable[[str], bool] | None:
-    """What opens an address: the browser that BROWSER names, else one with windows; never one in the
+    """Find what opens an address: the browser that BROWSER names, else one with windows; never one in the
     terminal, which runs no scripts.
     """
     chosen = bool(os.environ.get("BROWSER"))
@@ -66,7 +67,7 @@ def _find_opener() -> Callable[[str], bool] | None:
 
 
 def _takes_address(opener: Callable[[str], bool], address: str, wait: float) -> bool:
-    """Whether the browser took the address; some answer only when they are closed."""
+    """Return whether the browser took the address; some answer only when they are closed."""
     answers: list[bool] = []
 
     def ask() -> None:

@@ -22,12 +22,12 @@ class Step:
 
     @property
     def change(self) -> float:
-        """Negative: closer."""
+        """The change of the mean distance; it is negative where the stage came closer."""
         return self.after - self.before
 
 
 def steps(subject: Subject) -> list[Step]:
-    """The stages from the start of the run to its last estimate shown, each with its means."""
+    """Return the stages from the start of the run to its last estimate shown, each with its means."""
     scores = subject.last.run.scores
     key = f"mean_{subject.unit}"
     group = subject.headline or ""
@@ -37,7 +37,7 @@ def steps(subject: Subject) -> list[Step]:
 
 
 def _trace_way(subject: Subject) -> list[str]:
-    """Names of the estimates from the first to the last, each begun from the one before it."""
+    """Return names of the estimates from the first to the last, each begun from the one before it."""
     origin = _find_origins(subject)
     way = [subject.last.key]
     while way[-1] in origin:
@@ -46,14 +46,14 @@ def _trace_way(subject: Subject) -> list[str]:
 
 
 def _find_origins(subject: Subject) -> Mapping[str, str]:
-    """The estimate that each stage began from: the one before it, or the one that its `after` names."""
+    """Return the estimate that each stage began from: the one before it, or the one named by `after`."""
     names = list(subject.last.run.estimates)
     made = subject.last.run.provenance.parameters
     return {name: made.get(f"{name}.after") or before for before, name in pairwise(names)}
 
 
 def credit(subject: Subject) -> str | None:
-    """Which stage after the baseline gained most, where that is not the last one."""
+    """Say which stage after the baseline gained most, where that is not the last one."""
     found = steps(subject)
     names = [one.stage for one in found]
     if subject.first is None or subject.first.run is not subject.last.run:

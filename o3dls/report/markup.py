@@ -22,7 +22,7 @@ Child = str | float | int | None
 
 
 def tag(name: str, /, *children: Child, **attributes: Child) -> Html:
-    """An element: plain text children and attribute values are escaped, None is left out.
+    """Write an element: plain text children and attribute values are escaped, None is left out.
 
     A trailing underscore is dropped from attribute names (`class_`), other underscores become hyphens; True
     gives a bare attribute.
@@ -36,7 +36,7 @@ def tag(name: str, /, *children: Child, **attributes: Child) -> Html:
 
 
 def join(*children: Child) -> Html:
-    """Children one after the other, text escaped."""
+    """Join children one after the other, text escaped."""
     return Html(
         "".join(
             child if isinstance(child, Html) else escape(str(child))
@@ -55,7 +55,7 @@ def _write_attribute(key: str, value: Child) -> str:
 
 
 def data_block(identifier: str, value: Any) -> Html:
-    """A value as JSON for scripts to read; no text in it can end the element."""
+    """Write a value as JSON for scripts to read; no text in it can end the element."""
     text = (
         json.dumps(value, allow_nan=False, separators=(",", ":"))
         .replace("<", "\\u003c")
@@ -65,8 +65,9 @@ def data_block(identifier: str, value: Any) -> Html:
 
 
 def table(head: Sequence[Child], rows: Sequence[Sequence[Child]], caption: str = "") -> Html:
-    """A table whose first column is text and whose others are numbers; it scrolls by itself where the page is
-    narrow, and its name for screen readers is the caption, or what the heading of its first column says.
+    """Write a table whose first column is text and whose others are numbers; it scrolls by itself where the
+    page is narrow, and its name for screen readers is the caption, or what the heading of its first column
+    says.
     """
     top = tag("tr", *(tag("th", cell, scope="col") for cell in head))
     body = [tag("tr", tag("th", row[0], scope="row"), *(tag("td", cell) for cell in row[1:])) for row in rows]
@@ -82,10 +83,10 @@ def _strip_tags(cell: Child) -> str:
 
 
 def signed(value: float, digits: int = 2) -> str:
-    """A number with its sign; nothing is written as minus zero."""
+    """Write a number with its sign; nothing is written as minus zero."""
     return f"{round(value, digits) + 0.0:+.{digits}f}"
 
 
 def millimetres(value: float | None, digits: int = 2) -> str:
-    """A length for a table; a dash where there is none."""
+    """Write a length for a table; a dash where there is none."""
     return "–" if value is None else f"{value:.{digits}f}"

@@ -22,7 +22,7 @@ NOTICE = "Research use only. Not for clinical use."
 
 
 def report_page(subject: Subject) -> str:
-    """The whole page of one subject."""
+    """Write the whole page of one subject."""
     found = [section for make in (*SECTIONS, *plugin_sections()) if (section := make(subject))]
     return page(
         f"{subject.case.name}: {subject.last.name}",
@@ -32,8 +32,8 @@ def report_page(subject: Subject) -> str:
 
 
 def page(title: str, body: Html, *scripts: str, links: Html | None = None) -> str:
-    """A complete HTML document with the styles and the notice that every page of ours carries, with these
-    files of scripts, and with links to its sections beside it.
+    """Write a complete HTML document with the styles and the notice that every page of ours carries, with
+    these files of scripts, and with links to its sections beside it.
     """
     script = "\n".join(['"use strict";', *map(asset, ("page.js", "layout.js", *scripts))])
     maker = f"Made by o3dls {__version__} ({AUTHORS}, {RELEASED[:4]}), an open research tool. {NOTICE}"

@@ -23,12 +23,12 @@ ORDER = (2, 3, 4, 0, 1, GREY)  # in which other methods take what is free: ours 
 
 
 def colour_of(method: str) -> str:
-    """The colour of a method of METHODS on a light page."""
+    """Return the colour of a method of METHODS on a light page."""
     return LIGHT[METHODS[method]]
 
 
 def places(methods: Sequence[str]) -> list[int]:
-    """Number of the colour and dash of each method, the most important first, so that they differ.
+    """Return the number of the colour and dash of each method, the most important first, so that they differ.
 
     It is the method's own where no other has it, else the next that is free; where all are taken, a number
     beyond them.
@@ -42,7 +42,7 @@ def places(methods: Sequence[str]) -> list[int]:
 
 
 def variables() -> str:
-    """The colours as variables --s0 to --s5 of a style sheet, light and dark.
+    """Write the colours as variables --s0 to --s5 of a style sheet, light and dark.
 
     Paper is light, and so are pictures that are made for it (class `printing` of print.js).
     """

@@ -23,7 +23,7 @@ SMALLEST_SHARE = 0.005
 
 
 def verdict(subject: Subject) -> str:
-    """One sentence: which is closer to unseen data, by how much and how sure.
+    """Say in one sentence which is closer to unseen data, by how much and how sure.
 
     It ends with how much of the surface has no data.
     """
@@ -36,7 +36,7 @@ def verdict(subject: Subject) -> str:
 
 
 def _describe_harm(subject: Subject) -> list[str]:
-    """Where the baseline is clearly closer on a part of the wall, which a mean over all can hide."""
+    """Say where the baseline is clearly closer on a part of the wall, which a mean over all can hide."""
     first = subject.first
     worse = [one for one in wall_parts(subject) if one.worse] if first else []
     return [
@@ -55,7 +55,7 @@ def _describe_unmapped(share: float, far: str) -> str:
 
 
 def headline_difference(subject: Subject) -> Difference | None:
-    """The paired difference between the first and the last estimate shown, on the headline set."""
+    """Return the paired difference between the first and the last estimate shown, on the headline set."""
     return (
         None
         if subject.first is None or subject.headline is None
@@ -64,7 +64,7 @@ def headline_difference(subject: Subject) -> Difference | None:
 
 
 def difference(first: Result, second: Result, group: str) -> Difference | None:
-    """Paired difference of two results on a set of points, that of the second.
+    """Return the paired difference of two results on a set of points, that of the second.
 
     None where they do not share it.
     """
@@ -112,7 +112,7 @@ def _describe_alone(subject: Subject) -> str:
 
 
 def warnings(subject: Subject) -> list[str]:
-    """Sentences on what a reader must know before trusting the pictures.
+    """Write the sentences that a reader must know before trusting the pictures.
 
     Invalid, not converged, weak, few data.
     """
@@ -132,7 +132,7 @@ def warnings(subject: Subject) -> list[str]:
 
 
 def _estimates_own(subject: Subject) -> list[str]:
-    """The estimates' warnings, each once, after the name of the stage that gave it."""
+    """List the estimates' warnings, each once, after the name of the stage that gave it."""
     found = each_once(
         warning for result in _estimates_behind(subject) for warning in result.estimate.warnings
     )
@@ -145,7 +145,7 @@ def _describe_unfinished(result: Result) -> str:
 
 
 def _estimates_behind(subject: Subject) -> list[Result]:
-    """The last estimate first, then the others of its run in their order."""
+    """Return the last estimate first, then the others of its run in their order."""
     return [
         subject.last,
         *(one for one in subject.results.values() if one.run is subject.last.run and one is not subject.last),

@@ -55,7 +55,7 @@ class Stand:
         self.views = self.seen.views()  # name, and the direction (3,) from where it looks
 
     def keys(self) -> dict[str, Callable[[Choice], Choice]]:
-        """What each key makes of a choice."""
+        """Return what each key makes of a choice."""
         numbers = {
             str(k + 1): lambda choice, k=k: replace(choice, estimate=k)
             for k in range(min(9, len(self.names)))
@@ -72,7 +72,7 @@ class Stand:
         }
 
     def help(self) -> str:
-        """The keys in one line."""
+        """Name the keys in one line."""
         views = ", ".join(f"F{k + 1} {name}" for k, name in enumerate(self.views))
         return (
             "1-9 estimate, F next colours, P points, L landmarks, G prior, T truth, "
@@ -80,7 +80,7 @@ class Stand:
         )
 
     def caption(self, choice: Choice) -> str:
-        """What is to be seen, in one line."""
+        """Say in one line what is to be seen."""
         name, view = self.names[choice.estimate], list(self.views)[choice.view]
         if choice.field is None:
             return f"{name}, {view}"
@@ -88,8 +88,8 @@ class Stand:
         return f"{name}, {view}: {field.label}, {' to '.join(ends(field))} ({field.low_end}: low)"
 
     def geometries(self, choice: Choice) -> list[Any]:
-        """Open3D geometry of a choice: the surface in colours, points as balls, prior and truth as edges, and
-        the words that name them.
+        """Make the Open3D geometry of a choice: the surface in colours, points as balls, prior and truth as
+        edges, and the words that name them.
         """
         name = self.names[choice.estimate]
         found = [mesh(self.subject.surfaces[name], self._vertex_colours(name, choice))]
@@ -108,12 +108,14 @@ class Stand:
         return self.subject.case.truth.surface if self.subject.case.truth else None
 
     def page(self, choice: Choice) -> Sheet:
-        """Where words stand in the view of a choice: about the last surface, so that they stay there."""
+        """Return the sheet on which words stand in the view of a choice: about the last surface, so that they
+        stay there.
+        """
         last = self.subject.last.estimate.surface
         return sheet(last, list(self.views.values())[choice.view], self.seen.up)
 
     def _next_field(self, field: int | None) -> int | None:
-        """Through all fields, then plain, then again from the first."""
+        """Go through all fields, then plain, then again from the first."""
         if field is None:
             return 0 if self.fields else None
         return field + 1 if field + 1 < len(self.fields) else None
@@ -126,14 +128,14 @@ class Stand:
         return colours_of(surface.fields[field.key], field)
 
     def _draw_points(self, name: str) -> Any:
-        """All points as one mesh of balls in the colours of their distance."""
+        """Draw all points as one mesh of balls in the colours of their distance."""
         result = self.subject.results[name]
         colours = colours_of(result.point_distances, self.gaps)
         return balls(result.drawn_points.xyz, colours)
 
     def _draw_words(self, choice: Choice) -> list[Any]:
-        """Name of the estimate and of the view, of what is drawn as edges, colour bars with their ends, and
-        the names of landmarks.
+        """Draw the names of the estimate, the view, the landmarks and what is drawn as edges, and colour bars
+        with their ends.
         """
         page = self.page(choice)
         shown = [name for name in EDGES if getattr(choice, name) and (name == "prior" or self._true_surface)]

@@ -115,8 +115,8 @@ def _write_cohort(folders: Sequence[str | Path], failed: Mapping[str, str], out:
 
 
 def _check_page_path(out: str | Path) -> Path:
-    """The path of a page to write. Raises InputError for a name that says it is something else, or is a part
-    of a run.
+    """Return the path of a page to write. Raises InputError for a name that says it is something else, or is
+    a part of a run.
     """
     from ..runs.folder import check_not_of_a_run
 

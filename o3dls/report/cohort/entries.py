@@ -42,8 +42,8 @@ class Entry:
 
 
 def read_entries(folders: Sequence[Path]) -> list[Entry]:
-    """The runs in these folders, one after the other in memory. Raises InputError where one is no run, or is
-    named twice.
+    """Read the runs in these folders, one after the other to save memory. Raises InputError where one is no
+    run, or is named twice.
     """
     names = distinct_names(folders) if folders else []
     return [_make_entry(read_subject([folder]), name) for folder, name in zip(folders, names, strict=True)]
@@ -71,7 +71,7 @@ def _make_entry(subject: Subject, name: str) -> Entry:
 
 
 def _parameters_up_to(result: Result, provenance: Provenance, group: str | None) -> dict[str, str]:
-    """Every parameter of the stages up to the one that made an estimate."""
+    """Return every parameter of the stages up to the one that made an estimate."""
     found = {"folds": str(provenance.pipeline["folds"])} if group == "cross_validated" else {}
     made = {key: str(value) for key, value in provenance.parameters.items()}
     names = stages_of(made)
@@ -80,8 +80,8 @@ def _parameters_up_to(result: Result, provenance: Provenance, group: str | None)
 
 
 def told_apart(entries: Sequence[Entry]) -> tuple[list[Entry], dict[str, str]]:
-    """The runs, with a number behind the name of an estimate that was made in different ways, such as
-    `level_set (2)`; and for each of these names what differs.
+    """Return the runs with a number behind the name of each estimate that was made in different ways, such as
+    `level_set (2)`; and say for each of these names what differs.
 
     Parts that only one of two cases allows, such as landmarks, are no difference between runs of the two.
     """
@@ -117,7 +117,7 @@ def _made_alike(one: Entry, other: Entry, name: str) -> bool:
 
 
 def _describe_difference(made: Sequence[Mapping[str, str]], k: int) -> str:
-    """What is so in the k-th of several ways and not in all."""
+    """Say what is so in the k-th of several ways and not in all."""
     stages = [stages_of(one) for one in made]
     shared = set(stages[0]).intersection(*stages)
     said = [
@@ -135,7 +135,7 @@ def _describe_difference(made: Sequence[Mapping[str, str]], k: int) -> str:
 
 
 def stages_of(made: Mapping[str, str]) -> list[str]:
-    """The stages whose parameters these are, in their order."""
+    """Return the stages that these parameters belong to, in their order."""
     return list(dict.fromkeys(map(_stage_of_key, made)))
 
 

@@ -30,7 +30,7 @@ HOW = (
 
 
 def cohort_page(entries: Sequence[Entry], out: Path, failed: Mapping[str, str] | None = None) -> str:
-    """The page of a cohort; links go to the report.html of each run, as seen from `out`.
+    """Write the page of a cohort; links go to the report.html of each run, as seen from `out`.
 
     failed: the cases that have no run, each with the reason. Raises InputError where there is nothing to say.
     """
@@ -75,7 +75,7 @@ def _list_failures(failed: Mapping[str, str]) -> Html | None:
 
 
 def _list_ways(notes: Mapping[str, str]) -> Html | None:
-    """What differs between estimates of one name, which are never averaged with one another."""
+    """List what differs between estimates of one name, which are never averaged with one another."""
     if not notes:
         return None
     said = (tag("li", tag("strong", name), f": {way}") for name, way in notes.items())
@@ -83,7 +83,7 @@ def _list_ways(notes: Mapping[str, str]) -> Html | None:
 
 
 def _choose_styles(entries: Sequence[Entry]) -> dict[str, int]:
-    """The colour of each estimate, by its method as in the reports; those of most runs come first."""
+    """Choose the colour of each estimate, by its method as in the reports; those of most runs come first."""
     shown = Counter((one.first, one.last) for one in entries if one.measured).most_common()
     order = dict.fromkeys(name for pair, _ in shown for name in pair if name)
     return {name: place % STYLES for name, place in zip(order, places(list(order)), strict=True)}
@@ -112,8 +112,8 @@ def _write_section(k: int, block: Block, styles: Mapping[str, int], out: Path) -
 
 
 def summary(block: Block) -> str:
-    """What the result gained over the baseline in the mean of the cases, how sure that is, and what is not
-    valid.
+    """Say what the result gained over the baseline in the mean of the cases, how sure that is, and what is
+    not valid.
     """
     invalid = sum(not run.valid for run in block.runs)
     bad = f" {invalid} of {_write_count(len(block.runs), 'result')} not valid." if invalid else ""

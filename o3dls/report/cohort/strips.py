@@ -21,7 +21,7 @@ SHORT = 0.18  # of a column's width: half the line of the mean
 
 
 def strip_plot(block: Block, styles: Mapping[str, int], values: str) -> Html:
-    """The plot.
+    """Draw the mean distances of all cases, a mark per case above the name of each estimate.
 
     styles: the colour of each estimate, as in its report; values: the id of the table of its marks.
     """
@@ -101,7 +101,9 @@ def _shorten_name(name: str, most: int) -> str:
 
 
 def _draw_case_line(case: CaseOfRuns, columns: list[tuple[str, float]], y: Axis, unit: str) -> Html | None:
-    """From estimate to estimate, with the sign of the difference between the first and the last."""
+    """Draw a line from estimate to estimate of one case, with the sign of the difference between the first
+    and the last.
+    """
     values = [(name, x, case.mean(name)) for name, x in columns if case.means(name)]
     if len(values) < 2:
         return None
@@ -125,7 +127,9 @@ def _draw_mean(values: Array, x: float, y: Axis, count: int) -> Html:
 
 
 def _draw_mark(case: CaseOfRuns, name: str, x: float, style: int, y: Axis) -> Html:
-    """The mean, and from the smallest to the largest of several runs a line."""
+    """Draw the mean of one case, and a line from the smallest to the largest of its runs where there are
+    several.
+    """
     values = case.means(name)
     mean = case.mean(name)
     low, high = _row_place(min(values), y), _row_place(max(values), y)

@@ -27,7 +27,8 @@ class Cell(NamedTuple):
 def sortable(
     name: str, caption: str, head: Sequence[str], rows: Sequence[Sequence[Cell]], ordered: int | None = None
 ) -> Html:
-    """A table with the id `name` whose headings the page's script makes buttons that put the rows in order.
+    """Make a table with the id `name`, whose headings the page's script turns into buttons that sort the
+    rows.
 
     ordered: the column by which the rows stand from the largest to the smallest already.
     """
@@ -65,7 +66,7 @@ def _write_cell(cell: Cell) -> Html:
 
 
 def means_table(name: str, block: Block) -> Html:
-    """The mean distance of every estimate in every case, which are the marks of the strip plot."""
+    """Tabulate the mean distance of every estimate in every case, which are the marks of the strip plot."""
     rows = [
         [
             Cell(case.name),
@@ -91,7 +92,7 @@ def _mean_cell(case: CaseOfRuns, estimate: str) -> Cell:
 
 
 def differences_table(name: str, block: Block) -> Html:
-    """The mean difference of every pair of estimates over the cases that have both."""
+    """Tabulate the mean difference of every pair of estimates over the cases that have both."""
     rows = []
     for pair, found in block.differences.items():
         by_case = [outcome(one, pair) for _, one in found]
@@ -109,7 +110,7 @@ def differences_table(name: str, block: Block) -> Html:
 
 
 def cases_table(name: str, block: Block) -> Html:
-    """The difference of every pair of estimates in every case."""
+    """Tabulate the difference of every pair of estimates in every case."""
     unit = block.unit
     rows = []
     for pair, found in block.differences.items():
@@ -136,7 +137,7 @@ def _difference_cells(pair: Pair, found: Difference, n: int) -> list[Cell]:
 
 
 def runs_table(name: str, block: Block, out: Path) -> Html:
-    """Every run by its name, with a link to its report as seen from the page `out`, the worst first."""
+    """List every run by its name, with a link to its report as seen from the page `out`, the worst first."""
     ordered = sorted(
         ((_result_distance(run), case.name, run) for case in block.cases for run in case.runs),
         key=lambda one: -one[0],

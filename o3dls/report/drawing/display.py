@@ -23,8 +23,9 @@ NEGLIGIBLE = 1e-6  # a length below is rounding: a pose alone moves no vertex of
 
 
 def displayed(surface: Surface, case: Case, left_out: Array, distances: Array) -> Surface:
-    """A surface of an estimate, decimated if need be, with electrical values, the distance to truth where
-    that is known, and the distances (k,) of points (k, d) that were left out in turn, carried to the wall.
+    """Make a surface of an estimate ready to be drawn: decimated if need be, with electrical values, the
+    distance to truth where that is known, and the distances (k,) of points (k, d) that were left out in turn,
+    carried to the wall.
 
     It has no displacement where a pose alone has moved it.
     """
@@ -46,15 +47,17 @@ def _distances_to_truth(surface: Surface, case: Case) -> dict[str, Array]:
 
 
 def _carry_distances(surface: Surface, unit: str, xyz: Array, values: Array) -> dict[str, Array]:
-    """Distances (k,) of points (k, d) as a field, NaN far from all of them; none where all are far."""
+    """Carry distances (k,) of points (k, d) to the surface as a field, NaN far from all of them; none where
+    all are far.
+    """
     if len(xyz) == 0 or (project(xyz, surface).distance > REACH).all():
         return {}
     return {f"{LEFT_OUT}_{unit}": to_surface(xyz, values, surface)}
 
 
 def decimated(surface: Surface, most: int = MOST_FACES, wanted: int = DISPLAY_FACES) -> Surface:
-    """The surface, or one of `wanted` faces where it has more than `most`; fields are carried over by closest
-    point.
+    """Return the surface, or one of `wanted` faces where it has more than `most`; fields are carried over by
+    closest point.
     """
     if len(surface.faces) <= most or surface.dimension == 2:
         return surface

@@ -28,7 +28,7 @@ class View:
     height: float
 
     def project(self, points: Array) -> Array:
-        """Right, up and depth (larger is nearer) in mm about the centre, (n, 3)."""
+        """Return right, up and depth (larger is nearer) in mm about the centre, (n, 3)."""
         return np.asarray((points - self.centre) @ self.axes.T)
 
 
@@ -43,7 +43,7 @@ class Canvas:
         self._scale = shape[0] / view.height
 
     def _place_on_grid(self, points: Array) -> Array:
-        """Column, row (pixels of the fine grid) and depth (mm), (n, 3)."""
+        """Return the column, row (pixels of the fine grid) and depth (mm), (n, 3)."""
         flat = self.view.project(points)
         rows, columns = self._depth.shape
         return np.column_stack(
@@ -69,7 +69,7 @@ class Canvas:
         )
 
     def pixels(self) -> Any:
-        """The picture, (height, width, 3) bytes."""
+        """Return the picture, (height, width, 3) bytes."""
         rows, columns = (n // SUPERSAMPLING for n in self._depth.shape)
         mean = self._colour.reshape(rows, SUPERSAMPLING, columns, SUPERSAMPLING, 3).mean(axis=(1, 3))
         return np.round(255 * np.clip(mean, 0, 1)).astype(np.uint8)

@@ -30,7 +30,7 @@ GHOST_STYLES: dict[str, Json] = {
 
 
 def scene(subject: Subject) -> Json:
-    """Everything that the viewer draws, JSON-ready."""
+    """Collect everything that the viewer draws, JSON-ready."""
     surfaces = with_regions(subject, all_surfaces(subject))
     fields = all_fields(subject, surfaces)
     ghosts = _ghost_surfaces(subject)
@@ -68,7 +68,7 @@ def scene(subject: Subject) -> Json:
 
 
 def _bounding_box(parts: Sequence[Array]) -> tuple[Array, Array]:
-    """The lowest corner (3,) of all points, and how far they reach from there."""
+    """Return the lowest corner (3,) of all points, and how far they reach from there."""
     everything = np.vstack(parts)
     low = everything.min(axis=0)
     return low, np.maximum(np.ptp(everything, axis=0), 1e-6)
@@ -87,7 +87,7 @@ def _describe_field(field: Field) -> Json:
 
 
 def _ghost_surfaces(subject: Subject) -> dict[str, Surface]:
-    """The prior brought near by the last pose for packing, and the truth where known.
+    """Return the prior brought near by the last pose for packing, and the truth where known.
 
     The prior is in its own frame; each panel moves it.
     """
@@ -116,7 +116,7 @@ def _pack_points(subject: Subject, low: Array, size: Array) -> Json:
 
 
 def _write_id(name: object) -> str:
-    """The name of a point as its file has it, empty where it has none: tables hold decimal numbers."""
+    """Write the name of a point as its file has it, empty where it has none: tables hold decimal numbers."""
     if name != name:
         return ""
     return str(int(name)) if isinstance(name, float) and name.is_integer() else str(name)
@@ -129,7 +129,7 @@ def _list_landmarks(subject: Subject) -> list[Json]:
 
 
 def _list_next_places(subject: Subject) -> list[Json]:
-    """Numbered places where one more point would tell most."""
+    """List the numbered places where one more point would tell most."""
     found = shown_advice(subject)
     return [
         {"name": str(k + 1), "at": one.xyz.tolist()} for k, one in enumerate(found.places if found else ())
@@ -142,7 +142,7 @@ def _remoteness_field(subject: Subject) -> str | None:
 
 
 def _describe_directions(subject: Subject) -> Json:
-    """Views, what is up, the patient's axes where known, letters of the axes and sides to cut away."""
+    """Describe views, what is up, the patient's axes where known, letters of axes and sides to cut away."""
     frame = subject.case.frame
     known = frame != "unknown"
     side = -1.0 if frame == "RAS" else 1.0

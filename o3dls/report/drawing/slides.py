@@ -55,7 +55,7 @@ def write_slides(subject: Subject, folder: Path, pdf: Path) -> None:
 
 
 def _surface_pngs(subject: Subject) -> dict[str, bytes]:
-    """The estimates side by side from the front and from behind; in 2D as outlines."""
+    """Draw the estimates side by side from the front and from behind; in 2D as outlines."""
     if subject.case.dimension == 2:
         with side_by_side(subject) as figure:
             _draw_surfaces(figure, subject, WHOLE)
@@ -89,7 +89,7 @@ def _draw_surfaces(figure: Figure, subject: Subject, box: tuple[float, float, fl
 
 
 def _draw_outlines(axes: Axes, subject: Subject, name: str) -> None:
-    """One estimate in 2D: the outlines with their names, the points in the colours of their distance."""
+    """Draw one estimate in 2D: the outlines with their names, the points in the colours of their distance."""
     for label, _, surface in named_outlines(subject, name):
         colour = {"truth": INK, "prior": LIGHT[GREY]}.get(label, LIGHT[subject.style(name) % len(LIGHT)])
         x, y = surface.vertices[surface.faces].T
@@ -106,7 +106,7 @@ def _draw_outlines(axes: Axes, subject: Subject, name: str) -> None:
 
 
 def _draw_summary(subject: Subject) -> tuple[bytes, bytes]:
-    """One page, A4 across, as PNG and as PDF: verdict, warnings, surfaces, table and curve."""
+    """Draw one page, A4 across, as PNG and as PDF: verdict, warnings, surfaces, table and curve."""
     buffer = io.BytesIO()
     with plain_figure(11.69, 8.27) as figure:
         title = figure.text(
@@ -140,7 +140,7 @@ def _draw_summary(subject: Subject) -> tuple[bytes, bytes]:
 
 
 def _write_warnings(subject: Subject, most: int) -> str:
-    """The first lines of the warnings, and whether there are more."""
+    """Write the first lines of the warnings, and whether there are more."""
     lines = [line for text in warnings(subject) for line in _wrap_text(text, 150)]
     return "\n".join(lines if len(lines) <= most else [*lines[: most - 1], "and more in the report"])
 
@@ -153,7 +153,7 @@ def _distances_png(subject: Subject) -> bytes:
 
 
 def _draw_curve(axes: Axes, subject: Subject) -> None:
-    """Share of points within a distance, on the set that speaks first."""
+    """Draw the share of points within a distance, on the headline set of points."""
     group = subject.headline
     names = dict.fromkeys([next(iter(subject.results)), *subject.shown])  # where it began, and what is shown
     gaps = {name: subject.results[name].measured(group, subject.last)[1] for name in names} if group else {}
@@ -178,7 +178,7 @@ def _draw_curve(axes: Axes, subject: Subject) -> None:
 
 
 def _draw_table(figure: Figure, subject: Subject, box: tuple[float, float, float, float]) -> None:
-    """Mean distances, what was fitted last."""
+    """Draw the table of mean distances; the sets that were fitted stand last."""
     sets, rows = mean_table(subject)
     if len(sets) > MOST_COLUMNS:
         sets = [*sets[: MOST_COLUMNS - 1], sets[-1]]

@@ -25,7 +25,7 @@ MEANING = (
 
 
 def next_section(subject: Subject) -> Section | None:
-    """The best places for one more point each; None where the last estimate has no joint posterior."""
+    """List the best places for one more point each; None where the last estimate has no joint posterior."""
     found = shown_advice(subject)
     if found is None:
         return None
@@ -47,7 +47,7 @@ def _places_table(subject: Subject, found: Advice) -> Html:
 
 
 def region_section(subject: Subject) -> Section | None:
-    """Each region's share, points, distances and deviation; None where regions are not known."""
+    """Tabulate each region's share, points, distances and deviation; None where regions are not known."""
     surface = subject.last.estimate.surface
     of = wall_regions(subject, surface)
     if of is None:
@@ -103,7 +103,7 @@ def _region_rows(subject: Subject, of: Ints, group: str | None) -> list[list[Chi
 
 
 def _mean_by_area(area: Array, values: Array, part: NDArray[np.bool_]) -> float | None:
-    """Mean by area over a part, None where nothing is known of it."""
+    """Return the mean by area over a part, None where nothing is known of it."""
     known = part & np.isfinite(values)
     weight = area[known]
     return float(weight @ values[known] / weight.sum()) if weight.sum() > 0 else None

@@ -17,7 +17,7 @@ NOTICE = "What the posterior expects, not what will be found. Research use only;
 
 
 def next_places(folder: Path, k: int, reachable: Path | None = None, *, as_json: bool = False) -> str:
-    """The places of a finished run where one more point would tell most.
+    """List the places of a finished run where one more point would tell most.
 
     Raises InputError where the run has no joint posterior, or the mask does not fit its last surface.
     """
@@ -32,7 +32,7 @@ def next_places(folder: Path, k: int, reachable: Path | None = None, *, as_json:
 
 
 def _read_mask(path: Path, subject: Subject) -> NDArray[np.bool_]:
-    """Which vertices are reachable, from a table with one row each."""
+    """Read which vertices are reachable, from a table with one row each."""
     values = read_table(path, ("reachable",)).numbers("reachable")
     n = len(subject.last.estimate.surface.vertices)
     if len(values) != n:

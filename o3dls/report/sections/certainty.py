@@ -23,7 +23,7 @@ MOST_DIRECTIONS = 4
 
 
 def pose_section(subject: Subject) -> Section | None:
-    """The least certain directions of each pose whose stage has looked at its Hessian."""
+    """Tabulate the least certain directions of each pose whose stage has looked at its Hessian."""
     found = {result.name: result.estimate.facts.get("observability") for result in subject.results.values()}
     rows = [
         _direction_row(name, one) for name, all_ in found.items() for one in (all_ or [])[:MOST_DIRECTIONS]
@@ -56,8 +56,8 @@ def _direction_row(name: str, one: Mapping[str, Any]) -> list[Child]:
 
 
 def calibration_section(subject: Subject) -> Section | None:
-    """Where the truth is known: predicted deviation against the error that was really made, at the
-    vertices.
+    """Chart the predicted deviation against the error that was really made, at the vertices; None without
+    truth.
     """
     surface = subject.surfaces[subject.last.name]
     unit = subject.unit
@@ -82,7 +82,9 @@ def calibration_section(subject: Subject) -> Section | None:
 
 
 def _ideal_series(high: float) -> Series:
-    """What a calibrated posterior of normal errors shows, in the last style, which no shown estimate has."""
+    """Return what a calibrated posterior of normal errors shows, in the last style, which no shown estimate
+    has.
+    """
     ends = np.array([0.0, high])
     return Series("calibrated", STYLES - 1, ends, MEAN_OVER_SD * ends)
 

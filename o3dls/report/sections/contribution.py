@@ -15,7 +15,7 @@ BAR = 14
 
 
 def contribution_section(subject: Subject) -> Section | None:
-    """The change of the mean distance by each stage on the way to the last estimate."""
+    """Show the change of the mean distance by each stage on the way to the last estimate."""
     found = steps(subject)
     if not found or subject.headline is None:
         return None
@@ -33,7 +33,7 @@ def contribution_section(subject: Subject) -> Section | None:
 
 
 def _mark_change(change: float) -> str:
-    """The way of a change as a mark: none of the estimates' colours says better or worse."""
+    """Return the way of a change as a mark: none of the estimates' colours says better or worse."""
     return "=" if round(change, 2) == 0 else "▼" if change < 0 else "▲"
 
 

@@ -20,7 +20,7 @@ LOG_FROM = 30.0  # ratio of largest to smallest value above which a logarithmic 
 
 
 def course_section(subject: Subject) -> Section | None:
-    """The trace of every estimate that has one, and the seconds of each stage."""
+    """Chart the trace of every estimate that has one, and list the seconds of each stage."""
     charts = [
         chart
         for result in subject.results.values()
@@ -32,7 +32,7 @@ def course_section(subject: Subject) -> Section | None:
 
 
 def _chart_traces(result: Result, unit: str) -> list[Html]:
-    """A chart for each unit of the trace: the energy with its terms, lengths, and whatever else alone."""
+    """Draw a chart for each unit of the trace: the energy with its terms, lengths, the others alone."""
     charts: dict[tuple[str, str], dict[str, Array]] = {}
     for name, values in _changing_columns(result.estimate.trace).items():
         charts.setdefault(_name_quantity(name, unit), {})[name] = values
@@ -43,7 +43,7 @@ def _chart_traces(result: Result, unit: str) -> list[Html]:
 
 
 def _name_quantity(name: str, unit: str) -> tuple[str, str]:
-    """What a column of a trace is, and the label of its axis."""
+    """Name what a column of a trace is, and the label of its axis."""
     if name in ENERGIES:
         return "energy", "energy, without unit"
     if name in LENGTHS:
@@ -69,7 +69,7 @@ def _describe_end(result: Result) -> str:
 
 
 def _changing_columns(trace: Sequence[Mapping[str, float]]) -> dict[str, Array]:
-    """Columns of a trace that change, gaps as NaN."""
+    """Return columns of a trace that change, gaps as NaN."""
     names = dict.fromkeys(key for row in trace for key in row if key not in INDICES)
     columns = {name: np.array([row.get(name, np.nan) for row in trace], dtype=np.float64) for name in names}
     changing = {name: values for name, values in columns.items() if np.nanmax(values) > np.nanmin(values)}
@@ -77,7 +77,7 @@ def _changing_columns(trace: Sequence[Mapping[str, float]]) -> dict[str, Array]:
 
 
 def _seconds_table(subject: Subject) -> Html:
-    """Seconds per stage, and of the whole run, cross-validation and scoring included."""
+    """Tabulate the seconds per stage, and of the whole run, cross-validation and scoring included."""
     results = [result for result in subject.results.values() if result.estimate.seconds > 0]
     rows: list[list[Child]] = [
         [r.name, f"{r.estimate.seconds:.2f}", r.estimate.iterations, _share_bar(r, results)] for r in results

@@ -36,21 +36,21 @@ class Cut:
     sides: tuple[str, str, str, str]
 
     def outline(self, surface: Surface) -> Array:
-        """Segments (n, 2, 2), right and up, where the surface meets the plane."""
+        """Return segments (n, 2, 2), right and up, where the surface meets the plane."""
         return slice_surface(replace(surface, vertices=surface.vertices @ self.axes.T), 2, self.level)
 
     def in_space(self, flat: Array) -> Array:
-        """Positions (n, 3) in the map frame of places (n, 2) in the plane."""
+        """Return positions (n, 3) in the map frame of places (n, 2) in the plane."""
         return np.asarray(np.column_stack([flat, np.full(len(flat), self.level)]) @ self.axes)
 
     def beside(self, xyz: Array) -> Array:
-        """Places (k, 2) in the plane of those points (n, 3) that are within BESIDE of it."""
+        """Return places (k, 2) in the plane of those points (n, 3) that are within BESIDE of it."""
         seen = xyz @ self.axes.T
         return np.asarray(seen[np.abs(seen[:, 2] - self.level) < BESIDE, :2])
 
 
 def slice_section(subject: Subject) -> Section | None:
-    """Outlines of the prior, the truth and the shown estimates in three planes through the middle of the
+    """Draw outlines of the prior, the truth and the shown estimates in three planes through the middle of the
     last, all on one scale; a plane that the last does not meet is left out.
     """
     if subject.case.dimension == 2:
@@ -98,7 +98,7 @@ def _make_cuts(subject: Subject, seen: Orientation) -> list[Cut]:
 
 
 def _make_frames(cuts: list[Cut], corners: list[Array], unit: str) -> list[Frame]:
-    """A frame about the corners (n, 2) of each plane, all of one size, so of one scale."""
+    """Make a frame about the corners (n, 2) of each plane, all of one size, so of one scale."""
     low, high = (np.array([pick(one, axis=0) for one in corners]) for pick in (np.min, np.max))
     half = (high - low).max(axis=0) / 2
     half = half + MARGIN * half.max()
@@ -120,7 +120,7 @@ def _draw_cut(subject: Subject, surfaces: Named, cut: Cut, drawn: dict[str, Arra
 
 
 def _describe_gaps(subject: Subject, surfaces: Named, cut: Cut, segments: Array) -> str:
-    """How far the outline (n, 2, 2) of the last estimate is from the other surfaces, as a sentence."""
+    """Say how far the outline (n, 2, 2) of the last estimate is from the other surfaces."""
     lengths = np.linalg.norm(segments[:, 1] - segments[:, 0], axis=1)
     middles = cut.in_space(segments.mean(axis=1))
     means = {

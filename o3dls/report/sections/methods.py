@@ -27,7 +27,7 @@ OPEN3D = """@article{open3d,
 
 
 def methods_section(subject: Subject) -> Section:
-    """What the run of the last estimate did, with parameters, versions and citation."""
+    """Describe what the run of the last estimate did, with parameters, versions and citation."""
     made = subject.last.run.provenance
     return Section(
         "methods",
@@ -41,7 +41,7 @@ def methods_section(subject: Subject) -> Section:
 
 
 def paragraph(subject: Subject, made: Provenance) -> str:
-    """The method in full sentences; every number is that of run.json."""
+    """Describe the method in full sentences; every number is that of run.json."""
     case, versions, pipeline = subject.case, made.versions, made.pipeline
     counts = ", ".join(f"{n} of type {kind}" for kind, n in made.case.points.items())
     done = " ".join(
@@ -62,7 +62,7 @@ def paragraph(subject: Subject, made: Provenance) -> str:
 
 
 def bibtex(version: str | None) -> str:
-    """Entries for o3dls, in the `version` that made the run, and for Open3D."""
+    """Write the entries for o3dls, in the `version` that made the run, and for Open3D."""
     own = f"""@software{{o3dls,
   author = {{{{{AUTHORS}}}}},
   title = {{{TITLE}}},
@@ -73,7 +73,7 @@ def bibtex(version: str | None) -> str:
 
 
 def _describe_stage(stage: Record, unit: str) -> str:
-    """What a stage did, in words where it is one of ours, and its parameters."""
+    """Say what a stage did, in words where it is one of ours, and its parameters."""
     known_words = SAID.get(stage["use"])
     said = known_words(stage, unit) if known_words else f"stage {stage['use']}"
     known = [
@@ -86,7 +86,9 @@ def _describe_stage(stage: Record, unit: str) -> str:
 
 
 def _describe_motion(stage: Record) -> str:
-    """The kind of pose, as far as the record tells: a stage of another package may have one of our names."""
+    """Name the kind of pose, as far as the record tells: a stage of another package may have one of our
+    names.
+    """
     scale = stage.get("scale")
     return "a pose" if scale is None else "a similarity" if scale else "a rigid motion"
 

@@ -18,7 +18,7 @@ LETTERS = 110  # of the warnings in the first lines: two lines of a telephone
 
 
 def overall(found: Sequence[Check], sentences: Sequence[str]) -> Html:
-    """The worst grade of the checks, which of them have it, and the beginning of the warnings."""
+    """Show the worst grade of the checks, which of them have it, and the beginning of the warnings."""
     raised = [one for grade in WORST_FIRST for one in found if one.grade == grade]
     grade: Grade = raised[0].grade if raised else "good"
     said = "; ".join(f"{one.name}: {one.short or one.said}" for one in raised)
@@ -32,7 +32,7 @@ def overall(found: Sequence[Check], sentences: Sequence[str]) -> Html:
 
 
 def _count_passed(found: Sequence[Check]) -> str:
-    """What OK rests on: a check without data proves nothing."""
+    """Say how many checks passed, and how many had no data: a check without data proves nothing."""
     without = sum(one.grade == "none" for one in found)
     return f"{len(found) - without} checks passed" + (f", {without} without data" if without else "")
 
@@ -46,8 +46,8 @@ def _shorten_warnings(warnings: Sequence[str]) -> Html | None:
 
 
 def strip(found: Sequence[Check], name: str) -> Html:
-    """The checks of what that name says side by side; the grade stands there as a word, so no colour is
-    needed to read it.
+    """List the checks side by side, under the `name` of what they judge; each grade stands there as a word,
+    so no colour is needed to read it.
     """
     items = (
         tag(
@@ -64,7 +64,7 @@ def strip(found: Sequence[Check], name: str) -> Html:
 
 
 def outcome_section(subject: Subject) -> Section:
-    """What the strip above the pictures says in short, whole."""
+    """Show the verdict, every check and every warning in full; the head of the page shortens them."""
     said = warnings(subject)
     body = join(
         tag("p", verdict(subject), class_="verdict"),

@@ -18,8 +18,8 @@ MARGIN = 0.03  # of the extent, around the outlines
 
 
 def outline_section(subject: Subject) -> Section | None:
-    """In 2D: each shown estimate with the truth, the prior in its pose, and the points in the colours of
-    their distance.
+    """Draw each shown estimate of a case in 2D with the truth, the prior in its pose, and the points in the
+    colours of their distance.
     """
     if subject.case.dimension == 3:
         return None
@@ -35,7 +35,7 @@ def outline_section(subject: Subject) -> Section | None:
 
 
 def _draw_estimate(subject: Subject, name: str, frame: Frame) -> Html:
-    """One estimate over the truth and the prior, which is drawn as this estimate's similarity moved it."""
+    """Draw one estimate over the truth and the prior, which stands where this estimate's pose moved it."""
     result = subject.results[name]
     outlines = [
         Outline(label, classes, surface.vertices[surface.faces])
@@ -49,7 +49,7 @@ def _draw_estimate(subject: Subject, name: str, frame: Frame) -> Html:
 
 
 def named_outlines(subject: Subject, name: str) -> list[tuple[str, str, Surface]]:
-    """Name, CSS classes and surface of the prior, the truth and one estimate, in the order of drawing."""
+    """Return name, CSS classes and surface of prior, truth and one estimate, in the order of drawing."""
     estimate = subject.results[name].estimate
     placed = subject.case.prior.transformed(estimate.T_map_prior)
     truth = [one for one in _list_surfaces(subject) if one[0] == "truth"]
@@ -57,7 +57,7 @@ def named_outlines(subject: Subject, name: str) -> list[tuple[str, str, Surface]
 
 
 def _list_surfaces(subject: Subject) -> list[tuple[str, str, Surface]]:
-    """Name, CSS classes and surface of the truth and the shown estimates, in the order of drawing."""
+    """List name, CSS classes and surface of the truth and the shown estimates, in the order of drawing."""
     truth = subject.case.truth.surface if subject.case.truth else None
     shown = [
         (name, line_class(subject.style(name)), subject.results[name].estimate.surface)

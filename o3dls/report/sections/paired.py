@@ -20,9 +20,7 @@ SMALLEST = 0.005  # differences below are not shown as found
 
 
 def paired_section(subject: Subject) -> Section | None:
-    """The last estimate against every other on the set that speaks first, and against the first shown on all
-    sets.
-    """
+    """Compare the last estimate with all others on the headline set, and with the first shown on all sets."""
     last = subject.last
     sets = [group for group in SETS if len(last.measured(group)[1]) > 1]
     rows = [
@@ -63,7 +61,7 @@ def _difference_cells(found: Difference) -> list[Child]:
 
 
 def _regions_table(subject: Subject) -> Html | None:
-    """The headline set split by the nearest landmark: veins apart from the body."""
+    """Tabulate the headline set split by the nearest landmark: veins apart from the body."""
     marks = subject.case.points.of("landmark")
     if subject.headline is None or subject.first is None or len(marks) == 0 or subject.case.units == "px":
         return None
@@ -104,7 +102,9 @@ def _region_cells(found: Difference) -> list[Child]:
 
 
 def landmark_section(subject: Subject) -> Section | None:
-    """Error at each landmark: after each estimate, and as the landmark fit predicts it from the others."""
+    """Tabulate the error at each landmark: after each estimate, and as the landmark fit predicts it from the
+    others.
+    """
     marks = subject.case.points.of("landmark")
     names = [str(name) for name in marks.columns.get("name", [])]
     if not names or "landmarks" not in subject.last.scores:
@@ -123,7 +123,7 @@ def _landmark_errors(result: Result, unit: str) -> list[Child]:
 
 
 def _left_out(subject: Subject, names: list[str]) -> list[tuple[str, list[Child]]]:
-    """What the landmark fits say about a landmark that they were not shown."""
+    """Return what the landmark fits say about a landmark that they were not shown."""
     rows: list[tuple[str, list[Child]]] = []
     for result in subject.results.values():
         found = result.estimate.facts.get("landmarks", {})

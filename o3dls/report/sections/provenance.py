@@ -15,8 +15,8 @@ COMMAND = "o3dls run pipeline.toml --case case --out again"
 
 
 def made_section(subject: Subject) -> Section:
-    """Per run: status of each estimate, the pipeline with every default, versions, seeds, file hashes, the
-    command to repeat it.
+    """Show per run the status of each estimate, the pipeline with every default, versions, seeds, file
+    hashes, and the command to repeat it.
     """
     names = [folder.name if len(subject.folders) > 1 else None for folder in subject.folders]
     parts = [
@@ -65,13 +65,13 @@ def _describe_run(run: Run, name: str | None, number: int) -> Html:
 
 
 def copied(text: str, identifier: str) -> Html:
-    """Text in fixed width with a button that copies it."""
+    """Write a text in fixed width with a button that copies it."""
     button = tag("button", "Copy", type="button", data_copy=identifier)
     return tag("div", tag("pre", tag("code", text), id=identifier, tabindex="0"), button, class_="copied")
 
 
 def as_toml(record: Mapping[str, Any]) -> str:
-    """The pipeline of run.json as a pipeline file; keys that are null are left to their defaults."""
+    """Write the pipeline of run.json as a pipeline file; keys that are null are left to their defaults."""
     top = [
         f"{key} = {_write_toml(value)}"
         for key, value in record.items()

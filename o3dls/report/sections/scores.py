@@ -26,7 +26,9 @@ NOTE = (
 
 
 def score_section(subject: Subject) -> Section:
-    """Mean distances, one row per estimate: what was not fitted first, what was fitted last and marked."""
+    """Tabulate mean distances, one row per estimate: sets that were not fitted first, those that were last
+    and marked.
+    """
     results = list(subject.results.values())
     sets = _known_sets(results)
     heads: list[Child] = [_set_heading(group) for group in sets]
@@ -43,12 +45,12 @@ def score_section(subject: Subject) -> Section:
 
 
 def labelled(result: Result) -> str:
-    """The name of an estimate; what it stands for where that is no stage."""
+    """Name an estimate, and say what it stands for where it is no stage."""
     return f"{result.name} (before registration)" if result.key == "start" else result.name
 
 
 def mean_table(subject: Subject) -> tuple[list[str], list[tuple[str, list[str]]]]:
-    """Sets, and for each estimate its name and mean distances, as plain text."""
+    """Return the sets, and for each estimate its name and mean distances, as plain text."""
     results = list(subject.results.values())
     sets = _known_sets(results)
     return sets, [
@@ -79,7 +81,7 @@ def _mean_cells(result: Result, sets: Sequence[str], results: Sequence[Result], 
 
 
 def _rounded_mean(result: Result, group: str, unit: str) -> float | None:
-    """The mean as it is written: digits that nobody sees pick no winner."""
+    """Return the mean as it is written: digits that nobody sees pick no winner."""
     value = _read_mean(result, group, unit)
     return None if value is None else round(value, DIGITS)
 
@@ -90,7 +92,7 @@ def _read_mean(result: Result, group: str, unit: str) -> float | None:
 
 
 def _truth_tables(results: Sequence[Result], unit: str) -> list[Html]:
-    """Closeness of whole surfaces, where the truth is known."""
+    """Tabulate how close the whole surfaces are, where the truth is known."""
     words = {
         f"assd_{unit}": (f"mean of both directions, {unit}", "{:.2f}"),
         f"hd95_{unit}": (f"95 % Hausdorff, {unit}", "{:.2f}"),
@@ -126,7 +128,7 @@ def _full_table(results: Sequence[Result], sets: Sequence[str], unit: str) -> Ht
 
 
 def validity_section(subject: Subject) -> Section:
-    """Whether each surface can be used: closed, one piece, without folds, and its volume."""
+    """Say whether each surface can be used: closed, one piece, without folds, and its volume."""
     results = list(subject.results.values())
     words = words_of(subject)
     keys = dict.fromkeys(key for result in results for key in result.validity)
