@@ -71,7 +71,7 @@ class Background:
         future.add_done_callback(lambda ended: self._hand_over(kept, ended))
 
     def taken(self) -> None:
-        """The result of the last fit has been taken over."""
+        """Note that the result of the last fit has been taken over."""
         self.go_on()
         self._since = None
         if self._first and self._pool is not None:
@@ -111,7 +111,7 @@ class Background:
             self._pid = stepped_back.result()
 
     def _forget_process(self) -> None:
-        """The process was ended from outside."""
+        """Forget the process, which was ended from outside."""
         self._pool = self._pid = None
 
     def _start_process(self) -> Executor:
@@ -137,7 +137,7 @@ class Background:
 
 
 def _step_back() -> int:
-    """Stand back behind the process that takes the points, and behind the pages; the process's number."""
+    """Give way to the process that takes the points, and to the pages; return the process's number."""
     if hasattr(os, "nice"):
         os.nice(NICE)
     if AUTOGROUP.exists() and os.getpid() != os.getsid(0):

@@ -55,7 +55,7 @@ class Box:
             self.changed.notify()
 
     def take(self, seconds: float) -> tuple[list[Sent], bool]:
-        """All that waits, after at most so many seconds, and whether more was thrown away."""
+        """Take all that waits, after at most so many seconds, and say whether more was thrown away."""
         with self.changed:
             self.changed.wait_for(lambda: self.waiting or self.overrun or self.closed, seconds)
             found, overrun = list(self.waiting), self.overrun
@@ -88,8 +88,8 @@ class Board:
                 box.put(sent)
 
     def join(self, last: str = "") -> Box:
-        """A box for one page more, which begins with what it missed since the event `last`, else with the
-        newest of everything.
+        """Make a box for one page more, which begins with what it missed since the event `last`, else with
+        the newest of everything.
         """
         box = Box()
         with self._lock:
@@ -103,18 +103,18 @@ class Board:
             self._boxes.remove(box)
 
     def newest(self) -> list[Sent]:
-        """The newest of everything, in the order in which a page needs it."""
+        """Return the newest of everything, in the order in which a page needs it."""
         with self._lock:
             return self._take_snapshot()
 
     def last(self, kind: str) -> Event | None:
-        """The newest event of a kind that says all of something; None before there is one."""
+        """Return the newest event of a kind that says all of something; None before there is one."""
         with self._lock:
             found = self._newest.get(kind)
             return None if found is None else json.loads(found.text)
 
     def name(self, sent: Sent) -> str:
-        """The name of an event over sessions, which a page gives when it comes back."""
+        """Return the name of an event over sessions, which a page gives when it comes back."""
         return f"{self.session}-{sent.seq}"
 
     def _events_since(self, last: str) -> list[Sent]:
@@ -154,7 +154,7 @@ class Board:
 
 
 def _update_point(points: dict[int, Event], given: Event) -> None:
-    """What is new of a point over what was known of it; one that was taken back is gone."""
+    """Put what is new of a point over what was known of it; one that was taken back is gone."""
     if given.get("type") == "undone":
         points.pop(given["id"], None)
         return
@@ -163,5 +163,5 @@ def _update_point(points: dict[int, Event], given: Event) -> None:
 
 
 def _write_json(event: Event) -> str:
-    """One line of JSON. Raises ValueError where a number is not finite: browsers would not read it."""
+    """Write one line of JSON. Raises ValueError where a number is not finite: browsers would not read it."""
     return json.dumps(event, allow_nan=False, separators=(",", ":"))

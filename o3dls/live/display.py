@@ -46,8 +46,8 @@ class Display:
         self._corners, self._faces = bare.faces[face], bare.faces
 
     def scene(self, case: Case, estimate: Estimate | None) -> Event:
-        """The event that starts the picture: all that the report's viewer reads, no points, and `prior`, the
-        same vertices in the prior's frame, by which a click becomes a landmark there.
+        """Make the event that starts the picture: all that the report's viewer reads, no points, and `prior`,
+        the same vertices in the prior's frame, by which a click becomes a landmark there.
         """
         self.identity = secrets.token_hex(4)
         shown = self._shown_estimate(case, estimate)
@@ -68,7 +68,7 @@ class Display:
         return {"event": "scene", "id": self.identity, **content}
 
     def surface(self, case: Case, estimate: Estimate, after: int) -> Event:
-        """The event that moves the picture: positions and fields of the same vertices, after the point
+        """Make the event that moves the picture: positions and fields of the same vertices, after the point
         `after` was put in.
         """
         surface = self._shown_estimate(case, estimate).surface
@@ -84,7 +84,7 @@ class Display:
         }
 
     def _shown_estimate(self, case: Case, estimate: Estimate | None) -> Estimate:
-        """The estimate with the display's faces and fields; the prior's own frame where there is none."""
+        """Return the estimate with the display's faces and fields; the prior's own where there is none."""
         if estimate is None:
             return Estimate(self.prior, np.eye(4), "no pose yet")
         if not np.array_equal(estimate.surface.faces, self._faces):
@@ -99,13 +99,14 @@ class Display:
         return replace(estimate, surface=replace(surface, fields=fields), weights=None)
 
     def _carry_values(self, values: Array) -> Array:
-        """Values (n, ...) of the prior's vertices at those of the display."""
+        """Carry values (n, ...) of the prior's vertices to those of the display."""
         return np.asarray(np.einsum("nk,nk...->n...", self._weights, values[self._corners]))
 
 
 def landmarks(case: Case, estimate: Estimate | None) -> list[Event]:
-    """Every landmark by name, with the sides that have it and `at`, where it stands in the picture: as marked
-    in the map, else where the prior's lies now. One that only the map has stands nowhere before the pose.
+    """List every landmark by name, with the sides that have it and `at`, where it stands in the picture: as
+    marked in the map, else where the prior's lies now. One that only the map has stands nowhere before the
+    pose.
     """
     marks = case.points.of("landmark")
     names = [str(name) for name in marks.columns.get("name", ())]
@@ -128,7 +129,7 @@ def landmarks(case: Case, estimate: Estimate | None) -> list[Event]:
 
 
 def _nearest_distances(points: Points, surface: Surface) -> Array:
-    """Distance of each vertex (n,) to the nearest point; NaN where there are no points."""
+    """Return the distance of each vertex (n,) to the nearest point; NaN where there are no points."""
     from scipy.spatial import cKDTree
 
     if not len(points):
@@ -137,7 +138,7 @@ def _nearest_distances(points: Points, surface: Surface) -> Array:
 
 
 def _make_subject(case: Case, estimate: Estimate) -> Subject:
-    """What the report's drawing reads of a run, of this one estimate; of the points the landmarks alone."""
+    """Make what the report's drawing reads of a run: this one estimate, and of the points the landmarks."""
     points = case.points.of("landmark")
     distances = {f"distance_{NAME}_{case.units}": np.zeros(len(points))}
     run = Run(

@@ -27,7 +27,7 @@ CLOSED = "closed"
 
 
 def serve(connection: Connection, session: Session) -> None:
-    """The body of the process: actions are received, events sent, until the other end closes."""
+    """Run the engine in this process: actions are received, events sent, until the other end closes."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # reaches all processes of a terminal; the command decides
     inbox: SimpleQueue[tuple[str, Any]] = SimpleQueue()
     Thread(target=_receive_actions, args=(connection, inbox), daemon=True).start()
@@ -77,7 +77,7 @@ class Engine:
             self.send(event("last", vertices=shown))
 
     def step(self) -> bool:
-        """Take in what has come, and do what is due: False once there is no more to do."""
+        """Take in what has come, and do what is due; return False once there is no more to do."""
         if not self._take_messages(self._seconds_to_wait()):
             return False
         if self.background.held_until is not None and monotonic() >= self.background.held_until:
@@ -93,7 +93,7 @@ class Engine:
         return not self.ending
 
     def _seconds_to_wait(self) -> float | None:
-        """Seconds until something is due; None where only a message can make a difference."""
+        """Return seconds until something is due; None where only a message can make a difference."""
         if self.changed or self.unjudged:
             return 0.0
         due = [] if self.background.held_until is None else [self.background.held_until]
@@ -104,7 +104,9 @@ class Engine:
         return max(0.0, min(due) - monotonic()) if due else None
 
     def _take_messages(self, seconds: float | None) -> bool:
-        """Take in what has come, waiting for it as long; False where the other end has closed."""
+        """Take in what has come, and wait for it for so many seconds; return False where the other end has
+        closed.
+        """
         try:
             kind, what = self.inbox.get(timeout=seconds) if seconds != 0.0 else self.inbox.get_nowait()
             while True:
@@ -129,7 +131,7 @@ class Engine:
             self._send_state()
 
     def _take_fit(self, fit: FullFit) -> None:
-        """A full fit has ended: what came meanwhile is put in by the next update."""
+        """Take over a full fit that has ended: what came meanwhile is put in by the next update."""
         self.background.taken()
         self.changed = True
         if fit.lost and self.lost != fit.session:
@@ -157,7 +159,7 @@ class Engine:
             self._send_state()
 
     def _show_pose(self) -> None:
-        """Before there is a fit: show the prior in the pose that landmarks or the case give, if it is new."""
+        """Show the prior in the pose that landmarks or the case give, if it is new, before there is a fit."""
         start = _place_prior(self.session)
         if start is None or (self.posed is not None and np.array_equal(start.T_map_prior, self.posed)):
             return
@@ -207,7 +209,7 @@ class Engine:
 
 
 def _place_prior(session: Session) -> Estimate | None:
-    """The prior in the pose that landmarks or the case give; None where they give none."""
+    """Place the prior in the pose that landmarks or the case give; None where they give none."""
     from ..pipeline.start import start_estimate
     from ..registration.landmarks import fix_a_pose
 
@@ -217,7 +219,9 @@ def _place_prior(session: Session) -> Estimate | None:
 
 
 def _weights_event(now: Current) -> Message:
-    """Of every mapping point its number, its probability of contact and its distance from the surface."""
+    """Make the event that gives each mapping point's number, probability of contact and distance from the
+    surface.
+    """
     eam = now.case.points.of("eam")
     fit = now.estimate.fit
     if fit is None or now.estimate.weights is None or not len(eam):

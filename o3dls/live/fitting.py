@@ -50,7 +50,7 @@ class Current:
 
 
 def can_be_fitted(session: Session) -> bool:
-    """Whether there are points enough for a full fit."""
+    """Return whether there are points enough for a full fit."""
     return sum(point.type == "eam" for point in session.kept) >= FEWEST_POINTS
 
 
@@ -62,8 +62,8 @@ def prepare() -> None:
 
 
 def full_fit(session: Session) -> FullFit:
-    """The estimate that the stage `deform` of a run on the session's case makes, with the warnings of that
-    run so far; refused where the run would be.
+    """Make the estimate that the stage `deform` of a run on the session's case makes, with the warnings of
+    that run so far; refused where the run would be.
     """
     case = session.case()
     plan = _make_plan().allowed_by(case)
@@ -75,7 +75,7 @@ def full_fit(session: Session) -> FullFit:
 
 
 def current(fit: FullFit, now: Session) -> Current:
-    """The estimate of a full fit with the points that came since.
+    """Update the estimate of a full fit by the points that came since.
 
     Where points or landmarks of the fit have changed it keeps them as they were, and is outdated. Raises
     SolverError where no motion can be solved for.
@@ -94,7 +94,7 @@ def current(fit: FullFit, now: Session) -> Current:
 
 @lru_cache
 def _make_plan() -> Pipeline:
-    """The stages of the default pipeline as far as `deform`."""
+    """Make the pipeline of the default stages as far as `deform`."""
     from ..pipeline.file import default_pipeline
 
     plan = default_pipeline()
@@ -115,8 +115,8 @@ def _fitted_points(session: Session) -> dict[int, Point]:
 
 
 def _is_stale(then: Session, now: Session) -> bool:
-    """Whether something that a full fit was made of is another now; what the points measured beside is not
-    looked at.
+    """Return whether something that a full fit was made of is another now; what the points measured beside is
+    not looked at.
     """
     points = _fitted_points(now)
     changed = any(
@@ -127,7 +127,7 @@ def _is_stale(then: Session, now: Session) -> bool:
 
 
 def _fitted_values(point: Point | None) -> tuple[object, ...] | None:
-    """What a fit sees of a point."""
+    """Return what a fit sees of a point."""
     if point is None:
         return None
     return (point.xyz, point.type, point.values.get("sigma"), point.values.get("force"))
@@ -139,7 +139,7 @@ def _named_places(session: Session) -> tuple[object, ...]:
 
 
 def _with_points_of(then: Session, now: Session) -> Session:
-    """The session of a full fit, with the points that came later; without landmarks that did."""
+    """Return the session of a full fit, with the points that came later; without landmarks that did."""
     late = {
         number: point
         for number, point in now.points.items()
@@ -149,7 +149,7 @@ def _with_points_of(then: Session, now: Session) -> Session:
 
 
 def _order_points(session: Session, first: list[int]) -> Case:
-    """The case with some points, by their numbers, before all others."""
+    """Return the case with some points, by their numbers, before all others."""
     case = session.case()
     place = {number: k for k, number in enumerate(first)}
     numbers = [int(one) if one else 0 for one in case.points.columns["id"].tolist()]

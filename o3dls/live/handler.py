@@ -87,7 +87,7 @@ class Handler(BaseHTTPRequestHandler):
     do_PUT = do_DELETE = do_PATCH = do_HEAD = do_OPTIONS = do_TRACE = do_CONNECT = do_other
 
     def log_message(self, format: str, *args: Any) -> None:
-        """Nothing: the link holds the token."""
+        """Log nothing: the link holds the token."""
 
     def _answer_request(self, method: str) -> None:
         try:
@@ -103,7 +103,7 @@ class Handler(BaseHTTPRequestHandler):
             self._send_json(500, {"error": "an error inside o3dls; its log says which"})
 
     def send_error(self, code: int, message: str | None = None, explain: str | None = None) -> None:
-        """What the base class refuses: broken requests and methods without a name here."""
+        """Answer what the base class refuses: broken requests and methods without a name here."""
         self.command = self.command or ""
         self._send_json(405 if code == 501 else code, {"error": message or "no request that is understood"})
 
@@ -126,7 +126,7 @@ class Handler(BaseHTTPRequestHandler):
             self._answer_post(asked.path, self._check_page_name(self.headers.get("X-Page", "")))
 
     def _check_sender(self) -> None:
-        """Raises Refusal where the request was meant for another server, or comes from another's page."""
+        """Raise Refusal where the request was meant for another server, or comes from another's page."""
         hosts = [f"{name}:{self.live.port}" for name in ("127.0.0.1", "localhost")]
         host, origin = self.headers.get("Host", ""), self.headers.get("Origin")
         if host not in hosts:
@@ -224,7 +224,7 @@ class Handler(BaseHTTPRequestHandler):
         return f"{name}event: {one.kind}\ndata: {one.text}\n\n"
 
     def _has_left(self) -> bool:
-        """Whether the page has closed its connection."""
+        """Return whether the page has closed its connection."""
         ready, _, _ = select.select([self.connection], [], [], 0)
         return bool(ready) and self.connection.recv(1) == b""
 

@@ -150,7 +150,7 @@ class Host:
             self.tell({**self._state, "source": self.source, "tip": self.tip})
 
     def _replace_engine(self, engine: Connection) -> None:
-        """The engine has ended: begin another, unless this was asked for."""
+        """Begin another engine after one has ended, unless this was asked for."""
         with self._acting:
             if self.closing or self.ended.is_set() or engine is not self._engine:
                 return

@@ -35,7 +35,7 @@ class Journal:
     file: BinaryIO | None = None
 
     def append(self, given: Message) -> Message:
-        """Write a checked action and wait until it is on the disk: the line that was written.
+        """Write a checked action, wait until it is on the disk, and return the line that was written.
 
         Raises InputError where it cannot be kept: then it does not count, and the file is as it was.
         """
@@ -76,7 +76,7 @@ class Journal:
 
 
 def begin_journal(folder: Path, head: Message, first: Iterable[Message]) -> Journal:
-    """A new journal in a record folder: what `head` says of the case, and the actions that its files stand
+    """Begin a journal in a record folder: what `head` says of the case, and the actions that its files stand
     for; the file appears whole or not at all. Raises InputError where it cannot be written.
     """
     path = folder / NAME
@@ -87,7 +87,7 @@ def begin_journal(folder: Path, head: Message, first: Iterable[Message]) -> Jour
 
 
 def resume_journal(folder: Path) -> Journal:
-    """The journal of a record folder, to go on from. Raises InputError where it is not whole, or another
+    """Open the journal of a record folder, to go on from. Raises InputError where it is not whole, or another
     session has it open.
     """
     path = folder / NAME
@@ -104,8 +104,8 @@ def resume_journal(folder: Path) -> Journal:
 
 
 def read_journal(path: Path) -> Journal:
-    """A journal as it stands in its file, which is not changed. Raises InputError naming the line that does
-    not fit; a last line without its end is not counted, and `cut` says so.
+    """Read a journal as it stands in its file, which is not changed. Raises InputError naming the line that
+    does not fit; a last line without its end is not counted, and `cut` says so.
     """
     try:
         *lines, rest = path.read_bytes().split(b"\n")
@@ -150,7 +150,7 @@ def _decode_line(text: bytes, path: Path, at: int) -> dict[str, Any]:
 
 
 def _open_file(path: Path) -> BinaryIO:
-    """The file without a buffer, so that nothing waits in memory; only one session may have it open."""
+    """Open the file without a buffer, so that nothing waits in memory; only one session may have it open."""
     try:
         file = path.open("ab", buffering=0)
     except OSError as error:

@@ -20,7 +20,8 @@ FARTHEST = 1e5  # units of the case: a coordinate beyond is no place in a patien
 
 
 def action(given: object) -> Message:
-    """An action with its keys in order and its numbers as floats, as the journal writes it.
+    """Check an action and return it with its keys in order and its numbers as floats, as the journal writes
+    it.
 
     Raises InputError where it is none: what is wrong, where, and what would be right.
     """
@@ -46,19 +47,19 @@ def action(given: object) -> Message:
 
 
 def event(kind: str, **content: Any) -> Message:
-    """An event, whose number `seq` is given where it is sent: scene, surface, point, weights, state, error or
-    end.
+    """Make an event, whose number `seq` is given where it is sent: scene, surface, point, weights, state,
+    error or end.
     """
     return {"event": kind, **content}
 
 
 def error(text: str) -> Message:
-    """The event that says what was refused, and why."""
+    """Make the event that says what was refused, and why."""
     return event("error", text=text)
 
 
 def number(value: float | None) -> float | None:
-    """A number as JSON may hold it: None where it is not finite."""
+    """Return a number as JSON may hold it: None where it is not finite."""
     return None if value is None or not math.isfinite(value) else float(value)
 
 
@@ -94,7 +95,7 @@ def _check_values(where: str, value: object) -> dict[str, float | str]:
 
 
 def _check_value(where: str, name: str, value: object) -> float | str:
-    """A number or a text, as columns of points may hold it."""
+    """Check a number or a text, as columns of points may hold it."""
     if isinstance(value, str) and name not in NUMBERS:
         if CONTROL.search(value):
             raise InputError(f"{where}: holds a line break or a control character")

@@ -25,7 +25,7 @@ UNPLACED = (
 
 @cache
 def live_page() -> str:
-    """The whole page, the same for every session."""
+    """Write the whole page, the same for every session."""
     viewer = f"const startViewer = () => {viewer_started(_read_own('view.js'), 'live')};"
     outer = [viewer, *map(_read_own, OUTER)]
     script = "\n".join(['"use strict";', asset("page.js"), asset("layout.js"), *outer])

@@ -15,13 +15,13 @@ from .session import Session, actions_of, empty
 
 
 def default_record() -> Path:
-    """A folder named by the time."""
+    """Return the path of a record folder that is named by the time."""
     return Path(f"live_{datetime.now().astimezone():%Y-%m-%d_%H-%M-%S}")
 
 
 def open_record(record: Path, folder: Path | None) -> tuple[Journal, Session]:
-    """The session of a record folder, gone on from where it has a journal; else that of a case folder, whose
-    points and landmarks are its first actions.
+    """Open the session of a record folder, gone on from where it has a journal; else that of a case folder,
+    whose points and landmarks are its first actions.
 
     Raises InputError where neither is there, the prior is another one now, or the case cannot be used live.
     """
@@ -46,7 +46,7 @@ def open_record(record: Path, folder: Path | None) -> tuple[Journal, Session]:
 
 
 def digest(case: Case) -> str:
-    """What tells priors apart."""
+    """Return a hash of a case's prior, which tells priors apart."""
     return sha256(case.prior.vertices.tobytes() + case.prior.faces.tobytes()).hexdigest()
 
 

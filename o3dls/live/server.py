@@ -54,12 +54,12 @@ class LiveServer:
         self.board.publish(event)
 
     def act(self, action: dict[str, Any]) -> dict[str, Any]:
-        """What comes of an action of the page that acts."""
+        """Do an action of the page that acts, and return what comes of it."""
         with self._acting:
             return self._act(action)
 
     def enter(self, page: str, last: str) -> Box:
-        """A page connects."""
+        """Connect a page."""
         box = self.board.join(last)
         self.roles.enter(page)
         with self._lock:
@@ -68,7 +68,7 @@ class LiveServer:
         return box
 
     def leave(self, page: str, box: Box) -> None:
-        """A page has gone."""
+        """Disconnect a page that has gone."""
         self.board.leave(box)
         with self._lock:
             self._boxes.pop(id(box), None)
@@ -76,7 +76,7 @@ class LiveServer:
         self.tell_roles()
 
     def ask_role(self, page: str) -> bool:
-        """Whether a page that asks to act may."""
+        """Ask for the role that acts, and return whether the page has it now."""
         granted = self.roles.ask(page)
         self.tell_roles()
         return granted
@@ -92,7 +92,7 @@ class LiveServer:
 
     @property
     def pages(self) -> int:
-        """How many are connected."""
+        """How many pages are connected."""
         return len(self._boxes)
 
     def wait(self) -> None:

@@ -28,7 +28,7 @@ class Point:
     undone: bool = False
 
     def record(self) -> Message:
-        """The point as events show it."""
+        """Return the point as events show it."""
         values = dict(self.values) | ({"name": self.name} if self.name else {})
         undone = {"undone": True} if self.undone else {}
         return {"id": self.id, "xyz": list(self.xyz), "type": self.type, "values": values, **undone}
@@ -65,7 +65,7 @@ class Session:
             raise InputError(f"label: point {point.id} is the landmark {point.name}: retype it first")
 
     def apply(self, action: Message) -> int | None:
-        """Take in a checked action: the number of the point that it is about, if any."""
+        """Take in a checked action, and return the number of the point that it is about, if any."""
         kind = action["do"]
         if kind == "take":
             return self._take_point(action)
@@ -106,7 +106,7 @@ class Session:
         return next((number for number in reversed(self.points) if not self.points[number].undone), None)
 
     def _forget_landmark(self, name: str) -> None:
-        """A landmark of the map is placed anew: the place that had its name is none any more."""
+        """Undo the earlier place of a landmark of the map, which is placed anew."""
         self.landmarks.pop(name, None)
         for number, point in self.points.items():
             if point.type == LANDMARK and point.name == name and not point.undone:
@@ -118,7 +118,7 @@ class Session:
         return [point for point in self.points.values() if not point.undone and point.type != "outlier"]
 
     def copy(self) -> Session:
-        """The session as it is now, which further actions do not change."""
+        """Return the session as it is now, which further actions do not change."""
         return replace(
             self,
             points=dict(self.points),
@@ -127,8 +127,8 @@ class Session:
         )
 
     def case(self) -> Case:
-        """The case as it stands, with a column `id` of the points' numbers. Outliers are in the journal
-        alone.
+        """Return the case as it stands, with a column `id` of the points' numbers. Outliers are in the
+        journal alone.
         """
         return replace(
             self.prior,
@@ -157,22 +157,22 @@ class Session:
 
 
 def _make_column(values: list[float | str | None]) -> NDArray[Any]:
-    """A column of numbers, NaN where there is none; of texts where one is a text."""
+    """Make a column of numbers, NaN where there is none; of texts where one is a text."""
     if any(isinstance(value, str) for value in values):
         return np.array(["" if value is None else str(value) for value in values], dtype=str)
     return np.array([np.nan if value is None else value for value in values], dtype=np.float64)
 
 
 def empty(case: Case) -> Case:
-    """The case without what a session's journal holds of it: points, landmarks, pose; and without truth,
-    whose rows are of other points.
+    """Return the case without what a session's journal holds of it: points, landmarks, pose; and without
+    truth, whose rows are of other points.
     """
     none = no_points(case.dimension)
     return replace(case, points=none, prior_landmarks={}, init=None, truth=None, files={})
 
 
 def actions_of(case: Case) -> Iterator[Message]:
-    """The actions that the files of a case stand for, in their order."""
+    """Yield the actions that the files of a case stand for, in their order."""
     if case.init is not None:
         yield {"do": "pose", "matrix": case.init.tolist()}
     for name, at in case.prior_landmarks.items():
@@ -181,7 +181,7 @@ def actions_of(case: Case) -> Iterator[Message]:
 
 
 def taken(points: Points) -> Iterator[Message]:
-    """The actions by which points come, in their order: those of type landmark as landmarks."""
+    """Yield the actions by which points come, in their order: those of type landmark as landmarks."""
     for k, (xyz, kind) in enumerate(zip(points.xyz.tolist(), points.type.tolist(), strict=True)):
         values = {
             "source_id" if name == "id" else name: column[k].item()

@@ -70,8 +70,8 @@ class Igtl:
     def _drop_repeats(
         self, message: Received, points: list[ReceivedPoint], desk: Desk
     ) -> list[ReceivedPoint]:
-        """The points without those that a message of this number has held before; a message without a number
-        is one of its own.
+        """Return the points without those that a message of this number has held before; a message without a
+        number is one of its own.
         """
         given = self.given.setdefault(message.number, set()) if message.number else set[ReceivedPoint]()
         if len(self.given) > REMEMBERED:
@@ -96,7 +96,9 @@ class Igtl:
 
 
 def _make_reader(connection: socket.socket, stop: Event) -> Callable[[int], bytes]:
-    """Reads as many bytes as are asked for; fewer where the connection ends, or it is told to stop."""
+    """Make a function that reads as many bytes as are asked for; fewer where the connection ends, or it is
+    told to stop.
+    """
 
     def read(count: int) -> bytes:
         data = bytearray()

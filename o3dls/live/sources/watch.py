@@ -56,7 +56,7 @@ class Watch:
             stop.wait(POLL)
 
     def _look_at_path(self) -> Seen:
-        """What is there: the bytes of a file, the names, sizes and times of a folder."""
+        """Read what is there: the bytes of a file, the names, sizes and times of a folder."""
         try:
             if self.path.is_file():
                 return self.path.read_bytes()
@@ -66,7 +66,7 @@ class Watch:
             raise InputError(f"{self.path}: cannot be read: {lost.strerror}") from None
 
     def _whole_part(self, now: Seen, still: float) -> Seen | None:
-        """The part that is written whole: lines with an end, a folder once it stands still."""
+        """Return the part that is written whole: lines with an end, a folder once it stands still."""
         if isinstance(now, bytes) and not now.endswith(b"\n") and still < STILL:
             return now[: now.rfind(b"\n") + 1]
         return now if isinstance(now, bytes) or still >= STILL else None
