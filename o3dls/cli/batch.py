@@ -23,7 +23,7 @@ BYTES = {"MB": 10**6, "GB": 10**9, "MiB": 1 << 20, "GiB": 1 << 30}
 
 
 def _amount_reader(units: dict[str, int], example: str) -> Callback:
-    """A number above zero with a unit behind it, as so many of the smallest unit."""
+    """Make a callback that reads a number above zero with its unit, as a count of the smallest unit."""
 
     def read(_: click.Context, __: click.Parameter, value: str | None) -> float | None:
         if value is None:
@@ -40,7 +40,7 @@ def _amount_reader(units: dict[str, int], example: str) -> Callback:
 
 
 def _read_part(_: click.Context, __: click.Parameter, value: str | None) -> tuple[int, int] | None:
-    """I/N: the I-th of N parts."""
+    """Read I/N, which means the I-th of N parts."""
     if value is None:
         return None
     match = re.fullmatch(r"(\d{1,6})/(\d{1,6})", value)
@@ -149,7 +149,7 @@ def _run_study(
     as_json: bool,
     table: bool,
 ) -> list[Outcome]:
-    """The outcomes of a study's cases; each is told as it comes."""
+    """Run a study's cases and return their outcomes; each is told as it comes."""
     from threading import Event
 
     from ..pipeline.batch import run_cohort
@@ -177,7 +177,9 @@ def _run_study(
 
 
 def _make_listener(cases: int, shown: Any, as_json: bool) -> Callable[[Outcome], None]:
-    """What is done with each outcome as it comes: a line of JSON for programs, and the bar."""
+    """Make what is called with each outcome as it comes: it prints a line of JSON for programs, and moves the
+    bar.
+    """
     done = 0
 
     def hear(outcome: Outcome) -> None:
@@ -222,7 +224,7 @@ def cohort(runs: Path, as_json: bool) -> int:
 def _report_outcomes(
     outcomes: Sequence[Outcome], table: Path | None, page: Path | None, *, as_json: bool
 ) -> int:
-    """Print what became of the cases, and where it stands: the exit code."""
+    """Print what became of the cases, and where it stands; return the exit code."""
     if as_json:
         failed = sum(one.error is not None for one in outcomes)
         skipped = sum(one.skipped for one in outcomes)

@@ -22,8 +22,8 @@ COMPLETIONS = "must be bash_source, zsh_source or fish_source"
 
 
 def run_command(arguments: list[str]) -> int:
-    """Run a command: its exit code. Errors become one line on stderr, only what is our own mistake shows a
-    traceback. Raises Interrupted.
+    """Run a command and return its exit code. Errors become one line on stderr, only what is our own mistake
+    shows a traceback. Raises Interrupted.
     """
     try:
         with heeded():

@@ -11,12 +11,12 @@ import click
 
 
 def stages(_: click.Context, __: click.Parameter, begun: str) -> list[str]:
-    """Stages and writers."""
+    """Complete the names of stages and writers."""
     return _matching_names(_list_plugins(), begun)
 
 
 def settings(_: click.Context, __: click.Parameter, begun: str) -> list[str]:
-    """`STAGE.` and behind the dot `STAGE.PARAM=`."""
+    """Complete `STAGE.`, and behind the dot `STAGE.PARAM=`."""
     from ..plugins.parameters import describe
     from ..plugins.plugin import load
 
@@ -28,12 +28,14 @@ def settings(_: click.Context, __: click.Parameter, begun: str) -> list[str]:
 
 
 def estimates(context: click.Context, _: click.Parameter, begun: str) -> list[str]:
-    """The estimates of the runs that are named already, which click has not told apart behind an option."""
+    """Complete the estimates of the runs that are named already, which click has not told apart behind an
+    option.
+    """
     return _matching_names((name for run in context.args for name in _list_estimates(Path(run))), begun)
 
 
 def formats(_: click.Context, __: click.Parameter, begun: str) -> list[str]:
-    """Formats of exported files."""
+    """Complete the formats of exported files."""
     from ..runs.export.formats import FormatName
 
     return _matching_names(get_args(FormatName), begun)
@@ -44,14 +46,14 @@ def _matching_names(names: Iterable[str], begun: str) -> list[str]:
 
 
 def _list_plugins() -> dict[str, str]:
-    """Kinds of stages and writers by their names."""
+    """Return kinds of stages and writers by their names."""
     from ..plugins.plugin import GROUPS, registered
 
     return {name: kind for kind, group in GROUPS.items() for name in registered(group)}
 
 
 def _list_estimates(run: Path) -> list[str]:
-    """The estimates of a run; none of what is no run, since a shell has no place for errors."""
+    """List the estimates of a run; none of what is no run, since a shell has no place for errors."""
     try:  # a checked record would take half a second more
         return list(json.loads((run / "run.json").read_text(encoding="utf-8"))["estimates"])
     except (OSError, ValueError, LookupError, TypeError):

@@ -83,7 +83,7 @@ class Check:
 
 
 def diagnose() -> list[Check]:
-    """Every check, in the order in which faults should be remedied."""
+    """Make every check, in the order in which faults should be remedied."""
     return [
         _check_python(),
         *map(_check_module, MODULES),
@@ -112,7 +112,7 @@ def compile_loops() -> float:
 
 
 def _plane_case() -> Case:
-    """An ellipse, and points on one that is wider."""
+    """Make a case in 2D: an ellipse, and points on one that is wider."""
     angle = np.linspace(0.0, 2 * np.pi, 120, endpoint=False)
     around = np.column_stack([np.cos(angle), np.sin(angle)])
     points = around[::2] * [24.0, 16.0]
@@ -148,12 +148,12 @@ def _find_version(package: str) -> str | None:
 
 
 def _error_line(error: Exception) -> str:
-    """The error on one line."""
+    """Return the error on one line."""
     return " ".join(str(error).split()) or type(error).__name__
 
 
 def _apt_command(message: str) -> str:
-    """The command that installs the shared libraries named in a loader's message, or nothing."""
+    """Return the command that installs the shared libraries named in a loader's message, or nothing."""
     packages = [package for library, package in PACKAGE_OF.items() if library in message]
     return f"sudo apt-get install {' '.join(packages)}" if packages else ""
 
@@ -220,7 +220,7 @@ def _check_kernel_cache() -> Check:
 
 
 def _try_check(name: str, fault: Callable[[], str], well: str, prefix: str, remedy: str) -> Check:
-    """A check of something that answers with a fault, an empty text, or an error."""
+    """Check something that answers with a fault, an empty text, or an error."""
     try:
         found = fault()
     except (ImportError, OSError, RuntimeError) as error:
@@ -229,7 +229,7 @@ def _try_check(name: str, fault: Callable[[], str], well: str, prefix: str, reme
 
 
 def _check_renderer() -> Check:
-    """Open3D's renderer, in a process of its own: it is known to hang. o3dls draws without it."""
+    """Check Open3D's renderer, in a process of its own: it is known to hang. o3dls draws without it."""
     name, remedy = "open3d's renderer", "sudo apt-get install libegl1 libvulkan1 mesa-vulkan-drivers"
     try:
         done = subprocess.run(

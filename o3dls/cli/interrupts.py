@@ -28,7 +28,7 @@ class Interrupted(BaseException):
 
 
 def listen() -> None:
-    """From now on signals raise Interrupted."""
+    """Let signals raise Interrupted from now on."""
     for number in SIGNALS:
         signal.signal(number, _raise_once)
     sys.unraisablehook = _raise_again
@@ -44,7 +44,7 @@ def _end_at_once() -> None:
 
 
 def _raise_once(number: int, _: object) -> None:
-    """Raise, unless it is raised already, and what is half made is being removed."""
+    """Raise Interrupted, unless it was raised before and what is half made is being removed."""
     _heard.append(number)
     if not isinstance(sys.exc_info()[1], Interrupted):
         raise Interrupted
@@ -65,8 +65,8 @@ def _raise_again(lost: sys.UnraisableHookArgs) -> None:
 
 @contextmanager
 def first_told(tell: Callable[[], None]) -> Iterator[None]:
-    """Within this the first Ctrl-C is told, so that what runs may end in order; only the next one raises. The
-    command ends as interrupted after either.
+    """Tell of the first Ctrl-C within this block, so that what runs may end in order; only the next one
+    raises. The command ends as interrupted after either.
     """
 
     def hear(number: int, frame: object) -> None:
@@ -85,7 +85,7 @@ def first_told(tell: Callable[[], None]) -> Iterator[None]:
 
 @contextmanager
 def heeded() -> Iterator[None]:
-    """Once a signal came, the block ends as interrupted, whatever became of the exception on its way: some
+    """End the block as interrupted once a signal came, whatever became of the exception on its way: some
     libraries make another one of it, or none.
     """
     try:
@@ -99,6 +99,6 @@ def heeded() -> Iterator[None]:
 
 
 def too_late() -> None:
-    """From now on signals change nothing: what was to be done is done, and said."""
+    """Let signals change nothing from now on: what was to be done is done, and said."""
     for number in SIGNALS:
         signal.signal(number, signal.SIG_IGN)

@@ -93,7 +93,7 @@ def _check_options(given: Message) -> None:
 
 
 def _read_address(given: str) -> tuple[str, int]:
-    """Host and port."""
+    """Read host and port."""
     name, _, port = given.rpartition(":")
     if not name or not port.isdecimal() or not 0 < int(port) < 65536:
         raise click.UsageError(f"--igtl {given}: must be HOST:PORT, such as localhost:18944")
@@ -101,7 +101,7 @@ def _read_address(given: str) -> tuple[str, int]:
 
 
 def _make_source(given: Message, host: Host) -> Source | None:
-    """The source that the options name, which leaves out what an earlier part of the session has taken."""
+    """Make the source that the options name, without what an earlier part of the session has taken."""
     frame = host.session.prior.frame
     if given["igtl"] is not None:
         from ..live.sources.igtl import Igtl

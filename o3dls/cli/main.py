@@ -36,8 +36,8 @@ def main() -> None:
 
 
 def answer(arguments: list[str]) -> int:
-    """The exit code of a command; errors become one line on stderr, only what is our own mistake shows a
-    traceback. Raises Interrupted.
+    """Run a command and return its exit code; errors become one line on stderr, only what is our own mistake
+    shows a traceback. Raises Interrupted.
     """
     with heeded():
         from .commands import run_command

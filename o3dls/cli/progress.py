@@ -28,7 +28,7 @@ class Bar:
         self.skipped += outcome.skipped
 
     def text(self, seconds: float) -> str:
-        """The bar, so many seconds after the beginning."""
+        """Write the bar, so many seconds after the beginning."""
         ended = self.done + self.failed
         left = self.cases - ended
         full = "#" * (LENGTH * ended // max(self.cases, 1))
@@ -37,7 +37,7 @@ class Bar:
         return f"[{full:.<{LENGTH}}] {self.done} done, {self.failed} failed, {left} left{estimate}"
 
     def show(self) -> None:
-        """Draw it anew."""
+        """Draw the bar anew."""
         sys.stderr.write(WIPE + self.text(monotonic() - self._begun))
         sys.stderr.flush()
 
@@ -50,7 +50,7 @@ def _write_duration(seconds: float) -> str:
 
 @contextmanager
 def bar(cases: int) -> Iterator[Bar | None]:
-    """A bar below the lines of the log, on a terminal whose user wants to hear of progress; else None."""
+    """Show a bar below the lines of the log, on a terminal whose user asks for progress; else None."""
     handlers = logging.getLogger().handlers
     if not sys.stderr.isatty() or all(handler.level > logging.INFO for handler in handlers):
         yield None

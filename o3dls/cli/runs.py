@@ -120,7 +120,7 @@ def init(folder: Path, prior: Path | None, points: Path | None, **options: Any) 
 def _ask_files(
     prior: Path | None, points: Path | None, landmarks: Path | None
 ) -> tuple[Path, Path, Path | None]:
-    """The files of a new case: those that are not given are asked for."""
+    """Ask for those files of a new case that are not given."""
     missing = [f"--{name} FILE" for name, path in (("prior", prior), ("points", points)) if path is None]
     if not sys.stdin.isatty():
         raise click.UsageError(f"there is no terminal to ask on: give {' and '.join(missing)}")
@@ -135,7 +135,7 @@ def _ask_files(
 
 
 def _ask_whose() -> str:
-    """Whose anatomy the prior of a new case is, asked on the terminal."""
+    """Ask on the terminal whose anatomy the prior of a new case is."""
     question = "Prior: the patient's own anatomy, or a template (another person's, a mean)"
     return str(click.prompt(question, type=click.Choice(PRIOR_OF), default="patient", err=True))
 

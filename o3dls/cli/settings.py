@@ -35,7 +35,7 @@ def settings(package: str | None) -> None:
 
 
 def tables(package: str) -> str:
-    """The numbers of a package as Markdown, a table for each class. Raises InputError."""
+    """Write the numbers of a package as Markdown, a table for each class. Raises InputError."""
     if package not in CLASSES:
         raise InputError(f"no settings of a package '{package}'{did_you_mean(package, list(CLASSES))}")
     module = import_module(f"o3dls.{package}.settings")
@@ -43,7 +43,7 @@ def tables(package: str) -> str:
 
 
 def _write_tables(settings: Any, prefix: str = "") -> Iterator[str]:
-    """A table of a class's own numbers, then those of the classes that it holds.
+    """Write a table of a class's own numbers, then those of the classes that it holds.
 
     Of a class that another package owns only the numbers that differ from its defaults are shown: no number
     stands twice.
@@ -61,7 +61,7 @@ def _write_tables(settings: Any, prefix: str = "") -> Iterator[str]:
 
 
 def _describe_borrowed(settings: Any, prefix: str) -> str:
-    """Where the numbers of another package's class stand, and which of them are others here."""
+    """Say where the numbers of another package's class stand, and which of them are others here."""
     usual = {one.name: one.value for one in numbers(type(settings)(), prefix)}
     other = [one for one in numbers(settings, prefix) if one.value != usual[one.name]]
     kind, owner = type(settings).__name__, _owner_package(settings)
@@ -70,7 +70,7 @@ def _describe_borrowed(settings: Any, prefix: str) -> str:
 
 
 def _class_title(settings: Any, prefix: str) -> str:
-    """The name of a class and what it is for."""
+    """Return the name of a class and what it is for."""
     meaning = " ".join((type(settings).__doc__ or "").split("\n\n")[0].split())
     where = f" (`{prefix}*`)" if prefix else ""
     return f"**`{type(settings).__name__}`**{where}: {meaning}"
@@ -90,5 +90,5 @@ def _write_value(value: Any) -> str:
 
 
 def _owner_package(settings: Any) -> str:
-    """The package that owns a class."""
+    """Return the package that owns a class."""
     return type(settings).__module__.split(".")[1]

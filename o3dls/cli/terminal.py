@@ -38,8 +38,8 @@ def prepare() -> None:
 
 
 def _write_unknown(error: UnicodeError) -> tuple[str | bytes, int]:
-    """Names of folders may hold bytes that are no text: they go out as they came in; letters that the
-    terminal does not know as in a literal of Python.
+    """Write letters that the terminal does not know as in a literal of Python. Names of folders may hold
+    bytes that are no text: they go out as they came in.
     """
     try:
         return codecs.lookup_error("surrogateescape")(error)

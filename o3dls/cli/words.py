@@ -26,7 +26,7 @@ def say(sentence: object, *, error: bool = False, colour: str | None = None) -> 
 
 
 def say_lines(text: object, *, error: bool = False) -> None:
-    """Print a text of several lines likewise."""
+    """Print a text of several lines; what of it comes out of files is shown and not obeyed."""
     click.echo(escaped_lines(str(text)), err=error)
 
 
@@ -42,5 +42,5 @@ def complain(sentence: str) -> None:
 
 
 def shortened(sentence: str) -> str:
-    """A sentence as long as people read; what is quoted in it may be of any length."""
+    """Cut a sentence to a length that people read; what is quoted in it may be of any length."""
     return sentence if len(sentence) <= MOST_LETTERS else sentence[: MOST_LETTERS - 1] + "…"
