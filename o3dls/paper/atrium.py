@@ -32,7 +32,7 @@ SHOWN = ("icp", "similarity", "level_set")
 
 
 def pipeline() -> Pipeline:
-    """The paper's way (landmarks, then rigid ICP), the best similarity, and ours."""
+    """Make the pipeline of the paper's way (landmarks, then rigid ICP), the best similarity, and ours."""
     robust = ICP(as_="similarity", after="landmarks")
     return Pipeline([Landmarks(), ICP(preset="standard"), robust, Deform(), Topology(), LevelSet()], folds=0)
 
@@ -45,7 +45,7 @@ def tasks(scope: Scope) -> list[Task]:
 
 
 def fit(seed: int, drawn: bool) -> Outcome:
-    """One patient: from grey values to the table's numbers."""
+    """Fit one patient, from grey values to the table's numbers."""
     patient = synthetic_patient(seed)
     prior, mask = segmented(patient.scan, patient.affine, patient.inside)
     case = with_marks(replace(patient.case, prior=prior), MARKS)
@@ -74,7 +74,7 @@ def fit(seed: int, drawn: bool) -> Outcome:
 
 
 def with_marks(case: Case, names: tuple[str, ...]) -> Case:
-    """The case with these landmarks only."""
+    """Return the case with these landmarks only."""
     keep = (case.points.type != "landmark") | np.isin(case.points.columns["name"], names)
     return replace(case, points=case.points.select(keep))
 
@@ -117,7 +117,7 @@ def blocks(results: Results) -> list[Block]:
 
 
 def paper_table(rows: list[Row], caption: str) -> Table:
-    """Mean distance of EAM and ablation points, by method."""
+    """Tabulate the mean distance of EAM and ablation points, by method."""
     lines = [
         [NAMES[m], *(mean_sd(column(_rows_of(rows, m), key)) for key in ("fitted", "ablation"))]
         for m in SHOWN
@@ -126,7 +126,7 @@ def paper_table(rows: list[Row], caption: str) -> Table:
 
 
 def full_table(rows: list[Row], caption: str) -> Table:
-    """Errors against truth, on what was seen and what was not, validity, seconds."""
+    """Tabulate errors against truth, on what was seen and what was not, validity, seconds."""
     keys = {
         "held_out": "held out",
         "held_out_p95": "its 95 %",
@@ -174,7 +174,7 @@ def _draw_surfaces(results: Results) -> bytes:
 
 
 def _stack_pictures(*pictures: bytes) -> bytes:
-    """Pictures of one width, one under the other."""
+    """Stack pictures of one width, one under the other."""
     import io
 
     from matplotlib.image import imread

@@ -31,7 +31,7 @@ class Claim:
 
 
 def claims(results: Results) -> list[Block]:
-    """The table of claims; those whose experiment was not run are left out."""
+    """Tabulate the claims; those whose experiment was not run are left out."""
     found = [*_judge_noise(results), *_judge_atrium(results), *_judge_temporal(results)]
     rows = [claim.line for claim in found]
     return [
@@ -93,7 +93,9 @@ def _judge_atrium(results: Results) -> list[Claim]:
 
 
 def _judge_baseline(words: str, values: Array, wanted: float) -> Claim:
-    """Mean and standard deviation over seeds both within half a millimetre of the paper's figure."""
+    """Judge whether the mean and the standard deviation over seeds stay within half a millimetre of the
+    paper's figure.
+    """
     mean = values.mean()
     sd = values.std()
     within = np.count_nonzero(np.abs(values - wanted) <= BASELINE)
@@ -119,7 +121,7 @@ def _judge_fit(words: str, rows: list[Row]) -> Claim:
 
 
 def _seed_ratios(rows: list[Row], key: str, base: str = "icp") -> Array:
-    """Level set over the baseline, seed by seed."""
+    """Divide the level set's value by the baseline's, seed by seed."""
     ours, theirs = (
         column([row for row in rows if row["method"] == method], key) for method in ("level_set", base)
     )

@@ -51,8 +51,8 @@ Curve = Mapping[float, Array]  # samples (k,) by position on the axis
 def curves(
     panels: Mapping[str, Mapping[str, Curve]], x: str, y: str, lines: Mapping[str, Curve] | None = None
 ) -> bytes:
-    """Panels side by side on one scale: mean over seeds per method, with one standard deviation; `lines` are
-    dashed in the first panel.
+    """Draw panels side by side on one scale: mean over seeds per method, with one standard deviation; `lines`
+    are dashed in the first panel.
     """
     with plain_figure(3.6 * len(panels), 3.3) as figure:
         axes = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
@@ -83,7 +83,7 @@ def curves(
 
 
 def _draw_spread(ax: Axes, method: str, curve: Curve, offset: float) -> None:
-    """A curve with bars, moved a little sideways so that bars do not hide each other."""
+    """Draw a curve with bars, moved a little sideways so that bars do not hide each other."""
     at = np.array(list(curve))
     step = np.ptp(at) / max(len(at) - 1, 1) if len(at) > 1 else 1.0
     mean, sd = (np.array([f(v) for v in curve.values()]) for f in (np.mean, np.std))
@@ -100,7 +100,7 @@ def _draw_spread(ax: Axes, method: str, curve: Curve, offset: float) -> None:
 
 
 def outlines(panels: Sequence[tuple[str, Mapping[str, Surface], Array]], columns: int) -> bytes:
-    """2D outlines by method with points, one frame for all panels."""
+    """Draw 2D outlines by method with points, one frame for all panels."""
     rows = -(-len(panels) // columns)
     low, high = (
         f([f(s.vertices, axis=0) for _, shapes, _ in panels for s in shapes.values()], axis=0)
@@ -128,8 +128,8 @@ def _draw_outline(ax: Axes, shape: Surface, colour: str, width: float) -> None:
 
 
 def rendered(panels: Sequence[Sequence[tuple[str, Surface, Array]]], axes: Array, scale: Field) -> bytes:
-    """Rows of rendered surfaces with points, coloured by `scale.key`, one scale for all; surfaces without
-    that field are bone.
+    """Draw rows of rendered surfaces with points, coloured by `scale.key`, one scale for all; surfaces
+    without that field are bone.
     """
     from ..report.drawing.raster import Canvas, View
 

@@ -56,7 +56,7 @@ VARIANTS = {
 
 
 def stages() -> list[Stage]:
-    """Every variant from the landmarks on."""
+    """Make every variant from the landmarks on."""
     return [
         Landmarks(),
         ICP(preset="standard"),
@@ -88,7 +88,7 @@ def tasks(scope: Scope) -> list[Task]:
 
 
 def side_by_side(seed: int) -> Outcome:
-    """All variants on one atrium."""
+    """Fit all variants to one atrium."""
     case = synthetic_atrium(seed)
     plan = Pipeline(stages(), folds=0)
     estimates = plan.fit(case)
@@ -101,8 +101,8 @@ def side_by_side(seed: int) -> Outcome:
 
 
 def raw_pieces(estimate: Estimate) -> Row:
-    """Pieces of the level set before its mesh is cleaned: the clean-up takes small islands away, and they
-    must not be hidden.
+    """Count the pieces of the level set before its mesh is cleaned: the clean-up takes small islands away,
+    and they must not be hidden.
     """
     if estimate.phi is None:
         return {}
@@ -114,7 +114,7 @@ def raw_pieces(estimate: Estimate) -> Row:
 
 
 def sweep(seed: int, alphas: tuple[float, ...]) -> Outcome:
-    """Equation 16 over alpha from the best similarity, and our own choice."""
+    """Solve equation 16 over alpha from the best similarity, and with our own choice."""
     case = synthetic_atrium(seed)
     begin: list[Stage] = [Landmarks(), ICP(as_="similarity"), Deform(), Topology(), LevelSet()]
     weighted = [

@@ -38,7 +38,7 @@ ASKED: Mapping[str, dict[str, Any]] = {"star": {"vector": (1.6,), "normal": ()},
 
 
 def pipeline(shape: str) -> Pipeline:
-    """The baseline, the best similarity, and ours; none profits from another."""
+    """Make the pipeline of the baseline, the best similarity, and ours; none profits from another."""
     return Pipeline(
         [
             ICP(preset="standard"),
@@ -68,7 +68,7 @@ def tasks(scope: Scope) -> list[Task]:
 
 
 def fit(shape: str, percent: float, seed: int, drawn: bool) -> Outcome:
-    """One seed at one level; `drawn` keeps the shapes for the figure."""
+    """Fit one seed at one level; `drawn` keeps the shapes for the figure."""
     case = GENERATORS[shape](seed, percent=percent)
     truth, plan = truth_of(case), pipeline(shape)
     estimates = plan.fit(case)
@@ -88,7 +88,7 @@ def fit(shape: str, percent: float, seed: int, drawn: bool) -> Outcome:
 
 
 def _noise_per_axis(points: Array, percent: float) -> float:
-    """The noise per axis, from the spread of the noisy points."""
+    """Return the noise per axis, from the spread of the noisy points."""
     share = percent / 100.0
     return share * float(np.sqrt(points.var(axis=0).mean() / (1.0 + share**2)))
 

@@ -44,7 +44,7 @@ def tasks(scope: Scope) -> list[Task]:
 
 
 def fit(name: str, folder: str) -> Outcome:
-    """One case; without landmarks the ICPs start from its rough pose."""
+    """Fit one case; without landmarks the ICPs start from its rough pose."""
     case = read_case(Path(folder))
     start = [Landmarks()] if Landmarks().obstacle(case) is None else []
     first = start[0].estimate_name if start else "start"

@@ -16,12 +16,12 @@ NEIGHBOURS = 12
 
 
 def neighbours(points: Array) -> int:
-    """Points that make a tangent plane: enough to be wider than the noise where points are dense."""
+    """Say how many points make a tangent plane: enough to be wider than the noise where points are dense."""
     return max(NEIGHBOURS, len(points) // 300)
 
 
 def _make_cloud(points: Array) -> Any:
-    """An Open3D cloud with oriented normals."""
+    """Make an Open3D cloud with oriented normals."""
     import open3d as o3d
 
     cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points))
@@ -41,7 +41,7 @@ def _make_surface(mesh: Any) -> Surface:
 
 
 def poisson(points: Array) -> Surface:
-    """Screened Poisson reconstruction (Kazhdan 2013) by Open3D."""
+    """Reconstruct by screened Poisson (Kazhdan 2013) in Open3D."""
     import open3d as o3d
 
     return _make_surface(
@@ -52,7 +52,7 @@ def poisson(points: Array) -> Surface:
 
 
 def alpha_shape(points: Array) -> Surface:
-    """Alpha shape by Open3D, its radius three times the points' distance."""
+    """Make the alpha shape in Open3D, its radius three times the points' distance."""
     import open3d as o3d
 
     spacing = _measure_spacing(points)
@@ -64,14 +64,14 @@ def alpha_shape(points: Array) -> Surface:
 
 
 def _measure_spacing(points: Array) -> float:
-    """How far apart points lie: the median distance of the sixth neighbour."""
+    """Measure how far apart points lie: the median distance of the sixth neighbour."""
     from scipy.spatial import cKDTree
 
     return float(np.median(np.asarray(cKDTree(points).query(points, k=7)[0])[:, -1]))
 
 
 def _make_lattice(points: Array) -> tuple[Array, list[Array]]:
-    """Nodes (k, 3) and axes of a lattice about the points."""
+    """Make nodes (k, 3) and axes of a lattice about the points."""
     axes = [
         np.arange(low - 5 * CELL, high + 6 * CELL, CELL)
         for low, high in zip(points.min(axis=0), points.max(axis=0), strict=True)
@@ -96,7 +96,7 @@ def _zero_set(phi: Array, axes: list[Array]) -> Surface:
 
 
 def tangent_planes(points: Array) -> Surface:
-    """Zero set of the signed distance to the tangent plane of the nearest neighbourhood (Hoppe 1992).
+    """Find the zero set of the signed distance to the nearest neighbourhood's tangent plane (Hoppe 1992).
 
     Kept where a point is near.
     """
@@ -113,7 +113,7 @@ def tangent_planes(points: Array) -> Surface:
 
 
 def minimal_surface(points: Array) -> Surface:
-    """Minimiser of the integral of the distance d over the surface (Zhao 2000).
+    """Minimise the integral of the distance d over the surface (Zhao 2000).
 
     phi_t = |grad phi| (d kappa) + grad d . grad phi, from outside of the points inward, and half as far again
     as the points lie: its only global minimum is the empty surface.
@@ -142,7 +142,7 @@ def minimal_surface(points: Array) -> Surface:
 
 
 def _fill_cavities(phi: Array, edt: Callable[..., Any]) -> Array:
-    """Signed distance of the outer boundary of phi < 0.
+    """Compute the signed distance of the outer boundary of phi < 0.
 
     Cavities that nothing reaches from outside are inside.
     """

@@ -52,7 +52,7 @@ def left_out(scope: Scope) -> dict[str, str]:
 
 
 def fit(seed: int, count: int) -> Outcome:
-    """All systems on one atrium, seen everywhere, without outliers: as kind to them as can be."""
+    """Fit all systems to one atrium, seen everywhere, without outliers: as kind to them as can be."""
     case = synthetic_atrium(seed, points=count, noise=NOISE, outliers=0.0, unseen=0.0)
     points = case.points.of("eam").xyz
     truth = truth_of(case)
@@ -74,7 +74,7 @@ def fit(seed: int, count: int) -> Outcome:
 
 
 def _score_method(make: Callable[[], Surface], truth: Surface) -> Row:
-    """Errors both ways; a system that finds no surface says so."""
+    """Measure the errors both ways; a system that finds no surface says so."""
     began = time.perf_counter()
     try:
         surface = make()

@@ -58,7 +58,7 @@ def tasks(scope: Scope) -> list[Task]:
 
 
 def fit(folder: str, phase: int, kind: str, drawn: bool) -> Outcome:
-    """One phase left out: even phases are known, the odd one is measured."""
+    """Fit with one phase left out: even phases are known, the odd one is measured."""
     known = [read_surface(f"{folder}/phase_{k:02d}.ply") for k in range(0, COUNT, 2)]
     wanted = read_surface(f"{folder}/phase_{phase:02d}.ply")
     measured, held_out = _sample_points(wanted, _read_contour(folder, phase), phase, *MAPS[kind])
@@ -100,7 +100,7 @@ def _read_contour(folder: str, phase: int) -> Array:
 def _sample_points(
     surface: Surface, contour: Array, seed: int, count: int, blind: float
 ) -> tuple[Array, Array]:
-    """Noisy points away from a blind area about one of them, and held-out points everywhere but on the
+    """Sample noisy points away from a blind area about one of them, and held-out points everywhere but on the
     caps.
     """
     from scipy.spatial import cKDTree
@@ -116,7 +116,7 @@ def _sample_points(
 
 
 def gain(rows: list[Row]) -> float:
-    """Share by which the temporal template lowers the mean held-out error."""
+    """Return the share by which the temporal template lowers the mean held-out error."""
     static, ours = (column([row for row in rows if row["method"] == m], "held_out").mean() for m in SHOWN)
     return float(1.0 - ours / static)
 
