@@ -12,8 +12,8 @@ from threading import Thread
 from ..errors import InputError
 from .writer import REPORT, write_report
 
-PICTURES = "pictures"  # the anchor of the section that is seen first
-WAIT = 10.0  # seconds; a browser that has not answered by then is one that runs until it is closed
+PICTURES = "pictures"  # the anchor of the section at which the page opens
+WAIT = 10.0  # seconds; a browser that has not returned by then does so when it is closed
 
 
 def page_of(folder: str | Path) -> Path:
@@ -26,7 +26,7 @@ def page_of(folder: str | Path) -> Path:
     from ..runs.folder import read_record
 
     folder = Path(folder)
-    read_record(folder)  # a page alone is no run
+    read_record(folder)  # raises InputError for a folder that holds a page but no run
     page = folder / REPORT
     if page.is_file() and page.stat().st_mtime >= (folder / "run.json").stat().st_mtime:
         return page.resolve()

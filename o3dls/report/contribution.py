@@ -9,7 +9,7 @@ from itertools import pairwise
 from .markup import signed
 from .subject import Subject
 
-LEAST = 0.005  # smaller changes are not shown as found
+LEAST = 0.005  # smaller changes would be written as 0.00
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,8 @@ from html import escape, unescape
 from typing import Any
 
 LINKS = ("href", "src")
-GAPS = re.compile("[\x00-\x20]")  # browsers leave them out of an address
-# what has no scheme, or one that runs nothing
+GAPS = re.compile("[\x00-\x20]")  # browsers drop these from an address, so they could hide `javascript:`
+# addresses without a scheme, or with one that runs no code
 SAFE = re.compile(r"[^:]*$|[^:/?#]*[/?#]|https?:|data:image/(png|jpeg);", re.IGNORECASE)
 
 

@@ -23,8 +23,8 @@ from .drawing.display import displayed
 from .palette import places
 
 MOST_SHOWN = 4
-BASELINE = "icp"  # estimates whose name begins so are what a result is compared with
-HEADLINE = ("held_out", "cross_validated", "ablation", "fitted")  # which distances speak first
+BASELINE = "icp"  # results are compared with the estimates whose name begins so
+HEADLINE = ("held_out", "cross_validated", "ablation", "fitted")  # a run's headline is the first that it has
 SETS = {
     "held_out": "held out",
     "held_out_seen": "held out, mapped areas",

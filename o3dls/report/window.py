@@ -25,7 +25,7 @@ from .subject import Subject, read_subject
 SIZE = (1200, 900)
 PLAIN_COLOUR = (0.75, 0.75, 0.77)
 EDGES = {"prior": ("grey", LIGHT[GREY]), "truth": ("black", INK)}  # in the colours of the report
-F1 = 290  # its code; those of letters and digits are their own
+F1 = 290  # the key's code; for letters and digits it is that of the character
 log = logging.getLogger("o3dls")
 
 

@@ -79,7 +79,7 @@ def _write_page(subject: Subject, path: Path, *, pdf: bool) -> Path:
 
             figures = FIGURES if path.name == REPORT else f"{path.stem}_{FIGURES}"
             write_slides(subject, path.parent / figures, path.with_suffix(".pdf"))
-        write_file(path, text)  # nothing takes time any more: whoever interrupts it finds all or nothing
+        write_file(path, text)  # last, and atomic: an interruption leaves all or nothing
     return path
 
 
@@ -98,7 +98,7 @@ def write_cohort(outcomes: Sequence[Outcome], out: str | Path) -> Path:
     """
     from ..pipeline.outcome import PAGE
 
-    ordered = sorted(outcomes, key=lambda one: one.case)  # as the table
+    ordered = sorted(outcomes, key=lambda one: one.case)  # the page has the order of the table
     folders = [Path(out) / one.case for one in ordered if not one.error]
     failed = {one.case: one.error for one in ordered if one.error}
     return _write_cohort(folders, failed, Path(out) / PAGE)

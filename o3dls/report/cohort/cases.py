@@ -16,7 +16,7 @@ from ..sections.paired import SMALLEST
 from ..subject import MOST_SHOWN
 from .entries import Entry, stages_of
 
-Pair = tuple[str, str]  # what a difference is taken from, and of
+Pair = tuple[str, str]  # estimates: the difference is the second less the first
 CLOSER, FARTHER, NEITHER = "▼", "▲", "="
 
 

@@ -75,7 +75,7 @@ def _parameters_up_to(result: Result, provenance: Provenance, group: str | None)
     found = {"folds": str(provenance.pipeline["folds"])} if group == "cross_validated" else {}
     made = {key: str(value) for key, value in provenance.parameters.items()}
     names = stages_of(made)
-    upto = names[: names.index(result.key) + 1] if result.key in names else ()  # it began with the others
+    upto = names[: names.index(result.key) + 1] if result.key in names else ()  # no stage made `start`
     return found | {key: value for key, value in made.items() if _stage_of_key(key) in upto}
 
 

@@ -16,10 +16,10 @@ from ...geometry.label_fields import read_at
 from ...geometry.surface import Surface
 from .electrical import with_electrical
 
-MOST_FACES = 60_000  # a surface with more is decimated for display to
+MOST_FACES = 60_000  # a surface with more is decimated to DISPLAY_FACES
 DISPLAY_FACES = 36_000
 TRUTH, LEFT_OUT = "distance_to_truth", "left_out"
-NEGLIGIBLE = 1e-6  # a length below is rounding: a pose alone moves no vertex off the prior
+NEGLIGIBLE = 1e-6  # smaller displacements are rounding errors: a pose alone does not bend the prior
 
 
 def displayed(surface: Surface, case: Case, left_out: Array, distances: Array) -> Surface:

@@ -28,7 +28,7 @@ def spread_section(subject: Subject) -> Section | None:
 
 
 def _draw_pair(subject: Subject, group: str) -> Html:
-    names = dict.fromkeys([next(iter(subject.results)), *subject.shown])  # where it began, and what is shown
+    names = dict.fromkeys([next(iter(subject.results)), *subject.shown])  # with the start, to show the gain
     found = [
         (name, subject.style(name), subject.results[name].measured(group, subject.last)[1]) for name in names
     ]

@@ -14,8 +14,8 @@ from .display import decimated, displayed
 from .fields import Field, known_fields
 from .packing import Json, coded, packed
 
-ALL_FACES = 40_000  # of the estimates together that are not shown at first
-FEWEST, MOST = 2_000, 10_000  # faces of one of them
+ALL_FACES = 40_000  # shared by the estimates that are not shown at first
+FEWEST, MOST = 2_000, 10_000  # faces of one such estimate
 BELIEVED = 0.5  # weights below mark a point as outlier
 
 

@@ -33,7 +33,7 @@ MAPS = {
     "points": ("YlOrRd", FIRST, 1.0),
     "regions": ("tab20", 0.0, 1.0),  # twenty colours, a region each
 }
-LOW_ENDS = {"signed": "blue", "electrical": "dark", "mapping": "red"}  # of all others: light
+LOW_ENDS = {"signed": "blue", "electrical": "dark", "mapping": "red"}  # all other maps begin light
 VOLTAGES = {"bipolar": (0.5, 1.5), "unipolar": (5.0, 8.0)}  # mV: scar below, healthy wall above
 STEPS = {"lat": 10.0}  # ms between isochrones
 
@@ -89,7 +89,7 @@ def known_fields(surfaces: Sequence[Surface], unit: str) -> list[Field]:
     )
     named = {field.key for field in [*words, region]} | {
         "prior_only"
-    }  # which is hatched, whatever the colours
+    }  # this field is hatched, whatever the colours
     others = [_other_field(key) for key in there if key not in named]
     return [_fit_range(field, surfaces) for field in [*words, *others, region] if field.key in there]
 

@@ -94,7 +94,7 @@ def draw_pictures(
     view = _fitting_view(surfaces, orientation(subject).looking(behind=behind))
     for k, (name, surface) in enumerate(zip(subject.shown, surfaces, strict=True)):
         axes = figure.add_axes((left + k * each, bottom + 0.16 * height, each, 0.76 * height))
-        pictures = _painted.setdefault(subject, {})  # slides show those of the page, at another size
+        pictures = _painted.setdefault(subject, {})  # page and slides share the pictures, at different sizes
         if (name, behind) not in pictures:
             pictures[name, behind] = _draw_picture(subject, name, surface, field, view)
         axes.imshow(pictures[name, behind], interpolation="antialiased")

@@ -13,8 +13,8 @@ from .fields import Field, colour_table
 
 LETTER = 12.0  # height of a capital in the units of Open3D's text
 SMALL = 0.075  # height of a capital, as a share of the radius of what is shown
-THIN = 0.06  # height of a colour bar, likewise
-BEFORE = 0.35  # from a landmark to its name, likewise
+THIN = 0.06  # height of a colour bar, as a share of the radius
+BEFORE = 0.35  # from a landmark to its name, as a share of the radius
 COLOURS = 32  # steps of a colour bar
 
 

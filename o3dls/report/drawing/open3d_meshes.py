@@ -11,7 +11,7 @@ from ...arrays import Array
 from ...geometry.surface import Surface
 from .display import decimated
 
-EDGE_FACES = 4000  # of what is drawn as edges: more would hide the surface behind
+EDGE_FACES = 4000  # a surface drawn as edges has at most so many: more would hide what is behind
 
 
 def mesh(surface: Surface, colours: Array) -> Any:

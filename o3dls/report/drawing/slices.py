@@ -35,7 +35,7 @@ def slice_surface(surface: Surface, axis: int, level: float) -> Array:
     above = corners[:, :, axis] > level
     crossing = corners[above.any(axis=1) & ~above.all(axis=1)]
     above = crossing[:, :, axis] > level
-    # the corner alone on its side
+    # of each triangle the corner that is alone on its side of the plane
     lone = np.where(above.sum(axis=1) == 1, above.argmax(axis=1), (~above).argmax(axis=1))
     rows = np.arange(len(crossing))
     ends = [_cross_level(crossing[rows, lone], crossing[rows, (lone + k) % 3], axis, level) for k in (1, 2)]

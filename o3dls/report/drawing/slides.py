@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 NOTICE = "Research use only. Not for clinical use."
 DASHES: tuple[Any, ...] = ("-", (0, (7, 3)), (0, (2, 3)), (0, (9, 3, 2, 3)), (0, (4, 2)), (0, (1, 4)))
 MOST_COLUMNS, MOST_ROWS, HEAD_LINES, LETTERS = 7, 7, 3, 12
-VERDICT_LINES, TEXT_LINES = 4, 6  # at most, of the verdict, and with the warnings below it
+VERDICT_LINES, TEXT_LINES = 4, 6  # the verdict has at most so many lines, and verdict and warnings together
 
 
 def write_slides(subject: Subject, folder: Path, pdf: Path) -> None:
@@ -155,7 +155,7 @@ def _distances_png(subject: Subject) -> bytes:
 def _draw_curve(axes: Axes, subject: Subject) -> None:
     """Draw the share of points within a distance, on the headline set of points."""
     group = subject.headline
-    names = dict.fromkeys([next(iter(subject.results)), *subject.shown])  # where it began, and what is shown
+    names = dict.fromkeys([next(iter(subject.results)), *subject.shown])  # with the start, to show the gain
     gaps = {name: subject.results[name].measured(group, subject.last)[1] for name in names} if group else {}
     gaps = {name: np.sort(values) for name, values in gaps.items() if len(values)}
     for name, values in gaps.items():

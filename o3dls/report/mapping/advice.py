@@ -50,7 +50,8 @@ class Located:
         one = self.place
         at = ", ".join(f"{x:.1f}" for x in one.xyz)
         around = [f"{error:.2f}" for error in (one.near_before, one.near_after)]
-        wall = [f"{error:.3f}" for error in (one.before, one.after)]  # a single point changes little of it
+        # three digits: one point changes the error of the whole wall little
+        wall = [f"{error:.3f}" for error in (one.before, one.after)]
         return [at, self.where, f"{one.distance:.1f}", *around, *wall]
 
     def record(self) -> dict[str, Any]:

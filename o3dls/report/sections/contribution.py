@@ -10,7 +10,7 @@ from ..markup import Child, Html, signed, table, tag
 from ..subject import SETS, Subject
 from .section import Section
 
-ROW, LEFT, WIDTH = 52, 12, 640  # pixels; a name stands above its bar
+ROW, LEFT, WIDTH = 52, 12, 640  # pixels; a row has room for a name above its bar
 BAR = 14
 
 

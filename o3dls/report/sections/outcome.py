@@ -14,7 +14,7 @@ from ..wall_parts import parts_table
 from .section import Section
 
 WORST_FIRST: tuple[Grade, ...] = ("bad", "amber")
-LETTERS = 110  # of the warnings in the first lines: two lines of a telephone
+LETTERS = 110  # of the warnings at the top of the page: they fill two lines on a telephone
 
 
 def overall(found: Sequence[Check], sentences: Sequence[str]) -> Html:

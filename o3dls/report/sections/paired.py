@@ -16,7 +16,7 @@ from .section import Section
 
 REGION = 20.0  # points nearer than this to a landmark (mm) belong to its region, each to its nearest
 FEWEST = 8
-SMALLEST = 0.005  # differences below are not shown as found
+SMALLEST = 0.005  # a table with two digits would show a smaller difference as 0
 
 
 def paired_section(subject: Subject) -> Section | None:

@@ -13,7 +13,7 @@ from ..shape_words import FLAT, ShapeWords, words_of
 from ..subject import SETS, Result, Subject
 from .section import Section
 
-SEEN = ("landmarks", "fitted")  # used in the fit: near to them is no proof, and they stand last
+SEEN = ("landmarks", "fitted")  # these sets were fitted, so a small distance proves nothing: they stand last
 DIGITS = 2
 CAPTION = (
     "Mean distance of each set of points from each estimate. Bold: the smallest of a column, as far as the "
@@ -164,7 +164,7 @@ def _name_measure(key: str, words: ShapeWords) -> str:
 
 def _write_measure(key: str, found: Mapping[str, Any]) -> str:
     value = found.get(key)
-    if key == "euler":  # what it counts besides components; of an open surface or an outline it tells none
+    if key == "euler":  # handles cannot be counted on an open surface or an outline
         value = handles(dict(found)) if found.get("watertight") and "volume_ml" in found else None
     if isinstance(value, bool):
         return "yes" if value else "no"
