@@ -40,14 +40,14 @@ class Background:
         self._open = ExitStack()
         self._pool: Executor | None = None
         self._since: float | None = None
-        self._first = True  # of its process: nothing is shown before it, so it is in a hurry
-        self._pid: int | None = None  # of the process, once it may be held
-        self._held = 0.0  # seconds, of the fit that runs
+        self._first = True  # the first fit of a process has normal priority: nothing is shown before it
+        self._pid: int | None = None  # set once the process may be held
+        self._held = 0.0  # seconds for which the running fit was held
         self._held_since: float | None = None
         self.held_until: float | None = None  # when a fit that is held should go on
 
     def __enter__(self) -> Background:
-        self._start_process()  # its imports take longer than a fit
+        self._start_process()  # started early: its imports take longer than a fit
         return self
 
     def __exit__(self, *error: object) -> None:
@@ -65,7 +65,7 @@ class Background:
         self._since, self._held = monotonic(), 0.0
         try:
             future = self._start_process().submit(full_fit, kept)
-        except BrokenProcessPool:  # ended while it had nothing to do
+        except BrokenProcessPool:  # the process ended while it was idle
             self._forget_process()
             future = self._start_process().submit(full_fit, kept)
         future.add_done_callback(lambda ended: self._hand_over(kept, ended))
@@ -129,7 +129,7 @@ class Background:
         except BrokenProcessPool:
             self._forget_process()
             result = FullFit(session, refused="its process was ended from outside", lost=True)
-        except SystemExit:  # it was told to end, as the session has
+        except SystemExit:  # the process was told to end with the session
             return
         except Exception as error:  # our own mistake in a fit must not cost the session
             result = FullFit(session, refused=f"internal error, please report it: {error!r}")
@@ -144,6 +144,6 @@ def _step_back() -> int:
         os.setsid()
         with suppress(BlockingIOError):  # for all users but root, Linux takes ten such changes a second
             AUTOGROUP.write_text(str(NICE))
-    if sys.platform == "linux":  # one that is held would not see that the other is no more
+    if sys.platform == "linux":  # a held process cannot notice that its parent has died
         ctypes.CDLL(None).prctl(END_WITH_PARENT, signal.SIGKILL)
     return os.getpid()

@@ -68,12 +68,12 @@ class Board:
     """The session as pages know it. Safe to use from several threads."""
 
     def __init__(self) -> None:
-        self.session = secrets.token_hex(4)  # numbers begin anew with it
+        self.session = secrets.token_hex(4)  # each session numbers its events from 1
         self._lock = Lock()
         self._seq = 0
-        self._log: deque[Sent] = deque()  # but for kinds of which the newest says all
-        self._forgotten = 0  # the number of the last event that was in it
-        self._newest: dict[str, Sent] = {}  # of the kinds that say all of something
+        self._log: deque[Sent] = deque()  # all events but those of the kinds in WHOLE
+        self._forgotten = 0  # number of the last event that the log has dropped
+        self._newest: dict[str, Sent] = {}  # the newest event of each kind in WHOLE, and `end`
         self._points: dict[int, Event] = {}
         self._boxes: list[Box] = []
 
@@ -94,7 +94,7 @@ class Board:
         box = Box()
         with self._lock:
             for one in self._events_since(last):
-                box.waiting.append(one)  # however many: nothing of it may be lost
+                box.waiting.append(one)  # not by `put`, which drops events when there are many
             self._boxes.append(box)
         return box
 
@@ -142,7 +142,7 @@ class Board:
             if len(self._log) > KEPT:
                 self._forgotten = self._log.popleft().seq
         if kind == "scene":
-            self._newest.pop("surface", None)  # it was of the scene before
+            self._newest.pop("surface", None)  # that surface belonged to the scene before
         elif kind == "point":
             _update_point(self._points, event)
         elif kind == "weights":

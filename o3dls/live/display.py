@@ -52,7 +52,7 @@ class Display:
         self.identity = secrets.token_hex(4)
         shown = self._shown_estimate(case, estimate)
         drawn = replace(case, prior=self.prior)
-        if estimate is None:  # nothing of the map stands in the prior's frame
+        if estimate is None:  # the map's points have no place in the prior's frame
             drawn = replace(drawn, points=case.points.of(), frame=case.prior_frame)
         data = scene(_make_subject(drawn, replace(shown, motion=None)))
         ranges = {f"distance_to_nearest_point_{case.units}": [0.0, 2 * REACH]}
@@ -145,7 +145,7 @@ def _make_subject(case: Case, estimate: Estimate) -> Subject:
         replace(case, points=points, truth=None),
         {NAME: estimate},
         fitted={NAME: ("eam",)},
-        scores={NAME: {"ablation": {}}},  # a set of its own: not fitted
+        scores={NAME: {"ablation": {}}},  # so that `fitted` is the eam points alone
         validity={NAME: {}},
         provenance=provenance(case, {"stage": []}),
         points=replace(points, columns={**points.columns, **distances}),

@@ -28,14 +28,15 @@ CLOSED = "closed"
 
 def serve(connection: Connection, session: Session) -> None:
     """Run the engine in this process: actions are received, events sent, until the other end closes."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # reaches all processes of a terminal; the command decides
+    # Ctrl-C reaches all processes of a terminal; only the command answers it
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     inbox: SimpleQueue[tuple[str, Any]] = SimpleQueue()
     Thread(target=_receive_actions, args=(connection, inbox), daemon=True).start()
     try:
         with Background(lambda fit: inbox.put(("fit", fit))) as background:
             Engine(session, connection.send, inbox, background).run()
     except (BrokenPipeError, ConnectionResetError):
-        pass  # the command is no more; its journal is whole
+        pass  # the command was killed; its journal has every point
 
 
 def _receive_actions(connection: Connection, inbox: SimpleQueue[tuple[str, Any]]) -> None:
@@ -59,9 +60,9 @@ class Engine:
         self.fit: FullFit | None = None
         self.now: Current | None = None
         self.changed, self.ending = True, False
-        self.refused: Session | None = None  # what the last fit was made of, where it was refused
-        self.lost: Session | None = None  # or was lost, and is made again once
-        self.posed: Array | None = None  # by landmarks or the case, before there is a fit
+        self.refused: Session | None = None  # the session of the last fit, if that was refused
+        self.lost: Session | None = None  # the session of a fit whose process was lost: tried once more
+        self.posed: Array | None = None  # the pose shown before there is a fit
         self.unseen, self.next_draw = False, 0.0  # whether pages lack the surface; when it may be sent
         self.unjudged, self.unadvised, self.advising = False, False, False
         self.known = -1.0  # when the state was last sent

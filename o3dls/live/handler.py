@@ -23,7 +23,7 @@ from .roles import Roles
 
 MOST = 16_384  # bytes of an action
 PAGES = 5  # a browser opens six connections to one server, and an action needs one
-BEAT = 1.0  # seconds after which a silent page is looked after
+BEAT = 1.0  # seconds after which a silent page is sent a sign of life
 RETRY = 1000  # ms after which a page that lost its connection comes back
 PATIENCE = 10.0  # seconds that a page may take to ask or to read
 DRAIN = 1_000_000  # bytes of a body that is too long are read, so that the page hears why it is refused
@@ -98,7 +98,7 @@ class Handler(BaseHTTPRequestHandler):
             self._send_json(422, {"error": str(error)})
         except OSError:
             raise  # the page went away
-        except Exception:  # what the session did with an action must not look as if nothing had happened
+        except Exception:  # the page must hear that its action failed
             log.exception("live: %s %s failed", method, urlsplit(self.path).path)
             self._send_json(500, {"error": "an error inside o3dls; its log says which"})
 

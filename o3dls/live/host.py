@@ -43,11 +43,11 @@ class Host:
         self._state: Message = {}
         self._engine: Connection | None = None
         self._begun = 0.0
-        self._short_lives = 0  # of engines, one after the other
+        self._short_lives = 0  # engines in a row that ended within SOON
 
     def begin(self) -> None:
         """Tell what is known so far, and begin the engine."""
-        with self._acting:  # page and stdin may act already
+        with self._acting:  # page and stdin may send actions already
             for point in self.session.points.values():
                 self.tell(event("point", **point.record(), weight=None, distance=None))
             self._begin_engine()

@@ -18,7 +18,7 @@ from ..report.drawing.display import decimated
 from ..report.expected import expected_of
 from .messages import Message, number
 
-PLACES = 3  # to touch next
+PLACES = 3  # places to propose
 FACES = 4_000  # of the surface by which they are chosen: its vertices are 5 mm apart on an atrium
 MOST_HISTORY = 300  # entries; where there are more, every other of the older half goes
 
@@ -57,7 +57,7 @@ class Standing:
     history: list[tuple[int, float | None, float | None]] = field(default_factory=list)
     advice: Message = field(default_factory=lambda: {"next": [], "ended": "there is no estimate yet"})
     warnings: list[dict[str, str]] = field(default_factory=list)
-    refusal: str = ""  # of the last full fit
+    refusal: str = ""  # why the last full fit was refused
     status: str = ""
     fit: str = "idle"
 

@@ -24,7 +24,7 @@ from .source import Desk
 
 PATIENCE = 0.2  # seconds of silence, after which it is asked whether to stop
 WAIT = 5.0  # seconds for a connection
-REMEMBERED = 1000  # numbers of messages
+REMEMBERED = 1000  # messages whose numbers are kept, to notice repeats
 
 
 class Igtl:
