@@ -17,7 +17,7 @@ from .interrupts import heeded
 from .memory import check_memory
 from .words import DONE, INTERNAL, INTERRUPTED, UNREAD, WRONG_INPUT, complain, say_lines
 
-COMPLETE = "_O3DLS_COMPLETE"  # click's name of what a shell asks
+COMPLETE = "_O3DLS_COMPLETE"  # click reads from this variable what a shell wants completed
 COMPLETIONS = "must be bash_source, zsh_source or fish_source"
 
 
@@ -32,7 +32,7 @@ def run_command(arguments: list[str]) -> int:
         return _report_failure(error.format_message(), WRONG_INPUT)
     except click.exceptions.Abort:
         return _report_failure("interrupted", INTERRUPTED)
-    except SystemExit as end:  # so click answers what a shell asks for completion, and a closed stdout
+    except SystemExit as end:  # click exits so after a completion, or when stdout is closed
         if end.code and COMPLETE in os.environ:
             return _report_failure(f"{COMPLETE} = '{os.environ[COMPLETE]}': {COMPLETIONS}", WRONG_INPUT)
         return UNREAD if end.code else DONE

@@ -206,7 +206,7 @@ def _check_kernel_cache() -> Check:
 
         from ..geometry.closest_point import ClosestPoint
 
-        # looks for a folder that it may write, and raises where there is none
+        # numba's cache looks for a writable folder, and raises where there is none
         FunctionCache(ClosestPoint.query)
         return ""
 

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from ..live.sources.source import Source
 
 SOURCES = ("watch", "igtl", "replay")
-LOOK = 0.2  # seconds between two looks at whether the session has ended: a signal is heard meanwhile
+LOOK = 0.2  # seconds between two checks for the session's end; signals are handled in between
 Message = dict[str, Any]
 
 
@@ -85,7 +85,7 @@ def _check_options(given: Message) -> None:
         raise click.UsageError(f"{' and '.join(named)}: a session has one source of points")
     if given["rate"] is not None and given["replay"] is None:
         raise click.UsageError("--rate: is of --replay, which is not given")
-    for name in ("watch", "replay"):  # before a record is begun
+    for name in ("watch", "replay"):  # checked here, before a record folder is made
         if given[name] is not None and not given[name].exists():
             raise click.UsageError(f"--{name} {given[name]}: no such file")
     if given["igtl"] is not None:

@@ -13,7 +13,7 @@ from ..errors import InputError, did_you_mean
 from ..settings import Number, numbers
 from .words import say_lines
 
-# By package, in its module `settings`; each holds the smaller ones of its parts.
+# The classes of each package's module `settings`; each holds those of its parts.
 CLASSES = {
     "noise": ("ContactSettings", "MixtureSettings", "DuplicateSettings"),
     "motion": ("MotionSettings", "TemplateSettings"),

@@ -11,8 +11,8 @@ import click
 from ..errors import escaped, escaped_lines
 
 DONE, NOT_VALID, WRONG_INPUT, INTERNAL = 0, 1, 2, 3
-INTERRUPTED, UNREAD = 130, 141  # as shells say it: by Ctrl-C, and for a stdout that nobody reads any more
-MOST_LETTERS = 4000  # of a sentence: two paths of the greatest length would fit
+INTERRUPTED, UNREAD = 130, 141  # 128 + SIGINT for Ctrl-C, 128 + SIGPIPE for a closed stdout
+MOST_LETTERS = 4000  # in a sentence: room for two file paths of the greatest length
 FILE = FOLDER = click.Path(path_type=Path)
 
 
