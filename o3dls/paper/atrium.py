@@ -64,7 +64,7 @@ def fit(seed: int, drawn: bool) -> Outcome:
     if not drawn:
         return Outcome(rows)
     shapes = {name: with_truth_distance(estimates[name].surface, truth) for name in ("landmarks", *SHOWN)}
-    middle = patient.scan.shape[0] // 3  # where the ventricle touches
+    middle = patient.scan.shape[0] // 3  # the slice in which the ventricle touches the atrium
     views = {
         "slice": patient.scan[middle],
         "mask": mask[middle].astype(float),

@@ -14,7 +14,7 @@ from .experiment import Row
 from .results import Results, column
 from .temporal import gain
 
-LEAST_FIT = 0.7  # of the noise per axis: below it a method fits noise
+LEAST_FIT = 0.7  # share of the noise per axis: a method whose fitted mean is lower fits the noise
 BASELINE = 0.5  # mm: how near the baseline must be to the paper's
 
 

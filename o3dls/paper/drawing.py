@@ -18,7 +18,7 @@ from ..report.palette import colour_of
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-# those of the report; each method also has a marker of its own
+# the report's colours; each method also has a marker of its own
 COLOURS = {method: colour_of(method) for method in ("icp", "similarity", "deform", "level_set", "paper")}
 COLOURS |= {"static": COLOURS["icp"], "phases": COLOURS["level_set"], "truth": "#8a8f98"}
 MARKERS = {
@@ -64,7 +64,7 @@ def curves(
             ax.grid(alpha=0.25)
             ax.xaxis.get_major_locator().set_params(integer=True)
             if len(at := {level for curve in methods.values() for level in curve}) == 1:
-                ax.set_xlim(min(at) - 1, min(at) + 1)  # methods beside each other, at one level
+                ax.set_xlim(min(at) - 1, min(at) + 1)  # one level: methods stand beside each other
         axes[0].set_ylim(bottom=0.0)
         axes[0].set_ylabel(y)
         for name, curve in (lines or {}).items():

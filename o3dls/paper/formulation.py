@@ -39,7 +39,7 @@ SPACING = 2.0
 COARSE, FINE = Deform().vector  # correlation lengths of T
 EQUAL: dict[str, Any] = {"data": 1.0, "area": 1.0, "shape": 1.0}
 
-# Estimate: what it is. Each line repairs one thing more, or takes one away.
+# What each estimate is. Each line repairs one thing more, or takes one away.
 VARIANTS = {
     "icp": "ICP, rigid (T of the paper)",
     "equal": "equation 16, T rigid, one alpha for all terms (the data term over the squared noise)",

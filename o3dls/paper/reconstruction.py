@@ -11,7 +11,7 @@ from ..arrays import Array
 from ..errors import InputError
 from ..geometry.surface import Surface
 
-CELL = 2.0  # mm
+CELL = 2.0  # mm between nodes of a lattice
 NEIGHBOURS = 12
 
 

@@ -10,7 +10,7 @@ from ..errors import InputError
 from ..geometry.surface import Surface
 from ..io.images.wall import mask_surface
 
-NECK = 3.0  # mm: what hangs on the chamber by less than twice this is another part
+NECK = 3.0  # mm: a part joined to the chamber by a neck narrower than twice this is cut off
 
 
 def segmented(scan: NDArray[np.float32], affine: Array, inside: Array) -> tuple[Surface, NDArray[np.bool_]]:
