@@ -129,7 +129,7 @@ class _Server(ThreadingHTTPServer):
     block_on_close = False  # a page that does not read must not hold up the end
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """A page that went away in the middle of an answer is no error of ours."""
+        """Log that a page went away in the middle of an answer: it is no error of ours."""
         import logging
 
         logging.getLogger("o3dls").debug("live: a request of %s broke off", client_address, exc_info=True)
