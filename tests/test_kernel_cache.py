@@ -21,8 +21,8 @@ import sys
 {before}
 import o3dls.geometry.fairing, o3dls.report.drawing.raster
 from numba import config
-from o3dls.cli.doctor import _kernel_cache
-print(config.CACHE_DIR, _kernel_cache())
+from o3dls.cli.doctor import _check_kernel_cache
+print(config.CACHE_DIR, _check_kernel_cache())
 """
 
 

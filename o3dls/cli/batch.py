@@ -22,8 +22,8 @@ SECONDS = {"s": 1, "m": 60, "h": 3600, "d": 86400}
 BYTES = {"MB": 10**6, "GB": 10**9, "MiB": 1 << 20, "GiB": 1 << 30}
 
 
-def _amount(units: dict[str, int], example: str) -> Callback:
-    """A number above zero with a unit behind it, as so many of the smallest unit."""
+def _amount_reader(units: dict[str, int], example: str) -> Callback:
+    """Make a callback that reads a number above zero with its unit, as a count of the smallest unit."""
 
     def read(_: click.Context, __: click.Parameter, value: str | None) -> float | None:
         if value is None:
@@ -39,8 +39,8 @@ def _amount(units: dict[str, int], example: str) -> Callback:
     return read
 
 
-def _part(_: click.Context, __: click.Parameter, value: str | None) -> tuple[int, int] | None:
-    """I/N: the I-th of N parts."""
+def _read_part(_: click.Context, __: click.Parameter, value: str | None) -> tuple[int, int] | None:
+    """Read I/N, which means the I-th of N parts."""
     if value is None:
         return None
     match = re.fullmatch(r"(\d{1,6})/(\d{1,6})", value)
@@ -79,19 +79,19 @@ def _part(_: click.Context, __: click.Parameter, value: str | None) -> tuple[int
 )
 @click.option(
     "--shard",
-    callback=_part,
+    callback=_read_part,
     metavar="I/N",
     help="run only the I-th of N parts of the cases, and then `o3dls cohort` for the table and the page",
 )
 @click.option(
     "--timeout",
-    callback=_amount(SECONDS, "10m"),
+    callback=_amount_reader(SECONDS, "10m"),
     metavar="TIME",
     help="time limit of a case: 90s, 10m, 2h, 1d",
 )
 @click.option(
     "--memory",
-    callback=_amount(BYTES, "2GB"),
+    callback=_amount_reader(BYTES, "2GB"),
     metavar="SIZE",
     help="memory limit of a case: 800MB, 2GB, 2GiB",
 )
@@ -125,18 +125,18 @@ def batch(
     study = read_study(cases, pipeline, settings)
     if shard:
         study = part_of(study, *shard)
-    outcomes = _made(study, out, as_json=as_json, table=not shard, **how)
+    outcomes = _run_study(study, out, as_json=as_json, table=not shard, **how)
     if len(outcomes) < len(study):
         return INTERRUPTED
     if shard:
-        return _told(outcomes, None, None, as_json=as_json)
+        return _report_outcomes(outcomes, None, None, as_json=as_json)
     from ..pipeline.outcome import COHORT
     from ..report.writer import write_cohort
 
-    return _told(outcomes, out / COHORT, write_cohort(outcomes, out), as_json=as_json)
+    return _report_outcomes(outcomes, out / COHORT, write_cohort(outcomes, out), as_json=as_json)
 
 
-def _made(
+def _run_study(
     study: Sequence[Any],
     out: Path,
     *,
@@ -149,7 +149,7 @@ def _made(
     as_json: bool,
     table: bool,
 ) -> list[Outcome]:
-    """The outcomes of a study's cases; each is told as it comes."""
+    """Run a study's cases and return their outcomes; each is told as it comes."""
     from threading import Event
 
     from ..pipeline.batch import run_cohort
@@ -162,7 +162,7 @@ def _made(
     limits = Limits(timeout, int(memory) if memory else None, retries)
     stop = Event()
     with bar(len(study)) as shown, first_told(stop.set):
-        hear = _listener(len(study), shown, as_json)
+        hear = _make_listener(len(study), shown, as_json)
         return run_cohort(
             study,
             out,
@@ -176,8 +176,10 @@ def _made(
         )
 
 
-def _listener(cases: int, shown: Any, as_json: bool) -> Callable[[Outcome], None]:
-    """What is done with each outcome as it comes: a line of JSON for programs, and the bar."""
+def _make_listener(cases: int, shown: Any, as_json: bool) -> Callable[[Outcome], None]:
+    """Make what is called with each outcome as it comes: it prints a line of JSON for programs, and moves the
+    bar.
+    """
     done = 0
 
     def hear(outcome: Outcome) -> None:
@@ -216,11 +218,13 @@ def cohort(runs: Path, as_json: bool) -> int:
     if as_json:
         for done, outcome in enumerate(outcomes, 1):
             _say_outcome(outcome, done, len(outcomes))
-    return _told(outcomes, runs / COHORT, write_cohort(outcomes, runs), as_json=as_json)
+    return _report_outcomes(outcomes, runs / COHORT, write_cohort(outcomes, runs), as_json=as_json)
 
 
-def _told(outcomes: Sequence[Outcome], table: Path | None, page: Path | None, *, as_json: bool) -> int:
-    """Print what became of the cases, and where it stands: the exit code."""
+def _report_outcomes(
+    outcomes: Sequence[Outcome], table: Path | None, page: Path | None, *, as_json: bool
+) -> int:
+    """Print what became of the cases, and where it stands; return the exit code."""
     if as_json:
         failed = sum(one.error is not None for one in outcomes)
         skipped = sum(one.skipped for one in outcomes)

@@ -17,39 +17,41 @@ from .interrupts import heeded
 from .memory import check_memory
 from .words import DONE, INTERNAL, INTERRUPTED, UNREAD, WRONG_INPUT, complain, say_lines
 
-COMPLETE = "_O3DLS_COMPLETE"  # click's name of what a shell asks
+COMPLETE = "_O3DLS_COMPLETE"  # click reads from this variable what a shell wants completed
 COMPLETIONS = "must be bash_source, zsh_source or fish_source"
 
 
 def run_command(arguments: list[str]) -> int:
-    """Run a command: its exit code. Errors become one line on stderr, only what is our own mistake shows a
-    traceback. Raises Interrupted.
+    """Run a command and return its exit code. Errors become one line on stderr, only what is our own mistake
+    shows a traceback. Raises Interrupted.
     """
     try:
         with heeded():
             return cli.main(arguments or ["--help"], prog_name="o3dls", standalone_mode=False) or DONE
     except click.ClickException as error:
-        return _failed(error.format_message(), WRONG_INPUT)
+        return _report_failure(error.format_message(), WRONG_INPUT)
     except click.exceptions.Abort:
-        return _failed("interrupted", INTERRUPTED)
-    except SystemExit as end:  # so click answers what a shell asks for completion, and a closed stdout
+        return _report_failure("interrupted", INTERRUPTED)
+    except SystemExit as end:  # click exits so after a completion, or when stdout is closed
         if end.code and COMPLETE in os.environ:
-            return _failed(f"{COMPLETE} = '{os.environ[COMPLETE]}': {COMPLETIONS}", WRONG_INPUT)
+            return _report_failure(f"{COMPLETE} = '{os.environ[COMPLETE]}': {COMPLETIONS}", WRONG_INPUT)
         return UNREAD if end.code else DONE
     except SolverError as error:
-        return _failed(str(error), INTERNAL)
+        return _report_failure(str(error), INTERNAL)
     except (O3dlsError, OSError) as error:
-        return _failed(str(error), WRONG_INPUT)
+        return _report_failure(str(error), WRONG_INPUT)
     except MemoryError:
-        return _failed("there is too little memory; close other programs, or take less data", WRONG_INPUT)
+        return _report_failure(
+            "there is too little memory; close other programs, or take less data", WRONG_INPUT
+        )
     except Exception as error:
         import traceback
 
         say_lines(traceback.format_exc().rstrip(), error=True)
-        return _failed(f"internal error, please report it: {type(error).__name__}: {error}", INTERNAL)
+        return _report_failure(f"internal error, please report it: {type(error).__name__}: {error}", INTERNAL)
 
 
-def _failed(sentence: str, code: int) -> int:
+def _report_failure(sentence: str, code: int) -> int:
     complain(sentence)
     return code
 

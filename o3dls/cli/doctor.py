@@ -83,15 +83,15 @@ class Check:
 
 
 def diagnose() -> list[Check]:
-    """Every check, in the order in which faults should be remedied."""
+    """Make every check, in the order in which faults should be remedied."""
     return [
-        _python(),
-        *map(_module, MODULES),
-        _one_open3d(),
-        _plugins(),
-        _filters(),
-        _kernel_cache(),
-        _renderer(),
+        _check_python(),
+        *map(_check_module, MODULES),
+        _check_open3d(),
+        _check_plugins(),
+        _check_filters(),
+        _check_kernel_cache(),
+        _check_renderer(),
     ]
 
 
@@ -105,21 +105,21 @@ def compile_loops() -> float:
 
     begin = perf_counter()
     plan = replace(default_pipeline(), folds=0)
-    for case in (read_case(demo_case()), _plane()):
+    for case in (read_case(demo_case()), _plane_case()):
         with TemporaryDirectory(prefix="o3dls-") as folder:
             plan.allowed_by(case).run(case).write(Path(folder) / "run")
     return perf_counter() - begin
 
 
-def _plane() -> Case:
-    """An ellipse, and points on one that is wider."""
+def _plane_case() -> Case:
+    """Make a case in 2D: an ellipse, and points on one that is wider."""
     angle = np.linspace(0.0, 2 * np.pi, 120, endpoint=False)
     around = np.column_stack([np.cos(angle), np.sin(angle)])
     points = around[::2] * [24.0, 16.0]
     return Case("plane", outline(around * [20.0, 15.0]), Points(points, np.full(len(points), "eam")))
 
 
-def _python() -> Check:
+def _check_python() -> Check:
     found = f"{sys.version.split()[0]} in {sys.prefix}"
     return Check(
         "python",
@@ -128,38 +128,38 @@ def _python() -> Check:
     )
 
 
-def _module(name: str) -> Check:
+def _check_module(name: str) -> Check:
     try:
         import_module(name)
     except (ImportError, OSError) as error:
         return Check(
             name,
-            f"cannot be imported: {_said(error)}",
-            _apt(str(error)) or "python -m pip install -c constraints.txt .",
+            f"cannot be imported: {_error_line(error)}",
+            _apt_command(str(error)) or "python -m pip install -c constraints.txt .",
         )
-    return Check(name, _version(name) or _version(f"{name}-cpu") or "installed")
+    return Check(name, _find_version(name) or _find_version(f"{name}-cpu") or "installed")
 
 
-def _version(package: str) -> str | None:
+def _find_version(package: str) -> str | None:
     try:
         return version(package)
     except PackageNotFoundError:
         return None
 
 
-def _said(error: Exception) -> str:
-    """The error on one line."""
+def _error_line(error: Exception) -> str:
+    """Return the error on one line."""
     return " ".join(str(error).split()) or type(error).__name__
 
 
-def _apt(message: str) -> str:
-    """The command that installs the shared libraries named in a loader's message, or nothing."""
+def _apt_command(message: str) -> str:
+    """Return the command that installs the shared libraries named in a loader's message, or nothing."""
     packages = [package for library, package in PACKAGE_OF.items() if library in message]
     return f"sudo apt-get install {' '.join(packages)}" if packages else ""
 
 
-def _one_open3d() -> Check:
-    both = [name for name in ("open3d", "open3d-cpu") if _version(name)]
+def _check_open3d() -> Check:
+    both = [name for name in ("open3d", "open3d-cpu") if _find_version(name)]
     remedy = (
         "python -m pip uninstall -y open3d open3d-cpu; python -m pip install -c constraints.txt ."
         if len(both) > 1
@@ -170,7 +170,7 @@ def _one_open3d() -> Check:
     )
 
 
-def _plugins() -> Check:
+def _check_plugins() -> Check:
     from ..plugins.plugin import GROUPS, load, registered
 
     try:
@@ -178,7 +178,7 @@ def _plugins() -> Check:
         for kind, name in names:
             load(kind, name)
     except (ImportError, AttributeError, O3dlsError) as error:
-        return Check("stages and writers", _said(error), "python -m pip install -c constraints.txt .")
+        return Check("stages and writers", _error_line(error), "python -m pip install -c constraints.txt .")
     return Check(
         "stages and writers",
         ", ".join(name for _, name in names),
@@ -186,7 +186,7 @@ def _plugins() -> Check:
     )
 
 
-def _filters() -> Check:
+def _check_filters() -> Check:
     def missing() -> Iterator[str]:
         import pymeshlab
 
@@ -195,22 +195,22 @@ def _filters() -> Check:
 
     # Without libOpenGL pymeshlab can be imported, but leaves out the plugins that need it.
     remedy = "sudo apt-get install libgl1 libopengl0"
-    return _tried(
+    return _try_check(
         "pymeshlab's filters", lambda: ", ".join(missing()), f"all {len(FILTERS)} there", "missing: ", remedy
     )
 
 
-def _kernel_cache() -> Check:
+def _check_kernel_cache() -> Check:
     def unwritable() -> str:
         from numba.core.caching import FunctionCache
 
         from ..geometry.closest_point import ClosestPoint
 
-        # looks for a folder that it may write, and raises where there is none
+        # numba's cache looks for a writable folder, and raises where there is none
         FunctionCache(ClosestPoint.query)
         return ""
 
-    return _tried(
+    return _try_check(
         "kernel cache",
         unwritable,
         "writable",
@@ -219,17 +219,17 @@ def _kernel_cache() -> Check:
     )
 
 
-def _tried(name: str, fault: Callable[[], str], well: str, prefix: str, remedy: str) -> Check:
-    """A check of something that answers with a fault, an empty text, or an error."""
+def _try_check(name: str, fault: Callable[[], str], well: str, prefix: str, remedy: str) -> Check:
+    """Check something that answers with a fault, an empty text, or an error."""
     try:
         found = fault()
     except (ImportError, OSError, RuntimeError) as error:
-        return Check(name, _said(error), _apt(str(error)) or remedy)
+        return Check(name, _error_line(error), _apt_command(str(error)) or remedy)
     return Check(name, prefix + found, remedy) if found else Check(name, well)
 
 
-def _renderer() -> Check:
-    """Open3D's renderer, in a process of its own: it is known to hang. o3dls draws without it."""
+def _check_renderer() -> Check:
+    """Check Open3D's renderer, in a process of its own: it is known to hang. o3dls draws without it."""
     name, remedy = "open3d's renderer", "sudo apt-get install libegl1 libvulkan1 mesa-vulkan-drivers"
     try:
         done = subprocess.run(
@@ -244,6 +244,9 @@ def _renderer() -> Check:
     if done.returncode:
         said = done.stderr.strip().splitlines() or ["no message"]
         return Check(
-            name, f"ended with code {done.returncode}: {said[-1]}", _apt(done.stderr) or remedy, needed=False
+            name,
+            f"ended with code {done.returncode}: {said[-1]}",
+            _apt_command(done.stderr) or remedy,
+            needed=False,
         )
     return Check(name, "draws", needed=False)

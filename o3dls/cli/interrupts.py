@@ -28,14 +28,14 @@ class Interrupted(BaseException):
 
 
 def listen() -> None:
-    """From now on signals raise Interrupted."""
+    """Let signals raise Interrupted from now on."""
     for number in SIGNALS:
-        signal.signal(number, _raise)
-    sys.unraisablehook = _again
-    atexit.register(_end)  # the first to be registered is the last to be called
+        signal.signal(number, _raise_once)
+    sys.unraisablehook = _raise_again
+    atexit.register(_end_at_once)  # the first to be registered is the last to be called
 
 
-def _end() -> None:
+def _end_at_once() -> None:
     """End at once: a library that was interrupted in its import may not end in order."""
     if _heard:
         sys.stdout.flush()
@@ -43,14 +43,14 @@ def _end() -> None:
         os._exit(128 + _heard[0])
 
 
-def _raise(number: int, _: object) -> None:
-    """Raise, unless it is raised already, and what is half made is being removed."""
+def _raise_once(number: int, _: object) -> None:
+    """Raise Interrupted, unless it was raised before and what is half made is being removed."""
     _heard.append(number)
     if not isinstance(sys.exc_info()[1], Interrupted):
         raise Interrupted
 
 
-def _again(lost: sys.UnraisableHookArgs) -> None:
+def _raise_again(lost: sys.UnraisableHookArgs) -> None:
     """Raise once more, a little later, what ended in a place that no exception leaves, such as a destructor.
 
     Once it was raised, destructors of what is half made fail, and have nothing to say.
@@ -65,13 +65,13 @@ def _again(lost: sys.UnraisableHookArgs) -> None:
 
 @contextmanager
 def first_told(tell: Callable[[], None]) -> Iterator[None]:
-    """Within this the first Ctrl-C is told, so that what runs may end in order; only the next one raises. The
-    command ends as interrupted after either.
+    """Tell of the first Ctrl-C within this block, so that what runs may end in order; only the next one
+    raises. The command ends as interrupted after either.
     """
 
     def hear(number: int, frame: object) -> None:
         if _heard:
-            _raise(number, frame)
+            _raise_once(number, frame)
         else:
             _heard.append(number)
             tell()
@@ -85,7 +85,7 @@ def first_told(tell: Callable[[], None]) -> Iterator[None]:
 
 @contextmanager
 def heeded() -> Iterator[None]:
-    """Once a signal came, the block ends as interrupted, whatever became of the exception on its way: some
+    """End the block as interrupted once a signal came, whatever became of the exception on its way: some
     libraries make another one of it, or none.
     """
     try:
@@ -99,6 +99,6 @@ def heeded() -> Iterator[None]:
 
 
 def too_late() -> None:
-    """From now on signals change nothing: what was to be done is done, and said."""
+    """Let signals change nothing from now on: what was to be done is done, and said."""
     for number in SIGNALS:
         signal.signal(number, signal.SIG_IGN)

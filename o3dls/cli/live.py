@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from ..live.sources.source import Source
 
 SOURCES = ("watch", "igtl", "replay")
-LOOK = 0.2  # seconds between two looks at whether the session has ended: a signal is heard meanwhile
+LOOK = 0.2  # seconds between two checks for the session's end; signals are handled in between
 Message = dict[str, Any]
 
 
@@ -53,14 +53,14 @@ def live(
     from ..live.host import Host
     from ..live.record import default_record, open_record
 
-    _check(given)
+    _check_options(given)
     if case is None and record is None:
         raise click.UsageError("no CASE given, and no --record folder to go on from")
     record = record or default_record()
     journal, session = open_record(record, case)
     if journal.cut:
         complain(journal.cut)
-    tellers: list[Callable[[Message], None]] = [_print if as_json else _complain]
+    tellers: list[Callable[[Message], None]] = [_print_event if as_json else _print_error]
 
     def tell(message: Message) -> None:
         for one in tellers:
@@ -69,44 +69,44 @@ def live(
     host = Host(journal, session, tell)
     stop = Event()
     try:
-        source = _source(given, host)
-        with _page(host, tellers, port, opened=not no_browser) if not headless else _stdin(host):
+        source = _make_source(given, host)
+        with _serve_page(host, tellers, port, opened=not no_browser) if not headless else _serve_stdin(host):
             host.begin()
-            _wait(host, source, stop, ends=headless and given["replay"] is not None)
-            return _told(host, record, as_json=as_json)
+            _wait_for_end(host, source, stop, ends=headless and given["replay"] is not None)
+            return _finish_session(host, record, as_json=as_json)
     finally:
         stop.set()
         host.close()
 
 
-def _check(given: Message) -> None:
+def _check_options(given: Message) -> None:
     named = [f"--{name}" for name in SOURCES if given[name] is not None]
     if len(named) > 1:
         raise click.UsageError(f"{' and '.join(named)}: a session has one source of points")
     if given["rate"] is not None and given["replay"] is None:
         raise click.UsageError("--rate: is of --replay, which is not given")
-    for name in ("watch", "replay"):  # before a record is begun
+    for name in ("watch", "replay"):  # checked here, before a record folder is made
         if given[name] is not None and not given[name].exists():
             raise click.UsageError(f"--{name} {given[name]}: no such file")
     if given["igtl"] is not None:
-        _address(given["igtl"])
+        _read_address(given["igtl"])
 
 
-def _address(given: str) -> tuple[str, int]:
-    """Host and port."""
+def _read_address(given: str) -> tuple[str, int]:
+    """Read host and port."""
     name, _, port = given.rpartition(":")
     if not name or not port.isdecimal() or not 0 < int(port) < 65536:
         raise click.UsageError(f"--igtl {given}: must be HOST:PORT, such as localhost:18944")
     return name, int(port)
 
 
-def _source(given: Message, host: Host) -> Source | None:
-    """The source that the options name, which leaves out what an earlier part of the session has taken."""
+def _make_source(given: Message, host: Host) -> Source | None:
+    """Make the source that the options name, without what an earlier part of the session has taken."""
     frame = host.session.prior.frame
     if given["igtl"] is not None:
         from ..live.sources.igtl import Igtl
 
-        return Igtl(*_address(given["igtl"]), frame)
+        return Igtl(*_read_address(given["igtl"]), frame)
     from ..live.sources.source import identities
 
     before = identities(host.journal.actions)
@@ -122,7 +122,9 @@ def _source(given: Message, host: Host) -> Source | None:
 
 
 @contextmanager
-def _page(host: Host, tellers: list[Callable[[Message], None]], port: int, *, opened: bool) -> Iterator[None]:
+def _serve_page(
+    host: Host, tellers: list[Callable[[Message], None]], port: int, *, opened: bool
+) -> Iterator[None]:
     """Serve the page while the block runs, and then until nobody reads the report there any more."""
     from ..live.server import LiveServer
 
@@ -139,13 +141,13 @@ def _page(host: Host, tellers: list[Callable[[Message], None]], port: int, *, op
 
 
 @contextmanager
-def _stdin(host: Host) -> Iterator[None]:
+def _serve_stdin(host: Host) -> Iterator[None]:
     """Do the actions that are read from stdin, a line of JSON each, while the block runs."""
-    Thread(target=_obey, args=(host,), daemon=True).start()
+    Thread(target=_obey_lines, args=(host,), daemon=True).start()
     yield
 
 
-def _obey(host: Host) -> None:
+def _obey_lines(host: Host) -> None:
     for line in sys.stdin:
         try:
             action = json.loads(line)
@@ -155,7 +157,7 @@ def _obey(host: Host) -> None:
             host.act(action)
 
 
-def _wait(host: Host, source: Source | None, stop: Event, *, ends: bool) -> None:
+def _wait_for_end(host: Host, source: Source | None, stop: Event, *, ends: bool) -> None:
     """Follow the source until the session has ended; where it `ends` with its source, it is ended then."""
     from ..live.sources.source import begin
 
@@ -169,7 +171,7 @@ def _wait(host: Host, source: Source | None, stop: Event, *, ends: bool) -> None
     stop.set()
 
 
-def _told(host: Host, record: Path, *, as_json: bool) -> int:
+def _finish_session(host: Host, record: Path, *, as_json: bool) -> int:
     """Finish the session, and say what it leaves."""
     from ..errors import O3dlsError
     from ..live.finish import finish
@@ -190,11 +192,11 @@ def _told(host: Host, record: Path, *, as_json: bool) -> int:
         }
     )
     if not as_json:
-        say(_sentence(found))
+        say(_describe_run(found))
     return NOT_VALID if found.run.faults else DONE
 
 
-def _sentence(found: Finished) -> str:
+def _describe_run(found: Finished) -> str:
     apart = (
         f"; the surface shown last lies {found.from_motion:.2f} mm from its motion (mean)"
         if found.from_motion is not None
@@ -203,10 +205,10 @@ def _sentence(found: Finished) -> str:
     return f"{found.out}: the run, {found.case}: the case{apart}"
 
 
-def _print(message: Message) -> None:
+def _print_event(message: Message) -> None:
     say_json(message, line=True)
 
 
-def _complain(message: Message) -> None:
+def _print_error(message: Message) -> None:
     if message["event"] == "error":
         complain(message["text"])

@@ -12,7 +12,7 @@ from .interrupts import Interrupted, heeded, listen, too_late
 
 # before numpy: our systems are small, and threads made them ten times slower
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-# between two searches for garbage, where Python has 700: most objects live to the end, and the searches take
+# between two garbage collections; Python's 700 is too few: most objects live to the end, and collecting takes
 # a twentieth of a run
 ALLOCATIONS = 50_000
 
@@ -31,13 +31,13 @@ def main() -> None:
         too_late()
         print("o3dls: interrupted", file=sys.stderr)
         code = stop.code
-    gc.freeze()  # a last search for garbage takes half a second, and frees what ends anyway
+    gc.freeze()  # a last collection would take half a second, and the process ends anyway
     sys.exit(code)
 
 
 def answer(arguments: list[str]) -> int:
-    """The exit code of a command; errors become one line on stderr, only what is our own mistake shows a
-    traceback. Raises Interrupted.
+    """Run a command and return its exit code; errors become one line on stderr, only what is our own mistake
+    shows a traceback. Raises Interrupted.
     """
     with heeded():
         from .commands import run_command

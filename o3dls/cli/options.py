@@ -23,7 +23,7 @@ overrides = click.option(
 
 
 def prior_choice(command: Any) -> Any:
-    """Options that say which surface of the prior's file is meant."""
+    """Add the options that say which surface of the prior's file is meant."""
     for option in reversed(
         (
             click.option(
@@ -47,13 +47,13 @@ def prior_choice(command: Any) -> Any:
 
 
 def progress(command: Any) -> Any:
-    """Options of a command that takes its time: how much it says of its progress."""
+    """Add the options of a command that takes its time: how much it says of its progress."""
     quiet = click.option(
         "-q",
         "--quiet",
         is_flag=True,
         expose_value=False,
-        callback=_from(logging.WARNING),
+        callback=_print_from(logging.WARNING),
         help="print only warnings and results",
     )
     verbose = click.option(
@@ -61,15 +61,15 @@ def progress(command: Any) -> Any:
         "--verbose",
         is_flag=True,
         expose_value=False,
-        callback=_from(logging.DEBUG),
+        callback=_print_from(logging.DEBUG),
         help="also print the parameters of each stage and each fit of the cross-validation",
     )
     return quiet(verbose(command))
 
 
-def _from(level: int) -> Callable[[click.Context, click.Parameter, bool], None]:
-    """Where the option is given: print the log's lines from a level on. The log itself may be listened to for
-    more.
+def _print_from(level: int) -> Callable[[click.Context, click.Parameter, bool], None]:
+    """Make a callback that prints the log's lines from a level on, where its option is given. The log itself
+    may be listened to for more.
     """
 
     def heed(_: click.Context, __: click.Parameter, given: bool) -> None:

@@ -28,21 +28,21 @@ class Bar:
         self.skipped += outcome.skipped
 
     def text(self, seconds: float) -> str:
-        """The bar, so many seconds after the beginning."""
+        """Write the bar, so many seconds after the beginning."""
         ended = self.done + self.failed
         left = self.cases - ended
         full = "#" * (LENGTH * ended // max(self.cases, 1))
         computed = ended - self.skipped
-        estimate = f", about {_duration(seconds / computed * left)}" if computed and left else ""
+        estimate = f", about {_write_duration(seconds / computed * left)}" if computed and left else ""
         return f"[{full:.<{LENGTH}}] {self.done} done, {self.failed} failed, {left} left{estimate}"
 
     def show(self) -> None:
-        """Draw it anew."""
+        """Draw the bar anew."""
         sys.stderr.write(WIPE + self.text(monotonic() - self._begun))
         sys.stderr.flush()
 
 
-def _duration(seconds: float) -> str:
+def _write_duration(seconds: float) -> str:
     if seconds < 90:
         return f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
@@ -50,24 +50,24 @@ def _duration(seconds: float) -> str:
 
 @contextmanager
 def bar(cases: int) -> Iterator[Bar | None]:
-    """A bar below the lines of the log, on a terminal whose user wants to hear of progress; else None."""
+    """Show a bar below the lines of the log, on a terminal whose user asks for progress; else None."""
     handlers = logging.getLogger().handlers
     if not sys.stderr.isatty() or all(handler.level > logging.INFO for handler in handlers):
         yield None
         return
     shown = Bar(cases)
     for handler in handlers:
-        handler.addFilter(_wiped)
+        handler.addFilter(_wipe_bar)
     shown.show()
     try:
         yield shown
     finally:
         for handler in handlers:
-            handler.removeFilter(_wiped)
+            handler.removeFilter(_wipe_bar)
         sys.stderr.write(WIPE)
 
 
-def _wiped(_: logging.LogRecord) -> bool:
+def _wipe_bar(_: logging.LogRecord) -> bool:
     """Wipe the bar before a line of the log takes its place."""
     sys.stderr.write(WIPE)
     return True

@@ -44,7 +44,7 @@ def demo(out: Path, force: bool, as_json: bool) -> int:
         case = read_case(demo_case())
         force = force or ((out / "run.json").is_file() and repeats(out, plan.record(), case))
         done = run_into(plan, case, out, force=force, pool=pool)
-    return _told(done, out, as_json=as_json)
+    return _report_run(done, out, as_json=as_json)
 
 
 @click.command()
@@ -80,14 +80,14 @@ def run(
             f"{pipeline}: is a folder, not a pipeline file; if it is a case, say --case {pipeline}"
         )
     plan = read_pipeline(pipeline, settings) if pipeline else default_pipeline(settings)
-    folder = _needed(case or plan.case, "--case")
-    out = _needed(out or plan.out, "--out")
+    folder = _require_value(case or plan.case, "--case")
+    out = _require_value(out or plan.out, "--out")
     check_free(out, force, "run", [source for source in (folder, reading["points"], pipeline) if source])
     with second_process(plan.folds) as pool:
         subject = read_case(folder, **reading)
         plan = plan if pipeline else plan.allowed_by(subject)
         done = run_into(plan, subject, out, force=force, pool=pool)
-    return _told(done, out, as_json=as_json)
+    return _report_run(done, out, as_json=as_json)
 
 
 @click.command()
@@ -110,15 +110,17 @@ def init(folder: Path, prior: Path | None, points: Path | None, **options: Any) 
     from ..pipeline.new_case import make_case
 
     if prior is None or points is None:
-        prior, points, options["landmarks"] = _asked(prior, points, options["landmarks"])
-        options["prior_of"] = options["prior_of"] or _asked_whose()
+        prior, points, options["landmarks"] = _ask_files(prior, points, options["landmarks"])
+        options["prior_of"] = options["prior_of"] or _ask_whose()
     pipeline = make_case(folder, prior, points, **options)
     say(pipeline)
     say(f"to run it: o3dls run {shlex.quote(str(pipeline))}", error=True)
 
 
-def _asked(prior: Path | None, points: Path | None, landmarks: Path | None) -> tuple[Path, Path, Path | None]:
-    """The files of a new case: those that are not given are asked for."""
+def _ask_files(
+    prior: Path | None, points: Path | None, landmarks: Path | None
+) -> tuple[Path, Path, Path | None]:
+    """Ask for those files of a new case that are not given."""
     missing = [f"--{name} FILE" for name, path in (("prior", prior), ("points", points)) if path is None]
     if not sys.stdin.isatty():
         raise click.UsageError(f"there is no terminal to ask on: give {' and '.join(missing)}")
@@ -132,8 +134,8 @@ def _asked(prior: Path | None, points: Path | None, landmarks: Path | None) -> t
     return prior, points, landmarks
 
 
-def _asked_whose() -> str:
-    """Whose anatomy the prior of a new case is, asked on the terminal."""
+def _ask_whose() -> str:
+    """Ask on the terminal whose anatomy the prior of a new case is."""
     question = "Prior: the patient's own anatomy, or a template (another person's, a mean)"
     return str(click.prompt(question, type=click.Choice(PRIOR_OF), default="patient", err=True))
 
@@ -196,13 +198,13 @@ def paper(out: Path, quick: bool, force: bool) -> None:
     say(make(out, quick=quick, force=force))
 
 
-def _needed(value: Path | None, option: str) -> Path:
+def _require_value(value: Path | None, option: str) -> Path:
     if value is None:
         raise click.UsageError(f"no {option} given, and the pipeline names none")
     return value
 
 
-def _told(result: Run, out: Path, *, as_json: bool) -> int:
+def _report_run(result: Run, out: Path, *, as_json: bool) -> int:
     """Print the scores of a finished run, whether to trust it and where it is; say what is not valid."""
     from ..runs.record import plain
     from .summary import summary

@@ -13,7 +13,7 @@ from ..errors import InputError, did_you_mean
 from ..settings import Number, numbers
 from .words import say_lines
 
-# By package, in its module `settings`; each holds the smaller ones of its parts.
+# The classes of each package's module `settings`; each holds those of its parts.
 CLASSES = {
     "noise": ("ContactSettings", "MixtureSettings", "DuplicateSettings"),
     "motion": ("MotionSettings", "TemplateSettings"),
@@ -35,15 +35,15 @@ def settings(package: str | None) -> None:
 
 
 def tables(package: str) -> str:
-    """The numbers of a package as Markdown, a table for each class. Raises InputError."""
+    """Write the numbers of a package as Markdown, a table for each class. Raises InputError."""
     if package not in CLASSES:
         raise InputError(f"no settings of a package '{package}'{did_you_mean(package, list(CLASSES))}")
     module = import_module(f"o3dls.{package}.settings")
-    return "\n\n".join(text for name in CLASSES[package] for text in _tables(getattr(module, name)()))
+    return "\n\n".join(text for name in CLASSES[package] for text in _write_tables(getattr(module, name)()))
 
 
-def _tables(settings: Any, prefix: str = "") -> Iterator[str]:
-    """A table of a class's own numbers, then those of the classes that it holds.
+def _write_tables(settings: Any, prefix: str = "") -> Iterator[str]:
+    """Write a table of a class's own numbers, then those of the classes that it holds.
 
     Of a class that another package owns only the numbers that differ from its defaults are shown: no number
     stands twice.
@@ -51,44 +51,44 @@ def _tables(settings: Any, prefix: str = "") -> Iterator[str]:
     nested = [one.name for one in fields(settings) if is_dataclass(getattr(settings, one.name))]
     every = list(numbers(settings, prefix))
     own = [one for one in every if one.name.removeprefix(prefix).partition(".")[0] not in nested]
-    yield f"{_title(settings, prefix)}" + (f"\n\n{_table(own)}" if own else "")
+    yield f"{_class_title(settings, prefix)}" + (f"\n\n{_write_table(own)}" if own else "")
     for name in nested:
         inner = getattr(settings, name)
-        if _package(inner) == _package(settings):
-            yield from _tables(inner, f"{prefix}{name}.")
+        if _owner_package(inner) == _owner_package(settings):
+            yield from _write_tables(inner, f"{prefix}{name}.")
         else:
-            yield _borrowed(inner, f"{prefix}{name}.")
+            yield _describe_borrowed(inner, f"{prefix}{name}.")
 
 
-def _borrowed(settings: Any, prefix: str) -> str:
-    """Where the numbers of another package's class stand, and which of them are others here."""
+def _describe_borrowed(settings: Any, prefix: str) -> str:
+    """Say where the numbers of another package's class stand, and which of them are others here."""
     usual = {one.name: one.value for one in numbers(type(settings)(), prefix)}
     other = [one for one in numbers(settings, prefix) if one.value != usual[one.name]]
-    kind, owner = type(settings).__name__, _package(settings)
+    kind, owner = type(settings).__name__, _owner_package(settings)
     where = f"**`{prefix}*`**: the numbers of `{kind}`, as `o3dls settings {owner}` prints them"
-    return f"{where}, but for\n\n{_table(other)}" if other else f"{where}."
+    return f"{where}, but for\n\n{_write_table(other)}" if other else f"{where}."
 
 
-def _title(settings: Any, prefix: str) -> str:
-    """The name of a class and what it is for."""
+def _class_title(settings: Any, prefix: str) -> str:
+    """Return the name of a class and what it is for."""
     meaning = " ".join((type(settings).__doc__ or "").split("\n\n")[0].split())
     where = f" (`{prefix}*`)" if prefix else ""
     return f"**`{type(settings).__name__}`**{where}: {meaning}"
 
 
-def _table(rows: list[Number]) -> str:
-    lines = [f"| `{one.name}` | {_value(one.value)} | {one.unit} | {one.why} |" for one in rows]
+def _write_table(rows: list[Number]) -> str:
+    lines = [f"| `{one.name}` | {_write_value(one.value)} | {one.unit} | {one.why} |" for one in rows]
     return "\n".join(["| name | value | unit | why |", "|---|---|---|---|", *lines])
 
 
-def _value(value: Any) -> str:
+def _write_value(value: Any) -> str:
     if isinstance(value, tuple):
-        return ", ".join(map(_value, value)) or "none"
+        return ", ".join(map(_write_value, value)) or "none"
     if isinstance(value, bool):
         return str(value).lower()
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-def _package(settings: Any) -> str:
-    """The package that owns a class."""
+def _owner_package(settings: Any) -> str:
+    """Return the package that owns a class."""
     return type(settings).__module__.split(".")[1]

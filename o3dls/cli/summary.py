@@ -40,7 +40,7 @@ class Summary:
 
     @property
     def record(self) -> dict[str, Any]:
-        """The same as plain values."""
+        """The summary as plain values, JSON-ready."""
         return {
             "folder": str(self.folder),
             "report": str(self.report) if self.report else None,
@@ -53,7 +53,7 @@ class Summary:
         }
 
     def __str__(self) -> str:
-        """At most five lines; the last is the run folder alone."""
+        """Write at most five lines; the last is the run folder alone."""
         lines = [f"{self.word}  {self.final}: {ADVICE[self.grade]}"]
         if self.grade == "good" and self.without_data:
             lines[0] += f"; no data for: {', '.join(self.without_data)}"
@@ -69,7 +69,7 @@ class Summary:
 
 
 def summary(folder: Path) -> Summary:
-    """The summary of a finished run. Raises InputError where the folder is none."""
+    """Summarise a finished run. Raises InputError where the folder is none."""
     subject = read_subject([folder])
     found = checks(subject)
     reasons = [one for grade in WORST_FIRST[:-1] for one in found if one.grade == grade]

@@ -32,14 +32,14 @@ def prepare() -> None:
     handler.setFormatter(Lines(sys.stderr.isatty()))
     logging.basicConfig(handlers=[handler], level=logging.WARNING)
     logging.getLogger("o3dls").setLevel(logging.INFO)
-    codecs.register_error("o3dls", _written)
+    codecs.register_error("o3dls", _write_unknown)
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="o3dls")
 
 
-def _written(error: UnicodeError) -> tuple[str | bytes, int]:
-    """Names of folders may hold bytes that are no text: they go out as they came in; letters that the
-    terminal does not know as in a literal of Python.
+def _write_unknown(error: UnicodeError) -> tuple[str | bytes, int]:
+    """Write letters that the terminal does not know as in a literal of Python. Names of folders may hold
+    bytes that are no text: they go out as they came in.
     """
     try:
         return codecs.lookup_error("surrogateescape")(error)

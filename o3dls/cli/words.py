@@ -11,8 +11,8 @@ import click
 from ..errors import escaped, escaped_lines
 
 DONE, NOT_VALID, WRONG_INPUT, INTERNAL = 0, 1, 2, 3
-INTERRUPTED, UNREAD = 130, 141  # as shells say it: by Ctrl-C, and for a stdout that nobody reads any more
-MOST_LETTERS = 4000  # of a sentence: two paths of the greatest length would fit
+INTERRUPTED, UNREAD = 130, 141  # 128 + SIGINT for Ctrl-C, 128 + SIGPIPE for a closed stdout
+MOST_LETTERS = 4000  # in a sentence: room for two file paths of the greatest length
 FILE = FOLDER = click.Path(path_type=Path)
 
 
@@ -26,7 +26,7 @@ def say(sentence: object, *, error: bool = False, colour: str | None = None) -> 
 
 
 def say_lines(text: object, *, error: bool = False) -> None:
-    """Print a text of several lines likewise."""
+    """Print a text of several lines; what of it comes out of files is shown and not obeyed."""
     click.echo(escaped_lines(str(text)), err=error)
 
 
@@ -42,5 +42,5 @@ def complain(sentence: str) -> None:
 
 
 def shortened(sentence: str) -> str:
-    """A sentence as long as people read; what is quoted in it may be of any length."""
+    """Cut a sentence to a length that people read; what is quoted in it may be of any length."""
     return sentence if len(sentence) <= MOST_LETTERS else sentence[: MOST_LETTERS - 1] + "…"

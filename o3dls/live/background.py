@@ -40,14 +40,14 @@ class Background:
         self._open = ExitStack()
         self._pool: Executor | None = None
         self._since: float | None = None
-        self._first = True  # of its process: nothing is shown before it, so it is in a hurry
-        self._pid: int | None = None  # of the process, once it may be held
-        self._held = 0.0  # seconds, of the fit that runs
+        self._first = True  # the first fit of a process has normal priority: nothing is shown before it
+        self._pid: int | None = None  # set once the process may be held
+        self._held = 0.0  # seconds for which the running fit was held
         self._held_since: float | None = None
         self.held_until: float | None = None  # when a fit that is held should go on
 
     def __enter__(self) -> Background:
-        self._process()  # its imports take longer than a fit
+        self._start_process()  # started early: its imports take longer than a fit
         return self
 
     def __exit__(self, *error: object) -> None:
@@ -64,19 +64,19 @@ class Background:
         kept = session.copy()
         self._since, self._held = monotonic(), 0.0
         try:
-            future = self._process().submit(full_fit, kept)
-        except BrokenProcessPool:  # ended while it had nothing to do
-            self._lost()
-            future = self._process().submit(full_fit, kept)
-        future.add_done_callback(lambda ended: self._ended(kept, ended))
+            future = self._start_process().submit(full_fit, kept)
+        except BrokenProcessPool:  # the process ended while it was idle
+            self._forget_process()
+            future = self._start_process().submit(full_fit, kept)
+        future.add_done_callback(lambda ended: self._hand_over(kept, ended))
 
     def taken(self) -> None:
-        """The result of the last fit has been taken over."""
+        """Note that the result of the last fit has been taken over."""
         self.go_on()
         self._since = None
         if self._first and self._pool is not None:
             self._first = False
-            self._pool.submit(_step_back).add_done_callback(self._may_be_held)
+            self._pool.submit(_step_back).add_done_callback(self._allow_holding)
 
     def make_way(self) -> None:
         """Hold the fit that runs, as a point has come, or let it go on where it was held for long enough."""
@@ -90,46 +90,46 @@ class Background:
         self.held_until = now + HELD
         if self._held_since is None:
             self._held_since = now
-            self._signal(signal.SIGSTOP)
+            self._send_signal(signal.SIGSTOP)
 
     def go_on(self) -> None:
         """Let a fit go on that is held."""
         if sys.platform != "linux" or self._held_since is None:
             return
-        self._signal(signal.SIGCONT)
+        self._send_signal(signal.SIGCONT)
         self._held += monotonic() - self._held_since
         self._held_since = self.held_until = None
 
-    def _signal(self, number: int) -> None:
+    def _send_signal(self, number: int) -> None:
         pid = self._pid
         if pid is not None:
             with suppress(ProcessLookupError):
                 os.kill(pid, number)
 
-    def _may_be_held(self, stepped_back: Future[int]) -> None:
+    def _allow_holding(self, stepped_back: Future[int]) -> None:
         if not stepped_back.cancelled() and stepped_back.exception() is None:
             self._pid = stepped_back.result()
 
-    def _lost(self) -> None:
-        """The process was ended from outside."""
+    def _forget_process(self) -> None:
+        """Forget the process, which was ended from outside."""
         self._pool = self._pid = None
 
-    def _process(self) -> Executor:
+    def _start_process(self) -> Executor:
         if self._pool is None:
             self._pool = self._open.enter_context(workers(1, CORES))
             self._first = True
             self._pool.submit(prepare)
         return self._pool
 
-    def _ended(self, session: Session, future: Future[FullFit]) -> None:
+    def _hand_over(self, session: Session, future: Future[FullFit]) -> None:
         if future.cancelled():
             return
         try:
             result = future.result()
         except BrokenProcessPool:
-            self._lost()
+            self._forget_process()
             result = FullFit(session, refused="its process was ended from outside", lost=True)
-        except SystemExit:  # it was told to end, as the session has
+        except SystemExit:  # the process was told to end with the session
             return
         except Exception as error:  # our own mistake in a fit must not cost the session
             result = FullFit(session, refused=f"internal error, please report it: {error!r}")
@@ -137,13 +137,13 @@ class Background:
 
 
 def _step_back() -> int:
-    """Stand back behind the process that takes the points, and behind the pages; the process's number."""
+    """Give way to the process that takes the points, and to the pages; return the process's number."""
     if hasattr(os, "nice"):
         os.nice(NICE)
     if AUTOGROUP.exists() and os.getpid() != os.getsid(0):
         os.setsid()
         with suppress(BlockingIOError):  # for all users but root, Linux takes ten such changes a second
             AUTOGROUP.write_text(str(NICE))
-    if sys.platform == "linux":  # one that is held would not see that the other is no more
+    if sys.platform == "linux":  # a held process cannot notice that its parent has died
         ctypes.CDLL(None).prctl(END_WITH_PARENT, signal.SIGKILL)
     return os.getpid()

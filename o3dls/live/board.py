@@ -55,7 +55,7 @@ class Box:
             self.changed.notify()
 
     def take(self, seconds: float) -> tuple[list[Sent], bool]:
-        """All that waits, after at most so many seconds, and whether more was thrown away."""
+        """Take all that waits, after at most so many seconds, and say whether more was thrown away."""
         with self.changed:
             self.changed.wait_for(lambda: self.waiting or self.overrun or self.closed, seconds)
             found, overrun = list(self.waiting), self.overrun
@@ -68,12 +68,12 @@ class Board:
     """The session as pages know it. Safe to use from several threads."""
 
     def __init__(self) -> None:
-        self.session = secrets.token_hex(4)  # numbers begin anew with it
+        self.session = secrets.token_hex(4)  # each session numbers its events from 1
         self._lock = Lock()
         self._seq = 0
-        self._log: deque[Sent] = deque()  # but for kinds of which the newest says all
-        self._forgotten = 0  # the number of the last event that was in it
-        self._newest: dict[str, Sent] = {}  # of the kinds that say all of something
+        self._log: deque[Sent] = deque()  # all events but those of the kinds in WHOLE
+        self._forgotten = 0  # number of the last event that the log has dropped
+        self._newest: dict[str, Sent] = {}  # the newest event of each kind in WHOLE, and `end`
         self._points: dict[int, Event] = {}
         self._boxes: list[Box] = []
 
@@ -82,19 +82,19 @@ class Board:
         with self._lock:
             self._seq += 1
             kind = event["event"]
-            sent = Sent(self._seq, kind, _text({**event, "seq": self._seq}))
-            self._remember(kind, event, sent)
+            sent = Sent(self._seq, kind, _write_json({**event, "seq": self._seq}))
+            self._remember_event(kind, event, sent)
             for box in self._boxes:
                 box.put(sent)
 
     def join(self, last: str = "") -> Box:
-        """A box for one page more, which begins with what it missed since the event `last`, else with the
-        newest of everything.
+        """Make a box for one page more, which begins with what it missed since the event `last`, else with
+        the newest of everything.
         """
         box = Box()
         with self._lock:
-            for one in self._missed(last):
-                box.waiting.append(one)  # however many: nothing of it may be lost
+            for one in self._events_since(last):
+                box.waiting.append(one)  # not by `put`, which drops events when there are many
             self._boxes.append(box)
         return box
 
@@ -103,38 +103,38 @@ class Board:
             self._boxes.remove(box)
 
     def newest(self) -> list[Sent]:
-        """The newest of everything, in the order in which a page needs it."""
+        """Return the newest of everything, in the order in which a page needs it."""
         with self._lock:
-            return self._snapshot()
+            return self._take_snapshot()
 
     def last(self, kind: str) -> Event | None:
-        """The newest event of a kind that says all of something; None before there is one."""
+        """Return the newest event of a kind that says all of something; None before there is one."""
         with self._lock:
             found = self._newest.get(kind)
             return None if found is None else json.loads(found.text)
 
     def name(self, sent: Sent) -> str:
-        """The name of an event over sessions, which a page gives when it comes back."""
+        """Return the name of an event over sessions, which a page gives when it comes back."""
         return f"{self.session}-{sent.seq}"
 
-    def _missed(self, last: str) -> list[Sent]:
+    def _events_since(self, last: str) -> list[Sent]:
         session, _, number = last.rpartition("-")
         seen = int(number) if session == self.session and number.isdecimal() else None
         if seen is None or not self._forgotten <= seen <= self._seq:
-            return self._snapshot()
+            return self._take_snapshot()
         newest = [one for kind, one in self._newest.items() if kind in WHOLE]
         return sorted((one for one in [*self._log, *newest] if one.seq > seen), key=lambda one: one.seq)
 
-    def _snapshot(self) -> list[Sent]:
+    def _take_snapshot(self) -> list[Sent]:
         newest = self._newest
-        points = Sent(self._seq, "points", _text(self._all_points()))
+        points = Sent(self._seq, "points", _write_json(self._all_points()))
         found = [newest.get("scene"), newest.get("surface"), points, newest.get("state"), newest.get("tip")]
         return [one for one in [*found, newest.get("end")] if one is not None]
 
     def _all_points(self) -> Event:
         return {"event": "points", "seq": self._seq, "points": list(self._points.values())}
 
-    def _remember(self, kind: str, event: Event, sent: Sent) -> None:
+    def _remember_event(self, kind: str, event: Event, sent: Sent) -> None:
         if kind in (*WHOLE, "end"):
             self._newest[kind] = sent
         if kind not in WHOLE:
@@ -142,9 +142,9 @@ class Board:
             if len(self._log) > KEPT:
                 self._forgotten = self._log.popleft().seq
         if kind == "scene":
-            self._newest.pop("surface", None)  # it was of the scene before
+            self._newest.pop("surface", None)  # that surface belonged to the scene before
         elif kind == "point":
-            _put(self._points, event)
+            _update_point(self._points, event)
         elif kind == "weights":
             for name, weight, distance in zip(
                 event["ids"], event["weights"], event["distances"], strict=True
@@ -153,8 +153,8 @@ class Board:
                     self._points[name] |= {"weight": weight, "distance": distance}
 
 
-def _put(points: dict[int, Event], given: Event) -> None:
-    """What is new of a point over what was known of it; one that was taken back is gone."""
+def _update_point(points: dict[int, Event], given: Event) -> None:
+    """Put what is new of a point over what was known of it; one that was taken back is gone."""
     if given.get("type") == "undone":
         points.pop(given["id"], None)
         return
@@ -162,6 +162,6 @@ def _put(points: dict[int, Event], given: Event) -> None:
     points[given["id"]] = points.get(given["id"], {}) | content
 
 
-def _text(event: Event) -> str:
-    """One line of JSON. Raises ValueError where a number is not finite: browsers would not read it."""
+def _write_json(event: Event) -> str:
+    """Write one line of JSON. Raises ValueError where a number is not finite: browsers would not read it."""
     return json.dumps(event, allow_nan=False, separators=(",", ":"))

@@ -46,64 +46,67 @@ class Display:
         self._corners, self._faces = bare.faces[face], bare.faces
 
     def scene(self, case: Case, estimate: Estimate | None) -> Event:
-        """The event that starts the picture: all that the report's viewer reads, no points, and `prior`, the
-        same vertices in the prior's frame, by which a click becomes a landmark there.
+        """Make the event that starts the picture: all that the report's viewer reads, no points, and `prior`,
+        the same vertices in the prior's frame, by which a click becomes a landmark there.
         """
         self.identity = secrets.token_hex(4)
-        shown = self._shown(case, estimate)
+        shown = self._shown_estimate(case, estimate)
         drawn = replace(case, prior=self.prior)
-        if estimate is None:  # nothing of the map stands in the prior's frame
+        if estimate is None:  # the map's points have no place in the prior's frame
             drawn = replace(drawn, points=case.points.of(), frame=case.prior_frame)
-        data = scene(_subject(drawn, replace(shown, motion=None)))
+        data = scene(_make_subject(drawn, replace(shown, motion=None)))
         ranges = {f"distance_to_nearest_point_{case.units}": [0.0, 2 * REACH]}
         for field in data["fields"]:
             field["range"] = ranges.get(field["key"], field["range"])
         data["meshes"], data["ghostStyles"] = data["meshes"][:1], {}  # the prior's ghost would stay behind
         data["estimates"][0]["ghosts"] = {}
         data["points"] |= {"names": list(TYPES), "range": [0.0, NEAR]}
-        low, size = _box(self.prior.vertices)
-        data["prior"] = {"box": _written(low, size), "positions": grid(self.prior.vertices, low, size)}
+        low, size = _bounding_box(self.prior.vertices)
+        data["prior"] = {"box": _write_box(low, size), "positions": grid(self.prior.vertices, low, size)}
         marks = landmarks(case, estimate)
         content = {"scene": data, "posed": estimate is not None, "landmarks": marks}
         return {"event": "scene", "id": self.identity, **content}
 
     def surface(self, case: Case, estimate: Estimate, after: int) -> Event:
-        """The event that moves the picture: positions and fields of the same vertices, after the point
+        """Make the event that moves the picture: positions and fields of the same vertices, after the point
         `after` was put in.
         """
-        surface = self._shown(case, estimate).surface
-        low, size = _box(surface.vertices)
+        surface = self._shown_estimate(case, estimate).surface
+        low, size = _bounding_box(surface.vertices)
         return {
             "event": "surface",
             "of": self.identity,
             "after": after,
-            "box": _written(low, size),
+            "box": _write_box(low, size),
             "positions": grid(surface.vertices, low, size),
             "fields": {key: packed(values) for key, values in surface.fields.items()},
             "landmarks": landmarks(case, estimate),
         }
 
-    def _shown(self, case: Case, estimate: Estimate | None) -> Estimate:
-        """The estimate with the display's faces and fields; the prior's own frame where there is none."""
+    def _shown_estimate(self, case: Case, estimate: Estimate | None) -> Estimate:
+        """Return the estimate with the display's faces and fields; the prior's own where there is none."""
         if estimate is None:
             return Estimate(self.prior, np.eye(4), "no pose yet")
         if not np.array_equal(estimate.surface.faces, self._faces):
             raise InputError("live: the estimate has other faces than the prior, so it cannot be its motion")
-        surface = self.prior.with_vertices(self._at(estimate.surface.vertices))
-        fields = {f"distance_to_nearest_point_{case.units}": _gaps(case.points.of("eam"), surface)}
+        surface = self.prior.with_vertices(self._carry_values(estimate.surface.vertices))
+        fields = {
+            f"distance_to_nearest_point_{case.units}": _nearest_distances(case.points.of("eam"), surface)
+        }
         key = f"sd_{case.units}"
         if key in estimate.surface.fields:
-            fields = {key: self._at(estimate.surface.fields[key]), **fields}
+            fields = {key: self._carry_values(estimate.surface.fields[key]), **fields}
         return replace(estimate, surface=replace(surface, fields=fields), weights=None)
 
-    def _at(self, values: Array) -> Array:
-        """Values (n, ...) of the prior's vertices at those of the display."""
+    def _carry_values(self, values: Array) -> Array:
+        """Carry values (n, ...) of the prior's vertices to those of the display."""
         return np.asarray(np.einsum("nk,nk...->n...", self._weights, values[self._corners]))
 
 
 def landmarks(case: Case, estimate: Estimate | None) -> list[Event]:
-    """Every landmark by name, with the sides that have it and `at`, where it stands in the picture: as marked
-    in the map, else where the prior's lies now. One that only the map has stands nowhere before the pose.
+    """List every landmark by name, with the sides that have it and `at`, where it stands in the picture: as
+    marked in the map, else where the prior's lies now. One that only the map has stands nowhere before the
+    pose.
     """
     marks = case.points.of("landmark")
     names = [str(name) for name in marks.columns.get("name", ())]
@@ -125,8 +128,8 @@ def landmarks(case: Case, estimate: Estimate | None) -> list[Event]:
     return [*found, *more]
 
 
-def _gaps(points: Points, surface: Surface) -> Array:
-    """Distance of each vertex (n,) to the nearest point; NaN where there are no points."""
+def _nearest_distances(points: Points, surface: Surface) -> Array:
+    """Return the distance of each vertex (n,) to the nearest point; NaN where there are no points."""
     from scipy.spatial import cKDTree
 
     if not len(points):
@@ -134,15 +137,15 @@ def _gaps(points: Points, surface: Surface) -> Array:
     return np.asarray(cKDTree(points.xyz).query(surface.vertices)[0])
 
 
-def _subject(case: Case, estimate: Estimate) -> Subject:
-    """What the report's drawing reads of a run, of this one estimate; of the points the landmarks alone."""
+def _make_subject(case: Case, estimate: Estimate) -> Subject:
+    """Make what the report's drawing reads of a run: this one estimate, and of the points the landmarks."""
     points = case.points.of("landmark")
     distances = {f"distance_{NAME}_{case.units}": np.zeros(len(points))}
     run = Run(
         replace(case, points=points, truth=None),
         {NAME: estimate},
         fitted={NAME: ("eam",)},
-        scores={NAME: {"ablation": {}}},  # a set of its own: not fitted
+        scores={NAME: {"ablation": {}}},  # so that `fitted` is the eam points alone
         validity={NAME: {}},
         provenance=provenance(case, {"stage": []}),
         points=replace(points, columns={**points.columns, **distances}),
@@ -150,10 +153,10 @@ def _subject(case: Case, estimate: Estimate) -> Subject:
     return Subject({NAME: Result(NAME, NAME, run)}, [NAME], [run], [])
 
 
-def _box(vertices: Array) -> tuple[Array, Array]:
+def _bounding_box(vertices: Array) -> tuple[Array, Array]:
     low = vertices.min(axis=0)
     return low, np.maximum(np.ptp(vertices, axis=0), TINY)
 
 
-def _written(low: Array, size: Array) -> Event:
+def _write_box(low: Array, size: Array) -> Event:
     return {"low": low.tolist(), "size": size.tolist()}

@@ -27,18 +27,19 @@ CLOSED = "closed"
 
 
 def serve(connection: Connection, session: Session) -> None:
-    """The body of the process: actions are received, events sent, until the other end closes."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # reaches all processes of a terminal; the command decides
+    """Run the engine in this process: actions are received, events sent, until the other end closes."""
+    # Ctrl-C reaches all processes of a terminal; only the command answers it
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     inbox: SimpleQueue[tuple[str, Any]] = SimpleQueue()
-    Thread(target=_receive, args=(connection, inbox), daemon=True).start()
+    Thread(target=_receive_actions, args=(connection, inbox), daemon=True).start()
     try:
         with Background(lambda fit: inbox.put(("fit", fit))) as background:
             Engine(session, connection.send, inbox, background).run()
     except (BrokenPipeError, ConnectionResetError):
-        pass  # the command is no more; its journal is whole
+        pass  # the command was killed; its journal has every point
 
 
-def _receive(connection: Connection, inbox: SimpleQueue[tuple[str, Any]]) -> None:
+def _receive_actions(connection: Connection, inbox: SimpleQueue[tuple[str, Any]]) -> None:
     try:
         while (received := connection.recv()) is not None:
             inbox.put(("action", received))
@@ -59,9 +60,9 @@ class Engine:
         self.fit: FullFit | None = None
         self.now: Current | None = None
         self.changed, self.ending = True, False
-        self.refused: Session | None = None  # what the last fit was made of, where it was refused
-        self.lost: Session | None = None  # or was lost, and is made again once
-        self.posed: Array | None = None  # by landmarks or the case, before there is a fit
+        self.refused: Session | None = None  # the session of the last fit, if that was refused
+        self.lost: Session | None = None  # the session of a fit whose process was lost: tried once more
+        self.posed: Array | None = None  # the pose shown before there is a fit
         self.unseen, self.next_draw = False, 0.0  # whether pages lack the surface; when it may be sent
         self.unjudged, self.unadvised, self.advising = False, False, False
         self.known = -1.0  # when the state was last sent
@@ -77,23 +78,23 @@ class Engine:
             self.send(event("last", vertices=shown))
 
     def step(self) -> bool:
-        """Take in what has come, and do what is due: False once there is no more to do."""
-        if not self._heed(self._wait()):
+        """Take in what has come, and do what is due; return False once there is no more to do."""
+        if not self._take_messages(self._seconds_to_wait()):
             return False
         if self.background.held_until is not None and monotonic() >= self.background.held_until:
             self.background.go_on()
         if self.changed:
-            self._update()
-        self._draw()
+            self._update_estimate()
+        self._draw_surface()
         if self.inbox.empty():
             self._begin_fit()
-            self._advise()
+            self._choose_places()
         if self.background.seconds is not None and monotonic() - self.known > TICK:
-            self._say()
+            self._send_state()
         return not self.ending
 
-    def _wait(self) -> float | None:
-        """Seconds until something is due; None where only a message can make a difference."""
+    def _seconds_to_wait(self) -> float | None:
+        """Return seconds until something is due; None where only a message can make a difference."""
         if self.changed or self.unjudged:
             return 0.0
         due = [] if self.background.held_until is None else [self.background.held_until]
@@ -103,33 +104,35 @@ class Engine:
             due.append(self.known + TICK)
         return max(0.0, min(due) - monotonic()) if due else None
 
-    def _heed(self, seconds: float | None) -> bool:
-        """Take in what has come, waiting for it as long; False where the other end has closed."""
+    def _take_messages(self, seconds: float | None) -> bool:
+        """Take in what has come, and wait for it for so many seconds; return False where the other end has
+        closed.
+        """
         try:
             kind, what = self.inbox.get(timeout=seconds) if seconds != 0.0 else self.inbox.get_nowait()
             while True:
                 if kind == CLOSED:
                     return False
-                self._take(kind, what)
+                self._take_message(kind, what)
                 kind, what = self.inbox.get_nowait()
         except Empty:
             return True
 
-    def _take(self, kind: str, what: Any) -> None:
+    def _take_message(self, kind: str, what: Any) -> None:
         if kind == "action":
             self.background.make_way()
             self.ending = what["do"] == "end"
             self.session.apply(what)
             self.changed = True
         elif kind == "fit":
-            self._take_over(what)
+            self._take_fit(what)
         else:
             self.advising = False
             self.standing.advice = what
-            self._say()
+            self._send_state()
 
-    def _take_over(self, fit: FullFit) -> None:
-        """A full fit has ended: what came meanwhile is put in by the next update."""
+    def _take_fit(self, fit: FullFit) -> None:
+        """Take over a full fit that has ended: what came meanwhile is put in by the next update."""
         self.background.taken()
         self.changed = True
         if fit.lost and self.lost != fit.session:
@@ -139,7 +142,7 @@ class Engine:
         else:
             self.fit, self.refused, self.standing.refusal = fit, None, ""
 
-    def _update(self) -> None:
+    def _update_estimate(self) -> None:
         self.changed = False
         self.standing.points = len(self.session.kept)
         if self.fit is not None:
@@ -151,20 +154,20 @@ class Engine:
             if first and self.now is not None:
                 self.send(self.display.scene(self.now.case, self.now.estimate))
         else:
-            self._pose()
+            self._show_pose()
         self.unseen = self.now is not None
         if self.now is None:
-            self._say()
+            self._send_state()
 
-    def _pose(self) -> None:
-        """Before there is a fit: show the prior in the pose that landmarks or the case give, if it is new."""
-        start = _start(self.session)
+    def _show_pose(self) -> None:
+        """Show the prior in the pose that landmarks or the case give, if it is new, before there is a fit."""
+        start = _place_prior(self.session)
         if start is None or (self.posed is not None and np.array_equal(start.T_map_prior, self.posed)):
             return
         self.posed, self.standing.status = start.T_map_prior, start.status
         self.send(self.display.scene(self.session.case(), start))
 
-    def _draw(self) -> None:
+    def _draw_surface(self) -> None:
         """Send the surface, not too often; where no point waits, what is known of the points, and where it
         stands.
         """
@@ -177,9 +180,9 @@ class Engine:
             self.send(self.display.surface(now.case, now.estimate, max(self.session.points, default=0)))
         if self.unjudged and self.inbox.empty():
             self.unjudged, self.unadvised = False, True
-            self.send(_weights(now))
+            self.send(_weights_event(now))
             self.standing.judge(now.case, now.estimate, len(now.fitted))
-            self._say()
+            self._send_state()
 
     def _begin_fit(self) -> None:
         """Begin a full fit where one is due, none runs, and the last was not refused of the same points."""
@@ -187,9 +190,9 @@ class Engine:
         same = self.refused is not None and self.refused == self.session
         if due and not same and self.background.seconds is None and can_be_fitted(self.session):
             self.background.begin(self.session)
-            self._say()
+            self._send_state()
 
-    def _advise(self) -> None:
+    def _choose_places(self) -> None:
         """Choose the places to touch next, beside what else is done."""
         if not self.unadvised or self.advising or self.now is None:
             return
@@ -199,15 +202,15 @@ class Engine:
             target=lambda: self.inbox.put(("advice", self.advisor(now.case, now.estimate))), daemon=True
         ).start()
 
-    def _say(self) -> None:
+    def _send_state(self) -> None:
         self.known = monotonic()
         seconds = self.background.seconds
         self.standing.fit = "idle" if seconds is None else "running" if seconds < 1 else f"{seconds:.0f} s"
         self.send(event("state", **self.standing.record()))
 
 
-def _start(session: Session) -> Estimate | None:
-    """The prior in the pose that landmarks or the case give; None where they give none."""
+def _place_prior(session: Session) -> Estimate | None:
+    """Place the prior in the pose that landmarks or the case give; None where they give none."""
     from ..pipeline.start import start_estimate
     from ..registration.landmarks import fix_a_pose
 
@@ -216,8 +219,10 @@ def _start(session: Session) -> Estimate | None:
     return start_estimate(case) if known else None
 
 
-def _weights(now: Current) -> Message:
-    """Of every mapping point its number, its probability of contact and its distance from the surface."""
+def _weights_event(now: Current) -> Message:
+    """Make the event that gives each mapping point's number, probability of contact and distance from the
+    surface.
+    """
     eam = now.case.points.of("eam")
     fit = now.estimate.fit
     if fit is None or now.estimate.weights is None or not len(eam):

@@ -43,10 +43,10 @@ def finish(record: Path, session: Session, last: Array | None) -> Finished:
     write_case(folder, session.case(), force=True)
     case = read_case(folder)
     run = run_into(default_pipeline().allowed_by(case), case, out, force=True)
-    return Finished(folder, out, run, *_apart(last, run))
+    return Finished(folder, out, run, *_measure_gaps(last, run))
 
 
-def _apart(last: Array | None, run: Run) -> tuple[float | None, float | None]:
+def _measure_gaps(last: Array | None, run: Run) -> tuple[float | None, float | None]:
     from ..evaluation.distances import distances
 
     if last is None or "deform" not in run.estimates:

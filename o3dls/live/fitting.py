@@ -50,7 +50,7 @@ class Current:
 
 
 def can_be_fitted(session: Session) -> bool:
-    """Whether there are points enough for a full fit."""
+    """Return whether there are points enough for a full fit."""
     return sum(point.type == "eam" for point in session.kept) >= FEWEST_POINTS
 
 
@@ -58,15 +58,15 @@ def prepare() -> None:
     """Have everything imported that a fit needs."""
     from ..motion.fit import fit_motion  # noqa: F401
 
-    _plan()
+    _make_plan()
 
 
 def full_fit(session: Session) -> FullFit:
-    """The estimate that the stage `deform` of a run on the session's case makes, with the warnings of that
-    run so far; refused where the run would be.
+    """Make the estimate that the stage `deform` of a run on the session's case makes, with the warnings of
+    that run so far; refused where the run would be.
     """
     case = session.case()
-    plan = _plan().allowed_by(case)
+    plan = _make_plan().allowed_by(case)
     try:
         estimate = plan.judged(case)[plan.names[-1]]
     except O3dlsError as error:
@@ -75,26 +75,26 @@ def full_fit(session: Session) -> FullFit:
 
 
 def current(fit: FullFit, now: Session) -> Current:
-    """The estimate of a full fit with the points that came since.
+    """Update the estimate of a full fit by the points that came since.
 
     Where points or landmarks of the fit have changed it keeps them as they were, and is outdated. Raises
     SolverError where no motion can be solved for.
     """
     assert fit.estimate is not None
-    known = _fitted(fit.session)
-    stale = _stale(fit.session, now)
+    known = _fitted_points(fit.session)
+    stale = _is_stale(fit.session, now)
     session = _with_points_of(fit.session, now) if stale else now
-    case = _arranged(session, list(known))
+    case = _order_points(session, list(known))
     estimate = fit.estimate
-    if set(_fitted(session)) != set(known):
-        estimate = _deform().update(case, estimate)
+    if set(_fitted_points(session)) != set(known):
+        estimate = _deform_stage().update(case, estimate)
     outdated = stale or any(warning.code == OUTDATED for warning in estimate.warnings)
-    return Current(case, estimate, frozenset(_fitted(session)), outdated)
+    return Current(case, estimate, frozenset(_fitted_points(session)), outdated)
 
 
 @lru_cache
-def _plan() -> Pipeline:
-    """The stages of the default pipeline as far as `deform`."""
+def _make_plan() -> Pipeline:
+    """Make the pipeline of the default stages as far as `deform`."""
     from ..pipeline.file import default_pipeline
 
     plan = default_pipeline()
@@ -102,41 +102,44 @@ def _plan() -> Pipeline:
     return replace(plan, stages=stages, writes=(), folds=0)
 
 
-def _deform() -> Deform:
+def _deform_stage() -> Deform:
     from ..stages.deform import Deform
 
-    stage = _plan().stages[-1]
+    stage = _make_plan().stages[-1]
     assert isinstance(stage, Deform)
     return stage
 
 
-def _fitted(session: Session) -> dict[int, Point]:
+def _fitted_points(session: Session) -> dict[int, Point]:
     return {point.id: point for point in session.kept if point.type in FITTED_TYPES}
 
 
-def _stale(then: Session, now: Session) -> bool:
-    """Whether something that a full fit was made of is another now; what the points measured beside is not
-    looked at.
+def _is_stale(then: Session, now: Session) -> bool:
+    """Return whether something that a full fit was made of is another now; what the points measured beside is
+    not looked at.
     """
-    points = _fitted(now)
-    changed = any(_seen(points.get(number)) != _seen(point) for number, point in _fitted(then).items())
-    return changed or _marks(then) != _marks(now) or then.pose != now.pose
+    points = _fitted_points(now)
+    changed = any(
+        _fitted_values(points.get(number)) != _fitted_values(point)
+        for number, point in _fitted_points(then).items()
+    )
+    return changed or _named_places(then) != _named_places(now) or then.pose != now.pose
 
 
-def _seen(point: Point | None) -> tuple[object, ...] | None:
-    """What a fit sees of a point."""
+def _fitted_values(point: Point | None) -> tuple[object, ...] | None:
+    """Return what a fit sees of a point."""
     if point is None:
         return None
     return (point.xyz, point.type, point.values.get("sigma"), point.values.get("force"))
 
 
-def _marks(session: Session) -> tuple[object, ...]:
+def _named_places(session: Session) -> tuple[object, ...]:
     named = {point.name: list(point.xyz) for point in session.kept if point.type == LANDMARK}
     return (session.landmarks | named, session.prior_landmarks)
 
 
 def _with_points_of(then: Session, now: Session) -> Session:
-    """The session of a full fit, with the points that came later; without landmarks that did."""
+    """Return the session of a full fit, with the points that came later; without landmarks that did."""
     late = {
         number: point
         for number, point in now.points.items()
@@ -145,8 +148,8 @@ def _with_points_of(then: Session, now: Session) -> Session:
     return replace(then, points={**then.points, **late})
 
 
-def _arranged(session: Session, first: list[int]) -> Case:
-    """The case with some points, by their numbers, before all others."""
+def _order_points(session: Session, first: list[int]) -> Case:
+    """Return the case with some points, by their numbers, before all others."""
     case = session.case()
     place = {number: k for k, number in enumerate(first)}
     numbers = [int(one) if one else 0 for one in case.points.columns["id"].tolist()]

@@ -43,14 +43,14 @@ class Host:
         self._state: Message = {}
         self._engine: Connection | None = None
         self._begun = 0.0
-        self._short_lives = 0  # of engines, one after the other
+        self._short_lives = 0  # engines in a row that ended within SOON
 
     def begin(self) -> None:
         """Tell what is known so far, and begin the engine."""
-        with self._acting:  # page and stdin may act already
+        with self._acting:  # page and stdin may send actions already
             for point in self.session.points.values():
                 self.tell(event("point", **point.record(), weight=None, distance=None))
-            self._begin()
+            self._begin_engine()
 
     def act(self, given: Any) -> Message:
         """Do an action: {"ok": True, "id": the point's number, if it is about one}, or {"error": why not}.
@@ -59,7 +59,7 @@ class Host:
         """
         try:
             with self._acting:
-                return self._act(given)
+                return self._do_action(given)
         except InputError as refused:
             self.tell(error(str(refused)))
             return {"error": str(refused)}
@@ -92,7 +92,7 @@ class Host:
                     self._engine.send(None)
             self.journal.close()
 
-    def _act(self, given: Any) -> Message:
+    def _do_action(self, given: Any) -> Message:
         checked = action(given)
         if self.ending or self.closing:
             raise InputError(f"{checked['do']}: the session has ended")
@@ -113,7 +113,7 @@ class Host:
         with suppress(OSError):  # it was killed: the next one begins with the whole session
             self._engine.send(checked)
 
-    def _begin(self) -> None:
+    def _begin_engine(self) -> None:
         spawn = get_context("spawn")  # fork hangs once numba has used its threads
         ours, theirs = spawn.Pipe()
         process = spawn.Process(target=serve, args=(theirs, self.session))
@@ -123,19 +123,19 @@ class Host:
         self._begun = monotonic()
         if self.ending:
             ours.send({"do": "end"})
-        Thread(target=self._listen, args=(ours, process), daemon=True).start()
+        Thread(target=self._follow_engine, args=(ours, process), daemon=True).start()
 
-    def _listen(self, engine: Connection, process: Any) -> None:
+    def _follow_engine(self, engine: Connection, process: Any) -> None:
         """Tell what the engine says, until it ends."""
         try:
             while True:
-                self._heard(engine.recv())
+                self._take_event(engine.recv())
         except (EOFError, OSError):
             process.join(GRACE)
-            self._lost(engine)
+            self._replace_engine(engine)
             engine.close()
 
-    def _heard(self, message: Message) -> None:
+    def _take_event(self, message: Message) -> None:
         if message["event"] == "last":
             self.last = message["vertices"]
             self.ended.set()
@@ -149,8 +149,8 @@ class Host:
         if self._state:
             self.tell({**self._state, "source": self.source, "tip": self.tip})
 
-    def _lost(self, engine: Connection) -> None:
-        """The engine has ended: begin another, unless this was asked for."""
+    def _replace_engine(self, engine: Connection) -> None:
+        """Begin another engine after one has ended, unless this was asked for."""
         with self._acting:
             if self.closing or self.ended.is_set() or engine is not self._engine:
                 return
@@ -164,4 +164,4 @@ class Host:
                 )
                 return
             self.tell(error("the engine was killed and is begun again; no point is lost"))
-            self._begin()
+            self._begin_engine()

@@ -35,12 +35,12 @@ class Journal:
     file: BinaryIO | None = None
 
     def append(self, given: Message) -> Message:
-        """Write a checked action and wait until it is on the disk: the line that was written.
+        """Write a checked action, wait until it is on the disk, and return the line that was written.
 
         Raises InputError where it cannot be kept: then it does not count, and the file is as it was.
         """
         line = {"seq": len(self.actions) + 1, "time": round(time() - self.head["begun"], 3), **given}
-        self._write(line)
+        self._write_line(line)
         self.actions.append(line)
         return line
 
@@ -50,22 +50,22 @@ class Journal:
             self.file.close()
             self.file = None
 
-    def _write(self, line: Message) -> None:
+    def _write_line(self, line: Message) -> None:
         if self.file is None:
             raise InputError(f"{self.path}: the session has ended: nothing is taken any more")
         before = self.file.tell()
         try:
-            data = _encoded(line)
+            data = _encode_line(line)
             if self.file.write(data) != len(data):
                 raise OSError(ENOSPC, os.strerror(ENOSPC))
             os.fsync(self.file.fileno())
         except OSError as error:
-            self._back_to(before)
+            self._cut_back(before)
             raise InputError(
                 f"{self.path}: cannot be written: {error.strerror}: not taken; make room, then repeat it"
             ) from error
 
-    def _back_to(self, size: int) -> None:
+    def _cut_back(self, size: int) -> None:
         """Cut off what a failed write left; where that fails too the session can take nothing more."""
         try:
             assert self.file is not None
@@ -76,22 +76,22 @@ class Journal:
 
 
 def begin_journal(folder: Path, head: Message, first: Iterable[Message]) -> Journal:
-    """A new journal in a record folder: what `head` says of the case, and the actions that its files stand
+    """Begin a journal in a record folder: what `head` says of the case, and the actions that its files stand
     for; the file appears whole or not at all. Raises InputError where it cannot be written.
     """
     path = folder / NAME
     begun = {"seq": 0, "do": "begin", "schema": SCHEMA, "begun": time(), **head}
     actions = [{"seq": k, "time": 0.0, **action(one)} for k, one in enumerate(first, 1)]
-    write_file(path, b"".join(map(_encoded, (begun, *actions))))
-    return Journal(path, begun, actions, file=_opened(path))
+    write_file(path, b"".join(map(_encode_line, (begun, *actions))))
+    return Journal(path, begun, actions, file=_open_file(path))
 
 
 def resume_journal(folder: Path) -> Journal:
-    """The journal of a record folder, to go on from. Raises InputError where it is not whole, or another
+    """Open the journal of a record folder, to go on from. Raises InputError where it is not whole, or another
     session has it open.
     """
     path = folder / NAME
-    file = _opened(path)
+    file = _open_file(path)
     try:
         found = read_journal(path)
         if found.cut:
@@ -104,8 +104,8 @@ def resume_journal(folder: Path) -> Journal:
 
 
 def read_journal(path: Path) -> Journal:
-    """A journal as it stands in its file, which is not changed. Raises InputError naming the line that does
-    not fit; a last line without its end is not counted, and `cut` says so.
+    """Read a journal as it stands in its file, which is not changed. Raises InputError naming the line that
+    does not fit; a last line without its end is not counted, and `cut` says so.
     """
     try:
         *lines, rest = path.read_bytes().split(b"\n")
@@ -113,17 +113,17 @@ def read_journal(path: Path) -> Journal:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from error
     if not lines:
         raise InputError(f"{path}: holds no whole line: remove it, and begin again")
-    head = _decoded(lines[0], path, 1)
+    head = _decode_line(lines[0], path, 1)
     if head.get("do") != "begin" or head.get("schema") != SCHEMA or not isinstance(head.get("begun"), float):
         raise InputError(f"{path}: line 1: is not the beginning of a journal of this version of o3dls")
-    actions = list(_actions(lines[1:], path))
+    actions = list(_read_actions(lines[1:], path))
     cut = f"{path}: line {len(lines) + 1} was not written whole ({len(rest)} bytes) and is cut off"
     return Journal(path, head, actions, cut if rest else "")
 
 
-def _actions(lines: list[bytes], path: Path) -> Iterator[Message]:
+def _read_actions(lines: list[bytes], path: Path) -> Iterator[Message]:
     for k, text in enumerate(lines, 1):
-        line = _decoded(text, path, k + 1)
+        line = _decode_line(text, path, k + 1)
         if line.get("seq") != k:
             raise InputError(
                 f"{path}: line {k + 1}: has seq {line.get('seq')}, must be {k}: lines are missing"
@@ -135,11 +135,11 @@ def _actions(lines: list[bytes], path: Path) -> Iterator[Message]:
         yield {"seq": k, "time": line.get("time"), **checked}
 
 
-def _encoded(line: Message) -> bytes:
+def _encode_line(line: Message) -> bytes:
     return json.dumps(line, ensure_ascii=False, allow_nan=False).encode() + b"\n"
 
 
-def _decoded(text: bytes, path: Path, at: int) -> dict[str, Any]:
+def _decode_line(text: bytes, path: Path, at: int) -> dict[str, Any]:
     try:
         line = json.loads(text)
     except ValueError as error:
@@ -149,18 +149,18 @@ def _decoded(text: bytes, path: Path, at: int) -> dict[str, Any]:
     return line
 
 
-def _opened(path: Path) -> BinaryIO:
-    """The file without a buffer, so that nothing waits in memory; only one session may have it open."""
+def _open_file(path: Path) -> BinaryIO:
+    """Open the file without a buffer, so that nothing waits in memory; only one session may have it open."""
     try:
         file = path.open("ab", buffering=0)
     except OSError as error:
         raise InputError(f"{path}: cannot be written: {error.strerror}") from error
     file.seek(0, os.SEEK_END)
-    _lock(file, path)
+    _lock_file(file, path)
     return file
 
 
-def _lock(file: BinaryIO, path: Path) -> None:
+def _lock_file(file: BinaryIO, path: Path) -> None:
     try:
         import fcntl
     except ImportError:  # Windows

@@ -20,7 +20,8 @@ FARTHEST = 1e5  # units of the case: a coordinate beyond is no place in a patien
 
 
 def action(given: object) -> Message:
-    """An action with its keys in order and its numbers as floats, as the journal writes it.
+    """Check an action and return it with its keys in order and its numbers as floats, as the journal writes
+    it.
 
     Raises InputError where it is none: what is wrong, where, and what would be right.
     """
@@ -46,60 +47,60 @@ def action(given: object) -> Message:
 
 
 def event(kind: str, **content: Any) -> Message:
-    """An event, whose number `seq` is given where it is sent: scene, surface, point, weights, state, error or
-    end.
+    """Make an event, whose number `seq` is given where it is sent: scene, surface, point, weights, state,
+    error or end.
     """
     return {"event": kind, **content}
 
 
 def error(text: str) -> Message:
-    """The event that says what was refused, and why."""
+    """Make the event that says what was refused, and why."""
     return event("error", text=text)
 
 
 def number(value: float | None) -> float | None:
-    """A number as JSON may hold it: None where it is not finite."""
+    """Return a number as JSON may hold it: None where it is not finite."""
     return None if value is None or not math.isfinite(value) else float(value)
 
 
-def _finite(value: object) -> bool:
+def _is_finite(value: object) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 
-def _place(where: str, value: object) -> list[float]:
+def _check_place(where: str, value: object) -> list[float]:
     if not isinstance(value, Sequence) or isinstance(value, str) or len(value) != 3:
         raise InputError(f"{where} = {value!r}: must be three numbers")
     for one in value:
-        if not _finite(one) or abs(one) > FARTHEST:
+        if not _is_finite(one) or abs(one) > FARTHEST:
             raise InputError(f"{where} = {list(value)}: must be three finite numbers within {FARTHEST:g}")
     return [float(v) for v in value]
 
 
-def _type(where: str, value: object) -> str:
+def _check_type(where: str, value: object) -> str:
     if value not in TYPES:
         raise InputError(f"{where} = {value!r}: no type of a point" + did_you_mean(str(value), list(TYPES)))
     return str(value)
 
 
-def _values(where: str, value: object) -> dict[str, float | str]:
+def _check_values(where: str, value: object) -> dict[str, float | str]:
     if not isinstance(value, Mapping):
         raise InputError(f"{where}: must be an object of names and values")
     found: dict[str, float | str] = {}
     for given, one in value.items():
-        name = NAMES.get(str(given).lower(), given)  # as a column of that name is read
+        name = NAMES.get(str(given).lower(), given)  # the same aliases as for columns of a points file
         if not isinstance(name, str) or not name.strip() or CONTROL.search(name) or name in RESERVED:
             raise InputError(f"{where}: {given!r} names no value: must be a word, none of {RESERVED}")
-        found[name] = _value(f"{where}: {name} = {one!r}", name, one)
+        found[name] = _check_value(f"{where}: {name} = {one!r}", name, one)
     return found
 
 
-def _value(where: str, name: str, value: object) -> float | str:
-    """A number or a text, as columns of points may hold it."""
+def _check_value(where: str, name: str, value: object) -> float | str:
+    """Check a number or a text, as columns of points may hold it."""
     if isinstance(value, str) and name not in NUMBERS:
         if CONTROL.search(value):
             raise InputError(f"{where}: holds a line break or a control character")
         return value
-    if not _finite(value) or name == "name":
+    if not _is_finite(value) or name == "name":
         kind = "a text" if name == "name" else "a finite number"
         raise InputError(f"{where}: must be {kind}{'' if name in (*NUMBERS, 'name') else ' or a text'}")
     number = float(cast(float, value))
@@ -110,28 +111,28 @@ def _value(where: str, name: str, value: object) -> float | str:
     return number
 
 
-def _identity(where: str, value: object) -> int:
+def _check_number(where: str, value: object) -> int:
     if not isinstance(value, int) or isinstance(value, bool) or value < 1:
         raise InputError(f"{where} = {value!r}: must be the number of a point: 1, 2, ...")
     return value
 
 
-def _name(where: str, value: object) -> str:
+def _check_name(where: str, value: object) -> str:
     if not isinstance(value, str) or not value.strip() or CONTROL.search(value):
         raise InputError(f"{where} = {value!r}: must be a name")
     return value.strip()
 
 
-def _next(where: str, value: object) -> bool:
+def _check_next(where: str, value: object) -> bool:
     if value is not True:
         raise InputError(f"{where} = {value!r}: must be true, or not there")
     return True
 
 
-def _matrix(where: str, value: object) -> list[list[float]]:
+def _check_matrix(where: str, value: object) -> list[list[float]]:
     rows = list(value) if isinstance(value, Sequence) and not isinstance(value, str) else []
     if len(rows) != 4 or not all(
-        isinstance(row, Sequence) and len(row) == 4 and all(map(_finite, row)) for row in rows
+        isinstance(row, Sequence) and len(row) == 4 and all(map(_is_finite, row)) for row in rows
     ):
         raise InputError(f"{where}: must be four rows of four finite numbers")
     import numpy as np
@@ -153,11 +154,11 @@ _ACTIONS: Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "end": ((), ()),
 }
 _CHECKS: Mapping[str, Callable[[str, object], Any]] = {
-    "xyz": _place,
-    "type": _type,
-    "values": _values,
-    "point": _identity,
-    "name": _name,
-    "next": _next,
-    "matrix": _matrix,
+    "xyz": _check_place,
+    "type": _check_type,
+    "values": _check_values,
+    "point": _check_number,
+    "name": _check_name,
+    "next": _check_next,
+    "matrix": _check_matrix,
 }

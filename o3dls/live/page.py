@@ -25,12 +25,12 @@ UNPLACED = (
 
 @cache
 def live_page() -> str:
-    """The whole page, the same for every session."""
-    viewer = f"const startViewer = () => {viewer_started(_own('view.js'), 'live')};"
-    outer = [viewer, *map(_own, OUTER)]
+    """Write the whole page, the same for every session."""
+    viewer = f"const startViewer = () => {viewer_started(_read_own('view.js'), 'live')};"
+    outer = [viewer, *map(_read_own, OUTER)]
     script = "\n".join(['"use strict";', asset("page.js"), asset("layout.js"), *outer])
     library = viewer_code()[0]
-    style = variables() + "".join(map(asset, STYLES)) + _own("live.css")
+    style = variables() + "".join(map(asset, STYLES)) + _read_own("live.css")
     picture = tag(
         "section",
         tag("h2", "Surface", class_="unseen"),
@@ -44,11 +44,14 @@ def live_page() -> str:
         "header", tag("h1", "o3dls live", id="title"), tag("p", NOTICE, class_="notice"), class_="title"
     )
     main = tag(
-        "main", head, Html(_own("top.html")), tag("div", picture, Html(_own("side.html")), class_="session")
+        "main",
+        head,
+        Html(_read_own("top.html")),
+        tag("div", picture, Html(_read_own("side.html")), class_="session"),
     )
     code = join(tag("script", Html(library)), tag("script", Html(script)))
     return document("o3dls live", style, join(main, footer, code), [script, library], connects=True)
 
 
-def _own(name: str) -> str:
+def _read_own(name: str) -> str:
     return (files("o3dls.live") / "static" / name).read_text(encoding="utf-8")

@@ -20,12 +20,12 @@ class Roles:
             self._acting = self._acting or page
 
     def leave(self, page: str) -> None:
-        """The role stays with a page that has gone, since it may be loading anew."""
+        """Note that a page has gone; it keeps the role, since it may be loading anew."""
         with self._lock:
             self._here -= Counter([page])
 
     def ask(self, page: str) -> bool:
-        """Whether a page that is here acts from now on: it has the role, or who had it has gone."""
+        """Return whether a page that is here acts from now on: it has the role, or who had it has gone."""
         with self._lock:
             if self._here[page] and not self._here[self._acting or ""]:
                 self._acting = page
@@ -36,6 +36,6 @@ class Roles:
             return self._acting == page
 
     def free(self) -> bool:
-        """Whether the page that acts has gone."""
+        """Return whether the page that acts has gone."""
         with self._lock:
             return not self._here[self._acting or ""]

@@ -35,7 +35,7 @@ class LiveServer:
         self._act, self._acting = act, Lock()
         self._boxes: dict[int, tuple[Box, str]] = {}
         self._lock = Lock()
-        self._server = self._bound(port)
+        self._server = self._open_server(port)
         self.port = int(self._server.server_address[1])
         self._thread = Thread(target=self._server.serve_forever, args=(0.1,), daemon=True)
         self._thread.start()
@@ -54,12 +54,12 @@ class LiveServer:
         self.board.publish(event)
 
     def act(self, action: dict[str, Any]) -> dict[str, Any]:
-        """What comes of an action of the page that acts."""
+        """Do an action of the page that acts, and return what comes of it."""
         with self._acting:
             return self._act(action)
 
     def enter(self, page: str, last: str) -> Box:
-        """A page connects."""
+        """Connect a page."""
         box = self.board.join(last)
         self.roles.enter(page)
         with self._lock:
@@ -68,7 +68,7 @@ class LiveServer:
         return box
 
     def leave(self, page: str, box: Box) -> None:
-        """A page has gone."""
+        """Disconnect a page that has gone."""
         self.board.leave(box)
         with self._lock:
             self._boxes.pop(id(box), None)
@@ -76,7 +76,7 @@ class LiveServer:
         self.tell_roles()
 
     def ask_role(self, page: str) -> bool:
-        """Whether a page that asks to act may."""
+        """Ask for the role that acts, and return whether the page has it now."""
         granted = self.roles.ask(page)
         self.tell_roles()
         return granted
@@ -92,7 +92,7 @@ class LiveServer:
 
     @property
     def pages(self) -> int:
-        """How many are connected."""
+        """How many pages are connected."""
         return len(self._boxes)
 
     def wait(self) -> None:
@@ -114,7 +114,7 @@ class LiveServer:
         self._server.server_close()
         self._thread.join(5.0)
 
-    def _bound(self, port: int) -> ThreadingHTTPServer:
+    def _open_server(self, port: int) -> ThreadingHTTPServer:
         class Own(Handler):
             live = self
 
@@ -129,7 +129,7 @@ class _Server(ThreadingHTTPServer):
     block_on_close = False  # a page that does not read must not hold up the end
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """A page that went away in the middle of an answer is no error of ours."""
+        """Log that a page went away in the middle of an answer: it is no error of ours."""
         import logging
 
         logging.getLogger("o3dls").debug("live: a request of %s broke off", client_address, exc_info=True)

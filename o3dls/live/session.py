@@ -28,7 +28,7 @@ class Point:
     undone: bool = False
 
     def record(self) -> Message:
-        """The point as events show it."""
+        """Return the point as events show it."""
         values = dict(self.values) | ({"name": self.name} if self.name else {})
         undone = {"undone": True} if self.undone else {}
         return {"id": self.id, "xyz": list(self.xyz), "type": self.type, "values": values, **undone}
@@ -50,7 +50,7 @@ class Session:
     def check(self, action: Message) -> None:
         """Raise InputError for an action that cannot be done now: what, and why."""
         kind = action["do"]
-        if kind == "undo" and "point" not in action and self._last() is None:
+        if kind == "undo" and "point" not in action and self._last_point() is None:
             raise InputError("undo: there is no point that was not undone")
         if kind == "take" and action.get("type") == LANDMARK:
             raise InputError("take: a landmark is placed by the action 'landmark'")
@@ -65,14 +65,14 @@ class Session:
             raise InputError(f"label: point {point.id} is the landmark {point.name}: retype it first")
 
     def apply(self, action: Message) -> int | None:
-        """Take in a checked action: the number of the point that it is about, if any."""
+        """Take in a checked action, and return the number of the point that it is about, if any."""
         kind = action["do"]
         if kind == "take":
-            return self._take(action)
+            return self._take_point(action)
         if kind in ("undo", "retype", "label"):
-            return self._changed(action)
+            return self._change_point(action)
         if kind == "landmark" and "xyz" in action:
-            self._forget(action["name"])
+            self._forget_landmark(action["name"])
             self.landmarks[action["name"]] = action["xyz"]
         elif kind == "landmark":
             self.waiting = action["name"]
@@ -82,16 +82,16 @@ class Session:
             self.pose = action["matrix"]
         return None
 
-    def _take(self, action: Message) -> int:
+    def _take_point(self, action: Message) -> int:
         number, name = len(self.points) + 1, self.waiting
         if name:
-            self._forget(name)
+            self._forget_landmark(name)
         kind, self.waiting = (LANDMARK if name else action["type"]), ""
         self.points[number] = Point(number, tuple(action["xyz"]), kind, action["values"], name)
         return number
 
-    def _changed(self, action: Message) -> int:
-        last = action["point"] if "point" in action else self._last()
+    def _change_point(self, action: Message) -> int:
+        last = action["point"] if "point" in action else self._last_point()
         point = self.points[last or 0]
         if action["do"] == "undo":
             point = replace(point, undone=True)
@@ -102,11 +102,11 @@ class Session:
         self.points[point.id] = point
         return point.id
 
-    def _last(self) -> int | None:
+    def _last_point(self) -> int | None:
         return next((number for number in reversed(self.points) if not self.points[number].undone), None)
 
-    def _forget(self, name: str) -> None:
-        """A landmark of the map is placed anew: the place that had its name is none any more."""
+    def _forget_landmark(self, name: str) -> None:
+        """Undo the earlier place of a landmark of the map, which is placed anew."""
         self.landmarks.pop(name, None)
         for number, point in self.points.items():
             if point.type == LANDMARK and point.name == name and not point.undone:
@@ -118,7 +118,7 @@ class Session:
         return [point for point in self.points.values() if not point.undone and point.type != "outlier"]
 
     def copy(self) -> Session:
-        """The session as it is now, which further actions do not change."""
+        """Return the session as it is now, which further actions do not change."""
         return replace(
             self,
             points=dict(self.points),
@@ -127,17 +127,17 @@ class Session:
         )
 
     def case(self) -> Case:
-        """The case as it stands, with a column `id` of the points' numbers. Outliers are in the journal
-        alone.
+        """Return the case as it stands, with a column `id` of the points' numbers. Outliers are in the
+        journal alone.
         """
         return replace(
             self.prior,
-            points=self._points(),
+            points=self._make_points(),
             prior_landmarks={name: np.array(at) for name, at in self.prior_landmarks.items()},
             init=None if self.pose is None else np.array(self.pose),
         )
 
-    def _points(self) -> Points:
+    def _make_points(self) -> Points:
         kept = self.kept
         marks = list(self.landmarks.items())
         xyz = np.array([*(point.xyz for point in kept), *(at for _, at in marks)]).reshape(-1, 3)
@@ -151,28 +151,28 @@ class Session:
         names += [name for name, _ in marks]
         columns |= {"name": np.array(names, dtype=str)} if any(names) else {}
         keys = dict.fromkeys(key for one in values for key in one if key != "name")
-        columns |= {key: _column([one.get(key) for one in values]) for key in keys}
+        columns |= {key: _make_column([one.get(key) for one in values]) for key in keys}
         order = np.array([float(point.id) for point in kept] + [0.0] * len(marks))
         return Points(xyz, kinds, columns, order)
 
 
-def _column(values: list[float | str | None]) -> NDArray[Any]:
-    """A column of numbers, NaN where there is none; of texts where one is a text."""
+def _make_column(values: list[float | str | None]) -> NDArray[Any]:
+    """Make a column of numbers, NaN where there is none; of texts where one is a text."""
     if any(isinstance(value, str) for value in values):
         return np.array(["" if value is None else str(value) for value in values], dtype=str)
     return np.array([np.nan if value is None else value for value in values], dtype=np.float64)
 
 
 def empty(case: Case) -> Case:
-    """The case without what a session's journal holds of it: points, landmarks, pose; and without truth,
-    whose rows are of other points.
+    """Return the case without what a session's journal holds of it: points, landmarks, pose; and without
+    truth, whose rows are of other points.
     """
     none = no_points(case.dimension)
     return replace(case, points=none, prior_landmarks={}, init=None, truth=None, files={})
 
 
 def actions_of(case: Case) -> Iterator[Message]:
-    """The actions that the files of a case stand for, in their order."""
+    """Yield the actions that the files of a case stand for, in their order."""
     if case.init is not None:
         yield {"do": "pose", "matrix": case.init.tolist()}
     for name, at in case.prior_landmarks.items():
@@ -181,12 +181,12 @@ def actions_of(case: Case) -> Iterator[Message]:
 
 
 def taken(points: Points) -> Iterator[Message]:
-    """The actions by which points come, in their order: those of type landmark as landmarks."""
+    """Yield the actions by which points come, in their order: those of type landmark as landmarks."""
     for k, (xyz, kind) in enumerate(zip(points.xyz.tolist(), points.type.tolist(), strict=True)):
         values = {
             "source_id" if name == "id" else name: column[k].item()
             for name, column in points.columns.items()
-            if _known(column[k])
+            if _is_known(column[k])
         }
         if kind == LANDMARK:
             yield {"do": "landmark", "name": str(values.get("name", "")), "xyz": xyz}
@@ -194,5 +194,5 @@ def taken(points: Points) -> Iterator[Message]:
             yield {"do": "take", "xyz": xyz, "type": kind, "values": values}
 
 
-def _known(value: Any) -> bool:
+def _is_known(value: Any) -> bool:
     return bool(value == value) and value != ""

@@ -18,7 +18,7 @@ from ..report.drawing.display import decimated
 from ..report.expected import expected_of
 from .messages import Message, number
 
-PLACES = 3  # to touch next
+PLACES = 3  # places to propose
 FACES = 4_000  # of the surface by which they are chosen: its vertices are 5 mm apart on an atrium
 MOST_HISTORY = 300  # entries; where there are more, every other of the older half goes
 
@@ -30,7 +30,7 @@ class Advisor:
         self.prior = decimated(replace(prior, fields={}), FACES, FACES)
 
     def __call__(self, case: Case, estimate: Estimate) -> Message:
-        """The keys `next` and, where there are fewer than three, `ended`: why."""
+        """Return the keys `next` and, where there are fewer than three places, `ended`, which says why."""
         if estimate.motion is None:
             return {"next": [], "ended": "there is no motion yet"}
         surface = self.prior.with_vertices(estimate.motion(self.prior.vertices))
@@ -57,7 +57,7 @@ class Standing:
     history: list[tuple[int, float | None, float | None]] = field(default_factory=list)
     advice: Message = field(default_factory=lambda: {"next": [], "ended": "there is no estimate yet"})
     warnings: list[dict[str, str]] = field(default_factory=list)
-    refusal: str = ""  # of the last full fit
+    refusal: str = ""  # why the last full fit was refused
     status: str = ""
     fit: str = "idle"
 
@@ -76,7 +76,7 @@ class Standing:
             self.history = self.history[:half:2] + self.history[half:]
 
     def record(self) -> dict[str, Any]:
-        """The content of the event."""
+        """Return the content of the event `state`."""
         refusals = [{"code": "fit-refused", "stage": "live", "text": self.refusal}] if self.refusal else []
         return {
             "points": self.points,
@@ -92,7 +92,9 @@ class Standing:
 
 
 def expected(case: Case, estimate: Estimate) -> tuple[float | None, float | None]:
-    """Errors that the posterior expects of the wall near points and of the rest; None where there is none."""
+    """Return errors that the posterior expects of the wall near points and of the rest; None where there is
+    none.
+    """
     surface = estimate.surface
     points = case.points.of("eam").xyz
     if not len(points):

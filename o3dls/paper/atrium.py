@@ -32,7 +32,7 @@ SHOWN = ("icp", "similarity", "level_set")
 
 
 def pipeline() -> Pipeline:
-    """The paper's way (landmarks, then rigid ICP), the best similarity, and ours."""
+    """Make the pipeline of the paper's way (landmarks, then rigid ICP), the best similarity, and ours."""
     robust = ICP(as_="similarity", after="landmarks")
     return Pipeline([Landmarks(), ICP(preset="standard"), robust, Deform(), Topology(), LevelSet()], folds=0)
 
@@ -45,7 +45,7 @@ def tasks(scope: Scope) -> list[Task]:
 
 
 def fit(seed: int, drawn: bool) -> Outcome:
-    """One patient: from grey values to the table's numbers."""
+    """Fit one patient, from grey values to the table's numbers."""
     patient = synthetic_patient(seed)
     prior, mask = segmented(patient.scan, patient.affine, patient.inside)
     case = with_marks(replace(patient.case, prior=prior), MARKS)
@@ -64,7 +64,7 @@ def fit(seed: int, drawn: bool) -> Outcome:
     if not drawn:
         return Outcome(rows)
     shapes = {name: with_truth_distance(estimates[name].surface, truth) for name in ("landmarks", *SHOWN)}
-    middle = patient.scan.shape[0] // 3  # where the ventricle touches
+    middle = patient.scan.shape[0] // 3  # the slice in which the ventricle touches the atrium
     views = {
         "slice": patient.scan[middle],
         "mask": mask[middle].astype(float),
@@ -74,7 +74,7 @@ def fit(seed: int, drawn: bool) -> Outcome:
 
 
 def with_marks(case: Case, names: tuple[str, ...]) -> Case:
-    """The case with these landmarks only."""
+    """Return the case with these landmarks only."""
     keep = (case.points.type != "landmark") | np.isin(case.points.columns["name"], names)
     return replace(case, points=case.points.select(keep))
 
@@ -103,29 +103,30 @@ def blocks(results: Results) -> list[Block]:
         Figure(
             "atrium_scan",
             "A slice of the angiogram, and what the segmentation makes the prior of.",
-            _scan(results),
+            _draw_scan(results),
         ),
         Figure(
             "atrium",
             "Distance to the true surface, one colour scale; EAM and ablation points in black.",
-            _surfaces(results),
+            _draw_surfaces(results),
         ),
         paper_table(rows, "Table 1 in the paper's form: mean distance, mm"),
         full_table(rows, "What the paper did not give: mean ± standard deviation over seeds, mm"),
-        Figure("atrium_size", "Size of the atrium against the error of its registration.", _sizes(rows)),
+        Figure("atrium_size", "Size of the atrium against the error of its registration.", _draw_sizes(rows)),
     ]
 
 
 def paper_table(rows: list[Row], caption: str) -> Table:
-    """Mean distance of EAM and ablation points, by method."""
+    """Tabulate the mean distance of EAM and ablation points, by method."""
     lines = [
-        [NAMES[m], *(mean_sd(column(_of(rows, m), key)) for key in ("fitted", "ablation"))] for m in SHOWN
+        [NAMES[m], *(mean_sd(column(_rows_of(rows, m), key)) for key in ("fitted", "ablation"))]
+        for m in SHOWN
     ]
     return Table(caption, ["method", "EAM points", "ablation points (not fitted)"], lines)
 
 
 def full_table(rows: list[Row], caption: str) -> Table:
-    """Errors against truth, on what was seen and what was not, validity, seconds."""
+    """Tabulate errors against truth, on what was seen and what was not, validity, seconds."""
     keys = {
         "held_out": "held out",
         "held_out_p95": "its 95 %",
@@ -137,15 +138,15 @@ def full_table(rows: list[Row], caption: str) -> Table:
         "seconds": "s",
     }
     used = {key: name for key, name in keys.items() if any(key in row for row in rows)}
-    lines = [[NAMES[m], *(mean_sd(column(_of(rows, m), key)) for key in used)] for m in SHOWN]
+    lines = [[NAMES[m], *(mean_sd(column(_rows_of(rows, m), key)) for key in used)] for m in SHOWN]
     return Table(caption, ["method", *used.values()], lines)
 
 
-def _of(rows: list[Row], method: str) -> list[Row]:
+def _rows_of(rows: list[Row], method: str) -> list[Row]:
     return [row for row in rows if row["method"] == method]
 
 
-def _scan(results: Results) -> bytes:
+def _draw_scan(results: Results) -> bytes:
     grey, mask = results.array("atrium/slice"), results.array("atrium/mask")
     with plain_figure(7.0, 3.6) as figure:
         for ax, shown in zip(figure.subplots(1, 2), (False, True), strict=True):
@@ -158,7 +159,7 @@ def _scan(results: Results) -> bytes:
         return png(figure)
 
 
-def _surfaces(results: Results) -> bytes:
+def _draw_surfaces(results: Results) -> bytes:
     scale = Field("distance_to_truth", "distance to the true surface", "mm", "sequential", 0.0, 8.0)
     points = results.array("atrium/points")
     panels = [
@@ -169,11 +170,11 @@ def _surfaces(results: Results) -> bytes:
         rendered([panel], in_frame("LPS").looking(behind=behind), scale)
         for panel, behind in zip(panels, (False, True), strict=True)
     )
-    return _stacked(front, back)
+    return _stack_pictures(front, back)
 
 
-def _stacked(*pictures: bytes) -> bytes:
-    """Pictures of one width, one under the other."""
+def _stack_pictures(*pictures: bytes) -> bytes:
+    """Stack pictures of one width, one under the other."""
     import io
 
     from matplotlib.image import imread
@@ -186,11 +187,11 @@ def _stacked(*pictures: bytes) -> bytes:
         return png(figure)
 
 
-def _sizes(rows: list[Row]) -> bytes:
+def _draw_sizes(rows: list[Row]) -> bytes:
     with plain_figure(6.2, 3.2) as figure:
         ax = figure.subplots()
         for method in SHOWN:
-            own = _of(rows, method)
+            own = _rows_of(rows, method)
             x, y = column(own, "size_ml"), column(own, "truth_to_surface")
             ax.plot(x, y, MARKERS[method], color=COLOURS[method], label=NAMES[method], markersize=5)
         ax.set(xlabel="true volume of the atrium, ml", ylabel="truth to surface, mm", ylim=(0.0, None))

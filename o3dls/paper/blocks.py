@@ -87,7 +87,7 @@ class Figure:
 
 
 def coded(text: str) -> Html:
-    """Text whose parts between backticks are code."""
+    """Return a text as HTML, in which parts between backticks are code."""
     return join(*(tag("code", part) if k % 2 else part for k, part in enumerate(text.split("`"))))
 
 

@@ -14,7 +14,7 @@ from .experiment import Row
 from .results import Results, column
 from .temporal import gain
 
-LEAST_FIT = 0.7  # of the noise per axis: below it a method fits noise
+LEAST_FIT = 0.7  # share of the noise per axis: a method whose fitted mean is lower fits the noise
 BASELINE = 0.5  # mm: how near the baseline must be to the paper's
 
 
@@ -31,8 +31,8 @@ class Claim:
 
 
 def claims(results: Results) -> list[Block]:
-    """The table of claims; those whose experiment was not run are left out."""
-    found = [*_noise(results), *_atrium(results), *_temporal(results)]
+    """Tabulate the claims; those whose experiment was not run are left out."""
+    found = [*_judge_noise(results), *_judge_atrium(results), *_judge_temporal(results)]
     rows = [claim.line for claim in found]
     return [
         Heading("What must hold"),
@@ -47,13 +47,13 @@ def claims(results: Results) -> list[Block]:
     ]
 
 
-def _noise(results: Results) -> list[Claim]:
+def _judge_noise(results: Results) -> list[Claim]:
     found = []
     for shape in ("star", "jar"):
         for level in sorted({row["percent"] for row in results.of(shape)}):
             rows = results.of(shape, percent=level)
             name = f"{shape}, {level:g} %: level set against rigid ICP"
-            fitted, held = (_ratio(rows, key) for key in ("fitted", "held_out"))
+            fitted, held = (_seed_ratios(rows, key) for key in ("fitted", "held_out"))
             found += [
                 Claim(f"{name}, fitted, worst seed", f"{fitted.max():.2f}", "< 1", bool(fitted.max() < 1.0)),
                 Claim(
@@ -65,18 +65,18 @@ def _noise(results: Results) -> list[Claim]:
                 Claim(
                     f"{name}, held out, worst seed", f"{held.max():.2f}", "<= 1.02", bool(held.max() <= 1.02)
                 ),
-                _fit(f"{shape}, {level:g} %: mean fitted over noise (over truth's own)", rows),
+                _judge_fit(f"{shape}, {level:g} %: mean fitted over noise (over truth's own)", rows),
             ]
     return found
 
 
-def _atrium(results: Results) -> list[Claim]:
+def _judge_atrium(results: Results) -> list[Claim]:
     rows = results.of("atrium")
     icp = [row for row in rows if row["method"] == "icp"]
     found = []
     for key, words, wanted in (("fitted", "EAM points", 4.5), ("ablation", "ablation points", 3.2)):
         found.append(
-            _baseline(f"atrium: the baseline's {words}, mm (seeds within)", column(icp, key), wanted)
+            _judge_baseline(f"atrium: the baseline's {words}, mm (seeds within)", column(icp, key), wanted)
         )
     for key, words, least in (
         ("assd", "true-surface error", 0.46),
@@ -89,11 +89,13 @@ def _atrium(results: Results) -> list[Claim]:
                 words, f"{100 * fall:.0f} % ({100 * against:.0f} %)", f">= {100 * least:.0f} %", fall >= least
             )
         )
-    return [*found, _fit("atrium: mean fitted over noise (over truth's own)", rows)]
+    return [*found, _judge_fit("atrium: mean fitted over noise (over truth's own)", rows)]
 
 
-def _baseline(words: str, values: Array, wanted: float) -> Claim:
-    """Mean and standard deviation over seeds both within half a millimetre of the paper's figure."""
+def _judge_baseline(words: str, values: Array, wanted: float) -> Claim:
+    """Judge whether the mean and the standard deviation over seeds stay within half a millimetre of the
+    paper's figure.
+    """
     mean = values.mean()
     sd = values.std()
     within = np.count_nonzero(np.abs(values - wanted) <= BASELINE)
@@ -101,7 +103,7 @@ def _baseline(words: str, values: Array, wanted: float) -> Claim:
     return Claim(words, found, f"{wanted:g} ± {BASELINE:g}", bool(abs(mean - wanted) + sd <= BASELINE))
 
 
-def _temporal(results: Results) -> list[Claim]:
+def _judge_temporal(results: Results) -> list[Claim]:
     kinds = sorted({row["map"] for row in results.of("temporal")})
     falls = {kind: gain(results.of("temporal", map=kind)) for kind in kinds}
     words = "temporal template: held-out error on left-out phases falls"
@@ -111,15 +113,15 @@ def _temporal(results: Results) -> list[Claim]:
     ]
 
 
-def _fit(words: str, rows: list[Row]) -> Claim:
+def _judge_fit(words: str, rows: list[Row]) -> Claim:
     own = [row for row in rows if row["method"] == "level_set"]
     fitted = column(own, "fitted").mean()
     of_truth, of_noise = (float(fitted / column(own, key).mean()) for key in ("floor", "noise"))
     return Claim(words, f"{of_noise:.2f} ({of_truth:.2f})", f">= {LEAST_FIT}", of_noise >= LEAST_FIT)
 
 
-def _ratio(rows: list[Row], key: str, base: str = "icp") -> Array:
-    """Level set over the baseline, seed by seed."""
+def _seed_ratios(rows: list[Row], key: str, base: str = "icp") -> Array:
+    """Divide the level set's value by the baseline's, seed by seed."""
     ours, theirs = (
         column([row for row in rows if row["method"] == method], key) for method in ("level_set", base)
     )

@@ -19,8 +19,8 @@ DATA = "O3DLS_DATA"  # folder of third-party data; its experiments are left out 
 
 
 def make(out: Path, *, quick: bool = False, force: bool = False) -> Path:
-    """Compute everything into a new folder `out`; the page. Raises InputError before any work where the
-    folder cannot be written.
+    """Compute everything into a new folder `out`, and return the page. Raises InputError before any work
+    where the folder cannot be written.
     """
     check_free(out, force, "paper")
     scope = Scope(quick, Path(os.environ[DATA]) if DATA in os.environ else None)
@@ -41,18 +41,18 @@ def shown(folder: Path) -> Path:
 
 
 def left_out(scope: Scope) -> dict[str, str]:
-    """Why experiments are not there, by name."""
+    """Say why experiments are not there, by name."""
     return {name: why for experiment in EXPERIMENTS for name, why in experiment.left_out(scope).items()}
 
 
 def computed(tasks: Sequence[Task]) -> Iterator[Outcome]:
-    """Outcomes in the order of the tasks; progress goes to the log."""
+    """Yield outcomes in the order of the tasks; progress goes to the log."""
     with workers(min(2, os.cpu_count() or 1)) as pool:
-        for k, outcome in enumerate(pool.map(_call, tasks), 1):
+        for k, outcome in enumerate(pool.map(_run_task, tasks), 1):
             log.info("paper: %d of %d: %s", k, len(tasks), tasks[k - 1].label)
             yield outcome
 
 
-def _call(task: Task) -> Outcome:
+def _run_task(task: Task) -> Outcome:
     logging.getLogger("o3dls").setLevel(logging.WARNING)
     return task()

@@ -18,7 +18,7 @@ from ..report.palette import colour_of
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-# those of the report; each method also has a marker of its own
+# the report's colours; each method also has a marker of its own
 COLOURS = {method: colour_of(method) for method in ("icp", "similarity", "deform", "level_set", "paper")}
 COLOURS |= {"static": COLOURS["icp"], "phases": COLOURS["level_set"], "truth": "#8a8f98"}
 MARKERS = {
@@ -51,20 +51,20 @@ Curve = Mapping[float, Array]  # samples (k,) by position on the axis
 def curves(
     panels: Mapping[str, Mapping[str, Curve]], x: str, y: str, lines: Mapping[str, Curve] | None = None
 ) -> bytes:
-    """Panels side by side on one scale: mean over seeds per method, with one standard deviation; `lines` are
-    dashed in the first panel.
+    """Draw panels side by side on one scale: mean over seeds per method, with one standard deviation; `lines`
+    are dashed in the first panel.
     """
     with plain_figure(3.6 * len(panels), 3.3) as figure:
         axes = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
         for ax, (title, methods) in zip(axes, panels.items(), strict=True):
             for k, (method, curve) in enumerate(methods.items()):
-                _spread(ax, method, curve, k - (len(methods) - 1) / 2)
+                _draw_spread(ax, method, curve, k - (len(methods) - 1) / 2)
             ax.set_title(title)
             ax.set_xlabel(x)
             ax.grid(alpha=0.25)
             ax.xaxis.get_major_locator().set_params(integer=True)
             if len(at := {level for curve in methods.values() for level in curve}) == 1:
-                ax.set_xlim(min(at) - 1, min(at) + 1)  # methods beside each other, at one level
+                ax.set_xlim(min(at) - 1, min(at) + 1)  # one level: methods stand beside each other
         axes[0].set_ylim(bottom=0.0)
         axes[0].set_ylabel(y)
         for name, curve in (lines or {}).items():
@@ -82,8 +82,8 @@ def curves(
         return png(figure)
 
 
-def _spread(ax: Axes, method: str, curve: Curve, offset: float) -> None:
-    """A curve with bars, moved a little sideways so that bars do not hide each other."""
+def _draw_spread(ax: Axes, method: str, curve: Curve, offset: float) -> None:
+    """Draw a curve with bars, moved a little sideways so that bars do not hide each other."""
     at = np.array(list(curve))
     step = np.ptp(at) / max(len(at) - 1, 1) if len(at) > 1 else 1.0
     mean, sd = (np.array([f(v) for v in curve.values()]) for f in (np.mean, np.std))
@@ -100,7 +100,7 @@ def _spread(ax: Axes, method: str, curve: Curve, offset: float) -> None:
 
 
 def outlines(panels: Sequence[tuple[str, Mapping[str, Surface], Array]], columns: int) -> bytes:
-    """2D outlines by method with points, one frame for all panels."""
+    """Draw 2D outlines by method with points, one frame for all panels."""
     rows = -(-len(panels) // columns)
     low, high = (
         f([f(s.vertices, axis=0) for _, shapes, _ in panels for s in shapes.values()], axis=0)
@@ -112,7 +112,7 @@ def outlines(panels: Sequence[tuple[str, Mapping[str, Surface], Array]], columns
             ax.set_axis_off()
         for ax, (title, shapes, points) in zip(grid.ravel(), panels, strict=False):
             for method, shape in shapes.items():
-                _outline(ax, shape, COLOURS.get(method, "#000000"), 1.2 if method == "truth" else 1.6)
+                _draw_outline(ax, shape, COLOURS.get(method, "#000000"), 1.2 if method == "truth" else 1.6)
             ax.plot(*points.T, ".", color="black", markersize=4)
             ax.set(
                 title=title, xlim=(low[0] - 5, high[0] + 5), ylim=(low[1] - 5, high[1] + 5), aspect="equal"
@@ -121,15 +121,15 @@ def outlines(panels: Sequence[tuple[str, Mapping[str, Surface], Array]], columns
         return png(figure)
 
 
-def _outline(ax: Axes, shape: Surface, colour: str, width: float) -> None:
+def _draw_outline(ax: Axes, shape: Surface, colour: str, width: float) -> None:
     from matplotlib.collections import LineCollection
 
     ax.add_collection(LineCollection(list(shape.vertices[shape.faces]), colors=colour, linewidths=width))
 
 
 def rendered(panels: Sequence[Sequence[tuple[str, Surface, Array]]], axes: Array, scale: Field) -> bytes:
-    """Rows of rendered surfaces with points, coloured by `scale.key`, one scale for all; surfaces without
-    that field are bone.
+    """Draw rows of rendered surfaces with points, coloured by `scale.key`, one scale for all; surfaces
+    without that field are bone.
     """
     from ..report.drawing.raster import Canvas, View
 
@@ -149,15 +149,15 @@ def rendered(panels: Sequence[Sequence[tuple[str, Surface, Array]]], axes: Array
         for row, drawn in zip(grid, panels, strict=True):
             for ax, (title, surface, seen) in zip(row, drawn, strict=False):
                 canvas = Canvas(view, *pixels, (1, 1, 1))
-                canvas.surface(surface, _colours(surface, scale))
+                canvas.surface(surface, _vertex_colours(surface, scale))
                 canvas.balls(seen, np.tile([0.1, 0.1, 0.1], (len(seen), 1)), 0.8)
                 ax.imshow(canvas.pixels(), interpolation="antialiased")
                 ax.set_title(title, fontsize=9)
-        _bar(figure, scale, bottom)
+        _draw_bar(figure, scale, bottom)
         return png(figure)
 
 
-def _colours(surface: Surface, scale: Field) -> Array:
+def _vertex_colours(surface: Surface, scale: Field) -> Array:
     values = surface.fields.get(scale.key)
     return (
         np.tile(BONE, (len(surface.vertices), 1))
@@ -166,7 +166,7 @@ def _colours(surface: Surface, scale: Field) -> Array:
     )
 
 
-def _bar(figure: Any, scale: Field, bottom: float) -> None:
+def _draw_bar(figure: Any, scale: Field, bottom: float) -> None:
     ax = figure.add_axes((0.2, 0.62 * bottom, 0.6, 0.16 * bottom))
     ax.imshow(colour_table(scale.colours)[None], aspect="auto", extent=(scale.low, scale.high, 0, 1))
     ax.set_yticks([])

@@ -88,8 +88,8 @@ class Task:
 
 
 def score(case: Case, pipeline: Pipeline, estimates: Mapping[str, Estimate], name: str) -> Row:
-    """Mean distances by set, the spread of those that matter, validity, and the seconds of all stages that
-    led to the estimate.
+    """Score an estimate: mean distances by set, the spread of those that matter, validity, and the seconds of
+    all stages that led to it.
     """
     estimate = estimates[name]
     sets = measure(case, estimate, pipeline.fitted(name))
@@ -109,14 +109,14 @@ def score(case: Case, pipeline: Pipeline, estimates: Mapping[str, Estimate], nam
 
 
 def truth_of(case: Case) -> Surface:
-    """The true surface of a synthetic case."""
+    """Return the true surface of a synthetic case."""
     if case.truth is None or case.truth.surface is None:
         raise InputError(f"case {case.name}: has no true surface to be compared with")
     return case.truth.surface
 
 
 def judged(surface: Surface) -> Row:
-    """Pieces, folds and closedness of a surface."""
+    """Count a surface's pieces and folds, and say whether it is closed."""
     return {
         "components": components(surface),
         "self_intersections": self_intersections(surface),
@@ -126,14 +126,14 @@ def judged(surface: Surface) -> Row:
 
 
 def with_truth_distance(surface: Surface, truth: Surface) -> Surface:
-    """The surface with its distance to truth per vertex, for pictures."""
+    """Return the surface with its distance to truth per vertex, for pictures."""
     from dataclasses import replace
 
     return replace(surface, fields={"distance_to_truth": distances(surface.vertices, truth)})
 
 
 def mean_sd(values: Array, digits: int = 2) -> str:
-    """Mean ± standard deviation for a table."""
+    """Write mean ± standard deviation for a table."""
     if len(values) == 0:
         return "–"
     return f"{values.mean():.{digits}f}" + (f" ± {values.std():.{digits}f}" if len(values) > 1 else "")

@@ -39,7 +39,7 @@ SPACING = 2.0
 COARSE, FINE = Deform().vector  # correlation lengths of T
 EQUAL: dict[str, Any] = {"data": 1.0, "area": 1.0, "shape": 1.0}
 
-# Estimate: what it is. Each line repairs one thing more, or takes one away.
+# What each estimate is. Each line repairs one thing more, or takes one away.
 VARIANTS = {
     "icp": "ICP, rigid (T of the paper)",
     "equal": "equation 16, T rigid, one alpha for all terms (the data term over the squared noise)",
@@ -56,7 +56,7 @@ VARIANTS = {
 
 
 def stages() -> list[Stage]:
-    """Every variant from the landmarks on."""
+    """Make every variant from the landmarks on."""
     return [
         Landmarks(),
         ICP(preset="standard"),
@@ -88,7 +88,7 @@ def tasks(scope: Scope) -> list[Task]:
 
 
 def side_by_side(seed: int) -> Outcome:
-    """All variants on one atrium."""
+    """Fit all variants to one atrium."""
     case = synthetic_atrium(seed)
     plan = Pipeline(stages(), folds=0)
     estimates = plan.fit(case)
@@ -101,8 +101,8 @@ def side_by_side(seed: int) -> Outcome:
 
 
 def raw_pieces(estimate: Estimate) -> Row:
-    """Pieces of the level set before its mesh is cleaned: the clean-up takes small islands away, and they
-    must not be hidden.
+    """Count the pieces of the level set before its mesh is cleaned: the clean-up takes small islands away,
+    and they must not be hidden.
     """
     if estimate.phi is None:
         return {}
@@ -114,7 +114,7 @@ def raw_pieces(estimate: Estimate) -> Row:
 
 
 def sweep(seed: int, alphas: tuple[float, ...]) -> Outcome:
-    """Equation 16 over alpha from the best similarity, and our own choice."""
+    """Solve equation 16 over alpha from the best similarity, and with our own choice."""
     case = synthetic_atrium(seed)
     begin: list[Stage] = [Landmarks(), ICP(as_="similarity"), Deform(), Topology(), LevelSet()]
     weighted = [
@@ -176,11 +176,15 @@ def blocks(results: Results) -> list[Block]:
             "stays or grows and the surface breaks into components. Dashed: our automatic choice, which the "
             "evidence makes without a weight."
         ),
-        Figure("alpha", "Fitted and held-out error, and pieces of the surface, over alpha.", _curve(results)),
+        Figure(
+            "alpha",
+            "Fitted and held-out error, and pieces of the surface, over alpha.",
+            _draw_curves(results),
+        ),
     ]
 
 
-def _curve(results: Results) -> bytes:
+def _draw_curves(results: Results) -> bytes:
     rows = [row for row in results.of("alpha") if row["alpha"] is not None]
     alphas = sorted({row["alpha"] for row in rows})
     with plain_figure(7.4, 3.2) as figure:

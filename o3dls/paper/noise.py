@@ -38,7 +38,7 @@ ASKED: Mapping[str, dict[str, Any]] = {"star": {"vector": (1.6,), "normal": ()},
 
 
 def pipeline(shape: str) -> Pipeline:
-    """The baseline, the best similarity, and ours; none profits from another."""
+    """Make the pipeline of the baseline, the best similarity, and ours; none profits from another."""
     return Pipeline(
         [
             ICP(preset="standard"),
@@ -68,12 +68,17 @@ def tasks(scope: Scope) -> list[Task]:
 
 
 def fit(shape: str, percent: float, seed: int, drawn: bool) -> Outcome:
-    """One seed at one level; `drawn` keeps the shapes for the figure."""
+    """Fit one seed at one level; `drawn` keeps the shapes for the figure."""
     case = GENERATORS[shape](seed, percent=percent)
     truth, plan = truth_of(case), pipeline(shape)
     estimates = plan.fit(case)
     floor = float(distances(case.points.xyz, truth).mean())
-    known = {"percent": percent, "seed": seed, "noise": _noise(case.points.xyz, percent), "floor": floor}
+    known = {
+        "percent": percent,
+        "seed": seed,
+        "noise": _noise_per_axis(case.points.xyz, percent),
+        "floor": floor,
+    }
     rows = [known | score(case, plan, estimates, name) for name in SHOWN]
     if not drawn:
         return Outcome(rows)
@@ -82,8 +87,8 @@ def fit(shape: str, percent: float, seed: int, drawn: bool) -> Outcome:
     return Outcome(rows, {f"{percent:g}/{name}": found for name, found in every.items()})
 
 
-def _noise(points: Array, percent: float) -> float:
-    """The noise per axis, from the spread of the noisy points."""
+def _noise_per_axis(points: Array, percent: float) -> float:
+    """Return the noise per axis, from the spread of the noisy points."""
     share = percent / 100.0
     return share * float(np.sqrt(points.var(axis=0).mean() / (1.0 + share**2)))
 
@@ -101,18 +106,18 @@ def blocks(results: Results) -> list[Block]:
         rows = results.of(shape)
         found += [
             Heading(title),
-            Text(_words(shape, rows)),
-            _pictures(results, shape),
-            _curves(shape, rows),
-            _table(shape, rows),
+            Text(_describe_shape(shape, rows)),
+            _draw_pictures(results, shape),
+            _draw_curves(shape, rows),
+            _make_table(shape, rows),
         ]
     return found
 
 
-def _words(shape: str, rows: list[Row]) -> str:
+def _describe_shape(shape: str, rows: list[Row]) -> str:
     return (
         f"{MADE[shape]}; {len({row['seed'] for row in rows})} seeds, on which nothing was chosen. "
-        f"Ours: `icp`, `deform`{_asked(shape)}, `topology`, `level_set`. "
+        f"Ours: `icp`, `deform`{_list_settings(shape)}, `topology`, `level_set`. "
         "Fitted: distance of the points used in the fit. "
         "Held out: distance of points of the truth that were not used. "
         "The dashed line is what the truth itself would score on the fitted points: a method below it "
@@ -120,7 +125,7 @@ def _words(shape: str, rows: list[Row]) -> str:
     )
 
 
-def _asked(shape: str) -> str:
+def _list_settings(shape: str) -> str:
     words = ", ".join(
         f"{name} = {list(value) if isinstance(value, tuple) else value}"
         for name, value in ASKED[shape].items()
@@ -135,7 +140,7 @@ def _by_level(rows: list[Row], key: str) -> dict[float, Array]:
     }
 
 
-def _curves(shape: str, rows: list[Row]) -> Figure:
+def _draw_curves(shape: str, rows: list[Row]) -> Figure:
     methods = {method: [row for row in rows if row["method"] == method] for method in SHOWN}
     sets = {"fitted": "fitted points", "held_out": "held out"}
     panels = {title: {m: _by_level(own, key) for m, own in methods.items()} for key, title in sets.items()}
@@ -149,7 +154,7 @@ def _curves(shape: str, rows: list[Row]) -> Figure:
     )
 
 
-def _table(shape: str, rows: list[Row]) -> Table:
+def _make_table(shape: str, rows: list[Row]) -> Table:
     unit = rows[0]["unit"]
     head = [
         "noise, method",
@@ -180,22 +185,22 @@ def _table(shape: str, rows: list[Row]) -> Table:
     return Table(f"{shape.capitalize()}: mean ± standard deviation over seeds", head, lines)
 
 
-def _pictures(results: Results, shape: str) -> Figure:
+def _draw_pictures(results: Results, shape: str) -> Figure:
     levels = sorted({row["percent"] for row in results.of(shape)})
     if shape == "star":
         return Figure(
             "star",
             "Star: truth (grey), template and results in colour, points in black.",
-            _stars(results, levels),
+            _draw_stars(results, levels),
         )
     return Figure(
         "jar",
         "Jar: distance to the true surface, one colour scale for all; points in black.",
-        _jars(results, levels),
+        _draw_jars(results, levels),
     )
 
 
-def _stars(results: Results, levels: list[float]) -> bytes:
+def _draw_stars(results: Results, levels: list[float]) -> bytes:
     def panel(method: str, level: float) -> tuple[str, dict[str, Surface], Array]:
         shapes = {name: results.shape(f"star/{level:g}/{name}") for name in ("truth", method)}
         return f"{level:g} %, {NAMES[method]}", shapes, results.array(f"star/{level:g}/points")
@@ -205,7 +210,7 @@ def _stars(results: Results, levels: list[float]) -> bytes:
     )
 
 
-def _jars(results: Results, levels: list[float]) -> bytes:
+def _draw_jars(results: Results, levels: list[float]) -> bytes:
     scale = Field("distance_to_truth", "distance to the true surface", "mm", "sequential", 0.0, 5.0)
 
     def panel(method: str, level: float) -> tuple[str, Surface, Array]:

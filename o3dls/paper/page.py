@@ -27,7 +27,7 @@ img{max-width:46rem}} /* small letters of a picture must stay legible: it scroll
 
 
 def write_page(results: Results, folder: Path) -> Path:
-    """Write index.html, index.md and figures/ into a folder; the path of the HTML page."""
+    """Write index.html, index.md and figures/ into a folder, and return the path of the HTML page."""
     blocks = list(page(results))
     (folder / "figures").mkdir(exist_ok=True)
     for block in blocks:
@@ -43,7 +43,7 @@ def write_page(results: Results, folder: Path) -> Path:
 
 
 def page(results: Results) -> list[Block]:
-    """All blocks in order; a section without numbers says why it is empty."""
+    """Make all blocks in order; a section without numbers says why it is empty."""
     amount = "a quick look: few seeds, few levels" if results.quick else "all seeds"
     blocks: list[Block] = [
         Heading("The paper's experiments, and what it left open", 1),

@@ -27,24 +27,24 @@ CASES = {
 }
 
 
-def _there(scope: Scope) -> list[str]:
+def _find_cases(scope: Scope) -> list[str]:
     return [name for name in CASES if scope.data is not None and (scope.data / name).is_dir()]
 
 
 def left_out(scope: Scope) -> dict[str, str]:
-    return {name: f"no folder {name} in O3DLS_DATA" for name in CASES if name not in _there(scope)}
+    return {name: f"no folder {name} in O3DLS_DATA" for name in CASES if name not in _find_cases(scope)}
 
 
 def tasks(scope: Scope) -> list[Task]:
     return [
         Task("real", name, fit, (name, str(scope.data / name)))
-        for name in _there(scope)[: 1 if scope.quick else None]
+        for name in _find_cases(scope)[: 1 if scope.quick else None]
         if scope.data
     ]
 
 
 def fit(name: str, folder: str) -> Outcome:
-    """One case; without landmarks the ICPs start from its rough pose."""
+    """Fit one case; without landmarks the ICPs start from its rough pose."""
     case = read_case(Path(folder))
     start = [Landmarks()] if Landmarks().obstacle(case) is None else []
     first = start[0].estimate_name if start else "start"

@@ -11,17 +11,17 @@ from ..arrays import Array
 from ..errors import InputError
 from ..geometry.surface import Surface
 
-CELL = 2.0  # mm
+CELL = 2.0  # mm between nodes of a lattice
 NEIGHBOURS = 12
 
 
 def neighbours(points: Array) -> int:
-    """Points that make a tangent plane: enough to be wider than the noise where points are dense."""
+    """Say how many points make a tangent plane: enough to be wider than the noise where points are dense."""
     return max(NEIGHBOURS, len(points) // 300)
 
 
-def _cloud(points: Array) -> Any:
-    """An Open3D cloud with oriented normals."""
+def _make_cloud(points: Array) -> Any:
+    """Make an Open3D cloud with oriented normals."""
     import open3d as o3d
 
     cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points))
@@ -34,42 +34,44 @@ def _cloud(points: Array) -> Any:
     return cloud
 
 
-def _surface(mesh: Any) -> Surface:
+def _make_surface(mesh: Any) -> Surface:
     if len(mesh.triangles) == 0:
         raise InputError("no surface")
     return Surface(np.asarray(mesh.vertices), np.asarray(mesh.triangles))
 
 
 def poisson(points: Array) -> Surface:
-    """Screened Poisson reconstruction (Kazhdan 2013) by Open3D."""
+    """Reconstruct by screened Poisson (Kazhdan 2013) in Open3D."""
     import open3d as o3d
 
-    return _surface(
-        o3d.geometry.TriangleMesh.create_from_point_cloud_poisson(_cloud(points), depth=6, n_threads=1)[0]
+    return _make_surface(
+        o3d.geometry.TriangleMesh.create_from_point_cloud_poisson(_make_cloud(points), depth=6, n_threads=1)[
+            0
+        ]
     )
 
 
 def alpha_shape(points: Array) -> Surface:
-    """Alpha shape by Open3D, its radius three times the points' distance."""
+    """Make the alpha shape in Open3D, its radius three times the points' distance."""
     import open3d as o3d
 
-    spacing = _spacing(points)
-    return _surface(
+    spacing = _measure_spacing(points)
+    return _make_surface(
         o3d.geometry.TriangleMesh.create_from_point_cloud_alpha_shape(
-            o3d.geometry.PointCloud(_cloud(points)), 3.0 * spacing
+            o3d.geometry.PointCloud(_make_cloud(points)), 3.0 * spacing
         )
     )
 
 
-def _spacing(points: Array) -> float:
-    """How far apart points lie: the median distance of the sixth neighbour."""
+def _measure_spacing(points: Array) -> float:
+    """Measure how far apart points lie: the median distance of the sixth neighbour."""
     from scipy.spatial import cKDTree
 
     return float(np.median(np.asarray(cKDTree(points).query(points, k=7)[0])[:, -1]))
 
 
-def _lattice(points: Array) -> tuple[Array, list[Array]]:
-    """Nodes (k, 3) and axes of a lattice about the points."""
+def _make_lattice(points: Array) -> tuple[Array, list[Array]]:
+    """Make nodes (k, 3) and axes of a lattice about the points."""
     axes = [
         np.arange(low - 5 * CELL, high + 6 * CELL, CELL)
         for low, high in zip(points.min(axis=0), points.max(axis=0), strict=True)
@@ -94,24 +96,24 @@ def _zero_set(phi: Array, axes: list[Array]) -> Surface:
 
 
 def tangent_planes(points: Array) -> Surface:
-    """Zero set of the signed distance to the tangent plane of the nearest neighbourhood (Hoppe 1992).
+    """Find the zero set of the signed distance to the nearest neighbourhood's tangent plane (Hoppe 1992).
 
     Kept where a point is near.
     """
     from scipy.spatial import cKDTree
 
-    nodes, axes = _lattice(points)
-    normals = np.asarray(_cloud(points).normals)
+    nodes, axes = _make_lattice(points)
+    normals = np.asarray(_make_cloud(points).normals)
     middles = points[cKDTree(points).query(points, k=neighbours(points))[1]].mean(axis=1)
     nearest = cKDTree(middles).query(nodes)[1]
     signed = ((nodes - middles[nearest]) * normals[nearest]).sum(axis=1)
     found = _zero_set(signed.reshape([len(axis) for axis in axes]), axes)
-    known = np.asarray(cKDTree(points).query(found.vertices)[0]) < 2.0 * _spacing(points) + CELL
+    known = np.asarray(cKDTree(points).query(found.vertices)[0]) < 2.0 * _measure_spacing(points) + CELL
     return Surface(found.vertices, found.faces[known[found.faces].all(axis=1)])
 
 
 def minimal_surface(points: Array) -> Surface:
-    """Minimiser of the integral of the distance d over the surface (Zhao 2000).
+    """Minimise the integral of the distance d over the surface (Zhao 2000).
 
     phi_t = |grad phi| (d kappa) + grad d . grad phi, from outside of the points inward, and half as far again
     as the points lie: its only global minimum is the empty surface.
@@ -119,12 +121,12 @@ def minimal_surface(points: Array) -> Surface:
     from scipy.ndimage import distance_transform_edt
     from scipy.spatial import cKDTree
 
-    nodes, axes = _lattice(points)
+    nodes, axes = _make_lattice(points)
     shape = [len(axis) for axis in axes]
     d = np.asarray(cKDTree(points).query(nodes)[0]).reshape(shape)
     slope = np.gradient(d, CELL)
-    outside = max(1.5 * _spacing(points), 2.0 * CELL)
-    phi = _filled(d - outside, distance_transform_edt)
+    outside = max(1.5 * _measure_spacing(points), 2.0 * CELL)
+    phi = _fill_cavities(d - outside, distance_transform_edt)
     dt = 0.2 * CELL / max(1.0, float(np.percentile(d, 95)) / CELL)
     for step in range(int(1.5 * outside / dt)):
         g = np.gradient(phi, CELL)
@@ -135,12 +137,12 @@ def minimal_surface(points: Array) -> Surface:
             + sum(a * b for a, b in zip(slope, g, strict=True))
         )
         if step % 10 == 9:
-            phi = _filled(phi, distance_transform_edt)
+            phi = _fill_cavities(phi, distance_transform_edt)
     return _zero_set(phi, axes)
 
 
-def _filled(phi: Array, edt: Callable[..., Any]) -> Array:
-    """Signed distance of the outer boundary of phi < 0.
+def _fill_cavities(phi: Array, edt: Callable[..., Any]) -> Array:
+    """Compute the signed distance of the outer boundary of phi < 0.
 
     Cavities that nothing reaches from outside are inside.
     """

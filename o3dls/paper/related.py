@@ -52,7 +52,7 @@ def left_out(scope: Scope) -> dict[str, str]:
 
 
 def fit(seed: int, count: int) -> Outcome:
-    """All systems on one atrium, seen everywhere, without outliers: as kind to them as can be."""
+    """Fit all systems to one atrium, seen everywhere, without outliers: as kind to them as can be."""
     case = synthetic_atrium(seed, points=count, noise=NOISE, outliers=0.0, unseen=0.0)
     points = case.points.of("eam").xyz
     truth = truth_of(case)
@@ -67,14 +67,14 @@ def fit(seed: int, count: int) -> Outcome:
         "level_set": lambda: plan.fit(case)["level_set"].surface,
     }
     rows = [
-        {"seed": seed, "points": count, "method": name} | _scored(make, truth)
+        {"seed": seed, "points": count, "method": name} | _score_method(make, truth)
         for name, make in makers.items()
     ]
     return Outcome(rows)
 
 
-def _scored(make: Callable[[], Surface], truth: Surface) -> Row:
-    """Errors both ways; a system that finds no surface says so."""
+def _score_method(make: Callable[[], Surface], truth: Surface) -> Row:
+    """Measure the errors both ways; a system that finds no surface says so."""
     began = time.perf_counter()
     try:
         surface = make()
@@ -112,7 +112,7 @@ def blocks(results: Results) -> list[Block]:
             "and are no better than "
             "the prior in its best pose; with enough points they work, and pass it."
         ),
-        Figure("related", "Error both ways against the number of points.", _curve(rows, counts)),
+        Figure("related", "Error both ways against the number of points.", _draw_curves(rows, counts)),
         Table(
             "Mean ± standard deviation over seeds, mm",
             ["system, points", "truth to surface", "both ways", "pieces", "s"],
@@ -121,7 +121,7 @@ def blocks(results: Results) -> list[Block]:
     ]
 
 
-def _curve(rows: list[Row], counts: list[int]) -> bytes:
+def _draw_curves(rows: list[Row], counts: list[int]) -> bytes:
     with plain_figure(7.2, 3.4) as figure:
         ax = figure.subplots()
         for name, words in METHODS.items():

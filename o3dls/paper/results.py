@@ -33,7 +33,7 @@ class Results:
     folder: Path
 
     def of(self, experiment: str, **fixed: Any) -> list[Row]:
-        """Rows of an experiment whose columns have the given values."""
+        """Return rows of an experiment whose columns have the given values."""
         return [
             r
             for r in self.rows
@@ -41,19 +41,19 @@ class Results:
         ]
 
     def shape(self, name: str) -> Surface:
-        """A surface that an experiment kept."""
+        """Read a surface that an experiment kept."""
         with np.load(self.folder / SHAPES / f"{name}.npz") as file:
             fields = {key.removeprefix("field_"): file[key] for key in file.files if key.startswith("field_")}
             return Surface(file["vertices"], file["faces"], fields)
 
     def array(self, name: str) -> Array:
-        """Points or grey values that an experiment kept."""
+        """Read points or grey values that an experiment kept."""
         with np.load(self.folder / SHAPES / f"{name}.npz") as file:
             return np.asarray(file["values"])
 
 
 def column(rows: Sequence[Row], key: str) -> Array:
-    """Values (n,) of a column; rows without it are left out."""
+    """Return values (n,) of a column; rows without it are left out."""
     return np.array([row[key] for row in rows if row.get(key) is not None], dtype=np.float64)
 
 
@@ -76,7 +76,7 @@ def write_results(
 
 
 def read_results(folder: Path) -> Results:
-    """The results that a folder holds. Raises InputError where there are none of this version."""
+    """Read the results that a folder holds. Raises InputError where there are none of this version."""
     path = folder / RESULTS
     if not path.is_file():
         raise InputError(f"{path}: no such file; `o3dls paper --out {folder}` makes it")

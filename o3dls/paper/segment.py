@@ -10,12 +10,12 @@ from ..errors import InputError
 from ..geometry.surface import Surface
 from ..io.images.wall import mask_surface
 
-NECK = 3.0  # mm: what hangs on the chamber by less than twice this is another part
+NECK = 3.0  # mm: a part joined to the chamber by a neck narrower than twice this is cut off
 
 
 def segmented(scan: NDArray[np.float32], affine: Array, inside: Array) -> tuple[Surface, NDArray[np.bool_]]:
-    """Surface and label map of the chamber that holds the place `inside` (mm); scan (nz, ny, nx), affine of
-    indices (x, y, z).
+    """Segment the chamber that holds the place `inside` (mm), and return its surface and label map; scan (nz,
+    ny, nx), affine of indices (x, y, z).
     """
     from scipy.ndimage import gaussian_filter
 
@@ -30,7 +30,7 @@ def segmented(scan: NDArray[np.float32], affine: Array, inside: Array) -> tuple[
 
 
 def threshold(values: NDArray[np.float32], bins: int = 256) -> float:
-    """The grey value that best parts values in two classes (Otsu 1979)."""
+    """Return the grey value that best parts values in two classes (Otsu 1979)."""
     count, edge = np.histogram(values, bins)
     centre = (edge[:-1] + edge[1:]) / 2.0
     below = np.cumsum(count)[:-1]
@@ -41,8 +41,8 @@ def threshold(values: NDArray[np.float32], bins: int = 256) -> float:
 
 
 def without_neighbours(mask: NDArray[np.bool_], spacing: Array, seed: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """The part of a mask about a voxel: shrunk until necks break, the piece of the voxel kept, and grown
-    back.
+    """Return the part of a mask about a voxel: the mask shrunk until necks break, the piece of the voxel
+    kept, and grown back.
     """
     from scipy.ndimage import distance_transform_edt, label
 

@@ -33,15 +33,15 @@ NEAR = 3.5  # mm from a contour point: the flat end caps carry none and are left
 
 
 def left_out(scope: Scope) -> dict[str, str]:
-    return {} if _there(scope) else {"temporal": f"no folder {FOLDER} in O3DLS_DATA"}
+    return {} if _has_data(scope) else {"temporal": f"no folder {FOLDER} in O3DLS_DATA"}
 
 
-def _there(scope: Scope) -> bool:
+def _has_data(scope: Scope) -> bool:
     return scope.data is not None and (scope.data / FOLDER).is_dir()
 
 
 def tasks(scope: Scope) -> list[Task]:
-    if scope.data is None or not _there(scope):
+    if scope.data is None or not _has_data(scope):
         return []
     folder = str(scope.data / FOLDER)
     phases = range(1, COUNT, 2) if not scope.quick else (9,)
@@ -58,10 +58,10 @@ def tasks(scope: Scope) -> list[Task]:
 
 
 def fit(folder: str, phase: int, kind: str, drawn: bool) -> Outcome:
-    """One phase left out: even phases are known, the odd one is measured."""
+    """Fit with one phase left out: even phases are known, the odd one is measured."""
     known = [read_surface(f"{folder}/phase_{k:02d}.ply") for k in range(0, COUNT, 2)]
     wanted = read_surface(f"{folder}/phase_{phase:02d}.ply")
-    measured, held_out = _measured(wanted, _contour(folder, phase), phase, *MAPS[kind])
+    measured, held_out = _sample_points(wanted, _read_contour(folder, phase), phase, *MAPS[kind])
     points = Points(measured, np.repeat(["eam"], len(measured)))
     case = Case(
         f"lv_{phase:02d}",
@@ -92,13 +92,15 @@ def fit(folder: str, phase: int, kind: str, drawn: bool) -> Outcome:
     return Outcome(rows, {**shapes, f"{kind}/points": measured})
 
 
-def _contour(folder: str, phase: int) -> Array:
+def _read_contour(folder: str, phase: int) -> Array:
     table = read_table(f"{folder}/contour_{phase:02d}.csv", ("x", "y", "z"))
     return np.column_stack([table.numbers(axis) for axis in "xyz"])
 
 
-def _measured(surface: Surface, contour: Array, seed: int, count: int, blind: float) -> tuple[Array, Array]:
-    """Noisy points away from a blind area about one of them, and held-out points everywhere but on the
+def _sample_points(
+    surface: Surface, contour: Array, seed: int, count: int, blind: float
+) -> tuple[Array, Array]:
+    """Sample noisy points away from a blind area about one of them, and held-out points everywhere but on the
     caps.
     """
     from scipy.spatial import cKDTree
@@ -114,7 +116,7 @@ def _measured(surface: Surface, contour: Array, seed: int, count: int, blind: fl
 
 
 def gain(rows: list[Row]) -> float:
-    """Share by which the temporal template lowers the mean held-out error."""
+    """Return the share by which the temporal template lowers the mean held-out error."""
     static, ours = (column([row for row in rows if row["method"] == m], "held_out").mean() for m in SHOWN)
     return float(1.0 - ours / static)
 
@@ -161,12 +163,12 @@ def blocks(results: Results) -> list[Block]:
         Figure(
             "temporal",
             "Phase 9 from a sparse map: distance to the phase as imaged, one colour scale.",
-            _pictures(results),
+            _draw_pictures(results),
         ),
     ]
 
 
-def _pictures(results: Results) -> bytes:
+def _draw_pictures(results: Results) -> bytes:
     scale = Field("distance_to_truth", "distance to the left-out phase", "mm", "sequential", 0.0, 4.0)
     points = results.array("temporal/sparse/points")
     panel = [(NAMES[m], results.shape(f"temporal/sparse/{m}"), points) for m in SHOWN]

@@ -12,20 +12,21 @@ from threading import Thread
 from ..errors import InputError
 from .writer import REPORT, write_report
 
-PICTURES = "pictures"  # the anchor of the section that is seen first
-WAIT = 10.0  # seconds; a browser that has not answered by then is one that runs until it is closed
+PICTURES = "pictures"  # the anchor of the section at which the page opens
+WAIT = 10.0  # seconds; a browser that has not returned by then does so when it is closed
 
 
 def page_of(folder: str | Path) -> Path:
-    """The report of a run: report.html in its folder, or where that is not there or older than the run, one
-    that is made now, in a folder for passing files. Raises InputError where the folder holds no finished run.
+    """Return the report of a run, and make it first where it is needed. It is report.html in the run's
+    folder; where that is missing or older than the run, a new one is made in a temporary folder. Raises
+    InputError where the folder holds no finished run.
     """
     from tempfile import mkdtemp
 
     from ..runs.folder import read_record
 
     folder = Path(folder)
-    read_record(folder)  # a page alone is no run
+    read_record(folder)  # raises InputError for a folder that holds a page but no run
     page = folder / REPORT
     if page.is_file() and page.stat().st_mtime >= (folder / "run.json").stat().st_mtime:
         return page.resolve()
@@ -37,8 +38,8 @@ def show(page: Path, *, wait: float = WAIT) -> None:
 
     Raises InputError where there is no browser.
     """
-    opener = _opener()
-    if opener is None or not _opens(opener, f"{page.resolve().as_uri()}#{PICTURES}", wait):
+    opener = _find_opener()
+    if opener is None or not _takes_address(opener, f"{page.resolve().as_uri()}#{PICTURES}", wait):
         raise InputError(
             f"no browser could be opened here: open {page} in one, or copy it to a machine that has one; "
             "it is a single file and needs no network"
@@ -46,13 +47,13 @@ def show(page: Path, *, wait: float = WAIT) -> None:
 
 
 def has_display() -> bool:
-    """Whether programs can show windows here."""
+    """Return whether programs can show windows here."""
     named = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
     return bool(named) or not sys.platform.startswith(("linux", "freebsd"))
 
 
-def _opener() -> Callable[[str], bool] | None:
-    """What opens an address: the browser that BROWSER names, else one with windows; never one in the
+def _find_opener() -> Callable[[str], bool] | None:
+    """Find what opens an address: the browser that BROWSER names, else one with windows; never one in the
     terminal, which runs no scripts.
     """
     chosen = bool(os.environ.get("BROWSER"))
@@ -65,8 +66,8 @@ def _opener() -> Callable[[str], bool] | None:
     return found.open if chosen or type(found) is not webbrowser.GenericBrowser else None
 
 
-def _opens(opener: Callable[[str], bool], address: str, wait: float) -> bool:
-    """Whether the browser took the address; some answer only when they are closed."""
+def _takes_address(opener: Callable[[str], bool], address: str, wait: float) -> bool:
+    """Return whether the browser took the address; some answer only when they are closed."""
     answers: list[bool] = []
 
     def ask() -> None:

@@ -9,7 +9,7 @@ from itertools import pairwise
 from .markup import signed
 from .subject import Subject
 
-LEAST = 0.005  # smaller changes are not shown as found
+LEAST = 0.005  # smaller changes would be written as 0.00
 
 
 @dataclass(frozen=True)
@@ -22,38 +22,38 @@ class Step:
 
     @property
     def change(self) -> float:
-        """Negative: closer."""
+        """The change of the mean distance; it is negative where the stage came closer."""
         return self.after - self.before
 
 
 def steps(subject: Subject) -> list[Step]:
-    """The stages from the start of the run to its last estimate shown, each with its means."""
+    """Return the stages from the start of the run to its last estimate shown, each with its means."""
     scores = subject.last.run.scores
     key = f"mean_{subject.unit}"
     group = subject.headline or ""
     means = {name: found[group][key] for name, found in scores.items() if group in found}
-    way = [name for name in _way(subject) if name in means]
+    way = [name for name in _trace_way(subject) if name in means]
     return [Step(name, means[before], means[name]) for before, name in pairwise(way)]
 
 
-def _way(subject: Subject) -> list[str]:
-    """Names of the estimates from the first to the last, each begun from the one before it."""
-    origin = _origins(subject)
+def _trace_way(subject: Subject) -> list[str]:
+    """Return names of the estimates from the first to the last, each begun from the one before it."""
+    origin = _find_origins(subject)
     way = [subject.last.key]
     while way[-1] in origin:
         way.append(origin[way[-1]])
     return way[::-1]
 
 
-def _origins(subject: Subject) -> Mapping[str, str]:
-    """The estimate that each stage began from: the one before it, or the one that its `after` names."""
+def _find_origins(subject: Subject) -> Mapping[str, str]:
+    """Return the estimate that each stage began from: the one before it, or the one named by `after`."""
     names = list(subject.last.run.estimates)
     made = subject.last.run.provenance.parameters
     return {name: made.get(f"{name}.after") or before for before, name in pairwise(names)}
 
 
 def credit(subject: Subject) -> str | None:
-    """Which stage after the baseline gained most, where that is not the last one."""
+    """Say which stage after the baseline gained most, where that is not the last one."""
     found = steps(subject)
     names = [one.stage for one in found]
     if subject.first is None or subject.first.run is not subject.last.run:

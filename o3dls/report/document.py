@@ -14,8 +14,8 @@ from .markup import Html, tag
 def document(
     title: str, style: str, body: Html, scripts: Sequence[str] = (), *, connects: bool = False
 ) -> str:
-    """The whole page. `scripts` are the texts of script elements that may run where the body holds them;
-    they may talk to the server that the page came from where it `connects`.
+    """Write the whole page. `scripts` are the texts of script elements that may run where the body holds
+    them; they may talk to the server that the page came from where it `connects`.
     """
     rules = policy(style, body, scripts) + ("; connect-src 'self'" if connects else "")
     head = tag(
@@ -30,11 +30,11 @@ def document(
 
 
 def policy(style: str, body: Html, scripts: Sequence[str]) -> str:
-    """The content security policy of a page, by hashes."""
-    own = [_hash(text) for text in scripts if f"<script>{text}</script>" in body]
-    rules = ["default-src 'none'", "img-src data:", f"style-src {_hash(style)}", "base-uri 'none'"]
+    """Write the content security policy of a page, which names its style and scripts by their hashes."""
+    own = [_hash_source(text) for text in scripts if f"<script>{text}</script>" in body]
+    rules = ["default-src 'none'", "img-src data:", f"style-src {_hash_source(style)}", "base-uri 'none'"]
     return "; ".join([*rules, "form-action 'none'", *([f"script-src {' '.join(own)}"] if own else [])])
 
 
-def _hash(text: str) -> str:
+def _hash_source(text: str) -> str:
     return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode('ascii')}'"

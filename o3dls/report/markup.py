@@ -9,8 +9,8 @@ from html import escape, unescape
 from typing import Any
 
 LINKS = ("href", "src")
-GAPS = re.compile("[\x00-\x20]")  # browsers leave them out of an address
-# what has no scheme, or one that runs nothing
+GAPS = re.compile("[\x00-\x20]")  # browsers drop these from an address, so they could hide `javascript:`
+# addresses without a scheme, or with one that runs no code
 SAFE = re.compile(r"[^:]*$|[^:/?#]*[/?#]|https?:|data:image/(png|jpeg);", re.IGNORECASE)
 
 
@@ -22,13 +22,13 @@ Child = str | float | int | None
 
 
 def tag(name: str, /, *children: Child, **attributes: Child) -> Html:
-    """An element: plain text children and attribute values are escaped, None is left out.
+    """Write an element: plain text children and attribute values are escaped, None is left out.
 
     A trailing underscore is dropped from attribute names (`class_`), other underscores become hyphens; True
     gives a bare attribute.
     """
     written = "".join(
-        _attribute(key.rstrip("_").replace("_", "-"), value) for key, value in attributes.items()
+        _write_attribute(key.rstrip("_").replace("_", "-"), value) for key, value in attributes.items()
     )
     if name in ("meta", "img", "input", "br"):
         return Html(f"<{name}{written}>")
@@ -36,7 +36,7 @@ def tag(name: str, /, *children: Child, **attributes: Child) -> Html:
 
 
 def join(*children: Child) -> Html:
-    """Children one after the other, text escaped."""
+    """Join children one after the other, text escaped."""
     return Html(
         "".join(
             child if isinstance(child, Html) else escape(str(child))
@@ -46,7 +46,7 @@ def join(*children: Child) -> Html:
     )
 
 
-def _attribute(key: str, value: Child) -> str:
+def _write_attribute(key: str, value: Child) -> str:
     if value is None or value is False:
         return ""
     if key in LINKS and not SAFE.match(GAPS.sub("", str(value))):
@@ -55,7 +55,7 @@ def _attribute(key: str, value: Child) -> str:
 
 
 def data_block(identifier: str, value: Any) -> Html:
-    """A value as JSON for scripts to read; no text in it can end the element."""
+    """Write a value as JSON for scripts to read; no text in it can end the element."""
     text = (
         json.dumps(value, allow_nan=False, separators=(",", ":"))
         .replace("<", "\\u003c")
@@ -65,27 +65,28 @@ def data_block(identifier: str, value: Any) -> Html:
 
 
 def table(head: Sequence[Child], rows: Sequence[Sequence[Child]], caption: str = "") -> Html:
-    """A table whose first column is text and whose others are numbers; it scrolls by itself where the page is
-    narrow, and its name for screen readers is the caption, or what the heading of its first column says.
+    """Write a table whose first column is text and whose others are numbers; it scrolls by itself where the
+    page is narrow, and its name for screen readers is the caption, or what the heading of its first column
+    says.
     """
     top = tag("tr", *(tag("th", cell, scope="col") for cell in head))
     body = [tag("tr", tag("th", row[0], scope="row"), *(tag("td", cell) for cell in row[1:])) for row in rows]
     whole = tag("table", tag("thead", top), tag("tbody", *body))
     said = tag("p", caption, class_="soft") if caption else None
-    name = caption or f"Table: {_words(head[0])}"
+    name = caption or f"Table: {_strip_tags(head[0])}"
     return join(said, tag("div", whole, class_="scroll", tabindex="0", role="group", aria_label=name))
 
 
-def _words(cell: Child) -> str:
+def _strip_tags(cell: Child) -> str:
     text = unescape(re.sub("<[^>]*>", " ", cell)) if isinstance(cell, Html) else str(cell)
     return " ".join(text.split())
 
 
 def signed(value: float, digits: int = 2) -> str:
-    """A number with its sign; nothing is written as minus zero."""
+    """Write a number with its sign; nothing is written as minus zero."""
     return f"{round(value, digits) + 0.0:+.{digits}f}"
 
 
 def millimetres(value: float | None, digits: int = 2) -> str:
-    """A length for a table; a dash where there is none."""
+    """Write a length for a table; a dash where there is none."""
     return "–" if value is None else f"{value:.{digits}f}"

@@ -22,18 +22,18 @@ NOTICE = "Research use only. Not for clinical use."
 
 
 def report_page(subject: Subject) -> str:
-    """The whole page of one subject."""
+    """Write the whole page of one subject."""
     found = [section for make in (*SECTIONS, *plugin_sections()) if (section := make(subject))]
     return page(
         f"{subject.case.name}: {subject.last.name}",
-        join(_head(subject), *(section.html() for section in found)),
+        join(_page_head(subject), *(section.html() for section in found)),
         links=contents(found),
     )
 
 
 def page(title: str, body: Html, *scripts: str, links: Html | None = None) -> str:
-    """A complete HTML document with the styles and the notice that every page of ours carries, with these
-    files of scripts, and with links to its sections beside it.
+    """Write a complete HTML document with the styles and the notice that every page of ours carries, with
+    these files of scripts, and with links to its sections beside it.
     """
     script = "\n".join(['"use strict";', *map(asset, ("page.js", "layout.js", *scripts))])
     maker = f"Made by o3dls {__version__} ({AUTHORS}, {RELEASED[:4]}), an open research tool. {NOTICE}"
@@ -44,7 +44,7 @@ def page(title: str, body: Html, *scripts: str, links: Html | None = None) -> st
     return document(title, style, whole, [script, *viewer_code()])
 
 
-def _head(subject: Subject) -> Html:
+def _page_head(subject: Subject) -> Html:
     case = subject.case
     kinds = ", ".join(
         f"{int((case.points.type == kind).sum())} {kind}" for kind in dict.fromkeys(case.points.type.tolist())

@@ -34,18 +34,19 @@ SCRIPTS = (
 
 
 def asset(name: str, folder: str = "static") -> str:
-    """The text of a file that comes with the report."""
+    """Read the text of a file that comes with the report."""
     return (files("o3dls.report") / folder / name).read_text(encoding="utf-8")
 
 
 def viewer_code() -> tuple[str, str]:
-    """The scripts of the 3D viewer: three.js, and ours in one scope."""
+    """Return the scripts of the 3D viewer: three.js, and ours in one scope."""
     library = f"/* three.js\n{asset('three.LICENSE.txt', 'vendor')}*/\n{asset('three.min.js', 'vendor')}"
     return library, f'"use strict";\n{viewer_started()};'
 
 
 def viewer_started(more: str = "", given: str = "undefined") -> str:
-    """The expression that starts the viewer, which may run once the page holds its markup and its scene.
+    """Write the expression that starts the viewer, which may run once the page holds its markup and its
+    scene.
 
     `more` is code in its scope, run before it paints for the first time; `given` is what the expression gives
     afterwards: undefined where there is no WebGL.
@@ -60,12 +61,12 @@ def viewer_started(more: str = "", given: str = "undefined") -> str:
 
 
 def viewer_scripts(scene: object) -> Html:
-    """The 3D viewer's markup, its data, and its scripts."""
+    """Return the 3D viewer's markup, its data, and its scripts."""
     code = (tag("script", Html(text)) for text in viewer_code())
     return join(Html(asset("viewer.html")), data_block("scene", scene), *code)
 
 
 def image(png: bytes, description: str, *, class_: str | None = "static") -> Html:
-    """A picture inside the page."""
+    """Write a picture into the page, as part of the file."""
     source = "data:image/png;base64," + base64.b64encode(png).decode("ascii")
     return tag("figure", tag("img", src=source, alt=description), class_=class_)

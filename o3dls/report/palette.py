@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 LIGHT = ("#0072b2", "#c04f00", "#00785a", "#a3487e", "#6b6b00", "#5b5f66")  # on a light page
 DARK = ("#56b4e9", "#f28e3c", "#2fc79c", "#de94c0", "#d9cf4a", "#aab0b8")  # the same hues on a dark one
-GREY = 5  # of the prior, and of a line to compare with
+GREY = 5  # for the prior, and for lines of reference
 METHODS = {
     "level_set": 0,
     "icp": 1,
@@ -19,16 +19,16 @@ METHODS = {
     "start": 4,
     "similarity": 4,
 }
-ORDER = (2, 3, 4, 0, 1, GREY)  # in which other methods take what is free: ours and the ICP's are the last
+ORDER = (2, 3, 4, 0, 1, GREY)  # other methods take free colours in this order: ours and the ICP's come last
 
 
 def colour_of(method: str) -> str:
-    """The colour of a method of METHODS on a light page."""
+    """Return the colour of a method of METHODS on a light page."""
     return LIGHT[METHODS[method]]
 
 
 def places(methods: Sequence[str]) -> list[int]:
-    """Number of the colour and dash of each method, the most important first, so that they differ.
+    """Return the number of the colour and dash of each method, the most important first, so that they differ.
 
     It is the method's own where no other has it, else the next that is free; where all are taken, a number
     beyond them.
@@ -42,7 +42,7 @@ def places(methods: Sequence[str]) -> list[int]:
 
 
 def variables() -> str:
-    """The colours as variables --s0 to --s5 of a style sheet, light and dark.
+    """Write the colours as variables --s0 to --s5 of a style sheet, light and dark.
 
     Paper is light, and so are pictures that are made for it (class `printing` of print.js).
     """

@@ -19,5 +19,5 @@ SOLID = ShapeWords("surface", "faces", "volume")
 
 
 def words_of(subject: Subject) -> ShapeWords:
-    """The words for the dimension of the subject's case."""
+    """Return the words for the dimension of the subject's case."""
     return FLAT if subject.case.dimension == 2 else SOLID

@@ -23,8 +23,8 @@ from .drawing.display import displayed
 from .palette import places
 
 MOST_SHOWN = 4
-BASELINE = "icp"  # estimates whose name begins so are what a result is compared with
-HEADLINE = ("held_out", "cross_validated", "ablation", "fitted")  # which distances speak first
+BASELINE = "icp"  # results are compared with the estimates whose name begins so
+HEADLINE = ("held_out", "cross_validated", "ablation", "fitted")  # a run's headline is the first that it has
 SETS = {
     "held_out": "held out",
     "held_out_seen": "held out, mapped areas",
@@ -75,14 +75,14 @@ class Result:
 
     @property
     def fitted(self) -> tuple[str, ...]:
-        """Types of the points that it was fitted to.
+        """Types of the points that the estimate was fitted to.
 
         Ablation points are a set of their own where it was not shown them.
         """
         return ("eam",) if "ablation" in self.scores else ("eam", "ablation")
 
     def measured(self, group: str, like: Result | None = None) -> tuple[Array, Array]:
-        """Positions (n, d) and distances (n,) of a set of points; empty where the run has not that set.
+        """Return positions (n, d) and distances (n,) of a set of points; empty where the run lacks the set.
 
         The fitted points are its own, or those of another result, `like`, with which it is compared.
         """
@@ -95,7 +95,7 @@ class Result:
         return points.xyz[known], np.asarray(values[known])
 
     def _points_of(self, group: str, fitted: tuple[str, ...]) -> Points:
-        """The measured or held-out points that a set is made of."""
+        """Return the measured or held-out points that a set is made of."""
         held_out = self.run.held_out
         if not group.startswith("held_out") or held_out is None:
             return self.run.points.of(*{"fitted": fitted, "cross_validated": ("eam",)}.get(group, (group,)))
@@ -128,7 +128,7 @@ class Subject:
 
     @property
     def first(self) -> Result | None:
-        """What it is compared with: the best ICP (of several runs: that is shown), else the first shown."""
+        """The baseline: the best ICP (of several runs: that is shown), else the first estimate shown."""
         others = [self.results[name] for name in self.shown[:-1]]
         among = self.results.values() if len(self.runs) == 1 else others
         found = [one for one in among if one.key.startswith(BASELINE) and one is not self.last]
@@ -162,7 +162,7 @@ class Subject:
         return datetime.fromtimestamp((self.folders[-1] / "run.json").stat().st_mtime, UTC).date().isoformat()
 
     def style(self, name: str) -> int:
-        """Number of the colour and dash that an estimate has everywhere in the report, by its method. Those
+        """Return the number of the colour and dash of an estimate in all of the report, by its method. Those
         shown come first, so that theirs differ.
         """
         names = list(dict.fromkeys([*self.shown, *self.results]))
@@ -180,7 +180,7 @@ class Subject:
 
 
 def unmapped(surface: Surface, unit: str) -> float | None:
-    """Share of the area that is farther than REACH from every fitted point; None where it is not known."""
+    """Return the share of the area farther than REACH from every fitted point; None where it is unknown."""
     gap = surface.fields.get(f"distance_to_nearest_point_{unit}")
     if gap is None or surface.dimension == 2:
         return None
@@ -191,7 +191,7 @@ def unmapped(surface: Surface, unit: str) -> float | None:
 def read_subject(
     folders: Sequence[Path], compare: Sequence[str] = (), runs: Sequence[Run] | None = None
 ) -> Subject:
-    """The subject of a report on finished run folders of one case, whose `runs` may be at hand. Raises
+    """Read the subject of a report from finished run folders of one case, whose `runs` may be at hand. Raises
     InputError where they are of several, or none is given.
     """
     from ..runs.folder import read_run
@@ -207,28 +207,28 @@ def read_subject(
         for key in run.estimates
     ]
     named = {result.name: result for result in results}
-    subject = Subject(named, _shown(named, runs, prefixes, compare), runs, folders)
+    subject = Subject(named, _choose_shown(named, runs, prefixes, compare), runs, folders)
     first = None if compare or len(runs) > 1 else subject.first
     return replace(subject, shown=[first.name, subject.last.name]) if first else subject
 
 
-def _shown(
+def _choose_shown(
     named: Mapping[str, Result], runs: Sequence[Run], prefixes: Sequence[str], compare: Sequence[str]
 ) -> list[str]:
-    """The named estimates, in every run; without names the last two of one run, or the last of each."""
+    """Return the named estimates, in every run; without names the last two of one run, or each run's last."""
     for name in compare:
         if name not in named and all(name != result.key for result in named.values()):
             raise InputError(f"report: no estimate '{name}'{did_you_mean(name, list(named))}")
     if compare:
         pairs = [(word, result) for word in compare for result in named.values()]
-        return _few([result.name for word, result in pairs if word in (result.name, result.key)])
+        return _check_count([result.name for word, result in pairs if word in (result.name, result.key)])
     if len(runs) > 1:
         return [prefix + run.final for run, prefix in zip(runs, prefixes, strict=True)][-MOST_SHOWN:]
     names = list(runs[0].estimates)
     return names[: names.index(runs[0].final) + 1][-2:]
 
 
-def _few(names: list[str]) -> list[str]:
+def _check_count(names: list[str]) -> list[str]:
     if len(names) > MOST_SHOWN:
         raise InputError(
             f"report: {len(names)} estimates to show side by side ({', '.join(names)}): at most {MOST_SHOWN}"
@@ -246,12 +246,12 @@ def _check_same_case(folders: Sequence[Path], runs: Sequence[Run]) -> None:
 
 
 def case_key(case: Case) -> str:
-    """What tells cases apart: the prior and the points, whatever they are called."""
+    """Return what tells cases apart: a hash of prior and points, whatever they are called."""
     return sha256(case.prior.vertices.tobytes() + case.points.xyz.tobytes()).hexdigest()
 
 
 def distinct_names(folders: Sequence[Path]) -> list[str]:
-    """Folder names, with as much of the path before them as tells them apart."""
+    """Return folder names, with as much of the path before them as tells them apart."""
     parts = [folder.resolve().parts for folder in folders]
     for depth in range(1, max(map(len, parts)) + 1):
         names = ["/".join(part[-depth:]) for part in parts]

@@ -23,20 +23,20 @@ SMALLEST_SHARE = 0.005
 
 
 def verdict(subject: Subject) -> str:
-    """One sentence: which is closer to unseen data, by how much and how sure.
+    """Say in one sentence which is closer to unseen data, by how much and how sure.
 
     It ends with how much of the surface has no data.
     """
-    parts = [_comparison(subject) or _alone(subject), *_harm(subject)]
+    parts = [_describe_comparison(subject) or _describe_alone(subject), *_describe_harm(subject)]
     if told := credit(subject):
         parts.append(told)
     if subject.unmapped is not None:
-        parts.append(_unmapped(subject.unmapped, f"{REACH:g} {subject.unit}"))
+        parts.append(_describe_unmapped(subject.unmapped, f"{REACH:g} {subject.unit}"))
     return " ".join(parts)
 
 
-def _harm(subject: Subject) -> list[str]:
-    """Where the baseline is clearly closer on a part of the wall, which a mean over all can hide."""
+def _describe_harm(subject: Subject) -> list[str]:
+    """Say where the baseline is clearly closer on a part of the wall, which a mean over all can hide."""
     first = subject.first
     worse = [one for one in wall_parts(subject) if one.worse] if first else []
     return [
@@ -45,7 +45,7 @@ def _harm(subject: Subject) -> list[str]:
     ]
 
 
-def _unmapped(share: float, far: str) -> str:
+def _describe_unmapped(share: float, far: str) -> str:
     if share < SMALLEST_SHARE:
         return f"Less than {SMALLEST_SHARE:.1%} of the surface is farther than {far} from every fitted point."
     return (
@@ -55,7 +55,7 @@ def _unmapped(share: float, far: str) -> str:
 
 
 def headline_difference(subject: Subject) -> Difference | None:
-    """The paired difference between the first and the last estimate shown, on the headline set."""
+    """Return the paired difference between the first and the last estimate shown, on the headline set."""
     return (
         None
         if subject.first is None or subject.headline is None
@@ -64,7 +64,7 @@ def headline_difference(subject: Subject) -> Difference | None:
 
 
 def difference(first: Result, second: Result, group: str) -> Difference | None:
-    """Paired difference of two results on a set of points, that of the second.
+    """Return the paired difference of two results on a set of points, that of the second.
 
     None where they do not share it.
     """
@@ -75,7 +75,7 @@ def difference(first: Result, second: Result, group: str) -> Difference | None:
     return paired_difference(a, b, positions)
 
 
-def _comparison(subject: Subject) -> str | None:
+def _describe_comparison(subject: Subject) -> str | None:
     found = headline_difference(subject)
     if found is None or subject.first is None or subject.headline is None:
         return None
@@ -103,7 +103,7 @@ def _comparison(subject: Subject) -> str | None:
     return f"{last} is {way} {WORDS[subject.headline]} than {first} by {gain}: {means}."
 
 
-def _alone(subject: Subject) -> str:
+def _describe_alone(subject: Subject) -> str:
     if subject.headline is None:
         return f"{subject.last.name}: there are no points to judge it by."
     score = subject.last.scores[subject.headline]
@@ -112,13 +112,13 @@ def _alone(subject: Subject) -> str:
 
 
 def warnings(subject: Subject) -> list[str]:
-    """Sentences on what a reader must know before trusting the pictures.
+    """Write the sentences that a reader must know before trusting the pictures.
 
     Invalid, not converged, weak, few data.
     """
     chain = [subject.last] + ([subject.first] if subject.first else [])
     said = [f"{result.name}: {fault}." for result in chain for fault in result.run.faults_of(result.key)]
-    said += [_unfinished(result) for result in chain if not result.estimate.converged]
+    said += [_describe_unfinished(result) for result in chain if not result.estimate.converged]
     said += _estimates_own(subject)
     fitted = len(subject.case.points.of(*subject.last.fitted))
     if fitted < FEW_POINTS:
@@ -132,18 +132,20 @@ def warnings(subject: Subject) -> list[str]:
 
 
 def _estimates_own(subject: Subject) -> list[str]:
-    """The estimates' warnings, each once, after the name of the stage that gave it."""
-    found = each_once(warning for result in _ancestors(subject) for warning in result.estimate.warnings)
+    """List the estimates' warnings, each once, after the name of the stage that gave it."""
+    found = each_once(
+        warning for result in _estimates_behind(subject) for warning in result.estimate.warnings
+    )
     prefix = subject.last.name.removesuffix(subject.last.key)
     return [f"{prefix}{warning.stage}: {warning.sentence}" for warning in found]
 
 
-def _unfinished(result: Result) -> str:
+def _describe_unfinished(result: Result) -> str:
     return f"{result.name} did not converge: {result.estimate.status}"
 
 
-def _ancestors(subject: Subject) -> list[Result]:
-    """The last estimate first, then the others of its run in their order."""
+def _estimates_behind(subject: Subject) -> list[Result]:
+    """Return the last estimate first, then the others of its run in their order."""
     return [
         subject.last,
         *(one for one in subject.results.values() if one.run is subject.last.run and one is not subject.last),

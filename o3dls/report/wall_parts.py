@@ -39,19 +39,19 @@ class Part:
 
 
 def wall_parts(subject: Subject) -> list[Part]:
-    """The two parts of the last surface; none in 2D, where no wall is told to be unmapped."""
+    """Return the two parts of the last surface; none in 2D, where no wall is told to be unmapped."""
     if subject.case.dimension == 2:
         return []
     expected = expected_error(subject)
-    positions, gaps, before = _unfitted(subject)
+    positions, gaps, before = _unfitted_distances(subject)
     far = _without_points(subject, positions)
     return [
-        _part(MAPPED, expected.mapped if expected else None, positions, gaps, before, ~far),
-        _part(PRIOR_ONLY, expected.prior_only if expected else None, positions, gaps, before, far),
+        _measure_part(MAPPED, expected.mapped if expected else None, positions, gaps, before, ~far),
+        _measure_part(PRIOR_ONLY, expected.prior_only if expected else None, positions, gaps, before, far),
     ]
 
 
-def _part(
+def _measure_part(
     name: str,
     expected: float | None,
     positions: Array,
@@ -64,8 +64,10 @@ def _part(
     return Part(name, expected, float(gaps[rows].mean()) if n else None, n, gain)
 
 
-def _unfitted(subject: Subject) -> tuple[Array, Array, Array | None]:
-    """Positions and distances of the set that speaks first, and the baseline's; none where all was fitted."""
+def _unfitted_distances(subject: Subject) -> tuple[Array, Array, Array | None]:
+    """Return positions and distances of the set that speaks first, and the baseline's; none where all was
+    fitted.
+    """
     group = subject.headline
     if group is None or group == "fitted":
         return np.zeros((0, subject.case.dimension)), np.zeros(0), None
@@ -77,7 +79,7 @@ def _unfitted(subject: Subject) -> tuple[Array, Array, Array | None]:
 
 
 def _without_points(subject: Subject, positions: Array) -> NDArray[np.bool_]:
-    """Which positions are on unmapped wall: as the case says of its held-out points, else by distance."""
+    """Say which positions are on unmapped wall: as the case says of its held-out points, else by distance."""
     from scipy.spatial import cKDTree
 
     held_out = subject.last.run.held_out
@@ -88,7 +90,7 @@ def _without_points(subject: Subject, positions: Array) -> NDArray[np.bool_]:
 
 
 def parts_table(subject: Subject) -> Html | None:
-    """The parts as a table for the first screen."""
+    """Tabulate the parts of the wall for the first screen."""
     parts = wall_parts(subject)
     if not parts:
         return None
@@ -117,7 +119,7 @@ def parts_table(subject: Subject) -> Html | None:
 
 
 def compared(part: Part, unit: str) -> str:
-    """How the last estimate compares with the baseline on a part, in words."""
+    """Say in words how the last estimate compares with the baseline on a part."""
     gain = part.gain
     if gain is None:
         return "–"

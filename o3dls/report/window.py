@@ -25,7 +25,7 @@ from .subject import Subject, read_subject
 SIZE = (1200, 900)
 PLAIN_COLOUR = (0.75, 0.75, 0.77)
 EDGES = {"prior": ("grey", LIGHT[GREY]), "truth": ("black", INK)}  # in the colours of the report
-F1 = 290  # its code; those of letters and digits are their own
+F1 = 290  # the key's code; for letters and digits it is that of the character
 log = logging.getLogger("o3dls")
 
 
@@ -55,7 +55,7 @@ class Stand:
         self.views = self.seen.views()  # name, and the direction (3,) from where it looks
 
     def keys(self) -> dict[str, Callable[[Choice], Choice]]:
-        """What each key makes of a choice."""
+        """Return what each key makes of a choice."""
         numbers = {
             str(k + 1): lambda choice, k=k: replace(choice, estimate=k)
             for k in range(min(9, len(self.names)))
@@ -64,7 +64,7 @@ class Stand:
         return {
             **numbers,
             **views,
-            "F": lambda choice: replace(choice, field=self._next(choice.field)),
+            "F": lambda choice: replace(choice, field=self._next_field(choice.field)),
             "P": lambda choice: replace(choice, points=not choice.points),
             "L": lambda choice: replace(choice, landmarks=not choice.landmarks),
             "G": lambda choice: replace(choice, prior=not choice.prior),
@@ -72,7 +72,7 @@ class Stand:
         }
 
     def help(self) -> str:
-        """The keys in one line."""
+        """Name the keys in one line."""
         views = ", ".join(f"F{k + 1} {name}" for k, name in enumerate(self.views))
         return (
             "1-9 estimate, F next colours, P points, L landmarks, G prior, T truth, "
@@ -80,7 +80,7 @@ class Stand:
         )
 
     def caption(self, choice: Choice) -> str:
-        """What is to be seen, in one line."""
+        """Say in one line what is to be seen."""
         name, view = self.names[choice.estimate], list(self.views)[choice.view]
         if choice.field is None:
             return f"{name}, {view}"
@@ -88,55 +88,57 @@ class Stand:
         return f"{name}, {view}: {field.label}, {' to '.join(ends(field))} ({field.low_end}: low)"
 
     def geometries(self, choice: Choice) -> list[Any]:
-        """Open3D geometry of a choice: the surface in colours, points as balls, prior and truth as edges, and
-        the words that name them.
+        """Make the Open3D geometry of a choice: the surface in colours, points as balls, prior and truth as
+        edges, and the words that name them.
         """
         name = self.names[choice.estimate]
-        found = [mesh(self.subject.surfaces[name], self._colours(name, choice))]
+        found = [mesh(self.subject.surfaces[name], self._vertex_colours(name, choice))]
         if choice.points:
-            found.append(self._balls(name))
+            found.append(self._draw_points(name))
         if choice.prior:
             pose = self.subject.results[name].estimate.T_map_prior
             found.append(edges(self.subject.case.prior.transformed(pose), EDGES["prior"][1]))
-        truth = self._truth
+        truth = self._true_surface
         if choice.truth and truth is not None:
             found.append(edges(truth, EDGES["truth"][1]))
-        return [*found, *self._words(choice)]
+        return [*found, *self._draw_words(choice)]
 
     @property
-    def _truth(self) -> Surface | None:
+    def _true_surface(self) -> Surface | None:
         return self.subject.case.truth.surface if self.subject.case.truth else None
 
     def page(self, choice: Choice) -> Sheet:
-        """Where words stand in the view of a choice: about the last surface, so that they stay there."""
+        """Return the sheet on which words stand in the view of a choice: about the last surface, so that they
+        stay there.
+        """
         last = self.subject.last.estimate.surface
         return sheet(last, list(self.views.values())[choice.view], self.seen.up)
 
-    def _next(self, field: int | None) -> int | None:
-        """Through all fields, then plain, then again from the first."""
+    def _next_field(self, field: int | None) -> int | None:
+        """Go through all fields, then plain, then again from the first."""
         if field is None:
             return 0 if self.fields else None
         return field + 1 if field + 1 < len(self.fields) else None
 
-    def _colours(self, name: str, choice: Choice) -> Array:
+    def _vertex_colours(self, name: str, choice: Choice) -> Array:
         surface = self.subject.surfaces[name]
         field = self.fields[choice.field] if choice.field is not None and self.fields else None
         if field is None or field.key not in surface.fields:
             return np.tile(PLAIN_COLOUR, (len(surface.vertices), 1))
         return colours_of(surface.fields[field.key], field)
 
-    def _balls(self, name: str) -> Any:
-        """All points as one mesh of balls in the colours of their distance."""
+    def _draw_points(self, name: str) -> Any:
+        """Draw all points as one mesh of balls in the colours of their distance."""
         result = self.subject.results[name]
         colours = colours_of(result.point_distances, self.gaps)
         return balls(result.drawn_points.xyz, colours)
 
-    def _words(self, choice: Choice) -> list[Any]:
-        """Name of the estimate and of the view, of what is drawn as edges, colour bars with their ends, and
-        the names of landmarks.
+    def _draw_words(self, choice: Choice) -> list[Any]:
+        """Draw the names of the estimate, the view, the landmarks and what is drawn as edges, and colour bars
+        with their ends.
         """
         page = self.page(choice)
-        shown = [name for name in EDGES if getattr(choice, name) and (name == "prior" or self._truth)]
+        shown = [name for name in EDGES if getattr(choice, name) and (name == "prior" or self._true_surface)]
         edged = ", ".join(f"{EDGES[name][0]} edges: {name}" for name in shown)
         named = f"{self.names[choice.estimate]}, {list(self.views)[choice.view]}"
         said = [page.text(named, (-1.0, 1.3)), page.text(edged, (-1.0, 1.16))]
@@ -180,13 +182,13 @@ def _run_window(stand: Stand, title: str, folder: str) -> None:
         )
     window.get_render_option().mesh_show_back_face = True
     state = stand.first
-    _show(window, stand, state, first=True)
+    _show_choice(window, stand, state, first=True)
 
     def on(key: str, change: Callable[[Choice], Choice]) -> Callable[[Any], bool]:
         def press(_: Any) -> bool:
             nonlocal state
             state = change(state)
-            _show(window, stand, state, turned=key in views)
+            _show_choice(window, stand, state, turned=key in views)
             return True
 
         return press
@@ -200,7 +202,9 @@ def _run_window(stand: Stand, title: str, folder: str) -> None:
     window.destroy_window()
 
 
-def _show(window: Any, stand: Stand, choice: Choice, *, first: bool = False, turned: bool = False) -> None:
+def _show_choice(
+    window: Any, stand: Stand, choice: Choice, *, first: bool = False, turned: bool = False
+) -> None:
     """Put a choice into the window; the camera stays but for the first time, and where a view is chosen."""
     window.clear_geometries()
     for geometry in stand.geometries(choice):

@@ -47,7 +47,7 @@ class Report(Writer):
     def __call__(self, run: Run, folder: Path) -> None:
         from .subject import read_subject
 
-        _write(read_subject([folder], self.compare, [run]), folder / REPORT, pdf=self.pdf)
+        _write_page(read_subject([folder], self.compare, [run]), folder / REPORT, pdf=self.pdf)
 
 
 def write_report(
@@ -68,10 +68,10 @@ def write_report(
     from .subject import read_subject
 
     subject = read_subject([Path(folder) for folder in folders], compare)
-    return _write(subject, _page(out or subject.folders[0] / REPORT), pdf=pdf)
+    return _write_page(subject, _check_page_path(out or subject.folders[0] / REPORT), pdf=pdf)
 
 
-def _write(subject: Subject, path: Path, *, pdf: bool) -> Path:
+def _write_page(subject: Subject, path: Path, *, pdf: bool) -> Path:
     """Write the page of a subject, and its pictures."""
     from ..io.atomic import write_file
     from ..io.manifest import noted
@@ -84,7 +84,7 @@ def _write(subject: Subject, path: Path, *, pdf: bool) -> Path:
 
             figures = FIGURES if path.name == REPORT else f"{path.stem}_{FIGURES}"
             write_slides(subject, path.parent / figures, path.with_suffix(".pdf"))
-        write_file(path, text)  # nothing takes time any more: whoever interrupts it finds all or nothing
+        write_file(path, text)  # last, and atomic: an interruption leaves all or nothing
     return path
 
 
@@ -103,7 +103,7 @@ def write_cohort(outcomes: Sequence[Outcome], out: str | Path) -> Path:
     """
     from ..pipeline.outcome import PAGE
 
-    ordered = sorted(outcomes, key=lambda one: one.case)  # as the table
+    ordered = sorted(outcomes, key=lambda one: one.case)  # the page has the order of the table
     folders = [Path(out) / one.case for one in ordered if not one.error]
     failed = {one.case: one.error for one in ordered if one.error}
     return _write_cohort(folders, failed, Path(out) / PAGE)
@@ -114,14 +114,14 @@ def _write_cohort(folders: Sequence[str | Path], failed: Mapping[str, str], out:
     from .cohort.entries import read_entries
     from .cohort.page import cohort_page
 
-    path = _page(out)
+    path = _check_page_path(out)
     write_file(path, cohort_page(read_entries([Path(folder) for folder in folders]), path, failed))
     return path
 
 
-def _page(out: str | Path) -> Path:
-    """The path of a page to write. Raises InputError for a name that says it is something else, or is a part
-    of a run.
+def _check_page_path(out: str | Path) -> Path:
+    """Return the path of a page to write. Raises InputError for a name that says it is something else, or is
+    a part of a run.
     """
     from ..runs.folder import check_not_of_a_run
 

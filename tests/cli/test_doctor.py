@@ -52,7 +52,7 @@ def test_a_missing_library_names_its_package(monkeypatch: pytest.MonkeyPatch) ->
         raise OSError("libusb-1.0.so.0: cannot open shared object file:\n No such file or directory")
 
     monkeypatch.setattr(doctor, "import_module", refuse)
-    check = doctor._module("open3d")
+    check = doctor._check_module("open3d")
     assert check.remedy == "sudo apt-get install libusb-1.0-0"
     assert (
         check.found
@@ -61,19 +61,19 @@ def test_a_missing_library_names_its_package(monkeypatch: pytest.MonkeyPatch) ->
 
 
 def test_a_missing_module_is_installed_by_pip() -> None:
-    check = doctor._module("no_such_module_of_ours")
+    check = doctor._check_module("no_such_module_of_ours")
     assert "No module named" in check.found
     assert check.remedy.startswith("python -m pip install")
 
 
 def test_two_distributions_in_one_folder(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(doctor, "_version", lambda name: "0.20.0")
-    assert "uninstall -y open3d open3d-cpu" in doctor._one_open3d().remedy
+    monkeypatch.setattr(doctor, "_find_version", lambda name: "0.20.0")
+    assert "uninstall -y open3d open3d-cpu" in doctor._check_open3d().remedy
 
 
 def test_missing_filters_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pymeshlab", SimpleNamespace(filter_list=lambda: doctor.FILTERS[1:]))
-    check = doctor._filters()
+    check = doctor._check_filters()
     assert check.found == f"missing: {doctor.FILTERS[0]}"
     assert "libopengl0" in check.remedy
 
@@ -83,14 +83,14 @@ def test_a_plugin_that_cannot_be_loaded(monkeypatch: pytest.MonkeyPatch) -> None
 
     broken = EntryPoint("broken", "o3dls.no_such_file:Stage", "o3dls.stages")
     monkeypatch.setattr(stage, "registered", lambda group: {"broken": broken})
-    assert "no_such_file" in doctor._plugins().found
+    assert "no_such_file" in doctor._check_plugins().found
 
 
 def test_nothing_installed_has_no_plugins(monkeypatch: pytest.MonkeyPatch) -> None:
     from o3dls.plugins import plugin as stage
 
     monkeypatch.setattr(stage, "registered", lambda group: {})
-    assert not doctor._plugins().ok
+    assert not doctor._check_plugins().ok
 
 
 def test_a_kernel_cache_that_cannot_be_written(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -98,7 +98,7 @@ def test_a_kernel_cache_that_cannot_be_written(monkeypatch: pytest.MonkeyPatch) 
 
     # as where neither the package's folder nor the home may be written
     monkeypatch.setattr(caching.CacheImpl, "_locator_classes", [])
-    check = doctor._kernel_cache()
+    check = doctor._check_kernel_cache()
     assert "no locator available" in check.found
     assert check.remedy.startswith("export NUMBA_CACHE_DIR=")
 
@@ -116,7 +116,7 @@ def test_a_renderer_that_hangs_fails_or_crashes_is_not_needed(
 ) -> None:
     monkeypatch.setattr(doctor, "RENDER", script)
     monkeypatch.setattr(doctor, "RENDER_SECONDS", 0.5)
-    check = doctor._renderer()
+    check = doctor._check_renderer()
     assert (check.found, check.ok, check.needed) == (found, False, False)
     assert check.remedy.startswith("sudo apt-get install libegl1")
 
@@ -144,4 +144,4 @@ def test_it_compiles_every_loop_of_a_run_and_its_report(
 
 def test_the_real_renderer_answers_in_time() -> None:
     """Either outcome is good, as long as the doctor comes back."""
-    assert doctor._renderer().found
+    assert doctor._check_renderer().found

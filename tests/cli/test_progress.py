@@ -79,7 +79,7 @@ def test_checks_of_a_pipeline_and_of_the_machine_are_given_as_json(
     (mistake,) = json.loads(said.out)["mistakes"]
     assert "no stage 'icpp\x7f'" in mistake
     assert "\x7f" not in said.out
-    monkeypatch.setattr("o3dls.cli.doctor._renderer", lambda: Check("without", "f", "a", needed=False))
+    monkeypatch.setattr("o3dls.cli.doctor._check_renderer", lambda: Check("without", "f", "a", needed=False))
     assert answer(["doctor", "--json"]) in (0, 1)
     found = json.loads(capsys.readouterr().out)
     assert {"name": "without", "found": "f", "remedy": "a", "needed": False} in found

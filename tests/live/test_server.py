@@ -290,7 +290,7 @@ def test_the_command_serves_the_report_until_its_page_is_closed() -> None:
     opened: list[Page] = []
 
     def serve() -> None:
-        with live_command._page(session, tellers, 0, opened=False):  # type: ignore[arg-type]
+        with live_command._serve_page(session, tellers, 0, opened=False):  # type: ignore[arg-type]
             session.server.close()
             session.server = tellers[0].__self__
             opened.append(Page(session))

@@ -60,10 +60,12 @@ def test_a_line_that_is_half_written_waits_for_its_end(tmp_path: Path) -> None:
     path.write_text(HEADER + "1,0,0,1\n12", encoding="utf-8")
     watch = Watch(path, "unknown")
     desk = Desk()
-    assert watch._whole(path.read_bytes(), 0.0) == (HEADER + "1,0,0,1\n").encode()
-    watch._give(watch._read(watch._whole(path.read_bytes(), 0.0) or b""), desk)
+    assert watch._whole_part(path.read_bytes(), 0.0) == (HEADER + "1,0,0,1\n").encode()
+    watch._give_points(watch._read_points(watch._whole_part(path.read_bytes(), 0.0) or b""), desk)
     path.write_text(HEADER + "1,0,0,1\n12.5,0,0,1", encoding="utf-8")
-    watch._give(watch._read(watch._whole(path.read_bytes(), STILL) or b""), desk)  # it stands still
+    watch._give_points(
+        watch._read_points(watch._whole_part(path.read_bytes(), STILL) or b""), desk
+    )  # it stands still
     assert desk.xs == [1, 12.5]
 
 
@@ -117,7 +119,7 @@ def test_what_an_earlier_part_of_the_session_took_does_not_come_again(tmp_path: 
     path.write_text(HEADER + "1,0,0,1\n2,0,0,1\n", encoding="utf-8")
     first = Desk()
     watch = Watch(path, "unknown")
-    watch._give(watch._read(path.read_bytes()), first)
+    watch._give_points(watch._read_points(path.read_bytes()), first)
     journal = [{"seq": k, "time": 0.5, **one} for k, one in enumerate(first.actions, 1)]
     path.write_text(HEADER + "1,0,0,1\n2,0,0,1\n3,0,0,1\n", encoding="utf-8")
     for source in (Watch(path, "unknown", identities(journal)), Replay(path, 500.0, identities(journal))):

@@ -326,7 +326,7 @@ def test_the_pdf_says_what_the_page_says(report: Path) -> None:
 def test_outlines_in_two_dimensions_have_names_and_one_frame(tmp_path: Path) -> None:
     subject = read_subject([finished_2d(tmp_path / "run")])
     with plain_figure(8, 4) as figure:
-        slides._surfaces(figure, subject, (0.02, 0.03, 0.96, 0.95))
+        slides._draw_surfaces(figure, subject, (0.02, 0.03, 0.96, 0.95))
         icp, level_set, _ = figure.axes
         for axes, name in ((icp, "icp"), (level_set, "level_set")):
             named = [text.get_text() for text in axes.get_legend().get_texts()]
@@ -367,7 +367,7 @@ def test_long_names_stay_in_their_place_and_keep_their_ends(tmp_path: Path) -> N
     folders = [finished(tmp_path / f"{'W' * 40}_{k}") for k in range(2)]
     subject = read_subject(folders)
     with plain_figure(11.69, 8.27) as figure:
-        slides._table(figure, subject, (0.04, 0.05, 0.58, 0.22))
+        slides._draw_table(figure, subject, (0.04, 0.05, 0.58, 0.22))
         figure.draw_without_rendering()
         cells = {at: cell.get_text() for at, cell in figure.axes[0].tables[0].get_celld().items()}
         last = max(row for row, _ in cells)
@@ -381,7 +381,7 @@ def test_long_names_stay_in_their_place_and_keep_their_ends(tmp_path: Path) -> N
 
 def test_warnings_keep_to_their_lines(tmp_path: Path) -> None:
     subject = read_subject([finished(tmp_path / "run")])
-    wide = {most: slides._warnings(subject, most).split("\n") for most in (1, 2, 9)}
+    wide = {most: slides._write_warnings(subject, most).split("\n") for most in (1, 2, 9)}
     assert wide[1] == ["and more in the report"]
     assert len(wide[2]) == 2
     assert len(wide[9]) == len(warned(subject))

@@ -24,7 +24,7 @@ from .source import Desk
 
 PATIENCE = 0.2  # seconds of silence, after which it is asked whether to stop
 WAIT = 5.0  # seconds for a connection
-REMEMBERED = 1000  # numbers of messages
+REMEMBERED = 1000  # messages whose numbers are kept, to notice repeats
 
 
 class Igtl:
@@ -48,28 +48,30 @@ class Igtl:
         with connection:
             connection.settimeout(PATIENCE)
             desk.say_source("connected")
-            read = _reader(connection, stop)
+            read = _make_reader(connection, stop)
             while not stop.is_set():
                 try:
-                    self._heed(receive(read), desk)
+                    self._take_message(receive(read), desk)
                 except BadMessage as bad:
                     desk.tell(error(f"{at}: {bad}"))
                 except (InputError, OSError) as lost:
                     if not stop.is_set():
                         raise InputError(f"{at}: {lost}") from None
 
-    def _heed(self, message: Received, desk: Desk) -> None:
+    def _take_message(self, message: Received, desk: Desk) -> None:
         if message.kind == "POINT":
-            for point in self._new(message, points_of(message), desk):
-                desk.act(self._taken(point))
+            for point in self._drop_repeats(message, points_of(message), desk):
+                desk.act(self._make_action(point))
         elif message.kind == "TRANSFORM":
-            desk.say_tip(self._placed(tuple(transform_of(message)[:3, 3].tolist())))
+            desk.say_tip(self._turn_place(tuple(transform_of(message)[:3, 3].tolist())))
         elif message.kind not in ("STATUS", "GET_STATUS", "CAPABILITY"):
             raise BadMessage(f"a message {message.kind} is no POINT and no TRANSFORM, and is left out")
 
-    def _new(self, message: Received, points: list[ReceivedPoint], desk: Desk) -> list[ReceivedPoint]:
-        """The points without those that a message of this number has held before; a message without a number
-        is one of its own.
+    def _drop_repeats(
+        self, message: Received, points: list[ReceivedPoint], desk: Desk
+    ) -> list[ReceivedPoint]:
+        """Return the points without those that a message of this number has held before; a message without a
+        number is one of its own.
         """
         given = self.given.setdefault(message.number, set()) if message.number else set[ReceivedPoint]()
         if len(self.given) > REMEMBERED:
@@ -83,18 +85,20 @@ class Igtl:
             found.append(point)
         return found
 
-    def _taken(self, point: ReceivedPoint) -> Message:
+    def _make_action(self, point: ReceivedPoint) -> Message:
         kind = point.group.lower() if point.group.lower() in TYPES else "eam"
         values = {"name": point.name} if point.name else {}
-        return {"do": "take", "xyz": self._placed(point.xyz), "type": kind, "values": values}
+        return {"do": "take", "xyz": self._turn_place(point.xyz), "type": kind, "values": values}
 
-    def _placed(self, xyz: tuple[float, ...]) -> list[float]:
+    def _turn_place(self, xyz: tuple[float, ...]) -> list[float]:
         turned: list[float] = apply(TURN if self.frame == "LPS" else np.eye(4), [xyz])[0].tolist()
         return turned
 
 
-def _reader(connection: socket.socket, stop: Event) -> Callable[[int], bytes]:
-    """Reads as many bytes as are asked for; fewer where the connection ends, or it is told to stop."""
+def _make_reader(connection: socket.socket, stop: Event) -> Callable[[int], bytes]:
+    """Make a function that reads as many bytes as are asked for; fewer where the connection ends, or it is
+    told to stop.
+    """
 
     def read(count: int) -> bytes:
         data = bytearray()

@@ -45,7 +45,7 @@ class Replay:
             if there[name]:
                 there[name] -= 1
             else:
-                self.left.append((_due(k, rate, times), one))
+                self.left.append((_due_time(k, rate, times), one))
 
     def follow(self, desk: Desk, stop: Event) -> None:
         """Give each point when it is due; the first at once."""
@@ -56,7 +56,7 @@ class Replay:
         desk.say_source(f"ended: all points of {self.path.name} have come")
 
 
-def _due(k: int, rate: float | None, times: Array | None) -> float:
+def _due_time(k: int, rate: float | None, times: Array | None) -> float:
     if rate is not None:
         return k / rate
     return float(times[k]) if times is not None else 0.0

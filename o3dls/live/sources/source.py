@@ -33,13 +33,13 @@ class Source(Protocol):
 
 
 def identity(given: Message) -> str:
-    """What tells whether a point is one that was taken before: all that the source says of it."""
+    """Return a key that tells whether a point was taken before: all that the source says of it."""
     kept = {key: value for key, value in action(given).items() if key not in ("seq", "time")}
     return json.dumps(kept, sort_keys=True)
 
 
 def identities(actions: Iterable[Message]) -> list[str]:
-    """Those of the points and landmarks among the actions of a journal."""
+    """Return the identities of the points and landmarks among the actions of a journal."""
     bare = ({k: v for k, v in one.items() if k not in ("seq", "time")} for one in actions)
     return [identity(one) for one in bare if one["do"] in ("take", "landmark") and "next" not in one]
 
@@ -48,12 +48,12 @@ def begin(source: Source, desk: Desk, stop: Event, done: Event) -> Thread:
     """Follow a source in a thread of its own, again and again where it is lost; `done` is set once it has no
     more.
     """
-    thread = Thread(target=_follow, args=(source, desk, stop, done), daemon=True)
+    thread = Thread(target=_keep_following, args=(source, desk, stop, done), daemon=True)
     thread.start()
     return thread
 
 
-def _follow(source: Source, desk: Desk, stop: Event, done: Event) -> None:
+def _keep_following(source: Source, desk: Desk, stop: Event, done: Event) -> None:
     said = ""
     while not stop.is_set():
         try:

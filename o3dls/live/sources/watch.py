@@ -43,20 +43,20 @@ class Watch:
         before: Seen | None = None
         still = 0.0
         while not stop.is_set():
-            now = self._look()
+            now = self._look_at_path()
             still = still + POLL if now == before else 0.0
             before = now
-            if now != self.seen and (whole := self._whole(now, still)):
-                points = self._read(whole)
+            if now != self.seen and (whole := self._whole_part(now, still)):
+                points = self._read_points(whole)
                 self.seen = now if whole is now else self.seen
-                self._give(points, desk)
+                self._give_points(points, desk)
                 desk.say_source("connected")
             elif now == self.seen:
                 desk.say_source("connected")
             stop.wait(POLL)
 
-    def _look(self) -> Seen:
-        """What is there: the bytes of a file, the names, sizes and times of a folder."""
+    def _look_at_path(self) -> Seen:
+        """Read what is there: the bytes of a file, the names, sizes and times of a folder."""
         try:
             if self.path.is_file():
                 return self.path.read_bytes()
@@ -65,15 +65,15 @@ class Watch:
         except OSError as lost:
             raise InputError(f"{self.path}: cannot be read: {lost.strerror}") from None
 
-    def _whole(self, now: Seen, still: float) -> Seen | None:
-        """The part that is written whole: lines with an end, a folder once it stands still."""
+    def _whole_part(self, now: Seen, still: float) -> Seen | None:
+        """Return the part that is written whole: lines with an end, a folder once it stands still."""
         if isinstance(now, bytes) and not now.endswith(b"\n") and still < STILL:
             return now[: now.rfind(b"\n") + 1]
         return now if isinstance(now, bytes) or still >= STILL else None
 
-    def _read(self, whole: Seen) -> Points:
+    def _read_points(self, whole: Seen) -> Points:
         if not isinstance(whole, bytes):
-            return self._of_export()
+            return self._read_export()
         table = table_of(whole, self.path, "xyz", NAMES)
         self._check_frame(table.notes.get("space", "unknown"))
         unit = table.notes.get("units", "mm")
@@ -82,7 +82,7 @@ class Watch:
         none = Points(np.zeros((0, 3)), np.zeros(0, dtype=str))
         return scaled(points_of(table, 3), MILLIMETRES[unit]) if len(table) else none
 
-    def _of_export(self) -> Points:
+    def _read_export(self) -> Points:
         from ...io.mapping.imported import joined
         from ...io.mapping.study import read_study
 
@@ -97,7 +97,7 @@ class Watch:
         if "unknown" not in (stated, self.frame) and stated != self.frame:
             raise InputError(f"{self.path}: states frame {stated}, and the case is in {self.frame}")
 
-    def _give(self, points: Points, desk: Desk) -> None:
+    def _give_points(self, points: Points, desk: Desk) -> None:
         """Give the points that were not given before; a row that is there twice is said once."""
         rows: set[str] = set()
         for one in taken(points):

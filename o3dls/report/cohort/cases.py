@@ -16,7 +16,7 @@ from ..sections.paired import SMALLEST
 from ..subject import MOST_SHOWN
 from .entries import Entry, stages_of
 
-Pair = tuple[str, str]  # what a difference is taken from, and of
+Pair = tuple[str, str]  # estimates: the difference is the second less the first
 CLOSER, FARTHER, NEITHER = "▼", "▲", "="
 
 
@@ -28,24 +28,26 @@ class CaseOfRuns:
     runs: Sequence[Entry]
 
     def means(self, estimate: str) -> list[float]:
-        """Mean distance of an estimate in each run that has it."""
+        """Return the mean distance of an estimate in each run that has it."""
         return [float(run.measured[estimate][1].mean()) for run in self.runs if estimate in run.measured]
 
     def mean(self, estimate: str) -> float:
-        """The mean over its runs, NaN where none has the estimate."""
+        """Return the mean distance of an estimate over the case's runs, NaN where none has it."""
         return float(np.mean(self.means(estimate) or [np.nan]))
 
     def difference(self, pair: Pair) -> Difference | None:
-        """The paired difference at the same points, over the runs' mean distances; None where there are
-        none.
+        """Return the paired difference at the same points, over the runs' mean distances; None where there
+        are none.
         """
-        first, second = self._averaged(pair[0]), self._averaged(pair[1])
+        first, second = self._average_runs(pair[0]), self._average_runs(pair[1])
         if first is None or second is None or not _same_points(first[0], second[0]) or len(first[0]) < 2:
             return None
         return paired_difference(first[1], second[1], first[0])
 
-    def _averaged(self, estimate: str) -> tuple[Array, Array] | None:
-        """Positions, and the distance of each in the mean of the runs; None where these have not the same."""
+    def _average_runs(self, estimate: str) -> tuple[Array, Array] | None:
+        """Return positions, and the distance of each in the mean of the runs; None where the runs differ in
+        positions.
+        """
         found = [run.measured[estimate] for run in self.runs if estimate in run.measured]
         if not found or not all(_same_points(found[0][0], positions) for positions, _ in found):
             return None
@@ -92,7 +94,7 @@ class Block:
             )
             for runs in by_case.values()
         ]
-        return sorted(found, key=lambda case: (np.isnan(case.mean(self.main[1])), -_worst(case, self)))
+        return sorted(found, key=lambda case: (np.isnan(case.mean(self.main[1])), -_worst_mean(case, self)))
 
     @cached_property
     def differences(self) -> dict[Pair, list[tuple[CaseOfRuns, Difference]]]:
@@ -108,18 +110,18 @@ class Block:
         return {pair: some for pair, some in found.items() if some}
 
     def over_cases(self, pair: Pair) -> Difference:
-        """The mean difference over cases, with its interval."""
+        """Return the mean difference over cases, with its interval."""
         return difference_over_cases([one for _, one in self.differences[pair]])
 
 
-def _worst(case: CaseOfRuns, block: Block) -> float:
+def _worst_mean(case: CaseOfRuns, block: Block) -> float:
     main = case.mean(block.main[1])
     return max(max(case.means(run.last)) for run in case.runs) if np.isnan(main) else main
 
 
 def outcome(found: Difference, pair: Pair) -> str:
-    """Which is closer, in words; neither where the interval includes zero or the difference is not seen in
-    the table.
+    """Say in words which of the pair is closer; neither is where the interval includes zero or the difference
+    is too small to be seen in the table.
     """
     if np.isnan(found.low):
         return "too few for an interval"
@@ -129,7 +131,7 @@ def outcome(found: Difference, pair: Pair) -> str:
 
 
 def sign_of(found: Difference, pair: Pair) -> str:
-    """The outcome as a mark without colour: the second of the pair is closer, farther, or neither."""
+    """Return the outcome as a mark without colour: the second of the pair is closer, farther, or neither."""
     said = outcome(found, pair)
     if not said.endswith("closer"):
         return NEITHER

@@ -42,14 +42,14 @@ class Entry:
 
 
 def read_entries(folders: Sequence[Path]) -> list[Entry]:
-    """The runs in these folders, one after the other in memory. Raises InputError where one is no run, or is
-    named twice.
+    """Read the runs in these folders, one after the other to save memory. Raises InputError where one is no
+    run, or is named twice.
     """
     names = distinct_names(folders) if folders else []
-    return [_entry(read_subject([folder]), name) for folder, name in zip(folders, names, strict=True)]
+    return [_make_entry(read_subject([folder]), name) for folder, name in zip(folders, names, strict=True)]
 
 
-def _entry(subject: Subject, name: str) -> Entry:
+def _make_entry(subject: Subject, name: str) -> Entry:
     group, last, first = subject.headline, subject.last, subject.first
     shown = [one for one in (first, last) if one and group and len(one.measured(group, last)[1])]
     provenance = last.run.provenance
@@ -63,25 +63,25 @@ def _entry(subject: Subject, name: str) -> Entry:
         first=first.key if first is not None and first in shown else None,
         last=last.key,
         measured={one.key: one.measured(group, last) for one in shown if group},
-        made={one.key: _made(one, provenance, group) for one in shown},
+        made={one.key: _parameters_up_to(one, provenance, group) for one in shown},
         valid=not last.run.faults_of(last.key),
         seconds=provenance.seconds,
         warnings=len(warnings(subject)),
     )
 
 
-def _made(result: Result, provenance: Provenance, group: str | None) -> dict[str, str]:
-    """Every parameter of the stages up to the one that made an estimate."""
+def _parameters_up_to(result: Result, provenance: Provenance, group: str | None) -> dict[str, str]:
+    """Return every parameter of the stages up to the one that made an estimate."""
     found = {"folds": str(provenance.pipeline["folds"])} if group == "cross_validated" else {}
     made = {key: str(value) for key, value in provenance.parameters.items()}
     names = stages_of(made)
-    upto = names[: names.index(result.key) + 1] if result.key in names else ()  # it began with the others
-    return found | {key: value for key, value in made.items() if _stage(key) in upto}
+    upto = names[: names.index(result.key) + 1] if result.key in names else ()  # no stage made `start`
+    return found | {key: value for key, value in made.items() if _stage_of_key(key) in upto}
 
 
 def told_apart(entries: Sequence[Entry]) -> tuple[list[Entry], dict[str, str]]:
-    """The runs, with a number behind the name of an estimate that was made in different ways, such as
-    `level_set (2)`; and for each of these names what differs.
+    """Return the runs with a number behind the name of each estimate that was made in different ways, such as
+    `level_set (2)`; and say for each of these names what differs.
 
     Parts that only one of two cases allows, such as landmarks, are no difference between runs of the two.
     """
@@ -89,7 +89,7 @@ def told_apart(entries: Sequence[Entry]) -> tuple[list[Entry], dict[str, str]]:
     for entry in entries:
         for name in entry.measured:
             known = ways.setdefault(name, [])
-            same = next((way for way in known if all(_alike(entry, other, name) for other in way)), None)
+            same = next((way for way in known if all(_made_alike(entry, other, name) for other in way)), None)
             if same is None:
                 known.append(same := [])
             same.append(entry)
@@ -101,29 +101,29 @@ def told_apart(entries: Sequence[Entry]) -> tuple[list[Entry], dict[str, str]]:
         for entry in way
     }
     notes = {
-        f"{name} ({k})": _difference([way[0].made[name] for way in found], k - 1)
+        f"{name} ({k})": _describe_difference([way[0].made[name] for way in found], k - 1)
         for name, found in several.items()
         for k in range(1, len(found) + 1)
     }
-    return [_renamed(entry, labels) for entry in entries], notes
+    return [_relabel_entry(entry, labels) for entry in entries], notes
 
 
-def _alike(one: Entry, other: Entry, name: str) -> bool:
+def _made_alike(one: Entry, other: Entry, name: str) -> bool:
     a, b = one.made[name], other.made[name]
     if one.case_key == other.case_key:
         return a == b
     both = {*stages_of(a)} & {*stages_of(b)}
-    return all(a.get(key) == b.get(key) for key in {*a, *b} if _stage(key) in both)
+    return all(a.get(key) == b.get(key) for key in {*a, *b} if _stage_of_key(key) in both)
 
 
-def _difference(made: Sequence[Mapping[str, str]], k: int) -> str:
-    """What is so in the k-th of several ways and not in all."""
+def _describe_difference(made: Sequence[Mapping[str, str]], k: int) -> str:
+    """Say what is so in the k-th of several ways and not in all."""
     stages = [stages_of(one) for one in made]
     shared = set(stages[0]).intersection(*stages)
     said = [
         f"{key} = {value}"
         for key, value in made[k].items()
-        if _stage(key) in shared and len({one.get(key) for one in made}) > 1
+        if _stage_of_key(key) in shared and len({one.get(key) for one in made}) > 1
     ]
     said += [
         f"{'with' if name in stages[k] else 'without'} {name}"
@@ -135,15 +135,15 @@ def _difference(made: Sequence[Mapping[str, str]], k: int) -> str:
 
 
 def stages_of(made: Mapping[str, str]) -> list[str]:
-    """The stages whose parameters these are, in their order."""
-    return list(dict.fromkeys(map(_stage, made)))
+    """Return the stages that these parameters belong to, in their order."""
+    return list(dict.fromkeys(map(_stage_of_key, made)))
 
 
-def _stage(key: str) -> str:
+def _stage_of_key(key: str) -> str:
     return key.partition(".")[0]
 
 
-def _renamed(entry: Entry, labels: Mapping[tuple[int, str], str]) -> Entry:
+def _relabel_entry(entry: Entry, labels: Mapping[tuple[int, str], str]) -> Entry:
     def new(name: str) -> str:
         return labels.get((id(entry), name), name)
 

@@ -30,7 +30,7 @@ HOW = (
 
 
 def cohort_page(entries: Sequence[Entry], out: Path, failed: Mapping[str, str] | None = None) -> str:
-    """The page of a cohort; links go to the report.html of each run, as seen from `out`.
+    """Write the page of a cohort; links go to the report.html of each run, as seen from `out`.
 
     failed: the cases that have no run, each with the reason. Raises InputError where there is nothing to say.
     """
@@ -38,7 +38,7 @@ def cohort_page(entries: Sequence[Entry], out: Path, failed: Mapping[str, str] |
     if not entries and not failed:
         raise InputError("no run folder is given to compare: name at least one")
     entries, notes = told_apart(entries)
-    styles = _styles(entries)
+    styles = _choose_styles(entries)
     judged = sorted(
         (one for one in entries if one.group), key=lambda e: (list(SETS).index(e.group or ""), e.unit)
     )
@@ -47,52 +47,51 @@ def cohort_page(entries: Sequence[Entry], out: Path, failed: Mapping[str, str] |
         for (group, unit), alike in groupby(judged, key=lambda e: (e.group, e.unit))
     ]
     mute = [one.name for one in entries if not one.group]
-    title = (
-        f"{_counted(len({e.case_key for e in entries}), 'case')}, {_counted(len(entries), 'run')} compared"
-    )
+    cases = _write_count(len({e.case_key for e in entries}), "case")
+    title = f"{cases}, {_write_count(len(entries), 'run')} compared"
     head = [
         tag("h1", title),
         tag("p", NOTICE, class_="notice"),
-        _failures(failed),
+        _list_failures(failed),
         tag("p", HOW, class_="soft") if blocks else None,
-        _ways(notes),
+        _list_ways(notes),
     ]
-    body = [_section(k, block, styles, out) for k, block in enumerate(blocks)]
+    body = [_write_section(k, block, styles, out) for k, block in enumerate(blocks)]
     if mute:
         body.append(tag("p", f"Without points to judge by: {', '.join(mute)}."))
     return page(title, join(*head, *body), "sort.js")
 
 
-def _counted(n: int, word: str) -> str:
+def _write_count(n: int, word: str) -> str:
     return f"{n} {word}{'' if n == 1 else 's'}"
 
 
-def _failures(failed: Mapping[str, str]) -> Html | None:
+def _list_failures(failed: Mapping[str, str]) -> Html | None:
     if not failed:
         return None
     said = (tag("li", tag("strong", name), f": {reason}") for name, reason in failed.items())
-    title = f"{_counted(len(failed), 'case')} failed"
+    title = f"{_write_count(len(failed), 'case')} failed"
     return join(tag("h2", title), tag("ul", *said, class_="warnings", aria_label=title))
 
 
-def _ways(notes: Mapping[str, str]) -> Html | None:
-    """What differs between estimates of one name, which are never averaged with one another."""
+def _list_ways(notes: Mapping[str, str]) -> Html | None:
+    """List what differs between estimates of one name, which are never averaged with one another."""
     if not notes:
         return None
     said = (tag("li", tag("strong", name), f": {way}") for name, way in notes.items())
     return join(tag("p", "Estimates of one name that were made in different ways:"), tag("ul", *said))
 
 
-def _styles(entries: Sequence[Entry]) -> dict[str, int]:
-    """The colour of each estimate, by its method as in the reports; those of most runs come first."""
+def _choose_styles(entries: Sequence[Entry]) -> dict[str, int]:
+    """Choose the colour of each estimate, by its method as in the reports; those of most runs come first."""
     shown = Counter((one.first, one.last) for one in entries if one.measured).most_common()
     order = dict.fromkeys(name for pair, _ in shown for name in pair if name)
     return {name: place % STYLES for name, place in zip(order, places(list(order)), strict=True)}
 
 
-def _section(k: int, block: Block, styles: Mapping[str, int], out: Path) -> Html:
+def _write_section(k: int, block: Block, styles: Mapping[str, int], out: Path) -> Html:
     means = f"means-{k}"
-    count = f"{_counted(len(block.cases), 'case')}, {_counted(len(block.runs), 'run')}"
+    count = f"{_write_count(len(block.cases), 'case')}, {_write_count(len(block.runs), 'run')}"
     over = any(len(found) > 1 for found in block.differences.values())
     several = (
         tag("p", "The intervals are not adjusted for the number of comparisons.", class_="soft")
@@ -113,11 +112,11 @@ def _section(k: int, block: Block, styles: Mapping[str, int], out: Path) -> Html
 
 
 def summary(block: Block) -> str:
-    """What the result gained over the baseline in the mean of the cases, how sure that is, and what is not
-    valid.
+    """Say what the result gained over the baseline in the mean of the cases, how sure that is, and what is
+    not valid.
     """
     invalid = sum(not run.valid for run in block.runs)
-    bad = f" {invalid} of {_counted(len(block.runs), 'result')} not valid." if invalid else ""
+    bad = f" {invalid} of {_write_count(len(block.runs), 'result')} not valid." if invalid else ""
     pair = next(iter(block.differences), None)
     if pair is None:
         mean = np.nanmean([case.mean(block.main[1]) for case in block.cases])

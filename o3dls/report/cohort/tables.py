@@ -27,7 +27,8 @@ class Cell(NamedTuple):
 def sortable(
     name: str, caption: str, head: Sequence[str], rows: Sequence[Sequence[Cell]], ordered: int | None = None
 ) -> Html:
-    """A table with the id `name` whose headings the page's script makes buttons that put the rows in order.
+    """Make a table with the id `name`, whose headings the page's script turns into buttons that sort the
+    rows.
 
     ordered: the column by which the rows stand from the largest to the smallest already.
     """
@@ -42,7 +43,7 @@ def sortable(
         )
         for k, title in enumerate(head)
     ]
-    body = [tag("tr", tag("th", row[0].shown, scope="row"), *map(_cell, row[1:])) for row in rows]
+    body = [tag("tr", tag("th", row[0].shown, scope="row"), *map(_write_cell, row[1:])) for row in rows]
     said = f"{name}-caption"
     whole = tag(
         "table",
@@ -58,16 +59,20 @@ def sortable(
     )
 
 
-def _cell(cell: Cell) -> Html:
+def _write_cell(cell: Cell) -> Html:
     if cell.number is None:
         return tag("td", cell.shown, class_="text")
     return tag("td", cell.shown, data_sort="" if math.isnan(cell.number) else f"{cell.number:.9g}")
 
 
 def means_table(name: str, block: Block) -> Html:
-    """The mean distance of every estimate in every case, which are the marks of the strip plot."""
+    """Tabulate the mean distance of every estimate in every case, which are the marks of the strip plot."""
     rows = [
-        [Cell(case.name), Cell(len(case.runs), len(case.runs)), *(_mean(case, e) for e in block.estimates)]
+        [
+            Cell(case.name),
+            Cell(len(case.runs), len(case.runs)),
+            *(_mean_cell(case, e) for e in block.estimates),
+        ]
         for case in block.cases
     ]
     result = block.estimates.index(block.main[1]) + 2
@@ -77,7 +82,7 @@ def means_table(name: str, block: Block) -> Html:
     return sortable(name, caption, ["case, worst first", "runs", *block.estimates], rows, result)
 
 
-def _mean(case: CaseOfRuns, estimate: str) -> Cell:
+def _mean_cell(case: CaseOfRuns, estimate: str) -> Cell:
     values = case.means(estimate)
     if not values:
         return Cell("–", math.nan)
@@ -87,13 +92,13 @@ def _mean(case: CaseOfRuns, estimate: str) -> Cell:
 
 
 def differences_table(name: str, block: Block) -> Html:
-    """The mean difference of every pair of estimates over the cases that have both."""
+    """Tabulate the mean difference of every pair of estimates over the cases that have both."""
     rows = []
     for pair, found in block.differences.items():
         by_case = [outcome(one, pair) for _, one in found]
         closer = [by_case.count(f"{estimate} closer") for estimate in pair]
         sure = f"{closer[1]} closer, {closer[0]} farther, {len(found) - sum(closer)} neither"
-        rows.append([*_difference(pair, block.over_cases(pair), len(found)), Cell(sure)])
+        rows.append([*_difference_cells(pair, block.over_cases(pair), len(found)), Cell(sure)])
     unit = block.unit
     head = ["difference of", "cases", f"mean, {unit}", f"95 % interval over cases, {unit}", "relative"]
     return sortable(
@@ -105,19 +110,19 @@ def differences_table(name: str, block: Block) -> Html:
 
 
 def cases_table(name: str, block: Block) -> Html:
-    """The difference of every pair of estimates in every case."""
+    """Tabulate the difference of every pair of estimates in every case."""
     unit = block.unit
     rows = []
     for pair, found in block.differences.items():
         for case, one in found:
-            shown, *rest = _difference(pair, one, one.n)
+            shown, *rest = _difference_cells(pair, one, one.n)
             rows.append([Cell(case.name), shown, *rest])
     head = ["case, worst first", "difference of", "points", f"mean, {unit}", f"95 % interval, {unit}"]
     caption = "Paired differences within each case; intervals from spatial blocks of its points."
     return sortable(name, caption, [*head, "relative", "outcome"], rows)
 
 
-def _difference(pair: Pair, found: Difference, n: int) -> list[Cell]:
+def _difference_cells(pair: Pair, found: Difference, n: int) -> list[Cell]:
     said = outcome(found, pair)
     interval = "–" if math.isnan(found.low) else f"{signed(found.low)} to {signed(found.high)}"
     best = "best" if said.endswith("closer") else None
@@ -132,14 +137,14 @@ def _difference(pair: Pair, found: Difference, n: int) -> list[Cell]:
 
 
 def runs_table(name: str, block: Block, out: Path) -> Html:
-    """Every run by its name, with a link to its report as seen from the page `out`, the worst first."""
+    """List every run by its name, with a link to its report as seen from the page `out`, the worst first."""
     ordered = sorted(
-        ((_distance(run), case.name, run) for case in block.cases for run in case.runs),
+        ((_result_distance(run), case.name, run) for case in block.cases for run in case.runs),
         key=lambda one: -one[0],
     )
     rows = [
         [
-            Cell(_linked(run, out)),
+            Cell(_link_report(run, out)),
             Cell(case),
             Cell(" → ".join(filter(None, (run.first, run.last)))),
             Cell(f"{distance:.2f}", distance),
@@ -159,11 +164,11 @@ def runs_table(name: str, block: Block, out: Path) -> Html:
     )
 
 
-def _distance(run: Entry) -> float:
+def _result_distance(run: Entry) -> float:
     return float(run.measured[run.last][1].mean())
 
 
-def _linked(run: Entry, out: Path) -> Child:
+def _link_report(run: Entry, out: Path) -> Child:
     report = run.folder / "report.html"
     if not report.is_file():
         return run.name

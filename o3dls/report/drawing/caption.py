@@ -13,24 +13,24 @@ STOPS = 9  # of a colour bar; between them the colours change evenly
 
 
 def made(subject: Subject) -> str:
-    """The day of the run and the version of o3dls that made it."""
+    """Return the day of the run and the version of o3dls that made it."""
     return f"{subject.date} · o3dls {subject.runs[-1].provenance.versions['o3dls']}"
 
 
 def caption(subject: Subject, *, behind: bool = False) -> str:
-    """One line for a picture: case, view, day and version."""
+    """Describe a picture in one line: case, view, day and version."""
     return f"{subject.case.name} · view {view_name(subject, behind=behind)} · {made(subject)}"
 
 
 def view_name(subject: Subject, *, behind: bool = False) -> str:
-    """The name of the view from the front or from behind; of a case in 2D there is one."""
+    """Name the view from the front or from behind; a case in 2D has only one."""
     if subject.case.dimension == 2:
         return "in the plane"
     return list(orientation(subject).views())[behind]
 
 
 def colour_bar(field: Field) -> Html:
-    """The colours of a field as SVG, with the two ends, the middle, and name and unit."""
+    """Draw the colours of a field as SVG, with the two ends, the middle, and name and unit."""
     table = colour_table(field.colours)
     steps = [round(k * (len(table) - 1) / (STOPS - 1)) for k in range(STOPS)]
     stops = (

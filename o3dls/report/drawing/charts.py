@@ -41,13 +41,13 @@ class Axis:
     log: bool = False
 
     def share(self, values: Array) -> Array:
-        """Where values lie between the ends, 0 to 1."""
+        """Return where values lie between the ends, 0 to 1."""
         if not self.log:
             return np.asarray((values - self.low) / (self.high - self.low))
         return np.asarray(np.log(values / self.low) / math.log(self.high / self.low))
 
     def ticks(self) -> list[float]:
-        """Round numbers between the ends, about five."""
+        """Return round numbers between the ends, about five."""
         if self.log:
             powers = [
                 10.0**k for k in range(math.floor(math.log10(self.low)), math.ceil(math.log10(self.high)) + 1)
@@ -63,11 +63,11 @@ class Axis:
 
 
 def line_chart(title: str, series: Sequence[Series], x: Axis, y: Axis, at: Array | None = None) -> Html:
-    """A titled chart with its legend and its values as a table. Lines differ in colour and in dashes.
+    """Draw a titled chart with its legend and its values as a table. Lines differ in colour and in dashes.
 
     at: where on the first axis the table reads the lines; None: at their corners.
     """
-    parts = [*_grid(x, y), *(_line(one, x, y) for one in series)]
+    parts = [*_draw_grid(x, y), *(_draw_line(one, x, y) for one in series)]
     view = f"0 0 {WIDTH} {HEIGHT}"
     drawing = tag(
         "svg",
@@ -88,16 +88,16 @@ def line_chart(title: str, series: Sequence[Series], x: Axis, y: Axis, at: Array
 
 
 def legend(entries: Sequence[tuple[str, str]]) -> Html:
-    """Names with a sample of their line, given by its CSS classes."""
+    """List names with a sample of their line, which its CSS classes give."""
     return tag(
         "p",
-        *(tag("span", _sample(classes), name) for name, classes in dict.fromkeys(entries)),
+        *(tag("span", _draw_sample(classes), name) for name, classes in dict.fromkeys(entries)),
         class_="legend",
     )
 
 
 def axis_over(label: str, values: Sequence[Array], *, zero: bool = True, log: bool = False) -> Axis:
-    """An axis that holds all finite values, from zero where asked; never empty."""
+    """Make an axis that holds all finite values, from zero where asked; it is never empty."""
     known = np.concatenate([np.asarray(v)[np.isfinite(v)] for v in values]) if values else np.zeros(0)
     known = known[known > 0] if log else known
     low, high = (float(known.min()), float(known.max())) if len(known) else (0.0, 1.0)
@@ -107,11 +107,11 @@ def axis_over(label: str, values: Sequence[Array], *, zero: bool = True, log: bo
     return Axis(label, low, high, log)
 
 
-def _grid(x: Axis, y: Axis) -> list[Html]:
+def _draw_grid(x: Axis, y: Axis) -> list[Html]:
     right, bottom = WIDTH - RIGHT, HEIGHT - BOTTOM
     across, up = (
         [(at, f"{t:g}") for at, t in zip(place(axis, np.array(axis.ticks())), axis.ticks(), strict=True)]
-        for place, axis in ((_columns, x), (_rows, y))
+        for place, axis in ((_place_columns, x), (_place_rows, y))
     )
     return [
         *(tag("path", d=f"M{at:.1f} {TOP}V{bottom}", class_="grid") for at, _ in across),
@@ -125,12 +125,12 @@ def _grid(x: Axis, y: Axis) -> list[Html]:
 
 
 def values(title: str, series: Sequence[Series], x: Axis, y: Axis, at: Array | None = None) -> Html:
-    """The lines of a chart in numbers, folded: a row for each place on the first axis, a dash where a line
-    has none.
+    """Tabulate the lines of a chart, folded: a row for each place on the first axis, a dash where a line has
+    none.
     """
     places = np.unique(np.concatenate([one.x for one in series])) if at is None else at
     shown = places[np.unique(np.linspace(0, len(places) - 1, MOST_ROWS).astype(int))]
-    columns = [_read(one, shown, between=at is not None) for one in series]
+    columns = [_read_heights(one, shown, between=at is not None) for one in series]
     rows = [
         [f"{place:.4g}", *("–" if np.isnan(column[k]) else f"{column[k]:.4g}" for column in columns)]
         for k, place in enumerate(shown)
@@ -140,15 +140,15 @@ def values(title: str, series: Sequence[Series], x: Axis, y: Axis, at: Array | N
     return tag("details", tag("summary", "Values"), numbers, class_="values")
 
 
-def _read(one: Series, at: Array, *, between: bool) -> Array:
-    """The heights of a line at places on the first axis: of its corners, or between them too; else NaN."""
+def _read_heights(one: Series, at: Array, *, between: bool) -> Array:
+    """Read the heights of a line at places on the first axis: at corners, or between them too; else NaN."""
     known = np.isfinite(one.y)
     read = np.interp(at, one.x[known], one.y[known], left=np.nan, right=np.nan)
     return read if between else np.where(np.isin(at, one.x[known]), read, np.nan)
 
 
-def _line(one: Series, x: Axis, y: Axis) -> Html:
-    across, up = _columns(x, one.x), _rows(y, one.y)
+def _draw_line(one: Series, x: Axis, y: Axis) -> Html:
+    across, up = _place_columns(x, one.x), _place_rows(y, one.y)
     known = np.isfinite(across) & np.isfinite(up)
     starts = known & ~np.r_[False, known[:-1]]
     steps = [
@@ -159,23 +159,23 @@ def _line(one: Series, x: Axis, y: Axis) -> Html:
 
 
 def line_class(style: int) -> str:
-    """CSS classes of a style: colour and dash."""
+    """Return CSS classes of a style: colour and dash."""
     return f"s{style % STYLES} d{style % STYLES}"
 
 
-def _sample(classes: str) -> Html:
+def _draw_sample(classes: str) -> Html:
     line = tag("path", d="M0 5H32", class_=f"series {classes}")
     return tag("svg", line, viewBox="0 0 32 10", width="32", height="10", aria_hidden="true")
 
 
-def _columns(axis: Axis, values: Array) -> Array:
+def _place_columns(axis: Axis, values: Array) -> Array:
     return LEFT + axis.share(values) * (WIDTH - LEFT - RIGHT)
 
 
-def _rows(axis: Axis, values: Array) -> Array:
+def _place_rows(axis: Axis, values: Array) -> Array:
     return HEIGHT - BOTTOM - axis.share(values) * (HEIGHT - TOP - BOTTOM)
 
 
 def grouped(*parts: Html | None) -> Html:
-    """Charts beside each other where there is room."""
+    """Put charts beside each other where there is room."""
     return tag("div", join(*parts), class_="charts")

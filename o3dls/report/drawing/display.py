@@ -16,20 +16,21 @@ from ...geometry.label_fields import read_at
 from ...geometry.surface import Surface
 from .electrical import with_electrical
 
-MOST_FACES = 60_000  # a surface with more is decimated for display to
+MOST_FACES = 60_000  # a surface with more is decimated to DISPLAY_FACES
 DISPLAY_FACES = 36_000
 TRUTH, LEFT_OUT = "distance_to_truth", "left_out"
-NEGLIGIBLE = 1e-6  # a length below is rounding: a pose alone moves no vertex off the prior
+NEGLIGIBLE = 1e-6  # smaller displacements are rounding errors: a pose alone does not bend the prior
 
 
 def displayed(surface: Surface, case: Case, left_out: Array, distances: Array) -> Surface:
-    """A surface of an estimate, decimated if need be, with electrical values, the distance to truth where
-    that is known, and the distances (k,) of points (k, d) that were left out in turn, carried to the wall.
+    """Make a surface of an estimate ready to be drawn: decimated if need be, with electrical values, the
+    distance to truth where that is known, and the distances (k,) of points (k, d) that were left out in turn,
+    carried to the wall.
 
     It has no displacement where a pose alone has moved it.
     """
     surface = with_electrical(decimated(surface), case.points)
-    carried = _carried(surface, case.units, left_out, distances)
+    carried = _carry_distances(surface, case.units, left_out, distances)
     fields = {**_distances_to_truth(surface, case), **surface.fields, **carried}
     key = f"displacement_{case.units}"
     if key in fields and (np.nan_to_num(np.abs(fields[key])) <= NEGLIGIBLE).all():
@@ -45,16 +46,18 @@ def _distances_to_truth(surface: Surface, case: Case) -> dict[str, Array]:
     return {f"{TRUTH}_{case.units}": distances(surface.vertices, case.truth.surface)}
 
 
-def _carried(surface: Surface, unit: str, xyz: Array, values: Array) -> dict[str, Array]:
-    """Distances (k,) of points (k, d) as a field, NaN far from all of them; none where all are far."""
+def _carry_distances(surface: Surface, unit: str, xyz: Array, values: Array) -> dict[str, Array]:
+    """Carry distances (k,) of points (k, d) to the surface as a field, NaN far from all of them; none where
+    all are far.
+    """
     if len(xyz) == 0 or (project(xyz, surface).distance > REACH).all():
         return {}
     return {f"{LEFT_OUT}_{unit}": to_surface(xyz, values, surface)}
 
 
 def decimated(surface: Surface, most: int = MOST_FACES, wanted: int = DISPLAY_FACES) -> Surface:
-    """The surface, or one of `wanted` faces where it has more than `most`; fields are carried over by closest
-    point.
+    """Return the surface, or one of `wanted` faces where it has more than `most`; fields are carried over by
+    closest point.
     """
     if len(surface.faces) <= most or surface.dimension == 2:
         return surface

@@ -17,16 +17,18 @@ MOST = 400  # corners of a curve
 
 
 def spread_section(subject: Subject) -> Section | None:
-    """Curves and histograms of the headline set and of the other sets of points that were not fitted."""
+    """Draw curves and histograms of the headline set and of the other sets of points that were not fitted."""
     sets = [group for group in HEADLINE if len(subject.last.measured(group)[1]) > 1]
     if not sets:
         return None
     shown = [group for group in sets if group != "fitted"][:2] or sets
-    return Section("spread", "Distribution of distances", join(*(_pair(subject, group) for group in shown)))
+    return Section(
+        "spread", "Distribution of distances", join(*(_draw_pair(subject, group) for group in shown))
+    )
 
 
-def _pair(subject: Subject, group: str) -> Html:
-    names = dict.fromkeys([next(iter(subject.results)), *subject.shown])  # where it began, and what is shown
+def _draw_pair(subject: Subject, group: str) -> Html:
+    names = dict.fromkeys([next(iter(subject.results)), *subject.shown])  # with the start, to show the gain
     found = [
         (name, subject.style(name), subject.results[name].measured(group, subject.last)[1]) for name in names
     ]
@@ -58,7 +60,7 @@ def _pair(subject: Subject, group: str) -> Html:
 
 
 def beyond(counts: Mapping[str, int], reach: str) -> Html | None:
-    """How many points lie outside the charts."""
+    """Say how many points lie outside the charts."""
     said = ", ".join(f"{count} of {name}" for name, count in counts.items() if count)
     return (
         tag("p", f"Points farther than {reach}, where the charts end: {said}.", class_="soft")
@@ -68,7 +70,7 @@ def beyond(counts: Mapping[str, int], reach: str) -> Html | None:
 
 
 def cumulative(gaps: Array, reach: float) -> tuple[Array, Array]:
-    """Corners of the empirical distribution as far as the reach, thinned where there are many."""
+    """Return corners of the empirical distribution as far as the reach, thinned where there are many."""
     share = np.linspace(0, 1, min(len(gaps), MOST))
     at = np.quantile(gaps, share)
     inside = at <= reach
@@ -76,6 +78,6 @@ def cumulative(gaps: Array, reach: float) -> tuple[Array, Array]:
 
 
 def histogram(gaps: Array, reach: float) -> tuple[Array, Array]:
-    """Outline of a histogram of the distances as far as the reach."""
+    """Return the outline of a histogram of the distances as far as the reach."""
     counts, edges = np.histogram(gaps, bins=BINS, range=(0.0, reach))
     return np.repeat(edges, 2)[1:-1], np.repeat(counts, 2).astype(np.float64)

@@ -12,7 +12,7 @@ from ...geometry.surface import Surface
 
 
 def with_electrical(surface: Surface, points: Points) -> Surface:
-    """The surface with a field of every electrical column of the eam points.
+    """Return the surface with a field of every electrical column of the eam points.
 
     Values that it carries already stay as they are.
     """

@@ -14,30 +14,32 @@ from .display import decimated, displayed
 from .fields import Field, known_fields
 from .packing import Json, coded, packed
 
-ALL_FACES = 40_000  # of the estimates together that are not shown at first
-FEWEST, MOST = 2_000, 10_000  # faces of one of them
+ALL_FACES = 40_000  # shared by the estimates that are not shown at first
+FEWEST, MOST = 2_000, 10_000  # faces of one such estimate
 BELIEVED = 0.5  # weights below mark a point as outlier
 
 
 def all_surfaces(subject: Subject) -> dict[str, Surface]:
-    """The surface of every estimate, those not shown at first with fewer faces: the page must stay small."""
+    """Return the surface of every estimate, those not shown at first with fewer faces: the page must stay
+    small.
+    """
     others = [name for name in subject.results if name not in subject.shown]
     few = int(np.clip(ALL_FACES // max(len(others), 1), FEWEST, MOST))
     return {
-        name: subject.surfaces[name] if name in subject.shown else _coarse(subject, name, few)
+        name: subject.surfaces[name] if name in subject.shown else _coarse_surface(subject, name, few)
         for name in subject.results
     }
 
 
-def _coarse(subject: Subject, name: str, faces: int) -> Surface:
+def _coarse_surface(subject: Subject, name: str, faces: int) -> Surface:
     result = subject.results[name]
     surface = decimated(result.estimate.surface, faces * 3 // 2, faces)
     return displayed(surface, subject.case, *result.measured("cross_validated"))
 
 
 def all_fields(subject: Subject, surfaces: Mapping[str, Surface]) -> list[Field]:
-    """The fields of the estimates shown at first, in the order and with the ranges of the static pictures,
-    then those that only others have.
+    """Return the fields of the estimates shown at first, in the order and with the ranges of the static
+    pictures, then those that only others have.
     """
     first = known_fields([surfaces[name] for name in subject.shown], subject.unit)
     keys = {field.key for field in first}
@@ -46,7 +48,7 @@ def all_fields(subject: Subject, surfaces: Mapping[str, Surface]) -> list[Field]
 
 
 def estimate_data(subject: Subject, name: str, surface: Surface, places: Mapping[str, int]) -> Json:
-    """One estimate but for its mesh, with the matrix that brings the packed prior into its own pose."""
+    """Pack one estimate but for its mesh, with the matrix that brings the packed prior into its own pose."""
     result = subject.results[name]
     matrix = result.estimate.T_map_prior @ np.linalg.inv(subject.last.estimate.T_map_prior)
     ghosts = {
@@ -60,13 +62,13 @@ def estimate_data(subject: Subject, name: str, surface: Surface, places: Mapping
         "caption": f"{full} faces, {drawn} drawn" if full > drawn else "",
         "colour": f"--s{subject.style(name) % STYLES}",
         "dash": [],
-        **_judged(subject, name),
+        **_judge_points(subject, name),
     }
 
 
-def _judged(subject: Subject, name: str) -> Json:
-    """Of every drawn point its distance to the estimate and its belief, where it has one; 1 where the
-    estimate took it for an outlier; and the types of points that it was fitted to.
+def _judge_points(subject: Subject, name: str) -> Json:
+    """Pack what an estimate makes of every drawn point: its distance, its belief where it has one, and 1
+    where it was taken for an outlier; and the types of points that the estimate was fitted to.
     """
     belief = beliefs(subject, name)[subject.results[name].run.points.type != "landmark"]
     return {
@@ -78,7 +80,9 @@ def _judged(subject: Subject, name: str) -> Json:
 
 
 def beliefs(subject: Subject, name: str) -> Array:
-    """Weight (n,) of each point of the case: how likely it touches the wall. NaN where it has none."""
+    """Return the weight (n,) of each point of the case, which says how likely it touches the wall; NaN where
+    it has none.
+    """
     result = subject.results[name]
     weights = result.estimate.weights
     kinds = result.run.points.type

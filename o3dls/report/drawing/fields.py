@@ -33,7 +33,7 @@ MAPS = {
     "points": ("YlOrRd", FIRST, 1.0),
     "regions": ("tab20", 0.0, 1.0),  # twenty colours, a region each
 }
-LOW_ENDS = {"signed": "blue", "electrical": "dark", "mapping": "red"}  # of all others: light
+LOW_ENDS = {"signed": "blue", "electrical": "dark", "mapping": "red"}  # all other maps begin light
 VOLTAGES = {"bipolar": (0.5, 1.5), "unipolar": (5.0, 8.0)}  # mV: scar below, healthy wall above
 STEPS = {"lat": 10.0}  # ms between isochrones
 
@@ -64,14 +64,14 @@ class Field:
         return LOW_ENDS.get(self.colours, "light")
 
     def extended(self, values: Array) -> Literal["neither", "min", "max", "both"]:
-        """Beyond which ends of the colours there are values; these are shown in the end's colour."""
+        """Say beyond which ends of the colours there are values; these are shown in the end's colour."""
         below, above = bool((values < self.low).any()), bool((values > self.high).any())
         return "both" if below and above else "min" if below else "max" if above else "neither"
 
 
 def known_fields(surfaces: Sequence[Surface], unit: str) -> list[Field]:
-    """The fields that at least one of the surfaces has, the most telling first: how far from what was not
-    fitted, then how sure. How far the prior was moved says neither, and comes after them.
+    """List the fields that at least one of the surfaces has, the most telling first: how far from what was
+    not fitted, then how sure. How far the prior was moved says neither, and comes after them.
 
     Each has a range that fits all surfaces.
     """
@@ -89,17 +89,17 @@ def known_fields(surfaces: Sequence[Surface], unit: str) -> list[Field]:
     )
     named = {field.key for field in [*words, region]} | {
         "prior_only"
-    }  # which is hatched, whatever the colours
-    others = [_other(key) for key in there if key not in named]
-    return [_ranged(field, surfaces) for field in [*words, *others, region] if field.key in there]
+    }  # this field is hatched, whatever the colours
+    others = [_other_field(key) for key in there if key not in named]
+    return [_fit_range(field, surfaces) for field in [*words, *others, region] if field.key in there]
 
 
-def _other(key: str) -> Field:
+def _other_field(key: str) -> Field:
     colours = "mapping" if key in VOLTAGES or key in STEPS else "electrical"
     return Field(key, key, ELECTRICAL.get(key, ""), colours, step=STEPS.get(key, 0.0))
 
 
-def _ranged(field: Field, surfaces: Sequence[Surface]) -> Field:
+def _fit_range(field: Field, surfaces: Sequence[Surface]) -> Field:
     if field.key in VOLTAGES:
         low, high = VOLTAGES[field.key]
         return replace(field, low=low, high=high)
@@ -115,7 +115,7 @@ def _ranged(field: Field, surfaces: Sequence[Surface]) -> Field:
 
 
 def robust_range(values: Array, *, signed: bool = False, from_zero: bool = True) -> tuple[float, float]:
-    """Ends of a colour scale that single extreme values do not stretch.
+    """Return the ends of a colour scale that single extreme values do not stretch.
 
     Symmetric about zero for signed values, always: what has none, or none but rounding, has the colour of 0.
     """
@@ -129,14 +129,14 @@ def robust_range(values: Array, *, signed: bool = False, from_zero: bool = True)
 
 
 def point_field(subject: Subject) -> Field:
-    """Distance of the points to the shown estimates, one range for all."""
+    """Make the field of the distances from the points to the shown estimates, with one range for all."""
     gaps = [subject.results[name].point_distances for name in subject.shown]
     low, high = robust_range(np.concatenate(gaps))
     return Field("points", "distance of the points", subject.unit, "points", low, high)
 
 
 def colour_table(colours: str) -> Array:
-    """256 colours (256, 3) in [0, 1]."""
+    """Return 256 colours (256, 3) in [0, 1]."""
     from matplotlib import colormaps
 
     name, first, last = MAPS[colours]
@@ -144,7 +144,7 @@ def colour_table(colours: str) -> Array:
 
 
 def colours_of(values: Array, field: Field) -> Array:
-    """Colour (n, 3) of each value; grey where it is missing."""
+    """Return the colour (n, 3) of each value; grey where it is missing."""
     share = np.clip((np.nan_to_num(values) - field.low) / (field.high - field.low), 0, 1)
     return np.where(
         np.isfinite(values)[:, None], colour_table(field.colours)[np.round(255 * share).astype(int)], 0.72

@@ -35,7 +35,7 @@ _painted = WeakKeyDictionary[Subject, dict[tuple[str, bool], Any]]()
 
 @contextmanager
 def plain_figure(width: float, height: float) -> Iterator[Figure]:
-    """A white figure in inches, without pyplot's global state."""
+    """Make a white figure of a size in inches, without pyplot's global state."""
     from matplotlib import rc_context
     from matplotlib.figure import Figure
 
@@ -46,7 +46,7 @@ def plain_figure(width: float, height: float) -> Iterator[Figure]:
 
 
 def png(figure: Figure, dpi: int = 130) -> bytes:
-    """The figure as PNG, equal for equal figures."""
+    """Return the figure as PNG, equal for equal figures."""
     buffer = io.BytesIO()
     quick = {"compress_level": COMPRESSION}
     figure.savefig(buffer, format="png", dpi=dpi, metadata={"Software": "o3dls"}, pil_kwargs=quick)
@@ -54,7 +54,7 @@ def png(figure: Figure, dpi: int = 130) -> bytes:
 
 
 def pictures_png(subject: Subject, *, behind: bool = False) -> bytes:
-    """Estimates side by side, coloured by the most telling field, in the first of the views or from
+    """Draw the estimates side by side, coloured by the most telling field, in the first of the views or from
     behind.
     """
     with side_by_side(subject) as figure:
@@ -64,19 +64,19 @@ def pictures_png(subject: Subject, *, behind: bool = False) -> bytes:
 
 
 def front_png(subject: Subject) -> bytes:
-    """The first of these, which page and slides share: it is drawn once for a subject."""
+    """Draw the estimates from the front, once for a subject: page and slides share the picture."""
     if subject not in _fronts:
         _fronts[subject] = pictures_png(subject)
     return _fronts[subject]
 
 
 def side_by_side(subject: Subject) -> AbstractContextManager[Figure]:
-    """A figure as wide as the estimates that are shown."""
+    """Make a figure as wide as the estimates that are shown."""
     return plain_figure(3.6 * len(subject.shown) + 0.6, 4.5)
 
 
 def draw_caption(figure: Figure, text: str) -> None:
-    """Write what the picture is at its lower edge, as small as it must be to stand there whole."""
+    """Write the caption of a picture at its lower edge, as small as it must be to stand there whole."""
     line = figure.text(0.02, 0.012, drawable(text, 200), fontsize=7.5, parse_math=False)
     shrunk(line, 0.96 * figure.bbox.width)
 
@@ -94,9 +94,9 @@ def draw_pictures(
     view = _fitting_view(surfaces, orientation(subject).looking(behind=behind))
     for k, (name, surface) in enumerate(zip(subject.shown, surfaces, strict=True)):
         axes = figure.add_axes((left + k * each, bottom + 0.16 * height, each, 0.76 * height))
-        pictures = _painted.setdefault(subject, {})  # slides show those of the page, at another size
+        pictures = _painted.setdefault(subject, {})  # page and slides share the pictures, at different sizes
         if (name, behind) not in pictures:
-            pictures[name, behind] = _picture(subject, name, surface, field, view)
+            pictures[name, behind] = _draw_picture(subject, name, surface, field, view)
         axes.imshow(pictures[name, behind], interpolation="antialiased")
         shrunk(axes.set_title(drawable(name), fontsize=11, parse_math=False), axes.bbox.width)
         axes.set_axis_off()
@@ -109,7 +109,7 @@ def draw_pictures(
 
 
 def _fitting_view(surfaces: Sequence[Surface], axes: Array) -> View:
-    """The view along axes in which all surfaces just fit."""
+    """Find the view along axes in which all surfaces just fit."""
     from .raster import View
 
     flat = np.vstack([surface.vertices for surface in surfaces]) @ axes.T
@@ -118,8 +118,8 @@ def _fitting_view(surfaces: Sequence[Surface], axes: Array) -> View:
     return View(axes, (low + high) / 2 @ axes, MARGIN * max(height, width * PIXELS[1] / PIXELS[0]))
 
 
-def _picture(subject: Subject, name: str, surface: Surface, field: Field, view: View) -> Any:
-    """One picture: the surface in the colours of a field, the points in those of their distance."""
+def _draw_picture(subject: Subject, name: str, surface: Surface, field: Field, view: View) -> Any:
+    """Draw one picture: the surface in the colours of a field, the points in those of their distance."""
     from .raster import Canvas
 
     canvas = Canvas(view, *PIXELS, (1, 1, 1))
@@ -160,16 +160,16 @@ def shrunk(text: Text, width: float) -> None:
 
 
 def drawable(text: str, longest: int = 32) -> str:
-    """Text that the figures' font can draw: other letters become a box, and what is too long is cut in the
-    middle.
+    """Return the text as the figures' font can draw it: other letters become a box, and what is too long is
+    cut in the middle.
     """
-    known = _letters()
+    known = _known_letters()
     cut = text if len(text) <= longest else f"{text[: (longest - 1) // 2]}…{text[-(longest // 2) :]}"
     return "".join(letter if ord(letter) in known else "□" for letter in cut)
 
 
 @cache
-def _letters() -> frozenset[int]:
+def _known_letters() -> frozenset[int]:
     from matplotlib.font_manager import findfont, get_font
 
     return frozenset(get_font(findfont("DejaVu Sans")).get_charmap())

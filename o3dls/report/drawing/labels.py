@@ -13,8 +13,8 @@ from .fields import Field, colour_table
 
 LETTER = 12.0  # height of a capital in the units of Open3D's text
 SMALL = 0.075  # height of a capital, as a share of the radius of what is shown
-THIN = 0.06  # height of a colour bar, likewise
-BEFORE = 0.35  # from a landmark to its name, likewise
+THIN = 0.06  # height of a colour bar, as a share of the radius
+BEFORE = 0.35  # from a landmark to its name, as a share of the radius
 COLOURS = 32  # steps of a colour bar
 
 
@@ -29,18 +29,18 @@ class Sheet:
     radius: float
 
     def place(self, flat: Array) -> Array:
-        """Positions (n, 3) of places (n, 2) to the right and up, in radii."""
+        """Return positions (n, 3) of places (n, 2) to the right and up, in radii."""
         return np.asarray(self.centre + self.radius * flat @ self.axes[:2])
 
     def text(self, words: str, at: tuple[float, float]) -> Surface | None:
-        """Words that begin at a place; None where there is no letter that can be drawn."""
-        return self._written(words, self.place(np.array([at]))[0])
+        """Draw words that begin at a place; None where there is no letter that can be drawn."""
+        return self._write_words(words, self.place(np.array([at]))[0])
 
     def before(self, words: str, at: Array) -> Surface | None:
-        """Words before a position (3,), so that what is there does not hide them."""
-        return self._written(words, at + self.radius * BEFORE * self.axes[2])
+        """Draw words before a position (3,), so that what is there does not hide them."""
+        return self._write_words(words, at + self.radius * BEFORE * self.axes[2])
 
-    def _written(self, words: str, origin: Array) -> Surface | None:
+    def _write_words(self, words: str, origin: Array) -> Surface | None:
         if not words:
             return None
         import open3d as o3d
@@ -53,8 +53,8 @@ class Sheet:
         return Surface(origin + size * flat @ self.axes[:2], np.asarray(drawn.triangles))
 
     def bar(self, field: Field, left: float, right: float, low: float) -> tuple[Surface, Array]:
-        """The colours of a field as a strip from left to right above `low`, and the colour (n, 3) of each
-        corner.
+        """Draw the colours of a field as a strip from left to right above `low`, and return it with the
+        colour (n, 3) of each corner.
         """
         x = np.repeat(np.linspace(left, right, COLOURS), 2)
         flat = np.column_stack([x, np.tile([low, low + THIN], COLOURS)])
@@ -66,7 +66,7 @@ class Sheet:
 
 
 def sheet(surface: Surface, towards: Array, up: Array) -> Sheet:
-    """The sheet before a surface as seen from a direction (3,)."""
+    """Place the sheet before a surface as seen from a direction (3,)."""
     low, high = surface.vertices.min(axis=0), surface.vertices.max(axis=0)
     centre = (low + high) / 2
     radius = float(np.linalg.norm(surface.vertices - centre, axis=1).max())
@@ -77,5 +77,5 @@ def sheet(surface: Surface, towards: Array, up: Array) -> Sheet:
 
 
 def ends(field: Field) -> tuple[str, str]:
-    """The values at both ends of a field's colours, with its unit."""
+    """Return the values at both ends of a field's colours, with its unit."""
     return f"{field.low:.3g}", f"{field.high:.3g} {field.unit}".rstrip()

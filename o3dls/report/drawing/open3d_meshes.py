@@ -11,11 +11,11 @@ from ...arrays import Array
 from ...geometry.surface import Surface
 from .display import decimated
 
-EDGE_FACES = 4000  # of what is drawn as edges: more would hide the surface behind
+EDGE_FACES = 4000  # a surface drawn as edges has at most so many: more would hide what is behind
 
 
 def mesh(surface: Surface, colours: Array) -> Any:
-    """A triangle mesh with a colour (n, 3) of each vertex."""
+    """Make a triangle mesh with a colour (n, 3) of each vertex."""
     import open3d as o3d
 
     made = o3d.geometry.TriangleMesh(
@@ -28,12 +28,12 @@ def mesh(surface: Surface, colours: Array) -> Any:
 
 
 def plain(surface: Surface, colour: str) -> Any:
-    """A triangle mesh in one CSS colour `#rrggbb`."""
+    """Make a triangle mesh in one CSS colour `#rrggbb`."""
     return mesh(surface, np.tile(rgb(colour), (len(surface.vertices), 1)))
 
 
 def balls(centres: Array, colours: Array) -> Any:
-    """Balls of 1 mm about centres (n, 3) in colours (n, 3), as one mesh."""
+    """Make balls of 1 mm about centres (n, 3) in colours (n, 3), as one mesh."""
     import open3d as o3d
 
     ball = o3d.geometry.TriangleMesh.create_sphere(1.0, 8)
@@ -44,7 +44,7 @@ def balls(centres: Array, colours: Array) -> Any:
 
 
 def edges(surface: Surface, colour: str) -> Any:
-    """The edges of a surface, made coarse, in one CSS colour."""
+    """Return the edges of a surface, made coarse, in one CSS colour."""
     import open3d as o3d
 
     coarse = decimated(replace(surface, fields={}), EDGE_FACES, EDGE_FACES)
@@ -54,5 +54,5 @@ def edges(surface: Surface, colour: str) -> Any:
 
 
 def rgb(colour: str) -> Array:
-    """Red, green and blue (3,) in [0, 1] of a CSS colour `#rrggbb`."""
+    """Return red, green and blue (3,) in [0, 1] of a CSS colour `#rrggbb`."""
     return np.array([int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5)])

@@ -18,8 +18,8 @@ class Packed(str):
 
 
 def once(data: Any, arrays: list[str]) -> Any:
-    """The same data with the place in `arrays` of every packed array instead of its text; equal ones share
-    theirs.
+    """Return the data with the place in `arrays` of every packed array instead of its text; equal arrays
+    share a place.
     """
     places = {text: k for k, text in enumerate(arrays)}
 
@@ -37,13 +37,13 @@ def once(data: Any, arrays: list[str]) -> Any:
 
 
 def coded(array: Any) -> Packed:
-    """Little-endian bytes as base64."""
+    """Encode an array's little-endian bytes as base64."""
     raw = np.ascontiguousarray(array, dtype=array.dtype.newbyteorder("<")).tobytes()
     return Packed(base64.b64encode(raw).decode("ascii"))
 
 
 def packed(values: Array) -> Json:
-    """Numbers in 16 bits with their ends; the largest code stands for a missing value."""
+    """Pack numbers in 16 bits with their ends; the largest code stands for a missing value."""
     known = np.isfinite(values)
     low, high = (float(values[known].min()), float(values[known].max())) if known.any() else (0.0, 1.0)
     high = high if high > low else low + 1.0
@@ -53,5 +53,5 @@ def packed(values: Array) -> Json:
 
 
 def grid(points: Array, low: Array, size: Array) -> Packed:
-    """Points (n, 3) in 16 bits per coordinate inside the box of the scene."""
+    """Pack points (n, 3) in 16 bits per coordinate inside the box of the scene."""
     return coded(np.round((points - low) / size * LAST).astype(np.uint16))

@@ -28,7 +28,7 @@ class View:
     height: float
 
     def project(self, points: Array) -> Array:
-        """Right, up and depth (larger is nearer) in mm about the centre, (n, 3)."""
+        """Return right, up and depth (larger is nearer) in mm about the centre, (n, 3)."""
         return np.asarray((points - self.centre) @ self.axes.T)
 
 
@@ -42,8 +42,8 @@ class Canvas:
         self._depth = np.full(shape, -np.inf)
         self._scale = shape[0] / view.height
 
-    def _pixels(self, points: Array) -> Array:
-        """Column, row (pixels of the fine grid) and depth (mm), (n, 3)."""
+    def _place_on_grid(self, points: Array) -> Array:
+        """Return the column, row (pixels of the fine grid) and depth (mm), (n, 3)."""
         flat = self.view.project(points)
         rows, columns = self._depth.shape
         return np.column_stack(
@@ -53,14 +53,14 @@ class Canvas:
     def surface(self, surface: Surface, colours: Array) -> None:
         """Draw a surface with a colour per vertex (n, 3) in [0, 1]."""
         facing = surface.vertex_normals @ self.view.axes[2]
-        corners = self._pixels(surface.vertices)
+        corners = self._place_on_grid(surface.vertices)
         shades = np.asarray(colours, dtype=np.float64)
         _draw_triangles(corners, surface.faces, shades, facing, self._colour, self._depth)
 
     def balls(self, centres: Array, colours: Array, radius: float) -> None:
         """Draw shaded balls of a radius in mm with white rims, colours (n, 3)."""
         _draw_balls(
-            self._pixels(centres),
+            self._place_on_grid(centres),
             np.asarray(colours, dtype=np.float64),
             radius,
             self._scale,
@@ -69,7 +69,7 @@ class Canvas:
         )
 
     def pixels(self) -> Any:
-        """The picture, (height, width, 3) bytes."""
+        """Return the picture, (height, width, 3) bytes."""
         rows, columns = (n // SUPERSAMPLING for n in self._depth.shape)
         mean = self._colour.reshape(rows, SUPERSAMPLING, columns, SUPERSAMPLING, 3).mean(axis=(1, 3))
         return np.round(255 * np.clip(mean, 0, 1)).astype(np.uint8)

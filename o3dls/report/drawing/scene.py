@@ -30,13 +30,13 @@ GHOST_STYLES: dict[str, Json] = {
 
 
 def scene(subject: Subject) -> Json:
-    """Everything that the viewer draws, JSON-ready."""
+    """Collect everything that the viewer draws, JSON-ready."""
     surfaces = with_regions(subject, all_surfaces(subject))
     fields = all_fields(subject, surfaces)
-    ghosts = _ghosts(subject)
+    ghosts = _ghost_surfaces(subject)
     shown = [surfaces[name] for name in subject.shown]
     every = [*surfaces.values(), *ghosts.values()]
-    low, size = _box([*(surface.vertices for surface in every), subject.case.points.xyz])
+    low, size = _bounding_box([*(surface.vertices for surface in every), subject.case.points.xyz])
     centre = (shown[-1].vertices.min(axis=0) + shown[-1].vertices.max(axis=0)) / 2
     places = {name: len(surfaces) + k for k, name in enumerate(ghosts)}
     arrays: list[str] = []
@@ -46,35 +46,35 @@ def scene(subject: Subject) -> Json:
         "file": re.sub(r"[^\w.-]+", "_", subject.case.name)[:80] or "case",
         "units": subject.unit,
         "far": REACH,
-        "remoteness": _remoteness(subject),
+        "remoteness": _remoteness_field(subject),
         "box": {"low": low.tolist(), "size": size.tolist()},
         "centre": centre.tolist(),
         "radius": float(max(np.linalg.norm(s.vertices - centre, axis=1).max() for s in shown)),
         "maps": {name: coded(np.round(255 * colour_table(name)).astype(np.uint8)) for name in MAPS},
-        "fields": [_described(field) for field in fields],
-        "meshes": [_mesh(surface, low, size, fields) for surface in every],
+        "fields": [_describe_field(field) for field in fields],
+        "meshes": [_pack_mesh(surface, low, size, fields) for surface in every],
         "estimates": [
             {"mesh": k, **estimate_data(subject, name, surface, places)}
             for k, (name, surface) in enumerate(surfaces.items())
         ],
         "panels": [list(surfaces).index(name) for name in subject.shown],
         "ghostStyles": {name: GHOST_STYLES[name] for name in ghosts},
-        "points": _points(subject, low, size),
-        "landmarks": _landmarks(subject),
-        "next": _next(subject),
-        **_directions(subject),
+        "points": _pack_points(subject, low, size),
+        "landmarks": _list_landmarks(subject),
+        "next": _list_next_places(subject),
+        **_describe_directions(subject),
     }
     return {**once(data, arrays), "arrays": arrays}
 
 
-def _box(parts: Sequence[Array]) -> tuple[Array, Array]:
-    """The lowest corner (3,) of all points, and how far they reach from there."""
+def _bounding_box(parts: Sequence[Array]) -> tuple[Array, Array]:
+    """Return the lowest corner (3,) of all points, and how far they reach from there."""
     everything = np.vstack(parts)
     low = everything.min(axis=0)
     return low, np.maximum(np.ptp(everything, axis=0), 1e-6)
 
 
-def _described(field: Field) -> Json:
+def _describe_field(field: Field) -> Json:
     return {
         "key": field.key,
         "label": field.label,
@@ -86,8 +86,8 @@ def _described(field: Field) -> Json:
     }
 
 
-def _ghosts(subject: Subject) -> dict[str, Surface]:
-    """The prior brought near by the last pose for packing, and the truth where known.
+def _ghost_surfaces(subject: Subject) -> dict[str, Surface]:
+    """Return the prior brought near by the last pose for packing, and the truth where known.
 
     The prior is in its own frame; each panel moves it.
     """
@@ -99,7 +99,7 @@ def _ghosts(subject: Subject) -> dict[str, Surface]:
     return ghosts
 
 
-def _points(subject: Subject, low: Array, size: Array) -> Json:
+def _pack_points(subject: Subject, low: Array, size: Array) -> Json:
     points = subject.last.drawn_points
     limits = point_field(subject)
     names = list(dict.fromkeys(points.type.tolist()))
@@ -111,38 +111,38 @@ def _points(subject: Subject, low: Array, size: Array) -> Json:
         "range": [limits.low, limits.high],
         "values": {key: packed(points.columns[key]) for key in measured_values(points)},
         "rows": coded(np.flatnonzero(subject.last.run.points.type != "landmark").astype(np.uint32)),
-        "ids": [_written(one) for one in points.columns.get("id", np.zeros(0)).tolist()],
+        "ids": [_write_id(one) for one in points.columns.get("id", np.zeros(0)).tolist()],
     }
 
 
-def _written(name: object) -> str:
-    """The name of a point as its file has it, empty where it has none: tables hold decimal numbers."""
+def _write_id(name: object) -> str:
+    """Write the name of a point as its file has it, empty where it has none: tables hold decimal numbers."""
     if name != name:
         return ""
     return str(int(name)) if isinstance(name, float) and name.is_integer() else str(name)
 
 
-def _landmarks(subject: Subject) -> list[Json]:
+def _list_landmarks(subject: Subject) -> list[Json]:
     marks = subject.case.points.of("landmark")
     names = marks.columns.get("name", np.full(len(marks), ""))
     return [{"name": str(name), "at": at.tolist()} for name, at in zip(names, marks.xyz, strict=True)]
 
 
-def _next(subject: Subject) -> list[Json]:
-    """Numbered places where one more point would tell most."""
+def _list_next_places(subject: Subject) -> list[Json]:
+    """List the numbered places where one more point would tell most."""
     found = shown_advice(subject)
     return [
         {"name": str(k + 1), "at": one.xyz.tolist()} for k, one in enumerate(found.places if found else ())
     ]
 
 
-def _remoteness(subject: Subject) -> str | None:
+def _remoteness_field(subject: Subject) -> str | None:
     key = f"distance_to_nearest_point_{subject.unit}"
     return key if any(key in one.estimate.surface.fields for one in subject.results.values()) else None
 
 
-def _directions(subject: Subject) -> Json:
-    """Views, what is up, the patient's axes where known, letters of the axes and sides to cut away."""
+def _describe_directions(subject: Subject) -> Json:
+    """Describe views, what is up, the patient's axes where known, letters of axes and sides to cut away."""
     frame = subject.case.frame
     known = frame != "unknown"
     side = -1.0 if frame == "RAS" else 1.0
@@ -159,7 +159,7 @@ def _directions(subject: Subject) -> Json:
     }
 
 
-def _mesh(surface: Surface, low: Array, size: Array, fields: Sequence[Field]) -> Json:
+def _pack_mesh(surface: Surface, low: Array, size: Array, fields: Sequence[Field]) -> Json:
     wide = len(surface.vertices) > LAST
     return {
         "positions": grid(surface.vertices, low, size),

@@ -28,19 +28,21 @@ class Outline:
 
 
 def slice_surface(surface: Surface, axis: int, level: float) -> Array:
-    """Segments (n, 2, 2), in the two other coordinates, where a surface meets the plane x[axis] = level."""
+    """Return segments (n, 2, 2), in the two other coordinates, where a surface meets the plane x[axis] =
+    level.
+    """
     corners = surface.vertices[surface.faces]
     above = corners[:, :, axis] > level
     crossing = corners[above.any(axis=1) & ~above.all(axis=1)]
     above = crossing[:, :, axis] > level
-    # the corner alone on its side
+    # of each triangle the corner that is alone on its side of the plane
     lone = np.where(above.sum(axis=1) == 1, above.argmax(axis=1), (~above).argmax(axis=1))
     rows = np.arange(len(crossing))
-    ends = [_between(crossing[rows, lone], crossing[rows, (lone + k) % 3], axis, level) for k in (1, 2)]
+    ends = [_cross_level(crossing[rows, lone], crossing[rows, (lone + k) % 3], axis, level) for k in (1, 2)]
     return np.delete(np.stack(ends, axis=1), axis, axis=2)
 
 
-def _between(a: Array, b: Array, axis: int, level: float) -> Array:
+def _cross_level(a: Array, b: Array, axis: int, level: float) -> Array:
     share = (level - a[:, axis]) / (b[:, axis] - a[:, axis])
     return a + share[:, None] * (b - a)
 
@@ -67,12 +69,12 @@ class Frame:
         return np.asarray((self.high - self.low) * self.scale + 2 * np.array([MARGIN, STRIP]))
 
     def place(self, at: Array) -> Array:
-        """Pixels (..., 2) of positions (..., 2); rows of a picture count down."""
+        """Return pixels (..., 2) of positions (..., 2); rows of a picture count down."""
         flat = np.array([MARGIN, STRIP]) + (at - self.low) * self.scale
         return np.where([False, True], self.size - flat, flat)
 
     def holds(self, at: Array) -> Array:
-        """Whether positions (n, 2) lie inside, (n,)."""
+        """Return whether positions (n, 2) lie inside, (n,)."""
         return np.asarray(np.all((at >= self.low) & (at <= self.high), axis=1))
 
 
@@ -85,11 +87,11 @@ def drawing(
     *,
     caption: str | None = None,
 ) -> Html:
-    """Outlines, and points (n, 2) in CSS colours, in true proportions with a scale bar; what a caption says
-    is what a listener hears of the picture.
+    """Draw outlines, and points (n, 2) in CSS colours, in true proportions with a scale bar; screen readers
+    read the caption for the picture.
     """
     lines = [
-        tag("path", d=_path(frame.place(one.segments)), class_=f"series {one.classes}")
+        tag("path", d=_write_path(frame.place(one.segments)), class_=f"series {one.classes}")
         for one in outlines
         if len(one.segments)
     ]
@@ -117,7 +119,9 @@ def drawing(
 
 
 def bar_length(width: float) -> float:
-    """The longest of the round lengths, 1, 2 or 5 times a power of ten, that is at most 2/7 of a width."""
+    """Return the longest of the round lengths, 1, 2 or 5 times a power of ten, that is at most 2/7 of a
+    width.
+    """
     power = 10.0 ** np.floor(np.log10(width / 5))
     return float(power * max(step for step in (1, 2, 5, 10) if step * power <= width / 3.5))
 
@@ -146,8 +150,8 @@ def _side_names(frame: Frame) -> list[Html]:
     ]
 
 
-def _path(segments: Array) -> str:
-    """SVG path of segments (n, 2, 2), joined where one ends where the next begins."""
+def _write_path(segments: Array) -> str:
+    """Write the SVG path of segments (n, 2, 2), joined where one ends where the next begins."""
     parts = []
     last = ""
     for (ax, ay), (bx, by) in segments:

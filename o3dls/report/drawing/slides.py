@@ -42,12 +42,12 @@ if TYPE_CHECKING:
 NOTICE = "Research use only. Not for clinical use."
 DASHES: tuple[Any, ...] = ("-", (0, (7, 3)), (0, (2, 3)), (0, (9, 3, 2, 3)), (0, (4, 2)), (0, (1, 4)))
 MOST_COLUMNS, MOST_ROWS, HEAD_LINES, LETTERS = 7, 7, 3, 12
-VERDICT_LINES, TEXT_LINES = 4, 6  # at most, of the verdict, and with the warnings below it
+VERDICT_LINES, TEXT_LINES = 4, 6  # the verdict has at most so many lines, and verdict and warnings together
 
 
 def write_slides(subject: Subject, folder: Path, pdf: Path) -> None:
     """Write figures/*.png into a folder and the one-page PDF."""
-    summary, page = _summary(subject)
+    summary, page = _draw_summary(subject)
     pictures = {"summary.png": summary, "distances.png": _distances_png(subject), **_surface_pngs(subject)}
     for name, data in pictures.items():
         write_file(folder / name, data)
@@ -55,10 +55,10 @@ def write_slides(subject: Subject, folder: Path, pdf: Path) -> None:
 
 
 def _surface_pngs(subject: Subject) -> dict[str, bytes]:
-    """The estimates side by side from the front and from behind; in 2D as outlines."""
+    """Draw the estimates side by side from the front and from behind; in 2D as outlines."""
     if subject.case.dimension == 2:
         with side_by_side(subject) as figure:
-            _surfaces(figure, subject, WHOLE)
+            _draw_surfaces(figure, subject, WHOLE)
             draw_caption(figure, caption(subject))
             return {"outlines.png": png(figure)}
     patient = orientation(subject).patient
@@ -67,7 +67,7 @@ def _surface_pngs(subject: Subject) -> dict[str, bytes]:
     return {f"surfaces_{view}.png": data for view, data in zip(views, pictures, strict=True)}
 
 
-def _surfaces(figure: Figure, subject: Subject, box: tuple[float, float, float, float]) -> None:
+def _draw_surfaces(figure: Figure, subject: Subject, box: tuple[float, float, float, float]) -> None:
     if subject.case.dimension == 3:
         draw_pictures(figure, subject, box)
         return
@@ -78,7 +78,7 @@ def _surfaces(figure: Figure, subject: Subject, box: tuple[float, float, float, 
         at = (left + k * each, bottom + 0.25 * height, each * 0.96, height * 0.66)
         axes = figure.add_axes(at, sharex=first, sharey=first)  # one frame, so that pictures compare
         first = first or axes
-        _outlines(axes, subject, name)
+        _draw_outlines(axes, subject, name)
         shrunk(axes.set_title(drawable(name), fontsize=11, parse_math=False), axes.bbox.width)
     draw_bar(
         figure,
@@ -88,8 +88,8 @@ def _surfaces(figure: Figure, subject: Subject, box: tuple[float, float, float, 
     )
 
 
-def _outlines(axes: Axes, subject: Subject, name: str) -> None:
-    """One estimate in 2D: the outlines with their names, the points in the colours of their distance."""
+def _draw_outlines(axes: Axes, subject: Subject, name: str) -> None:
+    """Draw one estimate in 2D: the outlines with their names, the points in the colours of their distance."""
     for label, _, surface in named_outlines(subject, name):
         colour = {"truth": INK, "prior": LIGHT[GREY]}.get(label, LIGHT[subject.style(name) % len(LIGHT)])
         x, y = surface.vertices[surface.faces].T
@@ -105,8 +105,8 @@ def _outlines(axes: Axes, subject: Subject, name: str) -> None:
     axes.legend(frameon=False, fontsize=8, loc="upper center", bbox_to_anchor=(0.5, 0.0), ncols=3)
 
 
-def _summary(subject: Subject) -> tuple[bytes, bytes]:
-    """One page, A4 across, as PNG and as PDF: verdict, warnings, surfaces, table and curve."""
+def _draw_summary(subject: Subject) -> tuple[bytes, bytes]:
+    """Draw one page, A4 across, as PNG and as PDF: verdict, warnings, surfaces, table and curve."""
     buffer = io.BytesIO()
     with plain_figure(11.69, 8.27) as figure:
         title = figure.text(
@@ -119,16 +119,16 @@ def _summary(subject: Subject) -> tuple[bytes, bytes]:
             parse_math=False,
         )
         shrunk(title, 0.92 * figure.bbox.width)
-        said = _wrapped(verdict(subject), 125, VERDICT_LINES)
+        said = _wrap_text(verdict(subject), 125, VERDICT_LINES)
         figure.text(0.04, 0.905, "\n".join(said), fontsize=11, va="top", linespacing=1.35, parse_math=False)
         under = 0.895 - 0.025 * len(said)
-        doubts = _warnings(subject, TEXT_LINES - len(said))
+        doubts = _write_warnings(subject, TEXT_LINES - len(said))
         figure.text(
             0.04, under, doubts, fontsize=8.5, va="top", color="#7a5200", linespacing=1.3, parse_math=False
         )
-        _surfaces(figure, subject, (0.03, 0.3, 0.94, 0.46))
-        _table(figure, subject, (0.04, 0.05, 0.58, 0.22))
-        _curve(figure.add_axes((0.68, 0.1, 0.28, 0.17)), subject)
+        _draw_surfaces(figure, subject, (0.03, 0.3, 0.94, 0.46))
+        _draw_table(figure, subject, (0.04, 0.05, 0.58, 0.22))
+        _draw_curve(figure.add_axes((0.68, 0.1, 0.28, 0.17)), subject)
         draw_caption(figure, f"{caption(subject)} · {NOTICE}")
         figure.savefig(
             buffer,
@@ -139,23 +139,23 @@ def _summary(subject: Subject) -> tuple[bytes, bytes]:
         return png(figure, 140), buffer.getvalue()
 
 
-def _warnings(subject: Subject, most: int) -> str:
-    """The first lines of the warnings, and whether there are more."""
-    lines = [line for text in warnings(subject) for line in _wrapped(text, 150)]
+def _write_warnings(subject: Subject, most: int) -> str:
+    """Write the first lines of the warnings, and whether there are more."""
+    lines = [line for text in warnings(subject) for line in _wrap_text(text, 150)]
     return "\n".join(lines if len(lines) <= most else [*lines[: most - 1], "and more in the report"])
 
 
 def _distances_png(subject: Subject) -> bytes:
     with plain_figure(6.4, 4.2) as figure:
-        _curve(figure.add_axes((0.12, 0.16, 0.84, 0.74)), subject)
+        _draw_curve(figure.add_axes((0.12, 0.16, 0.84, 0.74)), subject)
         draw_caption(figure, f"{subject.case.name} · {made(subject)}")
         return png(figure, 150)
 
 
-def _curve(axes: Axes, subject: Subject) -> None:
-    """Share of points within a distance, on the set that speaks first."""
+def _draw_curve(axes: Axes, subject: Subject) -> None:
+    """Draw the share of points within a distance, on the headline set of points."""
     group = subject.headline
-    names = dict.fromkeys([next(iter(subject.results)), *subject.shown])  # where it began, and what is shown
+    names = dict.fromkeys([next(iter(subject.results)), *subject.shown])  # with the start, to show the gain
     gaps = {name: subject.results[name].measured(group, subject.last)[1] for name in names} if group else {}
     gaps = {name: np.sort(values) for name, values in gaps.items() if len(values)}
     for name, values in gaps.items():
@@ -177,8 +177,8 @@ def _curve(axes: Axes, subject: Subject) -> None:
     axes.spines[["top", "right"]].set_visible(False)
 
 
-def _table(figure: Figure, subject: Subject, box: tuple[float, float, float, float]) -> None:
-    """Mean distances, what was fitted last."""
+def _draw_table(figure: Figure, subject: Subject, box: tuple[float, float, float, float]) -> None:
+    """Draw the table of mean distances; the sets that were fitted stand last."""
     sets, rows = mean_table(subject)
     if len(sets) > MOST_COLUMNS:
         sets = [*sets[: MOST_COLUMNS - 1], sets[-1]]
@@ -212,5 +212,5 @@ def _table(figure: Figure, subject: Subject, box: tuple[float, float, float, flo
             shrunk(cell.get_text(), (1 - 2 * cell.PAD) * cell.get_width() * axes.bbox.width)
 
 
-def _wrapped(text: str, width: int, most: int | None = None) -> list[str]:
+def _wrap_text(text: str, width: int, most: int | None = None) -> list[str]:
     return textwrap.wrap(drawable(text, 2000), width, max_lines=most, placeholder=" …")

@@ -33,12 +33,12 @@ class Orientation:
     patient: bool = True
 
     def looking(self, *, behind: bool = False) -> Array:
-        """Right, up and towards the viewer (3, 3), seen from the front or from behind."""
+        """Return the axes right, up and towards the viewer (3, 3), seen from the front or from behind."""
         side = -1.0 if behind else 1.0
         return np.array([side * self.left, self.up, side * self.front])
 
     def views(self) -> dict[str, Array]:
-        """Name of each standard view, and the direction (3,) from where it looks."""
+        """Return the name of each standard view, and the direction (3,) from where it looks."""
         left, front, up = self.left, self.front, self.up
         if not self.patient:
             sides = {"prior −y": front, "prior +y": -front, "prior +x": left, "prior −x": -left}
@@ -48,47 +48,47 @@ class Orientation:
         return turn | {"superior": up + OFF_POLE * front, "inferior": OFF_POLE * front - up}
 
     def sides(self) -> tuple[tuple[str, str], ...]:
-        """What lies towards left, front and up, each with what lies opposite."""
+        """Name what lies towards left, front and up, each with what lies opposite."""
         if not self.patient:
             return ("prior +x", "prior −x"), ("prior −y", "prior +y"), ("prior +z", "prior −z")
         return ("left", "right"), ("front", "back"), ("head", "feet")
 
 
 def in_frame(frame: str, known_by: str = "", *, patient: bool = True) -> Orientation:
-    """The patient's directions in LPS or RAS coordinates."""
+    """Return the patient's directions in LPS or RAS coordinates."""
     side = -1.0 if frame == "RAS" else 1.0  # of left in x, of posterior in y
     left, front, up = np.array([[side, 0, 0], [0, -side, 0], [0, 0, 1.0]])
     return Orientation(left, front, up, known_by, patient)
 
 
 def orientation(subject: Subject) -> Orientation:
-    """The patient's directions in the map frame by the first of what is known, else the prior's."""
+    """Find the patient's directions in the map frame by the first of what is known, else the prior's."""
     case = subject.case
     if case.frame != "unknown":
         return in_frame(case.frame, f"frame of the points, {case.frame}")
     pose = subject.last.estimate.T_map_prior
     if case.prior_frame != "unknown":
         known_by = f"frame of the prior, {case.prior_frame}, in the pose of {subject.last.name}"
-        return _turned(in_frame(case.prior_frame, known_by), pose)
-    veins = by_veins(_landmarks(subject))
+        return _turn_directions(in_frame(case.prior_frame, known_by), pose)
+    veins = by_veins(_named_landmarks(subject))
     own = f"prior's own axes, in the pose of {subject.last.name}: the patient's are not known"
-    return veins or _turned(in_frame("LPS", own, patient=False), pose)
+    return veins or _turn_directions(in_frame("LPS", own, patient=False), pose)
 
 
-def _turned(one: Orientation, pose: Array) -> Orientation:
-    """The directions where a pose (4, 4), whose scale is the same everywhere, brings them."""
+def _turn_directions(one: Orientation, pose: Array) -> Orientation:
+    """Turn the directions to where a pose (4, 4), whose scale is the same everywhere, brings them."""
     turn = pose[:3, :3] / np.cbrt(np.linalg.det(pose[:3, :3]))
     return Orientation(turn @ one.left, turn @ one.front, turn @ one.up, one.known_by, one.patient)
 
 
-def _landmarks(subject: Subject) -> dict[str, Array]:
+def _named_landmarks(subject: Subject) -> dict[str, Array]:
     marks = subject.case.points.of("landmark")
     names = marks.columns.get("name", np.full(len(marks), ""))
     return {str(name): at for name, at in zip(names, marks.xyz, strict=True)}
 
 
 def by_veins(landmarks: Mapping[str, Array]) -> Orientation | None:
-    """About the patient's directions: left from right veins to left, up from inferior to superior ones.
+    """Estimate the patient's directions: left from right veins to left, up from inferior to superior ones.
 
     None where there is no such pair, or where both lie nearly along one line.
     """
@@ -106,7 +106,7 @@ def by_veins(landmarks: Mapping[str, Array]) -> Orientation | None:
 
 
 def _mean_step(at: Mapping[str, Array], pairs: tuple[tuple[str, str], ...]) -> Array | None:
-    """Unit direction (3,) from the first to the second of each pair that is there."""
+    """Return the unit direction (3,) from the first to the second of each pair that is there."""
     steps = [at[there] - at[here] for here, there in pairs if here in at and there in at]
     step = np.sum(steps, axis=0) if steps else np.zeros(3)
     length = np.linalg.norm(step)

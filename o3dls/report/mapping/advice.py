@@ -41,20 +41,21 @@ class Located:
 
     @property
     def where(self) -> str:
-        """Such as `roof, 12 mm from RSPV`."""
+        """Where the place is, in words such as `roof, 12 mm from RSPV`."""
         near = f"{self.landmark_distance:.0f} {self.unit} from {self.landmark}" if self.landmark else ""
         return ", ".join(filter(None, [self.region, near])) or "–"
 
     def cells(self) -> list[str]:
-        """The columns of `HEAD`."""
+        """Return the cells of the place's row in a table, as `HEAD` names its columns."""
         one = self.place
         at = ", ".join(f"{x:.1f}" for x in one.xyz)
         around = [f"{error:.2f}" for error in (one.near_before, one.near_after)]
-        wall = [f"{error:.3f}" for error in (one.before, one.after)]  # a single point changes little of it
+        # three digits: one point changes the error of the whole wall little
+        wall = [f"{error:.3f}" for error in (one.before, one.after)]
         return [at, self.where, f"{one.distance:.1f}", *around, *wall]
 
     def record(self) -> dict[str, Any]:
-        """All of it, JSON-ready."""
+        """Return the place with its region and landmark as plain values, JSON-ready."""
         found = asdict(self.place) | {"xyz": self.place.xyz.tolist()}
         return found | {
             "region": self.region,
@@ -65,7 +66,9 @@ class Located:
 
 @lru_cache(maxsize=1)  # the pictures and the section beside them show the same places
 def shown_advice(subject: Subject) -> Advice | None:
-    """What the report proposes for the last estimate; None where that has no joint posterior."""
+    """Choose the places that the report proposes for the last estimate; None where that has no joint
+    posterior.
+    """
     estimate = subject.last.estimate
     if wall_modes(subject.case.prior, estimate.motion) is None:
         return None
@@ -73,21 +76,23 @@ def shown_advice(subject: Subject) -> Advice | None:
 
 
 def advice(subject: Subject, k: int, reachable: NDArray[np.bool_] | None = None) -> Advice:
-    """Places for the last estimate. Raises InputError as `suggest`."""
+    """Choose places for one more point by the last estimate. Raises InputError as `suggest`."""
     return suggest(subject.case, subject.last.estimate, k, reachable=reachable)
 
 
 def located(subject: Subject, found: Advice) -> list[Located]:
-    """The places, each with where it is."""
+    """Return the places of an advice, each with its region and its nearest landmark."""
     of = wall_regions(subject, subject.last.estimate.surface)
     marks = landmarks_in_map(subject)
     return [
-        Located(one, "" if of is None else word(int(of[one.vertex])), *_nearest(one, marks), subject.unit)
+        Located(
+            one, "" if of is None else word(int(of[one.vertex])), *_nearest_landmark(one, marks), subject.unit
+        )
         for one in found.places
     ]
 
 
-def _nearest(place: Place, marks: dict[str, NDArray[np.float64]]) -> tuple[str, float | None]:
+def _nearest_landmark(place: Place, marks: dict[str, NDArray[np.float64]]) -> tuple[str, float | None]:
     gaps = {name: float(np.linalg.norm(at - place.xyz)) for name, at in marks.items()}
     name = min(gaps, key=gaps.__getitem__, default="")
     return name, gaps.get(name)

@@ -25,7 +25,7 @@ MEANING = (
 
 
 def next_section(subject: Subject) -> Section | None:
-    """The best places for one more point each; None where the last estimate has no joint posterior."""
+    """List the best places for one more point each; None where the last estimate has no joint posterior."""
     found = shown_advice(subject)
     if found is None:
         return None
@@ -33,11 +33,11 @@ def next_section(subject: Subject) -> Section | None:
         return Section("next", "Where to map next", tag("p", f"No place is proposed: {found.ended}."))
     these = "The numbers in the pictures" if subject.case.dimension == 3 else "These"
     ended = tag("p", f"There are no more: {found.ended}.") if found.ended else None
-    body = join(tag("p", f"{these} {MEANING}"), _places(subject, found), ended)
+    body = join(tag("p", f"{these} {MEANING}"), _places_table(subject, found), ended)
     return Section("next", "Where to map next", body)
 
 
-def _places(subject: Subject, found: Advice) -> Html:
+def _places_table(subject: Subject, found: Advice) -> Html:
     rows: list[list[Child]] = [[k + 1, *one.cells()] for k, one in enumerate(located(subject, found))]
     note = (
         f"Lengths in {subject.unit}. Errors are mean distances that the posterior expects, around the place "
@@ -47,7 +47,7 @@ def _places(subject: Subject, found: Advice) -> Html:
 
 
 def region_section(subject: Subject) -> Section | None:
-    """Each region's share, points, distances and deviation; None where regions are not known."""
+    """Tabulate each region's share, points, distances and deviation; None where regions are not known."""
     surface = subject.last.estimate.surface
     of = wall_regions(subject, surface)
     if of is None:
@@ -68,11 +68,11 @@ def region_section(subject: Subject) -> Section | None:
         f"Of {subject.last.name}, by the patient's axes and the named places. Without points: farther than "
         f"{REACH:g} {unit} from every fitted point."
     )
-    body = table(head, _rows(subject, of, group), note)
+    body = table(head, _region_rows(subject, of, group), note)
     return Section("regions", "Regions of the wall", body)
 
 
-def _rows(subject: Subject, of: Ints, group: str | None) -> list[list[Child]]:
+def _region_rows(subject: Subject, of: Ints, group: str | None) -> list[list[Child]]:
     surface = subject.last.estimate.surface
     area = surface.vertex_areas
     tree = cKDTree(surface.vertices)
@@ -85,8 +85,8 @@ def _rows(subject: Subject, of: Ints, group: str | None) -> list[list[Child]]:
     for region in np.unique(of):
         part = of == region
         there = at == region
-        mean_sd = _mean(area, sd, part)
-        alone = _mean(area, far, part)
+        mean_sd = _mean_by_area(area, sd, part)
+        alone = _mean_by_area(area, far, part)
         rows.append(
             [
                 word(int(region)),
@@ -102,8 +102,8 @@ def _rows(subject: Subject, of: Ints, group: str | None) -> list[list[Child]]:
     return rows
 
 
-def _mean(area: Array, values: Array, part: NDArray[np.bool_]) -> float | None:
-    """Mean by area over a part, None where nothing is known of it."""
+def _mean_by_area(area: Array, values: Array, part: NDArray[np.bool_]) -> float | None:
+    """Return the mean by area over a part, None where nothing is known of it."""
     known = part & np.isfinite(values)
     weight = area[known]
     return float(weight @ values[known] / weight.sum()) if weight.sum() > 0 else None

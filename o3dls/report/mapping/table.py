@@ -17,22 +17,22 @@ NOTICE = "What the posterior expects, not what will be found. Research use only;
 
 
 def next_places(folder: Path, k: int, reachable: Path | None = None, *, as_json: bool = False) -> str:
-    """The places of a finished run where one more point would tell most.
+    """List the places of a finished run where one more point would tell most.
 
     Raises InputError where the run has no joint posterior, or the mask does not fit its last surface.
     """
     subject = read_subject([folder])
-    found = advice(subject, k, _mask(reachable, subject) if reachable else None)
+    found = advice(subject, k, _read_mask(reachable, subject) if reachable else None)
     places = located(subject, found)
     if not as_json:
-        return _text(subject, places, found.ended)
+        return _write_text(subject, places, found.ended)
     about = {"estimate": subject.last.name, "units": subject.unit, "frame": subject.case.frame}
     record = about | {"places": [one.record() for one in places], "ended": found.ended, "notice": NOTICE}
     return json.dumps(record, indent=1)
 
 
-def _mask(path: Path, subject: Subject) -> NDArray[np.bool_]:
-    """Which vertices are reachable, from a table with one row each."""
+def _read_mask(path: Path, subject: Subject) -> NDArray[np.bool_]:
+    """Read which vertices are reachable, from a table with one row each."""
     values = read_table(path, ("reachable",)).numbers("reachable")
     n = len(subject.last.estimate.surface.vertices)
     if len(values) != n:
@@ -46,7 +46,7 @@ def _mask(path: Path, subject: Subject) -> NDArray[np.bool_]:
     return values > 0
 
 
-def _text(subject: Subject, places: list[Located], ended: str) -> str:
+def _write_text(subject: Subject, places: list[Located], ended: str) -> str:
     case = subject.case
     title = (
         f"{case.name}: where to map next, {subject.last.name}; {subject.unit}, frame of the map: {case.frame}"

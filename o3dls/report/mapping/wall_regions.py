@@ -19,8 +19,8 @@ FIELD = "region"
 
 
 def landmarks_in_map(subject: Subject) -> dict[str, Array]:
-    """Named places (3,) in the map: as marked there, and those of the prior alone where the last estimate
-    brings them.
+    """Return named places (3,) in the map: as marked there, and those of the prior alone where the last
+    estimate brings them.
     """
     case = subject.case
     marks = case.points.of("landmark")
@@ -35,8 +35,8 @@ def landmarks_in_map(subject: Subject) -> dict[str, Array]:
 
 
 def wall_regions(subject: Subject, surface: Surface) -> Ints | None:
-    """Region of each vertex (n,) of a surface in the map; None in 2D, in pixels, and where the patient's axes
-    or the veins are not known.
+    """Return the region of each vertex (n,) of a surface in the map; None in 2D, in pixels, and where the
+    patient's axes or the veins are not known.
     """
     if subject.case.dimension == 2 or subject.unit != "mm":
         return None
@@ -47,7 +47,7 @@ def wall_regions(subject: Subject, surface: Surface) -> Ints | None:
 
 
 def with_regions(subject: Subject, surfaces: Mapping[str, Surface]) -> dict[str, Surface]:
-    """The surfaces, each with its regions as a field, where they are known."""
+    """Return the surfaces, each with its regions as a field, where they are known."""
     found = {name: wall_regions(subject, surface) for name, surface in surfaces.items()}
     return {
         name: surface

@@ -23,9 +23,11 @@ MOST_DIRECTIONS = 4
 
 
 def pose_section(subject: Subject) -> Section | None:
-    """The least certain directions of each pose whose stage has looked at its Hessian."""
+    """Tabulate the least certain directions of each pose whose stage has looked at its Hessian."""
     found = {result.name: result.estimate.facts.get("observability") for result in subject.results.values()}
-    rows = [_direction(name, one) for name, all_ in found.items() for one in (all_ or [])[:MOST_DIRECTIONS]]
+    rows = [
+        _direction_row(name, one) for name, all_ in found.items() for one in (all_ or [])[:MOST_DIRECTIONS]
+    ]
     if not rows:
         return None
     unit, shape = subject.unit, words_of(subject).shape
@@ -41,7 +43,7 @@ def pose_section(subject: Subject) -> Section | None:
     return Section("pose", "Pose uncertainty", tag("div", table(head, rows, note), class_="left"))
 
 
-def _direction(name: str, one: Mapping[str, Any]) -> list[Child]:
+def _direction_row(name: str, one: Mapping[str, Any]) -> list[Child]:
     shift, turn = (float(np.linalg.norm(one[key])) for key in ("shift", "turn_degrees"))
     return [
         name,
@@ -54,8 +56,8 @@ def _direction(name: str, one: Mapping[str, Any]) -> list[Child]:
 
 
 def calibration_section(subject: Subject) -> Section | None:
-    """Where the truth is known: predicted deviation against the error that was really made, at the
-    vertices.
+    """Chart the predicted deviation against the error that was really made, at the vertices; None without
+    truth.
     """
     surface = subject.surfaces[subject.last.name]
     unit = subject.unit
@@ -70,20 +72,24 @@ def calibration_section(subject: Subject) -> Section | None:
     x = axis_over(f"predicted standard deviation, {unit}", [predicted])
     chart = line_chart(
         "Mean error by predicted standard deviation",
-        [Series(subject.last.name, subject.style(subject.last.name), predicted, made), _ideal(x.high)],
+        [Series(subject.last.name, subject.style(subject.last.name), predicted, made), _ideal_series(x.high)],
         x,
         axis_over(f"mean distance to truth, {unit}", [made, predicted]),
     )
-    return Section("calibration", "Is the uncertainty reliable?", join(_shares(within), grouped(chart)))
+    return Section(
+        "calibration", "Is the uncertainty reliable?", join(_describe_shares(within), grouped(chart))
+    )
 
 
-def _ideal(high: float) -> Series:
-    """What a calibrated posterior of normal errors shows, in the last style, which no shown estimate has."""
+def _ideal_series(high: float) -> Series:
+    """Return what a calibrated posterior of normal errors shows, in the last style, which no shown estimate
+    has.
+    """
     ends = np.array([0.0, high])
     return Series("calibrated", STYLES - 1, ends, MEAN_OVER_SD * ends)
 
 
-def _shares(within: tuple[float, float]) -> Html:
+def _describe_shares(within: tuple[float, float]) -> Html:
     text = (
         f"{within[0]:.0%} of the vertices lie within one predicted standard deviation of the truth "
         f"({DUE[0]:.0%} if calibrated), "

@@ -9,7 +9,9 @@ from .section import Section
 
 
 def contents(sections: Sequence[Section]) -> Html:
-    """The links; the page's script folds them on narrow screens and marks the section in sight."""
+    """Link to the sections; the page's script folds the links on narrow screens and marks the section in
+    sight.
+    """
     links = (tag("a", section.title, href=f"#{section.anchor}") for section in sections)
     summary = tag("summary", "Contents ", tag("small", id="section-in-sight"))
     folded = tag("details", summary, tag("div", *links), class_="folds", open=True)

@@ -10,12 +10,12 @@ from ..markup import Child, Html, signed, table, tag
 from ..subject import SETS, Subject
 from .section import Section
 
-ROW, LEFT, WIDTH = 52, 12, 640  # pixels; a name stands above its bar
+ROW, LEFT, WIDTH = 52, 12, 640  # pixels; a row has room for a name above its bar
 BAR = 14
 
 
 def contribution_section(subject: Subject) -> Section | None:
-    """The change of the mean distance by each stage on the way to the last estimate."""
+    """Show the change of the mean distance by each stage on the way to the last estimate."""
     found = steps(subject)
     if not found or subject.headline is None:
         return None
@@ -28,16 +28,16 @@ def contribution_section(subject: Subject) -> Section | None:
     caption = f"Mean distance, {SETS[subject.headline]}; {marks}."
     values = table(head, rows, caption)
     return Section(
-        "contributions", "What each stage contributed", grouped(_bars(found, unit), tag("div", values))
+        "contributions", "What each stage contributed", grouped(_draw_bars(found, unit), tag("div", values))
     )
 
 
-def _sign(change: float) -> str:
-    """The way of a change as a mark: none of the estimates' colours says better or worse."""
+def _mark_change(change: float) -> str:
+    """Return the way of a change as a mark: none of the estimates' colours says better or worse."""
     return "=" if round(change, 2) == 0 else "▼" if change < 0 else "▲"
 
 
-def _bars(found: Sequence[Step], unit: str) -> Html:
+def _draw_bars(found: Sequence[Step], unit: str) -> Html:
     most = max(abs(one.change) for one in found) or 1.0
     middle = WIDTH / 2
     parts = [tag("path", d=f"M{middle} 0V{ROW * len(found)}", class_="zero")]
@@ -48,7 +48,10 @@ def _bars(found: Sequence[Step], unit: str) -> Html:
         style = "gain nearer" if one.change < 0 else "gain"
         parts += [
             tag(
-                "text", f"{_sign(one.change)} {one.stage} {signed(one.change)} {unit}", x=LEFT, y=ROW * k + 25
+                "text",
+                f"{_mark_change(one.change)} {one.stage} {signed(one.change)} {unit}",
+                x=LEFT,
+                y=ROW * k + 25,
             ),
             tag("rect", x=f"{left:.1f}", y=top, width=f"{length:.1f}", height=BAR, class_=style),
         ]

@@ -20,30 +20,30 @@ LOG_FROM = 30.0  # ratio of largest to smallest value above which a logarithmic 
 
 
 def course_section(subject: Subject) -> Section | None:
-    """The trace of every estimate that has one, and the seconds of each stage."""
+    """Chart the trace of every estimate that has one, and list the seconds of each stage."""
     charts = [
         chart
         for result in subject.results.values()
         if len(result.estimate.trace) > 1
-        for chart in _traces(result, subject.unit)
+        for chart in _chart_traces(result, subject.unit)
     ]
-    body = join(_seconds(subject), grouped(*charts) if charts else None)
+    body = join(_seconds_table(subject), grouped(*charts) if charts else None)
     return Section("course", "Convergence and time", body)
 
 
-def _traces(result: Result, unit: str) -> list[Html]:
-    """A chart for each unit of the trace: the energy with its terms, lengths, and whatever else alone."""
+def _chart_traces(result: Result, unit: str) -> list[Html]:
+    """Draw a chart for each unit of the trace: the energy with its terms, lengths, the others alone."""
     charts: dict[tuple[str, str], dict[str, Array]] = {}
-    for name, values in _columns(result.estimate.trace).items():
-        charts.setdefault(_measured(name, unit), {})[name] = values
+    for name, values in _changing_columns(result.estimate.trace).items():
+        charts.setdefault(_name_quantity(name, unit), {})[name] = values
     return [
-        _trace(result, f"{result.name}, {what}: {_sentence(result)}", label, columns)
+        _chart_trace(result, f"{result.name}, {what}: {_describe_end(result)}", label, columns)
         for (what, label), columns in charts.items()
     ]
 
 
-def _measured(name: str, unit: str) -> tuple[str, str]:
-    """What a column of a trace is, and the label of its axis."""
+def _name_quantity(name: str, unit: str) -> tuple[str, str]:
+    """Name what a column of a trace is, and the label of its axis."""
     if name in ENERGIES:
         return "energy", "energy, without unit"
     if name in LENGTHS:
@@ -51,7 +51,7 @@ def _measured(name: str, unit: str) -> tuple[str, str]:
     return WORDS.get(name, name), WORDS.get(name, name)
 
 
-def _trace(result: Result, title: str, label: str, columns: Mapping[str, Array]) -> Html:
+def _chart_trace(result: Result, title: str, label: str, columns: Mapping[str, Array]) -> Html:
     steps = np.arange(1.0, len(result.estimate.trace) + 1)
     series = [
         Series(WORDS.get(name, name), k % STYLES, steps, values)
@@ -64,23 +64,23 @@ def _trace(result: Result, title: str, label: str, columns: Mapping[str, Array])
     return line_chart(title, series, Axis("iteration", 1.0, float(max(len(steps), 2))), y)
 
 
-def _sentence(result: Result) -> str:
+def _describe_end(result: Result) -> str:
     return "converged" if result.estimate.converged else "not converged"
 
 
-def _columns(trace: Sequence[Mapping[str, float]]) -> dict[str, Array]:
-    """Columns of a trace that change, gaps as NaN."""
+def _changing_columns(trace: Sequence[Mapping[str, float]]) -> dict[str, Array]:
+    """Return columns of a trace that change, gaps as NaN."""
     names = dict.fromkeys(key for row in trace for key in row if key not in INDICES)
     columns = {name: np.array([row.get(name, np.nan) for row in trace], dtype=np.float64) for name in names}
     changing = {name: values for name, values in columns.items() if np.nanmax(values) > np.nanmin(values)}
     return changing or columns
 
 
-def _seconds(subject: Subject) -> Html:
-    """Seconds per stage, and of the whole run, cross-validation and scoring included."""
+def _seconds_table(subject: Subject) -> Html:
+    """Tabulate the seconds per stage, and of the whole run, cross-validation and scoring included."""
     results = [result for result in subject.results.values() if result.estimate.seconds > 0]
     rows: list[list[Child]] = [
-        [r.name, f"{r.estimate.seconds:.2f}", r.estimate.iterations, _bar(r, results)] for r in results
+        [r.name, f"{r.estimate.seconds:.2f}", r.estimate.iterations, _share_bar(r, results)] for r in results
     ]
     for folder, run in zip(subject.folders, subject.runs, strict=True):
         label = f"{folder.name}, whole run" if len(subject.runs) > 1 else "whole run, with scoring"
@@ -88,6 +88,6 @@ def _seconds(subject: Subject) -> Html:
     return table(["estimate", "seconds", "iterations", "share"], rows)
 
 
-def _bar(result: Result, results: Sequence[Result]) -> Html:
+def _share_bar(result: Result, results: Sequence[Result]) -> Html:
     share = result.estimate.seconds / sum(r.estimate.seconds for r in results)
     return tag("meter", value=f"{share:.3f}", min="0", max="1", aria_label=f"{share:.0%}")

@@ -36,32 +36,32 @@ class Cut:
     sides: tuple[str, str, str, str]
 
     def outline(self, surface: Surface) -> Array:
-        """Segments (n, 2, 2), right and up, where the surface meets the plane."""
+        """Return segments (n, 2, 2), right and up, where the surface meets the plane."""
         return slice_surface(replace(surface, vertices=surface.vertices @ self.axes.T), 2, self.level)
 
     def in_space(self, flat: Array) -> Array:
-        """Positions (n, 3) in the map frame of places (n, 2) in the plane."""
+        """Return positions (n, 3) in the map frame of places (n, 2) in the plane."""
         return np.asarray(np.column_stack([flat, np.full(len(flat), self.level)]) @ self.axes)
 
     def beside(self, xyz: Array) -> Array:
-        """Places (k, 2) in the plane of those points (n, 3) that are within BESIDE of it."""
+        """Return places (k, 2) in the plane of those points (n, 3) that are within BESIDE of it."""
         seen = xyz @ self.axes.T
         return np.asarray(seen[np.abs(seen[:, 2] - self.level) < BESIDE, :2])
 
 
 def slice_section(subject: Subject) -> Section | None:
-    """Outlines of the prior, the truth and the shown estimates in three planes through the middle of the
+    """Draw outlines of the prior, the truth and the shown estimates in three planes through the middle of the
     last, all on one scale; a plane that the last does not meet is left out.
     """
     if subject.case.dimension == 2:
         return None
-    surfaces = _surfaces(subject)
+    surfaces = _list_surfaces(subject)
     seen = orientation(subject)
-    cuts = [cut for cut in _cuts(subject, seen) if len(cut.outline(surfaces[subject.last.name][1]))]
+    cuts = [cut for cut in _make_cuts(subject, seen) if len(cut.outline(surfaces[subject.last.name][1]))]
     drawn = [{name: cut.outline(surface) for name, (_, surface) in surfaces.items()} for cut in cuts]
     corners = [np.concatenate(list(one.values())).reshape(-1, 2) for one in drawn]
-    frames = _frames(cuts, corners, subject.unit)
-    pictures = [_picture(subject, surfaces, *parts) for parts in zip(cuts, drawn, frames, strict=True)]
+    frames = _make_frames(cuts, corners, subject.unit)
+    pictures = [_draw_cut(subject, surfaces, *parts) for parts in zip(cuts, drawn, frames, strict=True)]
     note = (
         f"Planes through the middle of {subject.last.name}, on one scale. Axes: "
         f"{seen.known_by}. Dots: eam points within {BESIDE:g} {subject.unit} of the plane."
@@ -70,7 +70,7 @@ def slice_section(subject: Subject) -> Section | None:
     return Section("slices", "Cross-sections", join(grouped(*pictures), names, tag("p", note, class_="soft")))
 
 
-def _surfaces(subject: Subject) -> Named:
+def _list_surfaces(subject: Subject) -> Named:
     prior = subject.case.prior.transformed(subject.last.estimate.T_map_prior)
     truth = subject.case.truth.surface if subject.case.truth else None
     found: Named = {f"prior, in the pose of {subject.last.name}": ("prior", prior)}
@@ -81,7 +81,7 @@ def _surfaces(subject: Subject) -> Named:
     return found
 
 
-def _cuts(subject: Subject, seen: Orientation) -> list[Cut]:
+def _make_cuts(subject: Subject, seen: Orientation) -> list[Cut]:
     directions = np.array([seen.left, seen.front, seen.up])
     at = subject.last.estimate.surface.vertices @ directions.T
     middle = (at.min(axis=0) + at.max(axis=0)) / 2
@@ -97,8 +97,8 @@ def _cuts(subject: Subject, seen: Orientation) -> list[Cut]:
     return cuts
 
 
-def _frames(cuts: list[Cut], corners: list[Array], unit: str) -> list[Frame]:
-    """A frame about the corners (n, 2) of each plane, all of one size, so of one scale."""
+def _make_frames(cuts: list[Cut], corners: list[Array], unit: str) -> list[Frame]:
+    """Make a frame about the corners (n, 2) of each plane, all of one size, so of one scale."""
     low, high = (np.array([pick(one, axis=0) for one in corners]) for pick in (np.min, np.max))
     half = (high - low).max(axis=0) / 2
     half = half + MARGIN * half.max()
@@ -108,19 +108,19 @@ def _frames(cuts: list[Cut], corners: list[Array], unit: str) -> list[Frame]:
     ]
 
 
-def _picture(subject: Subject, surfaces: Named, cut: Cut, drawn: dict[str, Array], frame: Frame) -> Html:
+def _draw_cut(subject: Subject, surfaces: Named, cut: Cut, drawn: dict[str, Array], frame: Frame) -> Html:
     points = cut.beside(subject.case.points.of("eam").xyz)
     outlines = [Outline(name, classes, drawn[name]) for name, (classes, _) in surfaces.items()]
     outside = len(points) - int(frame.holds(points).sum())
     beyond = f", {outside} of them outside the picture" if outside else ""
     count = f"{len(points)} point{'' if len(points) == 1 else 's'}"
-    gaps = _gaps(subject, surfaces, cut, drawn[subject.last.name])
+    gaps = _describe_gaps(subject, surfaces, cut, drawn[subject.last.name])
     caption = f"{count} within {BESIDE:g} {subject.unit}{beyond}. {gaps}"
     return drawing(cut.title, outlines, points, ["var(--soft)"] * len(points), frame, caption=caption)
 
 
-def _gaps(subject: Subject, surfaces: Named, cut: Cut, segments: Array) -> str:
-    """How far the outline (n, 2, 2) of the last estimate is from the other surfaces, as a sentence."""
+def _describe_gaps(subject: Subject, surfaces: Named, cut: Cut, segments: Array) -> str:
+    """Say how far the outline (n, 2, 2) of the last estimate is from the other surfaces."""
     lengths = np.linalg.norm(segments[:, 1] - segments[:, 0], axis=1)
     middles = cut.in_space(segments.mean(axis=1))
     means = {

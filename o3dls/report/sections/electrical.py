@@ -21,12 +21,12 @@ LOW_VOLTAGE = 0.5  # mV, bipolar: the usual border of scar
 
 
 def electrical_section(subject: Subject) -> Section | None:
-    """What the electrical columns hold, how near the wall is to them, and how much of it they reach."""
+    """Tabulate what the electrical columns hold, how near the wall is, and how much of it they reach."""
     values = measured_values(subject.case.points)
     if not values or subject.case.dimension == 2:
         return None
     surface = with_electrical(subject.last.estimate.surface, subject.case.points)
-    rows = [_row(surface, name, *found) for name, found in values.items()]
+    rows = [_column_row(surface, name, *found) for name, found in values.items()]
     head: list[Child] = [
         "measured",
         "unit",
@@ -48,7 +48,7 @@ def electrical_section(subject: Subject) -> Section | None:
     )
 
 
-def _row(surface: Surface, name: str, xyz: Array, values: Array) -> list[Child]:
+def _column_row(surface: Surface, name: str, xyz: Array, values: Array) -> list[Child]:
     from scipy.spatial import cKDTree
 
     known = np.isfinite(surface.fields[name])
@@ -68,7 +68,7 @@ def _row(surface: Surface, name: str, xyz: Array, values: Array) -> list[Child]:
 
 
 def _low_voltage(surface: Surface, name: str) -> Child:
-    """Share of the reached wall below the usual border of scar."""
+    """Say which share of the reached wall is below the usual border of scar."""
     voltage = surface.fields.get("bipolar")
     if voltage is None or not np.isfinite(voltage).any():
         return None
@@ -82,5 +82,5 @@ def _low_voltage(surface: Surface, name: str) -> Child:
 
 
 def _area_share(surface: Surface, marked: NDArray[np.bool_]) -> float:
-    """Share of the area whose vertices are marked."""
+    """Return the share of the area whose vertices are marked."""
     return float((marked[surface.faces].mean(axis=1) * surface.face_areas).sum() / surface.area)

@@ -27,7 +27,7 @@ OPEN3D = """@article{open3d,
 
 
 def methods_section(subject: Subject) -> Section:
-    """What the run of the last estimate did, with parameters, versions and citation."""
+    """Describe what the run of the last estimate did, with parameters, versions and citation."""
     made = subject.last.run.provenance
     return Section(
         "methods",
@@ -41,11 +41,12 @@ def methods_section(subject: Subject) -> Section:
 
 
 def paragraph(subject: Subject, made: Provenance) -> str:
-    """The method in full sentences; every number is that of run.json."""
+    """Describe the method in full sentences; every number is that of run.json."""
     case, versions, pipeline = subject.case, made.versions, made.pipeline
     counts = ", ".join(f"{n} of type {kind}" for kind, n in made.case.points.items())
     done = " ".join(
-        f"({number}) {_stage(stage, subject.unit)}." for number, stage in enumerate(pipeline["stage"], 1)
+        f"({number}) {_describe_stage(stage, subject.unit)}."
+        for number, stage in enumerate(pipeline["stage"], 1)
     )
     words, folds = words_of(subject), pipeline["folds"]
     left_out = (
@@ -61,7 +62,7 @@ def paragraph(subject: Subject, made: Provenance) -> str:
 
 
 def bibtex(version: str | None) -> str:
-    """Entries for o3dls, in the `version` that made the run, and for Open3D."""
+    """Write the entries for o3dls, in the `version` that made the run, and for Open3D."""
     own = f"""@software{{o3dls,
   author = {{{{{AUTHORS}}}}},
   title = {{{TITLE}}},
@@ -71,12 +72,12 @@ def bibtex(version: str | None) -> str:
     return f"{own}\n\n{OPEN3D}"
 
 
-def _stage(stage: Record, unit: str) -> str:
-    """What a stage did, in words where it is one of ours, and its parameters."""
+def _describe_stage(stage: Record, unit: str) -> str:
+    """Say what a stage did, in words where it is one of ours, and its parameters."""
     known_words = SAID.get(stage["use"])
     said = known_words(stage, unit) if known_words else f"stage {stage['use']}"
     known = [
-        f"{key} = {_value(value)}"
+        f"{key} = {_write_value(value)}"
         for key, value in stage.items()
         if key not in PLACING and value not in (None, [], {})
     ]
@@ -84,32 +85,34 @@ def _stage(stage: Record, unit: str) -> str:
     return f"{said}{began} ({', '.join(known)})" if known else f"{said}{began}"
 
 
-def _motion(stage: Record) -> str:
-    """The kind of pose, as far as the record tells: a stage of another package may have one of our names."""
+def _describe_motion(stage: Record) -> str:
+    """Name the kind of pose, as far as the record tells: a stage of another package may have one of our
+    names.
+    """
     scale = stage.get("scale")
     return "a pose" if scale is None else "a similarity" if scale else "a rigid motion"
 
 
-def _grid(stage: Record, unit: str) -> str:
+def _describe_grid(stage: Record, unit: str) -> str:
     spacing = stage.get("spacing")
     return "a level set" if spacing is None else f"a level set on a {spacing:g} {unit} grid"
 
 
 SAID: Mapping[str, Callable[[Record, str], str]] = {
-    "landmarks": lambda stage, _: f"{_motion(stage)} from named landmarks",
-    "icp": lambda stage, _: f"{_motion(stage)} by iterative closest points",
+    "landmarks": lambda stage, _: f"{_describe_motion(stage)} from named landmarks",
+    "icp": lambda stage, _: f"{_describe_motion(stage)} by iterative closest points",
     "global_pose": lambda *_: "a search for the pose without a start",
     "deform": lambda *_: "a smooth deformation of the prior with its posterior",
     "topology": lambda *_: "a test of whether the points support another topology",
-    "level_set": _grid,
+    "level_set": _describe_grid,
 }
 
 
-def _value(value: Any) -> str:
+def _write_value(value: Any) -> str:
     if isinstance(value, list):
-        return "[" + ", ".join(map(_value, value)) + "]"
+        return "[" + ", ".join(map(_write_value, value)) + "]"
     if isinstance(value, dict):
-        return ", ".join(f"{key} {_value(one)}" for key, one in value.items())
+        return ", ".join(f"{key} {_write_value(one)}" for key, one in value.items())
     if isinstance(value, bool):
         return "yes" if value else "no"
     return f"{value:g}" if isinstance(value, float) else str(value)

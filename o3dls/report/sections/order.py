@@ -26,7 +26,7 @@ from .sweep import sweep_section
 
 
 def picture_section(subject: Subject) -> Section | None:
-    """Estimates side by side in 3D, with static pictures for browsers that cannot."""
+    """Show the estimates side by side in 3D, with static pictures for browsers that cannot."""
     if subject.case.dimension == 2:
         return None
     shapes = (

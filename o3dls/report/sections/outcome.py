@@ -14,30 +14,30 @@ from ..wall_parts import parts_table
 from .section import Section
 
 WORST_FIRST: tuple[Grade, ...] = ("bad", "amber")
-LETTERS = 110  # of the warnings in the first lines: two lines of a telephone
+LETTERS = 110  # of the warnings at the top of the page: they fill two lines on a telephone
 
 
 def overall(found: Sequence[Check], sentences: Sequence[str]) -> Html:
-    """The worst grade of the checks, which of them have it, and the beginning of the warnings."""
+    """Show the worst grade of the checks, which of them have it, and the beginning of the warnings."""
     raised = [one for grade in WORST_FIRST for one in found if one.grade == grade]
     grade: Grade = raised[0].grade if raised else "good"
     said = "; ".join(f"{one.name}: {one.short or one.said}" for one in raised)
     return tag(
         "p",
         tag("strong", WORDS[grade], class_="grade"),
-        f" {said or _passed(found)}. ",
-        _told(sentences),
+        f" {said or _count_passed(found)}. ",
+        _shorten_warnings(sentences),
         class_=f"overall {grade}",
     )
 
 
-def _passed(found: Sequence[Check]) -> str:
-    """What OK rests on: a check without data proves nothing."""
+def _count_passed(found: Sequence[Check]) -> str:
+    """Say how many checks passed, and how many had no data: a check without data proves nothing."""
     without = sum(one.grade == "none" for one in found)
     return f"{len(found) - without} checks passed" + (f", {without} without data" if without else "")
 
 
-def _told(warnings: Sequence[str]) -> Html | None:
+def _shorten_warnings(warnings: Sequence[str]) -> Html | None:
     if not warnings:
         return None
     count = f"{len(warnings)} warning{'' if len(warnings) == 1 else 's'}"
@@ -46,8 +46,8 @@ def _told(warnings: Sequence[str]) -> Html | None:
 
 
 def strip(found: Sequence[Check], name: str) -> Html:
-    """The checks of what that name says side by side; the grade stands there as a word, so no colour is
-    needed to read it.
+    """List the checks side by side, under the `name` of what they judge; each grade stands there as a word,
+    so no colour is needed to read it.
     """
     items = (
         tag(
@@ -64,12 +64,12 @@ def strip(found: Sequence[Check], name: str) -> Html:
 
 
 def outcome_section(subject: Subject) -> Section:
-    """What the strip above the pictures says in short, whole."""
+    """Show the verdict, every check and every warning in full; the head of the page shortens them."""
     said = warnings(subject)
     body = join(
         tag("p", verdict(subject), class_="verdict"),
         parts_table(subject),
-        tag("ul", *map(_sentence, checks(subject)), class_="checks", aria_label="Checks"),
+        tag("ul", *map(_check_item, checks(subject)), class_="checks", aria_label="Checks"),
         tag("ul", *(tag("li", text) for text in said), class_="warnings", aria_label="Warnings")
         if said
         else None,
@@ -77,6 +77,6 @@ def outcome_section(subject: Subject) -> Section:
     return Section("outcome", "Outcome", body)
 
 
-def _sentence(one: Check) -> Html:
+def _check_item(one: Check) -> Html:
     grade = tag("span", WORDS[one.grade], class_="grade")
     return tag("li", tag("b", one.name), grade, tag("span", one.said), class_=one.grade)

@@ -18,44 +18,46 @@ MARGIN = 0.03  # of the extent, around the outlines
 
 
 def outline_section(subject: Subject) -> Section | None:
-    """In 2D: each shown estimate with the truth, the prior in its pose, and the points in the colours of
-    their distance.
+    """Draw each shown estimate of a case in 2D with the truth, the prior in its pose, and the points in the
+    colours of their distance.
     """
     if subject.case.dimension == 3:
         return None
     everything = np.vstack(
-        [surface.vertices for _, _, surface in _surfaces(subject)] + [subject.case.points.xyz]
+        [surface.vertices for _, _, surface in _list_surfaces(subject)] + [subject.case.points.xyz]
     )
-    frame = _frame(everything.min(axis=0), everything.max(axis=0), subject.unit)
-    pictures = grouped(*(_picture(subject, name, frame) for name in subject.shown))
+    frame = _make_frame(everything.min(axis=0), everything.max(axis=0), subject.unit)
+    pictures = grouped(*(_draw_estimate(subject, name, frame) for name in subject.shown))
     names = [(name, classes) for one in subject.shown for name, classes, _ in named_outlines(subject, one)]
     gaps = point_field(subject)
     shows = tag("p", caption(subject), class_="soft")
     return Section("pictures", "Side by side", join(pictures, legend(names), colour_bar(gaps), shows))
 
 
-def _picture(subject: Subject, name: str, frame: Frame) -> Html:
-    """One estimate over the truth and the prior, which is drawn as this estimate's similarity moved it."""
+def _draw_estimate(subject: Subject, name: str, frame: Frame) -> Html:
+    """Draw one estimate over the truth and the prior, which stands where this estimate's pose moved it."""
     result = subject.results[name]
     outlines = [
         Outline(label, classes, surface.vertices[surface.faces])
         for label, classes, surface in named_outlines(subject, name)
     ]
     points = result.run.points.of("eam")
-    colours = _css(colours_of(points.columns[f"distance_{result.key}_{subject.unit}"], point_field(subject)))
+    colours = _css_colours(
+        colours_of(points.columns[f"distance_{result.key}_{subject.unit}"], point_field(subject))
+    )
     return drawing(name, outlines, points.xyz, colours, frame)
 
 
 def named_outlines(subject: Subject, name: str) -> list[tuple[str, str, Surface]]:
-    """Name, CSS classes and surface of the prior, the truth and one estimate, in the order of drawing."""
+    """Return name, CSS classes and surface of prior, truth and one estimate, in the order of drawing."""
     estimate = subject.results[name].estimate
     placed = subject.case.prior.transformed(estimate.T_map_prior)
-    truth = [one for one in _surfaces(subject) if one[0] == "truth"]
+    truth = [one for one in _list_surfaces(subject) if one[0] == "truth"]
     return [("prior", "prior", placed), *truth, (name, f"s{subject.style(name) % STYLES}", estimate.surface)]
 
 
-def _surfaces(subject: Subject) -> list[tuple[str, str, Surface]]:
-    """Name, CSS classes and surface of the truth and the shown estimates, in the order of drawing."""
+def _list_surfaces(subject: Subject) -> list[tuple[str, str, Surface]]:
+    """List name, CSS classes and surface of the truth and the shown estimates, in the order of drawing."""
     truth = subject.case.truth.surface if subject.case.truth else None
     shown = [
         (name, line_class(subject.style(name)), subject.results[name].estimate.surface)
@@ -64,10 +66,10 @@ def _surfaces(subject: Subject) -> list[tuple[str, str, Surface]]:
     return [("truth", "truth", truth), *shown] if truth is not None else shown
 
 
-def _frame(low: Array, high: Array, unit: str) -> Frame:
+def _make_frame(low: Array, high: Array, unit: str) -> Frame:
     margin = MARGIN * float((high - low).max())
     return Frame(low - margin, high + margin, unit)
 
 
-def _css(colours: Array) -> list[str]:
+def _css_colours(colours: Array) -> list[str]:
     return ["#" + "".join(f"{round(255 * channel):02x}" for channel in colour) for colour in colours]

@@ -16,17 +16,15 @@ from .section import Section
 
 REGION = 20.0  # points nearer than this to a landmark (mm) belong to its region, each to its nearest
 FEWEST = 8
-SMALLEST = 0.005  # differences below are not shown as found
+SMALLEST = 0.005  # a table with two digits would show a smaller difference as 0
 
 
 def paired_section(subject: Subject) -> Section | None:
-    """The last estimate against every other on the set that speaks first, and against the first shown on all
-    sets.
-    """
+    """Compare the last estimate with all others on the headline set, and with the first shown on all sets."""
     last = subject.last
     sets = [group for group in SETS if len(last.measured(group)[1]) > 1]
     rows = [
-        [f"{last.name} − {other.name}", SETS[group], *_cells(found)]
+        [f"{last.name} − {other.name}", SETS[group], *_difference_cells(found)]
         for group in sets
         for other in subject.results.values()
         if other is not last
@@ -50,11 +48,11 @@ def paired_section(subject: Subject) -> Section | None:
     return Section(
         "paired",
         "Paired differences",
-        join(table(head, rows), tag("p", note, class_="soft"), _regions(subject)),
+        join(table(head, rows), tag("p", note, class_="soft"), _regions_table(subject)),
     )
 
 
-def _cells(found: Difference) -> list[Child]:
+def _difference_cells(found: Difference) -> list[Child]:
     interval = "too few" if math.isnan(found.low) else f"{signed(found.low)} to {signed(found.high)}"
     mean = tag(
         "span", signed(found.mean), class_="best" if found.clear and abs(found.mean) >= SMALLEST else None
@@ -62,8 +60,8 @@ def _cells(found: Difference) -> list[Child]:
     return [mean, interval, f"{signed(found.percent, 0)} %", found.n, found.blocks]
 
 
-def _regions(subject: Subject) -> Html | None:
-    """The headline set split by the nearest landmark: veins apart from the body."""
+def _regions_table(subject: Subject) -> Html | None:
+    """Tabulate the headline set split by the nearest landmark: veins apart from the body."""
     marks = subject.case.points.of("landmark")
     if subject.headline is None or subject.first is None or len(marks) == 0 or subject.case.units == "px":
         return None
@@ -100,30 +98,32 @@ def _regions(subject: Subject) -> Html | None:
 
 
 def _region_cells(found: Difference) -> list[Child]:
-    return [f"{found.first:.2f}", f"{found.second:.2f}", *_cells(found)[:2], found.n]
+    return [f"{found.first:.2f}", f"{found.second:.2f}", *_difference_cells(found)[:2], found.n]
 
 
 def landmark_section(subject: Subject) -> Section | None:
-    """Error at each landmark: after each estimate, and as the landmark fit predicts it from the others."""
+    """Tabulate the error at each landmark: after each estimate, and as the landmark fit predicts it from the
+    others.
+    """
     marks = subject.case.points.of("landmark")
     names = [str(name) for name in marks.columns.get("name", [])]
     if not names or "landmarks" not in subject.last.scores:
         return None
     rows: list[list[Child]] = [
-        [result.name, *_errors(result, subject.unit)] for result in subject.results.values()
+        [result.name, *_landmark_errors(result, subject.unit)] for result in subject.results.values()
     ]
     rows += [[f"{name}, leave-one-out", *errors] for name, errors in _left_out(subject, names)]
     caption = f"Distance, {subject.unit}, from each landmark of the map to its partner on the moved prior."
     return Section("landmarks", "Landmarks", table(["estimate", *names], rows, caption))
 
 
-def _errors(result: Result, unit: str) -> list[Child]:
+def _landmark_errors(result: Result, unit: str) -> list[Child]:
     points = result.run.points.of("landmark")
     return ["–" if np.isnan(v) else f"{v:.2f}" for v in points.columns[f"distance_{result.key}_{unit}"]]
 
 
 def _left_out(subject: Subject, names: list[str]) -> list[tuple[str, list[Child]]]:
-    """What the landmark fits say about a landmark that they were not shown."""
+    """Return what the landmark fits say about a landmark that they were not shown."""
     rows: list[tuple[str, list[Child]]] = []
     for result in subject.results.values():
         found = result.estimate.facts.get("landmarks", {})

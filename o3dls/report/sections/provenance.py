@@ -15,15 +15,17 @@ COMMAND = "o3dls run pipeline.toml --case case --out again"
 
 
 def made_section(subject: Subject) -> Section:
-    """Per run: status of each estimate, the pipeline with every default, versions, seeds, file hashes, the
-    command to repeat it.
+    """Show per run the status of each estimate, the pipeline with every default, versions, seeds, file
+    hashes, and the command to repeat it.
     """
     names = [folder.name if len(subject.folders) > 1 else None for folder in subject.folders]
-    parts = [_run(run, name, k) for k, (run, name) in enumerate(zip(subject.runs, names, strict=True))]
+    parts = [
+        _describe_run(run, name, k) for k, (run, name) in enumerate(zip(subject.runs, names, strict=True))
+    ]
     return Section("made", "How it was made", join(*parts))
 
 
-def _run(run: Run, name: str | None, number: int) -> Html:
+def _describe_run(run: Run, name: str | None, number: int) -> Html:
     rows: list[list[Child]] = [
         [
             key,
@@ -63,35 +65,38 @@ def _run(run: Run, name: str | None, number: int) -> Html:
 
 
 def copied(text: str, identifier: str) -> Html:
-    """Text in fixed width with a button that copies it."""
+    """Write a text in fixed width with a button that copies it."""
     button = tag("button", "Copy", type="button", data_copy=identifier)
     return tag("div", tag("pre", tag("code", text), id=identifier, tabindex="0"), button, class_="copied")
 
 
 def as_toml(record: Mapping[str, Any]) -> str:
-    """The pipeline of run.json as a pipeline file; keys that are null are left to their defaults."""
+    """Write the pipeline of run.json as a pipeline file; keys that are null are left to their defaults."""
     top = [
-        f"{key} = {_toml(value)}"
+        f"{key} = {_write_toml(value)}"
         for key, value in record.items()
         if key not in ("stage", "write") and value is not None
     ]
     return (
         "\n".join(
-            [*top, *(line for kind in ("stage", "write") for line in _tables(kind, record.get(kind, [])))]
+            [
+                *top,
+                *(line for kind in ("stage", "write") for line in _write_tables(kind, record.get(kind, []))),
+            ]
         )
         + "\n"
     )
 
 
-def _tables(kind: str, tables: list[Mapping[str, Any]]) -> Iterator[str]:
+def _write_tables(kind: str, tables: list[Mapping[str, Any]]) -> Iterator[str]:
     for table_ in tables:
         yield f"\n[[{kind}]]"
-        yield from (f"{key} = {_toml(value)}" for key, value in table_.items() if value is not None)
+        yield from (f"{key} = {_write_toml(value)}" for key, value in table_.items() if value is not None)
 
 
-def _toml(value: Any) -> str:
+def _write_toml(value: Any) -> str:
     if isinstance(value, Mapping):
-        return "{" + ", ".join(f"{json.dumps(key)} = {_toml(one)}" for key, one in value.items()) + "}"
+        return "{" + ", ".join(f"{json.dumps(key)} = {_write_toml(one)}" for key, one in value.items()) + "}"
     if isinstance(value, list):
-        return "[" + ", ".join(map(_toml, value)) + "]"
+        return "[" + ", ".join(map(_write_toml, value)) + "]"
     return json.dumps(value, ensure_ascii=False)

@@ -13,7 +13,7 @@ from ..shape_words import FLAT, ShapeWords, words_of
 from ..subject import SETS, Result, Subject
 from .section import Section
 
-SEEN = ("landmarks", "fitted")  # used in the fit: near to them is no proof, and they stand last
+SEEN = ("landmarks", "fitted")  # these sets were fitted, so a small distance proves nothing: they stand last
 DIGITS = 2
 CAPTION = (
     "Mean distance of each set of points from each estimate. Bold: the smallest of a column, as far as the "
@@ -26,69 +26,73 @@ NOTE = (
 
 
 def score_section(subject: Subject) -> Section:
-    """Mean distances, one row per estimate: what was not fitted first, what was fitted last and marked."""
+    """Tabulate mean distances, one row per estimate: sets that were not fitted first, those that were last
+    and marked.
+    """
     results = list(subject.results.values())
-    sets = _sets(results)
-    heads: list[Child] = [_head(group) for group in sets]
+    sets = _known_sets(results)
+    heads: list[Child] = [_set_heading(group) for group in sets]
     rows: list[list[Child]] = [
-        [labelled(result), *_means(result, sets, results, subject.unit)] for result in results
+        [labelled(result), *_mean_cells(result, sets, results, subject.unit)] for result in results
     ]
     main = table([f"mean distance, {subject.unit}", *heads], rows, CAPTION)
-    full = tag("details", tag("summary", "Every set in full"), _full(results, sets, subject.unit))
+    full = tag("details", tag("summary", "Every set in full"), _full_table(results, sets, subject.unit))
     return Section(
-        "scores", "Distances", join(main, tag("p", NOTE, class_="soft"), *_truth(results, subject.unit), full)
+        "scores",
+        "Distances",
+        join(main, tag("p", NOTE, class_="soft"), *_truth_tables(results, subject.unit), full),
     )
 
 
 def labelled(result: Result) -> str:
-    """The name of an estimate; what it stands for where that is no stage."""
+    """Name an estimate, and say what it stands for where it is no stage."""
     return f"{result.name} (before registration)" if result.key == "start" else result.name
 
 
 def mean_table(subject: Subject) -> tuple[list[str], list[tuple[str, list[str]]]]:
-    """Sets, and for each estimate its name and mean distances, as plain text."""
+    """Return the sets, and for each estimate its name and mean distances, as plain text."""
     results = list(subject.results.values())
-    sets = _sets(results)
+    sets = _known_sets(results)
     return sets, [
-        (result.name, [millimetres(_mean(result, group, subject.unit)) for group in sets])
+        (result.name, [millimetres(_read_mean(result, group, subject.unit)) for group in sets])
         for result in results
     ]
 
 
-def _sets(results: Sequence[Result]) -> list[str]:
+def _known_sets(results: Sequence[Result]) -> list[str]:
     return [group for group in SETS if any(group in result.scores for result in results)]
 
 
-def _head(group: str) -> Html:
+def _set_heading(group: str) -> Html:
     return (
         join(SETS[group], tag("br"), tag("small", "used in the fit")) if group in SEEN else join(SETS[group])
     )
 
 
-def _means(result: Result, sets: Sequence[str], results: Sequence[Result], unit: str) -> list[Child]:
+def _mean_cells(result: Result, sets: Sequence[str], results: Sequence[Result], unit: str) -> list[Child]:
     cells: list[Child] = []
     for group in sets:
-        shown = _shown(result, group, unit)
-        known = {one for other in results if (one := _shown(other, group, unit)) is not None}
+        shown = _rounded_mean(result, group, unit)
+        known = {one for other in results if (one := _rounded_mean(other, group, unit)) is not None}
         best = group not in SEEN and len(known) > 1 and shown == min(known)
         text = "–" if shown is None else f"{shown:.{DIGITS}f}"
         cells.append(tag("span", text, class_="best" if best else None))
     return cells
 
 
-def _shown(result: Result, group: str, unit: str) -> float | None:
-    """The mean as it is written: digits that nobody sees pick no winner."""
-    value = _mean(result, group, unit)
+def _rounded_mean(result: Result, group: str, unit: str) -> float | None:
+    """Return the mean as it is written: digits that nobody sees pick no winner."""
+    value = _read_mean(result, group, unit)
     return None if value is None else round(value, DIGITS)
 
 
-def _mean(result: Result, group: str, unit: str) -> float | None:
+def _read_mean(result: Result, group: str, unit: str) -> float | None:
     value = result.scores.get(group, {}).get(f"mean_{unit}")
     return None if value is None else float(value)
 
 
-def _truth(results: Sequence[Result], unit: str) -> list[Html]:
-    """Closeness of whole surfaces, where the truth is known."""
+def _truth_tables(results: Sequence[Result], unit: str) -> list[Html]:
+    """Tabulate how close the whole surfaces are, where the truth is known."""
     words = {
         f"assd_{unit}": (f"mean of both directions, {unit}", "{:.2f}"),
         f"hd95_{unit}": (f"95 % Hausdorff, {unit}", "{:.2f}"),
@@ -99,19 +103,22 @@ def _truth(results: Sequence[Result], unit: str) -> list[Html]:
     if not known:
         return []
     rows: list[list[Child]] = [
-        [result.name, *(_number(found.get(key), form) for key, (_, form) in words.items())]
+        [result.name, *(_format_number(found.get(key), form) for key, (_, form) in words.items())]
         for result, found in known
     ]
     return [table(["against the true surface", *(label for label, _ in words.values())], rows)]
 
 
-def _full(results: Sequence[Result], sets: Sequence[str], unit: str) -> Html:
+def _full_table(results: Sequence[Result], sets: Sequence[str], unit: str) -> Html:
     keys = ["n", *(f"{name}_{unit}" for name in ("mean", "median", "rms", "p95", "max"))]
     rows: list[list[Child]] = [
         [
             result.name,
             SETS[group],
-            *(_number(result.scores[group].get(key), "{:.3f}" if key != "n" else "{:d}") for key in keys),
+            *(
+                _format_number(result.scores[group].get(key), "{:.3f}" if key != "n" else "{:d}")
+                for key in keys
+            ),
         ]
         for group in sets
         for result in results
@@ -121,28 +128,28 @@ def _full(results: Sequence[Result], sets: Sequence[str], unit: str) -> Html:
 
 
 def validity_section(subject: Subject) -> Section:
-    """Whether each surface can be used: closed, one piece, without folds, and its volume."""
+    """Say whether each surface can be used: closed, one piece, without folds, and its volume."""
     results = list(subject.results.values())
     words = words_of(subject)
     keys = dict.fromkeys(key for result in results for key in result.validity)
     if words is FLAT:
         keys.pop("euler", None)  # an outline has no handles
     rows: list[list[Child]] = [
-        [labelled(result), *(_valid(key, result.validity) for key in keys), _faults(result)]
+        [labelled(result), *(_write_measure(key, result.validity) for key in keys), _list_faults(result)]
         for result in results
     ]
     return Section(
         "validity",
         f"Validity of the {words.shape}s",
-        table(["estimate", *(_words(key, words) for key in keys), "verdict"], rows),
+        table(["estimate", *(_name_measure(key, words) for key in keys), "verdict"], rows),
     )
 
 
-def _faults(result: Result) -> str:
+def _list_faults(result: Result) -> str:
     return "; ".join(result.run.faults_of(result.key)) or "valid"
 
 
-def _words(key: str, words: ShapeWords) -> str:
+def _name_measure(key: str, words: ShapeWords) -> str:
     units = {
         "volume_ml": "volume, ml",
         "area_mm2": "area, mm²",
@@ -155,16 +162,16 @@ def _words(key: str, words: ShapeWords) -> str:
     return units.get(key, key.replace("_", " "))
 
 
-def _valid(key: str, found: Mapping[str, Any]) -> str:
+def _write_measure(key: str, found: Mapping[str, Any]) -> str:
     value = found.get(key)
-    if key == "euler":  # what it counts besides components; of an open surface or an outline it tells none
+    if key == "euler":  # handles cannot be counted on an open surface or an outline
         value = handles(dict(found)) if found.get("watertight") and "volume_ml" in found else None
     if isinstance(value, bool):
         return "yes" if value else "no"
     if key == "volume_change" and value is not None:
         return f"{signed(100 * value, 1)}%"
-    return _number(value, "{:.1f}" if isinstance(value, float) else "{}")
+    return _format_number(value, "{:.1f}" if isinstance(value, float) else "{}")
 
 
-def _number(value: Any, form: str) -> str:
+def _format_number(value: Any, form: str) -> str:
     return "–" if value is None else form.format(value)

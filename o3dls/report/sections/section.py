@@ -32,7 +32,7 @@ Maker = Callable[[Subject], Section | None]  # None: nothing to say on this subj
 
 
 def plugin_sections() -> Iterator[Maker]:
-    """Sections that other packages register under `o3dls.report_sections`, by name."""
+    """Yield the sections that other packages register under `o3dls.report_sections`, by name."""
     for _, entry in sorted(registered(GROUP).items()):
         maker: Maker = entry.load()
         yield maker

@@ -18,7 +18,7 @@ FEWEST = 3
 
 
 def sweep_section(subject: Subject) -> Section | None:
-    """A curve for each set of points over the one parameter that differs between at least three runs."""
+    """Draw a curve for each set of points over the one parameter that differs between at least three runs."""
     found = swept([run.provenance for run in subject.runs])
     if found is None:
         return None
@@ -44,8 +44,8 @@ def sweep_section(subject: Subject) -> Section | None:
 
 
 def swept(made: Sequence[Provenance]) -> tuple[str, list[float]] | None:
-    """Name and values of the one parameter of a stage in which pipelines differ; None where it is not one, or
-    no number.
+    """Return the name and values of the one parameter of a stage in which pipelines differ; None where it
+    is not one, or no number.
     """
     flat = [{**one.pipeline, "stage": None, "write": None, **one.parameters} for one in made]
     keys = dict.fromkeys(key for one in flat for key in one)
