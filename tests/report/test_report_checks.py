@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from o3dls.case import Points
 from o3dls.geometry.surface import Surface
 from o3dls.report.checks import checks
 from o3dls.report.expected import MEAN_OVER_SD, expected_error
@@ -165,6 +166,29 @@ def test_convergence_is_judged_by_the_step_that_is_left_against_the_noise(
     facts = {} if step is None else {"last_step": step}
     still = {"icp": {"converged": False, "sigma": 1.5, "facts": facts}, "level_set": {"converged": False}}
     assert of_run(read_subject([run]), **still)["Converged"].grade == grade
+
+
+@pytest.mark.parametrize(
+    ("prior_of", "off", "grade"),
+    [
+        ("patient", 4.0, "good"),
+        ("patient", 6.0, "amber"),
+        ("template", 6.0, "good"),
+        ("template", 16.0, "amber"),
+    ],
+)
+def test_landmarks_of_another_person_may_all_lie_off(
+    run: Path, prior_of: str, off: float, grade: str
+) -> None:
+    subject = read_subject([run])
+    last = subject.last
+    gap = np.full(4, off)
+    names = {"name": np.array(["RSPV", "RIPV", "LSPV", "LIPV"]), f"distance_{last.key}_mm": gap}
+    marked = replace(last.run, points=Points(np.zeros((4, 3)), np.full(4, "landmark"), names))
+    results = {name: replace(one, run=marked) for name, one in subject.results.items()}
+    case = replace(subject.case, prior_of=prior_of)
+    found = {one.name: one for one in checks(replace(subject, results=results, runs=[marked], case=case))}
+    assert found["Landmarks"].grade == grade
 
 
 @pytest.mark.parametrize(("far", "grade"), [(19.0, "good"), (25.0, "amber")])

@@ -54,7 +54,10 @@ GRADED: Mapping[str, tuple[str, tuple[str, ...]]] = {
     "Calibration": ("_calibrated", (f"{100 * OFF:g} percentage points", f"{100 * DUE[0]:g} %")),
     "Landmarks": (
         "_landmarks",
-        (f"more than {module.LANDMARKS_RMS:g} mm rms", f"more than {module.FAR_LANDMARK:g} mm"),
+        (
+            f"more than {module.LANDMARKS_RMS:g} mm rms",
+            f"more than {module.FAR_LANDMARK:g} mm from its place",
+        ),
     ),
     "Size": ("_size", (f"more than {100 * module.SIZE:g} %",)),
     "Far points": (
