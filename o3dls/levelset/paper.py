@@ -50,9 +50,9 @@ DEFAULTS = PaperSettings()
 class Weights:
     """Weights of the terms of the energy."""
 
-    data: float = number(10.0, "1", "of the points, over their squared noise")
-    area: float = number(0.2, "1", "a_reg: with 1, veins of 5 to 7 mm are erased")
-    shape: float = number(0.3, "1", "a_shape")
+    data: float = number(10.0, "1", "weight of the data term, over the squared noise of the points")
+    area: float = number(0.2, "1", "weight a_reg of the area term: with 1, veins of 5 to 7 mm are erased")
+    shape: float = number(0.3, "1", "weight a_shape of the shape term")
 
 
 @one_blas_thread()

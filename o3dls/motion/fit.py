@@ -95,8 +95,8 @@ def settled(problem: MotionProblem) -> Iterated:
 def _fit_from_nothing(
     vertices: Array, faces: Ints, pose: Array, data: Data, settings: MotionSettings
 ) -> MotionFit:
-    """Of very many points, a part finds what all of them then go on from; a start that others explain better
-    is corrected.
+    """Large maps: fit a subset first, then start the full fit from it. A start that another pose explains
+    better is corrected.
     """
     some = data.part(settings.iteration.most_points)
     if len(some) < len(data.points):

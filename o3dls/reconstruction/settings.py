@@ -14,66 +14,112 @@ class SplineSettings:
     """
 
     coarsest: float = number(
-        0.3, "rms radii", "lattice of the longest splines: 10 mm, about what a branch is wide"
+        0.3, "rms radii", "lattice width of the longest splines: 10 mm, about the width of a branch"
     )
-    finest_between: float = number(0.7, "distances between points", "finer splines would follow noise,")
-    finest_noise: float = number(1.5, "noise levels", "for the same reason,")
-    finest_spacing: float = number(1.5, "spacings", "or be lost in the lattice of phi")
+    finest_between: float = number(
+        0.7,
+        "distances between points",
+        "smallest lattice width, by the distance between points: finer splines would follow noise",
+    )
+    finest_noise: float = number(
+        1.5, "noise levels", "smallest lattice width, by the noise: finer splines would follow it"
+    )
+    finest_spacing: float = number(
+        1.5, "spacings", "smallest lattice width, by the spacing of phi: finer splines would be lost"
+    )
     wall_finest_between: float = number(
-        0.3, "distances between points", "the wall at last has finer ones: points with normals tell detail"
+        0.3,
+        "distances between points",
+        "smallest lattice width of the final wall: points with normals show such detail",
     )
     clip: float = number(
-        0.15, "rms radii", "the prior's distance says no more beyond: 5 mm, as in truncated distances"
+        0.15, "rms radii", "distance at which the prior's signed distance is truncated: 5 mm"
     )
-    normal_sd: float = number(0.4, "1", "of a normal by the points around: 23 degrees")
+    normal_sd: float = number(0.4, "1", "sd of a normal that is found from the points around: 23 degrees")
     offsets: tuple[float, ...] = number(
         (0.09, 0.18),
         "rms radii",
-        "3 and 6 mm off the wall the sign is known too, where points are off the moved prior:",
+        "distances off the wall at which points off the moved prior show a sign too: 3 and 6 mm",
     )
-    offset_noise: float = number(2.0, "noise levels", "this far,")
-    offset_cosine: float = number(0.5, "1", "or with a normal so unlike the prior's")
-    offset_neighbours: int = number(5, "points", "of which most must be so")
+    offset_noise: float = number(2.0, "noise levels", "distance above which a point lies off the moved prior")
+    offset_cosine: float = number(
+        0.5, "1", "cosine to the prior's normal below which a point shows another wall"
+    )
+    offset_neighbours: int = number(
+        5, "points", "nearest points of which most must lie off the moved prior too"
+    )
     covered: float = number(
-        1.0, "distances between points", "to one on the wall in front: then points inside it are no wall"
+        1.0,
+        "distances between points",
+        "distance to a point on the wall in front below which a point inside floats",
     )
     sparse: float = number(
-        4.0, "medians", "of wall that a point stands for: those that lie sparser inside are no wall either"
+        4.0, "medians", "area of wall per point above which points inside the moved prior float"
     )
-    offset_sd: float = number(0.35, "offsets", "how well the distance is known there")
-    offset_clear: float = number(0.7, "offsets", "distance to the nearest point that an offset needs")
-    tolerance: float = number(1e-3, "1", "relative residual of conjugate gradients: 0.01 mm")
-    iterations: int = number(300, "", "most of them")
+    offset_sd: float = number(0.35, "offsets", "uncertainty of the distance at an offset place")
+    offset_clear: float = number(
+        0.7, "offsets", "distance that an offset place must have from the nearest point"
+    )
+    tolerance: float = number(1e-3, "1", "relative residual at which conjugate gradients end: 0.01 mm")
+    iterations: int = number(300, "", "most iterations of conjugate gradients")
 
 
 @dataclass(frozen=True)
 class NormalSettings:
     """Normals of points: planes through their neighbours, sides by the winding number."""
 
-    radius: float = number(0.15, "rms radii", "of a neighbourhood: 5 mm, about a vein's radius,")
-    radius_noise: float = number(4.0, "noise levels", "or so much: planes must not follow noise")
+    radius: float = number(
+        0.15, "rms radii", "radius of the neighbourhood that gives a normal: 5 mm, about a vein's radius"
+    )
+    radius_noise: float = number(
+        4.0,
+        "noise levels",
+        "smallest radius of the neighbourhood that gives a normal: planes must not follow noise",
+    )
     thinning: float = number(
         0.33, "radii", "width of the cells of which a neighbourhood takes one point each"
     )
-    least: int = number(12, "points", "in a neighbourhood, however far")
-    most: int = number(64, "points", "in a neighbourhood")
+    least: int = number(12, "points", "fewest points in a neighbourhood, however far they are")
+    most: int = number(64, "points", "most points in a neighbourhood")
     height_noise: float = number(
-        1.4, "noise levels", "a point off the plane of the others by more shows that the wall turns there"
+        1.4,
+        "noise levels",
+        "height off the plane of the others above which a point shows that the wall turns",
     )
-    tree_neighbours: int = number(12, "points", "that a normal may agree with")
-    rounds: int = number(10, "", "most of turning normals; it ends when none turns any more")
-    rounds_again: int = number(2, "", "most where they were turned before, by other beliefs in the points")
-    largest_area: float = number(4.0, "medians", "of wall that a point stands for: beyond it is unmapped")
-    cell: float = number(0.06, "rms radii", "points this near share a dipole: 2 mm")
-    far_cell: float = number(0.2, "rms radii", "cells of which all dipoles are one")
-    far: float = number(0.4, "rms radii", "from this distance on: to a hundredth of the field next to it")
-    smoothing: float = number(1.0, "distances between points", "of the winding number's gradient")
-    inverted: float = number(0.1, "1", "less than minus this, a winding number tells a wall inside out")
-    least_slope: float = number(0.4, "1", "of a level set that still tells a side: 1 where it is a distance")
-    slope_step: float = number(1.5, "spacings", "to both sides, over which the slope of phi is taken")
-    prior_near: float = number(0.4, "clips", "of points that take their side from the moved prior: 2 mm")
-    prior_cell: float = number(0.15, "rms radii", "the prior's wall in cells of this width is a dipole each")
-    prior_distance: float = number(2.5, "distances between points", "without points the prior's wall counts")
+    tree_neighbours: int = number(
+        12, "points", "nearest points with whose normals a point's own may be made to agree"
+    )
+    rounds: int = number(10, "", "most rounds of turning normals: it ends when none turns any more")
+    rounds_again: int = number(
+        2, "", "most rounds of turning normals that were turned before, with other contact probabilities"
+    )
+    largest_area: float = number(
+        4.0, "medians", "largest area of wall that a point stands for: wall beyond it is unmapped"
+    )
+    cell: float = number(0.06, "rms radii", "width of the cells whose points share a dipole: 2 mm")
+    far_cell: float = number(0.2, "rms radii", "width of the cells whose dipoles are one, seen from afar")
+    far: float = number(
+        0.4,
+        "rms radii",
+        "distance from which dipoles of a cell are one: an error of a hundredth of the near field",
+    )
+    smoothing: float = number(
+        1.0, "distances between points", "length over which the gradient of the winding number is smoothed"
+    )
+    inverted: float = number(0.1, "1", "winding number below minus this shows that a wall is inside out")
+    least_slope: float = number(
+        0.4, "1", "smallest slope of a level set that still shows a side: 1 where it is a distance"
+    )
+    slope_step: float = number(1.5, "spacings", "step to both sides over which the slope of phi is taken")
+    prior_near: float = number(
+        0.4, "clips", "distance within which points take their side from the moved prior: 2 mm"
+    )
+    prior_cell: float = number(
+        0.15, "rms radii", "width of the cells in which the prior's wall is one dipole each"
+    )
+    prior_distance: float = number(
+        2.5, "distances between points", "distance from all points beyond which the prior's wall counts"
+    )
 
 
 @dataclass(frozen=True)
@@ -81,68 +127,102 @@ class AmplitudeSettings:
     """The field's deviation before points are seen, place by place."""
 
     ladder: tuple[float, ...] = number(
-        (0.001, 0.003, 0.006, 0.012, 0.025, 0.05), "rms radii", "that are tried: hardly any to 1.6 mm"
+        (0.001, 0.003, 0.006, 0.012, 0.025, 0.05),
+        "rms radii",
+        "amplitudes of the field that are tried: from hardly any to 1.6 mm",
     )
     noise_factors: tuple[float, ...] = number(
         (0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.2, 1.5, 2.0, 3.0),
         "1",
-        "on the noise that the motion found, with each",
+        "factors on the motion's noise that are tried with each amplitude",
     )
-    neighbours: int = number(12, "points", "that predict a point")
-    most_points: int = number(4000, "points", "that are predicted")
-    around: int = number(60, "points", "that decide at a place")
-    reach: float = number(0.25, "rms radii", "of their say: 7 mm")
-    iterations: int = number(20, "", "of finding how often each occurs")
-    least_share: float = number(0.001, "1", "of the places, that each has")
+    neighbours: int = number(12, "points", "neighbours that predict a point")
+    most_points: int = number(4000, "points", "most points that are predicted from their neighbours")
+    around: int = number(60, "points", "nearest points that decide on the amplitude at a place")
+    reach: float = number(
+        0.25, "rms radii", "distance over which a point has a say in the amplitude at a place: 7 mm"
+    )
+    iterations: int = number(20, "", "iterations of finding how often each amplitude occurs")
+    least_share: float = number(0.001, "1", "smallest share of the places that each amplitude has")
 
 
 @dataclass(frozen=True)
 class SurplusSettings:
     """Which parts of the moved prior points show not to be there."""
 
-    cell: float = number(0.04, "rms radii", "of the lattice on which they are cut off: 1 mm")
-    reach: float = number(1.0, "distances between points", "to the nearest point of a wall that has points")
-    cosine: float = number(0.5, "1", "of a point's normal with a step that leads through its wall")
-    covered: float = number(0.05, "1", "cost of new wall that has points, in that of wall without")
-    unsupported: float = number(1.0, "1", "cost of wall without points that is there")
-    sac: float = number(0.3, "1", "the same where that is asked: only what hangs on a narrow neck goes")
+    cell: float = number(0.04, "rms radii", "spacing of the lattice on which surplus parts are cut off: 1 mm")
+    reach: float = number(
+        1.0,
+        "distances between points",
+        "distance to the nearest point within which wall counts as having points",
+    )
+    cosine: float = number(
+        0.5, "1", "least cosine between a point's normal and a step that leads through its wall"
+    )
+    covered: float = number(0.05, "1", "cost of new wall that has points, over that of new wall without")
+    unsupported: float = number(1.0, "1", "cost of keeping wall without points")
+    sac: float = number(
+        0.3, "1", "cost of keeping wall without points in the search for sacs, which hang on narrow necks"
+    )
     support: float = number(10.0, "1", "cost of giving up wall with points")
-    expected: float = number(1.0, "points", "that a part has room for, if it can lack them")
-    largest: float = number(0.3, "1", "of the wall is such a part, at most: more was not visited")
-    most: float = number(0.16, "1", "of the wall are all such parts, at most: more was not visited")
-    supported: float = number(0.1, "1", "of its wall: with points on more it is there")
+    expected: float = number(1.0, "points", "points that a part must have room for before it can lack them")
+    largest: float = number(0.3, "1", "largest share of the wall in one surplus part: more was not visited")
+    most: float = number(0.16, "1", "largest share of the wall in all surplus parts: more was not visited")
+    supported: float = number(0.1, "1", "share of a part's wall with points, above which the part is there")
     severed: float = number(
-        3.0, "points", "on wall that hangs on a part, from which the part is there: fewer span no surface"
+        3.0,
+        "points",
+        "points on wall that hangs on a part, from which the part is there: fewer span no surface",
     )
     closed: float = number(
-        0.2, "1", "of its mouth has points, or it stays: a cut through unvisited wall has hardly one on it"
+        0.2, "1", "share of a part's mouth that points must close: a cut in unvisited wall has hardly any"
     )
     elsewhere: float = number(
-        0.09, "1", "or with less of all wall but sacs without points, beyond chance: nothing is unmapped,"
+        0.09,
+        "1",
+        "share of other wall without points, beyond chance and sacs, below which nothing is unmapped",
     )
-    fringe: float = number(0.8, "reaches / rms radius", "or, if it is less, so much: next to what is cut,")
-    even: float = number(1.08, "1", "if points are spread as evenly: 1 at random, 1.2 and more in clusters")
+    fringe: float = number(
+        0.8,
+        "reaches / rms radius",
+        "share of wall without points beside cuts: replaces `elsewhere` where it is less",
+    )
+    even: float = number(
+        1.08, "1", "evenness below which points are evenly spread: 1 at random, 1.2 and more in clusters"
+    )
 
 
 @dataclass(frozen=True)
 class OwnPartSettings:
     """When a part of the patient's own anatomy is given up: never because no catheter was there."""
 
-    reach: float = number(1.0, "clips", "from the new wall, beyond which the prior's inside is a lost part")
-    evidence: float = number(15.0, "nats", "by which points must be likelier without it: three that lie deep")
+    reach: float = number(
+        1.0, "clips", "distance from the new wall beyond which the prior's inside is a lost part"
+    )
+    evidence: float = number(
+        15.0,
+        "nats",
+        "nats by which points must be likelier without a patient's own part: three that lie deep",
+    )
 
 
 @dataclass(frozen=True)
 class HandleSettings:
     """Which handles a reconstruction keeps, and how it gets rid of the others."""
 
-    evidence: float = number(3.0, "nats", "by which points must be likelier with a handle than without")
-    least_cut: float = number(
-        0.009, "squared rms radii", "that cut a handle, for points to be asked: 8 mm^2; others are cut"
+    evidence: float = number(
+        3.0, "nats", "nats by which points must be likelier with a handle than without it"
     )
-    most_handles: int = number(6, "", "of which points are asked, those first whose cut is largest")
-    most_parts: int = number(8, "", "of what the outside leaves out that may be no part of the tunnel")
-    reach: float = number(4.0, "noises", "within which a place of the wall may have caused a point")
+    least_cut: float = number(
+        0.009,
+        "squared rms radii",
+        "area of the cut of a handle from which points are asked: 8 mm^2; smaller handles are cut",
+    )
+    most_handles: int = number(
+        6, "", "most handles about which points are asked, those with the largest cuts first"
+    )
+    most_parts: int = number(8, "", "most parts of a filling that are tested for lying outside the tunnel")
+    reach: float = number(4.0, "noises", "distance within which a place of the wall may have caused a point")
     floor: float = number(1e-4, "1 / noise", "density of points that no wall caused")
 
 
@@ -151,46 +231,70 @@ class ReconstructionSettings:
     """All numbers of the reconstruction."""
 
     evidence: float = number(
-        15.0, "nats", "by which left-out points are predicted better: chance makes up to ten"
+        15.0, "nats", "gain in predicting left-out points that a reconstruction needs: chance makes up to ten"
     )
     field_evidence: float = number(
-        10.0, "nats", "or by which those near the moved prior are: chance makes up to seven"
+        10.0, "nats", "gain near the moved prior alone that is enough too: chance makes up to seven"
     )
-    least_points: int = number(50, "points", "believed: fewer tell no wall by themselves")
-    folds: int = number(4, "", "parts of the points that are predicted by the others")
-    most_training: int = number(2000, "points", "that predict the others")
-    rounds: int = number(3, "", "of finding who touches the wall")
-    turns: int = number(1, "", "of the normals to those of phi")
-    rounds_inside: int = number(3, "", "most of taking in points that are known to be inside")
-    cluster: int = number(6, "points", "that together may be a wall that the motion did not believe")
-    cluster_reach: float = number(1.5, "distances between points", "between neighbours in a cluster")
-    covered: float = number(0.5, "1", "of a cluster in front of wall with points of its own: it is no wall")
-    cluster_weight: float = number(0.9, "1", "probability that it touches, to begin with")
-    around: float = number(0.8, "clips", "phi is wanted so near to a point, though far off the moved prior,")
-    around_between: float = number(1.2, "distances between points", "or so near")
+    least_points: int = number(
+        50, "points", "fewest believed points for a reconstruction: fewer show no wall by themselves"
+    )
+    folds: int = number(4, "", "parts of the points, each predicted by the others")
+    most_training: int = number(2000, "points", "most points that predict the others")
+    rounds: int = number(3, "", "rounds of finding which points touch the wall")
+    turns: int = number(1, "", "times that normals are turned to those of phi")
+    rounds_inside: int = number(3, "", "most rounds of adding points that are known to be inside")
+    cluster: int = number(6, "points", "points that together may be a wall that the motion did not believe")
+    cluster_reach: float = number(1.5, "distances between points", "distance between neighbours in a cluster")
+    covered: float = number(
+        0.5, "1", "share of a cluster in front of wall with its own points, above which it is no wall"
+    )
+    cluster_weight: float = number(0.9, "1", "first probability that a believed cluster touches the wall")
+    around: float = number(
+        0.8, "clips", "distance from a point within which phi is computed, though far off the moved prior"
+    )
+    around_between: float = number(
+        1.2, "distances between points", "smallest distance from a point within which phi is computed"
+    )
     bare: float = number(
-        0.3, "clips", "outside the moved prior, from which the inside needs points around it"
+        0.3, "clips", "distance outside the moved prior beyond which the inside needs points around it"
     )
-    bare_between: float = number(1.5, "distances between points", "to the nearest one, at most")
-    fading: float = number(1.0, "clips", "farther from points, over which the field fades to the moved prior")
-    neck: float = number(0.6, "distances between points", "half as wide necks hang by gaps between points,")
-    widest_neck: float = number(0.09, "rms radii", "but no wider than 3 mm")
-    expected: float = number(10.0, "points", "that a part has room for, if it can lack them")
-    supported: float = number(0.25, "1", "of its wall near points, as next to a neck: with more it is wall")
+    bare_between: float = number(
+        1.5,
+        "distances between points",
+        "distance to the nearest point beyond which wall is bare and the field fades",
+    )
+    fading: float = number(
+        1.0, "clips", "length, beyond `bare_between`, over which the field fades to the moved prior"
+    )
+    neck: float = number(
+        0.6, "distances between points", "half width of necks that may be gaps between points"
+    )
+    widest_neck: float = number(
+        0.09, "rms radii", "largest half width of necks that may be gaps between points: 3 mm"
+    )
+    expected: float = number(
+        10.0, "points", "points that a part on a neck must have room for before it can lack them"
+    )
+    supported: float = number(0.25, "1", "share of wall near points, above which a part on a neck is wall")
     around_neck: int = number(
-        4, "points", "that lie on the wall around the neck of a part that is taken away"
+        4, "points", "fewest points on the wall around a neck for the part behind it to be taken away"
     )
-    least_outside: float = number(0.3, "spacings", "of phi where something was taken away")
+    least_outside: float = number(
+        0.3, "spacings", "value that phi gets at least where something was taken away"
+    )
     cut_smoothing: float = number(
         1.0, "spacings", "sd of the average that takes the lattice's steps off cuts"
     )
-    deviation_points: int = number(10, "points", "that the deviation of a vertex is asked of")
-    absent: float = number(0.02, "1", "of a patient's own wall, before points are seen, is not there")
+    deviation_points: int = number(10, "points", "nearest points that determine the deviation of a vertex")
+    absent: float = number(0.02, "1", "share of a patient's own wall that is absent, before points are seen")
     absent_of_template: float = number(
-        0.08, "1", "of a template's wall, before points are seen, is not there: veins differ"
+        0.08, "1", "share of a template's wall that is absent, before points are seen: veins differ"
     )
-    absent_length: float = number(0.75, "rms radii", "of parts that may be absent: a vein of 20 mm")
-    unmapped: float = number(1.5, "distances between points", "to the nearest one, of wall not visited")
+    absent_length: float = number(0.75, "rms radii", "length of parts that may be absent: a vein of 20 mm")
+    unmapped: float = number(
+        1.5, "distances between points", "distance to the nearest point above which wall was not visited"
+    )
     splines: SplineSettings = field(default_factory=SplineSettings)
     normals: NormalSettings = field(default_factory=NormalSettings)
     amplitude: AmplitudeSettings = field(default_factory=AmplitudeSettings)

@@ -23,11 +23,11 @@ if TYPE_CHECKING:
 
 
 class LevelSet(Stage):
-    """Turn the moved prior into a level set phi, correct it where the points ask for it, and mesh its zero
-    set.
+    """Turn the moved prior into a level set phi, reconstruct it where the points ask for it, and mesh its
+    zero set.
 
-    Where points show a wall that no motion reaches, phi is reconstructed from them; elsewhere it is the moved
-    prior's signed distance. The motion stays. In 2D phi is always that of the moved prior.
+    Where points show a wall that no motion reaches, phi is reconstructed from them; elsewhere, and always in
+    2D, it is the moved prior's signed distance. The motion stays.
     """
 
     name: ClassVar[str] = "level_set"

@@ -47,7 +47,8 @@ class Topology(Stage):
         default=2000,
         ge=1,
         le=100_000,  # far more than can be fitted again
-        description="of more, level_set reconstructs the wall with its topology in less time",
+        description="points above which this stage does nothing, since level_set is faster and reconstructs "
+        "the wall with its topology",
     )
 
     def __call__(self, case: Case, start: Estimate) -> Estimate:

@@ -86,7 +86,7 @@ class TopologySearch:
         """The points of the fit as they look from a wall that has moved to them, or not yet: then their
         distances tell the noise.
         """
-        data = _part(fit, self.settings.most_points)
+        data = _part(fit, self.settings.proposing_points)
         weights = fit.state.weights[~fit.problem.data.inside]
         relative = np.ones(len(data.points))
         if moved:

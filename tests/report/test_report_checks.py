@@ -185,9 +185,9 @@ def test_landmarks_of_another_person_may_all_lie_off(
     gap = np.full(4, off)
     names = {"name": np.array(["RSPV", "RIPV", "LSPV", "LIPV"]), f"distance_{last.key}_mm": gap}
     marked = replace(last.run, points=Points(np.zeros((4, 3)), np.full(4, "landmark"), names))
+    marked = replace(marked, case=replace(marked.case, prior_of=prior_of))
     results = {name: replace(one, run=marked) for name, one in subject.results.items()}
-    case = replace(subject.case, prior_of=prior_of)
-    found = {one.name: one for one in checks(replace(subject, results=results, runs=[marked], case=case))}
+    found = {one.name: one for one in checks(replace(subject, results=results, runs=[marked]))}
     assert found["Landmarks"].grade == grade
 
 
