@@ -24,9 +24,9 @@ MISTAKES = [
     ("deform", f"vector = {[1.0] * 11}", "deform.vector"),
     ("deform", f"normal = {[1.0] * 11}", "deform.normal"),
     (
-        "level_set",
+        "paper_level_set",
         "iterations = 2000",
-        "level_set.iterations = 2000: must be a whole number within",
+        "paper_level_set.iterations = 2000: must be a whole number within",
     ),
     ("level_set", "smoothing = 101", "level_set.smoothing = 101: must be a whole number within [0, 100]"),
     ("phases", "iterations = 20000", "phases.iterations = 20000: must be a whole number within [1, 10000]"),
