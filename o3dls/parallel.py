@@ -6,13 +6,13 @@ from __future__ import annotations
 
 import logging
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from functools import lru_cache
 from itertools import pairwise
-from threading import Thread
-from typing import Any
+from threading import Lock, Thread
+from typing import Any, TypeVar
 
 import numpy as np
 from numba import config
@@ -28,6 +28,8 @@ QUERIES = 4000  # of a KD-tree: so many take longer than waking a thread
 PARTS = 3  # blocks of rows per thread: some take longer than others
 
 log = logging.getLogger("o3dls")
+A = TypeVar("A")
+B = TypeVar("B")
 
 
 def axes_of(vectors: Array) -> tuple[int, ...]:
@@ -89,13 +91,36 @@ def started_beside(work: Callable[[], None]) -> None:
     Thread(target=quiet).start()
 
 
-@contextmanager
-def side_by_side() -> Iterator[ThreadPoolExecutor]:
-    """Yield threads, as many as cores, for work whose compiled loops and linear algebra let go of the lock of
-    the interpreter; in each linear algebra has one.
+def both(first: Callable[[], A], second: Callable[[], B]) -> tuple[A, B]:
+    """Return what two independent functions return, which run side by side: compiled loops and linear algebra
+    let go of the interpreter's lock. Linear algebra has one thread in each.
+    """
+    with one_blas_thread(), ThreadPoolExecutor(1) as beside:
+        begun = beside.submit(second)
+        return first(), begun.result()
+
+
+def each(function: Callable[[A], B], items: Iterable[A]) -> list[B]:
+    """Return what a function returns for each of some independent items, on as many threads as cores; see
+    `both`.
     """
     with one_blas_thread(), ThreadPoolExecutor(THREADS) as threads:
-        yield threads
+        return list(threads.map(function, items))
+
+
+def once(function: Callable[[], A]) -> Callable[[], A]:
+    """Return a function that calls another one the first time, and returns the same value ever after; threads
+    that ask meanwhile wait for it.
+    """
+    lock, known = Lock(), list[A]()
+
+    def value() -> A:
+        with lock:
+            if not known:
+                known.append(function())
+        return known[0]
+
+    return value
 
 
 @contextmanager

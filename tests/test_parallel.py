@@ -5,6 +5,7 @@ from __future__ import annotations
 import multiprocessing
 import os
 import threading
+import time
 from typing import Any
 
 import numpy as np
@@ -109,3 +110,26 @@ def test_work_that_nobody_waits_for_is_done_and_may_fail() -> None:
 
     compiled.started_beside(fails)
     assert done.wait(10.0)
+
+
+def test_both_return_what_two_functions_return_and_raise_what_either_raises() -> None:
+    assert compiled.both(lambda: 1, lambda: "b") == (1, "b")
+    with pytest.raises(ZeroDivisionError):
+        compiled.both(lambda: 1, lambda: 1 // 0)
+
+
+def test_each_keeps_the_order_of_its_items() -> None:
+    assert compiled.each(lambda x: x * x, range(20)) == [x * x for x in range(20)]
+
+
+def test_what_is_asked_once_is_computed_once_whoever_asks() -> None:
+    calls = list[int]()
+
+    def slow() -> int:
+        calls.append(1)
+        time.sleep(0.05)
+        return 7
+
+    asked = compiled.once(slow)
+    assert compiled.each(lambda _: asked(), range(6)) == [7] * 6
+    assert calls == [1]

@@ -6,7 +6,6 @@ In 2D the zero set itself is the contour, and nothing needs to be cleaned.
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +19,7 @@ from ..geometry.surface import Surface, interpolated
 from ..levelset.grid.distance import SignedDistance
 from ..levelset.grid.isosurface import zero_set
 from ..levelset.grid.regularised import regularised
+from ..parallel import both
 from .open3d_module import open3d
 from .self_intersections import self_intersections
 
@@ -71,14 +71,15 @@ def extract(
     # its triangles have a better shape, and fewer faces are decimated faster
     even = regularised(raw, cell) if keep < 1.0 else raw
     start = even if len(even.faces) > target else raw
-    with ThreadPoolExecutor(1) as beside:
-        tree = beside.submit(lambda: raw.closest_point)  # while pymeshlab works on the other core
-        smooth = _clean_mesh(start, smoothing, target, LOOSE * smallest)
-        mesh = _unfold_mesh(smooth)
+    # pymeshlab works on one core, the search tree is made on the other
+    smooth, tree = both(
+        lambda: _clean_mesh(start, smoothing, target, LOOSE * smallest), lambda: raw.closest_point
+    )
+    mesh = _unfold_mesh(smooth)
     # where two walls are closer than the lattice tells apart
     if smoothing and mesh is smooth and self_intersections(smooth):
         mesh = _unfold_mesh(_clean_mesh(start, 0, target, LOOSE * smallest))
-    shift = tree.result().distance(mesh.vertices)
+    shift = tree.distance(mesh.vertices)
     return Extraction(mesh, float(shift.mean()), float(shift.max()), len(raw.faces))
 
 

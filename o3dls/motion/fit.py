@@ -7,27 +7,26 @@ none, the prior as it is or smoothed.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from concurrent.futures import Executor
+from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from itertools import chain, count
-from typing import NamedTuple, TypeVar
+from threading import Lock
+from typing import NamedTuple
 
 import numpy as np
 
 from ..arrays import Array, Ints, Mask
 from ..geometry.differential import unit_mean, vertex_normals
 from ..noise.contact import update_contact
-from ..parallel import one_blas_thread, side_by_side
+from ..parallel import both, once, one_blas_thread
 from .iteration import Solved, State, begin, step
 from .leverage_points import energy_with_strain, leverage_points
-from .model_selection import preferred
+from .model_selection import Preference, preferred
 from .observations import Data
 from .problem import MotionProblem, motion_problem
 from .result import Iterated, MotionFit, motion_fit
 from .settings import MotionSettings
-
-T = TypeVar("T")
 
 
 def fit_motion(
@@ -61,26 +60,30 @@ class TrialFit:
     def __init__(
         self, vertices: Array, faces: Ints, pose: Array, data: Data, settings: MotionSettings
     ) -> None:
-        problem = motion_problem(vertices, faces, pose, data, settings)
-        self._rounds = _rounds(problem, begin(problem), enough=settings.selection.steady_energy)
+        self._problem = once(lambda: motion_problem(vertices, faces, pose, data, settings))
+        self._rounds = self._run_rounds(settings.selection.steady_energy)
         self._tuned = min(settings.iteration.tune_at)
         self._energies: list[float] = []
+        self._lock = Lock()
+
+    def _run_rounds(self, steady: float) -> Iterator[Round]:
+        problem = self._problem()
+        yield from _rounds(problem, begin(problem), enough=steady)
 
     def energy(self, k: int) -> float:
-        """Free energy (nats) of round k, or of the last one, if that was earlier."""
-        with one_blas_thread():
+        """Free energy (nats) of round k, or of the last one, if that was earlier. Several may ask."""
+        with self._lock, one_blas_thread():
             while len(self._energies) <= k and (reached := next(self._rounds, None)) is not None:
                 self._energies.append(reached.record["energy"])
         return self._energies[min(k, len(self._energies) - 1)]
 
-    def lead(self, other: TrialFit, least: float, early: tuple[int, ...], beside: Executor) -> float:
+    def lead(self, other: TrialFit, least: float, early: tuple[int, ...]) -> float:
         """By how much (nats) its last energy is below the other's; or that of a round, the first of some
-        `early` ones and of those after tuning in which it is less than `least`. beside: the one thread of the
-        other fit, which several may ask at one time.
+        `early` ones and of those after tuning in which it is less than `least`.
         """
         for k in chain(early, count(self._tuned + 1)):
-            asked = beside.submit(other.energy, k)
-            found = -self.energy(k) + asked.result()
+            own, others = both(partial(self.energy, k), partial(other.energy, k))
+            found = others - own
             if found < least or k >= max(len(self._energies), len(other._energies)):
                 break
         return found
@@ -104,16 +107,15 @@ def _fit_from_nothing(
         fit = _continue(first, data, some, settings.iteration.rounds_with_all)
         return replace(fit, trace=(*first.trace, *fit.trace))
     for _ in range(1 + settings.selection.pose_corrections):
-        run, (found, smoothed) = _iterate_robustly(
-            motion_problem(vertices, faces, pose, data, settings), preferred
-        )
+        problem = motion_problem(vertices, faces, pose, data, settings)
+        run, (found, smoothed) = _run_and_preference(problem)
         if not found.corrected:
             break
         pose = found.pose
     scales = found.scales
     if smoothed is not None:
         problem = motion_problem(vertices, faces, pose, data, settings, smoothed)
-        other, _ = _iterate_robustly(problem, lambda _: None)
+        other = _likeliest_run(problem)
         if other.energy < run.energy:
             run = other
             scales = other.state.scales
@@ -162,27 +164,39 @@ def _first_weights(earlier: MotionFit, data: Data, known: slice | Ints) -> Array
     return weights
 
 
-def _iterate_robustly(problem: MotionProblem, asked: Callable[[Iterated], T]) -> tuple[Iterated, T]:
-    """Iterate; where points may have pulled the wall out, begin without them, take them in again, and keep
-    that run if it is clearly likelier. With the answer to what is asked of a run, which the first one is
-    while the other is under way: mostly it stays.
+def _run_and_preference(problem: MotionProblem) -> tuple[Iterated, Preference]:
+    """Return the likeliest run and what the points prefer to it. Mostly the first run stays: that is asked
+    of it while the other one is under way.
     """
     run = _iterate(problem, begin(problem))
     suspect = leverage_points(run)
     if not suspect.any():
-        return run, asked(run)
-    with side_by_side() as threads:
-        begun = threads.submit(_without_at_first, problem, suspect)
-        answer = asked(run)
-        other = begun.result()
+        return run, preferred(run)
+    preference, other = both(partial(preferred, run), partial(_without_at_first, problem, suspect))
+    likelier = _likelier_run(run, other, suspect)
+    return likelier, preferred(likelier) if likelier.state is other.state else preference
+
+
+def _likeliest_run(problem: MotionProblem) -> Iterated:
+    """Iterate; where points may have pulled the wall out, begin without them, take them in again, and return
+    that run if it is clearly likelier.
+    """
+    run = _iterate(problem, begin(problem))
+    suspect = leverage_points(run)
+    return _likelier_run(run, _without_at_first(problem, suspect), suspect) if suspect.any() else run
+
+
+def _likelier_run(run: Iterated, other: Iterated, suspect: Mask) -> Iterated:
+    """Return the other run, begun without the suspect points (n,), if it is clearly likelier; with facts on
+    both.
+    """
     behind = energy_with_strain(other) - energy_with_strain(run)
     count = float(suspect.sum())
-    if behind < -problem.settings.selection.decisive:
-        other = replace(other, facts={"excluded_points": count})
-        return other, asked(other)
+    if behind < -run.problem.settings.selection.decisive:
+        return replace(other, facts={"excluded_points": count})
     apart = float(np.linalg.norm(other.state.moved - run.state.moved, axis=1).mean())
     facts = {"alternative_excluded": count, "alternative_behind": behind, "alternative_apart": apart}
-    return replace(run, facts=facts), answer
+    return replace(run, facts=facts)
 
 
 def _without_at_first(problem: MotionProblem, suspect: Mask) -> Iterated:

@@ -55,7 +55,10 @@ class PoseFit:
     noises: Array
 
 
-def preferred(run: Iterated) -> tuple[MotionEvidence, Smoothed | None]:
+Preference = tuple[MotionEvidence, Smoothed | None]
+
+
+def preferred(run: Iterated) -> Preference:
     """Whether the points show a motion, and the prior as they would have it smoothed, if they would: points
     that show no motion show no roughness either.
     """

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,7 +23,7 @@ from ..motion.fit import TrialFit, fit_motion
 from ..motion.observations import Data
 from ..motion.result import MotionFit
 from ..motion.settings import MotionSettings
-from ..parallel import side_by_side
+from ..parallel import both, each
 from .change import Change, changed
 from .cuts import removals
 from .observation import Measured, Noise, observe
@@ -73,10 +72,11 @@ class TopologySearch:
             before = Wall(posed, settings.observation)
             return list(growth(before, self.seen(fit, before, moved=False), settings))
 
-        with side_by_side() as threads:
-            looked_for = threads.submit(grown)
-            cuts = list(removals(after, self.seen(fit, after, moved=True), settings.cuts))
-            tubes = [tube for tube in looked_for.result() if tube.gain >= settings.evidence]
+        def cut_off() -> list[Change]:
+            return list(removals(after, self.seen(fit, after, moved=True), settings.cuts))
+
+        cuts, tubes = both(cut_off, grown)
+        tubes = [tube for tube in tubes if tube.gain >= settings.evidence]
         yield from heapq.nlargest(settings.judged, tubes, key=lambda change: change.gain)
         for cut in heapq.nlargest(settings.judged, cuts, key=lambda change: change.gain):
             vertices, faces = cut.region
@@ -109,17 +109,16 @@ class TopologySearch:
         else:
             return
         part = _part(fit, self.settings.trial_points)
+        whole = self.trial(fit, unchanged, part)
 
         def tried(change: Change) -> Change:
             price = change.price(len(part.points))
             least = price + self.settings.evidence - self.settings.trial_lead
             after = self.trial(fit, changed(before, change), part)
-            lead = after.lead(whole.result(), least, self.settings.early_rounds, beside)
+            lead = after.lead(whole, least, self.settings.early_rounds)
             return replace(change, gain=lead - price)
 
-        with side_by_side() as threads, ThreadPoolExecutor(1) as beside:
-            whole = beside.submit(self.trial, fit, unchanged, part)
-            yield from threads.map(tried, changes)
+        yield from each(tried, changes)
 
     def best(self, fit: MotionFit) -> tuple[MotionFit, Change] | None:
         """The change of most evidence that keeps some in the whole fit, with that fit: its trial had neither

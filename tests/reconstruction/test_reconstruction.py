@@ -37,7 +37,7 @@ from o3dls.reconstruction.points.orientation import planes, turned_outward
 from o3dls.reconstruction.points.point_density import PointDensity
 from o3dls.reconstruction.reconstruct import oriented_by_others
 from o3dls.reconstruction.reconstructed import reconstructed
-from o3dls.reconstruction.settings import HandleSettings, ReconstructionSettings, SplineSettings
+from o3dls.reconstruction.settings import ReconstructionSettings, SplineSettings
 from o3dls.reconstruction.shape import surplus
 from o3dls.reconstruction.shape.handles import without_handles
 from o3dls.reconstruction.shape.pieces import (
@@ -46,6 +46,7 @@ from o3dls.reconstruction.shape.pieces import (
     smooth_cuts,
     without_pinched_off,
 )
+from o3dls.reconstruction.shape_settings import HandleSettings
 
 SEED = 223_606
 SIGMA = 0.6

@@ -18,7 +18,7 @@ from scipy.linalg.lapack import dtrtri
 
 from ...arrays import Array, Ints
 from ...noise.shifted_part import MapPart
-from ...parallel import side_by_side
+from ...parallel import each
 from ..covariance import grams
 from ..iteration import State, find_feet, gather_rows
 from ..marginal_likelihood import Scales, assemble, laplace_of_inverse, solve
@@ -139,8 +139,7 @@ def _offsets(model: OffsetModel, data: Data, residual: Array) -> list[Offset]:
             key=lambda one: one.nats,
         )
 
-    with side_by_side() as threads:
-        return list(threads.map(best, (None, *_directions(dimension))))
+    return each(best, (None, *_directions(dimension)))
 
 
 def _sums_beyond(columns: Array, rows: Ints, cuts: Ints) -> Array:

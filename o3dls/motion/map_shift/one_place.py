@@ -13,7 +13,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from ...arrays import Ints
-from ...parallel import side_by_side
+from ...parallel import both, once
 from ..iteration import State
 from ..problem import MotionProblem
 from .offset_model import order_of
@@ -27,10 +27,9 @@ def is_shared(trial: Trial, problem: MotionProblem, state: State) -> bool:
     settings = problem.settings.map_shift
     place = _place_that_gains_most(trial, problem, state)
     rest = problem.data.at(np.setdiff1d(np.arange(len(problem.data.points)), place))
-    with side_by_side() as threads:
-        alone = threads.submit(energy_alone, replace(problem, data=rest))
-        left = fitted_without(trial.problem, rest, trial.found, alone).evidence
-    return left >= settings.shared * trial.evidence
+    alone = once(lambda: energy_alone(replace(problem, data=rest)))
+    left, _ = both(lambda: fitted_without(trial.problem, rest, trial.found, alone), alone)
+    return left.evidence >= settings.shared * trial.evidence
 
 
 def _place_that_gains_most(trial: Trial, problem: MotionProblem, state: State) -> Ints:

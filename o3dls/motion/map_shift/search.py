@@ -7,7 +7,7 @@ shift (`one_place`). Reasons and numbers: docs/method.md.
 
 from __future__ import annotations
 
-from concurrent.futures import Future
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -15,7 +15,7 @@ import numpy as np
 from ...arrays import Array
 from ...geometry.similarity import apply, fit_similarity
 from ...noise.shifted_part import MapShift
-from ...parallel import one_blas_thread, side_by_side
+from ...parallel import both, each, once, one_blas_thread
 from ..iteration import State
 from ..observations import Data
 from ..problem import MotionProblem, motion_problem
@@ -64,18 +64,15 @@ def _trials(problem: MotionProblem, state: State, energy: float | None) -> list[
     if not asked:
         return []
 
-    def alone() -> float:
-        return energy_alone(problem) if energy is None else energy + here.correction
-
-    with side_by_side() as threads:
-        whole = threads.submit(alone)  # begins first, so that none waits for what has not begun
-        return list(threads.map(lambda one: _settled(problem, measured, one, whole), asked))
+    alone = once(lambda: energy_alone(problem) if energy is None else energy + here.correction)
+    _, trials = both(alone, lambda: each(lambda one: _settled(problem, measured, one, alone), asked))
+    return trials
 
 
-def _settled(problem: MotionProblem, measured: Data, found: Offset, alone: Future[float]) -> Trial:
+def _settled(problem: MotionProblem, measured: Data, found: Offset, alone: Callable[[], float]) -> Trial:
     """The trial of an offset after as many rounds as it and its cut need to stay, or as it is worth.
 
-    measured: the points with the offset in them; alone: free energy of a motion alone.
+    measured: the points with the offset in them; alone: tells the free energy of a motion alone.
     """
     settings = problem.settings.map_shift
     trial = fitted_without(problem, measured, found, alone)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from concurrent.futures import Future
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -40,13 +40,15 @@ def energy_alone(problem: MotionProblem) -> float:
     return run.energy + offset_model(problem, run.state).correction
 
 
-def fitted_without(problem: MotionProblem, measured: Data, found: Offset, alone: Future[float]) -> Trial:
-    """The trial of an offset. measured: the points with the offset in them; alone: free energy of a motion
-    alone.
+def fitted_without(
+    problem: MotionProblem, measured: Data, found: Offset, alone: Callable[[], float]
+) -> Trial:
+    """The trial of an offset. measured: the points with the offset in them; alone: tells the free energy of a
+    motion alone, asked after the fit.
     """
     run = settled(replace(problem, data=_taken_out(measured, found)))
     model = offset_model(run.problem, run.state)
-    evidence = alone.result() - run.energy - model.correction - price(model, measured, found)
+    evidence = alone() - run.energy - model.correction - price(model, measured, found)
     return Trial(found, run, model, evidence)
 
 

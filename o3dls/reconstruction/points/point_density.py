@@ -11,8 +11,8 @@ from ...arrays import Array, Ints, Mask
 from ...geometry.surface import Surface
 from ...levelset.grid.band import Band
 from ...levelset.grid.isosurface import zero_set
-from ...parallel import side_by_side
-from ..settings import HandleSettings
+from ...parallel import each
+from ..shape_settings import HandleSettings
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,8 +42,7 @@ class PointDensity:
         def log_likelihood(phi: Array) -> float:
             return self._log_likelihood(Surface(*zero_set(band, phi[box].ravel())), near, around)
 
-        with side_by_side() as threads:
-            return list(threads.map(log_likelihood, phis))
+        return each(log_likelihood, phis)
 
     def _log_likelihood(self, wall: Surface, near: KDTree, around: KDTree) -> float:
         """That of the points `near`, from the wall near the nodes `around`."""

@@ -17,8 +17,8 @@ from scipy.ndimage import label
 from ...arrays import Array, Mask
 from ...levelset.grid.masks import widened
 from ...levelset.grid.simple_points import TOUCHING, cut_away, outside, simply_connected, unreached
-from ...parallel import side_by_side
-from ..settings import HandleSettings
+from ...parallel import both
+from ..shape_settings import HandleSettings
 
 Evidence = Callable[[tuple[Array, ...], Mask], list[float]]
 
@@ -76,15 +76,14 @@ def _tunnel(phi: Array, cut: int, settings: HandleSettings, least: float) -> tup
     in two.
     """
     deep = phi < -least
-    with side_by_side() as threads:
-        beyond = threads.submit(outside, phi)
-        begun = deep & ~unreached(np.where(deep, phi, least))  # grown first, whatever is filled
+    grown, beyond = both(lambda: ~unreached(np.where(deep, phi, least)), lambda: outside(phi))
+    begun = deep & grown  # grown first, whatever is filled
 
     def spares(nodes: Mask) -> bool:
         """Whether the handle needs no cut when they are filled, but for a node or two elsewhere."""
         return 2 * _size(unreached(np.where(nodes, -least, phi), begun)) < cut
 
-    fills = (phi >= 0.0) & ~beyond.result()
+    fills = (phi >= 0.0) & ~beyond
     if not spares(fills):
         return np.zeros_like(fills), np.zeros_like(fills)
     parts = label(fills, TOUCHING)[0]

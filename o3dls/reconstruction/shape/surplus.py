@@ -19,7 +19,7 @@ from ...geometry.surface import Surface
 from ..field.equations import Oriented
 from ..field.moved_prior import MovedPrior
 from ..neighbours import nearest
-from ..settings import SurplusSettings
+from ..shape_settings import SurplusSettings
 
 STEPS = np.vstack([np.eye(3, dtype=np.int64), -np.eye(3, dtype=np.int64)])
 UNITS = 1000.0  # of capacity in the area of one node, since flows are whole numbers
