@@ -35,14 +35,14 @@ class Trial:
 
 
 def energy_alone(problem: MotionProblem) -> float:
-    """Free energy (nats) of a motion alone, fitted from nothing, with Laplace's correction."""
+    """Return the free energy (nats) of a motion alone, fitted from nothing, with Laplace's correction."""
     run = settled(problem)
     return run.energy + offset_model(problem, run.state).correction
 
 
 def fitted_without(problem: MotionProblem, measured: Data, found: Offset, alone: Future[float]) -> Trial:
-    """The trial of an offset. measured: the points with the offset in them; alone: free energy of a motion
-    alone.
+    """Return the trial of an offset. measured: the points with the offset in them; alone: free energy of a
+    motion alone.
     """
     run = settled(replace(problem, data=_taken_out(measured, found)))
     model = offset_model(run.problem, run.state)
@@ -51,7 +51,9 @@ def fitted_without(problem: MotionProblem, measured: Data, found: Offset, alone:
 
 
 def log_likelihood(problem: MotionProblem, state: State, points: Array) -> Array:
-    """Log density (n,) of points (n, d) that are on the wall where a fit has come to, or outliers."""
+    """Return the log density (n,) of points (n, d) that are on the wall where a fit has come to, or
+    outliers.
+    """
     _, face, foot, bary = problem.tree.at(state.moved).query(points)
     normals = unit_mean(vertex_normals(state.moved, problem.faces), problem.faces[face], bary)
     outward = ((points - foot) * normals).sum(axis=1)
@@ -62,7 +64,7 @@ def log_likelihood(problem: MotionProblem, state: State, points: Array) -> Array
 
 
 def _taken_out(data: Data, found: Offset) -> Data:
-    """The points, and the landmarks that move along, without the offset of a part."""
+    """Return the points, and the landmarks that move along, without the offset of a part."""
     held = found.part.holds(data.points, order_of(data))[:, None]
     marks = found.part.holds_marks(data.marks_map)[:, None]
     return replace(
