@@ -62,7 +62,7 @@ class Altered(LevelSet):
 
     _change: Change = RULES[ALL]
 
-    def _reconstructed(self, case: Case, start: Estimate, given: GivenPoints) -> Result | None:
+    def _reconstruct_wall(self, case: Case, start: Estimate, given: GivenPoints) -> Result | None:
         from o3dls.adapters.meshing import isosurface
         from o3dls.reconstruction.reconstructed import reconstructed
 

@@ -14,12 +14,12 @@ from numba.extending import get_cython_function_address
 
 from .arrays import Array
 
-HALVED = 96  # rows from which a triangle is inverted by halves: LAPACK takes twice the time
+HALVED = 96  # rows from which a triangle is inverted by halves, in half of LAPACK's time
 
 
-def _routine(library: str, name: str, arguments: int) -> Callable[..., int]:
-    """A routine of BLAS or LAPACK that takes so many arguments. A matrix stands for two: the place of a block
-    in Fortran's order, and the length of its columns. The last one may be `info`, which is returned.
+def _find_routine(library: str, name: str, arguments: int) -> Callable[..., int]:
+    """Find a routine of BLAS or LAPACK that takes so many arguments. A matrix stands for two: the place of a
+    block in Fortran's order, and the length of its columns. The last one may be `info`, which is returned.
     """
     address = get_cython_function_address(f"scipy.linalg.cython_{library}", name)
     routine = CFUNCTYPE(None, *[c_void_p] * arguments)(address)
@@ -40,26 +40,26 @@ def _routine(library: str, name: str, arguments: int) -> Callable[..., int]:
     return call
 
 
-_potrf, _lauum = _routine("lapack", "dpotrf", 5), _routine("lapack", "dlauum", 5)
-_trtri, _trmm = _routine("lapack", "dtrtri", 6), _routine("blas", "dtrmm", 11)
+_potrf, _lauum = _find_routine("lapack", "dpotrf", 5), _find_routine("lapack", "dlauum", 5)
+_trtri, _trmm = _find_routine("lapack", "dtrtri", 6), _find_routine("blas", "dtrmm", 11)
 
 
 def factor_and_inverse(matrix: Array) -> tuple[Array, Array, int]:
-    """Cholesky factor (n, n), lower and zero above, of a symmetric matrix (n, n), its inverse (n, n), and 0;
-    or the order of the first leading minor that is not positive, and nothing of use.
+    """Return the Cholesky factor (n, n), lower and zero above, of a symmetric matrix (n, n), its inverse (n,
+    n), and 0; or the order of the first leading minor that is not positive, and nothing of use.
     """
     factor = np.array(matrix, order="F")
     size = len(factor)
     if minor := _potrf(b"L", size, factor):
         return factor, factor, minor
     inverse = factor.copy(order="F")
-    _invert(inverse)
+    _invert_triangle(inverse)
     _lauum(b"L", size, inverse)  # of the factor's inverse w: w^T w
-    _complete(factor, inverse)
+    _complete_halves(factor, inverse)
     return factor, inverse, 0
 
 
-def _invert(lower: Array) -> None:
+def _invert_triangle(lower: Array) -> None:
     """Invert a lower triangle (n, n) in place: the triangles a and c on its diagonal, and b below a, which
     becomes -c^-1 b a^-1.
     """
@@ -69,14 +69,14 @@ def _invert(lower: Array) -> None:
         return
     h = size // 2
     a, b, c = lower[:h, :h], lower[h:, :h], lower[h:, h:]
-    _invert(a)
-    _invert(c)
+    _invert_triangle(a)
+    _invert_triangle(c)
     _trmm(b"R", b"L", b"N", b"N", size - h, h, 1.0, a, b)
     _trmm(b"L", b"L", b"N", b"N", size - h, h, -1.0, c, b)
 
 
 @njit(cache=True, nogil=True)
-def _complete(factor, inverse):  # type: ignore[no-untyped-def]
+def _complete_halves(factor, inverse):  # type: ignore[no-untyped-def]
     """Fill in the upper halves: of the factor with zeros, of the inverse with its lower half."""
     for j in range(len(factor)):
         for i in range(j):

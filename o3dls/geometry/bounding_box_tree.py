@@ -8,7 +8,7 @@ from numba import njit
 
 @njit(cache=True, nogil=True)
 def median_order(centres, leaves):  # type: ignore[no-untyped-def]
-    """Faces by leaf, so that boxes hardly overlap.
+    """Order the faces by leaf, so that boxes hardly overlap.
 
     Each node's centres (d, m) are halved at the median of their longest extent.
     """
@@ -33,7 +33,7 @@ def median_order(centres, leaves):  # type: ignore[no-untyped-def]
             if most - least > longest:
                 longest = most - least
                 axis = k
-        _partition(centres[axis], order, low, high - 1, middle)
+        _partition_order(centres[axis], order, low, high - 1, middle)
         stack[top, 0], stack[top, 1] = first, half
         stack[top + 1, 0], stack[top + 1, 1] = half, last
         top += 2
@@ -41,7 +41,7 @@ def median_order(centres, leaves):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _partition(values, order, left, right, middle):  # type: ignore[no-untyped-def]
+def _partition_order(values, order, left, right, middle):  # type: ignore[no-untyped-def]
     """Rearrange order[left : right + 1] so that no value before `middle` exceeds one behind it.
 
     Hoare's selection.
@@ -68,7 +68,8 @@ def _partition(values, order, left, right, middle):  # type: ignore[no-untyped-d
 
 @njit(cache=True, nogil=True)
 def corners_and_boxes(axes, vertices, faces, leaves):  # type: ignore[no-untyped-def]
-    """Corners (m, 3, 3) of faces in tree order, and bounding boxes (low, high) of an implicit binary tree.
+    """Return the corners (m, 3, 3) of faces in tree order, and bounding boxes (low, high) of an implicit
+    binary tree.
 
     Children of node i are 2i+1 and 2i+2, the leaves come last.
     """
@@ -97,7 +98,7 @@ def corners_and_boxes(axes, vertices, faces, leaves):  # type: ignore[no-untyped
 
 @njit(cache=True, nogil=True)
 def box_gap(x, y, z, boxes, node):  # type: ignore[no-untyped-def]
-    """Squared distance of a point from a box."""
+    """Return the squared distance of a point from a box."""
     dx = max(boxes[node, 0, 0] - x, x - boxes[node, 1, 0], 0.0)
     dy = max(boxes[node, 0, 1] - y, y - boxes[node, 1, 1], 0.0)
     dz = max(boxes[node, 0, 2] - z, z - boxes[node, 1, 2], 0.0)

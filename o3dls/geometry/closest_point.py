@@ -28,18 +28,18 @@ class ClosestPoint:
         self.order = median_order(np.ascontiguousarray(vertices[self.faces].mean(axis=1).T), self.leaves)
         self.rank = np.argsort(self.order)
         self.in_order = self.faces[self.order]
-        self._place(vertices)
+        self._place_tree(vertices)
 
     def at(self, vertices: Array) -> ClosestPoint:
-        """The same surface at new vertex positions (n, d).
+        """Return this surface at new vertex positions (n, d).
 
         Exact for any motion, fastest while neighbours stay neighbours.
         """
         moved = copy(self)
-        moved._place(vertices)
+        moved._place_tree(vertices)
         return moved
 
-    def _place(self, vertices: Array) -> None:
+    def _place_tree(self, vertices: Array) -> None:
         self.vertices = np.ascontiguousarray(vertices, dtype=np.float64)
         self.corners, self.boxes = corners_and_boxes(
             axes_of(vertices), self.vertices, self.in_order, self.leaves
@@ -48,7 +48,8 @@ class ClosestPoint:
     def query(
         self, points: Array, bound: float = np.inf, hint: Ints | None = None
     ) -> tuple[Array, Ints, Array, Array]:
-        """Squared distance (k,), face (k,), closest point (k, d) and barycentric weights (k, d) in that face.
+        """Return the squared distance (k,), face (k,), closest point (k, d) and barycentric weights (k, d) in
+        that face.
 
         Points are (k, d). Beyond `bound` (a length) the face is -1 and the distance infinite. `hint` (k,)
         names faces that are probably near, such as those of the last query of an iteration: it halves the
@@ -63,7 +64,7 @@ class ClosestPoint:
         feet = np.full((n, 3), np.nan)
         weights = np.zeros((n, 3))
         by_rows(
-            _query,
+            _query_points,
             WORTH,
             (spatial, guess, squared, found, feet, weights),
             self.corners,
@@ -74,13 +75,13 @@ class ClosestPoint:
         return squared, np.where(found < 0, -1, self.order[found]), feet[:, :d], weights[:, :d]
 
     def distance(self, points: Array) -> Array:
-        """Unsigned distance (k,) of points (k, d)."""
+        """Return the unsigned distance (k,) of points (k, d)."""
         return np.asarray(np.sqrt(self.query(points)[0]))
 
 
 @njit(cache=True, nogil=True)
 def _second_and_third(bx, by, bz, cx, cy, cz, x, y, z):  # type: ignore[no-untyped-def]
-    """Barycentric weights of the second and third corner at the closest point, by Voronoi regions.
+    """Return the barycentric weights of the second and third corner at the closest point, by Voronoi regions.
 
     Ericson, Real-Time Collision Detection, 5.1.5; corners and point relative to the first corner. Scalars,
     because array views cost more than the sums.
@@ -112,7 +113,7 @@ def _second_and_third(bx, by, bz, cx, cy, cz, x, y, z):  # type: ignore[no-untyp
 
 @njit(cache=True, nogil=True)
 def closest_on_face(x, y, z, corners, k):  # type: ignore[no-untyped-def]
-    """Squared distance of a point from face k, and the weights of its second and third corner."""
+    """Return the squared distance of a point from face k, and the weights of its second and third corner."""
     ax, ay, az = corners[k, 0, 0], corners[k, 0, 1], corners[k, 0, 2]
     bx, by, bz = corners[k, 1, 0] - ax, corners[k, 1, 1] - ay, corners[k, 1, 2] - az
     cx, cy, cz = corners[k, 2, 0] - ax, corners[k, 2, 1] - ay, corners[k, 2, 2] - az
@@ -123,8 +124,8 @@ def closest_on_face(x, y, z, corners, k):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def nearest_face(x, y, z, guess, limit, corners, leaves, boxes, stack, stack_gap):  # type: ignore[no-untyped-def]
-    """The nearest face to a point whose squared distance is within `limit`, or -1; that distance, and the
-    weights of the face's second and third corner. stack, stack_gap (128,): room for nodes that wait.
+    """Return the nearest face to a point whose squared distance is within `limit`, or -1; that distance, and
+    the weights of the face's second and third corner. stack, stack_gap (128,): room for nodes that wait.
     """
     m = corners.shape[0]
     best = -1
@@ -167,7 +168,7 @@ def nearest_face(x, y, z, guess, limit, corners, leaves, boxes, stack, stack_gap
 
 
 @njit(cache=True, nogil=True)
-def _query(points, guess, best2, found, feet, weights, corners, leaves, boxes, bound2):  # type: ignore[no-untyped-def]
+def _query_points(points, guess, best2, found, feet, weights, corners, leaves, boxes, bound2):  # type: ignore[no-untyped-def]
     """Fill in what is nearest to each point, where something is near enough."""
     stack = np.empty(128, dtype=np.int64)
     stack_gap = np.empty(128)

@@ -12,34 +12,36 @@ SMALL_COMPONENT = 0.01  # area of a piece over that of the largest: no vein, app
 
 
 def component_labels(count: int, faces: Ints) -> Ints:
-    """Number (count,) of the connected piece that each of `count` vertices belongs to by faces, or edges, (m,
-    d), in the order of their first vertices.
+    """Return the number (count,) of the connected piece that each of `count` vertices belongs to by faces, or
+    edges, (m, d), in the order of their first vertices.
     """
-    return np.asarray(_labels(count, faces))
+    return np.asarray(_label_pieces(count, faces))
 
 
 @njit(cache=True, nogil=True)
-def _labels(count, faces):  # type: ignore[no-untyped-def]
-    """Sets that are joined face by face; the first vertex of each stands for it."""
+def _label_pieces(count, faces):  # type: ignore[no-untyped-def]
+    """Label the sets of vertices that faces join, by a number each (a union-find forest whose root is the
+    first vertex).
+    """
     first = np.arange(count)
     for k in range(len(faces)):
-        a = _first(first, faces[k, 0])
+        a = _find_first(first, faces[k, 0])
         for c in range(1, faces.shape[1]):
-            b = _first(first, faces[k, c])
+            b = _find_first(first, faces[k, c])
             first[max(a, b)] = a = min(a, b)
     pieces = 0
     for vertex in range(count):
         if first[vertex] == vertex:
             first[vertex] = pieces
             pieces += 1
-        else:  # an earlier one, which has its number
+        else:  # its root is an earlier vertex, already numbered
             first[vertex] = first[first[vertex]]
     return first
 
 
 @njit(cache=True, nogil=True, inline="always")
-def _first(first, vertex):  # type: ignore[no-untyped-def]
-    """The first vertex of a set so far; the way to it is shortened."""
+def _find_first(first, vertex):  # type: ignore[no-untyped-def]
+    """Find the first vertex of a set so far, and shorten the way to it."""
     while first[vertex] != vertex:
         first[vertex] = first[first[vertex]]
         vertex = first[vertex]
@@ -47,7 +49,9 @@ def _first(first, vertex):  # type: ignore[no-untyped-def]
 
 
 def components_and_euler(vertices: Array, faces: Ints) -> tuple[int, int]:
-    """Pieces and Euler number of a closed surface (2 per piece without handles in 3D, 0 in 2D)."""
+    """Return the pieces and the Euler number of a closed surface (2 per piece without handles in 3D, 0 in
+    2D).
+    """
     used, renumbered = used_by(len(vertices), faces)
     count = int(component_labels(int(used.sum()), renumbered).max(initial=-1)) + 1
     n = int(used.sum())
@@ -56,7 +60,9 @@ def components_and_euler(vertices: Array, faces: Ints) -> tuple[int, int]:
 
 
 def component_areas(surface: Surface) -> tuple[Ints, Array]:
-    """Number (m,) of the connected piece that each face is of, and the areas (k,) of the pieces."""
+    """Return the number (m,) of the connected piece that each face is of, and the areas (k,) of the
+    pieces.
+    """
     _, piece = np.unique(
         component_labels(len(surface.vertices), surface.faces)[surface.faces[:, 0]], return_inverse=True
     )
@@ -66,7 +72,9 @@ def component_areas(surface: Surface) -> tuple[Ints, Array]:
 
 
 def largest_component(vertices: Array, faces: Ints) -> tuple[Array, Ints]:
-    """The connected piece of a closed surface that encloses most, without the vertices of the others."""
+    """Return the connected piece of a closed surface that encloses most, without the vertices of the
+    others.
+    """
     label = component_labels(len(vertices), faces)[faces[:, 0]]
     if (label != label[:1]).any():
         corners = vertices[faces] - vertices.mean(axis=0)

@@ -15,39 +15,39 @@ from ..parallel import axes_of
 def normals_and_curvature(
     vertices: Array, faces: Ints, limit: float, smoothing: int = 3
 ) -> tuple[Array, Array]:
-    """Unit vertex normals (n, d) and sum of principal curvatures (n,), positive on a sphere, within [-limit,
-    limit] (1/length).
+    """Return unit vertex normals (n, d) and the sum of principal curvatures (n,), positive on a sphere,
+    within [-limit, limit] (1/length).
 
     Curvature is the trace of the shape operator fitted to the normals of each face (Rusinkiewicz 2004),
     averaged over rings.
     """
-    normals, area_vectors = _normals(vertices, faces)
-    return normals, _curvature(vertices, faces, normals, area_vectors, limit, smoothing)
+    normals, area_vectors = _vertex_normals(vertices, faces)
+    return normals, _mean_curvature(vertices, faces, normals, area_vectors, limit, smoothing)
 
 
 def vertex_normals(vertices: Array, faces: Ints) -> Array:
-    """Area-weighted unit vertex normals (n, d)."""
-    return np.asarray(_normals(vertices, faces)[0])
+    """Return area-weighted unit vertex normals (n, d)."""
+    return np.asarray(_vertex_normals(vertices, faces)[0])
 
 
 def face_normals(vertices: Array, faces: Ints) -> Array:
-    """Unit normals (m, d) of the faces; zero where a face has no area."""
-    areas = _normals(vertices, faces)[1]
+    """Return unit normals (m, d) of the faces; zero where a face has no area."""
+    areas = _vertex_normals(vertices, faces)[1]
     return np.asarray(areas / np.maximum(np.sqrt(np.einsum("md,md->m", areas, areas)), 1e-300)[:, None])
 
 
 def facing(vertices: Array, faces: Ints, normals: Array) -> float:
-    """Share of a surface's area that is left when each face counts by how far it looks along unit normals (n,
-    d) given at the vertices.
+    """Return the share of a surface's area that is left when each face counts by how far it looks along unit
+    normals (n, d) given at the vertices.
     """
-    areas = _normals(vertices, faces)[1]
+    areas = _vertex_normals(vertices, faces)[1]
     along = np.einsum("md,mcd->", areas, normals[faces]) / faces.shape[1]
     return float(along / np.sqrt(np.einsum("md,md->m", areas, areas)).sum())
 
 
 def stretches(rest: Array, moved: Array, faces: Ints) -> Array:
-    """The largest factor (m,) by which each face gets longer in any direction, from one position (n, d) of
-    the vertices to another.
+    """Return the largest factor (m,) by which each face gets longer in any direction, from one position (n,
+    d) of the vertices to another.
     """
     g, h = (
         np.einsum("mid,mjd->mij", edges, edges)
@@ -55,28 +55,28 @@ def stretches(rest: Array, moved: Array, faces: Ints) -> Array:
     )
     if faces.shape[1] == 2:
         return np.asarray(np.sqrt(h[:, 0, 0] / np.maximum(g[:, 0, 0], 1e-300)))
-    # squared, and four times
+    # the squared areas, times four
     area, now = (np.maximum(x[:, 0, 0] * x[:, 1, 1] - x[:, 0, 1] ** 2, 1e-300) for x in (g, h))
     half = 0.5 * (h[:, 0, 0] * g[:, 1, 1] - 2.0 * h[:, 0, 1] * g[:, 0, 1] + h[:, 1, 1] * g[:, 0, 0]) / area
     return np.asarray(np.sqrt(half + np.sqrt(np.maximum(half**2 - now / area, 0.0))))
 
 
 def unit_mean(vectors: Array, corner: Ints, bary: Array) -> Array:
-    """Unit vectors (k, d): vectors (n, d) of the vertices, interpolated at corners (k, d) with barycentric
-    weights (k, d).
+    """Return unit vectors (k, d): vectors (n, d) of the vertices, interpolated at corners (k, d) with
+    barycentric weights (k, d).
     """
     mean = (vectors[corner] * bary[:, :, None]).sum(axis=1)
     return np.asarray(mean / np.maximum(np.linalg.norm(mean, axis=1), 1e-300)[:, None])
 
 
-def _normals(vertices: Array, faces: Ints) -> tuple[Array, Array]:
-    """Unit vertex normals (n, d) and area vectors (m, d) of the faces."""
-    normals, areas = _summed(axes_of(vertices), vertices, faces)
+def _vertex_normals(vertices: Array, faces: Ints) -> tuple[Array, Array]:
+    """Return unit vertex normals (n, d) and area vectors (m, d) of the faces."""
+    normals, areas = _sum_face_areas(axes_of(vertices), vertices, faces)
     return normals, areas
 
 
 @njit(cache=True, nogil=True)
-def _summed(axes, vertices, faces):  # type: ignore[no-untyped-def]
+def _sum_face_areas(axes, vertices, faces):  # type: ignore[no-untyped-def]
     n, dim = len(vertices), len(axes)
     total = np.zeros((n, dim))
     areas = np.empty((len(faces), dim))
@@ -116,7 +116,7 @@ def _summed(axes, vertices, faces):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _curvature(vertices, faces, normals, areas, limit, smoothing):  # type: ignore[no-untyped-def]
+def _mean_curvature(vertices, faces, normals, areas, limit, smoothing):  # type: ignore[no-untyped-def]
     n, dim = vertices.shape
     value = np.zeros(n)
     weight = np.full(n, 1e-300)
@@ -160,8 +160,8 @@ def _curvature(vertices, faces, normals, areas, limit, smoothing):  # type: igno
 
 
 def evened(vertices: Array, faces: Ints, rounds: int = 8) -> Array:
-    """Vertices (n, d) moved along their surface towards the mean of their neighbours: a lattice's slivers
-    become triangles.
+    """Return the vertices (n, d) moved along their surface towards the mean of their neighbours: a lattice's
+    slivers become triangles.
 
     Slivers turn over in any motion, and where they meet, a mean over neighbours is none over the surface.
     """
@@ -175,7 +175,7 @@ def evened(vertices: Array, faces: Ints, rounds: int = 8) -> Array:
 
 
 def neighbours(faces: Ints, count: int) -> csr_matrix:
-    """Symmetric 0/1 matrix (n, n) of vertices that share an edge."""
+    """Return the symmetric 0/1 matrix (n, n) of vertices that share an edge."""
     a = faces.ravel()
     b = np.roll(faces, -1, axis=1).ravel()
     both = coo_matrix((np.ones(2 * len(a)), (np.r_[a, b], np.r_[b, a])), shape=(count, count)).tocsr()

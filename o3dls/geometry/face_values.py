@@ -12,7 +12,8 @@ from .surface import Surface
 
 
 def at_vertices(surface: Surface, values: NDArray[Any]) -> Array:
-    """Values per face, (m,) or (m, k), as values per vertex, (n,) or (n, k): NaN where no face has a value.
+    """Return the values per face, (m,) or (m, k), as values per vertex, (n,) or (n, k): NaN where no face has
+    a value.
 
     Floating-point values become the mean over the faces around a vertex, weighted by their areas; missing
     ones (not finite) have no say. Whole numbers (of an integer type) are labels: the one with the largest
@@ -21,14 +22,15 @@ def at_vertices(surface: Surface, values: NDArray[Any]) -> Array:
     corners = surface.faces.ravel()
     owner = np.repeat(np.arange(len(surface.faces)), surface.dimension)
     with np.errstate(over="ignore", invalid="ignore"):  # an area may be beyond all numbers
-        areas = np.maximum(surface.face_areas, TINY)[owner]  # faces without speak where there is no other
+        # a face without area counts only where there is no other
+        areas = np.maximum(surface.face_areas, TINY)[owner]
     rows = values.reshape(len(values), -1)
     n = len(surface.vertices)
-    carry = _largest if values.dtype.kind in "iu" else _mean
+    carry = _largest_label if values.dtype.kind in "iu" else _mean_at_vertices
     return carry(corners, rows, owner, areas, n).reshape(n, *values.shape[1:])
 
 
-def _mean(corners: Ints, rows: Array, owner: Ints, areas: Array, n: int) -> Array:
+def _mean_at_vertices(corners: Ints, rows: Array, owner: Ints, areas: Array, n: int) -> Array:
     found = np.empty((n, rows.shape[1]))
     for k, column in enumerate(rows.T):
         known = np.isfinite(column)[owner]
@@ -39,7 +41,7 @@ def _mean(corners: Ints, rows: Array, owner: Ints, areas: Array, n: int) -> Arra
     return found
 
 
-def _largest(corners: Ints, rows: Ints, owner: Ints, areas: Array, n: int) -> Array:
+def _largest_label(corners: Ints, rows: Ints, owner: Ints, areas: Array, n: int) -> Array:
     labels, code = np.unique(rows, axis=0, return_inverse=True)
     pair, at = np.unique(corners * len(labels) + code.ravel()[owner], return_inverse=True)
     vertex, label = np.divmod(pair, len(labels))

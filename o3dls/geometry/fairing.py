@@ -11,21 +11,22 @@ from ..arrays import Array, Ints
 from .differential import neighbours
 
 PRECISION = 1e-3  # of the smoothed positions, in rms radii: far below any noise
-MOST_STEPS = 5000  # some 150 are usual
+MOST_STEPS = 5000  # 150 are usual
 
 
 def fair(vertices: Array, rough: Array, normals: Array) -> Array:
-    """Vertices (n, d) less their roughness (n, d), of which only what is along the normals (n, d) counts on a
-    surface.
+    """Return the vertices (n, d) less their roughness (n, d), of which only what is along the normals (n, d)
+    counts on a surface.
     """
     if vertices.shape[1] == 2:
-        return vertices - rough  # a curve that shortens as a whole does not come to cross itself
-    # else an uneven mesh drifts along the wall
+        # in 2D the whole displacement counts: a curve that shortens as a whole does not cross itself
+        return vertices - rough
+    # only along the normals, or an uneven mesh would drift along the wall
     return np.asarray(vertices - (rough * normals).sum(axis=1, keepdims=True) * normals)
 
 
 def roughness(vertices: Array, faces: Ints, length: float) -> Array:
-    """Twice high-passed positions (n, d): what of them bends over less than a length.
+    """Return twice high-passed positions (n, d): what of them bends over less than a length.
 
     One pass takes away an implicit step of the heat flow (Desbrun et al. 1999), x = (I - length^2 / 2
     Laplace)^-1 y. Taken twice, what bends over more than the length is not in it: a vein keeps its radius, a
@@ -44,15 +45,15 @@ def roughness(vertices: Array, faces: Ints, length: float) -> Array:
     centred = np.zeros((n, 3))
     centred[:, :dim] = vertices - vertices.mean(axis=0)
     error = PRECISION * float(np.sqrt((centred**2).sum() / n) * np.linalg.norm(mass))
-    rough = centred - _smoothed(begin, near, mass, 0.5 * length**2, centred, centred, error)
-    rough -= _smoothed(begin, near, mass, 0.5 * length**2, rough, np.zeros_like(rough), error)
+    rough = centred - _smooth_columns(begin, near, mass, 0.5 * length**2, centred, centred, error)
+    rough -= _smooth_columns(begin, near, mass, 0.5 * length**2, rough, np.zeros_like(rough), error)
     return np.asarray(rough[:, :dim])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _smoothed(begin, near, mass, pull, y, guess, error):  # type: ignore[no-untyped-def]
-    """Columns x (n, 3) with (M + pull K) x = M y, K of a graph with unit weights, until no residual's norm
-    exceeds `error`.
+def _smooth_columns(begin, near, mass, pull, y, guess, error):  # type: ignore[no-untyped-def]
+    """Solve (M + pull K) x = M y for columns x (n, 3), K of a graph with unit weights, until no residual's
+    norm exceeds `error`.
 
     Conjugate gradients with Jacobi's preconditioner, all columns in one pass, which a library's does one by
     one. They are written out so that their sums stay in registers.

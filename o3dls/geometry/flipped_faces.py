@@ -9,10 +9,10 @@ from .surface import Surface
 
 
 def flipped(surface: Surface) -> NDArray[np.bool_]:
-    """Faces (m,) that look against the mean direction of the surface at their own corners, as folded-over
-    faces do.
+    """Find the faces (m,) that look against the mean direction of the surface at their own corners, as
+    folded-over faces do.
     """
-    # compiled code is not for those who only read a file
+    # imported here, so that reading a file does not compile code
     from .differential import face_normals, vertex_normals
 
     around = vertex_normals(surface.vertices, surface.faces)[surface.faces]
@@ -21,8 +21,8 @@ def flipped(surface: Surface) -> NDArray[np.bool_]:
 
 
 def relaxed(surface: Surface, rounds: int = 20) -> Surface:
-    """The surface with the corners of flipped faces, and their neighbours, moved to the mean of those around
-    each until no face is flipped, or for so many rounds.
+    """Return the surface with the corners of flipped faces, and their neighbours, moved to the mean of those
+    around each until no face is flipped, or for so many rounds.
     """
     for _ in range(rounds):
         bad = flipped(surface)

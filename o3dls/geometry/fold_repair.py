@@ -23,16 +23,16 @@ SURROUNDINGS = 0.3  # rms radii
 BLOCK = 2000  # faces whose surroundings are in memory at a time
 ENOUGH = 16_000  # vertices: of more, an even part tells how the surroundings turned
 SLIVER = 0.01  # longest edges: the height of a face that is no more than a line
-ROUNDS = 6  # each factorises once, and later ones mend few faces more
-PASSES = 2  # of straightening: later ones mend two folded faces in a thousand
+ROUNDS = 6  # every round factorises a matrix once, and further rounds mend few faces more
+PASSES = 2  # passes of straightening: further ones mend two folded faces in a thousand
 MOST_BENT = 0.5  # of the vertices
 FEW = 8  # faces: so many more than twice those at first come and go while a patch grows
 
 
 def uncrossed(outline: Surface) -> Surface:
-    """The closed line through the same vertices that does not cross itself: between two segments that cross,
-    the way is taken backwards (2-opt, Croes 1958), which shortens it, so that this ends. A line of several
-    loops stays as it is.
+    """Return the closed line through the same vertices that does not cross itself: between two segments that
+    cross, the way is taken backwards (2-opt, Croes 1958), which shortens it, so that this ends. A line of
+    several loops stays as it is.
     """
     after = dict(outline.faces.tolist())
     order = [int(outline.faces[0, 0])]
@@ -40,7 +40,7 @@ def uncrossed(outline: Surface) -> Surface:
         order.append(after[order[-1]])
     if len(order) < len(outline.faces):
         return outline
-    outline = _through(outline, order)
+    outline = _line_through(outline, order)
     k = 0
     while k < len(order):
         crossing = np.flatnonzero(crossed_by(outline, k))
@@ -48,20 +48,20 @@ def uncrossed(outline: Surface) -> Surface:
         if len(crossing):
             first, last = sorted((k - 1, int(crossing[0])))
             order[first + 1 : last + 1] = order[first + 1 : last + 1][::-1]
-            # what lies before crosses the new segments at most, and these come again
-            outline = _through(outline, order)
+            # earlier segments can cross only the new ones, which are looked at again
+            outline = _line_through(outline, order)
             k = first
-    return outline if outline.volume > 0.0 else _through(outline, order[::-1])
+    return outline if outline.volume > 0.0 else _line_through(outline, order[::-1])
 
 
-def _through(outline: Surface, order: list[int]) -> Surface:
-    """The closed line through an outline's vertices in an order."""
+def _line_through(outline: Surface, order: list[int]) -> Surface:
+    """Return the closed line through an outline's vertices in an order."""
     return replace(outline, faces=np.column_stack([order, np.roll(order, -1)]))
 
 
 def repair_folds(rest: Array, moved: Array, faces: Ints, rounds: int = ROUNDS) -> tuple[Array, int, int]:
-    """Vertices (n, d) moved from `rest` with folds repaired, how many faces had folded, and how many are
-    folded still.
+    """Return the vertices (n, d) moved from `rest` with folds repaired, how many faces had folded, and how
+    many are folded still.
 
     Slivers are straightened. Around other turned faces the displacement is replaced by the one of least
     bending (biharmonic) that continues the surroundings; the patches grow round the faces that are still
@@ -70,11 +70,11 @@ def repair_folds(rest: Array, moved: Array, faces: Ints, rounds: int = ROUNDS) -
     so many systems of so many unknowns are solved, whatever has folded.
     """
     still = _Still.of(rest, faces)
-    turned = _turned(still, moved, faces)
+    turned = _find_turned(still, moved, faces)
     count = int(turned.sum())
     if count == 0:
         return moved, 0, 0
-    displacement, turned = _straightened(still, moved - rest, faces, turned)
+    displacement, turned = _straighten_slivers(still, moved - rest, faces, turned)
     best = rest + displacement if turned.sum() < count else moved
     left = int(turned.sum())
     if left == 0:
@@ -83,16 +83,15 @@ def repair_folds(rest: Array, moved: Array, faces: Ints, rounds: int = ROUNDS) -
     zone = np.zeros(len(rest), dtype=bool)
     for k in range(rounds):
         patch = patches.grown(zone, faces[turned], k, rounds)
-        if patch.sum() > MOST_BENT * len(
-            rest
-        ):  # a motion that is bent anew in most places is none of the fit
+        # a motion that is replaced in most places no longer comes from the fit
+        if patch.sum() > MOST_BENT * len(rest):
             break
         if not (patch & ~zone).any():  # the same faces are turned still: wider around them
             continue
         zone = patch
         patches.bend(displacement, zone)
-        turned = _turned(still, rest + displacement, faces)
-        displacement, turned = _straightened(still, displacement, faces, turned)
+        turned = _find_turned(still, rest + displacement, faces)
+        displacement, turned = _straighten_slivers(still, displacement, faces, turned)
         if turned.sum() < left:
             best = rest + displacement
             left = int(turned.sum())
@@ -120,13 +119,15 @@ class _Patches:
         return cls(adjacency, csr_matrix(laplacian.T @ laplacian), piece, finer)
 
     def grown(self, zone: Mask, turned: Ints, k: int, rounds: int) -> Mask:
-        """The zone (n,) with rings round the corners (m, d) of turned faces, more of them in each round k."""
+        """Return the zone (n,) with rings round the corners (m, d) of turned faces, more of them in each
+        round k.
+        """
         patch = np.zeros(len(zone), dtype=bool)
         patch[turned] = True
         for _ in range(round((2 + k) * self.finer ** (k / max(1, rounds - 1)))):
             patch |= (self.adjacency @ patch.astype(np.float64)) > 0.0
         patch |= zone
-        # a piece that has folded as a whole has nothing to continue
+        # a piece that has folded as a whole has no surroundings to continue
         return np.asarray(patch & (np.bincount(self.piece, ~patch) > 0.0)[self.piece])
 
     def bend(self, displacement: Array, zone: Mask) -> None:
@@ -142,9 +143,9 @@ class _Patches:
         displacement[inside] = bends.solve(-(rows[:, outside] @ displacement[outside]))
 
 
-def _straightened(still: _Still, displacement: Array, faces: Ints, turned: Mask) -> tuple[Array, Mask]:
-    """Displacement (n, d) whose turned slivers move as their longest edge does, and the faces (m,) that are
-    turned then.
+def _straighten_slivers(still: _Still, displacement: Array, faces: Ints, turned: Mask) -> tuple[Array, Mask]:
+    """Return the displacement (n, d) whose turned slivers move as their longest edge does, and the faces (m,)
+    that are turned then.
 
     Any bend turns a triangle over whose corners stand nearly in line, though it takes its middle corner by no
     more than the height.
@@ -166,7 +167,7 @@ def _straightened(still: _Still, displacement: Array, faces: Ints, turned: Mask)
             break
         straight = displacement.copy()
         straight[own[thin]] = ((1.0 - share) * displacement[first] + share * displacement[second])[thin]
-        fewer = _turned(still, rest + straight, faces)
+        fewer = _find_turned(still, rest + straight, faces)
         if fewer.sum() >= turned.sum():
             break
         displacement, turned = straight, fewer
@@ -188,43 +189,43 @@ class _Still:
 
     @classmethod
     def of(cls, rest: Array, faces: Ints) -> _Still:
-        step = _step(rest)
+        step = _sample_step(rest)
         a = rest - rest.mean(axis=0)
         radius = SURROUNDINGS * float(np.sqrt((a**2).sum(axis=1).mean()))
         normals = vertex_normals(rest, faces)[::step]
         return cls(rest, face_normals(rest, faces), a, normals, cKDTree(a[::step]), radius)
 
 
-def _step(rest: Array) -> int:
+def _sample_step(rest: Array) -> int:
     return -(-len(rest) // ENOUGH)
 
 
-def _turned(still: _Still, moved: Array, faces: Ints) -> Mask:
-    """Faces (m,) that turned over against their surroundings: what turned together has moved, and what turned
-    alone is folded.
+def _find_turned(still: _Still, moved: Array, faces: Ints) -> Mask:
+    """Find the faces (m,) that turned over against their surroundings: what turned together has moved, and
+    what turned alone is folded.
     """
     before, after = still.facing, face_normals(moved, faces)
-    turned = np.asarray(np.einsum("md,md->m", before, after) < LEAST_COSINE)  # all that can have folded
+    turned = np.asarray(np.einsum("md,md->m", before, after) < LEAST_COSINE)  # the candidates
     which = np.flatnonzero(turned)
     if len(which):
-        rotations = _rotations(still, moved, faces[which], before[which])
+        rotations = _fit_rotations(still, moved, faces[which], before[which])
         carried = np.einsum("nij,nj->ni", rotations, before[which])
         turned[which] = (carried * after[which]).sum(axis=1) < LEAST_COSINE
     return turned
 
 
-def _rotations(still: _Still, moved: Array, faces: Ints, facing: Array) -> Array:
-    """Rotations (k, d, d) by which the surroundings of some faces (k, d), of normals `facing`, went from rest
-    to moved (least squares).
+def _fit_rotations(still: _Still, moved: Array, faces: Ints, facing: Array) -> Array:
+    """Fit the rotations (k, d, d) by which the surroundings of some faces (k, d), of normals `facing`, went
+    from rest to moved (least squares).
 
     The surroundings are of the same wall, not of the one behind it.
     """
     dim = moved.shape[1]
-    step = _step(moved)
+    step = _sample_step(moved)
     a, b = still.centred, moved - moved.mean(axis=0)
-    some = _moments(a[::step], b[::step])
+    some = _rotation_moments(a[::step], b[::step])
     corners = faces.ravel()
-    sums = _moments(a[corners], b[corners]).reshape(*faces.shape, -1).sum(axis=1)
+    sums = _rotation_moments(a[corners], b[corners]).reshape(*faces.shape, -1).sum(axis=1)
     middle = a[faces].mean(axis=1)
     for first in range(0, len(faces), BLOCK):
         block = slice(first, first + BLOCK)
@@ -241,6 +242,8 @@ def _rotations(still: _Still, moved: Array, faces: Ints, facing: Array) -> Array
     return np.asarray(u @ vt)
 
 
-def _moments(a: Array, b: Array) -> Array:
-    """What a rotation of places a onto b (n, d) is found from, a row for each."""
+def _rotation_moments(a: Array, b: Array) -> Array:
+    """Return a row per pair of places a and b (n, d) of the moments from which the rotation of a onto b is
+    found.
+    """
     return np.column_stack([np.ones(len(a)), a, b, (b[:, :, None] * a[:, None, :]).reshape(len(a), -1)])

@@ -16,12 +16,12 @@ WIDE = 0.6  # of the largest: a ball of the chamber; veins are half as wide or l
 
 
 def inner_balls(at: Array, normals: Array, points: Array) -> tuple[Array, Array]:
-    """Centre (m, d) and radius (m,) of the largest ball inside `points` (n, d) of a surface that touches it
-    at each place `at` (m, d), where the unit `normals` (m, d) point outward.
+    """Return centre (m, d) and radius (m,) of the largest ball inside `points` (n, d) of a surface that
+    touches it at each place `at` (m, d), where the unit `normals` (m, d) point outward.
     """
     tree = cKDTree(points, leafsize=LEAF)
     radius = np.full(len(at), float(np.ptp(points, axis=0).min()) / 2)  # none inside is larger
-    left = np.arange(len(at))  # balls that are not empty yet
+    left = np.arange(len(at))  # balls that still hold points
     for _ in range(ROUNDS):
         gap, nearest = tree.query(at[left] - radius[left, None] * normals[left])
         away = at[left] - points[nearest]
@@ -35,8 +35,8 @@ def inner_balls(at: Array, normals: Array, points: Array) -> tuple[Array, Array]
 
 
 def depth_in_tubes(at: Array, normals: Array, points: Array) -> Array:
-    """How far (m,) each place lies from the chamber: from the nearest of the balls inside the surface that
-    are at least `WIDE` times as wide as the widest. Parameters as in `inner_balls`.
+    """Return how far (m,) each place lies from the chamber: from the nearest of the balls inside the surface
+    that are at least `WIDE` times as wide as the widest. Parameters as in `inner_balls`.
     """
     centre, radius = inner_balls(at, normals, points)
     wide = radius >= WIDE * radius.max()

@@ -14,20 +14,20 @@ TURN = np.diag([-1.0, -1.0, 1.0, 1.0])  # LPS to RAS and back
 
 
 def apply(matrix: Array, points: ArrayLike) -> Array:
-    """Points (n, d) under a homogeneous (d+1, d+1) matrix."""
+    """Return the points (n, d) under a homogeneous (d+1, d+1) matrix."""
     points = np.asarray(points, dtype=np.float64)
     return np.asarray(points @ matrix[:-1, :-1].T + matrix[:-1, -1])
 
 
 def rms_radius(vertices: Array) -> float:
-    """Root mean square distance of vertices (n, d) from their middle: the lever that turns angles into
-    lengths.
+    """Return the root mean square distance of vertices (n, d) from their middle: the lever that turns angles
+    into lengths.
     """
     return float(np.sqrt(vertices.var(axis=0).sum()))
 
 
 def similarity(rotation: Array, translation: Array, scale: float = 1.0) -> Array:
-    """Homogeneous matrix of x -> scale * rotation @ x + translation."""
+    """Return the homogeneous matrix of x -> scale * rotation @ x + translation."""
     matrix = np.eye(len(translation) + 1)
     matrix[:-1, :-1] = scale * rotation
     matrix[:-1, -1] = translation
@@ -35,31 +35,31 @@ def similarity(rotation: Array, translation: Array, scale: float = 1.0) -> Array
 
 
 def principal_frame(points: Array) -> Array:
-    """Rigid matrix (d+1, d+1), mirroring or not, into the centre and principal axes of points (n, d), each
-    turned to the longer tail: what is numbered by cells there does not depend on the frame that the points
-    are given in.
+    """Return the rigid matrix (d+1, d+1), mirroring or not, into the centre and principal axes of points (n,
+    d), each turned to the longer tail: what is numbered by cells there does not depend on the frame that the
+    points are given in.
     """
     x = points - points.mean(axis=0)
     axes = np.linalg.eigh(x.T @ x)[1]
     along = x @ axes
-    # a power takes ten times as long
+    # a product, since a power takes ten times as long
     axes = axes * np.where((along * along * along).sum(axis=0) < 0.0, -1.0, 1.0)
     return similarity(axes.T, -points.mean(axis=0) @ axes)
 
 
 def scale_of(matrix: Array) -> float:
-    """Scale factor of a similarity: the d-th root of its determinant."""
+    """Return the scale factor of a similarity: the d-th root of its determinant."""
     return float(abs(np.linalg.det(matrix[:-1, :-1])) ** (1.0 / (len(matrix) - 1)))
 
 
 def is_pose(matrix: Array, dimension: int) -> bool:
-    """Whether a matrix is a rotation with scale and shift, written out (d+1, d+1); rounded to some digits it
-    still is.
+    """Return whether a matrix is a rotation with scale and shift, written out (d+1, d+1); rounded to some
+    digits it still is.
     """
     if matrix.shape != (dimension + 1, dimension + 1) or not np.isfinite(matrix).all():
         return False
     linear = matrix[:-1, :-1]
-    with np.errstate(over="ignore", invalid="ignore"):  # of numbers that no pose has
+    with np.errstate(over="ignore", invalid="ignore"):  # overflow needs numbers that no pose has
         if not np.linalg.det(linear) > 0.0 or not np.allclose(matrix[-1], np.eye(dimension + 1)[-1]):
             return False
         turn = linear / scale_of(matrix)
@@ -69,8 +69,8 @@ def is_pose(matrix: Array, dimension: int) -> bool:
 def fit_similarity(
     source: Array, target: Array, weights: Array | None = None, *, scale: bool = True
 ) -> Array:
-    """Least-squares similarity (or rigid motion) that maps source (..., n, d) onto target (n, d) (Umeyama
-    1991): one for each source.
+    """Return the least-squares similarity (or rigid motion) that maps source (..., n, d) onto target (n, d)
+    (Umeyama 1991): one for each source.
     """
     w = np.ones(len(target)) if weights is None else np.asarray(weights, dtype=np.float64)
     w = w / w.sum()

@@ -93,7 +93,7 @@ class Surface:
     @cached_property
     def closest_point(self) -> ClosestPoint:
         """The tree by which closest points are found, made once for all that is measured on the surface."""
-        from .closest_point import ClosestPoint  # compiled code is not for those who only read a file
+        from .closest_point import ClosestPoint  # imported here, so that reading a file does not compile code
 
         return ClosestPoint(self.vertices, self.faces)
 
@@ -129,8 +129,8 @@ class Surface:
         return bool((forward == backward).all() and (np.diff(forward) > 0).all())
 
     def without_unused(self) -> Surface:
-        """The surface without vertices that no face uses: they lie on no wall, but have a say in sizes and
-        means. Itself without any.
+        """Return the surface without vertices that no face uses: they lie on no wall, but have a say in sizes
+        and means. Itself without any.
         """
         used, faces = used_by(len(self.vertices), self.faces)
         return (
@@ -142,11 +142,11 @@ class Surface:
         )
 
     def with_vertices(self, vertices: Array) -> Surface:
-        """The same connectivity and fields at other positions."""
+        """Return this surface's connectivity and fields at other positions."""
         return replace(self, vertices=vertices)
 
     def transformed(self, matrix: Array) -> Surface:
-        """The surface under a (d+1, d+1) homogeneous matrix; a mirroring one flips the winding back to
+        """Return the surface under a (d+1, d+1) homogeneous matrix; a mirroring one flips the winding back to
         outward.
         """
         faces = self.faces[:, ::-1] if np.linalg.det(matrix[:-1, :-1]) < 0 else self.faces
@@ -154,15 +154,15 @@ class Surface:
 
 
 def used_by(count: int, faces: Ints) -> tuple[NDArray[np.bool_], Ints]:
-    """Which of `count` vertices the faces (m, d) use, and the faces counted in these alone."""
+    """Return which of `count` vertices the faces (m, d) use, and the faces counted in these alone."""
     used = np.zeros(count, dtype=bool)
     used[faces] = True
     return used, (np.cumsum(used) - 1)[faces]
 
 
 def interpolated(values: Array, corners: Ints, weights: Array) -> Array:
-    """Values (n, ...) at places of barycentric weights (n, d) among vertices (n, d); one of no weight and no
-    value leaves no gap.
+    """Return the values (n, ...) at places of barycentric weights (n, d) among vertices (n, d); one of no
+    weight and no value leaves no gap.
     """
     heaviest = np.take_along_axis(corners, weights.argmax(axis=1)[:, None], axis=1)
     return np.asarray(
@@ -171,7 +171,9 @@ def interpolated(values: Array, corners: Ints, weights: Array) -> Array:
 
 
 def outline(points: Array) -> Surface:
-    """Closed 2D polyline (n, 2) as a surface, turned counter-clockwise; a repeated last point is dropped."""
+    """Make a surface of a closed 2D polyline (n, 2), turned counter-clockwise; a repeated last point is
+    dropped.
+    """
     points = np.asarray(points, dtype=np.float64)
     if len(points) > 1 and np.allclose(points[0], points[-1]):
         points = points[:-1]
@@ -181,10 +183,12 @@ def outline(points: Array) -> Surface:
 
 
 def crossed_by(outline: Surface, k: int | slice) -> NDArray[np.bool_]:
-    """Which segments (m,) of an outline cross segment k, or (s, m) for a slice of s segments."""
+    """Return which segments (m,) of an outline cross segment k, or (s, m) for a slice of s segments."""
     a, b = outline.vertices[outline.faces.T]
     a_k, b_k = a[k][..., None, :], b[k][..., None, :]
-    apart = (_side(a_k, b_k, a) * _side(a_k, b_k, b) < 0.0) & (_side(a, b, a_k) * _side(a, b, b_k) < 0.0)
+    apart = (_side_of_line(a_k, b_k, a) * _side_of_line(a_k, b_k, b) < 0.0) & (
+        _side_of_line(a, b, a_k) * _side_of_line(a, b, b_k) < 0.0
+    )
     first, last = outline.faces.T
     neighbours = np.zeros_like(apart)
     for end in outline.faces[k].T:
@@ -192,7 +196,7 @@ def crossed_by(outline: Surface, k: int | slice) -> NDArray[np.bool_]:
     return np.asarray(apart & ~neighbours)
 
 
-def _side(a: Array, b: Array, point: Array) -> Array:
-    """Positive where point lies left of the line from a to b."""
+def _side_of_line(a: Array, b: Array, point: Array) -> Array:
+    """Return a number that is positive where a point lies left of the line from a to b."""
     edge, to = b - a, point - a
     return np.asarray(edge[..., 0] * to[..., 1] - edge[..., 1] * to[..., 0])

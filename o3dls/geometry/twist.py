@@ -29,8 +29,8 @@ class Twist:
         return int(self.turn.stop) + self.scale
 
     def tangent(self, positions: Array, centre: Array, turned: Array | None = None) -> Array:
-        """Velocity (n, d, size) of each position (n, d) under the unit motions about `centre`; rotations may
-        act at other positions `turned` (n, d).
+        """Return the velocity (n, d, size) of each position (n, d) under the unit motions about `centre`;
+        rotations may act at other positions `turned` (n, d).
         """
         arm = positions - centre
         lever = arm if turned is None else turned - centre
@@ -41,13 +41,13 @@ class Twist:
         return np.concatenate([*parts, arm[:, :, None]] if self.scale else parts, axis=2)
 
     def motion(self, twist: Array, centre: Array) -> Array:
-        """Matrix (d+1, d+1) of the finite motion of a twist (size,) about `centre`."""
+        """Return the matrix (d+1, d+1) of the finite motion of a twist (size,) about `centre`."""
         linear = rotation(twist[self.turn]) * (np.exp(twist[-1]) if self.scale else 1.0)
         return similarity(linear, centre + twist[: self.d] - linear @ centre)
 
 
 def turns(d: int) -> Array:
-    """Generators (1 or 3, d, d) of the rotations: e_k x."""
+    """Return the generators (1 or 3, d, d) of the rotations: e_k x."""
     if d == 2:
         return np.array([[[0.0, -1.0], [1.0, 0.0]]])
     generators = np.zeros((3, 3, 3))
@@ -57,8 +57,8 @@ def turns(d: int) -> Array:
 
 
 def strains(vertices: Array) -> Array:
-    """Generators (2 or 5, d, d) of the stretches of a body with these vertices (n, d), about their middle,
-    that no similarity imitates.
+    """Return the generators (2 or 5, d, d) of the stretches of a body with these vertices (n, d), about their
+    middle, that no similarity imitates.
 
     Symmetric and without trace, of squared norm 2, then freed of the part that rotation and scale explain at
     the vertices: the similarity nearest to a strained body is the body itself.
@@ -72,8 +72,8 @@ def strains(vertices: Array) -> Array:
 
 
 def traceless(d: int) -> Array:
-    """Orthogonal symmetric matrices (2 or 5, d, d) without trace, of squared norm 2: a strain's size is its
-    entry off the diagonal.
+    """Return orthogonal symmetric matrices (2 or 5, d, d) without trace, of squared norm 2: a strain's size
+    is its entry off the diagonal.
     """
     if d == 2:
         return np.array([[[0.0, 1.0], [1.0, 0.0]], [[1.0, 0.0], [0.0, -1.0]]])
@@ -84,7 +84,7 @@ def traceless(d: int) -> Array:
 
 
 def rotation(vector: Array) -> Array:
-    """Rotation matrix of an angle (1,) in 2D or a rotation vector (3,) in 3D, radians."""
+    """Return the rotation matrix of an angle (1,) in 2D or a rotation vector (3,) in 3D, radians."""
     cross = np.tensordot(vector, turns(2 if len(vector) == 1 else 3), axes=1)
     angle = float(np.linalg.norm(vector))
     half = np.sinc(angle / (2.0 * np.pi))  # sin(angle/2) / (angle/2), finite at zero

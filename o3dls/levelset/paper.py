@@ -80,7 +80,7 @@ def descend(
     how = "stopped at the iteration limit"
     for _ in range(cycles):
         shape = heaviside(_on_band(psi, field.band), settings.delta_width * spacing)
-        moved = _steps(field, shape, points, sigma, weights, settings)
+        moved = _make_steps(field, shape, points, sigma, weights, settings)
         if not np.isfinite(moved).all():
             raise SolverError(
                 "level_set: phi is no longer finite: the paper's weights are too large for the spacing"
@@ -99,7 +99,7 @@ def descend(
                 else "stopped, because the next reinitialisation would raise the energy,"
             )
             break
-    status, facts = _outcome(field, f"{how} after {len(trace) - 1} reinitialisations", points)
+    status, facts = _describe_outcome(field, f"{how} after {len(trace) - 1} reinitialisations", points)
     return Result(field, prior, sigma, status, how == "converged", tuple(trace), facts=facts, islands=True)
 
 
@@ -111,7 +111,7 @@ def energies(
     weights: Weights,
     settings: PaperSettings = DEFAULTS,
 ) -> dict[str, float]:
-    """Terms of the energy; shape (n,) is H(psi.T) on the band of the field."""
+    """Return the terms of the energy; shape (n,) is H(psi.T) on the band of the field."""
     band, phi = field.band, field.phi
     cell = band.spacing**band.dimension
     reach = settings.delta_width * band.spacing
@@ -124,7 +124,7 @@ def energies(
     return terms | {"energy": sum(terms.values())}
 
 
-def _steps(
+def _make_steps(
     field: SignedDistance,
     shape: Array,
     points: Array,
@@ -132,7 +132,9 @@ def _steps(
     weights: Weights,
     settings: PaperSettings,
 ) -> Array:
-    """Some steps of (16): area and shape explicit within their stability bounds, points implicit (R5)."""
+    """Make some steps of (16): area and shape explicit within their stability bounds, points implicit
+    (R5).
+    """
     band, phi = field.band, field.phi
     h = band.spacing
     reach = settings.delta_width * band.spacing
@@ -158,7 +160,7 @@ def _steps(
 
 
 def _on_band(psi: SignedDistance, band: Band) -> Array:
-    """psi (n,) on the nodes of another band of the same lattice; far from its own band only the sign
+    """Return psi (n,) on the nodes of another band of the same lattice; far from its own band only the sign
     counts.
     """
     box = psi.band.dense(psi.phi)
@@ -169,9 +171,9 @@ def _on_band(psi: SignedDistance, band: Band) -> Array:
     return values
 
 
-def _outcome(field: SignedDistance, how: str, points: Array) -> tuple[str, dict[str, int]]:
-    """How it went, in words and in numbers: islands and points without effect are what this formulation is
-    known for.
+def _describe_outcome(field: SignedDistance, how: str, points: Array) -> tuple[str, dict[str, int]]:
+    """Describe how it went, in words and in numbers: islands and points without effect are what this
+    formulation is known for.
     """
     count, _ = components_and_euler(*zero_set(field.band, field.phi))
     lost = int((np.asarray(abs(field.band.interpolation(points)).sum(axis=1)).ravel() == 0.0).sum())

@@ -28,7 +28,7 @@ Mesher = Callable[[SignedDistance], tuple[Array, Ints]]
 def whole_level_set(
     surface: Surface, spacing: float, unit: str, *, mesh: Mesher, crossing: Crossing
 ) -> tuple[SignedDistance, tuple[RunWarning, ...]]:
-    """The signed distance of a closed surface on a lattice of a spacing, whose mesh has the surface's
+    """Return the signed distance of a closed surface on a lattice of a spacing, whose mesh has the surface's
     topology; and a warning where that took a repair.
 
     unit: of lengths in sentences; mesh: what will mesh phi, since methods cut cells of ambiguous signs
@@ -40,7 +40,7 @@ def whole_level_set(
     repair = Repair(spacing, kind, crossing, LatticeSettings(), mesh)
     for attempt in repair.attempts(surface):
         if components_and_euler(*mesh(attempt.phi)) == kind:
-            return attempt.phi, _warnings(attempt, surface, crossing, unit)
+            return attempt.phi, _warn_of_repair(attempt, surface, crossing, unit)
     return repair.united(surface), ()
 
 
@@ -70,17 +70,19 @@ class Repair:
     mesh: Mesher
 
     def attempts(self, surface: Surface) -> Iterator[Attempt]:
-        """Level sets of a surface, from no repair to the most: with all that it encloses, since the tip of a
-        rim that a fold turned inside out is anatomy, joined to the rest where walls cross; then without
+        """Yield level sets of a surface, from no repair to the most: with all that it encloses, since the tip
+        of a rim that a fold turned inside out is anatomy, joined to the rest where walls cross; then without
         islands; then without what is inside out; at last with merged walls cut apart.
         """
         lattice = self.settings
         band = cache(
-            lambda wall, radius, inverted: self._band(wall, radius, lattice.thin_band, inverted=inverted)
+            lambda wall, radius, inverted: self._signed_band(
+                wall, radius, lattice.thin_band, inverted=inverted
+            )
         )
         few = lattice.closings[: lattice.few_closings]
-        yield Attempt(self._band(surface, 0.0, lattice.half_band, inverted=True), 0.0)
-        joined = self._joined(surface)
+        yield Attempt(self._signed_band(surface, 0.0, lattice.half_band, inverted=True), 0.0)
+        joined = self._join_walls(surface)
         done = () if joined is surface else ("crossing walls were joined",)
         if done:
             yield Attempt(band(joined, 0.0, True), 0.0, done)
@@ -91,25 +93,25 @@ class Repair:
             (surface, False, ("islands and inverted parts were removed",)),
         ):
             for radius in (0.0, *(self.spacing * closing for closing in lattice.closings)):
-                phi = self.closed(self._whole(band(wall, radius, inverted)), radius)
-                yield Attempt(self._whole(phi), radius, lost)
+                phi = self.closed(self._keep_whole(band(wall, radius, inverted)), radius)
+                yield Attempt(self._keep_whole(phi), radius, lost)
         if self.kind == (1, 2):
             yield Attempt(self._cut_apart(surface), 0.0, ("merged walls were cut apart",))
 
     def united(self, surface: Surface) -> SignedDistance:
-        """The level set of a surface, united where it runs into itself."""
-        return self._whole(self._band(surface, 0.0, self.settings.half_band, inverted=False))
+        """Return the level set of a surface, united where it runs into itself."""
+        return self._keep_whole(self._signed_band(surface, 0.0, self.settings.half_band, inverted=False))
 
-    def _joined(self, surface: Surface) -> Surface:
-        """A surface that encloses all that this one does and, around its faces that cross, what is nearer to
-        them than half a joint: where the walls of a thin part have passed through each other, it is thin, and
-        neither of no thickness nor in two.
+    def _join_walls(self, surface: Surface) -> Surface:
+        """Return a surface that encloses all that this one does and, around its faces that cross, what is
+        nearer to them than half a joint: where the walls of a thin part have passed through each other, it is
+        thin, and neither of no thickness nor in two.
         """
         crossing = self.crossing(surface)
         if not crossing.any():
             return surface
         radius = self.settings.joint * self.spacing * surface.dimension**0.5
-        phi = self._band(surface, radius, self.settings.thin_band, inverted=True)
+        phi = self._signed_band(surface, radius, self.settings.thin_band, inverted=True)
         around = np.zeros(len(surface.vertices), dtype=bool)
         around[surface.faces[crossing]] = True
         walls = ClosestPoint(surface.vertices, surface.faces[around[surface.faces].any(axis=1)])
@@ -117,28 +119,30 @@ class Repair:
         return Surface(*self.mesh(replace(phi, phi=np.minimum(phi.phi, joint))))
 
     def _cut_apart(self, surface: Surface) -> SignedDistance:
-        """The level set of a surface of one piece without handles: those of merged walls are cut where they
-        are thinnest.
+        """Return the level set of a surface of one piece without handles: those of merged walls are cut where
+        they are thinnest.
         """
         phi = self.united(surface)
         least = self.settings.least_outside * self.spacing
         box = simply_connected(phi.band.dense(phi.phi).astype(np.float64), least)
         return around_zero(box, self.spacing, phi.band.width, phi.band.low)
 
-    def _band(self, surface: Surface, radius: float, half: float, *, inverted: bool) -> SignedDistance:
-        """The signed distance of a surface, `half` spacings wide, and so much wider that something is left
-        when it grows by the radius.
+    def _signed_band(self, surface: Surface, radius: float, half: float, *, inverted: bool) -> SignedDistance:
+        """Return the signed distance of a surface, `half` spacings wide, and wider by the radius, so that
+        something is left when it grows by that.
         """
         width = radius + half * self.spacing
         return signed_distance(surface.vertices, surface.faces, self.spacing, width, inverted=inverted)
 
-    def _whole(self, phi: SignedDistance) -> SignedDistance:
-        """The level set of a surface as one component, without the islands that a folded wall leaves."""
+    def _keep_whole(self, phi: SignedDistance) -> SignedDistance:
+        """Return the level set of a surface as one component, without the islands that a folded wall
+        leaves.
+        """
         return phi if self.kind[0] > 1 else replace(phi, phi=without_islands(phi.band, phi.phi))
 
     def closed(self, phi: SignedDistance, radius: float) -> SignedDistance:
-        """The level set grown by a radius and shrunk again: tunnels and gaps that a ball of the radius does
-        not enter are gone.
+        """Return the level set grown by a radius and shrunk again: tunnels and gaps that a ball of the radius
+        does not enter are gone.
         """
         if radius == 0.0:
             return phi
@@ -147,14 +151,16 @@ class Repair:
         return replace(grown, phi=grown.phi + radius)
 
 
-def _warnings(attempt: Attempt, surface: Surface, crossing: Crossing, unit: str) -> tuple[RunWarning, ...]:
-    """A warning on how a level set was repaired; none where nothing was done."""
+def _warn_of_repair(
+    attempt: Attempt, surface: Surface, crossing: Crossing, unit: str
+) -> tuple[RunWarning, ...]:
+    """Warn of how a level set was repaired; nothing was done where there is no warning."""
     done = list(attempt.done)
     if attempt.closing > 0.0:
         done.insert(0, f"gaps narrower than {2.0 * attempt.closing:g} {unit} were closed")
     if not done:
         return ()
-    if crossing(surface).any():  # which takes its time: asked only here
+    if crossing(surface).any():  # this test takes time, so it is made only here
         intersects = f"the moved prior intersects itself: {', '.join(done)}"
         return (RunWarning("self-intersection-repaired", intersects),)
     return (RunWarning("thin-gap-repaired", f"{COARSE}: {', '.join(done)}; try a smaller spacing"),)

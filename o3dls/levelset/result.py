@@ -47,8 +47,8 @@ class Result:
         return float(areas.min() / areas.max())
 
     def faults(self, mesh: Surface, crossing: Crossing) -> tuple[RunWarning, ...]:
-        """A warning where a mesh of phi has another topology than the wall; none where islands belong to the
-        result.
+        """Return a warning where a mesh of phi has another topology than the wall; none where islands belong
+        to the result.
         """
         found = components_and_euler(mesh.vertices, mesh.faces)
         meant = components_and_euler(self.wall.vertices, self.wall.faces)
@@ -61,10 +61,12 @@ class Result:
         )
         return (
             RunWarning(
-                "mesh-differs", f"the mesh has {_words(*found)}, the moved prior {_words(*meant)}: {why}"
+                "mesh-differs",
+                f"the mesh has {_describe_topology(*found)}, "
+                f"the moved prior {_describe_topology(*meant)}: {why}",
             ),
         )
 
 
-def _words(components: int, euler: int) -> str:
+def _describe_topology(components: int, euler: int) -> str:
     return f"{components} component{'s' * (components != 1)} (Euler number {euler})"

@@ -28,7 +28,7 @@ STACK = 128  # nodes of the tree that wait: more than any tree is deep
 def likely_feet(
     tree: ClosestPoint, points: Array, sd: Array, rest: Places, cutoff: float = 3.0, resolution: float = 3.0
 ) -> Feet:
-    """Feet of points (k, d) of noise sd (k,) on the tree's surface.
+    """Return the feet of points (k, d) of noise sd (k,) on the tree's surface.
 
     `rest` are its vertices in the reference pose. cutoff: elements less likely than exp(-cutoff) times the
     closest are left out; resolution: a face whose squared size is smaller than this times the noise is seen
@@ -44,9 +44,15 @@ def likely_feet(
     centres = np.empty((len(tree.faces), 3 * dim + 4))
     means = np.zeros((len(points), 3 * dim + 2))
     by_rows(
-        _elements, WORTH_FACES, (tree.corners, tree.in_order, centres), axes, normals, rest.at, rest.normals
+        _fill_elements,
+        WORTH_FACES,
+        (tree.corners, tree.in_order, centres),
+        axes,
+        normals,
+        rest.at,
+        rest.normals,
     )
-    nodes = _nodes(axes, centres, tree.leaves, tree.boxes)
+    nodes = _sum_nodes(axes, centres, tree.leaves, tree.boxes)
     rows = spatial, sd**2, closest2, tree.rank[nearest], means
     elements = (
         tree.leaves,
@@ -61,15 +67,16 @@ def likely_feet(
         cutoff,
         resolution,
     )
-    by_rows(_expected, WORTH, rows, axes, *elements)
+    by_rows(_add_faces, WORTH, rows, axes, *elements)
     at, mean, along, height, moved = np.split(means, [dim, 2 * dim, 2 * dim + 1, 2 * dim + 2], axis=1)
     residual = height[:, 0] + (mean * (moved - at)).sum(axis=1)  # from the foot's place in the reference pose
     return Feet(at, mean, along[:, 0], residual)
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def _element(axes, corners, faces, k, share, normals, rest, rest_normals, out):  # type: ignore[no-untyped-def]
-    """Write what face k holds at barycentric weights `share`.
+def _write_element(axes, corners, faces, k, share, normals, rest, rest_normals, out):  # type: ignore[no-untyped-def]
+    """Write what face k holds at barycentric weights `share`: rest place, normal, its share along the rest
+    normal, normal . place, place.
 
     Rest place, normal, its share along the rest normal, normal . place, place.
     """
@@ -95,7 +102,7 @@ def _element(axes, corners, faces, k, share, normals, rest, rest_normals, out): 
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _elements(corners, faces, out, axes, normals, rest, rest_normals):  # type: ignore[no-untyped-def]
+def _fill_elements(corners, faces, out, axes, normals, rest, rest_normals):  # type: ignore[no-untyped-def]
     """Fill in what every face holds at its centre, then its measure and its greatest squared edge.
 
     `out` is (m, 3 d + 4), in tree order.
@@ -103,7 +110,7 @@ def _elements(corners, faces, out, axes, normals, rest, rest_normals):  # type: 
     m, dim = len(faces), len(axes)
     share = np.full(dim, 1.0 / dim)
     for k in range(m):
-        _element(axes, corners, faces, k, share, normals, rest, rest_normals, out[k])
+        _write_element(axes, corners, faces, k, share, normals, rest, rest_normals, out[k])
         ux, uy, uz = (
             corners[k, 1, 0] - corners[k, 0, 0],
             corners[k, 1, 1] - corners[k, 0, 1],
@@ -125,8 +132,9 @@ def _elements(corners, faces, out, axes, normals, rest, rest_normals):  # type: 
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _nodes(axes, centres, leaves, boxes):  # type: ignore[no-untyped-def]
-    """What every node of the tree holds.
+def _sum_nodes(axes, centres, leaves, boxes):  # type: ignore[no-untyped-def]
+    """Return what every node of the tree holds: the means of its faces, their measure, and the squared
+    diagonal of its box.
 
     The means of its faces, their measure, and the squared diagonal of its box.
     """
@@ -152,8 +160,8 @@ def _nodes(axes, centres, leaves, boxes):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def _add(axes, means, points, i, elements, k, closest2, sd2):  # type: ignore[no-untyped-def]
-    """Add to row i of the sums what element k holds, by its weight, which is returned.
+def _add_element(axes, means, points, i, elements, k, closest2, sd2):  # type: ignore[no-untyped-def]
+    """Add to row i of the sums what element k holds, times its weight, and return the weight.
 
     Indices, because array views cost more.
     """
@@ -170,7 +178,7 @@ def _add(axes, means, points, i, elements, k, closest2, sd2):  # type: ignore[no
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _expected(  # type: ignore[no-untyped-def]
+def _add_faces(  # type: ignore[no-untyped-def]
     points,
     sd2,
     closest2,
@@ -189,7 +197,7 @@ def _expected(  # type: ignore[no-untyped-def]
     cutoff,
     resolution,
 ):
-    """Add to the means (n, 3 d + 2) what the faces hold.
+    """Add to the means (n, 3 d + 2) of each point what the faces hold.
 
     The weights are measure * exp(-squared distance / 2 sd2); the height is that of the point over the face.
     """
@@ -209,7 +217,7 @@ def _expected(  # type: ignore[no-untyped-def]
             if box_gap(x, y, z, boxes, node) > limit:
                 continue
             if nodes[node, 3 * dim + 3] < resolution * sd2[i]:
-                total += _add(axes, means, points, i, nodes, node, closest2[i], sd2[i])
+                total += _add_element(axes, means, points, i, nodes, node, closest2[i], sd2[i])
                 continue
             if node < leaves - 1:
                 stack[top], stack[top + 1] = 2 * node + 1, 2 * node + 2
@@ -218,7 +226,7 @@ def _expected(  # type: ignore[no-untyped-def]
             leaf = node - (leaves - 1)
             for k in range(leaf * m // leaves, (leaf + 1) * m // leaves):
                 if centres[k, 3 * dim + 3] < resolution * sd2[i]:
-                    total += _add(axes, means, points, i, centres, k, closest2[i], sd2[i])
+                    total += _add_element(axes, means, points, i, centres, k, closest2[i], sd2[i])
                     continue
                 # a face large against the noise is seen at its closest point
                 gap, share[1], share[2] = closest_on_face(x, y, z, corners, k)
@@ -227,10 +235,10 @@ def _expected(  # type: ignore[no-untyped-def]
                 share[0] = 1.0 - share[1] - share[2]
                 if dim == 2:  # a segment is a triangle whose last two corners coincide
                     share[1] += share[2]
-                _element(axes, corners, faces, k, share, normals, rest, rest_normals, own[0])
+                _write_element(axes, corners, faces, k, share, normals, rest, rest_normals, own[0])
                 own[0, 3 * dim + 2] = centres[k, 3 * dim + 2]
-                total += _add(axes, means, points, i, own, 0, closest2[i], sd2[i])
-        if total == 0.0:  # far off a sharp edge: total = 0 by underflow
+                total += _add_element(axes, means, points, i, own, 0, closest2[i], sd2[i])
+        if total == 0.0:  # all weights underflow far off a sharp edge
             total = 1.0
             for q in range(size):
                 means[i, q] = centres[nearest[i], q]

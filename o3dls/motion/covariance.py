@@ -49,19 +49,21 @@ class Covariance:
         return np.array(self.vector + self.normal)
 
     def similarity(self, at: Array) -> Array:
-        """Features (n, d, k) of the similarity part at positions (n, d), each scaled to unit variance."""
+        """Return the features (n, d, k) of the similarity part at positions (n, d), each scaled to unit
+        variance.
+        """
         x = at - self.centre
         dim = at.shape[1]
         shift = np.broadcast_to(self.translation * np.eye(dim), (len(x), dim, dim))
         return np.concatenate([shift, self.rotation * self.turns(at), self.scale * x[:, :, None]], axis=2)
 
     def turns(self, at: Array) -> Array:
-        """Features (n, d, k) of unit rotations about the centre."""
+        """Return features (n, d, k) of unit rotations about the centre."""
         return np.asarray(np.einsum("gij,nj->nig", pose.turns(at.shape[1]), at - self.centre))
 
     def tunable(self, at: Array) -> list[Array]:
-        """Features (n, d, k) of bends, strains and, where there are any, shifts of the anchors, for unit
-        standard deviations.
+        """Return the features (n, d, k) of bends, strains and, where there are any, shifts of the anchors,
+        for unit standard deviations.
         """
         x = at - self.centre
         turns = self.turns(at)
@@ -70,21 +72,21 @@ class Covariance:
         )
         strains = np.einsum("gij,nj->nig", pose.traceless(at.shape[1]), x)
         found = [bends, strains]
-        return [*found, self._anchored(at)] if len(self.anchors) else found
+        return [*found, self._anchor_features(at)] if len(self.anchors) else found
 
     def features(self, at: Array) -> list[Array]:
-        """All of these, the similarity's first."""
+        """Return all features, those of the similarity first."""
         return [self.similarity(at), *self.tunable(at)]
 
     def whole_sds(self, sds: Array) -> Array:
-        """Standard deviations of the features: one for the similarity, whose features have their own, and one
-        per tunable component.
+        """Return the standard deviations of the features: one for the similarity, whose features have their
+        own, and one per tunable component.
         """
         return np.concatenate([[1.0], sds[len(self.lengths) :]])
 
     def smooth(self, sds: Array) -> tuple[Array, Array]:
-        """Correlation lengths (l,), and for each the variances (l, 2) of its fields: of vectors, and along
-        the normal.
+        """Return the correlation lengths (l,), and for each the variances (l, 2) of its fields: of vectors,
+        and along the normal.
         """
         lengths, which = np.unique(self.lengths, return_inverse=True)
         along = np.arange(len(which)) >= len(self.vector)
@@ -92,7 +94,7 @@ class Covariance:
         np.add.at(variances, (which, along.astype(int)), sds[: len(which)] ** 2)
         return lengths, variances
 
-    def _anchored(self, at: Array) -> Array:
+    def _anchor_features(self, at: Array) -> Array:
         dim = at.shape[1]
         reach = matern(at, self.anchors, self.anchor_length)
         return np.asarray(np.einsum("nk,ab->nakb", reach, np.eye(dim)).reshape(len(at), dim, -1))
@@ -125,55 +127,57 @@ class Places:
 
 
 def grams(cov: Covariance, obs: Observed) -> tuple[Array, list[Array]]:
-    """Gram matrix (n, n) of the similarity part and one of unit variance per tunable component."""
+    """Return the Gram matrix (n, n) of the similarity part and one of unit variance per tunable component."""
     dots = obs.directions @ obs.directions.T
     sides = np.outer(obs.normal_part, obs.normal_part)
     correlation = {length: matern(obs.at, obs.at, length) for length in {*cov.vector, *cov.normal}}
     parts = [correlation[length] * dots for length in cov.vector] + [
         correlation[length] * sides for length in cov.normal
     ]
-    fixed, *wholes = (seen @ seen.T for seen in _seen(cov, obs))
+    fixed, *wholes = (seen @ seen.T for seen in _observe_features(cov, obs))
     return fixed, parts + wholes
 
 
 def displacement(cov: Covariance, sds: Array, obs: Observed, alpha: Array, places: Places) -> Array:
-    """Field (m, d) at `places`, for observation weights alpha (n,) = C^-1 z."""
+    """Return the field (m, d) at `places`, for observation weights alpha (n,) = C^-1 z."""
     whole = np.zeros(places.at.size)
-    for sd, here, there in zip(cov.whole_sds(sds), _features(cov, places), _seen(cov, obs), strict=True):
+    for sd, here, there in zip(
+        cov.whole_sds(sds), _features_at(cov, places), _observe_features(cov, obs), strict=True
+    ):
         whole += here.reshape(-1, here.shape[2]) @ (sd**2 * (alpha @ there))
     lengths, variances = cov.smooth(sds)
     smooth = np.zeros((len(places.at), places.at.shape[1] + 1))
-    pulls = np.ascontiguousarray(np.swapaxes(alpha[:, None] * _pulls(obs, variances), 1, 2))
+    pulls = np.ascontiguousarray(np.swapaxes(alpha[:, None] * _pull_on_fields(obs, variances), 1, 2))
     by_rows(add_correlated, WORTH, (places.at, smooth), obs.at, lengths, pulls)
     return np.asarray(whole.reshape(places.at.shape) + smooth[:, :-1] + smooth[:, -1:] * places.normals)
 
 
 def cross(cov: Covariance, sds: Array, a: Observed, b: Observed) -> Array:
-    """Covariance (n, m) between two sets of observations."""
-    seen = _seen(cov, a)
+    """Return the covariance (n, m) between two sets of observations."""
+    seen = _observe_features(cov, a)
     left = np.hstack([sd**2 * one for sd, one in zip(cov.whole_sds(sds), seen, strict=True)])
-    total = left @ np.hstack(seen if b is a else _seen(cov, b)).T
+    total = left @ np.hstack(seen if b is a else _observe_features(cov, b)).T
     lengths, variances = cov.smooth(sds)
-    pulls = np.ascontiguousarray(np.moveaxis(_pulls(a, variances), 0, 1))
+    pulls = np.ascontiguousarray(np.moveaxis(_pull_on_fields(a, variances), 0, 1))
     others = np.ascontiguousarray(np.column_stack([b.directions, b.normal_part]).T)
     by_rows(add_covariance, WORTH, (a.at, pulls, total), b.at, others, lengths)
     return np.asarray(total)
 
 
 def variance(cov: Covariance, sds: Array, obs: Observed) -> Array:
-    """Prior variance (n,) of the observations: the diagonal of `cross(obs, obs)`."""
+    """Return the prior variance (n,) of the observations: the diagonal of `cross(obs, obs)`."""
     k, split = len(cov.lengths), len(cov.vector)
     total = (sds[:split] ** 2).sum() * (obs.directions**2).sum(axis=1) + (
         sds[split:k] ** 2
     ).sum() * obs.normal_part**2
-    for sd, seen in zip(cov.whole_sds(sds), _seen(cov, obs), strict=True):
+    for sd, seen in zip(cov.whole_sds(sds), _observe_features(cov, obs), strict=True):
         total += sd**2 * (seen**2).sum(axis=1)
     return np.asarray(total)
 
 
 def interpolation(nodes: Array, at: Array, length: float, neighbours: int) -> sparse.csr_matrix:
-    """Matrix (m, nodes) that interpolates a field of the given correlation length at places `at` (m, d) from
-    nodes: local kriging.
+    """Return the matrix (m, nodes) that interpolates a field of the given correlation length at places `at`
+    (m, d) from nodes: local kriging.
     """
     k = min(neighbours, len(nodes))
     near = cKDTree(nodes).query(at, k=k)[1].reshape(len(at), k)
@@ -183,18 +187,18 @@ def interpolation(nodes: Array, at: Array, length: float, neighbours: int) -> sp
     return sparse.csr_matrix((weights.ravel(), near.ravel(), begin), shape=(len(at), len(nodes)))
 
 
-def _seen(cov: Covariance, obs: Observed) -> list[Array]:
-    """Features as the observations see them: along their directions, (n, k) each."""
-    return [np.einsum("na,nak->nk", obs.directions, features) for features in _features(cov, obs)]
+def _observe_features(cov: Covariance, obs: Observed) -> list[Array]:
+    """Return the features (n, k) as the observations see them, along their directions."""
+    return [np.einsum("na,nak->nk", obs.directions, features) for features in _features_at(cov, obs)]
 
 
-def _features(cov: Covariance, where: Observed | Places) -> list[Array]:
+def _features_at(cov: Covariance, where: Observed | Places) -> list[Array]:
     return cov.features(where.at) if where.features is None else where.features
 
 
-def _pulls(obs: Observed, variances: Array) -> Array:
-    """How the observations pull at fields of every correlation length, of vectors and along the normal: (l,
-    n, d + 1).
+def _pull_on_fields(obs: Observed, variances: Array) -> Array:
+    """Return how the observations pull at fields of every correlation length, of vectors and along the
+    normal: (l, n, d + 1).
     """
     dim = obs.at.shape[1]
     return np.asarray(

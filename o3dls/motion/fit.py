@@ -47,7 +47,7 @@ def fit_motion(
     with one_blas_thread():
         if warm is not None:
             rounds = warm.problem.settings.iteration.rounds_of_update
-            return _continue(warm, data, slice(len(warm.state.weights)), rounds)
+            return _continue_fit(warm, data, slice(len(warm.state.weights)), rounds)
         return _fit_from_nothing(vertices, faces, pose, data, settings or MotionSettings())
 
 
@@ -61,24 +61,24 @@ class TrialFit:
         self, vertices: Array, faces: Ints, pose: Array, data: Data, settings: MotionSettings
     ) -> None:
         self._problem = once(lambda: motion_problem(vertices, faces, pose, data, settings))
-        self._rounds = self._run_rounds(settings.selection.steady_energy)
+        self._rounds = self._start_rounds(settings.selection.steady_energy)
         self._tuned = min(settings.iteration.tune_at)
         self._energies: list[float] = []
         self._lock = Lock()
 
-    def _run_rounds(self, steady: float) -> Iterator[Round]:
+    def _start_rounds(self, steady: float) -> Iterator[Round]:
         problem = self._problem()
-        yield from _rounds(problem, begin(problem), enough=steady)
+        yield from _run_rounds(problem, begin(problem), enough=steady)
 
     def energy(self, k: int) -> float:
-        """Free energy (nats) of round k, or of the last one, if that was earlier. Several may ask."""
+        """Return the free energy (nats) of round k, or of the last one, if that was earlier. Several may ask."""
         with self._lock, one_blas_thread():
             while len(self._energies) <= k and (reached := next(self._rounds, None)) is not None:
                 self._energies.append(reached.record["energy"])
         return self._energies[min(k, len(self._energies) - 1)]
 
     def lead(self, other: TrialFit, least: float, early: tuple[int, ...]) -> float:
-        """By how much (nats) its last energy is below the other's; or that of a round, the first of some
+        """Return by how much (nats) this fit's last energy is below the other's; or that of a round, the first of some
         `early` ones and of those after tuning in which it is less than `least`.
         """
         for k in chain(early, count(self._tuned + 1)):
@@ -90,21 +90,23 @@ class TrialFit:
 
 
 def settled(problem: MotionProblem) -> Iterated:
-    """Rounds of a problem from nothing until the surface stands still. Raises SolverError as `fit_motion`."""
+    """Run the rounds of a problem from nothing until the surface stands still. Raises SolverError as
+    `fit_motion`.
+    """
     with one_blas_thread():
-        return _iterate(problem, begin(problem))
+        return _iterate_rounds(problem, begin(problem))
 
 
 def _fit_from_nothing(
     vertices: Array, faces: Ints, pose: Array, data: Data, settings: MotionSettings
 ) -> MotionFit:
-    """Large maps: fit a subset first, then start the full fit from it. A start that another pose explains
-    better is corrected.
+    """Fit from nothing: a subset of a large map first, then all of it from there. A start that another pose
+    explains better is corrected.
     """
     some = data.part(settings.iteration.most_points)
     if len(some) < len(data.points):
         first = _fit_from_nothing(vertices, faces, pose, data.at(some), settings)
-        fit = _continue(first, data, some, settings.iteration.rounds_with_all)
+        fit = _continue_fit(first, data, some, settings.iteration.rounds_with_all)
         return replace(fit, trace=(*first.trace, *fit.trace))
     for _ in range(1 + settings.selection.pose_corrections):
         problem = motion_problem(vertices, faces, pose, data, settings)
@@ -119,16 +121,16 @@ def _fit_from_nothing(
         if other.energy < run.energy:
             run = other
             scales = other.state.scales
-    # the part of the motion that is not followed need not stand still
+    # the part of the motion that is not followed may still move
     state = replace(run.state, scales=scales)
     run = replace(run, state=state, moving=found.probability * run.moving)
     least = settings.iteration.tolerance * run.problem.size
     return motion_fit(run, found.probability, found.pose_alone, least)
 
 
-def _continue(earlier: MotionFit, data: Data, known: slice | Ints, rounds: int) -> MotionFit:
-    """Rounds with all of `data`, of which the earlier fit had the `known` points: pose, amplitudes and noise
-    levels are kept.
+def _continue_fit(earlier: MotionFit, data: Data, known: slice | Ints, rounds: int) -> MotionFit:
+    """Run rounds with all of `data`, of which the earlier fit had the `known` points, and keep its pose,
+    amplitudes and noise levels.
     """
     problem = replace(earlier.problem, data=data)
     least = problem.settings.iteration.update_tolerance * float(earlier.state.scales.noises[0])
@@ -144,8 +146,8 @@ def _continue(earlier: MotionFit, data: Data, known: slice | Ints, rounds: int) 
 
 
 def _first_weights(earlier: MotionFit, data: Data, known: slice | Ints) -> Array:
-    """Probability of contact (n,) of the known points as it was, of the further ones by their distances from
-    the surface as it is.
+    """Return the probability of contact (n,) of the known points as it was, of the further ones by their
+    distances from the surface as it is.
     """
     weights, state = data.trusted, earlier.state
     faces = earlier.problem.faces
@@ -168,7 +170,7 @@ def _run_and_preference(problem: MotionProblem) -> tuple[Iterated, Preference]:
     """Return the likeliest run and what the points prefer to it. Mostly the first run stays: that is asked
     of it while the other one is under way.
     """
-    run = _iterate(problem, begin(problem))
+    run = _iterate_rounds(problem, begin(problem))
     suspect = leverage_points(run)
     if not suspect.any():
         return run, preferred(run)
@@ -181,7 +183,7 @@ def _likeliest_run(problem: MotionProblem) -> Iterated:
     """Iterate; where points may have pulled the wall out, begin without them, take them in again, and return
     that run if it is clearly likelier.
     """
-    run = _iterate(problem, begin(problem))
+    run = _iterate_rounds(problem, begin(problem))
     suspect = leverage_points(run)
     return _likelier_run(run, _without_at_first(problem, suspect), suspect) if suspect.any() else run
 
@@ -200,11 +202,11 @@ def _likelier_run(run: Iterated, other: Iterated, suspect: Mask) -> Iterated:
 
 
 def _without_at_first(problem: MotionProblem, suspect: Mask) -> Iterated:
-    """The run that goes on, with all points, from one without the suspect ones."""
+    """Return the run that goes on, with all points, from one without the suspect ones."""
     odds = np.where(suspect, problem.settings.leverage.exclusion_odds, 1.0) * problem.data.odds
     without = replace(problem, data=replace(problem.data, odds=odds))
-    first = _iterate(without, begin(without))
-    run = _iterate(problem, first.state.without_history(), anneal=False)
+    first = _iterate_rounds(without, begin(without))
+    run = _iterate_rounds(problem, first.state.without_history(), anneal=False)
     return replace(run, trace=(*first.trace, *run.trace))
 
 
@@ -216,18 +218,18 @@ class Round(NamedTuple):
     record: dict[str, float]
 
 
-def _iterate(problem: MotionProblem, state: State, *, anneal: bool = True) -> Iterated:
-    """Rounds until the surface stands still: from nothing, or without annealing from an earlier state."""
+def _iterate_rounds(problem: MotionProblem, state: State, *, anneal: bool = True) -> Iterated:
+    """Run rounds until the surface stands still: from nothing, or without annealing from an earlier state."""
     trace: list[dict[str, float]] = []
-    for last in _rounds(problem, state, anneal=anneal):
+    for last in _run_rounds(problem, state, anneal=anneal):
         trace.append(last.record)
     return Iterated(problem, last.state, last.solved, tuple(trace), trace[-1]["step"])
 
 
-def _rounds(
+def _run_rounds(
     problem: MotionProblem, state: State, *, anneal: bool = True, enough: float = 0.0
 ) -> Iterator[Round]:
-    """Rounds until the surface stands still, or the energy changes by less than `enough` (nats)."""
+    """Yield rounds until the surface stands still, or the energy changes by less than `enough` (nats)."""
     settings = problem.settings.iteration
     energy = np.inf
     for k in range(settings.iterations):
@@ -235,7 +237,7 @@ def _rounds(
         state, solved, record = step(problem, state, iteration, tuning=anneal and k in settings.tune_at)
         yield Round(state, solved, record)
         energy = record["energy"]
-        # what a round believes, moves the surface in the next one
+        # the weights found in one round move the surface only in the next
         tuned = k > (max(settings.tune_at) if anneal else 0)
         still = record["step"] < settings.tolerance * problem.size or abs(energy - before) < enough
         if tuned and still:

@@ -17,6 +17,6 @@ class Motion(Protocol):
         """Positions (n, d) in the map frame of points (n, d) of the prior frame."""
 
     def sd(self, points: Array, normals: Array) -> Array:
-        """Posterior standard deviation (n,) along `normals` (map frame) of the motion at points of the prior
-        frame.
+        """Return the posterior standard deviation (n,) along `normals` (map frame) of the motion at points of
+        the prior frame.
         """

@@ -48,7 +48,7 @@ class State:
     past: tuple[Step, ...] = ()
 
     def without_history(self) -> State:
-        """For other points or other odds of them: without the rows and steps of the rounds so far."""
+        """Return this state for other points or odds: without the rows and steps of earlier rounds."""
         return replace(self, patches=None, past=())
 
 
@@ -60,9 +60,7 @@ class Solved(NamedTuple):
 
 
 def begin(problem: MotionProblem) -> State:
-    """Amplitudes and noise in proportion to the residuals of the start pose, probabilities of contact by
-    them.
-    """
+    """Begin with amplitudes, noise and probabilities of contact by the residuals of the start pose."""
     settings = problem.settings.covariance
     log = expected_scales(problem, settings.noise_fraction)
     fields = len(settings.vector_lengths) + len(settings.normal_lengths)
@@ -87,7 +85,7 @@ def begin(problem: MotionProblem) -> State:
 def step(
     problem: MotionProblem, state: State, iteration: int | None, *, tuning: bool = False
 ) -> tuple[State, Solved, dict[str, float]]:
-    """One round of foot points, posterior and contact; early rounds are held stiff and trust points less.
+    """Make one round of feet, posterior and contact; early ones are held stiff and trust points less.
 
     iteration: None where the fit goes on from an earlier one, and nothing is annealed.
     """
@@ -96,20 +94,20 @@ def step(
     feet = find_feet(problem, state, _noise_factor(iteration, settings))
     rows = gather_rows(problem, feet, state)
     # amplitudes and noise levels by the marginal likelihood
-    scales = _tuned(problem, state.scales, rows) if tuning else state.scales
-    log = scales.log + _annealed(iteration, scales, problem.data.groups, settings)
+    scales = _tune_scales(problem, state.scales, rows) if tuning else state.scales
+    log = scales.log + _anneal_scales(iteration, scales, problem.data.groups, settings)
     # the posterior of the field moves the surface
     sds = np.exp(log[: scales.fields])
     prior = cross(problem.covariance, sds, rows.observed, rows.observed)
     matrix, noise = with_noise(prior, log[scales.fields :], rows)
     solved = Solved(rows, solve(matrix, rows.residual)[0])
-    moved = problem.rest.at + _field(problem, sds, solved)
+    moved = problem.rest.at + _displace_vertices(problem, sds, solved)
     # each point's residual to the fit without it says whether it touches the wall
     noises = np.exp(log[scales.fields :])
     alone = left_out(solved.posterior, noise)
     out = points_left_out(rows, feet, state.weights, noise, *alone, noises, problem.data)
     weights, contact = believe(problem, state, *out)
-    record = _energies(problem, state, solved, log[scales.fields :], out[0], contact)
+    record = _energy_terms(problem, state, solved, log[scales.fields :], out[0], contact)
     taken = Step(state.feet_on, moved - state.feet_on)
     # vertices may slide along a surface that stands still
     along = (taken.change * vertex_normals(state.feet_on, problem.faces)).sum(axis=1)
@@ -125,12 +123,12 @@ def step(
     return State(feet_on, moved, scales, contact, weights, patches, past), solved, record
 
 
-def _tuned(problem: MotionProblem, scales: Scales, rows: Rows) -> Scales:
-    """Amplitudes and noise levels that maximise the evidence, with priors by the noise of now."""
+def _tune_scales(problem: MotionProblem, scales: Scales, rows: Rows) -> Scales:
+    """Tune amplitudes and noise levels to maximise the evidence, with priors by the current noise."""
     usual = expected_scales(problem, float(scales.noises[0]) / problem.residual_sd)
     s = problem.settings.covariance
     if problem.residual_sd < s.most_residuals * problem.size:
-        # residuals that another heart's prior leaves are no sign of much noise
+        # another heart's prior leaves large residuals, which are no sign of much noise
         points = slice(scales.fields, scales.fields + problem.data.groups)
         usual[points] = np.minimum(usual[points], np.log(s.most_usual_noise * problem.size))
     scales = replace(scales, prior_log=usual)
@@ -139,8 +137,8 @@ def _tuned(problem: MotionProblem, scales: Scales, rows: Rows) -> Scales:
 
 
 def expected_scales(problem: MotionProblem, noise_fraction: float) -> Array:
-    """Logarithms of the amplitudes and noise levels that are usual where noise makes up so much of the
-    residuals of the start: motion is the rest.
+    """Return the logarithms of the usual amplitudes and noise levels if noise makes up so much of the
+    residuals of the start and motion the rest.
     """
     s = problem.settings.covariance
     rms = problem.residual_sd
@@ -157,7 +155,7 @@ def expected_scales(problem: MotionProblem, noise_fraction: float) -> Array:
 
 
 def find_feet(problem: MotionProblem, state: State, noise_factor: float = 1.0) -> Feet:
-    """Where on the moved surface the points may have come from, by the noise levels of now."""
+    """Return where on the moved surface the points may have come from, by the noise levels of now."""
     data = problem.data
     sd = noise_factor * state.scales.noises[data.group] * data.relative
     tree = problem.tree.at(state.feet_on)
@@ -167,7 +165,7 @@ def find_feet(problem: MotionProblem, state: State, noise_factor: float = 1.0) -
 
 
 def gather_rows(problem: MotionProblem, feet: Feet, state: State) -> Rows:
-    """The rows of the linear system: a point each, or a patch of the surface each where they are many."""
+    """Return the rows of the linear system: one for each point, or for each patch if points are many."""
     settings = problem.settings.iteration
     patch = settings.patch * min(problem.covariance.lengths)
     frame = problem.frame if len(problem.data.points) > settings.most_rows else None
@@ -177,7 +175,9 @@ def gather_rows(problem: MotionProblem, feet: Feet, state: State) -> Rows:
 
 
 def believe(problem: MotionProblem, state: State, residual: Array, variance: Array) -> tuple[Array, Contact]:
-    """Probability of contact per point; an `inside` point counts only while the surface leaves it outside."""
+    """Return the probability of contact per point; an `inside` point counts only while the surface leaves it
+    outside.
+    """
     data = problem.data
     weights = np.zeros(len(residual))
     wall = ~data.inside
@@ -190,15 +190,15 @@ def believe(problem: MotionProblem, state: State, residual: Array, variance: Arr
     belief = touching / (touching + floating)
     outside = (residual[~wall] > 0.0) & (belief > 0.5)
     crowd = inside_point_weights(data.points[~wall], outside, problem.size, problem.settings.contact)
-    # points at the wall come and go
+    # the weights of points at the wall keep changing
     before, part = state.weights[~wall], problem.settings.iteration.inside_step if state.past else 1.0
     weights[~wall] = before + part * (belief * crowd - before)
     return weights, contact
 
 
 def contact_energy(data: Data, weights: Array, residual: Array, contact: Contact, noises: Array) -> float:
-    """What the probabilities `weights`, with which the rows were gathered, cost; a bound from one side is a
-    ratio, not a density.
+    """Return what the probabilities `weights`, with which the rows were gathered, cost; a bound from one side
+    is a ratio, not a density.
     """
     wall = ~data.inside
     density = -np.log(np.sqrt(2.0 * np.pi) * noises[data.group] * data.relative)
@@ -206,10 +206,10 @@ def contact_energy(data: Data, weights: Array, residual: Array, contact: Contact
     return labels + float(weights[~wall] @ density[~wall])
 
 
-def _energies(
+def _energy_terms(
     problem: MotionProblem, state: State, solved: Solved, log_noise: Array, residual: Array, contact: Contact
 ) -> dict[str, float]:
-    """The free energy and its terms: residuals, what the fields could have explained, labels."""
+    """Return the free energy and its terms: residuals, what the fields could have explained, labels."""
     data_misfit = misfit(solved.posterior, log_noise, solved.rows)
     complexity = free_energy(solved.posterior, log_noise, solved.rows) - data_misfit
     labels = contact_energy(problem.data, state.weights, residual, contact, np.exp(log_noise))
@@ -217,33 +217,31 @@ def _energies(
     return {"energy": sum(terms.values()), **terms}
 
 
-def _field(problem: MotionProblem, sds: Array, solved: Solved) -> Array:
-    """Displacement (n, d) of every vertex, from nodes that stand close together against the shortest
-    length.
-    """
+def _displace_vertices(problem: MotionProblem, sds: Array, solved: Solved) -> Array:
+    """Return every vertex's displacement (n, d), interpolated from nodes closer than the shortest length."""
     rows, posterior = solved
     field = displacement(problem.covariance, sds, rows.observed, posterior.alpha, problem.at_nodes)
     return np.asarray(problem.from_nodes @ field)
 
 
 def mixed(step: Step, past: tuple[Step, ...], longest: float) -> Array:
-    """Vertices (n, d) to go on from: as if, of all mixtures of this step and the past ones, that were taken
-    whose change is least (Anderson 1965); at most `longest` times the step away.
+    """Return the vertices (n, d) to go on from: as if, of all mixtures of this step and the past ones, that
+    were taken whose change is least (Anderson 1965); at most `longest` times the step away.
     """
     if not past:
         return step.begun + step.change
     less = np.array([(step.change - other.change).ravel() for other in past])
     way = np.array([(step.begun - other.begun).ravel() for other in past])
     gram = less @ less.T
-    gram[np.diag_indices_from(gram)] += 1e-8 * np.trace(gram)  # equal changes say the same
+    gram[np.diag_indices_from(gram)] += 1e-8 * np.trace(gram)  # equal changes make the matrix singular
     share = np.linalg.lstsq(gram, less @ step.change.ravel())[0]
     move = step.change - (share @ (way + less)).reshape(step.change.shape)
     length, limit = (float(np.linalg.norm(one)) for one in (move, longest * step.change))
     return np.asarray(step.begun + min(1.0, limit / max(length, 1e-300)) * move)
 
 
-def _annealed(iteration: int | None, scales: Scales, groups: int, settings: IterationSettings) -> Array:
-    """Change of the logarithms in the first rounds: amplitudes grow to 1, noise shrinks to 1."""
+def _anneal_scales(iteration: int | None, scales: Scales, groups: int, settings: IterationSettings) -> Array:
+    """Return the change of the logarithms in the first rounds: amplitudes grow to 1, noise shrinks to 1."""
     change = np.zeros(len(scales.log))
     if iteration is not None:
         grown = settings.first_amplitude + settings.amplitude_growth * iteration
@@ -253,6 +251,6 @@ def _annealed(iteration: int | None, scales: Scales, groups: int, settings: Iter
 
 
 def _noise_factor(iteration: int | None, settings: IterationSettings) -> float:
-    """Factor on the noise in the first rounds: points pull from afar, and none decides alone."""
+    """Return the factor on the noise in the first rounds: points pull from afar, and none decides alone."""
     factors = settings.noise_factors
     return factors[-1] if iteration is None else factors[min(iteration, len(factors) - 1)]

@@ -12,7 +12,7 @@ NUGGET = 1e-6  # of the variance, since nodes can coincide: far below any noise
 
 @njit(cache=True, nogil=True)
 def matern(a, b, length):  # type: ignore[no-untyped-def]
-    """Matern 5/2 correlation (n, m) of two point sets, within 1e-11."""
+    """Return the Matern 5/2 correlation (n, m) of two point sets, within 1e-11."""
     out = np.empty((a.shape[0], b.shape[0]))
     squared = np.empty(b.shape[0])
     columns = np.ascontiguousarray(b.T)

@@ -20,23 +20,23 @@ from .settings import LeverageSettings
 
 
 def captured_points(problem: MotionProblem, state: State) -> NDArray[np.bool_]:
-    """Points (n,) that are off the wall at the start and on it after the motion."""
+    """Return the points (n,) that are off the wall at the start and on it after the motion."""
     return np.asarray((problem.first_weights < 0.5) & (state.weights > 0.5))
 
 
 def stretched_faces(
     rest: Surface, moved: Array, settings: LeverageSettings
 ) -> tuple[NDArray[np.bool_], float]:
-    """Faces (m,) that get much longer when the vertices move to `moved` (n, d), and the fraction of the area
-    that they make up.
+    """Find the faces (m,) that get much longer when the vertices move to `moved` (n, d), and the fraction of
+    the area that they make up.
     """
     long = stretches(rest.vertices, moved, rest.faces) > settings.stretch
     return long, float(rest.face_areas[long].sum() / rest.area)
 
 
 def leverage_points(run: Iterated) -> NDArray[np.bool_]:
-    """Points (n,) that may have pulled the wall out: those that the motion captured, if they are some, and
-    those on a part that is stretched, if that is large. None if they are most of the map.
+    """Return the points (n,) that may have pulled the wall out: those that the motion captured, if they are
+    some, and those on a part that is stretched, if that is large. None if they are most of the map.
     """
     problem, state = run.problem, run.state
     settings = problem.settings.leverage
@@ -50,8 +50,8 @@ def leverage_points(run: Iterated) -> NDArray[np.bool_]:
 
 
 def energy_with_strain(run: Iterated) -> float:
-    """Free energy of a run plus how unlikely its strains are, in nats: the logarithm of each patch's stretch
-    is normally distributed around 0.
+    """Return the free energy of a run plus how unlikely its strains are, in nats: the logarithm of each
+    patch's stretch is normally distributed around 0.
     """
     problem = run.problem
     rest = Surface(problem.rest.at, problem.faces)

@@ -19,8 +19,8 @@ from .kernels import add_scaled
 from .observations import Rows
 from .settings import IterationSettings
 
-REFUSED = 1e12  # nats: from there the line search comes back
-OVERFLOW = 100.0  # logarithms: a longer step leads to what is no number
+REFUSED = 1e12  # nats: an energy so high that the line search turns back
+OVERFLOW = 100.0  # logarithms: a longer step overflows
 # -log evidence, its slopes along the logarithms of amplitudes, and of each row's noise (n,)
 Terms = tuple[float, list[float], Array]
 
@@ -38,8 +38,8 @@ class Posterior:
 
 
 def solve(matrix: Array, z: Array) -> tuple[Posterior, Array]:
-    """Posterior for residuals z (n,) with covariance `matrix` (n, n), and the matrix's inverse. Raises
-    SolverError if not positive.
+    """Return the posterior for residuals z (n,) with covariance `matrix` (n, n), and the matrix's inverse.
+    Raises SolverError if not positive.
     """
     factor, inverse, fault = factor_and_inverse(matrix)
     if fault:
@@ -74,14 +74,14 @@ class Scales:
         return np.asarray(np.exp(self.log[self.fields :]))
 
     def noise_alone(self) -> Scales:
-        """The same noise levels without any field."""
+        """Return these noise levels without any field."""
         k = self.fields
         return Scales(self.log[k:], self.prior_log[k:], self.prior_log_sd[k:], self.least[k:], 0)
 
 
 def tune(scales: Scales, fixed: Array, parts: list[Array], rows: Rows, settings: IterationSettings) -> Array:
-    """Logarithms that maximise evidence times log-normal priors (MacKay 1992), by L-BFGS on the exact
-    gradient.
+    """Return the logarithms that maximise evidence times log-normal priors (MacKay 1992), by L-BFGS on the
+    exact gradient.
     """
 
     def terms(log: Array) -> Terms:
@@ -91,16 +91,16 @@ def tune(scales: Scales, fixed: Array, parts: list[Array], rows: Rows, settings:
         slopes = [float(np.vdot(slope, part)) * np.exp(2.0 * log[k]) for k, part in enumerate(parts)]
         return posterior.energy, slopes, noise * np.diag(slope)
 
-    return _likeliest(scales, rows, terms, settings)
+    return _minimise_energy(scales, rows, terms, settings)
 
 
 def tune_noise(scales: Scales, features: Array, rows: Rows, settings: IterationSettings) -> Array:
-    """The same for noise levels alone, where the covariance is that of few `features` (n, k): `fixed` is
-    features features^T, and its inverse with the noise is had from a (k, k) matrix (Woodbury's identity).
+    """Tune noise levels alone, where the covariance is that of few `features` (n, k): `fixed` is features
+    features^T, and its inverse with the noise is had from a (k, k) matrix (Woodbury's identity).
     """
 
     def terms(log: Array) -> Terms:
-        noise = _noise(log, rows)
+        noise = _noise_variances(log, rows)
         z = rows.residual
         weighted = features / noise[:, None]
         factor = np.linalg.cholesky(np.eye(features.shape[1]) + features.T @ weighted)
@@ -110,14 +110,14 @@ def tune_noise(scales: Scales, features: Array, rows: Rows, settings: IterationS
         energy = 0.5 * float(z @ alpha + np.log(noise).sum()) + float(np.log(np.diag(factor)).sum())
         return energy, [], noise * (precision - alpha**2)
 
-    return _likeliest(scales, rows, terms, settings)
+    return _minimise_energy(scales, rows, terms, settings)
 
 
-def _likeliest(
+def _minimise_energy(
     scales: Scales, rows: Rows, terms: Callable[[Array], Terms], settings: IterationSettings
 ) -> Array:
-    """Logarithms (k,) at the minimum of -log evidence, whose `terms` are those of the rows alone, and of the
-    priors.
+    """Return the logarithms (k,) that minimise -log evidence. terms: those of the rows alone; those of the
+    priors are added here.
     """
     squares, degrees = rows.scatter
 
@@ -155,8 +155,8 @@ def _likeliest(
 
 
 def assemble(log: Array, fixed: Array, parts: list[Array], rows: Rows) -> tuple[Array, Array]:
-    """Covariance (n, n) of the residuals and its noise part (n,): (exp(log noise of the row's group) times
-    its relative noise)^2.
+    """Return the covariance (n, n) of the residuals and its noise part (n,): (exp(log noise of the row's
+    group) times its relative noise)^2.
     """
     matrix = fixed.copy()
     for k, part in enumerate(parts):
@@ -165,19 +165,21 @@ def assemble(log: Array, fixed: Array, parts: list[Array], rows: Rows) -> tuple[
 
 
 def with_noise(matrix: Array, log: Array, rows: Rows) -> tuple[Array, Array]:
-    """A covariance (n, n) of the field (in place) with that of noise levels, and the noise part (n,)."""
-    noise = _noise(log, rows)
+    """Return a covariance (n, n) of the field (in place) with that of noise levels, and the noise part
+    (n,).
+    """
+    noise = _noise_variances(log, rows)
     matrix[np.diag_indices_from(matrix)] += noise
     return matrix, noise
 
 
-def _noise(log: Array, rows: Rows) -> Array:
+def _noise_variances(log: Array, rows: Rows) -> Array:
     return np.asarray((np.exp(log)[rows.group] * rows.relative) ** 2)
 
 
 def free_energy(posterior: Posterior, log_noise: Array, rows: Rows) -> float:
-    """-log evidence in nats of believed points: a row of weight w stands for N(z; f, s^2)^w, not for N(z; f,
-    s^2 / w).
+    """Return the -log evidence, in nats, of believed points: a row of weight w stands for N(z; f, s^2)^w, not
+    for N(z; f, s^2 / w).
     """
     squares, degrees = rows.scatter
     within = 0.5 * float((squares * np.exp(-2.0 * log_noise)).sum()) + float(degrees @ log_noise)
@@ -192,30 +194,32 @@ def free_energy(posterior: Posterior, log_noise: Array, rows: Rows) -> float:
 
 
 def misfit(posterior: Posterior, log_noise: Array, rows: Rows) -> float:
-    """The part of `free_energy` that residuals cost, in nats; what is left is the price of all that the
-    fields could have explained.
+    """Return the part of `free_energy` that residuals cost, in nats; what is left is the price of all that
+    the fields could have explained.
     """
     return 0.5 * float(rows.residual @ posterior.alpha + (rows.scatter[0] * np.exp(-2.0 * log_noise)).sum())
 
 
 def laplace_correction(scales: Scales, fixed: Array, parts: list[Array], rows: Rows) -> float:
-    """Nats by which the evidence at its maximum exceeds the evidence of all amplitudes and noise levels:
-    Laplace's approximation with their log-normal priors and Fisher's information (Kass and Raftery 1995).
-    What the points say nothing of costs nothing.
+    """Return by how many nats the evidence at its maximum exceeds the evidence of all amplitudes and noise
+    levels: Laplace's approximation with their log-normal priors and Fisher's information (Kass and Raftery
+    1995). What the points say nothing of costs nothing.
     """
     matrix, noise = assemble(scales.log, fixed, parts, rows)
     return laplace_of_inverse(scales, parts, rows, noise, solve(matrix, rows.residual)[1])
 
 
 def laplace_of_inverse(scales: Scales, parts: list[Array], rows: Rows, noise: Array, inverse: Array) -> float:
-    """The same where the noise part (n,) of the covariance and its inverse (n, n) are known."""
+    """Return Laplace's correction where the noise part (n,) of the covariance and its inverse (n, n) are
+    known.
+    """
     of_groups = [inverse * (noise * (rows.group == g)) for g in range(len(scales.noises))]
     slopes = [
         np.exp(2.0 * log) * inverse @ part for log, part in zip(scales.log, parts, strict=False)
     ] + of_groups
     information = np.zeros((len(slopes), len(slopes)))
     for k, slope in enumerate(slopes):
-        turned = np.ascontiguousarray(slope.T)  # once, and not in every product
+        turned = np.ascontiguousarray(slope.T)  # turned once, not in every product
         information[k, : k + 1] = [2.0 * np.vdot(other, turned) for other in slopes[: k + 1]]
     information += np.tril(information, -1).T
     noises = np.arange(scales.fields, len(scales.log))
@@ -226,16 +230,16 @@ def laplace_of_inverse(scales: Scales, parts: list[Array], rows: Rows, noise: Ar
 
 
 def left_out(posterior: Posterior, noise: Array) -> tuple[Array, Array]:
-    """Residual (n,) of each point to the fit without it, and that fit's variance there (n,), in closed form
-    (Sundararajan 2001).
+    """Return the residual (n,) of each point to the fit without it, and that fit's variance there (n,), in
+    closed form (Sundararajan 2001).
     """
     predictive = 1.0 / posterior.precision
     return posterior.alpha * predictive, np.maximum(predictive - noise, ROUNDING)
 
 
 def posterior_variance(factor: Array, prior_variance: Array, crossed: Array) -> Array:
-    """Variance (m,) of linear functionals with prior variance (m,) and covariance `crossed` (n, m) to the
-    observations.
+    """Return the variance (m,) of linear functionals with prior variance (m,) and covariance `crossed` (n, m)
+    to the observations.
     """
     explained = dtrsm(1.0, factor, crossed.T, side=1, lower=1, trans_a=1)  # in the order of its memory
     return np.asarray(np.maximum(prior_variance - np.einsum("mn,mn->m", explained, explained), 0.0))

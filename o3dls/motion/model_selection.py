@@ -26,7 +26,7 @@ from .observations import points_left_out
 from .problem import MotionProblem, Smoothed
 from .result import Iterated
 
-MOST_NATS = 500.0  # beyond, a probability is 0 or 1 to the digit
+MOST_NATS = 500.0  # nats beyond which a probability rounds to 0 or 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,8 +67,8 @@ def preferred(run: Iterated) -> Preference:
 
 
 def motion_evidence(run: Iterated) -> MotionEvidence:
-    """Whether the points show a motion at all: evidences with and without it, amplitudes and noise levels
-    integrated out (Laplace).
+    """Return whether the points show a motion at all: evidences with and without it, amplitudes and noise
+    levels integrated out (Laplace).
     """
     problem = run.problem
     settings = problem.settings.selection
@@ -97,7 +97,7 @@ def motion_evidence(run: Iterated) -> MotionEvidence:
 
 
 def fit_pose(problem: MotionProblem, *, free: bool, clear: float) -> PoseFit:
-    """Noise around the prior in a pose that is free to move, or not.
+    """Return the noise around the prior in a pose that is free to move, or not.
 
     Rounds end early once further ones cannot bring the energy below `clear`: while beliefs are steady, drops
     shrink by a quarter or more a round; a point that is given up can bring any drop.
@@ -139,7 +139,7 @@ def fit_pose(problem: MotionProblem, *, free: bool, clear: float) -> PoseFit:
 
 
 def preferred_smoothing(run: Iterated) -> Smoothed | None:
-    """The prior as the points would have it smoothed, if they would.
+    """Return the prior as the points would have it smoothed, if they would.
 
     A smoother prior is tried where the fit has come to, with its motion, noise and beliefs: detail that the
     wall has is missed at once there, before another motion could make up for it. As much as the best length
@@ -150,12 +150,12 @@ def preferred_smoothing(run: Iterated) -> Smoothed | None:
     at = problem.rest.at
     most = run.energy + settings.smoothing_evidence
     lengths = sorted((problem.size * x for x in settings.smoothing_lengths), reverse=True)
-    # a smooth wall's normals: along its own, one of stairs folds at every step
+    # normals of a smooth wall: a wall of stairs would fold at every step along its own normals
     normals = vertex_normals(at - problem.rough, problem.faces)
     smoother = list[Array]()
     for length in lengths:
         smoother.append(fair(at, roughness(at, problem.faces, length), normals))
-        # most walls end here, before folds take their time
+        # most walls are dismissed here, before folds are searched for, which takes time
         if _trial_energy(problem, run.state, smoother[-1]) > most + settings.decisive:
             return None
     found = list[tuple[float, float, Array]]()
@@ -169,7 +169,9 @@ def preferred_smoothing(run: Iterated) -> Smoothed | None:
 
 
 def _trial_energy(problem: MotionProblem, state: State, at: Array) -> float:
-    """Free energy of a prior whose vertices rest at `at`, after a few rounds from a state of this one."""
+    """Return the free energy of a prior whose vertices rest at `at`, after a few rounds from a state of this
+    one.
+    """
     tried = replace(problem, rest=Places(at, vertex_normals(at, problem.faces)))
     state = replace(state, feet_on=at + state.moved - problem.rest.at, past=())
     for _ in range(problem.settings.selection.trial_rounds):

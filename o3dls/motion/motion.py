@@ -43,24 +43,24 @@ class FittedMotion:
     tree: ClosestPoint  # of the faces, wherever the vertices are
 
     def __call__(self, points: Array) -> Array:
-        places = self._reference(points)
-        return self.mean(places.at, self._field(places))
+        places = self._find_reference(points)
+        return self.mean(places.at, self._displace_places(places))
 
     def mean(self, at: Array, field: Array) -> Array:
-        """Where places (n, d) of the reference pose went that the field would displace by (n, d)."""
+        """Return where places (n, d) of the reference pose went that the field would displace by (n, d)."""
         return at + self.probability * field + (1.0 - self.probability) * self._shift_alone(at)
 
     def sd(self, points: Array, normals: Array) -> Array:
-        """Posterior standard deviation (n,) along unit `normals` (map frame) of where points (n, d) of the
-        prior frame went.
+        """Return the posterior standard deviation (n,) along unit `normals` (map frame) of where points (n,
+        d) of the prior frame went.
         """
-        return self.sd_in_reference(self._reference(points), normals)
+        return self.sd_in_reference(self._find_reference(points), normals)
 
     def joint(self, points: Array, normals: Array) -> Array:
-        """Posterior covariance (n, n) along unit `normals` (map frame) of where points (n, d) of the prior
-        frame went, given that they moved: its diagonal is `sd` squared where the motion is certain.
+        """Return the posterior covariance (n, n) along unit `normals` (map frame) of where points (n, d) of
+        the prior frame went, given that they moved: its diagonal is `sd` squared where the motion is certain.
         """
-        asked = self._reference(points).observed(normals)
+        asked = self._find_reference(points).observed(normals)
         explained = solve_triangular(
             self.posterior.factor, cross(self.covariance, self.sds, self.observed, asked), lower=True
         )
@@ -68,37 +68,37 @@ class FittedMotion:
         return np.asarray(self.inflation**2 * (before - explained.T @ explained))
 
     def sd_in_reference(self, places: Places, normals: Array) -> Array:
-        """The same for places that are known in the reference pose."""
+        """Return `sd` for places that are known in the reference pose."""
         asked = places.observed(normals)
         crossed = cross(self.covariance, self.sds, self.observed, asked)
         var = posterior_variance(self.posterior.factor, variance(self.covariance, self.sds, asked), crossed)
-        # what is not shown may still be so: the deviation is that of the motion from where the surface is
-        # left
+        # the points may miss a motion that is there: the deviation is that of the motion from where the
+        # surface is left
         beyond = (
             0.0
             if self.probability == 1.0
-            else ((self._field(places) - self._shift_alone(places.at)) * normals).sum(axis=1)
+            else ((self._displace_places(places) - self._shift_alone(places.at)) * normals).sum(axis=1)
         )
         held_back = (1.0 - self.probability) * beyond
         return self.inflation * np.sqrt(var + held_back**2)
 
-    def _field(self, places: Places) -> Array:
+    def _displace_places(self, places: Places) -> Array:
         return displacement(self.covariance, self.sds, self.observed, self.posterior.alpha, places)
 
     def _shift_alone(self, at: Array) -> Array:
         return apply(self.pose_alone, at) - at
 
     @cached_property
-    def _tree(self) -> ClosestPoint:
+    def _moved_tree(self) -> ClosestPoint:
         return self.tree.at(self.vertices)
 
-    def _reference(self, points: Array) -> Places:
-        """Positions in the reference pose, shifted as the surface nearest to them was, and that surface's
-        normals.
+    def _find_reference(self, points: Array) -> Places:
+        """Find where points lie in the reference pose, shifted as the surface nearest to them was, with that
+        surface's normals.
         """
         if points is self.vertices:
             return self.rest
-        _, face, _, bary = self._tree.query(points)
+        _, face, _, bary = self._moved_tree.query(points)
         corner = self.faces[face]
         shift = (self.rest.at - apply(self.T_map_prior, self.vertices))[corner]
         at = apply(self.T_map_prior, points) + np.einsum("nc,ncd->nd", bary, shift)

@@ -53,20 +53,20 @@ class Data:
         return np.where(self.inside, 0.0, 1.0)
 
     def part(self, most: int) -> Ints:
-        """Rows of an even part of the points: at most so many of each group and of those inside: none crowds
-        out others.
+        """Return the rows of an even part of the points: at most so many of each group and of those inside:
+        none crowds out others.
         """
         kind = 2 * self.group + self.inside
         rows = [np.flatnonzero(kind == one) for one in np.unique(kind)]
         return np.sort(np.concatenate([some[:: -(-len(some) // most)] for some in rows]))
 
     def at(self, which: slice | Ints) -> Data:
-        """Some of the points, all of the landmarks."""
+        """Return some of the points and all of the landmarks."""
         known = [name for name in (*self.PER_POINT, "order", "isolation") if getattr(self, name) is not None]
         return replace(self, **{name: getattr(self, name)[which] for name in known})
 
     def differs(self, other: Data) -> NDArray[np.bool_]:
-        """Which points (n,) are not the same in other data of as many."""
+        """Return which points (n,) are not the same in other data of as many."""
         unlike = [getattr(self, name) != getattr(other, name) for name in self.PER_POINT]
         return np.asarray(np.column_stack(unlike).any(axis=1))
 
@@ -117,8 +117,8 @@ def gather(
     patches: Ints | None = None,
     frame: Array | None = None,
 ) -> Rows:
-    """Rows of all points and landmarks. Above `most` points, those whose feet share a patch (a length) of a
-    `frame` (d+1, d+1), or did before (`patches` (n,)), speak with one voice.
+    """Return the rows of all points and landmarks. Above `most` points, those whose feet share a patch (a
+    length) of a `frame` (d+1, d+1), or did before (`patches` (n,)), speak with one voice.
 
     The precision-weighted mean is sufficient for a constant, and nearly so for a field that is smooth over a
     patch.
@@ -127,7 +127,9 @@ def gather(
     of_point = patches
     if of_point is None:
         of_point = (
-            np.arange(len(weights)) if len(weights) <= most else _patches(feet, data.group, patch, frame)
+            np.arange(len(weights))
+            if len(weights) <= most
+            else _number_patches(feet, data.group, patch, frame)
         )
     count = int(of_point.max(initial=-1)) + 1
     total = np.bincount(of_point, precision, minlength=count)
@@ -152,7 +154,7 @@ def gather(
 
 
 def _with_landmarks(rows: Rows, data: Data, marks: Array) -> Rows:
-    """Each landmark adds one row per axis, with a noise group of its own: picks are an order coarser than
+    """Add one row per axis for each landmark, with a noise group of its own: picks are an order coarser than
     points.
     """
     dim = marks.shape[1]
@@ -180,8 +182,8 @@ def points_left_out(
     noises: Array,
     data: Data,
 ) -> tuple[Array, Array]:
-    """Residual (n,) of each point to the fit without that point, and the variance (n,) to judge it by (fit
-    plus noise).
+    """Return the residual (n,) of each point to the fit without that point, and the variance (n,) to judge it
+    by (fit plus noise).
 
     A row's own left-out prediction N(m, v) takes in again what the other points of its patch say, each as far
     as it is believed.
@@ -201,10 +203,8 @@ def points_left_out(
     return feet.residual - mean, var + own
 
 
-def _patches(feet: Feet, group: Ints, patch: float, frame: Array | None) -> Ints:
-    """Number of the patch of each foot: same cell of the reference, same noise group, normals in the same
-    orthant.
-    """
+def _number_patches(feet: Feet, group: Ints, patch: float, frame: Array | None) -> Ints:
+    """Number the patch of each foot: one cell of the reference, one noise group, normals in one orthant."""
     frame = np.eye(feet.at.shape[1] + 1) if frame is None else frame
     cells = np.floor(apply(frame, feet.at) / patch).astype(np.int64)
     facing = (feet.normals @ frame[:-1, :-1].T > 0) @ (1 << np.arange(feet.normals.shape[1]))

@@ -20,7 +20,7 @@ from .observations import LEAST_WEIGHT, Data
 from .settings import MotionSettings
 
 Smoothed = tuple[float, Array]  # a length and the vertices (n, d) of the posed prior smoothed over it
-LEAST_RESIDUAL = 1e-4  # rms radii: points that lie on the prior to the digit still have a scale
+LEAST_RESIDUAL = 1e-4  # rms radii: residuals of points exactly on the prior still need a scale
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,14 +90,14 @@ def motion_problem(
     settings: MotionSettings,
     smoothed: Smoothed | None = None,
 ) -> MotionProblem:
-    """The problem of a prior in a pose (d+1, d+1), smoothed or as it is."""
+    """Return the problem of a prior in a pose (d+1, d+1), smoothed or as it is."""
     posed = apply(pose, vertices)
     size = rms_radius(posed)
     marks = apply(pose, data.marks_prior)
-    covariance = _covariance(posed, marks, settings)
+    covariance = _scale_covariance(posed, marks, settings)
     length, at = smoothed or (0.0, posed)
     shortest = min(covariance.lengths)
-    nodes = _spaced(at, settings.covariance.node_spacing * shortest)
+    nodes = _space_points(at, settings.covariance.node_spacing * shortest)
     rough = roughness(at, faces, size * settings.covariance.normals_length)
     return MotionProblem(
         vertices=vertices,
@@ -117,8 +117,8 @@ def motion_problem(
     )
 
 
-def _covariance(posed: Array, marks: Array, settings: MotionSettings) -> Covariance:
-    """The covariance in lengths of the map."""
+def _scale_covariance(posed: Array, marks: Array, settings: MotionSettings) -> Covariance:
+    """Return the covariance with its lengths in units of the map."""
     chosen = settings.covariance
     size = rms_radius(posed)
     return Covariance(
@@ -134,9 +134,9 @@ def _covariance(posed: Array, marks: Array, settings: MotionSettings) -> Covaria
     )
 
 
-def _spaced(points: Array, spacing: float) -> Ints:
-    """Indices of points that stand about `spacing` apart: the one nearest to the middle of each occupied
-    cell.
+def _space_points(points: Array, spacing: float) -> Ints:
+    """Return the indices of points that stand about `spacing` apart: the one nearest to the middle of each
+    occupied cell.
     """
     cells = np.floor((points - points.min(axis=0)) / spacing)
     middle = ((points - points.min(axis=0)) / spacing - cells - 0.5) ** 2

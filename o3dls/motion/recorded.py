@@ -38,16 +38,18 @@ class RecordedMotion:
     modes: WallModes | None = None
 
     def __call__(self, points: Array) -> Array:
-        at, offset = _carried(self._on_prior, self.moved, points)
+        at, offset = _carry_points(self._on_prior, self.moved, points)
         return at + offset @ self.T_map_prior[:-1, :-1].T
 
     def inverse(self, points: Array) -> Array:
-        """Places (n, d) of the prior frame that came to lie at points (n, d) of the map frame."""
-        at, offset = _carried(self._on_moved, self.prior, points)
+        """Return the places (n, d) of the prior frame that came to lie at points (n, d) of the map frame."""
+        at, offset = _carry_points(self._on_moved, self.prior, points)
         return at + offset @ np.linalg.inv(self.T_map_prior[:-1, :-1]).T
 
     def sd(self, points: Array, normals: Array) -> Array:
-        """Standard deviation (n,) at the nearest place of the prior; normals count as those of the wall."""
+        """Return the standard deviation (n,) at the nearest place of the prior; normals count as those of the
+        wall.
+        """
         _, face, _, weights = self._on_prior.query(points)
         return np.asarray((self.deviation[self.prior.faces[face]] * weights).sum(axis=1))
 
@@ -60,9 +62,9 @@ class RecordedMotion:
         return ClosestPoint(self.moved.vertices, self.moved.faces)
 
 
-def _carried(tree: ClosestPoint, other: Surface, points: Array) -> tuple[Array, Array]:
-    """Where the surface of the tree has its nearest place to points (n, d), as a place of a surface with the
-    same faces, and the offset of the points from it.
+def _carry_points(tree: ClosestPoint, other: Surface, points: Array) -> tuple[Array, Array]:
+    """Return the places on the other surface of the same faces that correspond to the nearest places to
+    points (n, d), and the offsets of the points from the latter.
     """
     _, face, foot, weights = tree.query(np.asarray(points, dtype=np.float64))
     at = np.einsum("nk,nkd->nd", weights, other.vertices[other.faces[face]])

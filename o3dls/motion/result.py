@@ -84,8 +84,8 @@ class MotionFit:
 
 
 def motion_fit(run: Iterated, probability: float, pose_alone: Array, least: float) -> MotionFit:
-    """What iterations found: the motion followed as far as its `probability`, and the pose alone for the
-    rest; the surface stands still where it moved by less than `least`.
+    """Return what iterations found: the motion followed as far as its `probability`, and the pose alone for
+    the rest; the surface stands still where it moved by less than `least`.
     """
     problem = run.problem
     state = run.state
@@ -122,7 +122,7 @@ def motion_fit(run: Iterated, probability: float, pose_alone: Array, least: floa
 
 
 def state_facts(problem: MotionProblem, state: State) -> dict[str, float]:
-    """Amplitudes and noise levels by name, and what was found of the outliers."""
+    """Return the amplitudes and noise levels by name, and what was found of the outliers."""
     covariance = problem.covariance
     landmarks = len(problem.marks) > 0
     names = [f"vector_{x:.3g}" for x in covariance.vector] + [f"normal_{x:.3g}" for x in covariance.normal]
@@ -138,7 +138,7 @@ def state_facts(problem: MotionProblem, state: State) -> dict[str, float]:
 
 
 def sentence(fit: MotionFit, unit: str, later: int = 0) -> str:
-    """How a fit went, lengths in `unit`. later: points that were put in since, in a round that cannot
+    """Return how a fit went, lengths in `unit`. later: points that were put in since, in a round that cannot
     converge.
     """
     facts = fit.facts

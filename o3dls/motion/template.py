@@ -43,7 +43,7 @@ class Template:
     settings: TemplateSettings
 
     def shape(self, c: Array) -> Array:
-        """Vertices (n, d) for coefficients (k,)."""
+        """Return the vertices (n, d) for coefficients (k,)."""
         return np.asarray(self.mean + np.tensordot(c, self.modes, axes=1))
 
     @cached_property
@@ -58,8 +58,8 @@ class Template:
         return np.asarray(np.sqrt((bend**2).mean(axis=0) / 1.5) + self.settings.least_aside)
 
     def between(self, c: Array) -> float:
-        """Place on the way through the phases nearest to coefficients (k,): 2.25 is a quarter of the way from
-        phase 2 to phase 3.
+        """Return the place on the way through the phases nearest to coefficients (k,): 2.25 is a quarter of
+        the way from phase 2 to phase 3.
         """
         scaled = self.coefficients / self.aside
         start = scaled[:-1]
@@ -71,7 +71,7 @@ class Template:
         return nearest + float(along[nearest])
 
     def at(self, place: float) -> Array:
-        """Coefficients (k,) at a place on the way."""
+        """Return the coefficients (k,) at a place on the way."""
         before = min(int(place), len(self.coefficients) - 2)
         along = place - before
         return np.asarray((1.0 - along) * self.coefficients[before] + along * self.coefficients[before + 1])
@@ -80,14 +80,14 @@ class Template:
 def template(
     vertices: Array, faces: Ints, phases: Sequence[tuple[Array, Ints]], settings: TemplateSettings
 ) -> Template:
-    """The template of a prior (vertices (n, d), faces) and further phases (vertices, faces) in its frame; the
-    prior is the first phase.
+    """Return the template of a prior (vertices (n, d), faces) and further phases (vertices, faces) in its
+    frame; the prior is the first phase.
 
     A phase with the prior's faces is the prior with its vertices moved; to any other the prior is registered.
     """
     same = [len(f) == len(faces) and bool((f == faces).all()) for _, f in phases]
     moved = (
-        v if as_is else _registered(vertices, faces, v, settings.most_samples)
+        v if as_is else _register_phase(vertices, faces, v, settings.most_samples)
         for (v, _), as_is in zip(phases, same, strict=True)
     )
     shapes = np.stack([vertices, *moved])
@@ -106,8 +106,8 @@ def template(
     )
 
 
-def _registered(vertices: Array, faces: Ints, phase: Array, most: int) -> Array:
-    """The prior's vertices (n, d) moved onto a phase by our own motion field."""
+def _register_phase(vertices: Array, faces: Ints, phase: Array, most: int) -> Array:
+    """Move the prior's vertices (n, d) onto a phase, by our own motion field."""
     points = phase[:: max(1, len(phase) // most)]
     count, dim = points.shape
     none = np.zeros((0, dim))
@@ -137,8 +137,8 @@ class Between:
 
 
 def locate(model: Template, pose: Array, points: Array) -> Between:
-    """Coefficients and rigid pose for points (n, d), from a start pose (d+1, d+1): every phase is tried, the
-    one that fits best refined.
+    """Return the coefficients and rigid pose for points (n, d), from a start pose (d+1, d+1): every phase is
+    tried, the one that fits best refined.
 
     The start pose may be off by `settings.pose_sd` per axis; turns move the surface as far.
     """
@@ -175,8 +175,8 @@ class _Points:
         return found
 
     def step(self, now: Between, surface: ClosestPoint) -> Between:
-        """One Gauss-Newton step in coefficients and pose, from the surface as it is; coefficients are drawn
-        to the way through the phases.
+        """Make one Gauss-Newton step in coefficients and pose, from the surface as it is; coefficients are
+        drawn to the way through the phases.
         """
         model = self.model
         k = len(now.c)
@@ -209,15 +209,15 @@ class _Points:
         )
 
     def off(self, pose: Array, middle: Array) -> Array:
-        """Shift and turn of a pose against the start's."""
+        """Return the shift and turn of a pose against the start's."""
         made = pose @ np.linalg.inv(self.start)
         skew = (made - made.T)[:-1, :-1] / 2.0
         turn = [skew[1, 0]] if len(skew) == 2 else [skew[2, 1], skew[0, 2], skew[1, 0]]
         return np.concatenate([middle - apply(np.linalg.inv(made), middle[None])[0], turn])
 
     def prior(self, c: Array) -> tuple[Array, Array]:
-        """Where coefficients are pulled to, and how strongly (k, k): firmly across the way, and along it as
-        one phase from the next.
+        """Return where coefficients are pulled to, and how strongly (k, k): firmly across the way, and along
+        it as one phase from the next.
         """
         place = self.model.between(c)
         before = min(int(place), len(self.model.coefficients) - 2)

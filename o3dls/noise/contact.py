@@ -14,8 +14,8 @@ from scipy.spatial import KDTree
 from ..arrays import ROUNDING, TINY, Array
 from .settings import ContactSettings
 
-BISECTIONS = 40  # beyond the digits of a number
-LEAST_DENSITY = 1e-100  # of contact, however far off: a point that may not float touches
+BISECTIONS = 40  # more than a double's digits need
+LEAST_DENSITY = 1e-100  # of contact, however far off, so that a point which may not float touches
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class Contact:
 
     @classmethod
     def expected(cls, size: float, settings: ContactSettings) -> Contact:
-        """What is expected of a chamber of rms radius `size` before any point is seen."""
+        """Return what is expected of a chamber of rms radius `size` before any point is seen."""
         return cls(
             settings.depth * size,
             settings.scatter * size,
@@ -48,18 +48,19 @@ class Contact:
         return (1.0 - self.inside_fraction) / self.scatter
 
     def outlier_density(self, residual: Array) -> Array:
-        """Density (n,) of an outlier at signed distances (n,), negative inside."""
+        """Return the density (n,) of an outlier at signed distances (n,), negative inside."""
         inside = np.where(residual < 0.0, self.inside_fraction / self.depth, 0.0)
         return np.asarray(inside + self.anywhere)
 
 
 def contact_density(residual: Array, variance: Array) -> Array:
-    """Density (n,) of a point on the wall at signed distances (n,): N(0, variance)."""
+    """Return the density (n,) of a point on the wall at signed distances (n,): N(0, variance)."""
     return np.asarray(np.exp(-0.5 * residual**2 / variance) / np.sqrt(2.0 * np.pi * variance))
 
 
 def update_contact(residual: Array, variance: Array, odds: Array, contact: Contact) -> tuple[Array, Contact]:
-    """Probability of contact (n,) for points in the order they were taken, and the updated mixture.
+    """Return the probability of contact (n,) for points in the order they were taken, and the updated
+    mixture.
 
     `odds` (n,) multiplies each point's prior odds of being an outlier (contact force). Forward-backward
     smoothing over a two-state chain (Rabiner 1989) lets neighbours in time share their fate, as far as the
@@ -69,10 +70,12 @@ def update_contact(residual: Array, variance: Array, odds: Array, contact: Conta
     bounds = settings.least_fraction, settings.most_fraction
     touching = np.maximum(contact_density(residual, variance), LEAST_DENSITY)
     floating = contact.outlier_density(residual)
-    weights, together = _chain(touching, floating * odds, contact.outlier_fraction, contact.persistence)
+    weights, together = _smooth_chain(
+        touching, floating * odds, contact.outlier_fraction, contact.persistence
+    )
     off = float(np.clip((1.0 - weights).mean(), *bounds))
-    fraction = float(np.clip(_fraction(off, odds), *bounds))
-    # from a start without persistence: what is left of neighbouring outliers beyond chance shows it
+    fraction = float(np.clip(_fit_fraction(off, odds), *bounds))
+    # the start has no persistence: neighbouring outliers beyond chance show it
     pairs = (1.0 - weights)[:-1].sum()
     chance = off * pairs
     excess = (together - chance) / (pairs * (1.0 - off) + settings.persistence_pairs * off)
@@ -84,8 +87,8 @@ def update_contact(residual: Array, variance: Array, odds: Array, contact: Conta
 
 
 def isolation_odds(points: Array, size: float, settings: ContactSettings) -> Array:
-    """Factor (n,), at least 1, on the odds of being an outlier of points (n, d) in a chamber of rms radius
-    `size` with few others around them.
+    """Return the factor (n,), at least 1, on the odds of being an outlier of points (n, d) in a chamber of
+    rms radius `size` with few others around them.
 
     Points on the wall fill a surface, those of a floating catheter a volume: the fewer there are in a ball,
     by the median as many as `settings.neighbours`, the larger the share of outliers among them (a Poisson
@@ -107,8 +110,8 @@ def isolation_odds(points: Array, size: float, settings: ContactSettings) -> Arr
 def inside_point_weights(
     points: Array, outside: NDArray[np.bool_], size: float, settings: ContactSettings
 ) -> Array:
-    """Weight (n,), up to 1, of each of the `inside` points (n, d) that a surface of rms radius `size` leaves
-    outside.
+    """Return the weight (n,), up to 1, of each of the `inside` points (n, d) that a surface of rms radius
+    `size` leaves outside.
 
     Of many noisy points along a wall the outermost lie beyond it. So each that is outside is outweighed by
     one nearby that is inside; and a crowd that is outweighed still counts as one point.
@@ -125,8 +128,8 @@ def inside_point_weights(
 
 
 def label_energy(weights: Array, residual: Array, odds: Array, contact: Contact) -> float:
-    """What probabilities of contact cost, in nats: surprise at the outliers, priors of the labels and of the
-    inside fraction (Beta, 0 where it is usual), less the labels' entropy.
+    """Return what probabilities of contact cost, in nats: surprise at the outliers, priors of the labels and
+    of the inside fraction (Beta, 0 where it is usual), less the labels' entropy.
     """
     settings = contact.settings
     floating = contact.outlier_density(residual)
@@ -140,9 +143,9 @@ def label_energy(weights: Array, residual: Array, odds: Array, contact: Contact)
     return float(labels.sum() - settings.inside_points * beta)
 
 
-def _fraction(off_wall: float, odds: Array) -> float:
-    """Fraction for points of odds 1 at which points of these odds (n,) are expected off the wall as often as
-    they are; by bisection.
+def _fit_fraction(off_wall: float, odds: Array) -> float:
+    """Find by bisection the outlier fraction, for points of odds 1, at which points of these odds (n,) are
+    expected off the wall as often as they are.
     """
     if (odds == 1.0).all():
         return off_wall
@@ -155,9 +158,9 @@ def _fraction(off_wall: float, odds: Array) -> float:
 
 
 @njit(cache=True, nogil=True)
-def _chain(touching, floating, fraction, persistence):  # type: ignore[no-untyped-def]
-    """Smoothed probability of state 0 (touching) along the chain, and the expected number of floating
-    neighbours.
+def _smooth_chain(touching, floating, fraction, persistence):  # type: ignore[no-untyped-def]
+    """Return the smoothed probability of state 0 (touching) along the chain, and the expected number of
+    floating neighbours.
     """
     n = touching.shape[0]
     stay = fraction + persistence * (1.0 - fraction)  # P(floating | floating before)

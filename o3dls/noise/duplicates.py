@@ -17,8 +17,8 @@ DEFAULTS = DuplicateSettings()
 def duplicate_distance(
     xyz: Array, kind: NDArray[np.str_], size: float, settings: DuplicateSettings = DEFAULTS
 ) -> float:
-    """Distance within which points are of one place: the largest within which there are more pairs than
-    chance makes; 0 without any.
+    """Return the distance within which points are of one place: the largest within which there are more pairs
+    than chance makes; 0 without any.
 
     Noise scatters points in all directions, so that neighbours at random are rarer than the ring around them
     has it: by the square of the radius over an area, by the radius itself along contours and a dragged
@@ -32,7 +32,7 @@ def duplicate_distance(
     radii = size * np.outer([1.0, settings.ring**0.5, settings.ring], settings.distances)
     pairs = np.empty(radii.size)
     order = np.argsort(radii.ravel())
-    # of all radii in one pass
+    # pairs within every radius, counted in one pass
     pairs[order] = (tree.count_neighbors(tree, radii.ravel()[order]) - tree.n) / 2.0
     near, middle, wide = pairs.reshape(radii.shape)
     line, area = settings.ring**0.5, settings.ring ** (0.5 * (xyz.shape[1] - 1))
@@ -44,9 +44,9 @@ def duplicate_distance(
 
 
 def distinct_places(xyz: Array, kind: NDArray[np.str_], within: float) -> tuple[Ints, Ints]:
-    """Rows of the first point of every place and type, in order, and which of these (n,) each point is.
-    Points further down change no place of those before. Points `inside` share a place only where they are
-    equal.
+    """Return the rows of the first point of every place and type, in order, and which of these (n,) each
+    point is. Points further down change no place of those before. Points `inside` share a place only where
+    they are equal.
     """
     _, first, same = np.unique(_by_type(xyz, kind, 1.0), axis=0, return_index=True, return_inverse=True)
     order = np.argsort(first)
@@ -67,5 +67,5 @@ def distinct_places(xyz: Array, kind: NDArray[np.str_], within: float) -> tuple[
 
 
 def _by_type(xyz: Array, kind: NDArray[np.str_], distance: float) -> Array:
-    """Positions (n, d + 1) in which points of different types are farther apart than a distance."""
+    """Return positions (n, d + 1) in which points of different types are farther apart than a distance."""
     return np.column_stack([xyz, 2.0 * distance * np.unique(kind, return_inverse=True)[1]])

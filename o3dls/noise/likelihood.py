@@ -30,7 +30,7 @@ class Likelihood:
     one_sided: NDArray[np.bool_]
 
     def loss(self, distance: Array) -> Array:
-        """-log p (n,) of signed distances (n,)."""
+        """Return -log p (n,) of signed distances (n,)."""
         return losses(distance, *self.numbers)  # type: ignore[no-any-return]
 
     @cached_property
@@ -42,8 +42,8 @@ class Likelihood:
 
 @njit(cache=True, nogil=True)
 def losses(distance, sigma, one_sided, fraction, outside, inside):  # type: ignore[no-untyped-def]
-    """-log p (n,) of signed distances (n,): outliers, a `fraction` of all, have the densities `outside` and
-    `inside`; being inside is no fault of those known to be.
+    """Return -log p (n,) of signed distances (n,): outliers, a `fraction` of all, have the densities
+    `outside` and `inside`; being inside is no fault of those known to be.
     """
     loss = np.empty(len(distance))
     for i in range(len(distance)):

@@ -45,7 +45,7 @@ def fit_mixture(
     density = Contact.expected(radius, contact).outlier_density(np.asarray(signed, dtype=np.float64))
     least = settings.least_noise * radius
     bounds = contact.least_fraction, contact.most_fraction
-    sigma, fraction = _fit(
+    sigma, fraction = _fit_mixture(
         signed,
         density,
         max(robust_sd(signed), least),
@@ -55,17 +55,17 @@ def fit_mixture(
         settings.iterations,
         settings.tolerance,
     )
-    return Mixture(_posterior(signed, density, loosening * sigma, fraction), sigma, fraction)
+    return Mixture(_inlier_probability(signed, density, loosening * sigma, fraction), sigma, fraction)
 
 
-def _posterior(signed: Array, density: Array, sigma: float, fraction: float) -> Array:
+def _inlier_probability(signed: Array, density: Array, sigma: float, fraction: float) -> Array:
     inlier = (1.0 - fraction) * np.exp(-0.5 * (signed / sigma) ** 2) / (SQRT_2PI * sigma)
     return np.asarray(inlier / (inlier + fraction * density))
 
 
 @njit(cache=True, nogil=True)
-def _fit(signed, density, sigma, fraction, least, bounds, iterations, tolerance):  # type: ignore[no-untyped-def]
-    """Noise and outlier fraction at rest."""
+def _fit_mixture(signed, density, sigma, fraction, least, bounds, iterations, tolerance):  # type: ignore[no-untyped-def]
+    """Fit noise and outlier fraction until they rest."""
     n = len(signed)
     for _ in range(iterations):
         total = 0.0

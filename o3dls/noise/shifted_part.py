@@ -26,21 +26,21 @@ class MapPart:
     landmarks: Landmarks = "stay"
 
     def key(self, points: Array, order: Array) -> Array:
-        """What `beyond` cuts: place along the direction, or in the order, of points (n, d)."""
+        """Return what `beyond` cuts: place along the direction, or in the order, of points (n, d)."""
         return np.asarray(order if self.direction is None else points @ self.direction, dtype=np.float64)
 
     def holds(self, points: Array, order: Array) -> Mask:
-        """Which of the points (n, d), taken in an order (n,), are in the part."""
+        """Return which of the points (n, d), taken in an order (n,), are in the part."""
         return np.asarray(self.key(points, order) > self.beyond)
 
     def holds_marks(self, marks: Array) -> Mask:
-        """Which of the measured landmarks (k, d) move along."""
+        """Return which of the measured landmarks (k, d) move along."""
         if self.landmarks == "part" and self.direction is not None:
             return np.asarray(marks @ self.direction > self.beyond)
         return np.full(len(marks), self.landmarks == "move")
 
     def other_side(self) -> MapPart:
-        """The points on the other side of a plane, with the landmarks that this part leaves."""
+        """Return the points on the other side of a plane, with the landmarks that this part leaves."""
         assert self.direction is not None
         swapped: dict[Landmarks, Landmarks] = {"stay": "move", "move": "stay", "part": "part"}
         return MapPart(-self.direction, -self.beyond, swapped[self.landmarks])
@@ -60,19 +60,21 @@ class MapShift:
     total: int
 
     def without(self, points: Array, order: Array, marks: Mask) -> Array:
-        """The points (n, d), taken in an order (n,), some of them landmarks, with the offset taken out."""
+        """Return the points (n, d), taken in an order (n,), some of them landmarks, with the offset taken
+        out.
+        """
         moved = self.part.holds(points, order)
         moved[marks] = self.part.holds_marks(points[marks])
         return np.asarray(points - moved[:, None] * self.offset)
 
     def other_side(self) -> MapShift:
-        """The same shift seen from the other side of a plane: that part stays, and this one moves back."""
+        """Return this shift seen from the other side of a plane: that part stays, and this one moves back."""
         return replace(
             self, part=self.part.other_side(), offset=-self.offset, points=self.total - self.points
         )
 
     def record(self) -> dict[str, Any]:
-        """The shift as run.json holds it."""
+        """Return the shift as run.json holds it."""
         part = self.part
         return {
             "direction": None if part.direction is None else part.direction.tolist(),
@@ -86,22 +88,23 @@ class MapShift:
         }
 
     def sentence(self, unit: str) -> str:
-        """Which points are shifted, by how much and where to."""
+        """Return which points are shifted, by how much and where to."""
         length = float(np.linalg.norm(self.offset))
         spread = float(np.sqrt((self.sd**2).mean()))
+        along, offset = _format_numbers(self.offset / length, 2), _format_numbers(self.offset, 1)
         return (
-            f"{self.points} of {self.total} points, {self._where(unit)}, lie {length:.1f} {unit} off the "
-            f"others, along ({_numbers(self.offset / length, 2)}), offset ({_numbers(self.offset, 1)}) "
+            f"{self.points} of {self.total} points, {self._describe_part(unit)}, lie {length:.1f} {unit} "
+            f"off the others, along ({along}), offset ({offset}) "
             f"± {spread:.1f} {unit} (evidence {self.evidence:.0f} nats)"
         )
 
-    def _where(self, unit: str) -> str:
+    def _describe_part(self, unit: str) -> str:
         part = self.part
         if part.direction is None:
             first = int(np.floor(part.beyond)) + 2
             return f"those taken from point {first} of the file on"
-        return f"those beyond the plane ({_numbers(part.direction, 2)})·x = {part.beyond:.1f} {unit}"
+        return f"those beyond the plane ({_format_numbers(part.direction, 2)})·x = {part.beyond:.1f} {unit}"
 
 
-def _numbers(values: Array, digits: int) -> str:
+def _format_numbers(values: Array, digits: int) -> str:
     return ", ".join(f"{value + 0.0:.{digits}f}" for value in np.round(values, digits))

@@ -12,7 +12,9 @@ SEED = 20_261_124
 
 
 def nearest(points: Array, places: Array, count: int) -> tuple[Array, Ints]:
-    """Distances (n, count) and rows (n, count) of the points nearest to places (n, 3), from near to far."""
+    """Return the distances (n, count) and rows (n, count) of the points nearest to places (n, 3), from near
+    to far.
+    """
     each = np.arange(1, count + 1)
     gap, rows = KDTree(points).query(places, k=each, workers=threads_for(len(places)))
     return np.asarray(gap), np.asarray(rows)

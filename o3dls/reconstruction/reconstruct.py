@@ -42,7 +42,7 @@ class _Given:
     settings: ReconstructionSettings
 
     def enough(self, weights: Array) -> bool:
-        """Whether as many points are believed, by probabilities (n,), as tell a wall by themselves."""
+        """Return whether as many points are believed, by probabilities (n,), as tell a wall by themselves."""
         return bool((weights > 0.5).sum() >= self.settings.least_points)
 
 
@@ -68,7 +68,7 @@ def reconstruct(
     wall = oriented_by_others(points, believed.noise, weights, prior, settings)
     chosen = amplitudes(wall, prior, scale, settings)
     wall = replace(wall, amplitude=chosen.at)
-    asked = _asked(given, wall, chosen.gain)
+    asked = _weigh_evidence(given, wall, chosen.gain)
     if asked is None:
         return None
     gain, residual = asked
@@ -78,15 +78,16 @@ def reconstruct(
     wall, sigma, contact = believed_at_last
     touching = wall.of(wall.weights > 0.5)
     lengths = scale.wall_lengths(touching.noise, settings.splines)
-    touching, field = _followed(given, touching, lengths, contact)
+    touching, field = _follow_points(given, touching, lengths, contact)
     inside, between = believed.inside.points, scale.between
     known = radius, between, lengths, inside, contact, believed.template
     return Reconstruction(prior, field, touching, sigma, wall.weights, gain, *known)
 
 
-def _asked(given: _Given, wall: Oriented, field_gain: float) -> tuple[float, Array] | None:
-    """By how many nats points are predicted better than by the moved prior alone, and their signed distances
-    (n,) from the wall that others make; None where that is too little evidence for a reconstruction.
+def _weigh_evidence(given: _Given, wall: Oriented, field_gain: float) -> tuple[float, Array] | None:
+    """Weigh by how many nats points are predicted better than by the moved prior alone, and find their signed
+    distances (n,) from the wall that others make; None where that is too little evidence for a
+    reconstruction.
 
     field_gain: nats of the points near the moved prior.
     """
@@ -99,7 +100,7 @@ def _asked(given: _Given, wall: Oriented, field_gain: float) -> tuple[float, Arr
             lacking = surplus(prior.box, touching, prior, *lengths, settings.surplus)[1]
             gain += lacking
             absent = lacking > 0.0
-        # most maps ask for nothing: even points that lay exactly on the new wall would not be evidence enough
+        # most maps end here: even if points lay exactly on the new wall, they would not be evidence enough
         exact = np.zeros(len(wall.feet))
         if not absent and gain + gain_off_prior(wall, prior, exact, contact, settings) < settings.evidence:
             return None
@@ -112,8 +113,8 @@ def _asked(given: _Given, wall: Oriented, field_gain: float) -> tuple[float, Arr
 def _who_touches(
     given: _Given, wall: Oriented, noise: Array, residual: Array
 ) -> tuple[Oriented, float, Contact] | None:
-    """The wall of the points that touch, by predictions of each from the others; their noise and the mixture.
-    None where too few are left.
+    """Return the wall of the points that touch, by predictions of each from the others, with their noise and
+    the mixture; None where too few are left.
     """
     prior, scale, settings, contact = given.prior, given.scale, given.settings, given.believed.contact
     sigma, weights = float(np.median(noise)), wall.weights
@@ -122,7 +123,7 @@ def _who_touches(
         lengths = scale.lengths(touching.noise, settings.splines)
         field = fitted(touching, prior, scale, settings, lengths)
         fit = distance_over(wall, prior, field)
-        factor, apart = _noise(fit, residual, noise, weights)
+        factor, apart = _estimate_noise(fit, residual, noise, weights)
         sigma = factor * float(np.median(noise))
         variance = (factor * noise) ** 2 + apart
         weights, contact = update_contact(residual, variance, given.believed.odds, contact)
@@ -133,11 +134,11 @@ def _who_touches(
     return wall, sigma, contact
 
 
-def _followed(
+def _follow_points(
     given: _Given, touching: Oriented, lengths: list[float], contact: Contact
 ) -> tuple[Oriented, SplineField]:
-    """The points with the normals of the wall that they make, and the field on lattices of some widths that
-    follows them and leaves no point outside that is known to be inside.
+    """Fit the field on lattices of some widths to the points, with the normals of the wall that they make,
+    until no point known to be inside is left outside; return both.
     """
     prior, scale, settings = given.prior, given.scale, given.settings
     field = fitted(touching, prior, scale, settings, lengths)
@@ -156,7 +157,9 @@ def _followed(
 def _left_outside(
     inside: Inside, wall: Oriented, prior: MovedPrior, field: SplineField, contact: Contact
 ) -> OffSurface:
-    """Points known to be inside that the wall of a field leaves outside: it goes through them at least."""
+    """Find the points known to be inside that the wall of a field leaves outside; it must go through them at
+    least.
+    """
     phi = phi_at(inside.points, prior, field)
     outside = phi > 0.0
     radius = rms_radius(prior.surface.vertices)
@@ -176,7 +179,7 @@ def oriented_by_others(
     settings: ReconstructionSettings,
     before: Oriented | None = None,
 ) -> Oriented:
-    """The points with outward normals, found among the believed ones; `before`: what they were."""
+    """Return the points with outward normals, found among the believed ones; `before`: what they were."""
     radius = rms_radius(prior.surface.vertices)
     chosen = settings.normals
     believed = weights > 0.5
@@ -198,8 +201,8 @@ def oriented_by_others(
     return Oriented(feet, heights, normals, tilt, noise, weights, amplitude)
 
 
-def _noise(fit: Array, residual: Array, noise: Array, weights: Array) -> tuple[float, float]:
-    """Factor on the noise (n,), and the variance of the wall that others predict.
+def _estimate_noise(fit: Array, residual: Array, noise: Array, weights: Array) -> tuple[float, float]:
+    """Estimate the factor on the noise (n,) and the variance of the wall that others predict.
 
     A linear fit leaves (1 - h) of a residual to the wall without the point, whose variance is 1 / (1 - h) of
     the noise: their product is that of the noise. Its median counts, since detail finer than the distance

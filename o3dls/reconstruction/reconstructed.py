@@ -30,8 +30,8 @@ def reconstructed(
     mesh: Mesher,
     settings: ReconstructionSettings = DEFAULTS,
 ) -> Result | None:
-    """The moved prior reconstructed from points; None where these predict each other no better than it does,
-    or it is no single piece. Of handles only those stay or come that points show.
+    """Return the moved prior reconstructed from points; None where these predict each other no better than it
+    does, or it is no single piece. Of handles only those stay or come that points show.
 
     unit: of lengths, in the names of fields; spacing: of the lattice of phi; mesh: what will mesh phi. The
     fields of the wall are the deviation of the reconstruction (`sd`), where the motion leaves one in the same
@@ -51,9 +51,11 @@ def reconstructed(
         phi=phi,
         wall=wall,
         sigma=found.sigma,
-        status=_sentence(found, removed, settings),
+        status=_describe_wall(found, removed, settings),
         converged=True,
-        warnings=_removed(removed, template=found.template) + _filled(filled) + _changed(changes),
+        warnings=_warn_of_removed(removed, template=found.template)
+        + _warn_of_filled(filled)
+        + _warn_of_changes(changes),
         facts={
             "evidence_nats": found.gain,
             "amplitude": float(np.median(found.wall.amplitude)),
@@ -63,15 +65,15 @@ def reconstructed(
             "changes": changes,
         },
         weights=found.weights,
-        fields=lambda places: _fields(places, unit, found, settings),
+        fields=lambda places: _wall_fields(places, unit, found, settings),
         exact=True,
     )
 
 
-def _fields(
+def _wall_fields(
     places: Array, unit: str, found: Reconstruction, settings: ReconstructionSettings
 ) -> dict[str, Array]:
-    """The deviation (n,) of the wall at places (n, 3), and how far they lie outside the moved prior."""
+    """Return the wall's deviation (n,) at places (n, 3), and how far these lie outside the moved prior."""
     surface, sd = found.prior.surface, f"sd_{unit}"
     squared, face, _, weights = found.prior.tree.query(places)
     side = np.where(found.prior.at(places) < 0.0, -1.0, 1.0)
@@ -82,7 +84,7 @@ def _fields(
     return fields
 
 
-def _sentence(found: Reconstruction, removed: int, settings: ReconstructionSettings) -> str:
+def _describe_wall(found: Reconstruction, removed: int, settings: ReconstructionSettings) -> str:
     why = "it predicts left-out points better than the moved prior does"
     if found.template and removed and found.gain < settings.evidence:
         why = "parts of the template are absent from the map"
@@ -92,8 +94,8 @@ def _sentence(found: Reconstruction, removed: int, settings: ReconstructionSetti
     )
 
 
-def _removed(parts: int, *, template: bool) -> tuple[RunWarning, ...]:
-    """A warning where parts were removed."""
+def _warn_of_removed(parts: int, *, template: bool) -> tuple[RunWarning, ...]:
+    """Warn that parts were removed, if any were."""
     if not parts:
         return ()
     were = "1 part of the prior was" if parts == 1 else f"{parts} parts of the prior were"
@@ -103,8 +105,8 @@ def _removed(parts: int, *, template: bool) -> tuple[RunWarning, ...]:
     return (RunWarning("topology-changed", f"{were} removed ({why}): check it in the report"),)
 
 
-def _filled(pockets: int) -> tuple[RunWarning, ...]:
-    """A warning where pockets of the outside were filled."""
+def _warn_of_filled(pockets: int) -> tuple[RunWarning, ...]:
+    """Warn that pockets of the outside were filled, if any were."""
     if not pockets:
         return ()
     were = "1 pocket of the outside was" if pockets == 1 else f"{pockets} pockets of the outside were"
@@ -113,8 +115,8 @@ def _filled(pockets: int) -> tuple[RunWarning, ...]:
 
 
 def _handles_changed(before: int, after: int) -> list[str]:
-    """What became of the handles of the prior, of such an Euler number, in a wall of another; none, if
-    nothing.
+    """Say what became of the handles of the prior, of one Euler number, in a wall of another; nothing if none
+    changed.
     """
     more = (before - after) // 2  # a handle takes two from the Euler number
     if more == 0:
@@ -125,5 +127,5 @@ def _handles_changed(before: int, after: int) -> list[str]:
     return [f"{were} cut that the prior has: points do not show more than are left"]
 
 
-def _changed(changes: list[str]) -> tuple[RunWarning, ...]:
+def _warn_of_changes(changes: list[str]) -> tuple[RunWarning, ...]:
     return tuple(RunWarning("topology-changed", f"{change}; check it in the report") for change in changes)

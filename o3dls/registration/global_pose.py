@@ -38,17 +38,17 @@ class Candidate:
         return self.alignment.T_map_prior
 
     def of_some(self, rows: Ints) -> Candidate:
-        """The same pose with the costs of some points."""
+        """Return this pose with the costs of some points."""
         return Candidate(self.alignment, self.costs[rows])
 
 
 def candidates(points: Array, surface: SurfaceMatcher, *, starts: int, scale: bool) -> list[Candidate]:
-    """Poses of the surface for points (n, d), best first, refined on the exact surface, no two of like
-    rotation.
+    """Return the poses of the surface for points (n, d), best first, refined on the exact surface, no two of
+    like rotation.
     """
     middle = surface.surface.vertices.mean(axis=0)
     found = search(points, signed_lattice(surface.surface), middle, surface.radius, starts)
-    refined = [_refined(points, surface, found, row, scale=scale) for row in range(len(found.costs))]
+    refined = [_refine_pose(points, surface, found, row, scale=scale) for row in range(len(found.costs))]
     ranked = sorted(
         (c for c in refined if c is not None), key=lambda candidate: float(candidate.costs.mean())
     )
@@ -64,10 +64,10 @@ def candidates(points: Array, surface: SurfaceMatcher, *, starts: int, scale: bo
     return apart
 
 
-def _refined(
+def _refine_pose(
     points: Array, surface: SurfaceMatcher, found: Poses, row: int, *, scale: bool
 ) -> Candidate | None:
-    """The pose after ICP; None where ICP cannot go on from it."""
+    """Refine a pose by ICP; return None where ICP cannot go on from it."""
     try:
         alignment = align(
             points,
@@ -84,13 +84,13 @@ def _refined(
 
 
 def robust_costs(distances: Array, radius: float) -> Array:
-    """Geman-McClure costs (n,) in [0, 1] of distances (n,) from a surface of this rms radius."""
+    """Return Geman-McClure costs (n,) in [0, 1] of distances (n,) from a surface of this rms radius."""
     ratio = (distances / (WIDTHS[1] * radius)) ** 2
     return np.asarray(ratio / (1.0 + ratio))
 
 
 def angle_of(a: Array, b: Array) -> float:
-    """Angle in radians between the rotations of two similarity matrices (d+1, d+1)."""
+    """Return the angle in radians between the rotations of two similarity matrices (d+1, d+1)."""
     turn = (a[:-1, :-1] / scale_of(a)).T @ (b[:-1, :-1] / scale_of(b))
     if len(turn) == 2:
         return float(abs(np.arctan2(turn[1, 0], turn[0, 0])))
@@ -98,8 +98,8 @@ def angle_of(a: Array, b: Array) -> float:
 
 
 def confidence(best: Array, other: Array, points: Array) -> float:
-    """Probability that a pose of costs `best` (n,) is better than one of costs `other` for new points like
-    these: a paired test between blocks of neighbours, 0.5 where nothing tells them apart.
+    """Return the probability that a pose of costs `best` (n,) is better than one of costs `other` for new
+    points like these: a paired test between blocks of neighbours, 0.5 where nothing tells them apart.
     """
     centres = thinned(points, BLOCKS)
     block = ((points[:, None] - centres[None]) ** 2).sum(axis=2).argmin(axis=1)
@@ -110,7 +110,7 @@ def confidence(best: Array, other: Array, points: Array) -> float:
 
 
 def mirrored(surface: SurfaceMatcher) -> SurfaceMatcher:
-    """The mirror image of a surface (first axis turned round), wound outward."""
+    """Return the mirror image of a surface (first axis turned round), wound outward."""
     flip = np.eye(surface.surface.dimension + 1)
     flip[0, 0] = -1.0
     return SurfaceMatcher(surface.surface.transformed(flip))

@@ -28,13 +28,13 @@ Belief = Callable[[Factors, float], Array]
 
 
 def equal(factors: Factors, loosening: float) -> Array:
-    """Every pair counts the same."""
+    """Give every pair the same weight."""
     return np.ones(len(factors.pairs.points))
 
 
 def m_estimator(kernel: str, width: float | None = None) -> Belief:
-    """Weights of a robust kernel whose `width` is in robust standard deviations of the residuals (None: 95 %
-    efficient).
+    """Return the weights of a robust kernel whose `width` is in robust standard deviations of the residuals
+    (None: 95 % efficient).
     """
     factor = EFFICIENT_95[kernel] if width is None else width
     return lambda factors, loosening: kernel_weights(
@@ -43,7 +43,9 @@ def m_estimator(kernel: str, width: float | None = None) -> Belief:
 
 
 def wall_or_cavity(radius: float) -> Belief:
-    """Probability that a point lies on the wall, not in the cavity of a surface of this rms radius."""
+    """Return the probability that a point lies on the wall, not in the cavity of a surface of this rms
+    radius.
+    """
     from ..noise.mixture import fit_mixture
 
     return lambda factors, loosening: fit_mixture(factors.pairs.signed, radius, loosening=loosening).weights
@@ -99,26 +101,28 @@ def align(
     for iteration in range(criteria.iterations):
         loosening = criteria.loosening(iteration)
         factors = metric(pairs)
-        weights = _weights(factors, rules, belief, loosening)
+        weights = _weigh_pairs(factors, rules, belief, loosening)
         delta = solve(factors, weights, body.at(T_map_prior), freedom, share)
         last = moved
         moved = apply(delta, pairs.feet) - pairs.feet
         if not np.isfinite(moved).all():
             raise SolverError(f"icp: iteration {iteration + 1} gave a step that is not finite")
-        trace.append(_record(pairs, weights, moved, loosening))
+        trace.append(_record_step(pairs, weights, moved, loosening))
         T_map_prior = delta @ T_map_prior
         pairs = surface.match(points, T_map_prior, pairs)
         if trace[-1]["step"] <= criteria.tolerance and loosening == 1.0:
             converged = True
             break
-        # a point that hops between two walls: the minimum is the kink between them
+        # a point hops between two walls, and the minimum is the kink between them: take half steps
         if _turns_back(last, moved):
             share *= 0.5
-    return Alignment(T_map_prior, pairs, _weights(metric(pairs), rules, belief, 1.0), tuple(trace), converged)
+    return Alignment(
+        T_map_prior, pairs, _weigh_pairs(metric(pairs), rules, belief, 1.0), tuple(trace), converged
+    )
 
 
-def _weights(factors: Factors, rules: tuple[Rule, ...], belief: Belief, loosening: float) -> Array:
-    """Product of the rules' masks and the beliefs, (n,)."""
+def _weigh_pairs(factors: Factors, rules: tuple[Rule, ...], belief: Belief, loosening: float) -> Array:
+    """Return the product (n,) of the rules' masks and the beliefs."""
     pairs = factors.pairs
     keep = (
         np.logical_and.reduce([rule(pairs, loosening) for rule in rules])
@@ -135,11 +139,11 @@ def _weights(factors: Factors, rules: tuple[Rule, ...], belief: Belief, loosenin
 
 
 def _turns_back(last: Array, moved: Array) -> bool:
-    """True where a step mostly undoes the one before."""
+    """Say whether a step mostly undoes the one before."""
     return bool((last * moved).sum() < -0.5 * np.linalg.norm(last) * np.linalg.norm(moved))
 
 
-def _record(pairs: Pairs, weights: Array, moved: Array, loosening: float) -> Mapping[str, float]:
+def _record_step(pairs: Pairs, weights: Array, moved: Array, loosening: float) -> Mapping[str, float]:
     kept = weights > KEPT
     step = float(np.linalg.norm(moved, axis=1).max())
     rms = float(np.sqrt((weights @ pairs.distances**2) / weights.sum()))

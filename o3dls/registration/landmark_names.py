@@ -45,49 +45,49 @@ PLACES: Mapping[str, Sequence[str]] = {
 }
 
 
-def _words(name: str) -> list[str]:
+def _split_words(name: str) -> list[str]:
     words = re.split(r"[\s_\-.,()]+", name.casefold())
     return sorted(part for word in words for part in WORDS.get(word, word).split())
 
 
-KNOWN = {tuple(_words(name)): place for place, more in PLACES.items() for name in (place, *more)}
+KNOWN = {tuple(_split_words(name)): place for place, more in PLACES.items() for name in (place, *more)}
 
 
 def is_known(name: str) -> bool:
-    """Whether a name is in the table, or that of the ostium of a place there."""
+    """Return whether a name is in the table, or that of the ostium of a place there."""
     return _without_ostium(name) in KNOWN
 
 
 def _without_ostium(name: str) -> tuple[str, ...]:
-    return tuple(word for word in _words(name) if word != "ostium")
+    return tuple(word for word in _split_words(name) if word != "ostium")
 
 
-def _place(name: str) -> str:
-    """What a name means: a place of the table or its ostium, else its letters, whatever their case and
+def _place_meant(name: str) -> str:
+    """Return what a name means: a place of the table or its ostium, else its letters, whatever their case and
     spaces.
     """
     known = KNOWN.get(_without_ostium(name))
     if known is None:
         return " ".join(name.casefold().replace("_", " ").split())
-    return f"{known} ostium" if "ostium" in _words(name) else known
+    return f"{known} ostium" if "ostium" in _split_words(name) else known
 
 
 def _place_or_vein(name: str) -> str:
-    """As `_place`, with the ostium of a vein as the vein; what is the ostium of another place is not the
-    place.
+    """Return what `_place_meant` does, but the vein for the ostium of a vein. The ostium of another place is
+    not that place.
     """
     known = KNOWN.get(_without_ostium(name))
-    return known if known in VEINS else _place(name)
+    return known if known in VEINS else _place_meant(name)
 
 
 def partners(names: Sequence[str], others: Sequence[str]) -> dict[int, int]:
-    """Index of each name that has a partner among the others -> the partner's index.
+    """Map the index of each name that has a partner among the others to the partner's index.
 
     Equal names are partners, then those that mean the same, then a vein and its ostium; each only where one
     name of either side is left that could be.
     """
     found: dict[int, int] = {}
-    for meaning in (str, _place, _place_or_vein):
+    for meaning in (str, _place_meant, _place_or_vein):
         mine = {i: meaning(name) for i, name in enumerate(names) if i not in found}
         theirs = {j: meaning(name) for j, name in enumerate(others) if j not in found.values()}
         often = Counter(mine.values()), Counter(theirs.values())
@@ -97,6 +97,6 @@ def partners(names: Sequence[str], others: Sequence[str]) -> dict[int, int]:
 
 
 def alone(names: Sequence[str], others: Sequence[str]) -> list[str]:
-    """The names without a partner among the others."""
+    """Return the names without a partner among the others."""
     paired = partners(names, others)
     return [name for i, name in enumerate(names) if i not in paired]

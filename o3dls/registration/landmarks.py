@@ -45,12 +45,14 @@ class Reading:
 
 
 def errors(prior: Array, measured: Array, matrix: Array) -> Array:
-    """Distances (n,) of the moved prior landmarks (n, d) from the measured ones."""
+    """Return the distances (n,) of the moved prior landmarks (n, d) from the measured ones."""
     return np.asarray(np.linalg.norm(apply(matrix, prior) - measured, axis=1))
 
 
 def leave_one_out(prior: Array, measured: Array, weights: Array, *, scale: bool) -> Array:
-    """Error (n,) of each landmark under the fit to all others; NaN where the others fix no pose."""
+    """Return the error (n,) of each landmark under the fit to all others; NaN where the others fix no
+    pose.
+    """
     out = np.full(len(prior), np.nan)
     for i in range(len(prior)):
         rest = np.arange(len(prior)) != i
@@ -61,7 +63,7 @@ def leave_one_out(prior: Array, measured: Array, weights: Array, *, scale: bool)
 
 
 def determined(points: Array) -> bool:
-    """True where points (n, d) fix a rotation: not all on one line in 3D, not all in one place in 2D."""
+    """Say whether points (n, d) fix a rotation: not all on one line in 3D, not all in one place in 2D."""
     d = points.shape[1]
     if len(points) < d:
         return False
@@ -70,13 +72,13 @@ def determined(points: Array) -> bool:
 
 
 def fix_a_pose(prior: Array, measured: Array) -> bool:
-    """Whether landmark pairs (k, d) fix a pose."""
+    """Return whether landmark pairs (k, d) fix a pose."""
     return len(prior) >= 3 and determined(prior) and determined(measured)
 
 
 def readings(prior: Array, measured: Array, weights: Array, *, scale: bool) -> list[Reading]:
-    """Every reading of landmarks (n, d), as named first."""
-    orders = _orders(len(prior))
+    """Yield every reading of landmarks (n, d), as named first."""
+    orders = _list_orders(len(prior))
     found = []
     for mirrored in (False, True):
         flip = np.diag([-1.0 if mirrored else 1.0, *np.ones(prior.shape[1])])
@@ -94,7 +96,7 @@ def readings(prior: Array, measured: Array, weights: Array, *, scale: bool) -> l
 def better_reading(
     found: list[Reading], radius: float, costs: Callable[[Reading], Array] | None, points: Array
 ) -> Reading | None:
-    """The reading that should replace the names, None where they stand.
+    """Return the reading that should replace the names, None where they stand.
 
     Names fall where another reading halves the error of the landmarks, whose rms radius is `radius`, unless
     the points say no; or where the points are sure of a reading that fits the landmarks about as well: an
@@ -127,8 +129,8 @@ def better_reading(
     return rivals[best] if sure or (accused and not twice and gain < 1.0) else None
 
 
-def _orders(n: int) -> list[tuple[int, ...]]:
-    """Orders to try, the identity first."""
+def _list_orders(n: int) -> list[tuple[int, ...]]:
+    """List the orders to try, the identity first."""
     if n <= ALL_ORDERS:
         return list(permutations(range(n)))
     orders = [list(range(n))]

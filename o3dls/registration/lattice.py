@@ -29,8 +29,8 @@ class Lattice:
 
 
 def signed_lattice(surface: Surface) -> Lattice:
-    """Distances of the nodes around a surface of vertices (n, d); inside is where the nearest face looks
-    away.
+    """Return the distances of the nodes around a surface of vertices (n, d); inside is where the nearest face
+    looks away.
     """
     d = surface.dimension
     margin = MARGIN * rms_radius(surface.vertices)
@@ -56,7 +56,9 @@ def signed_lattice(surface: Surface) -> Lattice:
 
 @njit(cache=True)
 def sample(phi, low, spacing, x, y, z):  # type: ignore[no-untyped-def]
-    """Trilinear signed distance and its gradient; outside the lattice the distance to it is added."""
+    """Return the trilinear signed distance and its gradient; outside the lattice the distance to it is
+    added.
+    """
     u, v, w = (x - low[0]) / spacing, (y - low[1]) / spacing, (z - low[2]) / spacing
     uc = min(max(u, 0.0), phi.shape[0] - 1.000001)
     vc = min(max(v, 0.0), phi.shape[1] - 1.000001)

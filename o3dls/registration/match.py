@@ -25,7 +25,7 @@ class Pairs:
     faces: Ints
 
     def of(self, rows: Ints) -> Pairs:
-        """The pairs of the given rows."""
+        """Return the pairs of the given rows."""
         return Pairs(self.points[rows], self.feet[rows], self.normals[rows], self.faces[rows])
 
     @property
@@ -54,19 +54,19 @@ class SurfaceMatcher:
         self.radius = rms_radius(surface.vertices)
 
     def match(self, points: Array, T_map_prior: Array, last: Pairs | None = None) -> Pairs:
-        """Pairs of points (n, d) in the map frame with the surface moved by `T_map_prior`; the pairs of a
-        pose nearby save time.
+        """Return the pairs of points (n, d) in the map frame with the surface moved by `T_map_prior`; the
+        pairs of a pose nearby save time.
         """
         local = apply(np.asarray(np.linalg.inv(T_map_prior)), points)
         _, faces, feet, _ = self.tree.query(local, hint=None if last is None else last.faces)
-        normals = self._normals(local - feet, faces) @ T_map_prior[:-1, :-1].T / scale_of(T_map_prior)
+        normals = self._outward_normals(local - feet, faces) @ T_map_prior[:-1, :-1].T / scale_of(T_map_prior)
         return Pairs(points, apply(T_map_prior, feet), normals, faces)
 
-    def _normals(self, gaps: Array, faces: Ints) -> Array:
-        """Outward unit normals: the gap's own direction, which varies smoothly where face normals jump (a
-        step that sees the jumps never comes to rest), or the face's normal where the point lies on it.
+    def _outward_normals(self, gaps: Array, faces: Ints) -> Array:
+        """Return outward unit normals: the gap's own direction, which varies smoothly where face normals jump
+        (a step that sees the jumps never comes to rest), or the face's normal where the point lies on it.
         """
-        corners = self.surface.faces[faces]  # of 250 faces, not of all
+        corners = self.surface.faces[faces]  # the 250 faces in question, not all
         flat = Surface(
             self.surface.vertices[corners.ravel()], np.arange(corners.size).reshape(corners.shape)
         ).face_normals

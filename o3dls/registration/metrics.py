@@ -39,40 +39,42 @@ Metric = Callable[[Pairs], Factors]
 
 
 def point_to_point(pairs: Pairs) -> Factors:
-    """Distance between point and foot (Besl and McKay 1992)."""
+    """Return the distance between point and foot (Besl and McKay 1992)."""
     n, d = pairs.points.shape
     return Factors(pairs, np.broadcast_to(np.eye(d), (n, d, d)), closed_form=True)
 
 
 def point_to_plane(pairs: Pairs) -> Factors:
-    """Distance of the point from the tangent plane at its foot (Chen and Medioni 1992)."""
-    return Factors(pairs, _outer(pairs.normals))
+    """Return the distance of the point from the tangent plane at its foot (Chen and Medioni 1992)."""
+    return Factors(pairs, _outer_products(pairs.normals))
 
 
 def symmetric(point_normals: Array) -> Metric:
-    """Distance along the mean of surface normal and point normal (n, d), the rotation shared by both sides
-    (Rusinkiewicz 2019).
+    """Return the distance along the mean of surface normal and point normal (n, d), the rotation shared by
+    both sides (Rusinkiewicz 2019).
     """
 
     def factors(pairs: Pairs) -> Factors:
         along = (pairs.normals * point_normals).sum(axis=1, keepdims=True) >= 0.0
         return Factors(
-            pairs, _outer(0.5 * (pairs.normals + np.where(along, point_normals, -point_normals))), lever=0.5
+            pairs,
+            _outer_products(0.5 * (pairs.normals + np.where(along, point_normals, -point_normals))),
+            lever=0.5,
         )
 
     return factors
 
 
 def generalized(point_normals: Array, thickness: float = 0.05) -> Metric:
-    """Mahalanobis distance between two patches that are flat but for a relative variance `thickness` (Segal
-    2009).
+    """Weigh gaps by the Mahalanobis distance between two patches that are flat but for a relative variance
+    `thickness` (Segal 2009).
     """
 
     def flat(normals: Array) -> Array:
-        return np.asarray(np.eye(normals.shape[1]) - (1.0 - thickness) * _outer(normals))
+        return np.asarray(np.eye(normals.shape[1]) - (1.0 - thickness) * _outer_products(normals))
 
     return lambda pairs: Factors(pairs, np.asarray(np.linalg.inv(flat(pairs.normals) + flat(point_normals))))
 
 
-def _outer(vectors: Array) -> Array:
+def _outer_products(vectors: Array) -> Array:
     return np.asarray(vectors[:, :, None] * vectors[:, None, :])

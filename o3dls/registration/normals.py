@@ -8,7 +8,9 @@ from ..arrays import Array
 
 
 def point_normals(points: Array, neighbours: int = 12) -> Array:
-    """Unoriented unit normals (n, d): the direction of least spread of each point's nearest neighbours."""
+    """Return unoriented unit normals (n, d): the direction of least spread of each point's nearest
+    neighbours.
+    """
     from scipy.spatial import cKDTree
 
     _, near = cKDTree(points).query(points, k=min(neighbours, len(points)))

@@ -43,21 +43,21 @@ class Direction:
         return self.relative > WEAK
 
     def sentence(self, units: str) -> str:
-        """What a reader should know of a weak direction."""
+        """Return what a reader should know of a weak direction."""
         how = "do not" if self.relative > LOST else "only weakly"
         return (
             f"the points {how} determine the {self.meaning}: standard deviation {self.sd:.2g} {units} over "
-            f"the surface{self._amount()}"
+            f"the surface{self._amount_in_unit()}"
         )
 
-    def _amount(self) -> str:
-        """The same uncertainty in the motion's own unit."""
+    def _amount_in_unit(self) -> str:
+        """Return the uncertainty in the motion's own unit, in words."""
         if self.meaning.startswith("rotation"):
             return f" ({np.degrees(np.linalg.norm(self.turn)):.2g} degrees)"
         return f" ({100.0 * abs(self.log_scale):.2g} %)" if self.meaning == "scale" else ""
 
     def record(self) -> dict[str, Any]:
-        """JSON-ready, lengths in the case's unit, angles in degrees for readers."""
+        """Return a JSON-ready record, lengths in the case's unit, angles in degrees for readers."""
         return {
             "meaning": self.meaning,
             "sd": self.sd,
@@ -71,8 +71,8 @@ class Direction:
 def spectrum(
     pairs: Pairs, weights: Array, vertices: Array, T_map_prior: Array, *, scale: bool
 ) -> list[Direction]:
-    """The directions, least certain first, for independent residuals of the size found; `vertices` (n, d) in
-    the prior frame.
+    """Return the directions, least certain first, for independent residuals of the size found; `vertices` (n,
+    d) in the prior frame.
     """
     d = vertices.shape[1]
     linear = T_map_prior[:-1, :-1]
@@ -99,21 +99,21 @@ def spectrum(
                 twist[:d],
                 twist[parts.turn],
                 log_scale,
-                _meaning(vector, parts, axes, lengths),
+                _name_direction(vector, parts, axes, lengths),
             )
         )
     return found
 
 
 def _principal_axes(vertices: Array) -> tuple[Array, Array]:
-    """Lengths (d,) and unit axes (d, d rows) of the surface, longest first."""
+    """Return the lengths (d,) and unit axes (d, d rows) of the surface, longest first."""
     values, vectors = np.linalg.eigh(np.cov(vertices.T))
     return np.sqrt(values[::-1]), vectors.T[::-1]
 
 
-def _meaning(vector: Array, parts: Twist, axes: Array, lengths: Array) -> str:
-    """Name of the largest part of a direction (in units of surface motion): shift along, rotation about an
-    axis, or scale.
+def _name_direction(vector: Array, parts: Twist, axes: Array, lengths: Array) -> str:
+    """Name the largest part of a direction (in units of surface motion): shift along, rotation about an axis,
+    or scale.
     """
     shift = vector[: parts.d]
     turn = vector[parts.turn]
@@ -134,8 +134,8 @@ def _meaning(vector: Array, parts: Twist, axes: Array, lengths: Array) -> str:
 
 
 def _axis_name(vector: Array, axes: Array, lengths: Array) -> str:
-    """`the long axis` where the vector lies within 30 degrees of an axis that is longer or shorter than the
-    others, else its coordinates.
+    """Return `the long axis` where the vector lies within 30 degrees of an axis that is longer or shorter
+    than the others, else its coordinates.
     """
     unit = vector / np.linalg.norm(vector)
     along = np.abs(axes @ unit)

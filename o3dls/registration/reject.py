@@ -17,12 +17,12 @@ Rule = Callable[[Pairs, float], Mask]
 
 
 def within(threshold: float) -> Rule:
-    """Pairs not farther apart than a constant distance."""
+    """Return the pairs not farther apart than a constant distance."""
     return lambda pairs, loosening: pairs.distances <= threshold * loosening
 
 
 def trimmed(keep: float) -> Rule:
-    """The given fraction of pairs with the smallest distances (Chetverikov 2005)."""
+    """Return the given fraction of pairs with the smallest distances (Chetverikov 2005)."""
 
     def rule(pairs: Pairs, loosening: float) -> Mask:
         count = int(np.ceil(min(1.0, keep * loosening) * len(pairs.points)))
@@ -34,8 +34,8 @@ def trimmed(keep: float) -> Rule:
 
 
 def deviations(multiple: float) -> Rule:
-    """Pairs whose distance is at most the mean plus a multiple of the standard deviation of all distances
-    (Zhang 1994).
+    """Return the pairs whose distance is at most the mean plus a multiple of the standard deviation of all
+    distances (Zhang 1994).
     """
 
     def rule(pairs: Pairs, loosening: float) -> Mask:
@@ -46,7 +46,9 @@ def deviations(multiple: float) -> Rule:
 
 
 def median_deviations(multiple: float) -> Rule:
-    """Pairs whose distance is at most the median plus a multiple of the scaled median absolute deviation."""
+    """Return the pairs whose distance is at most the median plus a multiple of the scaled median absolute
+    deviation.
+    """
 
     def rule(pairs: Pairs, loosening: float) -> Mask:
         distances = pairs.distances
@@ -59,8 +61,8 @@ def median_deviations(multiple: float) -> Rule:
 
 
 def reciprocal(slack: float) -> Rule:
-    """Pairs whose foot has its own point as the nearest measured point, or one at most `slack` times as far
-    (Pajdla 1995).
+    """Return the pairs whose foot has its own point as the nearest measured point, or one at most `slack`
+    times as far (Pajdla 1995).
     """
 
     def rule(pairs: Pairs, loosening: float) -> Mask:
@@ -73,7 +75,9 @@ def reciprocal(slack: float) -> Rule:
 
 
 def normal_angle(limit: float, point_normals: Array) -> Rule:
-    """Pairs whose surface normal and unoriented point normal (n, d) enclose at most `limit` radians."""
+    """Return the pairs whose surface normal and unoriented point normal (n, d) enclose at most `limit`
+    radians.
+    """
 
     def rule(pairs: Pairs, loosening: float) -> Mask:
         cosine = np.abs((pairs.normals * point_normals).sum(axis=1))

@@ -38,13 +38,13 @@ class Poses:
     middle: Array
 
     def T_map_prior(self, row: int, *, scale: bool) -> Array:
-        """One of them as a matrix (d+1, d+1) from prior to map, with its scale or without."""
+        """Return one pose as a matrix (d+1, d+1) from prior to map, with its scale or without."""
         d = len(self.middle)
         linear = self.rotations[row, :d, :d].T / (self.scales[row] if scale else 1.0)
         return similarity(linear, self.middle - linear @ self.shifts[row, :d])
 
     def distinct(self, apart: float, count: int) -> Poses:
-        """The cheapest, cheapest first, whose rotations differ by more than `apart` radians, at most
+        """Return the cheapest, cheapest first, whose rotations differ by more than `apart` radians, at most
         `count`.
         """
         rows: list[int] = []
@@ -58,8 +58,8 @@ class Poses:
 
 
 def search(points: Array, lattice: Lattice, centre: Array, radius: float, starts: int) -> Poses:
-    """Poses of points (n, d) near the surface of this centre (d,) and rms radius, cheapest first, no two
-    alike.
+    """Return the poses of points (n, d) near the surface of this centre (d,) and rms radius, cheapest first,
+    no two alike.
     """
     d = points.shape[1]
     few = thinned(points, THINNED)
@@ -71,15 +71,15 @@ def search(points: Array, lattice: Lattice, centre: Array, radius: float, starts
     rotations = even_rotations(starts, d)
     widths = np.array(WIDTHS) * radius
     begin = Poses(rotations, np.tile(target, (starts, 1)), np.ones(starts), np.zeros(starts), middle)
-    top = _slide(thinned(spatial, THINNED), begin, lattice, widths, ROUNDS[0]).distinct(
+    top = _slide_poses(thinned(spatial, THINNED), begin, lattice, widths, ROUNDS[0]).distinct(
         0.5 * APART, SURVIVORS
     )
-    return _slide(spatial, top, lattice, widths[[1, 1]], ROUNDS[1]).distinct(APART, CANDIDATES)
+    return _slide_poses(spatial, top, lattice, widths[[1, 1]], ROUNDS[1]).distinct(APART, CANDIDATES)
 
 
 def even_rotations(count: int, d: int) -> Array:
-    """Rotation matrices (count, 3, 3) spread evenly: all of them in 3D (super-Fibonacci spirals, Alexa 2022),
-    about z in 2D.
+    """Return the rotation matrices (count, 3, 3) spread evenly: all of them in 3D (super-Fibonacci spirals,
+    Alexa 2022), about z in 2D.
     """
     steps = np.arange(count) + 0.5
     if d == 2:
@@ -100,7 +100,9 @@ def even_rotations(count: int, d: int) -> Array:
 
 
 def thinned(points: Array, count: int) -> Array:
-    """At most `count` points, each as far as can be from those before it: clusters lose their weight."""
+    """Return at most `count` points, each as far as can be from those before it: clusters lose their
+    weight.
+    """
     chosen = [int(np.argmin(((points - np.median(points, axis=0)) ** 2).sum(axis=1)))]
     nearest = ((points - points[chosen[0]]) ** 2).sum(axis=1)
     while len(chosen) < min(count, len(points)):
@@ -109,10 +111,10 @@ def thinned(points: Array, count: int) -> Array:
     return points[chosen]
 
 
-def _slide(points: Array, begin: Poses, lattice: Lattice, widths: Array, steps: int) -> Poses:
-    """The poses after `steps` steps under a kernel that narrows from widths[0] to widths[1]."""
+def _slide_poses(points: Array, begin: Poses, lattice: Lattice, widths: Array, steps: int) -> Poses:
+    """Return the poses after `steps` steps under a kernel that narrows from widths[0] to widths[1]."""
     moved = begin.rotations.copy(), begin.shifts.copy(), begin.scales.copy()
-    costs = _descend(
+    costs = _descend_from_starts(
         np.ascontiguousarray(points),
         *moved,
         lattice.phi,
@@ -127,9 +129,9 @@ def _slide(points: Array, begin: Poses, lattice: Lattice, widths: Array, steps: 
 
 
 @njit(cache=True)
-def _descend(points, rotations, shifts, scales, phi, low, spacing, wide, narrow, steps, scale_sd):  # type: ignore[no-untyped-def]
-    """Gauss-Newton with Geman-McClure weights from every start; changes the poses in place, returns their
-    costs at width `narrow`.
+def _descend_from_starts(points, rotations, shifts, scales, phi, low, spacing, wide, narrow, steps, scale_sd):  # type: ignore[no-untyped-def]
+    """Descend by Gauss-Newton with Geman-McClure weights from every start: change the poses in place, return
+    their costs at width `narrow`.
     """
     costs = np.empty(len(scales))
     hessian = np.empty((7, 7))
@@ -151,10 +153,10 @@ def _descend(points, rotations, shifts, scales, phi, low, spacing, wide, narrow,
                 hessian[a, a] += 1e-3 * hessian[a, a] + 1e-9
             twist = np.linalg.solve(hessian, gradient)
             angle = np.sqrt((twist[3:6] ** 2).sum())
-            if angle > 0.35:  # beyond 20 degrees the tangent planes mean nothing
+            if angle > 0.35:  # larger turns leave the tangent planes' range
                 twist = twist * (0.35 / angle)
                 angle = 0.35
-            rotation[:] = _turned(twist[3:6], angle, rotation)
+            rotation[:] = _turn_rotation(twist[3:6], angle, rotation)
             scale = min(max(scale * np.exp(twist[6]), 0.7), 1.4)
             shift += twist[:3]
         scales[k], costs[k] = scale, cost
@@ -193,8 +195,8 @@ def _normal_equations(points, linear, shift, phi, low, spacing, width, hessian, 
 
 
 @njit(cache=True)
-def _turned(vector, angle, rotation):  # type: ignore[no-untyped-def]
-    """The rotation (3, 3) turned further by a rotation vector of this angle (Rodrigues)."""
+def _turn_rotation(vector, angle, rotation):  # type: ignore[no-untyped-def]
+    """Turn a rotation (3, 3) further by a rotation vector of this angle (Rodrigues)."""
     if angle < 1e-12:
         return rotation.copy()
     x, y, z = vector / angle

@@ -40,7 +40,7 @@ class Body:
 
     @classmethod
     def of(cls, vertices: Array) -> Body:
-        """The body of vertices (n, d), where it rests."""
+        """Return the body of vertices (n, d), where it rests."""
         return cls(
             vertices.mean(axis=0), rms_radius(vertices), strains(vertices), np.eye(vertices.shape[1] + 1)
         )
@@ -57,24 +57,24 @@ class Body:
         return float(np.log(self.scale))
 
     def strained(self, positions: Array) -> Array:
-        """Velocity (n, d, k) of positions (n, d) in the map frame under the unit strains."""
+        """Return the velocity (n, d, k) of positions (n, d) in the map frame under the unit strains."""
         turn = self.T_map_prior[:-1, :-1] / self.scale
         arm = (positions - apply(self.T_map_prior, self.middle[None])) @ turn
         return np.asarray(np.einsum("ij,gjk,nk->nig", turn, self.strains, arm))
 
 
 def best_motion(factors: Factors, weights: Array, body: Body, freedom: Freedom, share: float = 1.0) -> Array:
-    """Matrix (d+1, d+1) of the motion that lessens the factors: the minimum where it is known in closed form,
-    else a `share` of a Newton step.
+    """Return the matrix (d+1, d+1) of the motion that lessens the factors: the minimum where it is known in
+    closed form, else a `share` of a Newton step.
     """
     if factors.closed_form and freedom.freeze is None and freedom.strain_sd is None:
         return _closed_form(factors, weights, body, freedom)
-    return _newton(factors, weights, body, freedom, share)
+    return _newton_step(factors, weights, body, freedom, share)
 
 
 def _closed_form(factors: Factors, weights: Array, body: Body, freedom: Freedom) -> Array:
-    """Weighted Procrustes (Umeyama 1991); the best rotation does not depend on the scale, so the scale's law
-    is applied after it.
+    """Solve weighted Procrustes (Umeyama 1991); the best rotation does not depend on the scale, so the
+    scale's law is applied after it.
     """
     feet, points = factors.pairs.feet, factors.pairs.points
     best = fit_similarity(feet, points, weights, scale=freedom.scale)
@@ -85,20 +85,20 @@ def _closed_form(factors: Factors, weights: Array, body: Body, freedom: Freedom)
     turn = best[:-1, :-1] / scale_of(best)
     log_scale = np.log(scale_of(best)) + body.log_scale
     if freedom.scale_sd is not None:
-        precision = weights @ ((feet - centre) ** 2).sum(axis=1) / _noise(factors, weights) ** 2
+        precision = weights @ ((feet - centre) ** 2).sum(axis=1) / _residual_rms(factors, weights) ** 2
         log_scale *= precision / (precision + freedom.scale_sd**-2)
-    factor = np.exp(_bounded(log_scale, freedom) - body.log_scale)
+    factor = np.exp(_bound_scale(log_scale, freedom) - body.log_scale)
     return similarity(turn, target - factor * turn @ centre, factor)
 
 
-def _newton(factors: Factors, weights: Array, body: Body, freedom: Freedom, share: float) -> Array:
-    """Gauss-Newton step about the middle of the feet, in units of rms surface motion so that lengths and
-    angles compare.
+def _newton_step(factors: Factors, weights: Array, body: Body, freedom: Freedom, share: float) -> Array:
+    """Make a Gauss-Newton step about the middle of the feet, in units of rms surface motion so that lengths
+    and angles compare.
     """
     feet = factors.pairs.feet
     twist = Twist(feet.shape[1], freedom.scale)
     centre = feet.mean(axis=0)
-    noise = _noise(factors, weights)
+    noise = _residual_rms(factors, weights)
     velocities = velocity(factors, twist, centre)
     if freedom.strain_sd is None:
         hessian, gradient = normal_equations(factors, weights, velocities)
@@ -116,19 +116,21 @@ def _newton(factors: Factors, weights: Array, body: Body, freedom: Freedom, shar
     hessian = hessian * np.outer(units, units)
     gradient = gradient * units
     least = 0.0 if freedom.freeze is None else (noise / (freedom.freeze * body.radius * body.scale)) ** 2
-    step = _solve(hessian, gradient, least)
+    step = _solve_determined(hessian, gradient, least)
     if freedom.scale:
-        allowed = (_bounded(body.log_scale + step[-1] * units[-1], freedom) - body.log_scale) / units[-1]
-        if abs(allowed - step[-1]) > 1e-9 * body.radius:  # held at a bound: the rest is solved again
+        allowed = (_bound_scale(body.log_scale + step[-1] * units[-1], freedom) - body.log_scale) / units[-1]
+        # where the scale is at its bound, the rest is solved again
+        if abs(allowed - step[-1]) > 1e-9 * body.radius:
             step = np.append(
-                _solve(hessian[:-1, :-1], gradient[:-1] - hessian[:-1, -1] * allowed, least), allowed
+                _solve_determined(hessian[:-1, :-1], gradient[:-1] - hessian[:-1, -1] * allowed, least),
+                allowed,
             )
     return twist.motion(share * units * step, centre)
 
 
 def _without_strain(hessian: Array, gradient: Array, k: int, stiffness: float) -> tuple[Array, Array]:
-    """The first k unknowns' equations after the others, held to zero with this stiffness, took up what they
-    can (Schur complement).
+    """Return the equations of the first k unknowns once the others, held to zero with this stiffness, took up
+    what they can (Schur complement).
     """
     own = hessian[k:, k:] + stiffness**2 * np.eye(len(hessian) - k)
     taken = np.linalg.solve(own, np.column_stack([hessian[k:, :k], gradient[k:]]))
@@ -136,16 +138,16 @@ def _without_strain(hessian: Array, gradient: Array, k: int, stiffness: float) -
 
 
 def velocity(factors: Factors, twist: Twist, centre: Array) -> Array:
-    """Velocity (n, d, size) of the feet under a twist about `centre`, turned where the metric's lever
-    says.
+    """Return the velocity (n, d, size) of the feet under a twist about `centre`, turned where the metric's
+    lever says.
     """
     pairs = factors.pairs
     return twist.tangent(pairs.feet, centre, turned=pairs.feet + factors.lever * pairs.gaps)
 
 
 def normal_equations(factors: Factors, weights: Array, velocities: Array) -> tuple[Array, Array]:
-    """Hessian (k, k) and descent gradient (k,) of half the metric over motions with these velocities (n, d,
-    k) of the feet.
+    """Return the Hessian (k, k) and descent gradient (k,) of half the metric over motions with these
+    velocities (n, d, k) of the feet.
     """
     pulled = np.matmul(weights[:, None, None] * factors.information, velocities)
     return np.tensordot(pulled, velocities, axes=((0, 1), (0, 1))), np.tensordot(
@@ -153,7 +155,7 @@ def normal_equations(factors: Factors, weights: Array, velocities: Array) -> tup
     )
 
 
-def _solve(hessian: Array, gradient: Array, least: float) -> Array:
+def _solve_determined(hessian: Array, gradient: Array, least: float) -> Array:
     """Solve over the directions that are determined: those with more curvature than `least` and than
     rounding.
     """
@@ -164,11 +166,11 @@ def _solve(hessian: Array, gradient: Array, least: float) -> Array:
     )
 
 
-def _noise(factors: Factors, weights: Array) -> float:
-    """Weighted rms of the residuals; never zero."""
+def _residual_rms(factors: Factors, weights: Array) -> float:
+    """Return the weighted rms of the residuals, which is never zero."""
     return float(max(np.sqrt(weights @ factors.residuals**2 / weights.sum()), 1e-12))
 
 
-def _bounded(log_scale: float, freedom: Freedom) -> float:
+def _bound_scale(log_scale: float, freedom: Freedom) -> float:
     low, high = freedom.scale_bounds
     return float(np.clip(log_scale, np.log(max(low, 1e-300)), np.log(high)))

@@ -24,61 +24,63 @@ FAR_LANDMARK = 15.0  # mm from its place on the result: as of a landmark in anot
 # most in healthy maps; another person's veins are elsewhere
 LANDMARKS_RMS = 4.6
 SIZE = 0.13  # of the logarithm of a scale: no heart is an eighth larger or smaller than it was imaged
-STILL = 0.1  # of the noise, by which a motion that has not converged may move in a round and count as at rest
-FARTHER = 0.1  # mm behind the baseline that is never passed over
-MANY_OUTLIERS = 0.2  # as many as bad contact brings
+STILL = 0.1  # of the noise: a motion that moves less in a round counts as at rest
+FARTHER = 0.1  # mm behind the baseline that always count as worse
+MANY_OUTLIERS = 0.2  # share of outliers that bad contact brings about
 
 
 def checks(subject: Subject) -> list[Check]:
-    """The entries of the strip on the last estimate, in their order; every number is that of its run."""
+    """Return the entries of the strip on the last estimate, in their order; every number is that of its
+    run.
+    """
     return [
-        _valid(subject),
-        _converged(subject),
+        _check_validity(subject),
+        _check_convergence(subject),
         _against_baseline(subject),
-        _expected(subject),
-        _calibrated(subject),
-        _landmarks(subject),
-        _size(subject),
+        _check_expected_error(subject),
+        _check_calibration(subject),
+        _check_landmarks(subject),
+        _check_size(subject),
         _far_points(subject),
-        _outliers(subject),
+        _check_outliers(subject),
         removed_wall(subject),
         prior_only(subject),
         farthest(subject),
         volume(subject),
-        _warnings(subject),
+        _check_warnings(subject),
     ]
 
 
-def _valid(subject: Subject) -> Check:
+def _check_validity(subject: Subject) -> Check:
     name = f"Valid {words_of(subject).shape}"
     faults = subject.last.run.faults_of(subject.last.key)
     if faults:
-        return Check(name, "bad", "not valid: " + "; ".join(faults), _counted(faults, "fault"))
+        return Check(name, "bad", "not valid: " + "; ".join(faults), _count_words(faults, "fault"))
     kind = "self-intersections" if subject.case.dimension == 2 else "holes or folds"
     return Check(name, "good", f"valid: no new {kind}", "valid")
 
 
-def _counted(found: Sequence[str], word: str) -> str:
+def _count_words(found: Sequence[str], word: str) -> str:
     return f"{len(found)} {word}{'' if len(found) == 1 else 's'}"
 
 
-def _converged(subject: Subject) -> Check:
-    """By the step that is left against the noise: a motion that hardly moves any more is where it ends."""
+def _check_convergence(subject: Subject) -> Check:
+    """Compare the last step of a motion with the noise: one that hardly moves any more is near its end."""
     name = "Converged"
-    steps = _steps(subject.last.run)
+    steps = _last_steps(subject.last.run)
     if not steps:
         return Check(name, "good", "all stages converged", "all stages")
     moving = [key for key, step in steps.items() if step is None or step > STILL]
     if moving:
-        return Check(name, "amber", f"not converged: {', '.join(moving)}", _counted(moving, "stage"))
+        return Check(name, "amber", f"not converged: {', '.join(moving)}", _count_words(moving, "stage"))
     most = max(step for step in steps.values() if step is not None)
     said = f"{', '.join(steps)} still moved, by {most:.1%} of the noise in a round"
     return Check(name, "good", said, "nearly")
 
 
-def _steps(run: Run) -> dict[str, float | None]:
-    """By estimate that has not converged, the last step of its motion over the noise; None where no stage has
-    said it. A stage that leaves the motion alone has that of the one before.
+def _last_steps(run: Run) -> dict[str, float | None]:
+    """Return, by estimate that has not converged, the last step of its motion over the noise; None where no
+    stage has said it. A stage that leaves the motion alone has that of the one before.
     """
     step: float | None = None
     found = {}
@@ -90,7 +92,7 @@ def _steps(run: Run) -> dict[str, float | None]:
     return found
 
 
-def _expected(subject: Subject) -> Check:
+def _check_expected_error(subject: Subject) -> Check:
     found = expected_error(subject)
     if found is None:
         return Check("Expected error", "none", "no stage gives a posterior")
@@ -100,8 +102,8 @@ def _expected(subject: Subject) -> Check:
     return Check("Expected error", "good", said, f"{found.all:.2f} {subject.unit}")
 
 
-def _calibrated(subject: Subject) -> Check:
-    """Where the truth is known, whether the posterior expects the errors that were made."""
+def _check_calibration(subject: Subject) -> Check:
+    """Compare the posterior with the errors that were made, where the truth is known."""
     found = shares_within(subject)
     if found is None:
         return Check("Calibration", "none", "no truth and posterior to compare")
@@ -116,7 +118,9 @@ def _calibrated(subject: Subject) -> Check:
 
 
 def _against_baseline(subject: Subject) -> Check:
-    """Apart on the mapped wall and where there are no points: a gain on one must not hide harm."""
+    """Compare the last estimate with the baseline, separately on the mapped wall and where there are no
+    points: a gain on one must not hide harm.
+    """
     parts = [one for one in wall_parts(subject) if one.gain]
     name = f"Against {subject.first.name}" if subject.first else "Against a baseline"
     if not parts:
@@ -124,28 +128,30 @@ def _against_baseline(subject: Subject) -> Check:
     said = "; ".join(f"{one.name}: {compared(one, subject.unit)}" for one in parts)
     return Check(
         name,
-        "amber" if any(_behind(one, subject) for one in parts) else "good",
+        "amber" if any(_is_behind(one, subject) for one in parts) else "good",
         said,
-        _worst(parts, subject.unit),
+        _describe_worst(parts, subject.unit),
     )
 
 
-def _behind(part: Part, subject: Subject) -> bool:
-    """Whether the baseline is clearly closer on a part, or closer by what is never passed over."""
+def _is_behind(part: Part, subject: Subject) -> bool:
+    """Say whether the baseline is clearly closer on a part, or closer by what is never passed over."""
     return part.worse or (subject.unit == "mm" and part.gain is not None and part.gain.mean > FARTHER)
 
 
-def _worst(parts: Sequence[Part], unit: str) -> str:
-    """Of the part on which the last estimate does least well, so that a gain on the other hides nothing."""
+def _describe_worst(parts: Sequence[Part], unit: str) -> str:
+    """Describe the gain on the part on which the last estimate does least well, so that a gain on the other
+    hides nothing.
+    """
     least = max((one.gain for one in parts if one.gain), key=lambda gain: gain.mean)
     if not least.clear:
         return "no clear difference"
     return f"{'closer' if least.mean < 0 else 'farther'} by {abs(least.mean):.2f} {unit}"
 
 
-def _landmarks(subject: Subject) -> Check:
-    """How far each landmark of the map lies from its place on the result. (Left out of the fit of four, one
-    is predicted to 10 mm in the median of good results, and to 50 mm in the worst.)
+def _check_landmarks(subject: Subject) -> Check:
+    """Check how far each landmark of the map lies from its place on the result. (Left out of the fit of four,
+    one is predicted to 10 mm in the median of good results, and to 50 mm in the worst.)
     """
     name, unit, last = "Landmarks", subject.unit, subject.last
     marks = last.run.points.of("landmark")
@@ -162,8 +168,8 @@ def _landmarks(subject: Subject) -> Check:
     return Check(name, "amber" if far else "good", said, who)
 
 
-def _size(subject: Subject) -> Check:
-    """The scale that ICP finds between image and map, which are both in millimetres."""
+def _check_size(subject: Subject) -> Check:
+    """Check the scale that ICP finds between image and map, which are both in millimetres."""
     name = "Size"
     first = subject.first
     if first is None or subject.case.prior_of != "patient" or subject.unit != "mm":
@@ -176,7 +182,7 @@ def _size(subject: Subject) -> Check:
 
 
 def _far_points(subject: Subject) -> Check:
-    """What was not fitted, by the set that lies farthest off."""
+    """Check the points that were not fitted, by the set that lies farthest off."""
     name, found = "Far points", far_points(subject.last.run, subject.last.key)
     if not found:
         return Check(name, "none", "no held-out point, ablation site or landmark to measure")
@@ -187,8 +193,8 @@ def _far_points(subject: Subject) -> Check:
     return Check(name, grade, "; ".join(one.said for one in far), "; ".join(one.short for one in far))
 
 
-def _outliers(subject: Subject) -> Check:
-    """By the last stage that looked for outliers."""
+def _check_outliers(subject: Subject) -> Check:
+    """Grade the share of outliers by the last stage that looked for them."""
     found = _last_fact(subject, "outlier_fraction")
     if found is None:
         return Check("Share of outliers", "none", "no stage looked for outliers")
@@ -203,8 +209,8 @@ def _last_fact(subject: Subject, key: str) -> Any:
     return next((value for value in facts if value is not None), None)
 
 
-def _warnings(subject: Subject) -> Check:
-    """No verdict is better than the gravest warning beside it."""
+def _check_warnings(subject: Subject) -> Check:
+    """Repeat the warnings, since no verdict is better than the gravest of them."""
     run = subject.last.run
     told = each_once(one for estimate in run.estimates.values() for one in estimate.warnings)
     grave = sorted((one for one in told if one.grade != "good"), key=lambda one: one.grade == "amber")
@@ -212,4 +218,4 @@ def _warnings(subject: Subject) -> Check:
         return Check("Warnings", "good", "no warning puts the result in doubt", "no doubt")
     grade: Grade = "bad" if grave[0].grade == "bad" else "amber"
     said = "; ".join(one.sentence for one in grave)
-    return Check("Warnings", grade, said, _counted([one.code for one in grave], "warning"))
+    return Check("Warnings", grade, said, _count_words([one.code for one in grave], "warning"))

@@ -46,16 +46,16 @@ class Deform(DeformParameters):
         data = observed(case, self)
         if not (data.group == 0)[~data.inside].any():
             raise InputError(f"deform: case {case.name} has no points of type eam")
-        fits = [self._fit(case, start.T_map_prior, data)]
-        if self.starts == "several" or (self.starts == "auto" and self.landmarks and _doubtful(fits[0])):
-            fits += [self._fit(case, pose, data) for pose in _landmark_poses(case)]
+        fits = [self._fit_motion(case, start.T_map_prior, data)]
+        if self.starts == "several" or (self.starts == "auto" and self.landmarks and _is_doubtful(fits[0])):
+            fits += [self._fit_motion(case, pose, data) for pose in _landmark_poses(case)]
         best = min(fits, key=lambda fit: fit.energy)
-        shift, pose = self._shift(best, start)
+        shift, pose = self._find_shift(best, start)
         taken_out = shift is not None and self.map_shift == "fit"
         if taken_out:
             case = replace(start, map_shift=shift).corrected(case)
-            fits = [best := self._fit(case, pose, observed(case, self))]
-        found = _estimate(case, best, len(best.problem.data.points))
+            fits = [best := self._fit_motion(case, pose, observed(case, self))]
+        found = _describe_fit(case, best, len(best.problem.data.points))
         found = _with_shift(found, start, shift, taken_out=taken_out)
         warnings = [
             *point_warnings(best, len(best.problem.data.points), found.status, case.units),
@@ -69,7 +69,7 @@ class Deform(DeformParameters):
         return replace(found, warnings=(*start.warnings, *warnings))
 
     def update(self, case: Case, estimate: Estimate) -> Estimate:
-        """An estimate of this stage after a few more points, in milliseconds: `case` has the points of
+        """Return an estimate of this stage after a few more points, in milliseconds: `case` has the points of
         before, and the new ones behind.
 
         Pose, amplitudes and noise levels stay; motion, posterior and outliers take in the new points. Within
@@ -85,20 +85,20 @@ class Deform(DeformParameters):
             raise InputError("update: the stage has other parameters than the one that made the estimate")
         if changed := differences(data, earlier.problem.data):
             raise InputError(f"update: {changed}")
-        fit = self._fit(case, estimate.T_map_prior, data, earlier)
-        found = replace(_estimate(case, fit, tuned_on), map_shift=estimate.map_shift)
+        fit = self._fit_motion(case, estimate.T_map_prior, data, earlier)
+        found = replace(_describe_fit(case, fit, tuned_on), map_shift=estimate.map_shift)
         kept = (one for one in estimate.warnings if not self._judges_points(one))
         warnings = point_warnings(fit, tuned_on, found.status, case.units)
         return replace(found, warnings=(*kept, *of_stage(warnings, self.estimate_name)))
 
-    def _fit(self, case: Case, pose: Array, data: Data, earlier: MotionFit | None = None) -> MotionFit:
+    def _fit_motion(self, case: Case, pose: Array, data: Data, earlier: MotionFit | None = None) -> MotionFit:
         from ..motion.fit import fit_motion
 
         return fit_motion(case.prior.vertices, case.prior.faces, pose, data, self.settings(), earlier)
 
-    def _shift(self, fit: MotionFit, start: Estimate) -> tuple[MapShift | None, Array]:
-        """The part of the map that is shifted, unless nobody asks or an earlier stage has taken it out; and
-        the pose without it.
+    def _find_shift(self, fit: MotionFit, start: Estimate) -> tuple[MapShift | None, Array]:
+        """Return the part of the map that is shifted, and the pose without it; no part if nobody asks or an
+        earlier stage has taken it out.
         """
         from ..motion.map_shift.search import find_map_shift
 
@@ -106,7 +106,7 @@ class Deform(DeformParameters):
         return (asked and find_map_shift(fit)) or (None, fit.problem.pose)
 
     def _single_start(self, case: Case) -> list[RunWarning]:
-        """Whether several starts are asked for and the landmarks give none."""
+        """Return whether several starts are asked for and the landmarks give none."""
         if self.starts != "several" or _landmark_poses(case):
             return []
         sentence = (
@@ -115,25 +115,25 @@ class Deform(DeformParameters):
         return [RunWarning("no-landmark-start", sentence)]
 
     def _judges_points(self, warning: RunWarning) -> bool:
-        """Whether a warning of this stage is about the points, and so is given anew by an update."""
+        """Return whether a warning of this stage is about the points, and so is given anew by an update."""
         return warning.code in POINT_CODES and warning.stage in ("", self.estimate_name)
 
 
-def _doubtful(fit: MotionFit) -> bool:
-    """Whether the points lie farther off the surface than contact with it leaves them."""
+def _is_doubtful(fit: MotionFit) -> bool:
+    """Say whether the points lie farther off the surface than contact with it leaves them."""
     return fit.sigma > fit.problem.settings.selection.doubtful_noise * fit.problem.size
 
 
 def _landmark_poses(case: Case) -> list[Array]:
-    """The poses (d+1, d+1) that the landmarks give, rigid and with a scale, if they determine one."""
+    """Return the poses (d+1, d+1) that the landmarks give, rigid and with a scale, if they determine one."""
     _, prior, measured = case.landmark_pairs()
     if not (determined(prior) and determined(measured)):
         return []
     return [fit_similarity(prior, measured, scale=scale) for scale in (False, True)]
 
 
-def _estimate(case: Case, fit: MotionFit, tuned_on: int) -> Estimate:
-    """The estimate of a fit; tuned_on: how many points amplitudes and noise were estimated from."""
+def _describe_fit(case: Case, fit: MotionFit, tuned_on: int) -> Estimate:
+    """Return the estimate of a fit. tuned_on: how many points amplitudes and noise were estimated from."""
     from ..motion.result import sentence
 
     fields = {**case.prior.fields, f"sd_{case.units}": fit.sd}
@@ -153,7 +153,7 @@ def _estimate(case: Case, fit: MotionFit, tuned_on: int) -> Estimate:
 
 
 def _with_shift(found: Estimate, start: Estimate, shift: MapShift | None, *, taken_out: bool) -> Estimate:
-    """The estimate with what is known of a shifted part of the map."""
+    """Return the estimate with what is known of a shifted part of the map."""
     if shift is None:
         return replace(found, map_shift=start.map_shift)
     facts = {**found.facts, "map_shift": shift.record() | {"taken_out": taken_out}}
@@ -164,17 +164,22 @@ def _with_shift(found: Estimate, start: Estimate, shift: MapShift | None, *, tak
 
 
 def _own_fit(case: Case, estimate: Estimate) -> tuple[MotionFit, int]:
-    """The fit of an estimate of this stage, and how many points its amplitudes were estimated from. Raises
-    InputError where it is not one, or is one of another prior.
+    """Return the fit of an estimate of this stage, and how many points its amplitudes were estimated from.
+    Raises InputError where it is not one, or is one of another prior.
     """
     fit, tuned_on = estimate.fit, estimate.facts.get("tuned_on")
-    if fit is None or tuned_on is None or estimate.motion is not fit.motion or not _same(fit, case.prior):
+    if (
+        fit is None
+        or tuned_on is None
+        or estimate.motion is not fit.motion
+        or not _fits_prior(fit, case.prior)
+    ):
         raise InputError(
             "update: the estimate must come from the stage 'deform' of this session, fitted to this prior"
         )
     return fit, int(tuned_on)
 
 
-def _same(fit: MotionFit, prior: Surface) -> bool:
+def _fits_prior(fit: MotionFit, prior: Surface) -> bool:
     problem = fit.problem
     return np.array_equal(problem.faces, prior.faces) and np.array_equal(problem.vertices, prior.vertices)

@@ -41,32 +41,38 @@ POINT_CODES = ("duplicate-points", "many-outliers", "outdated-amplitudes")  # wh
 def case_warnings(
     case: Case, kinds: tuple[str, ...], pose: Array, problem: MotionProblem
 ) -> list[RunWarning]:
-    """On the prior, its landmarks in the start pose, and the column `sigma` of the points of some kinds."""
+    """Warn of mistakes in the prior, its landmarks in the start pose, and the column `sigma` of the points of
+    some kinds.
+    """
     return [
         *swapped_landmarks(case, pose),
-        *_crumpled(problem),
+        *_warn_if_crumpled(problem),
         *_small_components(case.prior),
-        *_sigma(case.points.of(*kinds), case.units),
+        *_warn_of_sigma(case.points.of(*kinds), case.units),
     ]
 
 
 def point_warnings(fit: MotionFit, tuned_on: int, status: str, unit: str) -> list[RunWarning]:
-    """On the points of a fit or an update, with the codes POINT_CODES.
+    """Warn of faults of the points of a fit or an update, with the codes POINT_CODES.
 
     tuned_on: how many points amplitudes and noise were estimated from. Raises SolverError where almost no
     point touches the wall.
     """
     data = fit.problem.data
-    return [*_duplicates(data, unit), *_outliers(fit, status), *_outdated(tuned_on, len(data.points))]
+    return [
+        *_warn_of_duplicates(data, unit),
+        *_warn_of_outliers(fit, status),
+        *_warn_if_outdated(tuned_on, len(data.points)),
+    ]
 
 
 def motion_warnings(fit: MotionFit, start: Surface, found: Surface, unit: str) -> list[RunWarning]:
-    """On a motion that can hardly be right. Raises SolverError where it turns the surface inside out."""
+    """Warn of a motion that can hardly be right. Raises SolverError where it turns the surface inside out."""
     return [*changed_volume(start, found), *captured(fit), *stretched(fit, found, unit)]
 
 
 def another_heart(case: Case, fit: MotionFit) -> list[RunWarning]:
-    """Whether a prior that is said to be the patient's bends as another person's does. Only a question:
+    """Warn if a prior that is said to be the patient's bends as another person's does. Only a question:
     nothing is decided by it.
     """
     if case.prior_of != "patient" or case.dimension == 2 or fit.gradient <= ANOTHER_HEART:
@@ -79,7 +85,7 @@ def another_heart(case: Case, fit: MotionFit) -> list[RunWarning]:
 
 
 def shifted(shift: MapShift | None, unit: str, *, taken_out: bool) -> list[RunWarning]:
-    """On a part of the map that is shifted, and what was done with its offset."""
+    """Warn of a part of the map that is shifted, and say what was done with its offset."""
     if shift is None:
         return []
     done = "the offset was taken out" if taken_out else 'deform.map_shift = "fit" takes the offset out'
@@ -88,14 +94,14 @@ def shifted(shift: MapShift | None, unit: str, *, taken_out: bool) -> list[RunWa
 
 
 def alternatives(best: MotionFit, fits: Sequence[MotionFit], unit: str) -> list[RunWarning]:
-    """On other surfaces almost as probable: from another start, or from a fit without some points."""
+    """Warn of other surfaces almost as probable: from another start, or from a fit without some points."""
     found = list[RunWarning]()
     noise = float(best.state.scales.noises[0])
     for other in fits:
         apart = float(np.linalg.norm(other.vertices - best.vertices, axis=1).mean())
         behind = other.energy - best.energy
         if behind < CLOSE and apart > noise:
-            words = f"another start {_almost(behind, apart, unit)}"
+            words = f"another start {_describe_rival(behind, apart, unit)}"
             found.append(RunWarning("alternative-start", words))
             break
     facts = best.facts
@@ -103,19 +109,19 @@ def alternatives(best: MotionFit, fits: Sequence[MotionFit], unit: str) -> list[
         behind, apart = facts["alternative_behind"], facts["alternative_apart"]
         if behind < CLOSE and apart > noise:
             points = f"{facts['alternative_excluded']:.0f} points that may have pulled the wall outward"
-            words = f"a fit that begins without {points} {_almost(behind, apart, unit)}"
+            words = f"a fit that begins without {points} {_describe_rival(behind, apart, unit)}"
             found.append(RunWarning("alternative-points", words))
     return found
 
 
-def _almost(behind: float, apart: float, unit: str) -> str:
+def _describe_rival(behind: float, apart: float, unit: str) -> str:
     return (
         f"is almost as probable ({max(behind, 0.0):.1f} nats less) and leads to a surface {apart:.1f} {unit} "
         "away on average"
     )
 
 
-def _outliers(fit: MotionFit, status: str) -> list[RunWarning]:
+def _warn_of_outliers(fit: MotionFit, status: str) -> list[RunWarning]:
     fraction = fit.facts["outlier_fraction"]
     if fraction > NO_WALL:
         raise SolverError(f"deform: {status}: the points do not belong to this surface, or {WRONG}")
@@ -123,13 +129,13 @@ def _outliers(fit: MotionFit, status: str) -> list[RunWarning]:
     return [RunWarning("many-outliers", sentence)] if fraction > MANY else []
 
 
-def _outdated(before: int, now: int) -> list[RunWarning]:
+def _warn_if_outdated(before: int, now: int) -> list[RunWarning]:
     sentence = f"amplitudes, noise and pose were estimated from the first {before} of {now} points: fit again"
     return [RunWarning("outdated-amplitudes", sentence)] if now > OUTDATED * before else []
 
 
 def changed_volume(start: Surface, found: Surface) -> list[RunWarning]:
-    """Whether the motion changes the volume too much. Raises SolverError where it turns the surface inside
+    """Warn if the motion changes the volume too much. Raises SolverError where it turns the surface inside
     out.
     """
     factor = found.volume / start.volume
@@ -143,7 +149,7 @@ def changed_volume(start: Surface, found: Surface) -> list[RunWarning]:
 
 
 def captured(fit: MotionFit) -> list[RunWarning]:
-    """Whether the wall seems to follow points that do not touch it."""
+    """Warn if the wall seems to follow points that do not touch it."""
     from ..motion.leverage_points import captured_points
 
     points = captured_points(fit.problem, fit.state)
@@ -157,7 +163,7 @@ def captured(fit: MotionFit) -> list[RunWarning]:
 
 
 def stretched(fit: MotionFit, found: Surface, unit: str) -> list[RunWarning]:
-    """Whether a part of the wall is stretched, and where."""
+    """Warn if a part of the wall is stretched, and say where."""
     from ..motion.leverage_points import stretched_faces
 
     usual = fit.problem.settings.leverage
@@ -174,7 +180,7 @@ def stretched(fit: MotionFit, found: Surface, unit: str) -> list[RunWarning]:
 
 
 def swapped_landmarks(case: Case, T_map_prior: Array) -> list[RunWarning]:
-    """Landmarks that lie far nearer to another's place on the posed prior than to their own."""
+    """Warn of landmarks that lie far nearer to another's place on the posed prior than to their own."""
     names, prior, measured = case.landmark_pairs()
     if not names:
         return []
@@ -190,8 +196,8 @@ def swapped_landmarks(case: Case, T_map_prior: Array) -> list[RunWarning]:
     ]
 
 
-def _crumpled(problem: MotionProblem) -> list[RunWarning]:
-    """Whether a fold of the prior is near every point: distances to such a wall tell little."""
+def _warn_if_crumpled(problem: MotionProblem) -> list[RunWarning]:
+    """Warn if a fold of the prior is near every point: distances to such a wall tell little."""
     from ..geometry.differential import facing
 
     fraction = facing(problem.rest.at, problem.faces, problem.rest.normals)
@@ -204,8 +210,8 @@ def _crumpled(problem: MotionProblem) -> list[RunWarning]:
     return [RunWarning("crumpled-prior", sentence)]
 
 
-def _sigma(points: Points, unit: str) -> list[RunWarning]:
-    """Whether the column `sigma` may not mean what it says."""
+def _warn_of_sigma(points: Points, unit: str) -> list[RunWarning]:
+    """Warn if the column `sigma` may not mean what it says."""
     sigma = points.numbers("sigma")
     given = sigma[np.isfinite(sigma)]
     if len(given) == 0:
@@ -223,7 +229,7 @@ def _sigma(points: Points, unit: str) -> list[RunWarning]:
 
 
 def _small_components(prior: Surface) -> list[RunWarning]:
-    """Whether small components lie around the prior: any of them may be nearest to a point."""
+    """Warn if small components lie around the prior: any of them may be nearest to a point."""
     from ..geometry.components import SMALL_COMPONENT, component_areas
 
     _, areas = component_areas(prior)
@@ -235,8 +241,8 @@ def _small_components(prior: Surface) -> list[RunWarning]:
     return [RunWarning("small-components", sentence)]
 
 
-def _duplicates(data: Data, unit: str) -> list[RunWarning]:
-    """Whether mapping points share a place: they are no new evidence."""
+def _warn_of_duplicates(data: Data, unit: str) -> list[RunWarning]:
+    """Warn if mapping points share a place: they are no new evidence."""
     place = np.asarray(data.mapping)
     more = len(place) - len(np.unique(place))
     if not more:

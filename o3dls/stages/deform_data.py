@@ -18,7 +18,7 @@ NEVER = 1e-250  # odds of being an outlier that no residual outweighs, and whose
 
 
 def observed(case: Case, stage: DeformParameters, before: Data | None = None) -> Data:
-    """The fitted points as arrays: eam and inside points in noise group 0, ablation points in group 1,
+    """Return the fitted points as arrays: eam and inside points in noise group 0, ablation points in group 1,
     landmarks apart.
 
     `before`, the points of an earlier fit, fix what the points' own noise is relative to, and the distance
@@ -48,12 +48,14 @@ def observed(case: Case, stage: DeformParameters, before: Data | None = None) ->
         typical_sigma=typical,
         duplicate_distance=near,
         order=points.taken,
-        isolation=_isolation(points, size),
+        isolation=_isolation_factors(points, size),
     )
 
 
-def _isolation(points: Points, size: float) -> Array:
-    """Factor (n,) on the odds of being an outlier by how many others are near; `inside` points have none."""
+def _isolation_factors(points: Points, size: float) -> Array:
+    """Return factors (n,) on the odds of being an outlier by how many others are near; `inside` points have
+    none.
+    """
     from ..noise.contact import isolation_odds
     from ..noise.settings import ContactSettings
 
@@ -64,7 +66,7 @@ def _isolation(points: Points, size: float) -> Array:
 
 
 def outlier_odds(points: Points, force: float) -> Array:
-    """Factor (n,) on the odds of being an outlier, between 1/4 and 4.
+    """Return the factor (n,) on the odds of being an outlier, between 1/4 and 4.
 
     Doubled for each `force` (g) that the contact force is too low, halved for each that it is higher.
     """
@@ -73,8 +75,8 @@ def outlier_odds(points: Points, force: float) -> Array:
 
 
 def differences(data: Data, before: Data) -> str:
-    """What of the data of an earlier fit is not the same in the first of these data, in words; empty where
-    nothing.
+    """Return what of the data of an earlier fit is not the same in the first of these data, in words; empty
+    where nothing.
     """
     if len(data.points) < len(before.points):
         return f"{len(data.points)} points, fewer than the {len(before.points)} of the estimate"

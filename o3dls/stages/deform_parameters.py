@@ -95,7 +95,7 @@ class DeformParameters(Stage):
 
     @field_validator("vector", "normal")
     @classmethod
-    def _lengths(cls, lengths: tuple[float, ...]) -> tuple[float, ...]:
+    def _check_lengths(cls, lengths: tuple[float, ...]) -> tuple[float, ...]:
         if not all(0.0 < length < np.inf for length in lengths):
             raise ValueError("a correlation length must be above 0")
         return lengths
@@ -105,7 +105,7 @@ class DeformParameters(Stage):
         return (*FITTED_TYPES, "ablation") if self.ablation == "fit" else FITTED_TYPES
 
     def settings(self) -> MotionSettings:
-        """The settings of the motion: the parameters in place of their defaults."""
+        """Return the settings of the motion: the parameters in place of their defaults."""
         from ..motion.settings import MotionSettings
 
         usual = MotionSettings()

@@ -58,10 +58,14 @@ class GlobalPose(Stage):
             if better := better_mirrored(case.units, points, best, other_hand):
                 raise InputError(f"case {case.name}: {better}")
         sure = min([confidence(best.costs, other.costs, points) for other in others], default=1.0)
-        return self._judged(as_estimate(case, best.alignment, place, scale=self.scale), best, others, sure)
+        return self._judge_pose(
+            as_estimate(case, best.alignment, place, scale=self.scale), best, others, sure
+        )
 
-    def _judged(self, estimate: Estimate, best: Candidate, others: list[Candidate], sure: float) -> Estimate:
-        """The estimate with what the search knows about the second-best pose."""
+    def _judge_pose(
+        self, estimate: Estimate, best: Candidate, others: list[Candidate], sure: float
+    ) -> Estimate:
+        """Return the estimate with what the search knows about the second-best pose."""
         runner = _runner_up(best.T_map_prior, others)
         status = f"pose found with confidence {sure:.2f}{runner and f'; {runner}'}; ICP {estimate.status}"
         sentence = f"the pose is not certain (confidence {sure:.2f}; {runner}): check it, or give landmarks"
@@ -74,7 +78,7 @@ class GlobalPose(Stage):
             facts={
                 **estimate.facts,
                 "confidence": sure,
-                "candidates": [_record(best.T_map_prior, c) for c in (best, *others)],
+                "candidates": [_record_candidate(best.T_map_prior, c) for c in (best, *others)],
             },
         )
 
@@ -88,7 +92,7 @@ def _runner_up(T_map_prior: Array, others: list[Candidate]) -> str:
     return f"the second-best pose is {degrees:.0f} degrees away"
 
 
-def _record(T_map_prior: Array, candidate: Candidate) -> dict[str, float]:
+def _record_candidate(T_map_prior: Array, candidate: Candidate) -> dict[str, float]:
     from ..registration.global_pose import angle_of
 
     distances = candidate.alignment.pairs.distances

@@ -48,7 +48,7 @@ class ICP(ICPParameters):
         return as_estimate(case, found, place, scale=self.scale)
 
     def aligned(self, points: Array, surface: SurfaceMatcher, T_map_prior: Array) -> Alignment:
-        """The pose of the prior's surface that fits points (n, d), from a start pose (d+1, d+1)."""
+        """Return the pose of the prior's surface that fits points (n, d), from a start pose (d+1, d+1)."""
         from ..registration.icp import Criteria, align
         from ..registration.step import Freedom
 
@@ -57,10 +57,10 @@ class ICP(ICPParameters):
             points,
             surface,
             T_map_prior,
-            metric=self._metric(normals),
-            rules=tuple(self._rule(name, normals) for name in self.rules),
-            belief=self._belief(surface.radius),
-            solve=self._solver(normals),
+            metric=self._choose_metric(normals),
+            rules=tuple(self._choose_rule(name, normals) for name in self.rules),
+            belief=self._choose_belief(surface.radius),
+            solve=self._choose_solver(normals),
             freedom=Freedom(
                 self.scale, self.scale_sd, (self.scale_min, self.scale_max), self.strain_sd, self.freeze
             ),
@@ -68,13 +68,13 @@ class ICP(ICPParameters):
         )
 
     def _point_normals(self, points: Array) -> Array:
-        """Normals of the points (n, d) where a part needs them, else none (0, d)."""
+        """Return the normals of the points (n, d) where a part needs them, else none (0, d)."""
         from ..registration.normals import point_normals
 
         needed = self.metric in ("symmetric", "generalized") or "normal_angle" in self.rules
         return point_normals(points, self.neighbours) if needed else points[:0]
 
-    def _metric(self, normals: Array) -> Metric:
+    def _choose_metric(self, normals: Array) -> Metric:
         from ..registration import metrics
 
         if self.metric == "symmetric":
@@ -83,16 +83,16 @@ class ICP(ICPParameters):
             return metrics.generalized(normals, self.thickness)
         return metrics.point_to_point if self.metric == "point_to_point" else metrics.point_to_plane
 
-    def _belief(self, radius: float) -> Belief:
+    def _choose_belief(self, radius: float) -> Belief:
         from ..registration import icp
 
-        if self.engine == "open3d":  # which weighs by itself
+        if self.engine == "open3d":  # Open3D weighs the pairs itself
             return icp.equal
         if self.kernel == "mixture":
             return icp.wall_or_cavity(radius)
         return icp.equal if self.kernel == "none" else icp.m_estimator(self.kernel, self.kernel_width)
 
-    def _solver(self, normals: Array) -> Solver:
+    def _choose_solver(self, normals: Array) -> Solver:
         from ..adapters.open3d_steps import open3d_solver
         from ..registration.step import best_motion
 
@@ -100,7 +100,7 @@ class ICP(ICPParameters):
             return best_motion
         return open3d_solver(self.metric, self.kernel, self.kernel_width, normals, self.thickness)
 
-    def _rule(self, name: RuleName, normals: Array) -> Rule:
+    def _choose_rule(self, name: RuleName, normals: Array) -> Rule:
         from ..registration import reject
 
         if name == "normal_angle":
@@ -116,7 +116,7 @@ class ICP(ICPParameters):
 
 
 def fitted_points(case: Case) -> Array:
-    """The eam points (n, d), refused where they are too few or all in one place."""
+    """Return the eam points (n, d), refused where they are too few or all in one place."""
     points = case.points.of("eam").xyz
     _check_enough(case, len(points), len(np.unique(points, axis=0)))
     return points
@@ -132,8 +132,8 @@ def _check_enough(case: Case, points: int, places: int) -> None:
 
 
 def fitted_places(case: Case) -> tuple[Array, Ints]:
-    """The places (k, d) of the eam points, and which of them each point (n,) is of: many beats of one contact
-    are one place and count once, else they draw the pose to where they are.
+    """Return the places (k, d) of the eam points, and which of them each point (n,) is of: many beats of one
+    contact are one place and count once, else they draw the pose to where they are.
     """
     from ..noise.duplicates import distinct_places, duplicate_distance
 
@@ -146,7 +146,7 @@ def fitted_places(case: Case) -> tuple[Array, Ints]:
 
 
 def as_estimate(case: Case, found: Alignment, place: Ints, *, scale: bool) -> Estimate:
-    """The estimate of what ICP found for the places, `place` (n,) being that of each point, with the
+    """Return the estimate of what ICP found for the places, `place` (n,) being that of each point, with the
     directions that they do not determine.
     """
     from ..noise.mixture import fit_mixture

@@ -75,12 +75,12 @@ class Landmarks(Stage):
             T_map_prior=named.T_map_prior,
             status=(
                 f"{kind} from {len(names)} landmarks, rms {named.rms:.2f} "
-                f"{case.units}{_worst(names, alone, case.units)}"
+                f"{case.units}{_name_worst(names, alone, case.units)}"
             ),
             iterations=1,
             sigma=named.rms,
             trace=({"pairs": len(names), "rms": named.rms},),
-            facts={"landmarks": _table(names, misses, alone)},
+            facts={"landmarks": _tabulate_errors(names, misses, alone)},
         )
 
 
@@ -115,14 +115,14 @@ def _refuse_swapped(case: Case, names: list[str], measured: Array, found: list[R
     raise InputError(f"case {case.name}: {' and '.join(what)} ({gain}): to fix this, {' and '.join(remedy)}")
 
 
-def _worst(names: list[str], alone: Array, units: str) -> str:
+def _name_worst(names: list[str], alone: Array, units: str) -> str:
     if np.isnan(alone).all():
         return ""
     worst = int(np.nanargmax(alone))
     return f"; worst when left out: {names[worst]}, off by {alone[worst]:.2f} {units}"
 
 
-def _table(names: list[str], misses: Array, alone: Array) -> dict[str, Any]:
+def _tabulate_errors(names: list[str], misses: Array, alone: Array) -> dict[str, Any]:
     return {
         name: {"error": float(miss), "leave_one_out": None if np.isnan(out) else float(out)}
         for name, miss, out in zip(names, misses, alone, strict=True)

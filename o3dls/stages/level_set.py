@@ -56,24 +56,24 @@ class LevelSet(Stage):
         check_spacing(self.spacing, start.surface, case.units)
         given = given_points(case, start) if case.dimension == 3 else None
         asked = given is not None and self.reconstruct
-        reached = self._reconstructed(case, start, given) if given and asked else None
+        reached = self._reconstruct_wall(case, start, given) if given and asked else None
         reached = reached or self._moved_prior(case, start.surface, asked=asked)
         reached, mesh = meshed(reached, self.spacing, self.smoothing, self.keep)
         check_mesh(mesh.surface, reached.wall, self.spacing, self.keep, case.units)
         warnings = [*start.warnings, *reached.warnings, *reached.faults(mesh.surface, crossing)]
         warnings += lost_parts(mesh.surface, reached.wall, self.spacing, case.units)
         found = replace(estimate_of(start, reached, mesh), warnings=tuple(warnings))
-        return _completed(found, start, reached, given)
+        return _complete_estimate(found, start, reached, given)
 
-    def _reconstructed(self, case: Case, start: Estimate, given: GivenPoints) -> Result | None:
-        """The reconstruction that the points ask for, if they do."""
+    def _reconstruct_wall(self, case: Case, start: Estimate, given: GivenPoints) -> Result | None:
+        """Return the reconstruction that the points ask for, if they do."""
         from ..adapters.meshing import isosurface
         from ..reconstruction.reconstructed import reconstructed
 
         return reconstructed(start.surface, given.believed, case.units, self.spacing, isosurface)
 
     def _moved_prior(self, case: Case, surface: Surface, *, asked: bool) -> Result:
-        """The level set of the moved prior; asked: whether the points were asked for another wall."""
+        """Return the level set of the moved prior; asked: whether the points were asked for another wall."""
         from ..adapters.meshing import isosurface
         from ..adapters.self_intersections import crossing
         from ..geometry.components import components_and_euler
@@ -98,9 +98,11 @@ class LevelSet(Stage):
         )
 
 
-def _completed(found: Estimate, start: Estimate, reached: Result, given: GivenPoints | None) -> Estimate:
-    """The estimate with what the points say of its wall, and how much of the wall before is gone, where a
-    warning says that some is; it is not converged where the motion is not.
+def _complete_estimate(
+    found: Estimate, start: Estimate, reached: Result, given: GivenPoints | None
+) -> Estimate:
+    """Return the estimate with what the points say of its wall, and how much of the wall before is gone,
+    where a warning says that some is; it is not converged where the motion is not.
     """
     from ..evaluation.removed_wall import removed_wall
 

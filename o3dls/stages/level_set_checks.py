@@ -21,8 +21,8 @@ def check_spacing(spacing: float, surface: Surface, unit: str) -> None:
 
 
 def spacing_mistake(spacing: float, surface: Surface, unit: str, times: float = 1.0) -> str | None:
-    """Why a grid cannot hold the surface, as when lengths are not in mm, or would fill the memory; None where
-    it can. The surface may still become so many times larger or smaller.
+    """Say why a grid cannot hold the surface, as when lengths are not in mm, or would fill the memory; None
+    where it can. The surface may still become so many times larger or smaller.
     """
     from ..levelset.settings import LatticeSettings
 
@@ -56,7 +56,7 @@ def check_mesh(mesh: Surface, wall: Surface, spacing: float, keep: float, unit: 
 
 
 def lost_parts(mesh: Surface, wall: Surface, spacing: float, unit: str) -> list[RunWarning]:
-    """A warning where parts of the wall, however little they enclose, are not in the mesh."""
+    """Warn of parts of the wall, however little they enclose, that are not in the mesh."""
     from ..topology.wall import Wall
 
     far = float(Wall(mesh).look(wall.vertices)[0].max())

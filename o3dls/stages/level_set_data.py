@@ -34,7 +34,9 @@ class GivenPoints:
 
 
 def given_points(case: Case, start: Estimate) -> GivenPoints:
-    """The points as a motion left them; where none was fitted, as they lie off the surface of the start."""
+    """Return the points as a motion left them; where none was fitted, as they lie off the surface of the
+    start.
+    """
     template = case.prior_of == "template"
     if start.fit is None:
         return _off_surface(case, start.surface, template=template)
@@ -43,7 +45,8 @@ def given_points(case: Case, start: Estimate) -> GivenPoints:
 
 
 def believed(fit: MotionFit, *, template: bool) -> Believed:
-    """The points that may touch the wall as the motion left them, and those that are known to be inside.
+    """Return the points that may touch the wall as the motion left them, and those that are known to be
+    inside.
 
     template: whether the prior is one (`prior_of`).
     """
@@ -58,7 +61,9 @@ def believed(fit: MotionFit, *, template: bool) -> Believed:
 
 
 def _of_mapping(fit: MotionFit, weights: Array) -> Array:
-    """Probabilities of contact (k,) of the mapping points, of those of all points that may touch."""
+    """Return the probabilities of contact (k,) of the mapping points, of those of all points that may
+    touch.
+    """
     wall = ~fit.problem.data.inside
     every = fit.state.weights.copy()
     every[wall] = weights
@@ -66,7 +71,7 @@ def _of_mapping(fit: MotionFit, weights: Array) -> Array:
 
 
 def _off_surface(case: Case, surface: Surface, *, template: bool) -> GivenPoints:
-    """The points with the noise and the outliers that their distances from a surface tell."""
+    """Return the points with the noise and the outliers that their distances from a surface tell."""
     from ..noise.contact import Contact
     from ..noise.duplicates import distinct_places, duplicate_distance
     from ..noise.mixture import fit_mixture
@@ -97,7 +102,7 @@ def _off_surface(case: Case, surface: Surface, *, template: bool) -> GivenPoints
 
 
 def meshed(reached: Result, spacing: float, smoothing: int, keep: float) -> tuple[Result, Extraction]:
-    """The mesh of what was reached, and its phi as a distance everywhere.
+    """Return the mesh of what was reached, and its phi as a distance everywhere.
 
     smoothing: Taubin passes; keep: fraction of the isosurface's faces that decimation keeps.
     """
@@ -119,14 +124,14 @@ def meshed(reached: Result, spacing: float, smoothing: int, keep: float) -> tupl
     if wall.dimension == 2 and reached.unchanged:
         phi = signed_distance(wall.vertices, wall.faces, spacing, width)
         return replace(reached, phi=phi, warnings=()), replace(mesh, surface=wall)
-    if reached.warnings and not reached.exact:  # where gaps were closed or parts cut, phi is no distance
+    if reached.warnings and not reached.exact:  # phi is no distance where gaps were closed or parts cut
         width = max(width, reached.phi.band.width)
         reached = replace(reached, phi=signed_distance(*isosurface(reached.phi), spacing, width))
     return reached, mesh
 
 
 def estimate_of(start: Estimate, reached: Result, mesh: Extraction) -> Estimate:
-    """The start with the mesh of what was reached; the motion, its fit and the weights stay."""
+    """Return the start with the mesh of what was reached; the motion, its fit and the weights stay."""
     from ..adapters.meshing import carry_fields
 
     shifts = {"meshing_shift_mean": mesh.shift_mean, "meshing_shift_max": mesh.shift_max}
@@ -148,7 +153,7 @@ def estimate_of(start: Estimate, reached: Result, mesh: Extraction) -> Estimate:
 
 
 def with_existence(surface: Surface, points: Believed) -> Surface:
-    """The surface with the field `existence`: how likely there is wall, by the points."""
+    """Return the surface with the field `existence`: how likely there is wall, by the points."""
     from ..reconstruction.points.existence import existence
     from ..reconstruction.settings import ReconstructionSettings
 

@@ -65,9 +65,9 @@ class Phases(Stage):
 
         if why := self.obstacle(case):
             raise InputError(f"case {case.name}: {why}")
-        model = self._template(case)
+        model = self._make_template(case)
         found = locate(model, start.T_map_prior, case.points.of("eam").xyz)
-        fitted, motion = self._deformed(case, start, found.pose, model.shape(found.c))
+        fitted, motion = self._deform_phase(case, start, found.pose, model.shape(found.c))
         phase = model.between(found.c)
         stopped = "" if found.converged else f" (stopped after {len(found.trace)} iterations)"
         path = f"phase {phase:.2f} on the path through {len(case.phases) + 1} phases{stopped}"
@@ -82,7 +82,7 @@ class Phases(Stage):
             facts={**fitted.facts, "phase": phase, "modes": len(found.c), "coefficients": found.c.tolist()},
         )
 
-    def _template(self, case: Case) -> Template:
+    def _make_template(self, case: Case) -> Template:
         from ..motion.settings import TemplateSettings
         from ..motion.template import template
 
@@ -91,11 +91,11 @@ class Phases(Stage):
         settings = TemplateSettings(variance=self.variance, pose_sd=self.pose_sd, iterations=self.iterations)
         return template(prior.vertices, prior.faces, phases, settings)
 
-    def _deformed(
+    def _deform_phase(
         self, case: Case, start: Estimate, pose: Array, shape: Array
     ) -> tuple[Estimate, Motion | None]:
-        """The estimate of `deform` from the prior's vertices (n, d) in the phase found, and the motion from
-        the prior as it was given.
+        """Return the estimate of `deform` from the prior's vertices (n, d) in the phase found, and the motion
+        from the prior as it was given.
         """
         from ..geometry.closest_point import ClosestPoint
         from ..motion.template import Chain, Shift

@@ -24,16 +24,16 @@ CERTAIN = 0.99  # confidence from which on a prior is refused as mirrored: a ref
 
 
 def asked_places(count: int) -> Ints:
-    """The rows of so many places that a check of the pose asks: all, or some at random, each with the same
-    chance. Those that lie farthest apart would be the extremes of the noise.
+    """Return the rows of so many places that a check of the pose asks: all, or some at random, each with the
+    same chance. Those that lie farthest apart would be the extremes of the noise.
     """
     some = np.random.default_rng(SEED).permutation(count)[:ENOUGH]
     return np.sort(some)
 
 
 def clearly_better(costs: Array, than: Array, points: Array, radius: float) -> bool:
-    """Whether one pose fits points (n, d) better than another by more than matters, and for certain, by the
-    robust costs (n,) of both on a surface of this rms radius.
+    """Return whether one pose fits points (n, d) better than another by more than matters, and for certain,
+    by the robust costs (n,) of both on a surface of this rms radius.
     """
     from ..registration.global_pose import confidence, robust_costs
 
@@ -42,7 +42,7 @@ def clearly_better(costs: Array, than: Array, points: Array, radius: float) -> b
 
 
 def better_mirrored(unit: str, points: Array, best: Candidate, other: Candidate) -> str:
-    """A sentence where the mirror image of the prior fits clearly better than the prior."""
+    """Return a sentence where the mirror image of the prior fits clearly better than the prior."""
     from ..registration.global_pose import confidence
 
     sure = confidence(other.costs, best.costs, points)
@@ -58,8 +58,8 @@ def better_mirrored(unit: str, points: Array, best: Candidate, other: Candidate)
 def own_pose(
     points: Array, surface: SurfaceMatcher, found: Alignment, align: Align
 ) -> tuple[Array, Candidate]:
-    """The points, of (n, d), that a check of the pose that ICP found asks, and that pose with their costs;
-    `align` is the same ICP, to some points from a pose.
+    """Return the points, of (n, d), that a check of the pose that ICP found asks, and that pose with their
+    costs; `align` is the same ICP, to some points from a pose.
     """
     from ..errors import SolverError
     from ..registration.global_pose import Candidate, angle_of
@@ -79,8 +79,8 @@ def own_pose(
 
 
 def better_pose(unit: str, points: Array, surface: SurfaceMatcher, own: Candidate, *, scale: bool) -> str:
-    """A sentence where a search of all rotations finds a pose, or a mirror image, that fits points (n, d)
-    clearly better than the pose that ICP found, both as of `own_pose`.
+    """Return a sentence where a search of all rotations finds a pose, or a mirror image, that fits points (n,
+    d) clearly better than the pose that ICP found, both as of `own_pose`.
     """
     from ..registration.global_pose import angle_of, candidates, mirrored
     from ..registration.search import APART

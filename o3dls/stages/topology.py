@@ -57,31 +57,31 @@ class Topology(Stage):
         from ..topology.settings import TopologySettings
 
         if start.fit is None:
-            return _unchanged(start, "no motion was fitted before this stage")
+            return _keep_topology(start, "no motion was fitted before this stage")
         if len(start.fit.problem.data.points) > self.most_points:
-            return _unchanged(
+            return _keep_topology(
                 start, f"of more than {self.most_points} points level_set reconstructs the wall"
             )
         usual = TopologySettings()
         settings = replace(usual, evidence=self.evidence, most_changes=self.most_changes)
-        if case.prior_of == "patient":  # whose own parts are there, touched or not
+        if case.prior_of == "patient":  # a patient's own parts are there, whether touched or not
             settings = replace(settings, cuts=replace(usual.cuts, untouched=0.0))
         fit, changes = change_topology(start.fit, spacing=self.spacing, settings=settings)
         if changes:
-            return _changed(case, start, fit, changes)
+            return _change_topology(case, start, fit, changes)
         components, _ = components_and_euler(fit.motion.rest.at, fit.motion.faces)
         if components > 1:
-            return _unchanged(start, f"the prior has {components} components, and this stage changes one")
-        return _unchanged(start, f"none has the {self.evidence:g} nats of evidence that it needs")
+            return _keep_topology(start, f"the prior has {components} components, and this stage changes one")
+        return _keep_topology(start, f"none has the {self.evidence:g} nats of evidence that it needs")
 
 
-def _unchanged(start: Estimate, why: str) -> Estimate:
+def _keep_topology(start: Estimate, why: str) -> Estimate:
     status = f"no change of topology: {why}"
-    return replace(start, status=status, iterations=0, trace=(), facts={"changes": _earlier(start)})
+    return replace(start, status=status, iterations=0, trace=(), facts={"changes": _earlier_changes(start)})
 
 
-def _changed(case: Case, start: Estimate, fit: MotionFit, made: Sequence[Change]) -> Estimate:
-    """The start with the fit of the changed prior."""
+def _change_topology(case: Case, start: Estimate, fit: MotionFit, made: Sequence[Change]) -> Estimate:
+    """Return the start with the fit of the changed prior."""
     from ..adapters.meshing import carry_fields
     from ..evaluation.removed_wall import removed_wall
 
@@ -101,13 +101,17 @@ def _changed(case: Case, start: Estimate, fit: MotionFit, made: Sequence[Change]
         fit=fit,
         trace=fit.trace,
         warnings=(*start.warnings, *warnings),
-        facts={"changes": [*_earlier(start), *changes], "last_step": fit.facts["last_step"], **removed},
+        facts={
+            "changes": [*_earlier_changes(start), *changes],
+            "last_step": fit.facts["last_step"],
+            **removed,
+        },
     )
     # a motion that begins earlier, as that of `phases`, stays what it was
     whole = start.fit is not None and start.motion is start.fit.motion
     return replace(found, T_map_prior=fit.similarity, motion=fit.motion) if whole else found
 
 
-def _earlier(start: Estimate) -> list[str]:
-    """Changes that an earlier stage made."""
+def _earlier_changes(start: Estimate) -> list[str]:
+    """Return the changes that an earlier stage made."""
     return list(start.facts.get("changes", []))

@@ -32,7 +32,7 @@ class Change:
     centre: Array
 
     def price(self, points: int) -> float:
-        """Nats that it costs in a map of so many points."""
+        """Return the nats that the change costs in a map of so many points."""
         return self.rarity + self.gathers * points
 
     def sentence(self, unit: str) -> str:
@@ -43,7 +43,7 @@ class Change:
 
 
 def changed(before: SignedDistance, change: Change | None) -> Surface:
-    """The surface of a level set after a change (None: as it is): one component, without fields."""
+    """Return the surface of a level set after a change (None: as it is): one component, without fields."""
     band, phi = before.band, before.phi
     if change is not None:
         region = signed_distance(*change.region, band.spacing, band.width)
@@ -55,9 +55,9 @@ def changed(before: SignedDistance, change: Change | None) -> Surface:
 
 
 def body_radius(surface: Surface, least_compact: float = 0.25) -> float:
-    """d * volume / area: the radius of a ball, the half width of a thick body; at least that of the least
-    compact body, since roughness multiplies an area. least_compact: radius over the d-th root of the volume,
-    .31 to .49 for atria with veins, .62 for a ball.
+    """Return d * volume / area: the radius of a ball, the half width of a thick body. It is at least that of
+    the least compact body, since roughness multiplies an area. least_compact: radius over the d-th root of
+    the volume, .31 to .49 for atria with veins, .62 for a ball.
     """
     least = least_compact * float(surface.volume ** (1.0 / surface.dimension))
     return max(surface.dimension * surface.volume / surface.area, least)

@@ -22,18 +22,18 @@ from .wall import Wall
 
 
 def removals(wall: Wall, measured: Measured, settings: CutSettings) -> Iterator[Change]:
-    """Cuts of thin parts of the prior that points speak against, each at the height over the body that gains
-    most.
+    """Yield cuts of thin parts of the prior that points speak against, each at the height over the body that
+    gains most.
     """
-    deep = _deep(measured, settings)
+    deep = _are_deep(measured, settings)
     if deep.sum() >= settings.witnesses:
         for part in parts(wall.surface, settings.balls, settings):
             if part.near(measured.points[deep]) >= settings.witnesses:
-                yield from _cuts(part, measured, settings)
+                yield from _find_cut(part, measured, settings)
 
 
-def _deep(measured: Measured, settings: CutSettings) -> NDArray[np.bool_]:
-    """Points (n,) so far inside that they may tell against a part."""
+def _are_deep(measured: Measured, settings: CutSettings) -> NDArray[np.bool_]:
+    """Say which points (n,) are so far inside that they may tell against a part."""
     return np.asarray(
         (measured.distance < -settings.deep * measured.likelihood.sigma) & ~measured.likelihood.one_sided
     )
@@ -53,7 +53,7 @@ class Part:
     core: NDArray[np.bool_]
 
     def near(self, points: Array) -> int:
-        """How many points (k, d) inside the prior the part may have a say about."""
+        """Return how many points (k, d) inside the prior the part may have a say about."""
         reach = self.ball + self.field.band.spacing
         return int(
             np.isfinite(
@@ -62,9 +62,9 @@ class Part:
         )
 
     def share(self) -> Array:
-        """1 at the nodes (n,) in the part, falling to 0 over the radius of the ball around it, negative where
-        the part has no say: in other parts and far away. A node outside the prior follows the closest node
-        inside.
+        """Return 1 at the nodes (n,) in the part, less over the radius of the ball around it until it is 0,
+        and negative values where the part has no say: in other parts and far away. A node outside the prior
+        follows the closest node inside.
         """
         inner = np.flatnonzero(self.field.phi < 0.0)
         positions = self.field.band.positions
@@ -79,8 +79,8 @@ class Part:
 
 
 def parts(surface: Surface, balls: tuple[float, ...], settings: CutSettings) -> Iterator[Part]:
-    """Parts that balls of several sizes cannot enter: what opening the body by a ball takes away (veins,
-    appendage, handles).
+    """Yield parts that balls of several sizes cannot enter: what opening the body by a ball takes away
+    (veins, appendage, handles).
     """
     radius = body_radius(surface)
     step = radius / settings.lattice
@@ -90,7 +90,7 @@ def parts(surface: Surface, balls: tuple[float, ...], settings: CutSettings) -> 
         if len(faces) == 0:
             continue
         opened = ClosestPoint(vertices, faces)
-        outside = _outside(opened, field.band.positions, field.phi, ball)
+        outside = _distance_from_opened(opened, field.band.positions, field.phi, ball)
         thin = (field.phi < 0.0) & (outside > 0.5 * step)
         label = linked(field.band, thin)
         for piece in range(label.max() + 1):
@@ -99,9 +99,9 @@ def parts(surface: Surface, balls: tuple[float, ...], settings: CutSettings) -> 
                 yield Part(field, opened, ball, outside, thin, core)
 
 
-def _outside(opened: ClosestPoint, positions: Array, phi: Array, ball: float) -> Array:
-    """Signed distance from the opened body: the centres of fitting balls, grown by the ball; deep inside, the
-    old one.
+def _distance_from_opened(opened: ClosestPoint, positions: Array, phi: Array, ball: float) -> Array:
+    """Return the signed distance from the opened body: that of the centres of fitting balls, less the ball's
+    radius. Deep inside it is the old distance.
     """
     outside = phi.copy()
     shallow = phi >= -ball
@@ -109,8 +109,8 @@ def _outside(opened: ClosestPoint, positions: Array, phi: Array, ball: float) ->
     return outside
 
 
-def _cuts(part: Part, measured: Measured, settings: CutSettings) -> Iterator[Change]:
-    """The part cut off at its best height above the opened body, if points show a wall there."""
+def _find_cut(part: Part, measured: Measured, settings: CutSettings) -> Iterator[Change]:
+    """Yield the part cut off at its best height above the opened body, if points show a wall there."""
     likelihood = measured.likelihood
     distance = measured.distance
     band = part.field.band
@@ -118,25 +118,25 @@ def _cuts(part: Part, measured: Measured, settings: CutSettings) -> Iterator[Cha
     node = cKDTree(band.positions).query(measured.points)[1]
     shares = part.share()
     share = shares[node]
-    outside = _outside(part.opened, measured.points, part.field.phi[node], part.ball)
+    outside = _distance_from_opened(part.opened, measured.points, part.field.phi[node], part.ball)
     before = likelihood.loss(distance - measured.bias)
     best = np.zeros(len(distance))
     height = 0.0
     for trial in np.arange(-part.ball, part.outside[part.core].max() - sigma, settings.trial_step * sigma):
-        above = outside - _level(trial, share)
+        above = outside - _cut_level(trial, share)
         gain = np.where(share > 0.0, before - likelihood.loss(np.maximum(distance, above)), 0.0)
         if gain.sum() > best.sum():
             best = gain
             height = float(trial)
     witnesses = int((best > settings.telling).sum())
-    deep = _deep(measured, settings) & (share > 0.0)
+    deep = _are_deep(measured, settings) & (share > 0.0)
     near = (
-        np.abs(np.maximum(distance, outside - _level(height, share))[deep])
+        np.abs(np.maximum(distance, outside - _cut_level(height, share))[deep])
         < settings.deep * likelihood.sigma[deep]
     )
     if witnesses < settings.witnesses or near.sum() < settings.witnesses:
         return
-    above = np.where(shares > 0.0, part.outside - _level(height, shares), -band.spacing)
+    above = np.where(shares > 0.0, part.outside - _cut_level(height, shares), -band.spacing)
     lost = part.core & (above > 0.0)
     nearby = np.isin(node, np.flatnonzero(lost)).any()
     region = zero_set(*band.whole(-above, band.spacing))
@@ -153,8 +153,8 @@ def _cuts(part: Part, measured: Measured, settings: CutSettings) -> Iterator[Cha
     )
 
 
-def _level(height: float, share: Array) -> Array:
-    """Where the cut runs: at its height over the part; a cut into the body rises to the body's wall around
-    it.
+def _cut_level(height: float, share: Array) -> Array:
+    """Return where the cut runs over the part: at its height, but where it cuts into the body, it rises to
+    the body's wall around the part.
     """
     return height * share if height < 0.0 else np.full(len(share), height)

@@ -38,7 +38,7 @@ class Measured:
     bias: Array
 
     def of(self, rows: NDArray[np.bool_]) -> Measured:
-        """The points of a mask (n,)."""
+        """Return the points of a mask (n,)."""
         likelihood = replace(
             self.likelihood, sigma=self.likelihood.sigma[rows], one_sided=self.likelihood.one_sided[rows]
         )
@@ -59,7 +59,7 @@ def observe(
     noise: Noise,
     settings: ObservationSettings | None = None,
 ) -> Measured:
-    """The points against a wall.
+    """Return the points against a wall.
 
     one_sided (n,): known to be inside only; relative (n,): noise of each point over the usual one. Unknown
     noise is the robust standard deviation of the distances.
@@ -68,7 +68,7 @@ def observe(
     distance, corners, weights = wall.look(points)
     known = robust_sd(distance[~one_sided]) if noise.sigma is None else noise.sigma
     sigma = relative * max(known, settings.exact_noise * wall.radius)
-    likelihood = Likelihood(sigma, _contact(wall, noise, settings), one_sided)
+    likelihood = Likelihood(sigma, _expect_contact(wall, noise, settings), one_sided)
     bend = np.einsum("nc,nc->n", weights, wall.curvature[corners])
     # the mean of the distance from a curved wall under noise of variance s^2 is s^2 / 2 times the sum of its
     # curvatures
@@ -79,8 +79,10 @@ def observe(
     return seen.of(~one_sided | (distance <= 0.0) | active)
 
 
-def _contact(wall: Wall, noise: Noise, settings: ObservationSettings) -> Contact:
-    """Who touches the wall, by what is known beforehand; a fraction out of bounds is not believed."""
+def _expect_contact(wall: Wall, noise: Noise, settings: ObservationSettings) -> Contact:
+    """Return who touches the wall, as far as it is known beforehand; a fraction out of bounds is not
+    believed.
+    """
     fraction = noise.outlier_fraction
     if fraction > 0.0:
         fraction = float(np.clip(fraction, settings.least_outliers, settings.most_outliers))
@@ -94,8 +96,8 @@ def _active_inside_points(
     outside: NDArray[np.bool_],
     settings: ObservationSettings,
 ) -> NDArray[np.bool_]:
-    """Which points (n,) known to be inside are outside and pull: all where twice as many as are inside
-    around, else one.
+    """Choose which points (n,) known to be inside are outside and pull: all of them where twice as many are
+    outside as inside around, else one.
     """
     rows = np.flatnonzero(one_sided)
     weights = inside_point_weights(points[rows], outside[rows], wall.radius, settings.contact)

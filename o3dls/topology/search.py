@@ -44,7 +44,7 @@ def change_topology(
     """
     search = TopologySearch(spacing, settings)
     made: list[Change] = []
-    while len(made) < settings.most_changes and _kind(fit)[0] == 1:
+    while len(made) < settings.most_changes and _prior_topology(fit)[0] == 1:
         after = search.best(fit)
         if after is None:
             break
@@ -61,8 +61,8 @@ class TopologySearch:
     settings: TopologySettings
 
     def proposals(self, fit: MotionFit) -> Iterator[Change]:
-        """Changes of the prior in its pose. Tubes are looked for before the motion, which would hide them;
-        cuts, whose points must lie on a wall that is not there, after it.
+        """Propose changes of the prior in its pose. Tubes are looked for before the motion, which would hide
+        them; cuts, whose points must lie on a wall that is not there, after it.
         """
         settings = self.settings
         posed = posed_prior(fit)
@@ -83,10 +83,10 @@ class TopologySearch:
             yield replace(cut, region=(before_motion(fit, after, vertices), faces))
 
     def seen(self, fit: MotionFit, wall: Wall, *, moved: bool) -> Measured:
-        """The points of the fit as they look from a wall that has moved to them, or not yet: then their
-        distances tell the noise.
+        """Return the points of the fit as they look from a wall that has moved to them, or not yet: then
+        their distances tell the noise.
         """
-        data = _part(fit, self.settings.proposing_points)
+        data = _thin_data(fit, self.settings.proposing_points)
         weights = fit.state.weights[~fit.problem.data.inside]
         relative = np.ones(len(data.points))
         if moved:
@@ -95,9 +95,9 @@ class TopologySearch:
         return observe(wall, data.points, data.inside, relative, noise, self.settings.observation)
 
     def judged(self, fit: MotionFit, changes: list[Change]) -> Iterator[Change]:
-        """Changes with what each gains once a motion is fitted anew. The prior without a change is meshed on
-        the same lattice: many points see the difference; where a lattice tears it, as a thin wall, that would
-        spoil the comparison, and a finer one is taken, or nothing is judged.
+        """Return the changes with what each gains once a motion is fitted anew. The prior without a change is
+        meshed on the same lattice: many points see the difference; where a lattice tears it, as a thin wall,
+        that would spoil the comparison, and a finer one is taken, or nothing is judged.
         """
         if not changes:
             return
@@ -108,7 +108,7 @@ class TopologySearch:
                 break
         else:
             return
-        part = _part(fit, self.settings.trial_points)
+        part = _thin_data(fit, self.settings.trial_points)
         whole = self.trial(fit, unchanged, part)
 
         def tried(change: Change) -> Change:
@@ -121,8 +121,8 @@ class TopologySearch:
         yield from each(tried, changes)
 
     def best(self, fit: MotionFit) -> tuple[MotionFit, Change] | None:
-        """The change of most evidence that keeps some in the whole fit, with that fit: its trial had neither
-        the pose alone nor a second start to fall back to, and fewer points.
+        """Return the change of most evidence that keeps some in the whole fit, with that fit: its trial had
+        neither the pose alone nor a second start to fall back to, and fewer points.
         """
         judged = self.judged(fit, list(self.proposals(fit)))
         earned = [change for change in judged if change.gain >= self.settings.evidence]
@@ -137,9 +137,9 @@ class TopologySearch:
         return None
 
     def explains(self, change: Change, after: MotionFit) -> bool:
-        """Whether the points that ask for a change lie on the new wall, in the median. Points that float in
-        the mouth of a part that was never touched gain something by any wall near them, many points gain
-        much, and yet it does not run through them.
+        """Return whether the points that ask for a change lie on the new wall, in the median. Points that
+        float in the mouth of a part that was never touched gain something by any wall near them, many points
+        gain much, and yet it does not run through them.
         """
         wall = Wall(Surface(after.state.moved, after.problem.faces), self.settings.observation)
         distance = wall.look(change.odd)[0]
@@ -152,19 +152,21 @@ class TopologySearch:
         return len(distance) >= cuts.witnesses and near
 
     def keeps(self, fit: MotionFit, remade: Surface) -> bool:
-        """Whether a lattice kept the prior with its topology, and not a shred of it that has the same."""
+        """Return whether a lattice kept the prior with its topology, and not a shred of it that has the
+        same.
+        """
         kind = components_and_euler(remade.vertices, remade.faces)
-        return kind == _kind(fit) and remade.area > self.settings.least_area * posed_prior(fit).area
+        return kind == _prior_topology(fit) and remade.area > self.settings.least_area * posed_prior(fit).area
 
     def level_set(self, fit: MotionFit, coarser: float = 1.0) -> SignedDistance:
-        """The level set of the prior in its pose, on a lattice that is so much coarser."""
+        """Return the level set of the prior in its pose, on a lattice that is so much coarser."""
         posed = posed_prior(fit)
-        spacing = coarser * max(self.spacing, _edge(posed))
+        spacing = coarser * max(self.spacing, _mean_edge(posed))
         return signed_distance(posed.vertices, posed.faces, spacing, self.settings.half_band * spacing)
 
     def trial(self, fit: MotionFit, posed: Surface, data: Data) -> TrialFit:
-        """A motion that judges what the prior was made into. Its points share rows of the linear system by
-        patches from fewer points on than in the fit that places the wall.
+        """Return a motion that judges what the prior was made into. Its points share rows of the linear
+        system by patches from fewer points on than in the fit that places the wall.
         """
         prior, faces, pose, points, settings = self.anew(fit, posed, data)
         rows = min(settings.iteration.most_rows, self.settings.trial_rows)
@@ -174,12 +176,12 @@ class TopologySearch:
     def anew(
         self, fit: MotionFit, posed: Surface, data: Data
     ) -> tuple[Array, Ints, Array, Data, MotionSettings]:
-        """What a motion of what the prior was made into is fitted from: vertices (n, d), faces (m, d), pose,
-        data, settings.
+        """Return what a motion of what the prior was made into is fitted from: vertices (n, d), faces (m, d),
+        pose, data, settings.
         """
         motion = fit.motion
         prior = apply(np.asarray(np.linalg.inv(motion.T_map_prior)), posed.vertices)
-        # in mm: points float as deep in whatever prior
+        # in mm, not radii: points float as deep in any prior
         larger = fit.problem.size / rms_radius(posed.vertices)
         settings = fit.problem.settings
         contact = settings.contact
@@ -192,30 +194,34 @@ class TopologySearch:
         return prior, posed.faces, motion.T_map_prior, data, settings
 
 
-def _part(fit: MotionFit, most: int) -> Data:
-    """An even part of many points: what changes the topology is no detail."""
+def _thin_data(fit: MotionFit, most: int) -> Data:
+    """Return an even part of the points where they are many: a change of topology does not depend on
+    detail.
+    """
     data = fit.problem.data
     return data.at(data.part(most))
 
 
 def posed_prior(fit: MotionFit) -> Surface:
-    """The prior in its pose, before the motion."""
+    """Return the prior in its pose, before the motion."""
     return Surface(fit.motion.rest.at, fit.motion.faces)
 
 
 def before_motion(fit: MotionFit, moved: Wall, points: Array) -> Array:
-    """Points (n, d) near the moved wall before the motion: as its closest place was."""
+    """Return the points (n, d) near the moved wall before the motion: as its closest place was."""
     _, corners, weights = moved.look(points)
     shift = (fit.vertices - fit.motion.rest.at)[corners]
     return np.asarray(points - np.einsum("nc,ncd->nd", weights, shift))
 
 
-def _kind(fit: MotionFit) -> tuple[int, int]:
-    """Components and Euler number of the prior."""
+def _prior_topology(fit: MotionFit) -> tuple[int, int]:
+    """Return the number of components and the Euler number of the prior."""
     return components_and_euler(fit.motion.rest.at, fit.motion.faces)
 
 
-def _edge(surface: Surface) -> float:
-    """Mean length of an edge: a lattice of this spacing changes the surface and keeps its detail."""
+def _mean_edge(surface: Surface) -> float:
+    """Return the mean length of an edge: a lattice of this spacing changes the surface and keeps its
+    detail.
+    """
     corners = surface.vertices[surface.faces]
     return float(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).mean())

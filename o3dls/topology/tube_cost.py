@@ -14,8 +14,8 @@ from .wall import Wall
 
 @njit(cache=True, nogil=True)
 def cone(points, tube):  # type: ignore[no-untyped-def]
-    """Signed distance (n,), nearly, of points (n, d) from a round-ended cone [start (d), end (d), log radii
-    (2)].
+    """Return nearly the signed distance (n,) of points (n, d) from a round-ended cone [start (d), end (d),
+    log radii (2)].
     """
     n, d = points.shape
     radius, other = np.exp(tube[2 * d]), np.exp(tube[2 * d + 1])
@@ -37,7 +37,7 @@ def cone(points, tube):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def losses_with(points, tube, distance, bias, sigma, one_sided, fraction, outside, inside):  # type: ignore[no-untyped-def]
-    """-log p (n,) of points at a distance (n,) from a surface once it is united with a tube."""
+    """Return -log p (n,) of points at a distance (n,) from a surface once it is united with a tube."""
     united = np.minimum(distance, cone(points, tube)) - bias
     return losses(united, sigma, one_sided, fraction, outside, inside)
 
@@ -51,14 +51,14 @@ class Foot:
         self.face = -1
 
     def height(self, place: Array) -> float:
-        height, self.face = _height(place, self.face, *self.surface)
+        height, self.face = _height_over_wall(place, self.face, *self.surface)
         return float(height)
 
 
 @njit(cache=True, nogil=True)
-def _height(place, guess, normals, corners, leaves, boxes):  # type: ignore[no-untyped-def]
-    """Signed distance of a place (d,) from a wall with normals (m, d, d) at the corners of its faces, and the
-    face of its foot, sought from a guess.
+def _height_over_wall(place, guess, normals, corners, leaves, boxes):  # type: ignore[no-untyped-def]
+    """Return the signed distance of a place (d,) from a wall with normals (m, d, d) at the corners of its
+    faces, and the face of its foot, sought from a guess.
     """
     at = np.zeros(3)
     at[: len(place)] = place
@@ -77,14 +77,16 @@ def _height(place, guess, normals, corners, leaves, boxes):  # type: ignore[no-u
 
 
 def rarity(foot: Foot, tube: Array, radius: float, settings: TubeSettings) -> float:
-    """-log of how common a tube is: of usual radius, even, no longer than need be, and rooted in the body."""
+    """Return -log of how common a tube is: of usual radius, even, no longer than need be, and rooted in the
+    body.
+    """
     s = settings
     shape = s.radius * radius, s.radius_log_sd, s.taper_log_sd
-    return float(_oddity(tube, radius, *shape, foot.height(tube[: len(tube) // 2 - 1]), s.rooted))
+    return float(_price_oddity(tube, radius, *shape, foot.height(tube[: len(tube) // 2 - 1]), s.rooted))
 
 
 @njit(cache=True, nogil=True)
-def _oddity(tube, radius, usual, log_sd, taper_log_sd, height, rooted):  # type: ignore[no-untyped-def]
+def _price_oddity(tube, radius, usual, log_sd, taper_log_sd, height, rooted):  # type: ignore[no-untyped-def]
     d = len(tube) // 2 - 1
     start, end = tube[2 * d], tube[2 * d + 1]
     length2, sizes2 = 0.0, 0.0

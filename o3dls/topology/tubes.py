@@ -25,15 +25,15 @@ from .wall import Wall
 
 
 def growth(wall: Wall, measured: Measured, settings: TopologySettings) -> Iterator[Change]:
-    """Tubes whose union with the surface gains, round the points outside that ask for one."""
+    """Yield tubes whose union with the surface gains, round the points outside that ask for one."""
     there = cache(lambda: _thin_parts(wall.surface, settings))
-    for cluster in _clusters(wall.surface, measured, settings.tubes):
-        yield from _tubes(wall, measured, cluster, there, settings.tubes)
+    for cluster in _cluster_far_points(wall.surface, measured, settings.tubes):
+        yield from _propose_tubes(wall, measured, cluster, there, settings.tubes)
 
 
-def _clusters(surface: Surface, measured: Measured, settings: TubeSettings) -> Iterator[Array]:
-    """Groups (k, d) of neighbouring points that lie far outside."""
-    far = measured.points[_far(measured, settings)]
+def _cluster_far_points(surface: Surface, measured: Measured, settings: TubeSettings) -> Iterator[Array]:
+    """Yield groups (k, d) of neighbouring points that lie far outside."""
+    far = measured.points[_are_far(measured, settings)]
     if len(far) < settings.seeds:
         return
     count, label = connected_components(
@@ -42,22 +42,22 @@ def _clusters(surface: Surface, measured: Measured, settings: TubeSettings) -> I
     yield from (far[label == k] for k in range(count) if (label == k).sum() >= settings.seeds)
 
 
-def _far(measured: Measured, settings: TubeSettings) -> NDArray[np.bool_]:
-    """Points (n,) that lie far outside."""
+def _are_far(measured: Measured, settings: TubeSettings) -> NDArray[np.bool_]:
+    """Say which points (n,) lie far outside."""
     return np.asarray(
         (measured.distance > settings.far * measured.likelihood.sigma) & ~measured.likelihood.one_sided
     )
 
 
-def _tubes(
+def _propose_tubes(
     wall: Wall,
     measured: Measured,
     cluster: Array,
     there: Callable[[], list[Array]],
     settings: TubeSettings,
 ) -> Iterator[Change]:
-    """Likely tubes round a cluster, as changes, where enough points tell for them, away from the thin parts
-    that are `there`.
+    """Propose likely tubes round a cluster, as changes, where enough points speak for them, away from the
+    thin parts that are `there`.
     """
     surface = wall.surface
     radius = body_radius(wall.surface)
@@ -75,18 +75,18 @@ def _tubes(
         return float(after(tube).sum()) + rarity(foot, tube, radius, settings)
 
     foot = Foot(wall)
-    first = _first(wall, cluster, radius, settings)
+    first = _guess_tube(wall, cluster, radius, settings)
     units = np.r_[np.full(2 * surface.dimension, radius), 1.0, 1.0]
-    for tube in _fitted(cost, first, units, settings):
+    for tube in _refine_tube(cost, first, units, settings):
         gain = before - after(tube)
         witnesses = int((gain > settings.telling).sum())
         if witnesses < settings.witnesses:
             continue
-        region = _mesh(tube, surface.dimension, settings.lattice)
+        region = _mesh_tube(tube, surface.dimension, settings.lattice)
         height, feet, _ = wall.nearest(region[0])
         if not _stands_alone(region[0], height, radius, there, settings):
             continue
-        exposed = _exposed(wall, region, feet)
+        exposed = _exposed_area(wall, region, feet)
         if not _of_a_chamber(whole, tube, exposed, radius, settings):
             centre = tube[: 2 * surface.dimension].reshape(2, -1).mean(axis=0)
             rare = rarity(foot, tube, radius, settings)
@@ -95,9 +95,9 @@ def _tubes(
             yield replace(change, gain=change.gain - change.price(len(whole.points)))
 
 
-def _exposed(wall: Wall, region: tuple[Array, Ints], feet: Ints) -> float:
-    """Area of a tube's surface outside the old one, whose faces next to its vertices are `feet` (v,): evenly
-    spread points would show it.
+def _exposed_area(wall: Wall, region: tuple[Array, Ints], feet: Ints) -> float:
+    """Return the area of a tube's surface outside the old one, where evenly spread points would show it. feet
+    (v,): faces of the old surface next to the tube's vertices.
     """
     tube = Surface(*region)
     outside = wall.nearest(tube.vertices[tube.faces].mean(axis=1), feet[tube.faces[:, 0]])[0] > 0.0
@@ -107,22 +107,22 @@ def _exposed(wall: Wall, region: tuple[Array, Ints], feet: Ints) -> float:
 def _of_a_chamber(
     measured: Measured, tube: Array, exposed: float, radius: float, settings: TubeSettings
 ) -> bool:
-    """Whether a tube of so much new wall is a part of another chamber: too large for a vein, or large with
-    far points around it too.
+    """Return whether a tube of so much new wall is a part of another chamber: too large for a vein, or large
+    with far points around it too.
     """
     area = exposed / radius ** (measured.points.shape[1] - 1)
     reach = settings.far * measured.likelihood.sigma
     off = cone(measured.points, tube)
     on = np.abs(off) < reach
     around = (off > reach) & (off < radius)
-    far = _far(measured, settings)
+    far = _are_far(measured, settings)
     return area > settings.largest or (
         area > settings.large and bool((far & around).sum() > settings.others * (far & on).sum())
     )
 
 
 def _thin_parts(surface: Surface, settings: TopologySettings) -> list[Array]:
-    """Nodes (k, d) of each thin part that a surface has."""
+    """Return the nodes (k, d) of each thin part that a surface has."""
     found = parts(surface, (settings.tubes.ball,), settings.cuts)
     return [part.field.band.positions[part.core] for part in found]
 
@@ -130,8 +130,8 @@ def _thin_parts(surface: Surface, settings: TopologySettings) -> list[Array]:
 def _stands_alone(
     vertices: Array, height: Array, radius: float, there: Callable[[], list[Array]], settings: TubeSettings
 ) -> bool:
-    """Whether a tube, whose vertices have a height (v,) over the wall, sticks out of a body of such a radius,
-    away from the thin parts that are there: a bump or a vein out of place is for the fields.
+    """Return whether a tube, whose vertices have a height (v,) over the wall, sticks out of a body of such a
+    radius, away from the thin parts that are there: a bump or a vein out of place is for the fields.
     """
     least = settings.sticks_out * radius
     if height.max() < least:
@@ -140,8 +140,8 @@ def _stands_alone(
     return all(np.linalg.norm(part - tip, axis=1).min() > least for part in there())
 
 
-def _first(wall: Wall, cluster: Array, radius: float, settings: TubeSettings) -> Array:
-    """A tube from the wall through the middle of a cluster to its far end."""
+def _guess_tube(wall: Wall, cluster: Array, radius: float, settings: TubeSettings) -> Array:
+    """Return a first tube, from the wall through the middle of a cluster to its far end."""
     distance, corners, weights = wall.look(cluster)
     foot = np.einsum("c,cd->d", weights[distance.argmin()], wall.tree.vertices[corners[distance.argmin()]])
     middle = cluster.mean(axis=0)
@@ -153,12 +153,12 @@ def _first(wall: Wall, cluster: Array, radius: float, settings: TubeSettings) ->
     return np.concatenate([start, 0.5 * (middle + far), [size, size]])
 
 
-def _fitted(
+def _refine_tube(
     cost: Callable[[Array], float], first: Array, units: Array, settings: TubeSettings
 ) -> Iterator[Array]:
-    """Downhill from a first guess (k,) whose coordinates have `units` (k,). The simplex method forgives the
-    kinks of a union, but comes to rest early, so it begins anew from there; where it rested may be the better
-    tube once the wall has moved.
+    """Search downhill from a first guess (k,) whose coordinates have `units` (k,). The simplex method
+    forgives the kinks of a union, but comes to rest early, so it begins anew from there; where it rested may
+    be the better tube once the wall has moved.
     """
     at = first
     before = np.inf
@@ -186,8 +186,8 @@ def _fitted(
         before = min(before, float(found.fun))
 
 
-def _mesh(tube: Array, dimension: int, nodes: float) -> tuple[Array, Ints]:
-    """The tube's surface, finely."""
+def _mesh_tube(tube: Array, dimension: int, nodes: float) -> tuple[Array, Ints]:
+    """Mesh the tube's surface finely."""
     reach = np.exp(tube[-2:].max())
     step = float(np.exp(tube[-2:].min())) / nodes
     ends = tube[: 2 * dimension].reshape(2, -1)

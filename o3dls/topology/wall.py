@@ -24,15 +24,15 @@ class Wall:
         self.tree = ClosestPoint(surface.vertices, surface.faces)
 
     def look(self, points: Array) -> tuple[Array, Ints, Array]:
-        """Signed distance (n,), corner vertices (n, d) of the foot's face and its barycentric weights (n,
-        d).
+        """Return the signed distance (n,), corner vertices (n, d) of the foot's face and its barycentric
+        weights (n, d).
         """
         distance, face, weights = self.nearest(points)
         return distance, self.faces[face], weights
 
     def nearest(self, points: Array, hint: Ints | None = None) -> tuple[Array, Ints, Array]:
-        """Signed distance (n,), face (n,) of the foot and its barycentric weights (n, d); `hint` (n,): faces
-        that are probably near.
+        """Return the signed distance (n,), face (n,) of the foot and its barycentric weights (n, d); `hint`
+        (n,): faces that are probably near.
         """
         squared, face, foot, weights = self.tree.query(points, hint=hint)
         outward = np.einsum("nc,ncd->nd", weights, self.normals[self.faces[face]])

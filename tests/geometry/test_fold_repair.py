@@ -119,7 +119,7 @@ def test_patches_that_fold_ever_more_faces_are_given_up(
     ball = body(3, fineness=4)
     moved = ball.vertices + 0.01 * SIZE * np.random.default_rng(5).normal(size=ball.vertices.shape)
     turned = [np.arange(len(ball.faces)) < folded for folded in (2, 2, 3, 13, 40)]
-    monkeypatch.setattr(unfold_module, "_turned", lambda rest, moved, faces: turned[len(sizes)])
+    monkeypatch.setattr(unfold_module, "_find_turned", lambda rest, moved, faces: turned[len(sizes)])
     mended, count, left = repair_folds(ball.vertices, moved, ball.faces)
     assert (count, left, len(sizes)) == (2, 2, 3)
     np.testing.assert_array_equal(mended, moved)
@@ -152,7 +152,7 @@ def test_what_a_repair_solves_is_bounded_whatever_has_folded(strength: float, si
         assert max(sizes, default=0) <= unfold_module.MOST_BENT * len(ball.vertices)
         assert left <= count
         still = unfold_module._Still.of(ball.vertices, ball.faces)
-        assert unfold_module._turned(still, mended, ball.faces).sum() == left
+        assert unfold_module._find_turned(still, mended, ball.faces).sum() == left
 
 
 def test_a_sliver_is_straightened_and_nothing_else_moves(sizes: list[int]) -> None:

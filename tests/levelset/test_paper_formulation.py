@@ -11,7 +11,7 @@ from o3dls.geometry.surface import Surface
 from o3dls.levelset.grid.distance import SignedDistance, signed_distance
 from o3dls.levelset.grid.isosurface import zero_set
 from o3dls.levelset.grid.operators import delta, heaviside, mean_curvature
-from o3dls.levelset.paper import DEFAULTS, Weights, _on_band, _steps, descend, energies
+from o3dls.levelset.paper import DEFAULTS, Weights, _make_steps, _on_band, descend, energies
 from o3dls.levelset.settings import PaperSettings
 
 SEED = 244_948
@@ -108,7 +108,7 @@ def test_a_step_for_the_points_goes_down_their_energy_at_any_spacing_and_noise(d
     points = 6.3 * way / np.linalg.norm(way, axis=1)[:, None]
     shape = heaviside(phi, DEFAULTS.delta_width * h)
     step = h * DEFAULTS.delta_width * h / (2.0 * weights.shape)
-    after = _steps(field, shape, points, sigma, weights, PaperSettings(steps=1))
+    after = _make_steps(field, shape, points, sigma, weights, PaperSettings(steps=1))
     at = int(np.argmax(np.abs(after - phi)))
 
     def data(change: float) -> float:
@@ -126,9 +126,9 @@ def test_the_shape_term_alone_draws_the_surface_towards_the_prior(radius: float,
     field = SignedDistance(band, phi, np.zeros(len(band), dtype=np.int32))
     shape = heaviside(round_distance(radius)(band.positions), DEFAULTS.delta_width * 0.5)
     on_the_wall = np.full((1, dimension), 6.0 / dimension**0.5)
-    moved = (_steps(field, shape, on_the_wall, 1.0, Weights(0.0, 0.0, 1.0), PaperSettings(steps=3)) - phi)[
-        np.abs(phi) < 0.5
-    ]
+    moved = (
+        _make_steps(field, shape, on_the_wall, 1.0, Weights(0.0, 0.0, 1.0), PaperSettings(steps=3)) - phi
+    )[np.abs(phi) < 0.5]
     assert (moved * (6.0 - radius) >= 0.0).all()
     assert np.abs(moved).max() > 0.01
 

@@ -102,7 +102,7 @@ def test_walls_of_a_thin_part_that_passed_through_each_other_stay_one_part() -> 
     through = ball.with_vertices(np.column_stack([x, y * (1.0 - 0.14 * np.maximum(x + 2.0, 0.0)) + 0.5, z]))
     assert ((through.vertices[x > 8.0, 1] - 0.5) * y[x > 8.0] <= 0.0).all()  # inside out
     plain = signed_distance(through.vertices, through.faces, 1.0, 3.0)
-    joined = REPAIR._joined(through)
+    joined = REPAIR._join_walls(through)
     found = signed_distance(joined.vertices, joined.faces, 1.0, 3.0)
     assert components_and_euler(*isosurface(plain)) != (1, 2)
     assert components_and_euler(*isosurface(found)) == (1, 2)

@@ -89,7 +89,7 @@ def test_offsets_by_a_plane_that_cannot_stand_out_take_no_rivals_place(
     points = sampled(moved_body(), 300, 8_839, NOISE)
     points[points[:, 0] > np.quantile(points[:, 0], 0.6)] += OFFSET
     fit = fitted(points)
-    offsets, settled = search.best_offsets, search._settled
+    offsets, settled = search.best_offsets, search._settle_offset
     tried: list[float] = []
 
     def with_short_one(model: OffsetModel, data: Data, taken_out: Offset | None = None) -> list[Offset]:
@@ -102,7 +102,7 @@ def test_offsets_by_a_plane_that_cannot_stand_out_take_no_rivals_place(
         return settled(problem, data, one, alone)
 
     monkeypatch.setattr(search, "best_offsets", with_short_one)
-    monkeypatch.setattr(search, "_settled", recorded)
+    monkeypatch.setattr(search, "_settle_offset", recorded)
     for asked, named in (({"map_shift.rivals": 1}, True), ({"map_shift.first_over_motion": 9.0}, False)):
         tried.clear()
         settings = with_numbers(fit.problem.settings, asked)

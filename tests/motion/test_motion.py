@@ -625,7 +625,7 @@ def test_points_that_are_taken_in_again_move_a_surface_that_stood_still() -> Non
     first = settled(replace(at, data=replace(at.data, odds=odds)))
     assert first.moving < at.settings.iteration.tolerance * at.size
     assert first.state.weights[away].max() < 0.1
-    again = fit_module._iterate(at, replace(first.state, patches=None), anneal=False)
+    again = fit_module._iterate_rounds(at, replace(first.state, patches=None), anneal=False)
     assert again.state.weights[away].mean() > 0.8
     assert gap(again.state.moved, first.state.moved) > at.settings.iteration.tolerance * at.size
 

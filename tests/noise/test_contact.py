@@ -11,7 +11,7 @@ import pytest
 from o3dls.arrays import Array
 from o3dls.noise.contact import (
     Contact,
-    _chain,
+    _smooth_chain,
     contact_density,
     isolation_odds,
     label_energy,
@@ -56,7 +56,7 @@ def test_the_chain_is_the_sum_over_all_labellings(persistence: float) -> None:
         total += p
         touches += p * (1 - np.array(labels))
         pairs += p * sum(a and b for a, b in pairwise(labels))
-    weights, together = _chain(touching, floating, share, persistence)
+    weights, together = _smooth_chain(touching, floating, share, persistence)
     np.testing.assert_allclose(weights, touches / total, rtol=1e-9)
     assert together == pytest.approx(pairs / total, rel=1e-9)
 

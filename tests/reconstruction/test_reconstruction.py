@@ -436,7 +436,7 @@ def test_a_part_is_there_if_it_leads_to_points_that_span_a_surface(points: int, 
     near = (third == 0) | ((third == 2) & (np.cumsum(third == 2) <= points))
     none = np.zeros((len(third), 6))
     inside = surplus._Inside(mask, none.astype(np.int64), wall, near, none > 0.0, 1.0)
-    assert surplus._severs(third == 1, inside, 1.0, ReconstructionSettings().surplus) == severs
+    assert surplus._severs_wall(third == 1, inside, 1.0, ReconstructionSettings().surplus) == severs
 
 
 def test_a_pocket_without_points_is_filled_and_one_with_points_is_not() -> None:

@@ -47,19 +47,19 @@ def chapter(title: str) -> str:
 ENTRIES = {row[0]: row[1:] for row in rows("entry")}
 # each entry, the function that grades it, and the thresholds of that, as they are written
 GRADED: Mapping[str, tuple[str, tuple[str, ...]]] = {
-    "Valid surface": ("_valid", ()),
-    "Converged": ("_converged", (f"more than {100 * module.STILL:g} % of the noise",)),
+    "Valid surface": ("_check_validity", ()),
+    "Converged": ("_check_convergence", (f"more than {100 * module.STILL:g} % of the noise",)),
     "Against icp": ("_against_baseline", (f"more than {module.FARTHER:g} mm",)),
-    "Expected error": ("_expected", ()),
-    "Calibration": ("_calibrated", (f"{100 * OFF:g} percentage points", f"{100 * DUE[0]:g} %")),
+    "Expected error": ("_check_expected_error", ()),
+    "Calibration": ("_check_calibration", (f"{100 * OFF:g} percentage points", f"{100 * DUE[0]:g} %")),
     "Landmarks": (
-        "_landmarks",
+        "_check_landmarks",
         (
             f"more than {module.LANDMARKS_RMS:g} mm rms",
             f"more than {module.FAR_LANDMARK:g} mm from its place",
         ),
     ),
-    "Size": ("_size", (f"more than {100 * module.SIZE:g} %",)),
+    "Size": ("_check_size", (f"more than {100 * module.SIZE:g} %",)),
     "Far points": (
         "_far_points",
         (
@@ -69,12 +69,12 @@ GRADED: Mapping[str, tuple[str, tuple[str, ...]]] = {
             f"beyond {far_points.OFF:g} mm",
         ),
     ),
-    "Share of outliers": ("_outliers", (f"more than {100 * module.MANY_OUTLIERS:g} %",)),
+    "Share of outliers": ("_check_outliers", (f"more than {100 * module.MANY_OUTLIERS:g} %",)),
     "Removed wall": ("removed_wall", (f"{100 * wall.REMOVED:g} % of the wall", f"{wall.TUBE:g} mm")),
     "Prior-only area": ("prior_only", (f"more than {100 * wall.HALF:g} %", f"over {REACH:g} mm")),
     "Farthest part": ("farthest", (f"{100 * wall.FAR_SHARE:g} %", f"beyond {wall.FAR_REACH:g} mm")),
     "Volume change": ("volume", (f"{100 * wall.LARGE_CHANGE:.0f} %",)),
-    "Warnings": ("_warnings", ()),
+    "Warnings": ("_check_warnings", ()),
 }
 
 

@@ -57,12 +57,12 @@ class Band:
         return np.asarray(np.ravel_multi_index(tuple(self.nodes.T), self.shape), dtype=np.int64)
 
     def find(self, indices: NDArray[np.integer]) -> Ints:
-        """Row of each lattice index (k, d) of the box, or -1 where it is not in the band."""
+        """Return the row of each lattice index (k, d) of the box, or -1 where it is not in the band."""
         inside = np.asarray(((indices >= 0) & (indices < self.shape)).all(axis=1))
         keys = np.ravel_multi_index(tuple(np.where(inside[:, None], indices, 0).T), self.shape)
-        return self._rows(np.asarray(keys, dtype=np.int64), inside)
+        return self._find_rows(np.asarray(keys, dtype=np.int64), inside)
 
-    def _rows(self, keys: Ints, valid: NDArray[np.bool_]) -> Ints:
+    def _find_rows(self, keys: Ints, valid: NDArray[np.bool_]) -> Ints:
         rows = np.minimum(np.searchsorted(self.keys, keys), len(self) - 1)
         return np.where(valid & (self.keys[rows] == keys), rows, -1)
 
@@ -82,8 +82,8 @@ class Band:
         return pairs
 
     def interpolation(self, points: Array) -> sparse.csr_matrix:
-        """Multilinear interpolation from nodes to points, a (k, n) matrix whose rows sum to 1 (to 0 where no
-        corner is in the band).
+        """Return the multilinear interpolation from nodes to points, a (k, n) matrix whose rows sum to 1 (to
+        0 where no corner is in the band).
 
         Corners outside the band leave their weight to the others.
         """
@@ -105,8 +105,8 @@ class Band:
         return sparse.csr_matrix(sparse.diags(1.0 / np.where(total > 0.0, total, 1.0)) @ matrix)
 
     def whole(self, values: Array, elsewhere: float) -> tuple[Band, Array]:
-        """All nodes of the box as a band, with the values given on this one and `elsewhere` on the rest: for
-        small, coarse boxes.
+        """Return all nodes of the box as a band, with the values given on this one and `elsewhere` on the
+        rest: for small, coarse boxes.
         """
         nodes = np.indices(self.shape).reshape(self.dimension, -1).T.astype(np.int32)
         every = np.full(len(nodes), elsewhere)
@@ -114,7 +114,7 @@ class Band:
         return Band(self.spacing, self.width, self.low, self.shape, np.ascontiguousarray(nodes)), every
 
     def dense(self, phi: Array) -> NDArray[np.float32]:
-        """The level set on the whole box, float32: +width outside the band, -width inside it."""
+        """Return the level set on the whole box, float32: +width outside the band, -width inside it."""
         from .kernels import fill_far
 
         box = np.full(self.shape, np.float32(self.width), dtype=np.float32)

@@ -32,15 +32,16 @@ class SignedDistance:
 def signed_distance(
     vertices: Array, faces: Ints, spacing: float, width: float, *, inverted: bool = True
 ) -> SignedDistance:
-    """Distance of the nodes within `width` (length) of a closed surface: exact but for float32 rounding.
+    """Return the distance of the nodes within `width` (length) of a closed surface: exact but for float32
+    rounding.
 
     vertices (v, d), faces (m, d), d = 2 or 3. Inside is where the surface winds round a node: parts that
     overlap are united. inverted: whether what it winds round the other way, as a part that a fold turned
     inside out, is inside too. Raises InputError where the surface is open.
     """
     dimension = vertices.shape[1]
-    low, box, local = _lattice(vertices, spacing, width)
-    nodes, gap, face = _unsigned(local[faces], width / spacing, box, dimension)
+    low, box, local = _enclose_surface(vertices, spacing, width)
+    nodes, gap, face = _scatter_unsigned(local[faces], width / spacing, box, dimension)
     band = Band(
         spacing,
         width,
@@ -49,18 +50,18 @@ def signed_distance(
         np.ascontiguousarray(nodes[:, :dimension]),
     )
     return SignedDistance(
-        band, np.where(_inside(nodes, local, faces, box, inverted=inverted), -gap, gap) * spacing, face
+        band, np.where(_are_inside(nodes, local, faces, box, inverted=inverted), -gap, gap) * spacing, face
     )
 
 
 def filled_distance(vertices: Array, faces: Ints, spacing: float, steps: int) -> SignedDistance:
-    """Signed distance on all nodes inside a closed surface and on those within `steps` nodes of these: for
-    coarse lattices only.
+    """Return the signed distance on all nodes inside a closed surface and on those within `steps` nodes of
+    these: for coarse lattices only.
     """
     dimension = vertices.shape[1]
-    low, box, local = _lattice(vertices, spacing, steps * spacing)
+    low, box, local = _enclose_surface(vertices, spacing, steps * spacing)
     every = np.ascontiguousarray(np.indices(tuple(box)).reshape(3, -1).T, dtype=np.int32)
-    inside = _inside(every, local, faces, box)
+    inside = _are_inside(every, local, faces, box)
     near = binary_dilation(inside.reshape(box[:dimension]), iterations=steps).ravel()
     band = Band(
         spacing,
@@ -74,8 +75,8 @@ def filled_distance(vertices: Array, faces: Ints, spacing: float, steps: int) ->
 
 
 def around_zero(box: Array, spacing: float, width: float, low: Ints) -> SignedDistance:
-    """The nodes of a level set on a box (3D) that its zero set needs, without their closest faces (-1): no
-    distance, if that on the box is none.
+    """Return the nodes of a level set on a box (3D) that its zero set needs, without their closest faces
+    (-1): no distance, if that on the box is none.
     """
     near = widened((box < 0.0) & widened(box >= 0.0, corners=True), corners=True)
     nodes = np.ascontiguousarray(np.argwhere(near), dtype=np.int32)
@@ -83,8 +84,8 @@ def around_zero(box: Array, spacing: float, width: float, low: Ints) -> SignedDi
     return SignedDistance(band, box[near], np.full(len(band), -1, dtype=np.int32))
 
 
-def _lattice(vertices: Array, spacing: float, width: float) -> tuple[Ints, Ints, Array]:
-    """First lattice index (d,) of a box that holds a surface and its band, the box's shape (3,), and the
+def _enclose_surface(vertices: Array, spacing: float, width: float) -> tuple[Ints, Ints, Array]:
+    """Return the box that holds a surface and its band: its first lattice index (d,), its shape (3,), and the
     vertices (v, 3) in its units.
     """
     dimension = vertices.shape[1]
@@ -96,7 +97,7 @@ def _lattice(vertices: Array, spacing: float, width: float) -> tuple[Ints, Ints,
     return low, box, local
 
 
-def _inside(
+def _are_inside(
     nodes: NDArray[np.int32], local: Array, faces: Ints, box: Ints, *, inverted: bool = True
 ) -> NDArray[np.bool_]:
     number, open_rows = winding(nodes, local, faces, box)
@@ -108,15 +109,15 @@ def _inside(
     return np.asarray((number != 0) if inverted else (number > 0))
 
 
-def _spread(count: int) -> Ints:
-    """An order of so many faces in which every 64th comes first, then every eighth: each node soon has one
-    that is near.
+def _spread_faces(count: int) -> Ints:
+    """Return an order of so many faces in which every 64th comes first, then every eighth, so that each node
+    soon has one that is near.
     """
     number = np.arange(count)
     return np.argsort((number % 64 > 0).astype(int) + (number % 8 > 0), kind="stable")
 
 
-def _unsigned(
+def _scatter_unsigned(
     corners: Array, reach: float, box: Ints, dimension: int
 ) -> tuple[NDArray[np.int32], Array, NDArray[np.int32]]:
     bits = 3 if dimension == 3 else 0  # blocks of 8 x 8 x 8 or 8 x 8 x 1 nodes
@@ -125,6 +126,18 @@ def _unsigned(
     owner = np.full(best.shape, -1, dtype=np.int32)
     layers = (np.arange(len(table)),)
     # two layers of blocks are worth a thread
-    by_rows(scatter_distance, 2, layers, _spread(len(corners)), corners, reach, box, bits, table, best, owner)
+    by_rows(
+        scatter_distance,
+        2,
+        layers,
+        _spread_faces(len(corners)),
+        corners,
+        reach,
+        box,
+        bits,
+        table,
+        best,
+        owner,
+    )
     nodes, gap, face = gather_band(table, bits, box, best, owner)
     return nodes, gap, face

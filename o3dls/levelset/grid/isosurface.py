@@ -15,14 +15,14 @@ LEAST_STEP = 1e-6  # spacings: of a vertex from a node
 
 
 def zero_set(band: Band, phi: Array) -> tuple[Array, Ints]:
-    """The surface phi = 0 as vertices (v, d) and faces (m, d) wound outward: closed, manifold, exact for a
-    linear phi.
+    """Return the surface phi = 0 as vertices (v, d) and faces (m, d) wound outward: closed, manifold, exact
+    for a linear phi.
 
     The band must reach a cell beyond the surface. Lattice cells are split into simplices, so no case is
     ambiguous.
     """
     cells = kernels.crossed_cells(band.neighbours, phi)
-    simplices = _simplices(band.dimension)
+    simplices = _cube_simplices(band.dimension)
     if len(cells) == 0:
         return np.zeros((0, band.dimension)), np.zeros((0, band.dimension), dtype=np.int64)
     least = LEAST_STEP * band.spacing  # a vertex at a node would make faces without area
@@ -41,16 +41,16 @@ def zero_set(band: Band, phi: Array) -> tuple[Array, Ints]:
     return vertices, faces
 
 
-def _simplices(dimension: int) -> Ints:
-    """The d! simplices of a cube as rising paths of corner numbers from 0 to 2^d - 1 (Kuhn 1960)."""
+def _cube_simplices(dimension: int) -> Ints:
+    """Return the d! simplices of a cube as rising paths of corner numbers from 0 to 2^d - 1 (Kuhn 1960)."""
     return np.array(
         [np.cumsum([0, *(1 << axis for axis in path)]) for path in permutations(range(dimension))]
     )
 
 
 def reinitialise(band: Band, phi: Array, width: float | None = None) -> SignedDistance:
-    """The exact signed distance of the zero set of phi, on the band around where that set now is: |grad phi|
-    = 1 again. width: of the new band, by default that of the old.
+    """Return the exact signed distance of the zero set of phi, on the band around where that set now is:
+    |grad phi| = 1 again. width: of the new band, by default that of the old.
     """
     vertices, faces = zero_set(band, phi)
     return signed_distance(vertices, faces, band.spacing, band.width if width is None else width)

@@ -29,7 +29,7 @@ def fill_far(rows, keys, phi, width):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def rows_of(keys, wanted):  # type: ignore[no-untyped-def]
-    """Row (n,) of each wanted key among keys, both ascending; -1 where it is not there."""
+    """Return the row (n,) of each wanted key among keys, both ascending; -1 where it is not there."""
     rows = np.full(len(wanted), -1, dtype=np.int32)
     at = 0
     for k in range(len(wanted)):
@@ -42,8 +42,8 @@ def rows_of(keys, wanted):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def crossed_cells(neighbours, phi):  # type: ignore[no-untyped-def]
-    """Corner rows (c, 2^d) of the lattice cells that phi changes sign in (bit a of a corner's number: a step
-    along axis a); neighbours (n, d, 2) as a band has them.
+    """Return the corner rows (c, 2^d) of the lattice cells that phi changes sign in (bit a of a corner's
+    number: a step along axis a); neighbours (n, d, 2) as a band has them.
     """
     dimension = neighbours.shape[1]
     wide = 1 << dimension
@@ -72,7 +72,8 @@ def crossed_cells(neighbours, phi):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def march_simplices(corners, phi, simplices):  # type: ignore[no-untyped-def]
-    """Linear zero set of phi on simplices that split each lattice cell (Kuhn), manifold by construction.
+    """Return the linear zero set of phi on simplices that split each lattice cell (Kuhn), manifold by
+    construction.
 
     corners (c, 2**d) rows of the cells' corners (bit a of the corner number = step along axis a), simplices
     (s, d+1) corner numbers along rising paths. Returns faces (m, d) of edge keys (row * 2**d + direction)
@@ -106,7 +107,7 @@ def march_simplices(corners, phi, simplices):  # type: ignore[no-untyped-def]
                 made = 2 if n_in == 2 and n_out == 2 else 1
                 if filling == 1:
                     k = 0
-                    for a in range(n_in):  # the four cuts of a quadrilateral in turn round it
+                    for a in range(n_in):  # the four corners of a quadrilateral, in their order around it
                         for b in range(n_out):
                             u = inside[a]
                             v = outside[b if a == 0 else n_out - 1 - b]
@@ -143,23 +144,25 @@ def wind_outward(faces, vertices, positions, phi, cells, simplices, source):  # 
             if size == 2:
                 normal = (1 - 2 * a) * (vertices[last, b] - vertices[first, b])
             else:
-                normal = _edge(vertices, faces[m], 1, b) * _edge(vertices, faces[m], 2, c)
-                normal -= _edge(vertices, faces[m], 1, c) * _edge(vertices, faces[m], 2, b)
+                normal = _edge_component(vertices, faces[m], 1, b) * _edge_component(vertices, faces[m], 2, c)
+                normal -= _edge_component(vertices, faces[m], 1, c) * _edge_component(
+                    vertices, faces[m], 2, b
+                )
             along += normal * (means[1, a] - means[0, a])
         if along < 0.0:
             faces[m, 0], faces[m, size - 1] = last, first
 
 
 @njit(cache=True, inline="always")
-def _edge(vertices, face, corner, axis):  # type: ignore[no-untyped-def]
-    """Along an axis, from the first corner of a face to another."""
+def _edge_component(vertices, face, corner, axis):  # type: ignore[no-untyped-def]
+    """Return the component along an axis of the edge from the first corner of a face to another."""
     return vertices[face[corner], axis] - vertices[face[0], axis]
 
 
 @njit(cache=True, nogil=True)
 def curvature(phi, neighbours, spacing):  # type: ignore[no-untyped-def]
-    """div(grad phi / |grad phi|) per node by central differences; phi is continued evenly where the band
-    ends.
+    """Return div(grad phi / |grad phi|) per node by central differences; phi is continued evenly where the
+    band ends.
     """
     n, dim = neighbours.shape[0], neighbours.shape[1]
     out = np.zeros(n)

@@ -16,7 +16,7 @@ from .distance import SignedDistance
 
 
 def gradient(band: Band, phi: Array) -> Array:
-    """Central differences (n, d); one-sided where the band ends."""
+    """Return central differences (n, d); one-sided where the band ends."""
     own = np.arange(len(band))[:, None]
     low, high = (np.where(band.neighbours[:, :, k] >= 0, band.neighbours[:, :, k], own) for k in (0, 1))
     steps = np.maximum((low != own).astype(int) + (high != own), 1)
@@ -24,26 +24,26 @@ def gradient(band: Band, phi: Array) -> Array:
 
 
 def mean_curvature(band: Band, phi: Array) -> Array:
-    """div(grad phi / |grad phi|), (n,): sum of the principal curvatures of the level sets, positive on a
-    sphere.
+    """Return div(grad phi / |grad phi|), (n,): the sum of the principal curvatures of the level sets,
+    positive on a sphere.
     """
     return np.asarray(kernels.curvature(phi, band.neighbours, band.spacing))
 
 
 def delta(phi: Array, reach: float) -> Array:
-    """Regularised Dirac function, 0 beyond |phi| = reach, integral 1."""
+    """Return the regularised Dirac function, 0 beyond |phi| = reach, integral 1."""
     return np.asarray(np.where(np.abs(phi) < reach, (1.0 + np.cos(np.pi * phi / reach)) / (2.0 * reach), 0.0))
 
 
 def heaviside(phi: Array, reach: float) -> Array:
-    """Its integral: 0 inside (phi < -reach), 1 outside."""
+    """Return the integral of the regularised Dirac function: 0 inside (phi < -reach), 1 outside."""
     s = np.clip(phi / reach, -1.0, 1.0)
     return np.asarray(0.5 * (1.0 + s + np.sin(np.pi * s) / np.pi))
 
 
 def combine(first: SignedDistance, second: SignedDistance, *, remove: bool) -> tuple[Band, Array]:
-    """The union of two insides with a fillet, or the first without the second (`remove`), on the nodes around
-    the new surface.
+    """Return the union of two insides with a fillet, or the first without the second (`remove`), on the nodes
+    around the new surface.
 
     Both on one lattice; the result has the right sign everywhere and is a distance near either surface. Works
     on the full box: a change of topology is rare.
@@ -55,7 +55,7 @@ def combine(first: SignedDistance, second: SignedDistance, *, remove: bool) -> t
     for box, f in zip(boxes, (first, second), strict=True):
         start = f.band.low - low
         box[tuple(slice(s, s + n) for s, n in zip(start, f.band.shape, strict=True))] = f.band.dense(f.phi)
-    mixed = np.maximum(boxes[0], -boxes[1]) if remove else _filleted(boxes[0], boxes[1], a.width)
+    mixed = np.maximum(boxes[0], -boxes[1]) if remove else _fillet_union(boxes[0], boxes[1], a.width)
     nodes = np.argwhere(np.abs(mixed) < a.width)
     band = Band(
         a.spacing, a.width, low, tuple(int(n) for n in shape), np.ascontiguousarray(nodes, dtype=np.int32)
@@ -63,16 +63,16 @@ def combine(first: SignedDistance, second: SignedDistance, *, remove: bool) -> t
     return band, mixed[tuple(nodes.T)].astype(np.float64)
 
 
-def _filleted(a: NDArray[np.float32], b: NDArray[np.float32], width: float) -> NDArray[np.float32]:
-    """The smaller of two level sets, rounded where they differ by less than `width`: vessels leave a chamber
-    without a sharp crease.
+def _fillet_union(a: NDArray[np.float32], b: NDArray[np.float32], width: float) -> NDArray[np.float32]:
+    """Return the smaller of two level sets, rounded where they differ by less than `width`: vessels leave a
+    chamber without a sharp crease.
     """
     near = np.maximum(1.0 - np.abs(a - b) / width, 0.0)
     return np.asarray(np.minimum(a, b) - 0.25 * width * near**2, dtype=np.float32)
 
 
 def linked(band: Band, chosen: NDArray[np.bool_]) -> Ints:
-    """Connected pieces (n,) of the chosen nodes, numbered from 0 by falling size; -1 elsewhere."""
+    """Return the connected pieces (n,) of the chosen nodes, numbered from 0 by falling size; -1 elsewhere."""
     rows, axes, sides = np.nonzero(band.neighbours >= 0)
     other = band.neighbours[rows, axes, sides]
     both = chosen[rows] & chosen[other]
@@ -88,8 +88,8 @@ def linked(band: Band, chosen: NDArray[np.bool_]) -> Ints:
 
 
 def without_islands(band: Band, phi: Array) -> Array:
-    """The level set with its largest inside and its largest outside alone: islands and cavities change their
-    side.
+    """Return the level set with its largest inside and its largest outside alone: islands and cavities change
+    their side.
     """
     whole = phi.copy()
     for side in (-1.0, 1.0):

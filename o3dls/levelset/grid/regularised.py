@@ -13,30 +13,31 @@ from ...geometry.surface import Surface
 
 
 def regularised(surface: Surface, spacing: float) -> Surface:
-    """A zero set (`isosurface.zero_set`, 3D, closed) with the mean of the vertices nearest to a node of its
-    lattice in their place: closed, manifold, of the same topology. Where a mean would change that, they stay.
+    """Return a zero set (`isosurface.zero_set`, 3D, closed) with the mean of the vertices nearest to a node
+    of its lattice in their place: closed, manifold, of the same topology. Where a mean would change that,
+    they stay.
     """
     faces = surface.faces
-    edges = _edges(faces)[0]
+    edges = _list_edges(faces)[0]
     group = _near_one_node(surface.vertices, edges, spacing)
     while (bad := _change_topology(faces, edges, group)).any():
         alone = len(bad) + np.arange(len(group))
         group = np.unique(np.where(bad[group], alone, group), return_inverse=True)[1]
     size = np.bincount(group)
     means = np.column_stack([np.bincount(group, along) / size for along in surface.vertices.T])
-    return Surface(means, _left(faces, group))
+    return Surface(means, _keep_faces(faces, group))
 
 
 def _near_one_node(vertices: Array, edges: Ints, spacing: float) -> Ints:
-    """Group (n,) of each vertex: those that edges connect within the cell around one node, which is an end of
-    the edge of a simplex that a vertex lies on.
+    """Return the group (n,) of each vertex: those that edges connect within the cell around one node, which
+    is an end of the edge of a simplex that a vertex lies on.
     """
     return component_labels(len(vertices), _within_cells(vertices, edges, spacing))
 
 
 @njit(cache=True, nogil=True)
 def _within_cells(vertices, edges, spacing):  # type: ignore[no-untyped-def]
-    """The edges (k, 2) whose ends are nearest to the same node of the lattice."""
+    """Return the edges (k, 2) whose ends are nearest to the same node of the lattice."""
     within = np.empty(edges.shape, dtype=edges.dtype)
     found = 0
     for e in range(len(edges)):
@@ -50,8 +51,8 @@ def _within_cells(vertices, edges, spacing):  # type: ignore[no-untyped-def]
 
 
 def _change_topology(faces: Ints, edges: Ints, group: Ints) -> Mask:
-    """The groups that cannot become one vertex each: no disk (Euler number 1), at an edge that would not have
-    two faces, or of two faces that would be one.
+    """Return the groups that cannot become one vertex each: no disk (Euler number 1), at an edge that would
+    not have two faces, or of two faces that would be one.
     """
     count = int(group.max()) + 1
     ends, corners = group[edges], group[faces]
@@ -60,10 +61,10 @@ def _change_topology(faces: Ints, edges: Ints, group: Ints) -> Mask:
     whole = corners[(corners[:, 0] == corners[:, 1]) & (corners[:, 1] == corners[:, 2]), 0]
     members, within, filled = (np.bincount(part, minlength=count) for part in (group, inner, whole))
     bad: Mask = members - within + filled != 1
-    left = _left(faces, group)
-    kept, uses = _edges(left)
+    left = _keep_faces(faces, group)
+    kept, uses = _list_edges(left)
     bad[kept[uses != 2].ravel()] = True
-    needed, found = (_keys(each[:, 0], each[:, 1], count) for each in (ends[apart], kept))
+    needed, found = (_pair_keys(each[:, 0], each[:, 1], count) for each in (ends[apart], kept))
     at = np.minimum(np.searchsorted(found, needed), len(found) - 1)
     bad[ends[apart][found[at] != needed].ravel()] = True
     least, most = left.min(axis=1), left.max(axis=1)
@@ -71,13 +72,13 @@ def _change_topology(faces: Ints, edges: Ints, group: Ints) -> Mask:
     same, uses = np.unique(face, return_counts=True)
     for corner in (same // count**2, same // count % count, same % count):
         bad[corner[uses > 1]] = True
-    # a vertex alone changes nothing by itself: what it meets is undone
+    # a group of one vertex is no mistake: the groups that it meets are undone
     return np.asarray(bad & (members > 1))
 
 
 @njit(cache=True, nogil=True)
-def _left(faces, group):  # type: ignore[no-untyped-def]
-    """Faces (k, 3) between three groups."""
+def _keep_faces(faces, group):  # type: ignore[no-untyped-def]
+    """Keep the faces (k, 3) whose corners belong to three groups."""
     left = np.empty(faces.shape, dtype=np.int64)
     found = 0
     for f in range(len(faces)):
@@ -88,15 +89,17 @@ def _left(faces, group):  # type: ignore[no-untyped-def]
     return left[:found]
 
 
-def _edges(faces: Ints) -> tuple[Ints, Ints]:
-    """Edges (e, 2), the smaller end first, in order, and how many faces (e,) have each."""
-    edges, uses = _counted(faces, int(faces.max(initial=0)) + 1)
+def _list_edges(faces: Ints) -> tuple[Ints, Ints]:
+    """List the edges (e, 2) in order, the smaller end first, and how many faces (e,) have each."""
+    edges, uses = _count_edges(faces, int(faces.max(initial=0)) + 1)
     return edges, uses
 
 
 @njit(cache=True, nogil=True)
-def _counted(faces, count):  # type: ignore[no-untyped-def]
-    """The same: put down at their smaller ends, where few meet and are soon sorted."""
+def _count_edges(faces, count):  # type: ignore[no-untyped-def]
+    """Write each edge down at its smaller end, where few meet and are soon sorted, and count the faces that
+    have it.
+    """
     begin = np.zeros(count + 1, dtype=np.int64)
     for f in range(len(faces)):
         for k in range(3):
@@ -125,6 +128,6 @@ def _counted(faces, count):  # type: ignore[no-untyped-def]
     return edges[:found], uses[:found]
 
 
-def _keys(a: Ints, b: Ints, count: int) -> Ints:
-    """A number (e,) for each pair of less than `count`, in either order."""
+def _pair_keys(a: Ints, b: Ints, count: int) -> Ints:
+    """Return a number (e,) for each pair of numbers below `count`, the same in either order."""
     return np.asarray(np.minimum(a, b) * count + np.maximum(a, b))

@@ -38,7 +38,7 @@ def touched_blocks(corners, reach, shape, bits):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def _face_box(face, reach, shape, first, last):  # type: ignore[no-untyped-def]
-    """First and last node per axis of a face's box grown by `reach`, clipped to the lattice."""
+    """Return the first and last node per axis of a face's box grown by `reach`, clipped to the lattice."""
     for a in range(3):
         low = high = face[0, a]
         for c in range(1, face.shape[0]):
@@ -69,7 +69,7 @@ def scatter_distance(layers, order, corners, reach, shape, bits, table, best, ow
         first[0], last[0] = max(first[0], layers[0] << 3), min(last[0], (layers[-1] << 3) + 7)
         if first[0] > last[0]:
             continue
-        _measure(corners[m], shape_of)
+        _measure_face(corners[m], shape_of)
         cx, cy, cz, radius = shape_of[:4]
         for bj in range(first[1] >> 3, (last[1] >> 3) + 1):
             y = (bj << 3) - cy
@@ -81,7 +81,7 @@ def scatter_distance(layers, order, corners, reach, shape, bits, table, best, ow
                     if (i - cx) ** 2 + beside2 > (worst[block, layer] + radius) ** 2:
                         continue
                     mine = best[block, layer * lanes : (layer + 1) * lanes]
-                    if _spare(mine, steps_y, steps_z, (i - cx, y, z), shape_of, reach, spare) == 0:
+                    if _count_candidates(mine, steps_y, steps_z, (i - cx, y, z), shape_of, reach, spare) == 0:
                         continue
                     theirs = owner[block, layer * lanes : (layer + 1) * lanes]
                     nearer = False
@@ -89,16 +89,17 @@ def scatter_distance(layers, order, corners, reach, shape, bits, table, best, ow
                         k = (bk << bits) + (c & (thick - 1))
                         if spare[c] > 0.0 and k <= last[2]:
                             node = i, (bj << 3) + (c >> bits), k
-                            nearer |= _try(m, node, corners[m], shape_of, reach, c, mine, theirs)
+                            nearer |= _write_if_nearer(m, node, corners[m], shape_of, reach, c, mine, theirs)
                     if nearer:
                         worst[block, layer] = min(reach, mine.max())
     return best, owner
 
 
-@njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})  # best distances begin infinite
-def _spare(best, steps_y, steps_z, start, face, reach, spare):  # type: ignore[no-untyped-def]
-    """How many nodes of a layer a face may be nearer to than the best so far: those where `spare`, the
-    difference of squared distances from that and from the circle around the face, is positive.
+# without the promise of finite numbers that fastmath=True makes: the best distances begin infinite
+@njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})
+def _count_candidates(best, steps_y, steps_z, start, face, reach, spare):  # type: ignore[no-untyped-def]
+    """Count the nodes of a layer that a face may be nearer to than the best face so far: those where `spare`,
+    the difference of squared distances from that face and from the circle around this one, is positive.
 
     start: the layer's first node, from the centre of the circle. In single precision, of which the processor
     does many at once, with room for its rounding.
@@ -121,8 +122,10 @@ def _spare(best, steps_y, steps_z, start, face, reach, spare):  # type: ignore[n
 
 
 @njit(cache=True, inline="always")
-def _try(m, node, corners, face, reach, c, best, owner):  # type: ignore[no-untyped-def]
-    """Write a face's distance from a node, and its number, where that is the smallest so far."""
+def _write_if_nearer(m, node, corners, face, reach, c, best, owner):  # type: ignore[no-untyped-def]
+    """Write a face's distance from a node, and its number, where that is the smallest so far, and say whether
+    it is.
+    """
     x, y, z = node[0] - corners[0, 0], node[1] - corners[0, 1], node[2] - corners[0, 2]
     if len(corners) == 2:
         gap2 = _segment_gap2(x, y, face)
@@ -137,8 +140,10 @@ def _try(m, node, corners, face, reach, c, best, owner):  # type: ignore[no-unty
 
 
 @njit(cache=True, nogil=True)
-def _measure(face, out):  # type: ignore[no-untyped-def]
-    """Centre (3), radius, unit normal (3; zero where there is no area), edges ab (3) and ac (3) of a face."""
+def _measure_face(face, out):  # type: ignore[no-untyped-def]
+    """Write the centre (3), radius, unit normal (3; zero where there is no area), edges ab (3) and ac (3) of
+    a face.
+    """
     corners = face.shape[0]
     for a in range(3):
         out[a] = 0.0
@@ -160,7 +165,7 @@ def _measure(face, out):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, inline="always")
 def _segment_gap2(x, y, face):  # type: ignore[no-untyped-def]
-    """Squared distance from a point, given from corner a, to a segment."""
+    """Return the squared distance from a point, given from corner a, to a segment."""
     along = x * face[7] + y * face[8]
     length2 = face[7] ** 2 + face[8] ** 2
     t = min(1.0, max(0.0, along / length2)) if length2 > 0.0 else 0.0
@@ -169,8 +174,8 @@ def _segment_gap2(x, y, face):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, inline="always")
 def _triangle_gap2(x, y, z, away, face):  # type: ignore[no-untyped-def]
-    """Squared distance from a point, given from corner a, to a triangle: `away`^2 above its inside, else the
-    nearest edge's.
+    """Return the squared distance from a point, given from corner a, to a triangle: `away`^2 above its
+    inside, else the nearest edge's.
     """
     ux, uy, uz, vx, vy, vz = face[7], face[8], face[9], face[10], face[11], face[12]
     pu, pv = x * ux + y * uy + z * uz, x * vx + y * vy + z * vz
@@ -195,7 +200,7 @@ def _triangle_gap2(x, y, z, away, face):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def gather_band(table, bits, shape, best, owner):  # type: ignore[no-untyped-def]
-    """Nodes that have an owner, in C order: indices (n, 3), distance (n,), face (n,)."""
+    """Gather the nodes that have an owner, in C order: indices (n, 3), distance (n,), face (n,)."""
     n = (owner >= 0).sum()
     nodes = np.empty((n, 3), dtype=np.int32)
     gap = np.empty(n)

@@ -24,8 +24,8 @@ TOUCHING[tuple(np.vstack([STEPS, [[0, 0, 0]]]).T + 1)] = True
 
 @cache
 def _simple_patterns() -> Mask:
-    """For every pattern of a node's neighbours (bit k: neighbour k is inside) whether the node can join or
-    leave the inside without a change of topology: inside and outside are one piece each on the sphere of
+    """Say for every pattern of a node's neighbours (bit k: neighbour k is inside) whether the node can join
+    or leave the inside without a change of topology: inside and outside are one piece each on the sphere of
     neighbours.
     """
     count = len(STEPS)
@@ -34,12 +34,15 @@ def _simple_patterns() -> Mask:
     )
     bits = touching @ (1 << np.arange(count))
     return np.array(
-        [_pieces(k, bits) == 1 and _pieces(~k & (1 << count) - 1, bits) == 1 for k in range(1 << count)]
+        [
+            _count_pieces(k, bits) == 1 and _count_pieces(~k & (1 << count) - 1, bits) == 1
+            for k in range(1 << count)
+        ]
     )
 
 
-def _pieces(pattern: int, bits: Ints) -> int:
-    """Number of connected pieces of a pattern."""
+def _count_pieces(pattern: int, bits: Ints) -> int:
+    """Count the connected pieces of a pattern."""
     pieces = 0
     while pattern:
         pieces += 1
@@ -55,11 +58,12 @@ def _pieces(pattern: int, bits: Ints) -> int:
 
 
 def simply_connected(phi: Array, least: float, left: Mask | None = None) -> Array:
-    """phi on a box with its inside made one simply connected piece: what is made outside becomes at least
-    `least`. left: what the inside leaves out (mask) where that is known, as `unreached` gives it.
+    """Return phi on a box with its inside made one simply connected piece: what is made outside becomes at
+    least `least`. left: what the inside leaves out (mask) where that is known, as `unreached` gives it.
     """
     left = unreached(phi) if left is None else left
-    for _ in range(2):  # the second time around what was left out: a cut as wide as the lattice can hold
+    # the second time around the nodes left out, which makes a cut as wide as the lattice can hold
+    for _ in range(2):
         if not left.any():
             break
         phi = cut_away(phi, left, least)
@@ -68,7 +72,7 @@ def simply_connected(phi: Array, least: float, left: Mask | None = None) -> Arra
 
 
 def cut_away(phi: Array, nodes: Mask, least: float) -> Array:
-    """phi with the inside at nodes (mask) and next to them made outside."""
+    """Return phi with the inside at nodes (mask) and next to them made outside."""
     wider = widened(nodes) & (phi < 0.0)
     return np.where(wider, np.maximum(-phi, least), phi)
 
@@ -87,13 +91,13 @@ def _queue_around(node, rank, inside, offsets, queued, waiting, first):  # type:
 
 
 @njit(cache=True, nogil=True)
-def _grow(nodes, rank, inside, simple, offsets):  # type: ignore[no-untyped-def]
+def _grow_in_place(nodes, rank, inside, simple, offsets):  # type: ignore[no-untyped-def]
     """Add to the inside (mask, in place) nodes next to it by simple additions, the first in `nodes` first.
 
     rank: of every node of the box among these, or -1.
     """
     queued = np.zeros(len(nodes), np.bool_)
-    waiting = np.zeros((len(nodes) >> 8) + 2, np.int64)  # in each chunk of the queue
+    waiting = np.zeros((len(nodes) >> 8) + 2, np.int64)  # counts of nodes that wait, per chunk of the queue
     first = len(nodes)
     for start in np.flatnonzero(inside):
         first = _queue_around(start, rank, inside, offsets, queued, waiting, first)
@@ -116,23 +120,23 @@ def _grow(nodes, rank, inside, simple, offsets):  # type: ignore[no-untyped-def]
             first = _queue_around(node, rank, inside, offsets, queued, waiting, first)
 
 
-def _grown(phi: Array, start: Mask) -> Mask:
-    """Negative nodes (mask) that grow from others by simple additions, the lowest first; the border of the
-    box is not grown.
+def _grow_inside(phi: Array, start: Mask) -> Mask:
+    """Return the inside (mask) grown from `start` by simple additions of negative nodes, the lowest first;
+    the border of the box is not grown.
     """
     offsets = STEPS @ np.array([phi.shape[1] * phi.shape[2], phi.shape[2], 1])
     inside = np.ascontiguousarray(start).ravel().copy()
     nodes = np.flatnonzero((phi.ravel() < 0.0) & ~inside)
-    nodes = nodes[_ascending(phi.ravel()[nodes])]
+    nodes = nodes[_sort_roughly(phi.ravel()[nodes])]
     rank = np.full(phi.size, -1, dtype=np.int32)
     rank[nodes] = np.arange(len(nodes))
-    _grow(nodes, rank, inside, _simple_patterns(), offsets)
+    _grow_in_place(nodes, rank, inside, _simple_patterns(), offsets)
     return inside.reshape(phi.shape)
 
 
-def _ascending(values: Array) -> Ints:
-    """Indices (n,) that sort values to 2^-16 of their range, those that are equal then as they come: so short
-    numbers are sorted without comparing them.
+def _sort_roughly(values: Array) -> Ints:
+    """Return the indices (n,) that sort values to 2^-16 of their range. Values that are equal then stay in
+    order: such short numbers are sorted without comparing them.
     """
     least, most = values.min(initial=np.inf), values.max(initial=-np.inf)
     steps = (2.0**16 - 1.0) / (most - least) if most > least else 0.0
@@ -140,20 +144,22 @@ def _ascending(values: Array) -> Ints:
 
 
 def unreached(phi: Array, begun: Mask | None = None) -> Mask:
-    """Nodes inside (mask) that are not reached from the deepest one, or from those that have `begun` (mask):
-    they cut handles, or are islands.
+    """Return the nodes inside (mask) that are not reached from the deepest one, or from those that have
+    `begun` (mask): they cut handles, or are islands.
     """
     if begun is None or not begun.any():
         begun = np.zeros(phi.shape, dtype=bool)
         begun[np.unravel_index(np.argmin(phi), phi.shape)] = True
-    grown = _grown(np.pad(phi, 1, constant_values=1.0), np.pad(begun, 1))
+    grown = _grow_inside(np.pad(phi, 1, constant_values=1.0), np.pad(begun, 1))
     return (phi < 0.0) & ~grown[1:-1, 1:-1, 1:-1]
 
 
 def outside(phi: Array) -> Mask:
-    """Nodes outside (mask) that are reached from beyond the box; the others fill tunnels or pockets."""
+    """Return the nodes outside (mask) that are reached from beyond the box; the others fill tunnels or
+    pockets.
+    """
     around = np.pad(np.pad(-phi, 1, constant_values=-np.inf), 1, constant_values=1.0)
     start = np.zeros(around.shape, dtype=bool)
     start[1:-1, 1:-1, 1:-1] = True
     start[2:-2, 2:-2, 2:-2] = False
-    return _grown(around, start)[2:-2, 2:-2, 2:-2]
+    return _grow_inside(around, start)[2:-2, 2:-2, 2:-2]

@@ -10,8 +10,8 @@ from numba import njit
 
 @njit(cache=True, nogil=True)
 def winding(nodes, vertices, faces, shape):  # type: ignore[no-untyped-def]
-    """Winding number (n,) of a closed surface around lattice nodes in C order, and the rows (count) whose
-    crossings do not cancel.
+    """Return the winding number (n,) of a closed surface around lattice nodes in C order, and the rows
+    (count) whose crossings do not cancel.
 
     Along each row of the last real axis the faces crossed so far are summed with their orientation: exact,
     also where the surface overlaps itself. Edges that meet a row are given to one side by an infinitesimal
@@ -71,8 +71,8 @@ def _row_range(vertices, ids, axis, size):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _side(vertices, u, v, x, y):  # type: ignore[no-untyped-def]
-    """Side (+1 left, -1 right) of the directed edge u -> v that the node (x, y) lies on, never 0.
+def _side_of_edge(vertices, u, v, x, y):  # type: ignore[no-untyped-def]
+    """Return the side (+1 left, -1 right) of the directed edge u -> v that the node (x, y) lies on, never 0.
 
     The edge is always evaluated from its lower to its higher vertex, so that its two faces see the same
     number; on the edge the node is shifted by (e, e^2).
@@ -89,12 +89,12 @@ def _side(vertices, u, v, x, y):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def _cross_triangle(vertices, ids, x, y):  # type: ignore[no-untyped-def]
-    """Does the vertical line through (x, y) cross the triangle: -1 upward out of it, +1 into it, 0 no; and
-    the height.
+    """Say whether the vertical line through (x, y) crosses the triangle: -1 upward out of it, +1 into it, 0
+    no; and the height.
     """
     a, b, c = ids[0], ids[1], ids[2]
-    side = _side(vertices, a, b, x, y)
-    if side != _side(vertices, b, c, x, y) or side != _side(vertices, c, a, x, y):
+    side = _side_of_edge(vertices, a, b, x, y)
+    if side != _side_of_edge(vertices, b, c, x, y) or side != _side_of_edge(vertices, c, a, x, y):
         return 0, 0.0
     ux, uy, uz = (
         vertices[b, 0] - vertices[a, 0],
@@ -115,8 +115,8 @@ def _cross_triangle(vertices, ids, x, y):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def _cross_segment(vertices, ids, x):  # type: ignore[no-untyped-def]
-    """The same for a segment and the vertical line through x; a vertex on the line belongs to the side of
-    larger x.
+    """Say as `_cross_triangle` does whether the vertical line through x crosses a segment; a vertex on the
+    line belongs to the side of larger x.
     """
     a, b = ids[0], ids[1]
     xa, xb = vertices[a, 0], vertices[b, 0]

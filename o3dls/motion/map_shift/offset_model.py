@@ -65,7 +65,9 @@ class OffsetModel:
 
 
 def offset_model(problem: MotionProblem, state: State) -> OffsetModel:
-    """The model of a problem's points, no more than may have rows of their own, where a fit has come to."""
+    """Return the model of a problem's points, no more than may have rows of their own, where a fit has come
+    to.
+    """
     rows = gather_rows(problem, find_feet(problem, state), state.without_history())
     fixed, parts = grams(problem.covariance, rows.observed)
     matrix, noise = assemble(state.scales.log, fixed, parts, rows)
@@ -75,49 +77,49 @@ def offset_model(problem: MotionProblem, state: State) -> OffsetModel:
 
 
 def best_offsets(model: OffsetModel, data: Data, taken_out: Offset | None = None) -> list[Offset]:
-    """The offset that gains most in the order of the points and across each direction, best first.
+    """Return the offset that gains most in the order of the points and across each direction, best first.
 
     data: the points as they were measured, of which the model may have had an offset taken out.
     """
     residual = model.rows.residual
     if taken_out is not None:
-        residual = residual + _columns(data, taken_out.part, model.directions) @ taken_out.offset
-    found = _offsets(model, data, model.whitening @ residual)
+        residual = residual + _offset_columns(data, taken_out.part, model.directions) @ taken_out.offset
+    found = _find_offsets(model, data, model.whitening @ residual)
     return sorted(found, key=lambda one: one.nats, reverse=True)
 
 
 def price(model: OffsetModel, data: Data, found: Offset) -> float:
-    """Nats that an offset costs: all those that it could have been, and what its landmarks do."""
+    """Return the nats that an offset costs: all those that it could have been, and what its landmarks do."""
     variance = (model.problem.settings.map_shift.offset_sd * model.problem.size) ** 2
-    columns = model.whitening @ _columns(data, found.part, model.directions)
+    columns = model.whitening @ _offset_columns(data, found.part, model.directions)
     known = np.linalg.slogdet(np.eye(columns.shape[1]) + variance * columns.T @ columns)[1]
     return 0.5 * float(known + found.offset @ found.offset / variance) + _odds_against(model, found.part)
 
 
 def _odds_against(model: OffsetModel, part: MapPart) -> float:
-    """Nats against an offset that no landmarks speak for, before points are seen: they are taken first, and
-    stay.
+    """Return the nats against an offset that no landmarks speak for, before points are seen: landmarks are
+    taken first, and stay.
     """
     stay = part.landmarks == "stay" and len(model.problem.marks) > 0
     return 0.0 if stay else model.problem.settings.map_shift.landmark_odds
 
 
 def order_of(data: Data) -> Array:
-    """When each point (n,) was taken: as they come, if nothing else is known."""
+    """Return when each point (n,) was taken: in the order of the file, if nothing else is known."""
     return np.arange(float(len(data.points))) if data.order is None else data.order
 
 
 def cut_at(part: MapPart, key: Array, rows: Ints, cut: int) -> MapPart:
-    """The part that begins with the point of a row in sorted order: just before it in time, or in the middle
-    to its neighbour.
+    """Return the part that begins with the point of a row in sorted order: just before it in time, or in the
+    middle to its neighbour.
     """
     first = float(key[rows[cut]])
     before = first - 1.0 if part.direction is None else float(key[rows[cut - 1]])
     return replace(part, beyond=0.5 * (before + first))
 
 
-def _offsets(model: OffsetModel, data: Data, residual: Array) -> list[Offset]:
-    """The best cut in the order of the points and across each direction, for whitened residuals (k,)."""
+def _find_offsets(model: OffsetModel, data: Data, residual: Array) -> list[Offset]:
+    """Find the best cut in the order of the points and across each direction, for whitened residuals (k,)."""
     settings = model.problem.settings.map_shift
     count, dimension = data.points.shape
     columns = model.whitening.T[:, :, None] * model.directions[:, None]
@@ -135,15 +137,20 @@ def _offsets(model: OffsetModel, data: Data, residual: Array) -> list[Offset]:
         parts = [cut_at(part, key, rows, cut) for cut in cuts]
         choices = _with_landmarks(parts, len(data.marks_map) > 0)
         return max(
-            (_likeliest(model, some, beyond + _moved(some, data, of_marks), residual) for some in choices),
+            (
+                _pick_likeliest(model, some, beyond + _landmark_columns(some, data, of_marks), residual)
+                for some in choices
+            ),
             key=lambda one: one.nats,
         )
 
-    return each(best, (None, *_directions(dimension)))
+    return each(best, (None, *_cut_directions(dimension)))
 
 
 def _sums_beyond(columns: Array, rows: Ints, cuts: Ints) -> Array:
-    """Sums of the columns (n, k, d) of the points from each cut on in sorted order: (cuts, k, d)."""
+    """Return the sums of the columns (n, k, d) of the points from each cut on in sorted order: (cuts,
+    k, d).
+    """
     segment = np.empty(len(rows), dtype=np.int64)
     segment[rows] = np.searchsorted(cuts, np.arange(len(rows)), side="right")
     # a sparse product adds up what lies between two cuts without a sorted copy of all columns
@@ -154,8 +161,10 @@ def _sums_beyond(columns: Array, rows: Ints, cuts: Ints) -> Array:
     return np.asarray(np.cumsum(sums[::-1], axis=0)[::-1].reshape(len(cuts), *columns.shape[1:]))
 
 
-def _likeliest(model: OffsetModel, parts: list[MapPart], columns: Array, residual: Array) -> Offset:
-    """The part whose offset gains most, by their whitened columns (parts, k, d) and residuals (k,)."""
+def _pick_likeliest(model: OffsetModel, parts: list[MapPart], columns: Array, residual: Array) -> Offset:
+    """Pick the part whose offset gains most evidence, by the parts' whitened columns (parts, k, d) and
+    residuals (k,).
+    """
     dimension = columns.shape[2]
     precision = (model.problem.settings.map_shift.offset_sd * model.problem.size) ** -2
     information = columns.transpose(0, 2, 1) @ columns + precision * np.eye(dimension)
@@ -168,15 +177,15 @@ def _likeliest(model: OffsetModel, parts: list[MapPart], columns: Array, residua
     return Offset(parts[best], offsets[best], covariances[best], float(nats[best]))
 
 
-def _directions(dimension: int) -> Iterator[Array]:
-    """Axes and diagonals, one of each two opposite ones."""
+def _cut_directions(dimension: int) -> Iterator[Array]:
+    """Yield the axes and diagonals of space, one of each two opposite ones."""
     signs = [np.array(one) for one in product((-1.0, 0.0, 1.0), repeat=dimension)]
     for sign in signs[len(signs) // 2 + 1 :]:
         yield sign / np.linalg.norm(sign)
 
 
 def _with_landmarks(parts: list[MapPart], marks: bool) -> Iterator[list[MapPart]]:
-    """The parts with all that landmarks may do."""
+    """Return the parts with all that landmarks may do: move along, or stay."""
     yield parts
     if marks:
         yield [replace(part, landmarks="move") for part in parts]
@@ -184,14 +193,14 @@ def _with_landmarks(parts: list[MapPart], marks: bool) -> Iterator[list[MapPart]
         yield [replace(part, landmarks="part") for part in parts]
 
 
-def _moved(parts: list[MapPart], data: Data, of_marks: Array) -> Array:
-    """What the landmarks of each part add to its columns (parts, k, d)."""
+def _landmark_columns(parts: list[MapPart], data: Data, of_marks: Array) -> Array:
+    """Return what the landmarks of each part add to its columns (parts, k, d)."""
     held = np.array([part.holds_marks(data.marks_map) for part in parts])
     return np.tensordot(held, of_marks, axes=1)
 
 
-def _columns(data: Data, part: MapPart, directions: Array) -> Array:
-    """What an offset of a part changes of the residuals: (k, d), of points and landmarks."""
+def _offset_columns(data: Data, part: MapPart, directions: Array) -> Array:
+    """Return by how much the offset of a part changes the residuals of points and landmarks: (k, d)."""
     marks = np.repeat(part.holds_marks(data.marks_map), data.points.shape[1])
     member = np.r_[part.holds(data.points, order_of(data)), marks]
     return np.asarray(member[:, None] * directions)

@@ -21,8 +21,8 @@ from .trial import Trial, energy_alone, fitted_without, log_likelihood
 
 
 def is_shared(trial: Trial, problem: MotionProblem, state: State) -> bool:
-    """Whether enough of an offset's evidence is left without the place that speaks most for it, by motions
-    fitted anew to the other points. problem, state: of a motion alone, and where that has come to.
+    """Return whether enough of an offset's evidence is left without the place that speaks most for it, by
+    motions fitted anew to the other points. problem, state: of a motion alone, and where that has come to.
     """
     settings = problem.settings.map_shift
     place = _place_that_gains_most(trial, problem, state)
@@ -33,8 +33,8 @@ def is_shared(trial: Trial, problem: MotionProblem, state: State) -> bool:
 
 
 def _place_that_gains_most(trial: Trial, problem: MotionProblem, state: State) -> Ints:
-    """Rows of the points of the part within a ball, as large as a vein's or an appendage's, to which its
-    offset brings most.
+    """Return the rows of the points of the part within a ball, as large as a vein's or an appendage's, to
+    which its offset brings most.
     """
     data, found = problem.data, trial.found
     held = found.part.holds(data.points, order_of(data))

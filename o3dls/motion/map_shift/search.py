@@ -26,16 +26,16 @@ from .trial import Trial, energy_alone, fitted_without, log_likelihood
 
 
 def find_map_shift(fit: MotionFit) -> tuple[MapShift, Array] | None:
-    """The part of the map that one offset explains better than any motion does, and the pose (d+1, d+1) that
-    the prior comes to without the offset; None where there is no such part.
+    """Return the part of the map that one offset explains better than any motion does, and the pose (d+1,
+    d+1) that the prior comes to without the offset; None where there is no such part.
     """
     with one_blas_thread():
-        problem, state, energy = _asked(fit)
-        trials = [trial for trial in _trials(problem, state, energy) if _stands_out(trial)]
+        problem, state, energy = _sample_problem(fit)
+        trials = [trial for trial in _try_offsets(problem, state, energy) if _stands_out(trial)]
         if not trials:
             return None
         trial = max(trials, key=lambda one: one.evidence)
-        # others cut the same points elsewhere: where the likeliest is one place, none is tried in its stead
+        # further cuts part the same points elsewhere: where the likeliest cut is one place, none replaces it
         if not is_shared(trial, problem, state):
             return None
     found, data = trial.found, fit.problem.data
@@ -43,20 +43,22 @@ def find_map_shift(fit: MotionFit) -> tuple[MapShift, Array] | None:
     held = found.part.holds(data.points, order_of(data))[mapping]
     sd = fit.problem.settings.inflation * np.sqrt(np.diag(found.covariance))
     shift = MapShift(found.part, found.offset, sd, trial.evidence, int(held.sum()), len(held))
-    pose = _posed(trial.run).pose
+    pose = _pose_problem(trial.run).pose
     if not _seen_from_the_wrong_side(shift, len(data.marks_map) > 0):
         return shift, pose
     pose[:-1, -1] += shift.offset
     return shift.other_side(), pose
 
 
-def _trials(problem: MotionProblem, state: State, energy: float | None) -> list[Trial]:
-    """Motions without the offsets that are worth a fit. energy: of the problem, if it is known."""
+def _try_offsets(problem: MotionProblem, state: State, energy: float | None) -> list[Trial]:
+    """Try the offsets that are worth a fit: return the motions without them. energy: of the problem, if it is
+    known.
+    """
     settings = problem.settings.map_shift
     here, measured = offset_model(problem, state), problem.data
     motion = _rms_motion(problem, state)
     worth = [one for one in best_offsets(here, measured) if _worth_a_fit(problem, motion, one)]
-    # a cause in time is the usual one, and hidden while all points pull at one surface
+    # a shift that begins at a time is usual, but it hides while all points pull at one surface
     in_order = [one for one in worth if one.part.direction is None]
     planes = [one for one in worth if one.part.direction is not None]
     rivals = settings.rivals if len(measured.points) >= settings.least_points else 0
@@ -65,11 +67,13 @@ def _trials(problem: MotionProblem, state: State, energy: float | None) -> list[
         return []
 
     alone = once(lambda: energy_alone(problem) if energy is None else energy + here.correction)
-    _, trials = both(alone, lambda: each(lambda one: _settled(problem, measured, one, alone), asked))
+    _, trials = both(alone, lambda: each(lambda one: _settle_offset(problem, measured, one, alone), asked))
     return trials
 
 
-def _settled(problem: MotionProblem, measured: Data, found: Offset, alone: Callable[[], float]) -> Trial:
+def _settle_offset(
+    problem: MotionProblem, measured: Data, found: Offset, alone: Callable[[], float]
+) -> Trial:
     """The trial of an offset after as many rounds as it and its cut need to stay, or as it is worth.
 
     measured: the points with the offset in them; alone: tells the free energy of a motion alone.
@@ -77,19 +81,19 @@ def _settled(problem: MotionProblem, measured: Data, found: Offset, alone: Calla
     settings = problem.settings.map_shift
     trial = fitted_without(problem, measured, found, alone)
     for _ in range(1, settings.rounds):
-        again = _sharpened(trial, measured, best_offsets(trial.model, measured, trial.found)[0])
+        again = _sharpen_cut(trial, measured, best_offsets(trial.model, measured, trial.found)[0])
         still = settings.settled * float(trial.run.state.scales.noises[0])
         if np.linalg.norm(again.offset - trial.found.offset) < still:
             break
-        trial = fitted_without(_posed(trial.run), measured, again, alone)
+        trial = fitted_without(_pose_problem(trial.run), measured, again, alone)
         if not _stands_out(trial, settings.hopeless):
             break
     return trial
 
 
-def _asked(fit: MotionFit) -> tuple[MotionProblem, State, float | None]:
-    """Problem and state of the points that are asked, an even part of more than may have rows of their own;
-    their free energy if it is known.
+def _sample_problem(fit: MotionFit) -> tuple[MotionProblem, State, float | None]:
+    """Return problem and state for an even part of the points where they are more than may have rows of their
+    own, and their free energy if it is known.
     """
     problem, state = fit.problem, fit.state
     data = replace(problem.data, order=order_of(problem.data))
@@ -101,8 +105,8 @@ def _asked(fit: MotionFit) -> tuple[MotionProblem, State, float | None]:
 
 
 def _worth_a_fit(problem: MotionProblem, motion: float, found: Offset) -> bool:
-    """Whether an offset in closed form may come to stand out. One by a plane must be as long as those that
-    may be named, and clearly longer than the rms motion of the whole map, which follows it partly.
+    """Return whether an offset in closed form may come to stand out. One by a plane must be as long as those
+    that may be named, and clearly longer than the rms motion of the whole map, which follows it partly.
     """
     settings = problem.settings.map_shift
     if found.part.direction is None:
@@ -112,8 +116,8 @@ def _worth_a_fit(problem: MotionProblem, motion: float, found: Offset) -> bool:
 
 
 def _stands_out(trial: Trial, share: float = 1.0) -> bool:
-    """Whether an offset has the evidence that it needs, or a share of it; one by a plane must also be longer
-    than the motions are that resemble it, and the more so the longer it is.
+    """Return whether an offset has the evidence that it needs, or a share of it; one by a plane must also be
+    longer than the motions are that resemble it, and the more so the longer it is.
     """
     settings = trial.problem.settings.map_shift
     enough = max(settings.evidence, settings.evidence_per_point * len(trial.problem.data.points))
@@ -126,13 +130,13 @@ def _stands_out(trial: Trial, share: float = 1.0) -> bool:
 
 
 def _rms_motion(problem: MotionProblem, state: State) -> float:
-    """Root mean square of how far the vertices moved beyond a similarity."""
+    """Return the root mean square of how far the vertices moved beyond a similarity."""
     rest, moved = problem.rest.at, state.moved
     return float(np.sqrt(((moved - apply(fit_similarity(rest, moved), rest)) ** 2).sum(axis=1).mean()))
 
 
-def _posed(run: Iterated) -> MotionProblem:
-    """The problem of a run in the pose that it came to: the one before was found with the offset."""
+def _pose_problem(run: Iterated) -> MotionProblem:
+    """Return the problem of a run in the pose that it came to: the earlier pose was found with the offset."""
     problem = run.problem
     moved = fit_similarity(problem.rest.at, run.state.moved)
     length = problem.smoothing_length
@@ -142,9 +146,9 @@ def _posed(run: Iterated) -> MotionProblem:
     )
 
 
-def _sharpened(trial: Trial, measured: Data, found: Offset) -> Offset:
-    """The same offset with the cut where the points are likeliest to have it or not, by their distances from
-    the surface.
+def _sharpen_cut(trial: Trial, measured: Data, found: Offset) -> Offset:
+    """Move the cut of an offset to where the points are likeliest to have the offset or not, by their
+    distances from the surface.
     """
     settings = trial.problem.settings.map_shift
     key = found.part.key(measured.points, order_of(measured))
@@ -159,8 +163,8 @@ def _sharpened(trial: Trial, measured: Data, found: Offset) -> Offset:
 
 
 def _seen_from_the_wrong_side(shift: MapShift, marks: bool) -> bool:
-    """Whether it is the other side of a plane that is shifted: the one that has not the landmarks or, where
-    these are on both, the smaller one.
+    """Return whether it is the other side of a plane that is shifted: the one that has not the landmarks or,
+    where these are on both, the smaller one.
     """
     part = shift.part
     if part.direction is None or (marks and part.landmarks == "stay"):

@@ -35,7 +35,7 @@ class Trial:
 
 
 def energy_alone(problem: MotionProblem) -> float:
-    """Free energy (nats) of a motion alone, fitted from nothing, with Laplace's correction."""
+    """Return the free energy (nats) of a motion alone, fitted from nothing, with Laplace's correction."""
     run = settled(problem)
     return run.energy + offset_model(problem, run.state).correction
 
@@ -46,14 +46,16 @@ def fitted_without(
     """The trial of an offset. measured: the points with the offset in them; alone: tells the free energy of a
     motion alone, asked after the fit.
     """
-    run = settled(replace(problem, data=_taken_out(measured, found)))
+    run = settled(replace(problem, data=_take_out(measured, found)))
     model = offset_model(run.problem, run.state)
     evidence = alone() - run.energy - model.correction - price(model, measured, found)
     return Trial(found, run, model, evidence)
 
 
 def log_likelihood(problem: MotionProblem, state: State, points: Array) -> Array:
-    """Log density (n,) of points (n, d) that are on the wall where a fit has come to, or outliers."""
+    """Return the log density (n,) of points (n, d) that are on the wall where a fit has come to, or
+    outliers.
+    """
     _, face, foot, bary = problem.tree.at(state.moved).query(points)
     normals = unit_mean(vertex_normals(state.moved, problem.faces), problem.faces[face], bary)
     outward = ((points - foot) * normals).sum(axis=1)
@@ -63,8 +65,8 @@ def log_likelihood(problem: MotionProblem, state: State, points: Array) -> Array
     return np.asarray(np.log(density + fraction * state.contact.outlier_density(outward) + ROUNDING))
 
 
-def _taken_out(data: Data, found: Offset) -> Data:
-    """The points, and the landmarks that move along, without the offset of a part."""
+def _take_out(data: Data, found: Offset) -> Data:
+    """Return the points, and the landmarks that move along, without the offset of a part."""
     held = found.part.holds(data.points, order_of(data))[:, None]
     marks = found.part.holds_marks(data.marks_map)[:, None]
     return replace(

@@ -35,8 +35,8 @@ class Amplitudes:
 def amplitudes(
     wall: Oriented, prior: MovedPrior, scale: Scale, settings: ReconstructionSettings
 ) -> Amplitudes:
-    """The amplitudes of a ladder that predict each point's distance from the moved prior best, given those
-    of its neighbours, over the surroundings of each place.
+    """Choose, around each place, the amplitude of a ladder that predicts each point's distance from the moved
+    prior best, given the distances of its neighbours.
 
     The likelihoods are those of Gaussian-process regression on nearest neighbours (Vecchia 1988), each point
     left out. Points off the prior have the largest.
@@ -49,26 +49,26 @@ def amplitudes(
     order = np.random.default_rng(SEED).permutation(len(known.feet))
     tested = np.sort(order[: chosen.most_points])
     weights = known.weights[tested]
-    likely = _likelihoods(known, prior, tested, ladder, scale, settings)
-    around = _surroundings(known.feet[tested], known.feet[tested], weights, scale, settings)
-    shares = [_shares(around @ one, chosen) for one in np.moveaxis(likely, 2, 0)]
+    likely = _score_amplitudes(known, prior, tested, ladder, scale, settings)
+    around = _weigh_neighbours(known.feet[tested], known.feet[tested], weights, scale, settings)
+    shares = [_estimate_shares(around @ one, chosen) for one in np.moveaxis(likely, 2, 0)]
     totals = [
-        float(weights @ (_posterior(around @ one, share) * one).sum(axis=1))
+        float(weights @ (_amplitude_probabilities(around @ one, share) * one).sum(axis=1))
         for one, share in zip(np.moveaxis(likely, 2, 0), shares, strict=True)
     ]
     noise = int(np.argmax(totals))
-    # the lowest amplitude is as good as none: the moved prior alone
+    # the lowest amplitude stands for no deviation: the wall is the moved prior
     gain = (totals[noise] - float((weights @ likely[:, 0]).max())) * len(known.feet) / len(tested)
-    around = _surroundings(wall.feet, known.feet[tested], weights, scale, settings)
-    at = np.sqrt(_posterior(around @ likely[:, :, noise], shares[noise]) @ ladder**2)
+    around = _weigh_neighbours(wall.feet, known.feet[tested], weights, scale, settings)
+    at = np.sqrt(_amplitude_probabilities(around @ likely[:, :, noise], shares[noise]) @ ladder**2)
     off = off_prior(wall, prior, settings.splines)
     return Amplitudes(np.where(off, ladder[-1], at), float(chosen.noise_factors[noise]), gain)
 
 
-def _surroundings(
+def _weigh_neighbours(
     places: Array, points: Array, weights: Array, scale: Scale, settings: ReconstructionSettings
 ) -> sparse.csr_matrix:
-    """How much each of m points, with weights (m,), says at n places (n, 3): a matrix (n, m)."""
+    """Return the matrix (n, m) of how much each of m points, with weights (m,), counts at n places (n, 3)."""
     chosen = settings.amplitude
     gap, who = nearest(points, places, min(chosen.around, len(points)))
     say = weights[who] * np.exp(-0.5 * (gap / (chosen.reach * scale.radius)) ** 2)
@@ -76,25 +76,25 @@ def _surroundings(
     return sparse.csr_matrix((say.ravel(), who.ravel(), pointer), shape=(len(places), len(points)))
 
 
-def _shares(local: Array, chosen: AmplitudeSettings) -> Array:
-    """Shares (a,) of the places that have each amplitude, of which the likelihoods (n, a) are known, by
-    expectation maximisation.
+def _estimate_shares(local: Array, chosen: AmplitudeSettings) -> Array:
+    """Estimate, by expectation maximisation, which shares (a,) of the places have each amplitude, from its
+    likelihoods (n, a).
     """
     shares: Array = np.full(local.shape[1], 1.0 / local.shape[1])
     for _ in range(chosen.iterations):
-        shares = np.maximum(_posterior(local, shares).mean(axis=0), chosen.least_share)
+        shares = np.maximum(_amplitude_probabilities(local, shares).mean(axis=0), chosen.least_share)
         shares /= shares.sum()
     return shares
 
 
-def _posterior(local: Array, shares: Array) -> Array:
-    """Probabilities (n, a) of amplitudes by log likelihoods (n, a) and their shares (a,)."""
+def _amplitude_probabilities(local: Array, shares: Array) -> Array:
+    """Return the probabilities (n, a) of the amplitudes from their log likelihoods (n, a) and shares (a,)."""
     log = local + np.log(shares)
     odds = np.exp(log - log.max(axis=1, keepdims=True))
     return np.asarray(odds / odds.sum(axis=1, keepdims=True))
 
 
-def _likelihoods(
+def _score_amplitudes(
     known: Oriented,
     prior: MovedPrior,
     tested: Ints,
@@ -102,13 +102,13 @@ def _likelihoods(
     scale: Scale,
     settings: ReconstructionSettings,
 ) -> Array:
-    """Log densities (k, amplitudes, noise factors) of the points that are tested, each given its
+    """Return the log densities (k, amplitudes, noise factors) of the tested points, each given its
     neighbours.
     """
     chosen = settings.amplitude
     lengths = np.asarray(scale.lengths(known.noise, settings.splines))
     count = min(chosen.neighbours + 1, len(known.feet))
-    # neighbours on the moved prior: those in space are near because their noise is alike
+    # neighbours are sought on the moved prior: in space, points are near when their noise happens to agree
     points = known.points
     squared, _, feet, _ = prior.tree.query(points)
     distance = np.where(prior.at(points) < 0.0, -1.0, 1.0) * np.sqrt(squared)
@@ -116,12 +116,14 @@ def _likelihoods(
     factors = np.asarray(chosen.noise_factors)
     out = np.zeros((len(tested), len(ladder), len(factors)))
     shared = (feet, distance, known.noise, ladder, factors, lengths)
-    by_rows(_predicted, WORTH, (near, out), *shared)
+    by_rows(_fill_log_densities, WORTH, (near, out), *shared)
     return out
 
 
 def _itself_first(near: Ints, own: Ints) -> Ints:
-    """Rows (k, m) of the points nearest to points of rows `own` (k,), these first: others may coincide."""
+    """Find the rows (k, m) of the points nearest to points `own` (k,), which come first themselves: other
+    points may coincide with them.
+    """
     order = np.argsort(near != own[:, None], axis=1, kind="stable")
     near = np.take_along_axis(near, order, axis=1)
     near[:, 0] = own
@@ -129,7 +131,7 @@ def _itself_first(near: Ints, own: Ints) -> Ints:
 
 
 @njit(cache=True, nogil=True)
-def _predicted(near, out, feet, values, noise, ladder, factors, lengths):  # type: ignore[no-untyped-def]
+def _fill_log_densities(near, out, feet, values, noise, ladder, factors, lengths):  # type: ignore[no-untyped-def]
     """Fill in the log density of the first value of each row of `near` given the others, for every amplitude
     and factor on the noise.
     """

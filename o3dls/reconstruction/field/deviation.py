@@ -14,22 +14,22 @@ from .splines import correlation
 
 
 def deviation(vertices: Array, prior_sd: Array, found: Reconstruction, nearest_points: int) -> Array:
-    """Standard deviation (v,) of the wall at its vertices, if there is wall: of the field or of the motion,
-    prior_sd (v,), whichever is larger, as far as the points next to each do not tell.
+    """Return the standard deviation (v,) of the wall at its vertices, if there is wall: of the field or of
+    the motion, prior_sd (v,), whichever is larger, as far as the points next to each do not tell.
     """
     wall = found.wall
     _, near = nearest(wall.feet, vertices, min(nearest_points, len(wall.feet)))
     variance = wall.noise**2 / np.maximum(wall.weights, TINY)
     told = np.zeros(len(vertices))
     shared = (wall.feet, wall.amplitude, variance, np.asarray(found.lengths))
-    by_rows(_told, WORTH, (vertices, near, told), *shared)
+    by_rows(_fill_explained_variance, WORTH, (vertices, near, told), *shared)
     # the field's was found from distances to the moved prior, which have the motion's in them
     return np.asarray(np.sqrt(1.0 - told) * np.maximum(wall.amplitude[near[:, 0]], prior_sd))
 
 
 @njit(cache=True, nogil=True)
-def _told(vertices, near, told, feet, amplitude, variance, lengths):  # type: ignore[no-untyped-def]
-    """Fill in the part (v,) of the field's variance at each vertex that points near it take away, by the
+def _fill_explained_variance(vertices, near, told, feet, amplitude, variance, lengths):  # type: ignore[no-untyped-def]
+    """Fill in the part (v,) of the field's variance at each vertex that the points near it explain, by the
     Cholesky factor of their covariance.
     """
     count = near.shape[1]

@@ -42,11 +42,11 @@ class Oriented:
         return self.feet + self.heights[:, None] * self.normals
 
     def of(self, rows: NDArray[np.bool_]) -> Oriented:
-        """Those of a mask (n,)."""
+        """Return the points of a mask (n,)."""
         return Oriented(*(values[rows] for values in vars(self).values()))
 
     def nearer(self, distance: Array) -> Oriented:
-        """The same points with feet moved by signed distances (n,) to a wall."""
+        """Return these points with their feet moved by signed distances (n,) to a wall."""
         return replace(
             self, feet=self.feet - distance[:, None] * self.normals, heights=self.heights + distance
         )
@@ -65,32 +65,32 @@ class OffSurface:
     amplitude: Array
 
     def joined(self, other: OffSurface) -> OffSurface:
-        """These places and others."""
+        """Join these places with others."""
         both = zip(vars(self).values(), vars(other).values(), strict=True)
         return OffSurface(*(np.concatenate(pair) for pair in both))
 
 
 def turned_off(wall: Oriented, prior: MovedPrior, settings: SplineSettings) -> NDArray[np.bool_]:
-    """Which points (n,) have another normal than the moved prior next to them."""
+    """Return which points (n,) have another normal than the moved prior next to them."""
     return np.asarray((prior.slope(wall.feet) * wall.normals).sum(axis=1) < settings.offset_cosine)
 
 
 def off_prior(wall: Oriented, prior: MovedPrior, settings: SplineSettings) -> NDArray[np.bool_]:
-    """Which points (n,) show a wall off the moved prior's, or one that looks elsewhere."""
-    off = _apart(wall, prior, settings)
-    return off & ~_floating(wall, off, prior, settings)
+    """Return which points (n,) show a wall off the moved prior's, or one that looks elsewhere."""
+    off = _find_off_wall(wall, prior, settings)
+    return off & ~_find_floating(wall, off, prior, settings)
 
 
 def floating(wall: Oriented, prior: MovedPrior, settings: SplineSettings) -> NDArray[np.bool_]:
-    """Which points (n,) inside the moved prior show no wall, many as they may be: the wall in front of them
-    has points of its own, or they lie sparser than points of a wall do.
+    """Return which points (n,) inside the moved prior show no wall, many as they may be: the wall in front of
+    them has points of its own, or they lie sparser than points of a wall do.
     """
-    return _floating(wall, _apart(wall, prior, settings), prior, settings)
+    return _find_floating(wall, _find_off_wall(wall, prior, settings), prior, settings)
 
 
-def _apart(wall: Oriented, prior: MovedPrior, settings: SplineSettings) -> NDArray[np.bool_]:
-    """Which points (n,) lie off the moved prior's wall, or on one that looks elsewhere, and most of those
-    around them too: one alone is rather no point of the wall.
+def _find_off_wall(wall: Oriented, prior: MovedPrior, settings: SplineSettings) -> NDArray[np.bool_]:
+    """Find the points (n,) that lie off the moved prior's wall, or whose normal differs from its, if most
+    points around them do so too: a single such point is more likely an outlier.
     """
     turned = turned_off(wall, prior, settings)
     off = (np.abs(wall.heights + prior.at(wall.feet)) > settings.offset_noise * wall.noise) | turned
@@ -98,7 +98,7 @@ def _apart(wall: Oriented, prior: MovedPrior, settings: SplineSettings) -> NDArr
     return np.asarray(off & (off[around].mean(axis=1) > 0.5))
 
 
-def _floating(
+def _find_floating(
     wall: Oriented, apart: NDArray[np.bool_], prior: MovedPrior, settings: SplineSettings
 ) -> NDArray[np.bool_]:
     believed = wall.weights > 0.5
@@ -119,8 +119,9 @@ def _floating(
 def off_surface(
     wall: Oriented, off: NDArray[np.bool_], prior: MovedPrior, radius: float, settings: SplineSettings
 ) -> OffSurface:
-    """Where points are `off` (n,) the moved prior, phi on both sides of them: what was wall there is none,
-    and what was not inside is (Carr et al. 2001). Places that other points are nearer to are left out.
+    """Put known values of phi on both sides of the points that are `off` (n,) the moved prior: what was wall
+    there is none, and what was not inside is (Carr et al. 2001). Places that other points are nearer to are
+    left out.
     """
     rows = np.flatnonzero(off)
     near = KDTree(wall.feet)
@@ -145,31 +146,30 @@ def field_through(
     lengths: list[float],
     settings: SplineSettings,
 ) -> SplineField:
-    """The field g that phi = psi.T + g follows the points with: its mean given the points.
+    """Return the field g that phi = psi.T + g follows the points with: its mean given the points.
 
-    lengths: widths of
-    the lattices, from coarse to fine. Minimises the sum of the squared coefficients and of the squared
-    residuals of values and gradients, by conjugate gradients.
+    lengths: widths of the lattices, from coarse to fine. Minimises the sum of the squared coefficients and of
+    the squared residuals of values and gradients, by conjugate gradients.
     """
     places = np.vstack([wall.feet, off.at])
     count = len(wall.feet)
     lattices = [SplineLattice.around(places, length) for length in lengths]
     share = 1.0 / np.sqrt(len(lengths) * VARIANCE)
     rows = [lattice.rows(places) for lattice in lattices]
-    scales = [share * _around(row, np.r_[wall.amplitude, off.amplitude]) for row in rows]
+    scales = [share * _mean_around_splines(row, np.r_[wall.amplitude, off.amplitude]) for row in rows]
     wanted, precision = np.zeros((2, len(places), 4))
     wanted[:, 0] = np.r_[-wall.heights, off.values] - prior.at(places)
     wanted[:count, 1:] = wall.normals - prior.slope(wall.feet)
-    # the foot under a tilted normal is that of another place of the wall
+    # a tilted normal would lead to the foot of another place on the wall
     aside = wall.noise**2 + (wall.tilt * wall.heights) ** 2
     precision[:, 0] = np.r_[wall.weights / aside, off.weights / off.noise**2]
     precision[:count, 1:] = (wall.weights / (settings.normal_sd**2 + wall.tilt**2))[:, None]
-    found = _solved(rows, scales, wanted, precision, settings)
+    found = _solve_coefficients(rows, scales, wanted, precision, settings)
     return SplineField(lattices, [scale * part for scale, part in zip(scales, found, strict=True)])
 
 
-def _around(rows: SplineRows, amplitude: Array) -> Array:
-    """Mean (count,) of what is known at places (n,), over those around each spline."""
+def _mean_around_splines(rows: SplineRows, amplitude: Array) -> Array:
+    """Return the mean (count,) around each spline of values known at places (n,)."""
     values = np.zeros((len(amplitude), 4))
     values[:, 0] = amplitude
     total = rows.back(values)
@@ -177,10 +177,12 @@ def _around(rows: SplineRows, amplitude: Array) -> Array:
     return total / np.maximum(rows.back(values), TINY)
 
 
-def _solved(
+def _solve_coefficients(
     rows: list[SplineRows], scales: list[Array], wanted: Array, precision: Array, settings: SplineSettings
 ) -> list[Array]:
-    """Coefficients z of each lattice that minimise |z|^2 + sum precision (value and gradient - wanted)^2."""
+    """Solve for the coefficients z of each lattice that minimise |z|^2 + sum precision (value and gradient -
+    wanted)^2.
+    """
     ends = np.cumsum([row.count for row in rows])
 
     def back(values: Array) -> Array:

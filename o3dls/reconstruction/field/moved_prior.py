@@ -28,7 +28,9 @@ class MovedPrior:
 
     @classmethod
     def of(cls, surface: Surface, points: Array, spacing: float, clip: float) -> MovedPrior:
-        """On a box that holds the surface and the points (n, 3). Raises InputError where it is open."""
+        """Make the moved prior on a box that holds the surface and the points (n, 3). Raises InputError where
+        it is open.
+        """
         near = signed_distance(surface.vertices, surface.faces, spacing, clip + spacing)
         band = near.band
         room = PAD + int(np.ceil(clip / spacing))
@@ -42,12 +44,12 @@ class MovedPrior:
         return cls(surface, spacing, clip, low, box, surface.closest_point)
 
     def at(self, points: Array) -> Array:
-        """Values (n,) at points (n, 3)."""
+        """Return the values (n,) at points (n, 3)."""
         inside = (points / self.spacing - self.low).T
         return np.asarray(map_coordinates(self.box, inside, order=1, mode="nearest"))
 
     def slope(self, points: Array) -> Array:
-        """Gradient (n, 3), over two spacings: shorter than 1 where the distance is cut off."""
+        """Return the gradient (n, 3), over two spacings: shorter than 1 where the distance is cut off."""
         step = self.spacing * np.eye(3)
         differences = [self.at(points + along) - self.at(points - along) for along in step]
         return np.column_stack(differences) / (2.0 * self.spacing)

@@ -24,17 +24,17 @@ class Scale:
     spacing: float
 
     def lengths(self, noise: Array, settings: SplineSettings) -> list[float]:
-        """Widths of the lattices of splines by which points with noise (n,) predict each other."""
-        return self._halved(settings.finest_between, noise, settings)
+        """Return the widths of the lattices of splines by which points with noise (n,) predict each other."""
+        return self._halve_widths(settings.finest_between, noise, settings)
 
     def wall_lengths(self, noise: Array, settings: SplineSettings) -> list[float]:
-        """Widths of those that the wall follows: with finer ones, that hardly reach from a point to the next,
-        long ones do not carry what points ask for into wall that has none.
+        """Return the widths of those that the wall follows: with finer ones, that hardly reach from a point
+        to the next, long ones do not carry what points ask for into wall that has none.
         """
-        return self._halved(settings.wall_finest_between, noise, settings)
+        return self._halve_widths(settings.wall_finest_between, noise, settings)
 
-    def _halved(self, finest_between: float, noise: Array, settings: SplineSettings) -> list[float]:
-        """From coarse to fine, each half as wide as the one before."""
+    def _halve_widths(self, finest_between: float, noise: Array, settings: SplineSettings) -> list[float]:
+        """Return widths from coarse to fine, each half as wide as the one before."""
         finest = max(
             finest_between * self.between,
             settings.finest_noise * float(np.median(noise)),
@@ -46,17 +46,17 @@ class Scale:
 
 
 def phi_at(places: Array, prior: MovedPrior, field: SplineField) -> Array:
-    """phi (n,) at places (n, 3)."""
+    """Return phi (n,) at places (n, 3)."""
     return prior.at(places) + field.at(places)
 
 
 def distance_over(wall: Oriented, prior: MovedPrior, field: SplineField) -> Array:
-    """Signed distance (n,) of points from the wall of a field."""
+    """Return the signed distance (n,) of points from the wall of a field."""
     return wall.heights + phi_at(wall.feet, prior, field)
 
 
 def turned_along(wall: Oriented, prior: MovedPrior, field: SplineField, settings: NormalSettings) -> Oriented:
-    """Points with the normals of the wall of a field, where it has one near their feet."""
+    """Return the points with the normals of the wall of a field, where it has one near their feet."""
     ends = [
         (wall.feet + along, wall.feet - along) for along in settings.slope_step * prior.spacing * np.eye(3)
     ]
@@ -80,7 +80,9 @@ def fitted(
     lengths: list[float],
     known: OffSurface | None = None,
 ) -> SplineField:
-    """The field on lattices of some widths that points ask for, and `known` values of phi elsewhere."""
+    """Return the field on lattices of some widths that points ask for, and `known` values of phi
+    elsewhere.
+    """
     chosen = settings.splines
     off = off_prior(wall, prior, chosen)
     constraints = off_surface(wall, off, prior, scale.radius, chosen)

@@ -16,7 +16,7 @@ from ...arrays import Array, Ints
 from ...motion.covariance import WORTH
 from ...parallel import by_rows
 
-VARIANCE = 0.55**3  # of a field of unit coefficients: the mean of the squares of a spline's values, per axis
+VARIANCE = 0.55**3  # variance of a field of unit coefficients: the mean square of a spline, per axis
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +32,7 @@ class SplineLattice:
 
     @classmethod
     def around(cls, points: Array, spacing: float) -> SplineLattice:
-        """All splines that do not vanish at one of the points (n, 3)."""
+        """Make a lattice of all splines that do not vanish at one of the points (n, 3)."""
         base = np.round(points / spacing).astype(np.int64)
         low = base.min(axis=0) - 1
         taken = np.zeros(base.max(axis=0) - low + 2, dtype=bool)
@@ -44,19 +44,19 @@ class SplineLattice:
         return cls(spacing, low, columns, count)
 
     def rows(self, points: Array) -> SplineRows:
-        """The splines at points (n, 3) that the lattice was made around."""
+        """Return the splines at points (n, 3) that the lattice was made around."""
         scaled = points / self.spacing
         base = np.round(scaled).astype(np.int64)
-        value, slope = _splines(scaled - base)
+        value, slope = _spline_values(scaled - base)
         steps = np.array(list(np.ndindex(3, 3, 3)))
         at = base[:, None, :] - self.low + steps - 1
         columns = self.columns[tuple(np.moveaxis(at, 2, 0))].astype(np.int32)
         return SplineRows(self.count, columns, value, slope / self.spacing)
 
     def along(self, axis: int, scaled: Array) -> Array:
-        """Values (n, k) of the lattice's k splines along one axis, at scaled coordinates (n,)."""
+        """Return the values (n, k) of the lattice's k splines along one axis, at scaled coordinates (n,)."""
         base = np.round(scaled)
-        value, _ = _splines(scaled - base)
+        value, _ = _spline_values(scaled - base)
         columns = base.astype(np.int64)[:, None] - self.low[axis] + np.arange(-1, 2)
         there = (columns >= 0) & (columns < self.columns.shape[axis])
         out = np.zeros((len(scaled), self.columns.shape[axis]))
@@ -77,21 +77,23 @@ class SplineRows:
     slope: Array
 
     def of(self, coefficients: Array) -> Array:
-        """Value and gradient (n, 4) of a field."""
+        """Return the value and gradient (n, 4) of a field."""
         out = np.empty((len(self.columns), 4))
-        _forward(self.columns, self.value, self.slope, out, np.ascontiguousarray(coefficients))
+        _contract_axes(self.columns, self.value, self.slope, out, np.ascontiguousarray(coefficients))
         return out
 
     def back(self, values: Array) -> Array:
-        """The transposed map: coefficients (count,) of values and gradients (n, 4)."""
+        """Return the transposed map: coefficients (count,) of values and gradients (n, 4)."""
         total = np.zeros(self.count)
-        _backward(self.columns, self.value, self.slope, values, total)
+        _add_transpose(self.columns, self.value, self.slope, values, total)
         return total
 
     def squares(self, weights: Array) -> Array:
-        """Sums (count,) of the map's squared entries, weighted (n, 4): the diagonal of the normal matrix."""
+        """Return the sums (count,) of the map's squared entries, weighted (n, 4): the diagonal of the normal
+        matrix.
+        """
         total = np.zeros(self.count)
-        _squares(self.columns, self.value, self.slope, weights, total)
+        _add_squares(self.columns, self.value, self.slope, weights, total)
         return total
 
 
@@ -103,15 +105,15 @@ class SplineField:
     coefficients: Sequence[Array]
 
     def at(self, points: Array) -> Array:
-        """Values (n,) at points (n, 3)."""
+        """Return the values (n,) at points (n, 3)."""
         total = np.zeros(len(points))
         for lattice, values in zip(self.lattices, self.coefficients, strict=True):
             rows = total, points / lattice.spacing
-            by_rows(_add, WORTH, rows, lattice.low, lattice.columns, values)
+            by_rows(_add_splines, WORTH, rows, lattice.low, lattice.columns, values)
         return total
 
     def on_box(self, low: Ints, shape: tuple[int, ...], spacing: float) -> Array:
-        """Values on the nodes (index + low) * spacing of a box, one axis after the other."""
+        """Return the values on the nodes (index + low) * spacing of a box, one axis after the other."""
         total = np.zeros(shape)
         for lattice, values in zip(self.lattices, self.coefficients, strict=True):
             field = np.where(lattice.columns >= 0, values[lattice.columns], 0.0)
@@ -123,15 +125,15 @@ class SplineField:
         return total
 
 
-def _splines(part: Array) -> tuple[Array, Array]:
-    """Values and derivatives of the three splines around, (..., 3), for places in [-1/2, 1/2] of a node."""
+def _spline_values(part: Array) -> tuple[Array, Array]:
+    """Return values and derivatives of the three splines around places in [-1/2, 1/2] of a node, (..., 3)."""
     left, right = 0.5 - part, 0.5 + part
     value = np.stack([0.5 * left**2, 0.75 - part**2, 0.5 * right**2], axis=-1)
     return value, np.stack([-left, -2.0 * part, right], axis=-1)
 
 
 @njit(cache=True, nogil=True)
-def _add(total, scaled, low, columns, values):  # type: ignore[no-untyped-def]
+def _add_splines(total, scaled, low, columns, values):  # type: ignore[no-untyped-def]
     """Add the sum of the splines at scaled points (n, 3) to `total` (n,)."""
     weights = np.empty((3, 3))
     base = np.empty(3, np.int64)
@@ -159,8 +161,8 @@ def _add(total, scaled, low, columns, values):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _forward(columns, value, slope, out, coefficients):  # type: ignore[no-untyped-def]
-    """Value and gradient (n, 4) by contracting one axis after the other."""
+def _contract_axes(columns, value, slope, out, coefficients):  # type: ignore[no-untyped-def]
+    """Write the value and gradient (n, 4) at each point, by contracting one axis after the other."""
     for i in range(len(columns)):
         v = gx = gy = gz = 0.0
         for a in range(3):
@@ -185,8 +187,8 @@ def _forward(columns, value, slope, out, coefficients):  # type: ignore[no-untyp
 
 
 @njit(cache=True, nogil=True)
-def _backward(columns, value, slope, values, total):  # type: ignore[no-untyped-def]
-    """Add the transpose of `_forward` to `total` (count,)."""
+def _add_transpose(columns, value, slope, values, total):  # type: ignore[no-untyped-def]
+    """Add the transpose of `_contract_axes` to `total` (count,)."""
     for i in range(len(columns)):
         for a in range(3):
             p = value[i, 0, a] * values[i, 0] + slope[i, 0, a] * values[i, 1]
@@ -200,8 +202,8 @@ def _backward(columns, value, slope, values, total):  # type: ignore[no-untyped-
 
 
 @njit(cache=True, nogil=True)
-def _squares(columns, value, slope, weights, total):  # type: ignore[no-untyped-def]
-    """Add the weighted squares of the entries of `_forward` to `total` (count,)."""
+def _add_squares(columns, value, slope, weights, total):  # type: ignore[no-untyped-def]
+    """Add the weighted squares of the entries of `_contract_axes` to `total` (count,)."""
     for i in range(len(columns)):
         for a in range(3):
             p = value[i, 0, a] ** 2 * weights[i, 0] + slope[i, 0, a] ** 2 * weights[i, 1]
@@ -217,7 +219,9 @@ def _squares(columns, value, slope, weights, total):  # type: ignore[no-untyped-
 
 @njit(cache=True, nogil=True)
 def correlation(a, b, lengths):  # type: ignore[no-untyped-def]
-    """Of a field of splines of several lengths at two places, about: Gaussians."""
+    """Return about how a field of splines of several lengths correlates at two places: a mean of
+    Gaussians.
+    """
     squared = (a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2
     total = 0.0
     for k in range(len(lengths)):

@@ -33,8 +33,8 @@ class DipolePlaces:
         return cls(places[order], far, order, np.r_[0, np.cumsum(number)], middles)
 
     def winding(self, at: Array, dipoles: Array, smoothing: Array) -> tuple[Array, Array]:
-        """The direction (n, 3), times a density, in which the winding number of dipoles (m, 3), each spread
-        over a length (m,), falls at places (n, 3), and that number (n,): 1 inside.
+        """Return the direction (n, 3), times a density, in which the winding number of dipoles (m, 3), each
+        spread over a length (m,), falls at places (n, 3), and that number (n,): 1 inside.
         """
         dipoles, width2 = dipoles[self.order], smoothing[self.order] ** 2
         whole = np.add.reduceat(dipoles, self.first[:-1])
@@ -42,20 +42,20 @@ class DipolePlaces:
         fall, number = np.zeros_like(at), np.zeros(len(at))
         near = (self.places, dipoles, width2, self.first)
         far = (self.middles, whole, wide, self.far**2)
-        by_rows(_winding, WORTH, (at, fall, number), *near, *far)
+        by_rows(_fill_winding, WORTH, (at, fall, number), *near, *far)
         return fall, number
 
 
 def cells(points: Array, width: float) -> Ints:
-    """The cell (n,) of a width that each point (n, 3) lies in, numbered."""
+    """Return the cell (n,) of a width that each point (n, 3) lies in, numbered."""
     return np.unique(np.floor(points / width).astype(np.int64), axis=0, return_inverse=True)[1].ravel()
 
 
 @njit(cache=True, nogil=True, fastmath=True)
-def _winding(  # type: ignore[no-untyped-def]
+def _fill_winding(  # type: ignore[no-untyped-def]
     places, fall, number, at, dipoles, width2, first, middles, whole, wide, far2
 ):
-    """Fill in what `DipolePlaces.winding` returns."""
+    """Fill in the fall and the winding number that `DipolePlaces.winding` returns."""
     for i in range(len(places)):
         fall[i] = 0.0
         total = 0.0
@@ -66,16 +66,16 @@ def _winding(  # type: ignore[no-untyped-def]
                 + (places[i, 2] - middles[k, 2]) ** 2
             )
             if apart > far2:
-                total += _added(fall, places, i, middles, whole, wide, k)
+                total += _add_dipole(fall, places, i, middles, whole, wide, k)
             else:
                 for j in range(first[k], first[k + 1]):
-                    total += _added(fall, places, i, at, dipoles, width2, j)
+                    total += _add_dipole(fall, places, i, at, dipoles, width2, j)
         number[i] = total / (4.0 * np.pi)
 
 
 @njit(cache=True, nogil=True, fastmath=True)
-def _added(fall, places, i, at, dipoles, width2, j):  # type: ignore[no-untyped-def]
-    """The solid angle of dipole j at place i, whose fall is added to `fall`."""
+def _add_dipole(fall, places, i, at, dipoles, width2, j):  # type: ignore[no-untyped-def]
+    """Return the solid angle of dipole j at place i, and add its fall to `fall`."""
     x = places[i, 0] - at[j, 0]
     y = places[i, 1] - at[j, 1]
     z = places[i, 2] - at[j, 2]

@@ -12,8 +12,8 @@ from .believed import Believed
 
 
 def existence(places: Array, believed: Believed, between: float, settings: ReconstructionSettings) -> Array:
-    """Probability (n,) that there is wall at places (n, 3) of a surface, by the points that are believed,
-    which are `between` apart; 1 everywhere where none is believed.
+    """Return the probability (n,) that there is wall at places (n, 3) of a surface, by the points that are
+    believed, which are `between` apart; 1 everywhere where none is believed.
     """
     touching = believed.points[believed.weights > 0.5]
     if not len(touching):
@@ -26,8 +26,8 @@ def existence(places: Array, believed: Believed, between: float, settings: Recon
 
 
 def absent(gap: Array, between: float, length: float, share: float, unmapped: float) -> Array:
-    """Probability (n,) that there is no wall where the nearest point is `gap` (n,) away, of points that are
-    `between` apart.
+    """Return the probability (n,) that there is no wall where the nearest point is `gap` (n,) away, of points
+    that are `between` apart.
 
     share: of the wall that is absent before points are seen; unmapped: of it that was not visited. By Bayes'
     rule with the densities of the gap: on visited wall that of a Poisson process, which is no smaller nearer

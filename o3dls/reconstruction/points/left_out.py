@@ -21,8 +21,8 @@ from ..settings import ReconstructionSettings
 def clusters_believed(
     points: Array, weights: Array, prior: MovedPrior, between: float, settings: ReconstructionSettings
 ) -> Array:
-    """Probabilities of contact (n,) to begin with: those of the motion, but that clusters of doubted points
-    are believed.
+    """Return the probabilities of contact (n,) to begin with: those of the motion, but that clusters of
+    doubted points are believed.
 
     A cluster is a wall that the moved prior does not reach, unless the prior's wall in front of it has points
     of its own: then it belongs to something else, as to another chamber.
@@ -47,8 +47,8 @@ def clusters_believed(
 def left_out_distances(
     wall: Oriented, prior: MovedPrior, scale: Scale, settings: ReconstructionSettings
 ) -> Array:
-    """Signed distance (n,) of each point, negative inside, from the wall that other points make; of points
-    that float in front of the moved prior's wall, from that, if it is farther.
+    """Return the signed distance (n,) of each point, negative inside, from the wall that other points make;
+    of points that float in front of the moved prior's wall, from that, if it is farther.
 
     The points are split into parts; each is predicted by the others, or, of many points, a part predicts the
     rest.
@@ -76,9 +76,9 @@ def left_out_distances(
 def gain_off_prior(
     wall: Oriented, prior: MovedPrior, left_out: Array, contact: Contact, settings: ReconstructionSettings
 ) -> float:
-    """Nats by which believed points off the moved prior's wall are likelier as points of a wall that other
-    points make, at signed distances left_out (n,), than with the moved prior: there most are outliers. Each
-    with the noise that is best for it.
+    """Return by how many nats believed points off the moved prior's wall are likelier as points of a wall
+    that other points make, at signed distances left_out (n,), than with the moved prior, under which most are
+    outliers. Each is given the noise that is best for it.
     """
     off = off_prior(wall, prior, settings.splines) & (wall.weights > 0.5)
     if not off.any():

@@ -26,13 +26,14 @@ class PointDensity:
     settings: HandleSettings
 
     def log_likelihoods(self, phis: tuple[Array, ...], changed: Mask) -> list[float]:
-        """Log density of the points near nodes (mask), as many as there are, given that they come from the
-        wall of each phi near these, evenly. So wall without points costs as much as points without wall.
+        """Return the log density of the points near nodes (mask), as many as there are, given that they come
+        from the wall of each phi near these, evenly. So wall without points costs as much as points without
+        wall.
         """
         reach = self.settings.reach * self.sigma
         nodes = np.argwhere(changed)
         around = KDTree(np.asarray((nodes + self.low) * self.spacing, dtype=np.float64))
-        near = KDTree(self.points[_within(reach, around, self.points)])
+        near = KDTree(self.points[_are_within_reach(reach, around, self.points)])
         margin = int(np.ceil(2.0 * reach / self.spacing)) + 1
         low = np.maximum(nodes.min(axis=0) - margin, 0)
         box = tuple(slice(a, b + margin + 1) for a, b in zip(low, nodes.max(axis=0), strict=True))
@@ -45,12 +46,14 @@ class PointDensity:
         return each(log_likelihood, phis)
 
     def _log_likelihood(self, wall: Surface, near: KDTree, around: KDTree) -> float:
-        """That of the points `near`, from the wall near the nodes `around`."""
+        """Return the log density of the points `near`, given that they come from the wall near the nodes
+        `around`.
+        """
         reach = self.settings.reach * self.sigma
         places, areas = wall.vertices[wall.faces].mean(axis=1), wall.face_areas
         if not near.n or not len(places):
             return 0.0
-        whole = areas[_within(reach, around, places)].sum()
+        whole = areas[_are_within_reach(reach, around, places)].sum()
         pairs = near.sparse_distance_matrix(KDTree(places), reach, output_type="ndarray")
         heights = areas[pairs["j"]] * np.exp(-0.5 * (pairs["v"] / self.sigma) ** 2)
         summed = np.bincount(pairs["i"], heights, minlength=near.n)
@@ -58,6 +61,6 @@ class PointDensity:
         return float(np.log(density / whole).sum())
 
 
-def _within(reach: float, nodes: KDTree, places: Array) -> Mask:
-    """Which places (k, 3) are nearer than that to one of the nodes."""
+def _are_within_reach(reach: float, nodes: KDTree, places: Array) -> Mask:
+    """Say which places (k, 3) are nearer than `reach` to one of the nodes."""
     return np.asarray(nodes.query(places, distance_upper_bound=reach)[0] < reach)

@@ -26,8 +26,8 @@ Evidence = Callable[[tuple[Array, ...], Mask], list[float]]
 def without_handles(
     phi: Array, evidence: Evidence, settings: HandleSettings, least: float, asked: float
 ) -> Array:
-    """phi on a box with its inside made one simply connected piece, but for handles that points show; what is
-    changed becomes at least `least` in amount.
+    """Return phi on a box with its inside made one simply connected piece, but for handles that points show;
+    what is changed becomes at least `least` in amount.
 
     evidence: log likelihoods of points near changed nodes (mask) under several phi; asked: nodes that the cut
     of a handle takes for it to be asked.
@@ -42,8 +42,8 @@ def without_handles(
 def _handles_decided(
     phi: Array, left_out: Mask, evidence: Evidence, settings: HandleSettings, least: float, asked: float
 ) -> tuple[Array, Mask]:
-    """phi where every larger handle was cut, or its tunnel filled, or left, and nodes (mask) that would cut
-    those that were left. `left_out` is what the inside leaves out, when grown.
+    """Return phi with every larger handle cut, or its tunnel filled, or left, and nodes (mask) that would cut
+    those that were left. left_out: what the inside leaves out, when grown.
     """
     kept = np.zeros(phi.shape, dtype=bool)
     cuts = label(left_out, TOUCHING)[0]
@@ -53,7 +53,7 @@ def _handles_decided(
         if sizes[k] < asked:
             break
         mine = cuts == k
-        tunnel, disc = _tunnel(np.where(left_out & ~mine, least, phi), sizes[k], settings, least)
+        tunnel, disc = _fill_tunnel(np.where(left_out & ~mine, least, phi), sizes[k], settings, least)
         severed = cut_away(phi, mine, least)
         filled = np.where(disc, np.minimum(-phi, -least), phi)
         if not tunnel.any():  # an island
@@ -63,25 +63,27 @@ def _handles_decided(
         as_it_is, without, closed = evidence((phi, severed, filled), changed)
         if as_it_is - max(without, closed) > settings.evidence:
             kept |= mine
-        elif closed - np.log(_size(tunnel)) >= without - np.log(sizes[k]):
+        elif closed - np.log(_count_nodes(tunnel)) >= without - np.log(sizes[k]):
             phi = filled
         else:
             phi = severed
     return phi, kept
 
 
-def _tunnel(phi: Array, cut: int, settings: HandleSettings, least: float) -> tuple[Mask, Mask]:
-    """Nodes (mask) that fill the tunnel of a phi with one handle, which it takes `cut` nodes to cut, where it
-    is narrowest, and these as wide as the lattice can hold; none where nothing does, as where the inside is
-    in two.
+def _fill_tunnel(phi: Array, cut: int, settings: HandleSettings, least: float) -> tuple[Mask, Mask]:
+    """Return the nodes (mask) that fill the tunnel of a phi with one handle where it is narrowest, and these
+    as wide as the lattice can hold. `cut`: how many nodes it takes to cut the handle. Nothing is filled where
+    no filling spares the cut, as where the inside is in two.
     """
     deep = phi < -least
     grown, beyond = both(lambda: ~unreached(np.where(deep, phi, least)), lambda: outside(phi))
     begun = deep & grown  # grown first, whatever is filled
 
     def spares(nodes: Mask) -> bool:
-        """Whether the handle needs no cut when they are filled, but for a node or two elsewhere."""
-        return 2 * _size(unreached(np.where(nodes, -least, phi), begun)) < cut
+        """Say whether the handle needs no cut when these nodes are filled, but for a node or two
+        elsewhere.
+        """
+        return 2 * _count_nodes(unreached(np.where(nodes, -least, phi), begun)) < cut
 
     fills = (phi >= 0.0) & ~beyond
     if not spares(fills):
@@ -97,5 +99,5 @@ def _tunnel(phi: Array, cut: int, settings: HandleSettings, least: float) -> tup
     return fills, wider if spares(wider) else fills
 
 
-def _size(nodes: Mask) -> int:
+def _count_nodes(nodes: Mask) -> int:
     return int(np.count_nonzero(nodes))

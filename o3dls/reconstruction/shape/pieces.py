@@ -32,8 +32,8 @@ EVEN = 0.8  # area of wall per node on it and squared spacing, for a surface of 
 def reconstructed_wall(
     found: Reconstruction, settings: ReconstructionSettings, mesh: Mesher
 ) -> tuple[Surface, int, int]:
-    """The wall of phi, one piece without handles but such as points show; how many parts were taken away,
-    and how many pockets of the outside filled, because points contradict them.
+    """Return the wall of phi, one piece without handles but such as points show; how many parts were taken
+    away, and how many pockets of the outside filled, because points contradict them.
 
     mesh: what will mesh phi. Where that has another topology, as where walls are closer than the lattice
     tells apart, the wall is a mesh of fewer faces than the zero set has.
@@ -62,34 +62,37 @@ def reconstructed_wall(
 
 
 def without_surplus(phi: Array, found: Reconstruction, settings: ReconstructionSettings) -> tuple[Array, int]:
-    """phi without parts of a template that the map shows to be absent, and how many were taken away."""
+    """Return phi without parts of a template that the map shows to be absent, and how many were taken
+    away.
+    """
     shown = found.wall.of(~floating(found.wall, found.prior, settings.splines))
     away, _ = surplus(phi, shown, found.prior, found.radius, found.between, settings.surplus)
     parts, cut = label(away)
-    there = np.unique(parts[tuple(_nodes(found.inside, found).T)])  # what is known to be inside is there
+    # a part that holds points known to be inside must be there
+    there = np.unique(parts[tuple(_nearest_nodes(found.inside, found).T)])
     away &= ~np.isin(parts, there)
     least = settings.least_outside * found.prior.spacing
     return np.where(away, np.maximum(-phi, least), phi), cut - int(np.count_nonzero(there))
 
 
 def own_parts_kept(phi: Array, found: Reconstruction, settings: ReconstructionSettings) -> tuple[Array, int]:
-    """phi with the parts of a patient's own anatomy that it has lost, but for those that points contradict;
-    and how many these are.
+    """Return phi with the lost parts of a patient's own anatomy put back, but for those that points
+    contradict; and how many points contradict.
 
     A part is lost where the moved prior's inside is farther than `own_parts.reach` from the one piece of the
     new inside that is largest. Points contradict it if they are likelier on the new wall than on the moved
     prior's, as where they close its mouth, and none is known to be inside it.
     """
     prior, chosen = found.prior, settings.own_parts
-    inside, own = _largest(phi < 0.0), prior.box < 0.0
+    inside, own = _keep_largest(phi < 0.0), prior.box < 0.0
     reach = chosen.reach * prior.clip / prior.spacing
     parts, count = label(own & ~np.isfinite(gaps(inside, reach)))
-    there = np.unique(parts[tuple(_nodes(found.inside, found).T)])
-    node = _nodes(found.wall.points, found)
+    there = np.unique(parts[tuple(_nearest_nodes(found.inside, found).T)])
+    node = _nearest_nodes(found.wall.points, found)
     kept, contradicted = phi.copy(), 0
     for k in range(1, count + 1):
         near = np.isfinite(gaps(parts == k, reach))
-        if k not in there and _gain(phi, found, near[tuple(node.T)]) > chosen.evidence:
+        if k not in there and _gain_over_prior(phi, found, near[tuple(node.T)]) > chosen.evidence:
             contradicted += 1
         else:
             lost = near & own
@@ -97,14 +100,14 @@ def own_parts_kept(phi: Array, found: Reconstruction, settings: ReconstructionSe
     return kept, contradicted
 
 
-def _largest(mask: Mask) -> Mask:
-    """The largest piece of a mask."""
+def _keep_largest(mask: Mask) -> Mask:
+    """Keep the largest piece of a mask."""
     pieces, count = label(mask)
     return mask if count < 2 else np.asarray(pieces == 1 + np.bincount(pieces[mask])[1:].argmax())
 
 
-def _gain(phi: Array, found: Reconstruction, rows: Mask) -> float:
-    """Nats by which points, those of a mask (n,), are likelier on the zero set of phi than on the moved
+def _gain_over_prior(phi: Array, found: Reconstruction, rows: Mask) -> float:
+    """Return by how many nats the points of a mask (n,) are likelier on the zero set of phi than on the moved
     prior's wall.
     """
     prior, contact, near = found.prior, found.contact, found.wall.of(rows)
@@ -119,11 +122,13 @@ def _gain(phi: Array, found: Reconstruction, rows: Mask) -> float:
 
 
 def smooth_cuts(phi: Array, before: Array, width: float) -> Array:
-    """phi without the steps of the lattice, averaged over `width` nodes, where its sign was changed."""
+    """Return phi without the steps of the lattice where its sign was changed: there it is averaged over
+    `width` nodes.
+    """
     changed = (phi < 0.0) != (before < 0.0)
     if not changed.any():
         return phi
-    far = int(4.0 * width + 0.5)  # nodes, beyond which an average has no share
+    far = int(4.0 * width + 0.5)  # nodes beyond which the average is not felt
     [there] = find_objects(changed.astype(np.int8))
     around = tuple(slice(max(0, side.start - far - 2), side.stop + far + 2) for side in there)
     changed, part = changed[around], phi[around]
@@ -135,11 +140,11 @@ def smooth_cuts(phi: Array, before: Array, width: float) -> Array:
 
 
 def _on_lattice(found: Reconstruction, settings: ReconstructionSettings) -> Array:
-    """phi on the box of the moved prior: where the prior or a point is near."""
+    """Return phi on the box of the moved prior, where the prior or a point is near."""
     prior = found.prior
     phi = prior.box.copy()
     marked = np.zeros(phi.shape, dtype=bool)
-    marked[tuple(_nodes(np.vstack([found.wall.feet, found.inside]), found).T)] = True
+    marked[tuple(_nearest_nodes(np.vstack([found.wall.feet, found.inside]), found).T)] = True
     reach = max(settings.around * prior.clip, settings.around_between * found.between)
     alone = settings.bare_between * found.between
     faded = alone + settings.fading * prior.clip
@@ -159,8 +164,8 @@ def _on_lattice(found: Reconstruction, settings: ReconstructionSettings) -> Arra
     return phi
 
 
-def _nodes(points: Array, found: Reconstruction) -> Ints:
-    """Indices (n, 3) in the box of the nodes nearest to points."""
+def _nearest_nodes(points: Array, found: Reconstruction) -> Ints:
+    """Return the indices (n, 3) in the box of the nodes nearest to points."""
     inside = np.round(points / found.prior.spacing).astype(np.int64) - found.prior.low
     return np.asarray(np.clip(inside, 0, np.array(found.prior.box.shape) - 1))
 
@@ -168,8 +173,8 @@ def _nodes(points: Array, found: Reconstruction) -> Ints:
 def without_pinched_off(
     phi: Array, found: Reconstruction, settings: ReconstructionSettings
 ) -> tuple[Array, int]:
-    """phi without parts that hang on the rest by a thin neck or not at all and have room for many points, but
-    hardly one lies on them, while the wall around the neck has some: a vein that the wall lacks, pinched off.
+    """Return phi without pinched-off veins: parts that hang on the rest by a thin neck or not at all and have
+    room for many points, though hardly one lies on them, while the wall around the neck has some.
     """
     spacing = found.prior.spacing
     neck = float(np.clip(settings.neck * found.between, spacing, settings.widest_neck * found.radius))
@@ -186,11 +191,11 @@ def without_pinched_off(
     part = np.where(inside, core[tuple(closest)], 0)
     wall = inside & widened(~inside)
     walls = np.bincount(part[wall], minlength=parts + 1)
-    at = _nodes(found.wall.feet, found) - low
-    near = _gaps(np.argwhere(wall), at) * spacing < settings.surplus.reach * found.between
+    at = _nearest_nodes(found.wall.feet, found) - low
+    near = _gaps_to_nearest(np.argwhere(wall), at) * spacing < settings.surplus.reach * found.between
     supported = np.bincount(part[wall][near], minlength=parts + 1) / np.maximum(walls, 1)
     expected = EVEN * spacing**2 * walls / found.between**2
-    known = np.clip(_nodes(found.inside, found) - low, 0, np.array(part.shape) - 1)
+    known = np.clip(_nearest_nodes(found.inside, found) - low, 0, np.array(part.shape) - 1)
     expected[part[tuple(known.T)]] = 0.0
     removed = 0
     whole = whole.copy()
@@ -201,14 +206,17 @@ def without_pinched_off(
         mine = part == k
         joint = mine & widened(inside & ~mine)
         reach = (neck + found.between) / spacing
-        if not joint.any() or (_gaps(at, np.argwhere(joint)) < reach).sum() >= settings.around_neck:
+        if (
+            not joint.any()
+            or (_gaps_to_nearest(at, np.argwhere(joint)) < reach).sum() >= settings.around_neck
+        ):
             phi[mine] = np.maximum(-phi[mine], settings.least_outside * spacing)
             removed += 1
     return whole, removed
 
 
 def _around_wall(phi: Array, margin: int) -> tuple[slice, ...]:
-    """The part of a box that holds the zero set of phi and so many nodes around it."""
+    """Return the part of a box that holds the zero set of phi and so many nodes around it."""
     enclosed = (phi < 0.0) != (phi[0, 0, 0] < 0.0)
     sides = []
     for axis in range(3):
@@ -218,6 +226,6 @@ def _around_wall(phi: Array, margin: int) -> tuple[slice, ...]:
     return tuple(sides)
 
 
-def _gaps(nodes: Ints, others: Ints) -> Array:
-    """Distances (n,) of nodes (n, 3) from the nearest of others (m, 3), in nodes."""
+def _gaps_to_nearest(nodes: Ints, others: Ints) -> Array:
+    """Return the distances (n,), in nodes, of nodes (n, 3) from the nearest of others (m, 3)."""
     return nearest(others.astype(np.float64), nodes.astype(np.float64), 1)[0][:, 0]

@@ -48,60 +48,65 @@ def surplus(
     between: float,
     settings: SurplusSettings,
 ) -> tuple[Mask, float]:
-    """Such parts of the inside of phi as a mask of its nodes; and how many points they had room for: the nats
-    by which the map is likelier without them.
+    """Find the parts of the inside of phi that the map lacks, as a mask of nodes, and how many points they
+    had room for: the nats by which the map is likelier without them.
     """
     even = evenness(wall.feet, prior.surface, settings) < settings.even
     stride = max(1, round(settings.cell * radius / prior.spacing))
-    inside = _inside(phi, stride, wall, prior, between, settings)
+    inside = _describe_inside(phi, stride, wall, prior, between, settings)
     room = len(wall.feet) / max((inside.wall & inside.near).sum(), 1)
-    sacs = _parts(inside, settings.sac, room, settings)
-    other = inside.wall & ~inside.near & ~_union(sacs, inside)
+    sacs = _find_bare_parts(inside, settings.sac, room, settings)
+    other = inside.wall & ~inside.near & ~_unite_parts(sacs, inside)
     by_chance = np.exp(-np.pi * (inside.reach / between) ** 2)
     fringe = min(settings.fringe * inside.reach / radius, settings.elsewhere)
     whole = other.sum() < (by_chance + fringe) * inside.wall.sum()
-    parts = _parts(inside, settings.unsupported, room, settings)
-    if (inside.wall & _union(parts, inside)).sum() > settings.most * inside.wall.sum():
-        parts = []  # no heart lacks so much of another: a catheter was not there
+    parts = _find_bare_parts(inside, settings.unsupported, room, settings)
+    if (inside.wall & _unite_parts(parts, inside)).sum() > settings.most * inside.wall.sum():
+        parts = []  # no heart lacks so much of another: more likely the catheter was never there
     elif not (whole and even):
-        parts = [part for part in parts if _closed(part, inside) > settings.closed]
+        parts = [part for part in parts if _closed_share(part, inside) > settings.closed]
     away = np.zeros(inside.mask.shape, dtype=bool)
-    away[inside.mask] = _union(parts, inside)
+    away[inside.mask] = _unite_parts(parts, inside)
     mask = _on_fine_lattice(away, inside.mask, stride, phi.shape) & (phi < 0.0)
-    return mask, room * float((inside.wall & _union(parts, inside)).sum())
+    return mask, room * float((inside.wall & _unite_parts(parts, inside)).sum())
 
 
-def _parts(inside: _Inside, unsupported: float, room: float, settings: SurplusSettings) -> list[Mask]:
-    """Parts (n,) that lack points, cut off where wall without points costs `unsupported`."""
+def _find_bare_parts(
+    inside: _Inside, unsupported: float, room: float, settings: SurplusSettings
+) -> list[Mask]:
+    """Find the parts (n,) that lack points, cut off where wall without points costs `unsupported`."""
     bare = (inside.wall & ~inside.near).sum()
-    if room * bare <= (1.0 - settings.supported) * settings.expected:  # all of it in one part is not enough
+    # even all of it in one part would not be enough
+    if room * bare <= (1.0 - settings.supported) * settings.expected:
         return []
     far = np.zeros(inside.mask.shape, dtype=bool)
-    far[inside.mask] = _cut(inside, unsupported, settings)
+    far[inside.mask] = _cut_minimally(inside, unsupported, settings)
     labels, count = label(far)
     parts = [labels[inside.mask] == k for k in range(1, count + 1)]
     return [
         part
         for part in parts
-        if _lacks_points(part, inside, room, settings) and not _severs(part, inside, room, settings)
+        if _lacks_points(part, inside, room, settings) and not _severs_wall(part, inside, room, settings)
     ]
 
 
 def evenness(points: Array, surface: Surface, settings: SurplusSettings) -> float:
-    """Mean squared distance of a wall from the nearest of points (n, 3) on it, where any is near, over that
-    of points spread at random with one density: about 1 for a map that is even, more where it clusters.
+    """Return the mean squared distance of a wall from the nearest of points (n, 3) on it, where any is near,
+    over that of points spread at random with one density: about 1 for a map that is even, more where it
+    clusters.
     """
     corners = surface.vertices[surface.faces]
     feet = surface.closest_point.query(points)[2]
     squared = nearest(feet, corners.mean(axis=1), 1)[0][:, 0] ** 2
     areas = surface.face_areas
     mapped = np.ones(len(areas), dtype=bool)
-    for _ in range(2):  # what has no points is no part of what they are spread over
+    # twice, since faces without points are no part of the wall that points are spread over
+    for _ in range(2):
         mapped = squared < settings.reach**2 * areas[mapped].sum() / len(feet)
     return float(np.pi * (areas * squared)[mapped].sum() / areas[mapped].sum() ** 2 * len(feet))
 
 
-def _inside(
+def _describe_inside(
     phi: Array, stride: int, points: Oriented, prior: MovedPrior, between: float, settings: SurplusSettings
 ) -> _Inside:
     mask: Mask = phi[::stride, ::stride, ::stride] < 0.0
@@ -118,21 +123,25 @@ def _inside(
     return _Inside(mask, others, wall, near, near[:, None] & outward, reach)
 
 
-def _union(parts: list[Mask], inside: _Inside) -> Mask:
+def _unite_parts(parts: list[Mask], inside: _Inside) -> Mask:
     none = np.zeros(len(inside.wall), dtype=bool)
     return np.asarray(np.any([none, *parts], axis=0))
 
 
 def _lacks_points(mine: Mask, inside: _Inside, room: float, settings: SurplusSettings) -> bool:
-    """Whether a part (n,) has room for points, `room` at a node of the wall, and hardly one lies on it."""
+    """Return whether a part (n,) has room for points, `room` at a node of the wall, and hardly one lies on
+    it.
+    """
     wall = inside.wall & mine
     bare = (wall & inside.near).sum() < settings.supported * wall.sum()
     small = wall.sum() < settings.largest * inside.wall.sum()
     return bool(bare and small and room * wall.sum() > settings.expected)
 
 
-def _severs(mine: Mask, inside: _Inside, room: float, settings: SurplusSettings) -> bool:
-    """Whether a part (n,) leads to wall with points, `room` at a node: then it is there."""
+def _severs_wall(mine: Mask, inside: _Inside, room: float, settings: SurplusSettings) -> bool:
+    """Say whether a part (n,) leads to wall with points, so that it must be there; `room`: points at a
+    node.
+    """
     left = np.zeros(inside.mask.shape, dtype=bool)
     whole = label(inside.mask)[0][inside.mask]
     left[inside.mask] = ~mine & (whole == whole[mine][0])
@@ -141,14 +150,16 @@ def _severs(mine: Mask, inside: _Inside, room: float, settings: SurplusSettings)
     return bool((room * near >= settings.severed).sum() > 1)
 
 
-def _closed(mine: Mask, inside: _Inside) -> float:
-    """Which share of the mouth of a part (n,) points close."""
+def _closed_share(mine: Mask, inside: _Inside) -> float:
+    """Return the share of the mouth of a part (n,) that points close."""
     mouth = mine[inside.others] & (inside.others >= 0) & ~mine[:, None]
     return float(inside.covered[mouth].mean()) if mouth.any() else 1.0
 
 
-def _cut(inside: _Inside, unsupported: float, settings: SurplusSettings) -> Mask:
-    """The nodes (n,) on the far side of the minimum cut between wall with points and wall without any."""
+def _cut_minimally(inside: _Inside, unsupported: float, settings: SurplusSettings) -> Mask:
+    """Return the nodes (n,) on the far side of the minimum cut between wall with points and wall
+    without any.
+    """
     others, covered = inside.others, inside.covered
     count = len(others)
     source, sink = count, count + 1
@@ -171,7 +182,9 @@ def _cut(inside: _Inside, unsupported: float, settings: SurplusSettings) -> Mask
 
 
 def _on_fine_lattice(part: Mask, inside: Mask, stride: int, shape: tuple[int, ...]) -> Mask:
-    """A part of the inside on the coarse lattice, on the fine one: of each node the closest one inside."""
+    """Return a part of the inside on the coarse lattice, on the fine one: of each node the closest one
+    inside.
+    """
     closest = distance_transform_edt(~inside, return_distances=False, return_indices=True)
     coarse = [
         np.minimum((np.arange(n) + stride // 2) // stride, m - 1)

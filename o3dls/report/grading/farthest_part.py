@@ -25,20 +25,22 @@ class FarthestPart:
 
 
 def farthest_part(surface: Surface, unit: str) -> FarthestPart | None:
-    """The connected part farther than `REACH` from every point that holds the farthest place of all; None
-    where nothing is known of that, as in 2D.
+    """Return the connected part farther than `REACH` from every point that holds the farthest place of all;
+    None where nothing is known of that, as in 2D.
     """
     gap = surface.fields.get(f"distance_to_nearest_point_{unit}")
     if gap is None or surface.dimension == 2:
         return None
     most = int(np.argmax(gap))
     area = surface.vertex_areas
-    share = float(area[_connected(surface.faces, gap > REACH, most)].sum() / area.sum())
+    share = float(area[_connect_vertices(surface.faces, gap > REACH, most)].sum() / area.sum())
     return FarthestPart(share, float(gap[most]), surface.vertices[most])
 
 
-def _connected(faces: Ints, mask: Mask, start: int) -> Mask:
-    """The vertices (n,) of a mask that edges within it connect with one; none if that is not in it."""
+def _connect_vertices(faces: Ints, mask: Mask, start: int) -> Mask:
+    """Return the vertices (n,) of a mask that edges within it connect with one of them; none if that one is
+    not in it.
+    """
     if not mask[start]:
         return np.zeros(len(mask), dtype=bool)
     edges = np.vstack([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])

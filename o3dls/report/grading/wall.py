@@ -18,7 +18,7 @@ HALF = 0.5  # of the wall without points: the result is more prior than map
 
 
 def removed_wall(subject: Subject) -> Check:
-    """What stages have taken away of the wall, each against the surface that it was given."""
+    """Return what stages have taken away of the wall, each against the surface that it was given."""
     name = "Removed wall"
     facts = [one.facts for one in subject.last.run.estimates.values()]
     share = max((float(one.get("removed_share", 0.0)) for one in facts), default=0.0)
@@ -32,7 +32,9 @@ def removed_wall(subject: Subject) -> Check:
 
 
 def prior_only(subject: Subject) -> Check:
-    """Also before a stage removed wall, which must not hide that nobody was there."""
+    """Grade how much of the wall was never mapped, also before a stage removed wall, which must not hide that
+    nobody was there.
+    """
     name = "Prior-only area"
     share = subject.unmapped
     if share is None:
@@ -48,8 +50,8 @@ def prior_only(subject: Subject) -> Check:
 
 
 def _unmapped_before_removal(subject: Subject) -> float | None:
-    """The share without points of the surface that the first stage was given which removed wall; None where
-    none did.
+    """Return the share without points of the surface that the first stage was given which removed wall; None
+    where none did.
     """
     run = subject.last.run
     names = list(run.estimates)
@@ -58,7 +60,7 @@ def _unmapped_before_removal(subject: Subject) -> float | None:
 
 
 def farthest(subject: Subject) -> Check:
-    """The one connected part of the wall without points that is farthest from any: a vein, or what a
+    """Return the one connected part of the wall without points that is farthest from any: a vein, or what a
     segmentation has leaked into.
     """
     name, surface = "Farthest part", subject.last.estimate.surface
