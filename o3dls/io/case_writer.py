@@ -11,8 +11,8 @@ from .atomic import staged_folder, write_file
 from .case_settings import toml_lines
 from .case_truth import write_truth
 from .manifest import write_manifest
-from .meshes.registry import write_surface
 from .points import write_points
+from .surfaces import write_surface
 from .table import write_table
 
 

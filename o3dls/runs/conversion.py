@@ -19,10 +19,10 @@ from ..geometry.similarity import TURN, apply
 from ..geometry.surface import Surface
 from ..io.case_coordinates import check_scale
 from ..io.markups import Markups, read_markups, write_markups
-from ..io.meshes.registry import is_surface, read_surface_file, write_surface
 from ..io.meshes.repair import closed_outward, welded
 from ..io.meshes.surface_file import SurfaceFile
 from ..io.points import points_of, read_points_table, scaled
+from ..io.surfaces import is_surface, read_surface_file, write_surface
 from ..io.table import write_table
 from ..io.transforms import is_transform, read_transform, turned, write_transform
 

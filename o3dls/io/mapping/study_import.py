@@ -15,9 +15,9 @@ from ..atomic import check_free, staged_folder, write_file
 from ..case_settings import toml_lines
 from ..manifest import write_manifest
 from ..markups import Markups, read_markups
-from ..meshes.registry import read_surface_file, write_surface
 from ..meshes.repair import closed_outward
 from ..points import write_points
+from ..surfaces import read_surface_file, write_surface
 from ..table import read_table, write_table
 from .carto_study import vendor_pose
 from .imported import Imported, joined

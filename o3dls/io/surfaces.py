@@ -7,15 +7,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ...errors import InputError
-from ...geometry.surface import Surface
-from ..atomic import write_file
-from ..images import dicom, labels
-from ..mapping import openep
-from ..text import read_bytes
-from . import dif, obj, opencarp, ply, polyline, stl, vtk_legacy, vtp
-from .carto import import_vtk, mesh_file
-from .surface_file import SurfaceFile, left_out
+from ..errors import InputError
+from ..geometry.surface import Surface
+from .atomic import write_file
+from .images import dicom, labels
+from .matlab import openep
+from .meshes import dif, obj, opencarp, ply, polyline, stl, vtk_legacy, vtp
+from .meshes.carto import import_vtk, mesh_file
+from .meshes.surface_file import SurfaceFile, left_out
+from .text import read_bytes
 
 Reader = Callable[..., SurfaceFile]
 Writer = Callable[[SurfaceFile], bytes]
