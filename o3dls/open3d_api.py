@@ -95,7 +95,9 @@ def register(
     Raises
     ------
     InputError
-        for what cannot be registered; PipelineError for wrong stages.
+        for what cannot be registered.
+    PipelineError
+        for stages that do not go together.
 
     Examples
     --------

@@ -43,7 +43,9 @@ def read_pipeline(path: str | Path, settings: Iterable[str] = ()) -> Pipeline:
     Raises
     ------
     PipelineError
-        with every mistake, each with its place; InputError where the file cannot be read.
+        with every mistake, each with its place.
+    InputError
+        where the file cannot be read.
 
     Examples
     --------
