@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from o3dls.geometry.surface import Surface
-from o3dls.io.meshes.registry import FORMATS, read_surface, write_surface
+from o3dls.io.surfaces import FORMATS, read_surface, write_surface
 
 N = 200_000
 SUFFIX = {"carto_vtk": ".vtk", "opencarp": ".pts"}

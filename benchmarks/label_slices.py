@@ -19,7 +19,7 @@ from o3dls.evaluation.distances import distances, occupancy, sample
 from o3dls.geometry.surface import Surface
 from o3dls.io.images.pieces import Mask, joined
 from o3dls.io.images.wall import mask_surface, slices_first
-from o3dls.io.meshes.registry import read_surface
+from o3dls.io.surfaces import read_surface
 
 SEED = 40_417
 SAMPLES = 10_000

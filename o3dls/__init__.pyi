@@ -20,10 +20,10 @@ from .geometry.surface import Surface as Surface
 from .io.case_reader import read_case as read_case
 from .io.case_writer import write_case as write_case
 from .io.mapping.study_import import import_study as import_study
-from .io.meshes.registry import read_surface as read_surface
-from .io.meshes.registry import write_surface as write_surface
 from .io.points import read_points as read_points
 from .io.points import write_points as write_points
+from .io.surfaces import read_surface as read_surface
+from .io.surfaces import write_surface as write_surface
 from .levelset.grid.distance import SignedDistance as SignedDistance
 from .open3d_api import register as register
 from .pipeline.file import default_pipeline as default_pipeline

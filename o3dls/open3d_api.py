@@ -64,15 +64,48 @@ def register(
     max_correspondence_distance: float | None = None,
     **settings: Unpack[Settings],
 ) -> Registration:
-    """Fuse a closed prior with measured points, lengths in mm.
+    """Fuse a closed prior with measured points.
 
-    prior: a mesh of Open3D, trimesh, pyvista, vtk or meshio, arrays (vertices, faces), or a label volume of
-    SimpleITK or nibabel; points: a cloud of these libraries, an array (n, 3) or columns by name; values per
-    point by the names of a case's columns. landmarks: name -> (position on the prior, position among the
-    points); init: rough pose (4, 4), prior to points; stages: default those of the default pipeline that the
-    case allows; max_correspondence_distance: default three standard deviations of the noise found; settings:
-    units, frame, prior_of, phases, cap, and label, part, box, layer of a label volume, as of `case_of`.
-    Raises InputError for what cannot be registered, PipelineError for wrong stages.
+    Parameters
+    ----------
+    prior : mesh or label volume
+        of Open3D, trimesh, pyvista, vtk or meshio, arrays (vertices, faces), or of SimpleITK or nibabel; in
+        its own frame. Lengths are in mm, unless `units` says otherwise.
+    points : point cloud
+        of these libraries, an array (n, 3), or columns by name; in the map frame. Values per point by the
+        names of a case's columns.
+    landmarks : mapping of str to (array (3,), array (3,)), default none
+        name -> (position on the prior, position among the points).
+    init : array (4, 4), default None
+        rough pose, prior to points.
+    stages : sequence of Stage, default those of the default pipeline that the case allows
+        steps of the fit.
+    max_correspondence_distance : float, mm, default three standard deviations of the noise found
+        points within it count as inliers.
+    **settings
+        `name`, `units`, `frame`, `prior_of`, `phases`, `cap`, and `label`, `part`, `box`, `layer` of a label
+        volume, as of `case_of`.
+
+    Returns
+    -------
+    Registration
+        `transformation` (4, 4), prior to points, mm; `surface`, an Open3D mesh in the map frame; `fitness`, a
+        share; `inlier_rmse`, mm; `estimate` and `run`.
+
+    Raises
+    ------
+    InputError
+        for what cannot be registered.
+    PipelineError
+        for stages that do not go together.
+
+    Examples
+    --------
+    >>> import o3dls
+    >>> case = o3dls.read_case("case")
+    >>> found = o3dls.register(case.prior, case.points, stages=[o3dls.ICP()])
+    >>> found.transformation.shape, found.fitness > 0.9
+    ((4, 4), True)
     """
     from .adapters.case import case_of
     from .adapters.meshes import open3d_like

@@ -9,7 +9,7 @@ import numpy as np
 from o3dls.case import Points
 from o3dls.geometry.surface import Surface
 from o3dls.io.mapping.carto_points import COLUMNS
-from o3dls.io.meshes.registry import write_surface
+from o3dls.io.surfaces import write_surface
 
 # Absolute, in mm, for coordinates up to 100: the last digit that each format prints, or float32.
 TOLERANCE = {

@@ -8,7 +8,6 @@ import runpy
 from collections.abc import Callable, Iterator
 from dataclasses import is_dataclass
 from importlib import import_module
-from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -132,17 +131,43 @@ def test_the_picture_of_the_packages_has_the_layers_in_their_order() -> None:
     assert drawn == [x for x in LAYERS if x != "__main__"]
 
 
-def test_the_walk_leads_from_each_step_to_the_next() -> None:
-    """Every step of the walk calls the one that follows it."""
-    walk = re.search(r"<!-- walk -->\n(.*?)<!-- end -->", ARCHITECTURE, re.DOTALL)
+def ways() -> dict[str, list[tuple[str, str, str, str]]]:
+    """The ways through the code by heading: of each step its number, file and name, and the next file."""
+    walk = re.search(r"<!-- ways -->\n(.*?)<!-- end -->", ARCHITECTURE, re.DOTALL)
     assert walk is not None
-    ways = [NAMED.findall(way) for way in walk[1].split("\n- ")]
-    assert len(ways) == 2
-    for (path, _), (_, name) in (step for way in ways for step in pairwise(way)):
-        file = found(path)
-        assert file is not None
-        call = "stage" if name.endswith(".__call__") else name
-        assert re.search(rf"\b{call}\(", file.read_text(encoding="utf-8")), (path, name)
+    parts = re.split(r"^### (.*)\n", walk[1], flags=re.MULTILINE)
+    step = re.compile(r"^(\d+)\. `([\w/]+\.py)` `([\w.]+)`: [^→]*?[.](?:\s+→ `([\w/]+\.py)`)?$", re.MULTILINE)
+    return {title: step.findall(body) for title, body in zip(parts[1::2], parts[2::2], strict=True)}
+
+
+def test_there_are_three_ways_through_the_code() -> None:
+    assert [len(steps) for steps in ways().values()] == [10, 12, 12]
+
+
+@pytest.mark.parametrize("title", ways())
+def test_a_way_leads_from_each_file_to_the_next(title: str) -> None:
+    steps = ways()[title]
+    assert [number for number, *_ in steps] == [str(k) for k in range(1, len(steps) + 1)]
+    assert [after for *_, after in steps] == [*(path for _, path, *_ in steps[1:]), ""]
+    for _, path, name, _ in steps:
+        assert name in names(ROOT / path), (path, name)
+        assert not any(part.startswith("_") and part != "__call__" for part in name.split("."))
+
+
+@pytest.mark.parametrize("title", ways())
+def test_every_name_of_a_way_is_used_in_a_file_before_its_own(title: str) -> None:
+    steps = ways()[title]
+    for k, (_, path, name, _) in enumerate(steps[1:], 1):
+        before = [used_in(ROOT / earlier) for _, earlier, *_ in steps[:k]]
+        word = "stage" if name.endswith(".__call__") else name.rpartition(".")[2]
+        assert any(word in used for used in before), (path, name)
+
+
+def used_in(path: Path) -> set[str]:
+    """The names that a module uses, beyond importing them, and the attributes and methods."""
+    nodes = list(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
+    words = {node.id for node in nodes if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Load)}
+    return words | {node.attr for node in nodes if isinstance(node, ast.Attribute)}
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)

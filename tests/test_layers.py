@@ -7,7 +7,7 @@ from __future__ import annotations
 import ast
 import subprocess
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
 import pytest
@@ -47,6 +47,37 @@ LAYERS = (
     "cli",
     "__main__",
 )
+# Inside packages that have folders, from below to above: a line is one folder, or modules that stand beside
+# the folders; "." are those modules that no other line names. A line imports those before it, and no other.
+ROOMS = {
+    "io": (
+        "text manifest atomic documents table markups points case_settings",
+        "meshes/",
+        "meshes/carto/",
+        "images/",
+        "matlab/",
+        ".",  # surfaces, which chooses among them; transforms; the case
+        "mapping/",
+    ),
+    "levelset": ("grid/", "."),
+    "live": (".", "sources/"),
+    "motion": (".", "map_shift/"),
+    "reconstruction": ("settings neighbours", "field/", "points/", "shape/", "."),
+    "report": (
+        "markup palette",
+        "surfaces/",
+        "subject section expected shape_words contribution wall_parts verdict document page_parts",
+        "grading/",
+        "checks",
+        "mapping/",
+        "drawing/",
+        "sections/",
+        "page",
+        "cohort/",
+        ".",  # writer, and the ways to look at a page
+    ),
+    "runs": (".", "export/", "live"),
+}
 KERNELS = (
     "geometry",
     "noise",
@@ -110,6 +141,70 @@ def test_no_modules_import_each_other_in_a_circle() -> None:
     while free := {name for name, needs in left.items() if not needs & left.keys()}:
         left = {name: needs for name, needs in left.items() if name not in free}
     assert not left
+
+
+def room(name: str) -> str:
+    """The folder of a module inside its package, with a slash behind; the name of a module beside them."""
+    parts = MODULES[name].relative_to(PACKAGE).with_suffix("").parts[1:]
+    return "/".join(parts) if len(parts) == 1 else "/".join((*parts[:-1], ""))
+
+
+def line(rooms: tuple[str, ...], room: str) -> int:
+    named = next((k for k, one in enumerate(rooms) if room in one.split()), None)
+    assert named is not None or not room.endswith("/"), f"{room} stands in no line"
+    return rooms.index(".") if named is None else named
+
+
+def upward(rooms: tuple[str, ...], arrows: Iterable[tuple[str, str]]) -> set[tuple[str, str]]:
+    """Arrows from a room to one that stands in a later line."""
+    return {(a, b) for a, b in arrows if line(rooms, a) < line(rooms, b)}
+
+
+def arrows(package: str) -> dict[tuple[str, str], tuple[str, str]]:
+    """A pair of modules of a package by rooms, where one imports the other."""
+    inside = [
+        name for name, path in MODULES.items() if name.split(".")[1] == package and path.name != "__init__.py"
+    ]
+    return {
+        (room(name), room(other)): (name, other)
+        for name in inside
+        for other in imports(name).intersection(inside)
+        if room(name) != room(other)
+    }
+
+
+def test_packages_that_have_folders_have_an_order_of_them() -> None:
+    assert set(ROOMS) == {path.parents[1].name for path in PACKAGE.glob("*/*/__init__.py")}
+    for package, rooms in ROOMS.items():
+        folders = {
+            f"{path.parent.relative_to(PACKAGE / package).as_posix()}/"
+            for path in (PACKAGE / package).rglob("*/__init__.py")
+        }
+        modules = {path.stem for path in (PACKAGE / package).glob("*.py")} - {"__init__"}
+        named = [one for some in rooms for one in some.split() if one != "."]
+        assert len(named) == len(set(named)), package
+        assert folders <= set(named) <= folders | modules, package
+        # each folder has a line of its own, so that of two one is the lower
+        assert not [some for some in rooms if "/" in some and " " in some], package
+
+
+@pytest.mark.parametrize("package", ROOMS)
+def test_imports_between_the_folders_of_a_package_go_down(package: str) -> None:
+    found = arrows(package)
+    assert found
+    assert not {found[one] for one in upward(ROOMS[package], found)}
+
+
+def test_of_a_circle_between_folders_one_arrow_goes_up() -> None:
+    rooms = ROOMS["report"]
+    assert not upward(rooms, [("sections/", "drawing/"), ("drawing/", "subject"), ("writer", "page")])
+    assert upward(rooms, [("sections/", "drawing/"), ("drawing/", "sections/")]) == {
+        ("drawing/", "sections/")
+    }
+    assert upward(rooms, [("subject", "drawing/"), ("page", "writer")]) == {
+        ("subject", "drawing/"),
+        ("page", "writer"),
+    }
 
 
 @pytest.mark.parametrize("order", ["forward", "backward"])

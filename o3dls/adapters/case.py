@@ -52,15 +52,50 @@ def case_of(
     cap: bool = False,
     **choice: Unpack[Choice],
 ) -> Case:
-    """Make a case of objects of other libraries: whatever `surface_of` and `points_of` take
-    (adapters/objects.py).
+    """Make a case of objects of other libraries, checked as strictly as a case folder is.
 
-    landmarks: name -> (position on the prior, position among the points); init: rough pose (4, 4), prior to
-    points; phases: further surfaces of the prior; units: those of all lengths, but for label volumes, which
-    state them (default mm, if that can be meant); frame: LPS or RAS, that of all coordinates, into which
-    label volumes are turned (unknown: they stay in LPS); prior_of: whose anatomy the prior is, "patient" or
-    "template" (another person's or a mean anatomy); cap: close the openings of the prior; choice: label,
-    part, box, layer of a label volume. Raises InputError for what cannot be used.
+    Parameters
+    ----------
+    prior : mesh, arrays (vertices, faces), or label volume
+        what `surface_of` takes, in its own frame.
+    points : point cloud, array (n, 3), or columns by name
+        what `points_of` takes, in the map frame.
+    name : str, default "memory"
+        name of the case.
+    landmarks : mapping of str to (array (3,), array (3,)), default none
+        name -> (position on the prior, position among the points).
+    init : array (4, 4), default None
+        rough pose, prior to points.
+    phases : sequence of meshes, default none
+        further surfaces of the prior.
+    units : {"mm", "cm", "m", "um", "in", "px"}, default mm, if that can be meant
+        unit of all lengths, but for label volumes, which state it.
+    frame : {"LPS", "RAS", "unknown"}, default "unknown"
+        of all coordinates, into which label volumes are turned; unknown: these stay in LPS.
+    prior_of : {"patient", "template"}, default "patient"
+        whose anatomy the prior is; a template is another person's or a mean anatomy.
+    cap : bool, default False
+        close the openings of the prior.
+    **choice
+        `label`, `part`, `box`, `layer` of a label volume.
+
+    Returns
+    -------
+    Case
+        with lengths in mm, or px.
+
+    Raises
+    ------
+    InputError
+        for what cannot be used.
+
+    Examples
+    --------
+    >>> import o3dls
+    >>> prior, points = o3dls.read_surface("case/prior.ply"), o3dls.read_points("case/points.csv")
+    >>> case = o3dls.case_of((prior.vertices / 10, prior.faces), points.xyz / 10, units="cm")
+    >>> case.units, round(case.prior.volume / prior.volume, 6)
+    ('mm', 1.0)
     """
     known = [*CHOICE, *(case_of.__kwdefaults__ or {})]
     if unknown := sorted(choice.keys() - known):

@@ -55,8 +55,30 @@ CLOUDS = (
 
 
 def to(surface: Surface, kind: str) -> Any:
-    """Return the surface as an object of open3d (tensor), trimesh, pyvista or meshio, with its fields as
-    values per point. Raises InputError for another kind, in 2D, and where the library is not installed.
+    """Return a surface as an object of another library, with its fields as values per point.
+
+    Parameters
+    ----------
+    surface : Surface
+        in 3D; its vertices are taken as they are.
+    kind : {"open3d", "trimesh", "pyvista", "meshio"}
+        the library; meshes of Open3D are of its tensor interface.
+
+    Returns
+    -------
+    mesh of the library
+
+    Raises
+    ------
+    InputError
+        for another kind, in 2D, and where the library is not installed.
+
+    Examples
+    --------
+    >>> import o3dls
+    >>> prior = o3dls.read_surface("case/prior.ply")
+    >>> o3dls.to(prior, "trimesh").vertices.shape
+    (5362, 3)
     """
     if kind not in KINDS:
         raise InputError(f"no kind of mesh '{kind}'" + did_you_mean(kind, list(KINDS)))
@@ -64,11 +86,33 @@ def to(surface: Surface, kind: str) -> Any:
 
 
 def surface_of(thing: Any, *, frame: str | None = None, **choice: Unpack[Choice]) -> Surface:
-    """Return the surface of a mesh, of arrays (vertices, faces), or of a label volume, with its fields:
-    `SURFACES`.
+    """Return the surface of a mesh, of arrays, or of a label volume, with its fields.
 
-    choice: `label`, `part`, `box`, `layer` of a label volume, which comes in LPS unless `frame` is RAS.
-    Raises InputError for anything else.
+    Parameters
+    ----------
+    thing : mesh, arrays (vertices, faces), or label volume
+        of Open3D, trimesh, pyvista, vtk or meshio; vertices (n, 3), faces (m, 3); SimpleITK or nibabel.
+    frame : {"LPS", "RAS"}, default None
+        frame that a label volume shall come in: LPS unless it is RAS. Of other objects nothing is turned.
+    **choice
+        `label`, `part`, `box`, `layer` of a label volume.
+
+    Returns
+    -------
+    Surface
+        in the unit of the object; of a label volume in mm.
+
+    Raises
+    ------
+    InputError
+        for anything else.
+
+    Examples
+    --------
+    >>> import o3dls
+    >>> corners = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
+    >>> round(o3dls.surface_of((corners, [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])).volume, 3)
+    0.167
     """
     return stated_surface(thing, "mesh", frame=frame, **choice).surface
 
@@ -130,8 +174,31 @@ def _read_pair(thing: Any, where: str) -> tuple[Array, Any, dict[str, Any], dict
 
 
 def points_of(thing: Any, where: str = "points") -> Points:
-    """Return points of type eam, or of the types in a column `type`, with the values that the object
-    (`CLOUDS`) has per point, by the names that files use (`bipolar`, `lat`, `sigma`, ...). Raises InputError.
+    """Return points of type eam, or of the types in a column `type`, with the values that the object has per
+    point, by the names that files use (`bipolar`, `lat`, `sigma`, ...).
+
+    Parameters
+    ----------
+    thing : point cloud, array (n, 3), or mapping of columns
+        of Open3D, trimesh, pyvista, vtk or meshio; columns have x, y and z, (n,) each.
+    where : str, default "points"
+        what errors name it.
+
+    Returns
+    -------
+    Points
+        `xyz` (n, 3) in the unit and frame of the object.
+
+    Raises
+    ------
+    InputError
+        for anything else, and for values that cannot have been measured.
+
+    Examples
+    --------
+    >>> import o3dls
+    >>> o3dls.points_of({"x": [1, 2], "y": [0, 0], "z": [0, 0], "bipolar": [0.4, 1.5]}).columns["bipolar"]
+    array([0.4, 1.5])
     """
     if isinstance(thing, Points):
         return thing

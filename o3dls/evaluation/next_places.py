@@ -113,11 +113,41 @@ def suggest(
     """Return the k places whose measurement lowers the mean posterior variance over the wall most, one after
     another, each with those before it in mind.
 
-    weights (n,) say how much each vertex of the estimate's surface counts beside its area, reachable (n,)
-    where the catheter can get. Not proposed are places that are surer than the wall in the mean, that lie
-    within 5 mm of a mapping point or of each other, or deeper than 5 mm in a tube of the prior (for an
-    atrium; 0.2 rms radii). There are fewer than k where the next takes less than 2 % of the mean variance.
-    Raises InputError where the estimate has no posterior, or an argument does not fit its surface.
+    Not proposed are places that are surer than the wall in the mean, that lie within 5 mm of a mapping point
+    or of each other, or deeper than 5 mm in a tube of the prior (for an atrium; 0.2 rms radii). There are
+    fewer than k where the next takes less than 2 % of the mean variance.
+
+    Parameters
+    ----------
+    case : Case
+        the case that was fitted.
+    estimate : Estimate
+        one with a joint posterior: of stage `deform`, or of one behind it.
+    k : int, default 5
+        how many places to propose at most.
+    weights : array (n,), default 1
+        how much each vertex of the estimate's surface counts beside its area.
+    reachable : array of bool (n,), default everywhere
+        where the catheter can get.
+
+    Returns
+    -------
+    Advice
+        `places`, each with `xyz` (3,) in the map frame, mm, and the errors expected before and after a point
+        there; `ended` says why there are fewer.
+
+    Raises
+    ------
+    InputError
+        where the estimate has no posterior, or an argument does not fit its surface.
+
+    Examples
+    --------
+    >>> import o3dls
+    >>> run = o3dls.read_run("run")
+    >>> advice = o3dls.suggest(run.case, run.estimates["deform"], k=1)
+    >>> all(place.after < place.before for place in advice.places)
+    True
     """
     modes = wall_modes(case.prior, estimate.motion)
     if modes is None or estimate.motion is None or not estimate.sigma:

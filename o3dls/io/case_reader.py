@@ -34,11 +34,37 @@ def read_case(
     frame: str | None = None,
     fewest: int = FEWEST_POINTS,
 ) -> Case:
-    """Read the case in a folder, lengths in mm (px where it says so).
+    """Read the case in a folder, strictly: what is missing, unknown or cannot be meant is refused.
 
-    `points` replace its own, `units` and `frame` say what it does not. fewest: points of type eam that must
-    be there; where it is 0 there need be no file of them. Raises InputError for everything that is missing,
-    unknown or cannot be meant.
+    Parameters
+    ----------
+    folder : str or Path
+        the case: a prior surface, a table of points, and what else docs/folders.md names.
+    points : str or Path, default the table in the folder
+        file of measured points to read in its place.
+    units : {"mm", "cm", "m", "um", "in", "px"}, default what the files state
+        unit of all lengths, where the files state none.
+    frame : {"LPS", "RAS", "unknown"}, default what the files state
+        frame of the points, where the files state none.
+    fewest : int, default 10
+        points of type eam that must be there; where it is 0 there need be no file of them.
+
+    Returns
+    -------
+    Case
+        `prior`, in its own frame, and `points` (n, 3) in the map frame, both in mm; in 2D (n, 2), mm or px.
+
+    Raises
+    ------
+    InputError
+        naming file, line and column where there is one, and what would be right.
+
+    Examples
+    --------
+    >>> import o3dls
+    >>> case = o3dls.read_case("case")
+    >>> case.units, case.points.xyz.shape
+    ('mm', (294, 3))
     """
     given = {k: v for k, v in (("units", units), ("frame", frame)) if v}
     return case_of(open_folder(Path(folder), given), points, fewest)

@@ -12,9 +12,9 @@ from ..errors import InputError
 from ..geometry.surface import Surface
 from .case_coordinates import check_scale, in_millimetres, surface_in_frame
 from .case_settings import Folder
-from .meshes.registry import read_surface_file
 from .meshes.repair import closed_outward
 from .meshes.surface_file import SurfaceFile
+from .surfaces import read_surface_file
 
 CHOICE = ("label", "part", "box", "layer")  # settings that choose a surface of the prior's file
 log = logging.getLogger("o3dls")

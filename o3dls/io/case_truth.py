@@ -11,7 +11,7 @@ from ..case import Truth
 from .case_coordinates import coordinates, surface_in_frame
 from .case_settings import Folder
 from .case_surfaces import surface_of
-from .meshes.registry import write_surface
+from .surfaces import write_surface
 from .table import Table, write_table
 from .text import integers
 

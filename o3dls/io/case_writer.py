@@ -11,13 +11,36 @@ from .atomic import staged_folder, write_file
 from .case_settings import toml_lines
 from .case_truth import write_truth
 from .manifest import write_manifest
-from .meshes.registry import write_surface
 from .points import write_points
+from .surfaces import write_surface
 from .table import write_table
 
 
 def write_case(folder: str | Path, case: Case, *, force: bool = False) -> None:
-    """Write a case as a folder that `read_case` reads back; the folder appears whole or not at all."""
+    """Write a case as a folder that `read_case` reads back; the folder appears whole or not at all.
+
+    Parameters
+    ----------
+    folder : str or Path
+        the folder to make.
+    case : Case
+        with lengths in mm, or px where its `units` say so; surfaces and points each in their own frame.
+    force : bool, default False
+        replace a case that is there, if o3dls wrote every file in it.
+
+    Raises
+    ------
+    InputError
+        where the folder holds anything and `force` is not set, or what o3dls did not write.
+
+    Examples
+    --------
+    >>> import o3dls
+    >>> case = o3dls.read_case("case")
+    >>> o3dls.write_case("copy", case)
+    >>> bool((o3dls.read_case("copy").points.xyz == case.points.xyz).all())
+    True
+    """
     with staged_folder(folder, force) as out:
         write_case_files(out, case)
         write_manifest(out)

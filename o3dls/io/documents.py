@@ -7,6 +7,7 @@ from __future__ import annotations
 import json
 import re
 import tomllib
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -90,3 +91,18 @@ def _too_deep(where: str) -> str:
 
 def _too_long() -> str:
     return "has a whole number beyond 64 bits: must be within -9223372036854775808 and 9223372036854775807"
+
+
+def parse_value(text: str) -> Any:
+    """Parse a value as TOML writes it, or a number or True and False as Python does; a bare word is a
+    text.
+    """
+    readers = (
+        lambda: parse_toml(f"value = {text}", text)["value"],
+        lambda: {"True": True, "False": False}[text],
+        lambda: float(text),
+    )
+    for read in readers:
+        with suppress(InputError, ValueError, KeyError):
+            return read()
+    return text

@@ -13,7 +13,7 @@ import numpy as np
 from ..arrays import Array
 from ..errors import InputError
 from ..geometry.similarity import similarity
-from .mapping.mat4 import read_mat4
+from .matlab.mat4 import read_mat4
 from .text import check_numbers
 
 HEAD = "#Insight Transform File V1.0"

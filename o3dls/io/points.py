@@ -29,10 +29,32 @@ NAMES = {name: name for name in ("x", "y", "z", "type", "name", *NUMBERS)} | ALI
 
 
 def read_points(path: str | Path, dimension: int = 3) -> Points:
-    """Read points of a CSV file with a header: `x,y[,z]`, `type` (default eam), `name`, electrical values;
-    other columns are kept.
+    """Read measured points from a CSV file with a header.
 
-    Raises InputError naming file, line and column where a cell cannot be used.
+    Parameters
+    ----------
+    path : str or Path
+        table with columns `x`, `y`, `z` and, where known, `type` (default eam), `name` and electrical values;
+        other columns are kept.
+    dimension : {3, 2}, default 3
+        in 2D there need be no column `z`.
+
+    Returns
+    -------
+    Points
+        `xyz` (n, dimension) in the unit and frame of the file, `type` (n,), and `columns` by name, (n,) each.
+
+    Raises
+    ------
+    InputError
+        naming file, line and column where a cell cannot be used.
+
+    Examples
+    --------
+    >>> import o3dls
+    >>> points = o3dls.read_points("case/points.csv")
+    >>> points.xyz.shape, points.of("eam").xyz.shape
+    ((294, 3), (250, 3))
     """
     table = read_points_table(path, dimension)
     return points_of(table, dimension)
@@ -144,8 +166,29 @@ def scaled(points: Points, factor: float) -> Points:
 def write_points(
     path: str | Path, points: Points, *, space: str | None = None, units: str | None = None
 ) -> None:
-    """Write points as CSV that `read_points` reads back equal; `space` and `units`, where given, go into a
-    comment line.
+    """Write points as CSV that `read_points` reads back equal.
+
+    Parameters
+    ----------
+    path : str or Path
+        the file to write; one that is there is replaced.
+    points : Points
+        its coordinates, types and columns are written as they are.
+    space : {"LPS", "RAS", "unknown"}, default None
+        frame of the points, stated in a comment line; None: not stated.
+    units : str, default None
+        unit of the coordinates, stated in a comment line; None: not stated.
+
+    Raises
+    ------
+    InputError
+        where the file cannot be written.
+
+    Examples
+    --------
+    >>> import o3dls
+    >>> points = o3dls.read_points("case/points.csv")
+    >>> o3dls.write_points("mapping.csv", points.of("eam"), space="LPS", units="mm")
     """
     axes = dict(zip("xyz", points.xyz.T, strict=False))
     notes = {key: value for key, value in (("space", space), ("units", units)) if value}

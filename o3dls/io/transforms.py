@@ -12,7 +12,7 @@ from ..errors import InputError
 from ..geometry.similarity import TURN
 from .atomic import write_file
 from .itk_transforms import HEAD, LARGEST, read_itk_mat, read_itk_text
-from .mapping.mat4 import first_name, is_itk
+from .matlab.mat4 import first_name, is_itk
 from .meshes.surface_file import NOTICE
 from .text import decode, number_rows, read_bytes
 

@@ -17,10 +17,10 @@ from ..evaluation.interpolation import REACH
 from ..geometry.closest_point import ClosestPoint
 from ..geometry.surface import Surface
 from ..registration.landmark_names import partners
-from ..report.drawing.display import decimated
 from ..report.drawing.packing import grid, packed
 from ..report.drawing.scene import scene
 from ..report.subject import Result, Subject
+from ..report.surfaces.display import decimated
 from ..runs.run import Run
 from ..runs.scoring import provenance
 

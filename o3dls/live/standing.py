@@ -14,8 +14,8 @@ from ..estimate import Estimate
 from ..evaluation.interpolation import REACH
 from ..evaluation.next_places import suggest
 from ..geometry.surface import Surface
-from ..report.drawing.display import decimated
 from ..report.expected import expected_of
+from ..report.surfaces.display import decimated
 from .messages import Message, number
 
 PLACES = 3  # places to propose

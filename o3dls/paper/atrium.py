@@ -15,7 +15,7 @@ from ..evaluation.distances import distances
 from ..pipeline.pipeline import Pipeline
 from ..report.drawing.fields import Field
 from ..report.drawing.figures import plain_figure, png
-from ..report.drawing.views import in_frame
+from ..report.mapping.views import in_frame
 from ..stages.deform import Deform
 from ..stages.icp import ICP
 from ..stages.landmarks import Landmarks

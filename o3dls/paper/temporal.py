@@ -10,7 +10,7 @@ from ..arrays import Array
 from ..case import Case, Points, Truth
 from ..evaluation.distances import sample
 from ..geometry.surface import Surface
-from ..io.meshes.registry import read_surface
+from ..io.surfaces import read_surface
 from ..io.table import read_table
 from ..pipeline.pipeline import Pipeline
 from ..report.drawing.fields import Field

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from copy import deepcopy
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,7 @@ from typing import Any
 from ..errors import InputError, O3dlsError, PipelineError, did_you_mean
 from ..io.atomic import check_free
 from ..io.case_reader import read_case
-from ..io.documents import LARGEST_TOML, parse_toml
+from ..io.documents import LARGEST_TOML, parse_toml, parse_value
 from ..io.text import decode, read_bytes
 from ..plugins.plugin import Plugin, load
 from ..resources import pipeline_file
@@ -28,8 +28,30 @@ Tables = dict[str, Any]
 def read_pipeline(path: str | Path, settings: Iterable[str] = ()) -> Pipeline:
     """Read the pipeline of a TOML file, its folders taken from where the file stands.
 
-    `settings` such as `icp.keep=0.9` override it. Raises PipelineError with every mistake, InputError where
-    the file cannot be read.
+    Parameters
+    ----------
+    path : str or Path
+        the pipeline file, as docs/pipeline_file.md describes it.
+    settings : iterable of str, default none
+        texts STAGE.PARAM=VALUE that override the file.
+
+    Returns
+    -------
+    Pipeline
+        the same as one made in Python.
+
+    Raises
+    ------
+    PipelineError
+        with every mistake, each with its place.
+    InputError
+        where the file cannot be read.
+
+    Examples
+    --------
+    >>> import o3dls
+    >>> o3dls.read_pipeline("pipeline.toml", ["icp.keep=0.9"]).names
+    ['start', 'landmarks', 'icp']
     """
     path, settings = Path(path), list(settings)
     text = decode(read_bytes(path, LARGEST_TOML), path)
@@ -106,7 +128,28 @@ def _note_mistakes(mistakes: list[str]) -> Iterator[None]:
 
 
 def default_pipeline(settings: Iterable[str] = ()) -> Pipeline:
-    """Return the packaged default: landmarks, icp, deform, topology, level_set, report, export."""
+    """Return the packaged default: landmarks, icp, deform, topology, level_set, report, export.
+
+    Parameters
+    ----------
+    settings : iterable of str, default none
+        texts STAGE.PARAM=VALUE that override it.
+
+    Returns
+    -------
+    Pipeline
+
+    Raises
+    ------
+    PipelineError
+        with every mistake of the settings.
+
+    Examples
+    --------
+    >>> import o3dls
+    >>> o3dls.default_pipeline(["folds=3"]).folds
+    3
+    """
     return read_pipeline(pipeline_file("default"), settings)
 
 
@@ -155,7 +198,7 @@ def overridden(tables: Tables, settings: Iterable[str]) -> Tables:
             target = target.setdefault(part, {})
             if not isinstance(target, dict):
                 raise PipelineError(f"--set {setting}: '{part}' is not a table")
-        target[name] = _parse_value(value.strip())
+        target[name] = parse_value(value.strip())
     return tables
 
 
@@ -211,18 +254,3 @@ def _find_table(tables: Tables, owner: str, setting: str) -> Tables:
             "pipeline file"
         )
     return every[names.index(owner)]
-
-
-def _parse_value(text: str) -> Any:
-    """Parse a value as TOML writes it, or a number or True and False as Python does; a bare word is a
-    text.
-    """
-    readers = (
-        lambda: parse_toml(f"value = {text}", text)["value"],
-        lambda: {"True": True, "False": False}[text],
-        lambda: float(text),
-    )
-    for read in readers:
-        with suppress(InputError, ValueError, KeyError):
-            return read()
-    return text

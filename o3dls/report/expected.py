@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from ..arrays import Array
 from ..evaluation.next_places import MEAN_OVER_SD
 from ..geometry.surface import Surface
-from .drawing.display import TRUTH
 from .subject import Subject
+from .surfaces.display import TRUTH
 
 DUE = (0.68, 0.95)  # share of normal errors within one and two standard deviations
 # errors of neighbours go together: a wall has some twenty independent ones, whose share within one standard

@@ -8,11 +8,11 @@ from .document import document
 from .markup import Html, join, tag
 from .page_parts import asset, viewer_code
 from .palette import variables
+from .section import plugin_sections
 from .sections.contents import contents
 from .sections.methods import AUTHORS, RELEASED
 from .sections.order import SECTIONS
 from .sections.outcome import overall, strip
-from .sections.section import plugin_sections
 from .shape_words import words_of
 from .subject import Subject
 from .verdict import warnings

@@ -19,8 +19,8 @@ from ..estimate import Estimate
 from ..evaluation.interpolation import REACH
 from ..geometry.surface import Surface
 from ..runs.run import Run
-from .drawing.display import displayed
 from .palette import places
+from .surfaces.display import displayed
 
 MOST_SHOWN = 4
 BASELINE = "icp"  # results are compared with the estimates whose name begins so

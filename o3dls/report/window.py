@@ -18,7 +18,7 @@ from .drawing.fields import colours_of, known_fields, point_field
 from .drawing.figures import INK
 from .drawing.labels import Sheet, ends, sheet
 from .drawing.open3d_meshes import balls, edges, mesh, plain, rgb
-from .drawing.views import orientation
+from .mapping.views import orientation
 from .palette import GREY, LIGHT
 from .subject import Subject, read_subject
 

@@ -80,7 +80,7 @@ def _write_page(subject: Subject, path: Path, *, pdf: bool) -> Path:
     text = report_page(subject)
     with noted(subject.folders[0]):
         if pdf:
-            from .drawing.slides import write_slides
+            from .sections.slides import write_slides
 
             figures = FIGURES if path.name == REPORT else f"{path.stem}_{FIGURES}"
             write_slides(subject, path.parent / figures, path.with_suffix(".pdf"))

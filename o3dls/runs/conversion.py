@@ -19,12 +19,13 @@ from ..geometry.similarity import TURN, apply
 from ..geometry.surface import Surface
 from ..io.case_coordinates import check_scale
 from ..io.markups import Markups, read_markups, write_markups
-from ..io.meshes.registry import is_surface, read_surface_file, write_surface
 from ..io.meshes.repair import closed_outward, welded
 from ..io.meshes.surface_file import SurfaceFile
 from ..io.points import points_of, read_points_table, scaled
+from ..io.surfaces import is_surface, read_surface_file, write_surface
 from ..io.table import write_table
 from ..io.transforms import is_transform, read_transform, turned, write_transform
+from .stated import needs_turn, scaled_units, settle_stated, settle_units
 
 MARKUPS = (".json", ".fcsv")
 TABLES = (".csv", ".tsv")
@@ -42,13 +43,46 @@ def convert(
     faces: int | None = None,
     **choice: Any,
 ) -> list[str]:
-    """Write `source` as `target`.
+    """Write one file as another: a surface, points, named places or a pose; frame and units are said on both
+    sides.
 
-    The format of the one is told by its content, of the other by its suffix (or `format`). units, frame: what
-    the source is in where it does not say so itself. to: the frame to write, LPS or RAS. cap: close openings.
-    faces: decimate to so many. choice: label, part, box, layer, hidden of the reader. Gives sentences on what
-    was done. Raises InputError where something contradicts the file, is missing, or does not apply to the
-    kind of file.
+    Parameters
+    ----------
+    source : str or Path
+        the file to read, its format told by its content.
+    target : str or Path
+        the file to write, its format told by its suffix; one that is there is replaced.
+    format : str, default that of the suffix
+        such as "carto_vtk", where a suffix stands for several formats.
+    units : {"mm", "cm", "m", "um", "in", "px"}, default what the source states
+        unit of the source, where it states none; what is written is in mm, or px.
+    frame : {"LPS", "RAS", "unknown"}, default what the source states
+        frame of the source, where it states none.
+    to : {"LPS", "RAS"}, default the frame of the source
+        frame to write in.
+    cap : bool, default False
+        close the openings of a surface.
+    faces : int, default None
+        decimate a surface to so many triangles.
+    **choice
+        which surface is meant: `label`, `part`, `box`, `layer`, or `hidden` of CARTO's triangles.
+
+    Returns
+    -------
+    list of str
+        sentences on what was read and what was written.
+
+    Raises
+    ------
+    InputError
+        where something contradicts the file, is missing, or does not apply to the kind of file.
+
+    Examples
+    --------
+    >>> import o3dls
+    >>> done = o3dls.convert("case/prior.ply", "ras.stl", frame="LPS", to="RAS", faces=2000)
+    >>> len(o3dls.read_surface("ras.stl").faces) <= 2000
+    True
     """
     source, target = Path(source), Path(target)
     for name, value, allowed in (
@@ -89,7 +123,7 @@ def _convert_surface(
 ) -> list[str]:
     file = in_millimetres(source, read_surface_file(source, units=units, frame=frame, **choice), units)
     surface = file.surface
-    space = _settle_stated(source, "frame", file.space, frame)
+    space = settle_stated(source, "frame", file.space, frame)
     done = [
         f"{source}: {len(surface.vertices)} vertices, {len(surface.faces)} faces, frame {space}, units "
         f"{file.units}",
@@ -97,7 +131,7 @@ def _convert_surface(
     ]
     if to and surface.dimension == 2:
         raise InputError(f"{source}: is an outline in 2D, and LPS and RAS are frames in 3D; omit --to")
-    if to and _needs_turn(source, space, to):
+    if to and needs_turn(source, space, to):
         surface = surface.transformed(TURN)
     if cap:
         surface = closed_outward(surface, str(source), cap=True)
@@ -120,51 +154,13 @@ def in_millimetres(source: Path, file: SurfaceFile, units: str | None) -> Surfac
 
     Else as it is, if its extent can be meant in mm.
     """
-    stated = _settle_units(source, file.units, units)
+    stated = settle_units(source, file.units, units)
     if stated == "unknown":
         if file.surface.dimension == 3:
             check_scale(source, file.surface.vertices)
         return file
     surface = file.surface.with_vertices(file.surface.vertices * MILLIMETRES[stated])
-    return replace(file, surface=surface, units=_scaled_units(stated))
-
-
-def _scaled_units(stated: str) -> str:
-    """Return units of lengths once they are scaled: mm, or what cannot be scaled to it."""
-    return stated if stated in ("px", "unknown") else "mm"
-
-
-def _settle_units(source: Path, stated: str, given: str | None) -> str:
-    """Return the units that the file states, or those that are given where it states none.
-
-    Raises InputError too where the file states none that is known, and nothing is given.
-    """
-    if stated in (*MILLIMETRES, "unknown"):
-        return _settle_stated(source, "units", stated, given)
-    if given is None:
-        raise InputError(
-            f"{source}: states units '{stated}': must be one of {', '.join(MILLIMETRES)}; say which with "
-            "--units"
-        )
-    return given
-
-
-def _settle_stated(source: Path, what: str, stated: str, given: str | None) -> str:
-    """Return what the file states, else what is given. Raises InputError where the two differ."""
-    if given and stated not in ("unknown", given):
-        raise InputError(
-            f"{source}: states {what} {stated}, and {given} was given; omit --{what} if the file is right"
-        )
-    return given or stated
-
-
-def _needs_turn(source: Path, space: str, to: str) -> bool:
-    """Return whether coordinates must be turned. Raises InputError where the frame is not known."""
-    if space not in ("LPS", "RAS"):
-        raise InputError(
-            f"{source}: its frame is not known, so it cannot be brought to {to}; state it with --frame"
-        )
-    return space != to
+    return replace(file, surface=surface, units=scaled_units(stated))
 
 
 def decimated(surface: Surface, faces: int) -> Surface:
@@ -200,7 +196,7 @@ def _convert_markups(
     if units:
         raise InputError(f"{source}: Slicer's markups state their units; omit --units")
     marks = read_markups(source, frame)
-    _settle_stated(source, "frame", marks.space, frame)
+    settle_stated(source, "frame", marks.space, frame)
     return _write_places(source, target, marks.in_space(to) if to else marks)
 
 
@@ -222,13 +218,13 @@ def _convert_points(
     table = read_points_table(source)
     points = points_of(table, 3)
     said = [f"{source}: {len(points)} points", *(f"{source}: {note}" for note in points.notes)]
-    space = _settle_stated(source, "frame", table.notes.get("space", "unknown"), frame)
-    stated = _settle_units(source, table.notes.get("units", "unknown"), units)
+    space = settle_stated(source, "frame", table.notes.get("space", "unknown"), frame)
+    stated = settle_units(source, table.notes.get("units", "unknown"), units)
     if stated == "unknown":
         check_scale(source, points.xyz)
     points = scaled(points, MILLIMETRES.get(stated, 1.0))
-    xyz = apply(TURN, points.xyz) if to and _needs_turn(source, space, to) else points.xyz
-    space, units = to or space, _scaled_units(stated)
+    xyz = apply(TURN, points.xyz) if to and needs_turn(source, space, to) else points.xyz
+    space, units = to or space, scaled_units(stated)
     columns = {**dict(zip("xyz", xyz.T, strict=True)), "type": points.type, **points.columns}
     if target.suffix.lower() == ".csv":
         write_table(target, {name: columns[name] for name in table.columns}, {"space": space, "units": units})
@@ -247,8 +243,8 @@ def _convert_transform(
     if units:
         raise InputError(f"{source}: a pose moves by mm; omit --units")
     matrix, stated = read_transform(source)
-    space = _settle_stated(source, "frame", stated, frame)
-    if to and _needs_turn(source, space, to):
+    space = settle_stated(source, "frame", stated, frame)
+    if to and needs_turn(source, space, to):
         matrix = turned(matrix)
     write_transform(target, matrix, to or space)
     return [f"{source}: pose {_describe_pose(matrix)}", f"{target}: frame {to or space}"]

@@ -17,7 +17,7 @@ from ..errors import InputError, escaped
 from ..estimate import Estimate
 from ..geometry.surface import Surface
 from ..io.atomic import write_file
-from ..io.meshes.registry import read_surface, write_surface
+from ..io.surfaces import read_surface, write_surface
 from ..io.table import read_table, write_table
 from ..run_warning import CODES, RunWarning
 from .record import EstimateRecord, WarningRecord, plain

@@ -32,7 +32,28 @@ def read_record(folder: str | Path) -> RunRecord:
 def read_run(folder: str | Path) -> Run:
     """Read a run from its folder: everything but level sets; motions as far as the prior moved.
 
-    Raises InputError where the folder holds no finished run.
+    Parameters
+    ----------
+    folder : str or Path
+        the folder that `Run.write` or `o3dls run` made.
+
+    Returns
+    -------
+    Run
+        `estimates` by name, with surfaces in the map frame; their `scores`, lengths in the unit of
+        `run.unit`.
+
+    Raises
+    ------
+    InputError
+        where the folder holds no finished run, or was damaged.
+
+    Examples
+    --------
+    >>> import o3dls
+    >>> run = o3dls.read_run("run")
+    >>> list(run.estimates), run.final, run.unit
+    (['start', 'landmarks', 'icp', 'deform'], 'deform', 'mm')
     """
     folder, found = Path(folder), read_record(folder)
     held_out, kept = folder / "held_out.csv", found.estimates

@@ -22,7 +22,7 @@ from o3dls.case import Points
 from o3dls.errors import InputError
 from o3dls.geometry.face_values import at_vertices
 from o3dls.geometry.surface import Surface
-from o3dls.io.meshes.registry import read_surface_file
+from o3dls.io.surfaces import read_surface_file
 
 BALL = ball_case(points=40)
 TAG = (BALL.prior.vertices[:, 2] > 0).astype(float) + 10.0

@@ -19,7 +19,7 @@ from o3dls.cli.commands import cli, run_command
 from o3dls.io.case_reader import read_case
 from o3dls.io.case_writer import write_case
 from o3dls.io.markups import Markups, write_markups
-from o3dls.io.meshes.registry import write_surface
+from o3dls.io.surfaces import write_surface
 from o3dls.pipeline.file import all_mistakes, read_pipeline
 
 DEFAULT = re.compile(r"^# (?=\w+ = )", re.MULTILINE)  # before a default that may be uncommented

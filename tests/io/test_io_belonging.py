@@ -12,9 +12,9 @@ from test_io_study import CARTO_XML, DXL
 
 from o3dls.case import Points
 from o3dls.geometry.surface import Surface
-from o3dls.io.mapping import openep
 from o3dls.io.mapping.belonging import NEARER, REACH, Anatomy, of_one_map
 from o3dls.io.mapping.study import read_study
+from o3dls.io.matlab import openep
 from o3dls.io.meshes.carto import mesh_file
 from o3dls.io.meshes.surface_file import SurfaceFile
 

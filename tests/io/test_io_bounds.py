@@ -42,7 +42,7 @@ except O3dlsError as error:
 """
 PIPELINE = ("from o3dls.pipeline.file import read_pipeline", "read_pipeline(sys.argv[1])")
 POINTS = ("from o3dls.io.points import read_points", "read_points(sys.argv[1])")
-SURFACE = ("from o3dls.io.meshes.registry import read_surface", "read_surface(sys.argv[1])")
+SURFACE = ("from o3dls.io.surfaces import read_surface", "read_surface(sys.argv[1])")
 STUDY = ("from o3dls.io.mapping.study import read_study", "read_study(sys.argv[1], None)")
 
 

@@ -28,9 +28,9 @@ from o3dls.io.case_reader import read_case
 from o3dls.io.case_settings import toml_lines
 from o3dls.io.case_writer import write_case
 from o3dls.io.manifest import write_manifest
-from o3dls.io.meshes.registry import write_surface
 from o3dls.io.meshes.repair import capped, closed_outward, welded
 from o3dls.io.points import read_points, write_points
+from o3dls.io.surfaces import write_surface
 
 SEED = 738_112
 

@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 from o3dls.errors import InputError
 from o3dls.io.case_reader import read_case
 from o3dls.io.images.wall import mask_surface
-from o3dls.io.meshes.registry import is_surface, read_surface_file
+from o3dls.io.surfaces import is_surface, read_surface_file
 from o3dls.runs.conversion import convert
 
 pydicom = pytest.importorskip("pydicom", reason="DICOM needs highdicom: pip install 'o3dls[dicom]'")

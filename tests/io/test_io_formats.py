@@ -23,9 +23,9 @@ from o3dls.io.images.registry import read_image
 from o3dls.io.images.volumes import write_volume
 from o3dls.io.markups import Markups, read_markups, write_markups
 from o3dls.io.meshes.opencarp import write_mesh
-from o3dls.io.meshes.registry import FORMATS, read_surface, read_surface_file, write_surface
 from o3dls.io.meshes.repair import capped
 from o3dls.io.points import read_points_table
+from o3dls.io.surfaces import FORMATS, read_surface, read_surface_file, write_surface
 from o3dls.io.transforms import read_transform, write_transform
 from o3dls.runs.conversion import convert
 

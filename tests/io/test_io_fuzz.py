@@ -25,13 +25,14 @@ from o3dls.io import points
 from o3dls.io.case_reader import read_case
 from o3dls.io.case_writer import write_case
 from o3dls.io.images.volumes import write_volume
-from o3dls.io.mapping import carto_points, ensite, openep
+from o3dls.io.mapping import carto_points, ensite
 from o3dls.io.mapping.archive import Archive
 from o3dls.io.mapping.carto_study import find_study
 from o3dls.io.mapping.study import read_study
 from o3dls.io.markups import Markups, read_markups, write_markups
-from o3dls.io.meshes.registry import FORMATS, read_surface_file
+from o3dls.io.matlab import openep
 from o3dls.io.points import read_points, write_points
+from o3dls.io.surfaces import FORMATS, read_surface_file
 from o3dls.io.transforms import read_transform, write_transform
 
 FILES = int(os.environ.get("O3DLS_FUZZ", "60"))

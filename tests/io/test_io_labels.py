@@ -13,7 +13,7 @@ from o3dls.errors import InputError
 from o3dls.io.case_reader import read_case
 from o3dls.io.images.labels import surface_of
 from o3dls.io.images.voxels import Image
-from o3dls.io.meshes.registry import read_surface_file
+from o3dls.io.surfaces import read_surface_file
 from o3dls.runs.conversion import convert
 
 sitk = pytest.importorskip("SimpleITK", reason="label volumes need SimpleITK: pip install 'o3dls[images]'")

@@ -20,7 +20,7 @@ from o3dls.io.case_settings import Folder
 from o3dls.io.case_surfaces import surface_of
 from o3dls.io.mapping.study_import import import_study
 from o3dls.io.meshes import vtp_arrays
-from o3dls.io.meshes.registry import read_surface, read_surface_file, write_surface
+from o3dls.io.surfaces import read_surface, read_surface_file, write_surface
 from o3dls.runs.conversion import convert
 
 ROUNDING = 1e-12  # relative: of a sum of areas

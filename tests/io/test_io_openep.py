@@ -15,8 +15,8 @@ import pytest
 from formats import marker
 
 from o3dls.case import Points
-from o3dls.io.mapping import openep
-from o3dls.io.meshes.registry import read_surface
+from o3dls.io.matlab import openep
+from o3dls.io.surfaces import read_surface
 
 BUFFER = 50.0  # ms, by which that reader widens the window of interest
 HALF_A_SAMPLE = 0.005  # ms, of a hundredth of a ms

@@ -26,8 +26,8 @@ from o3dls.errors import InputError
 from o3dls.io.images.registry import read_image
 from o3dls.io.images.volumes import write_volume
 from o3dls.io.images.voxels import inflate
-from o3dls.io.mapping import openep
-from o3dls.io.meshes.registry import read_surface_file
+from o3dls.io.matlab import openep
+from o3dls.io.surfaces import read_surface_file
 
 FEW, MANY = 150, 2000  # damaged files of a format
 MOST_FLIPS = 4

@@ -17,7 +17,7 @@ from o3dls.evaluation.validity import components
 from o3dls.geometry.surface import Surface
 from o3dls.io.images.pieces import filled, joined
 from o3dls.io.images.wall import mask_surface, parts_of
-from o3dls.io.meshes.registry import read_surface, read_surface_file
+from o3dls.io.surfaces import read_surface, read_surface_file
 from o3dls.runs.conversion import convert
 
 SHIFT = np.array([0.3, 0.1, 0.45])  # of the voxels; any will do

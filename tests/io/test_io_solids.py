@@ -11,7 +11,7 @@ from test_io_meshes import FORMS, saved
 
 from o3dls.errors import InputError
 from o3dls.geometry.surface import Surface
-from o3dls.io.meshes.registry import read_surface, read_surface_file
+from o3dls.io.surfaces import read_surface, read_surface_file
 
 ROUNDING = 1e-12  # relative: of sums over faces
 TEXT = 1e-6  # relative: VTK writes so many digits

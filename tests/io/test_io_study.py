@@ -25,18 +25,19 @@ from o3dls.errors import InputError
 from o3dls.geometry.similarity import apply, similarity
 from o3dls.geometry.surface import Surface
 from o3dls.io.case_reader import read_case
-from o3dls.io.mapping import carto_points, ensite, openep
+from o3dls.io.mapping import carto_points, ensite
 from o3dls.io.mapping.carto_study import vendor_pose
 from o3dls.io.mapping.imported import Imported
 from o3dls.io.mapping.study import read_study
 from o3dls.io.mapping.study_import import _registered_shell, _write_registered, import_study
 from o3dls.io.markups import Markups, write_markups
+from o3dls.io.matlab import openep
 from o3dls.io.meshes import dif
 from o3dls.io.meshes.carto import encoder, mesh_file, parser
 from o3dls.io.meshes.carto.mesh import CartoMesh
-from o3dls.io.meshes.registry import read_surface, read_surface_file
 from o3dls.io.meshes.surface_file import SurfaceFile
 from o3dls.io.points import read_points
+from o3dls.io.surfaces import read_surface, read_surface_file
 from o3dls.io.table import read_table
 
 SEED = 5_102_933

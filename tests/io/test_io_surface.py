@@ -14,7 +14,7 @@ from hypothesis.extra.numpy import arrays
 from o3dls.errors import InputError
 from o3dls.geometry.surface import Surface, outline
 from o3dls.io.meshes.carto.import_vtk import encode, map_field
-from o3dls.io.meshes.registry import FORMATS, read_surface, read_surface_file, write_surface
+from o3dls.io.surfaces import FORMATS, read_surface, read_surface_file, write_surface
 
 TEXT_DIGITS = 1e-8  # relative: text formats keep nine digits
 FLOAT32 = 1e-6

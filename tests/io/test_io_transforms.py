@@ -11,7 +11,7 @@ import pytest
 from o3dls.errors import InputError
 from o3dls.geometry.similarity import apply
 from o3dls.io.mapping.study import read_study
-from o3dls.io.meshes.registry import read_surface_file
+from o3dls.io.surfaces import read_surface_file
 from o3dls.io.transforms import read_transform
 from o3dls.runs.conversion import convert
 

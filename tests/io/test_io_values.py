@@ -21,11 +21,11 @@ from o3dls.errors import InputError
 from o3dls.geometry.surface import Surface
 from o3dls.io.case_reader import read_case
 from o3dls.io.case_writer import write_case
-from o3dls.io.mapping import openep
 from o3dls.io.mapping.imported import Imported
 from o3dls.io.mapping.study import read_study
-from o3dls.io.meshes.registry import read_surface_file, write_surface
+from o3dls.io.matlab import openep
 from o3dls.io.points import read_points
+from o3dls.io.surfaces import read_surface_file, write_surface
 from o3dls.pipeline.new_case import make_case
 from o3dls.pipeline.pipeline import Pipeline
 from o3dls.quantities import QUANTITIES, WORDS_FOR_NONE, quantity_of

@@ -26,8 +26,8 @@ from o3dls.cli.commands import run_command
 from o3dls.errors import InputError
 from o3dls.io.case_reader import read_case
 from o3dls.io.case_writer import write_case
-from o3dls.io.meshes.registry import read_surface
 from o3dls.io.points import write_points
+from o3dls.io.surfaces import read_surface
 from o3dls.live.journal import read_journal
 from o3dls.live.messages import Message
 from o3dls.live.record import open_record

@@ -21,8 +21,8 @@ from o3dls.report.expected import DUE, OFF
 from o3dls.report.grading import wall
 from o3dls.report.grading.check import WORDS
 from o3dls.report.page_parts import asset
+from o3dls.report.section import Maker
 from o3dls.report.sections.order import SECTIONS
-from o3dls.report.sections.section import Maker
 from o3dls.report.subject import read_subject
 from o3dls.runs import far_points
 from tests.finished import finished

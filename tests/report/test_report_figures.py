@@ -17,16 +17,17 @@ from scipy.spatial.transform import Rotation
 
 from o3dls.cli.main import answer
 from o3dls.geometry.surface import Surface
-from o3dls.report.drawing import figures, slides
+from o3dls.report.drawing import figures
 from o3dls.report.drawing.caption import made
-from o3dls.report.drawing.display import decimated
 from o3dls.report.drawing.fields import Field, colour_table, colours_of, known_fields, robust_range
 from o3dls.report.drawing.figures import drawable, pictures_png, plain_figure, png, shrunk
 from o3dls.report.drawing.raster import Canvas, View
 from o3dls.report.drawing.slices import slice_surface
-from o3dls.report.drawing.views import by_veins, in_frame, orientation
+from o3dls.report.mapping.views import by_veins, in_frame, orientation
+from o3dls.report.sections import slides
 from o3dls.report.sections.scores import mean_table
 from o3dls.report.subject import Subject, read_subject
+from o3dls.report.surfaces.display import decimated
 from o3dls.report.verdict import verdict
 from o3dls.report.verdict import warnings as warned
 from o3dls.report.writer import Report, write_report

@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 
 from o3dls.case import Case
-from o3dls.io.meshes.registry import write_surface
+from o3dls.io.surfaces import write_surface
 from o3dls.report.subject import read_subject
 from o3dls.report.writer import compare, write_report
 from tests.browser import Visit

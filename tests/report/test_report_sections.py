@@ -17,15 +17,15 @@ import numpy as np
 import pytest
 
 from o3dls.pipeline.pipeline import Pipeline
+from o3dls.report import section
 from o3dls.report.drawing.charts import Axis, Series, axis_over, line_chart
 from o3dls.report.drawing.distance_charts import MOST, beyond, cumulative, histogram, spread_section
 from o3dls.report.drawing.fields import known_fields
 from o3dls.report.markup import signed, tag
 from o3dls.report.palette import DARK, LIGHT, places
-from o3dls.report.sections import section
+from o3dls.report.section import Section
 from o3dls.report.sections.provenance import as_toml
 from o3dls.report.sections.scores import validity_section
-from o3dls.report.sections.section import Section
 from o3dls.report.sections.sweep import swept
 from o3dls.report.subject import Subject, read_subject
 from o3dls.report.verdict import headline_difference, warnings

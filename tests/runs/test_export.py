@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from o3dls.errors import InputError, PipelineError
-from o3dls.io.mapping import openep
-from o3dls.io.meshes.registry import read_surface, read_surface_file
+from o3dls.io.matlab import openep
 from o3dls.io.points import read_points
+from o3dls.io.surfaces import read_surface, read_surface_file
 from o3dls.runs.export.finished import export_run
 from o3dls.runs.export.formats import file_name
 from o3dls.runs.export.writer import Export

@@ -17,8 +17,8 @@ from o3dls.errors import InputError, PipelineError
 from o3dls.estimate import Estimate
 from o3dls.geometry.similarity import TURN, apply, similarity
 from o3dls.io.images.registry import read_image
-from o3dls.io.meshes.registry import read_surface_file, write_surface
 from o3dls.io.points import read_points
+from o3dls.io.surfaces import read_surface_file, write_surface
 from o3dls.io.transforms import read_transform
 from o3dls.motion.recorded import RecordedMotion
 from o3dls.pipeline.file import read_pipeline

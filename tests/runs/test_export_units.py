@@ -15,8 +15,8 @@ from o3dls.io.case_reader import read_case
 from o3dls.io.case_settings import toml_lines
 from o3dls.io.case_writer import write_case
 from o3dls.io.images.registry import read_image
-from o3dls.io.meshes.registry import read_surface_file, write_surface
 from o3dls.io.points import read_points, read_points_table, write_points
+from o3dls.io.surfaces import read_surface_file, write_surface
 from o3dls.io.table import write_table
 from o3dls.io.transforms import read_transform
 from o3dls.pipeline.pipeline import Pipeline

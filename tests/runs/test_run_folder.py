@@ -18,8 +18,8 @@ from tiny import Broken, Greedy, Nudge, ball_case, disc_case, tiny_stages  # noq
 from o3dls.case import Case
 from o3dls.errors import InputError, SolverError
 from o3dls.estimate import Estimate
-from o3dls.io.meshes.registry import read_surface
 from o3dls.io.points import read_points
+from o3dls.io.surfaces import read_surface
 from o3dls.pipeline.file import pipeline_from
 from o3dls.pipeline.pipeline import Pipeline
 from o3dls.plugins.stage import Stage

@@ -1,1 +1,3 @@
-"""Exports of mapping systems (CARTO 3, EnSite, OpenEP) and the live link to navigation research systems."""
+"""Exports of mapping systems (CARTO 3, EnSite, OpenEP) and the live link to navigation research systems;
+`study_import` makes a case folder of them.
+"""

@@ -12,9 +12,10 @@ import numpy as np
 from ...case import Points
 from ...errors import InputError
 from ...quantities import without_impossible
+from ..matlab import mat, openep
 from ..meshes import dif
 from ..meshes.surface_file import SurfaceFile
-from . import carto_study, ensite, mat, openep
+from . import carto_study, ensite
 from .archive import Archive
 from .belonging import Anatomy, of_one_map
 from .imported import Imported, joined

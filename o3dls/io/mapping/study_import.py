@@ -15,9 +15,9 @@ from ..atomic import check_free, staged_folder, write_file
 from ..case_settings import toml_lines
 from ..manifest import write_manifest
 from ..markups import Markups, read_markups
-from ..meshes.registry import read_surface_file, write_surface
 from ..meshes.repair import closed_outward
 from ..points import write_points
+from ..surfaces import read_surface_file, write_surface
 from ..table import read_table, write_table
 from .carto_study import vendor_pose
 from .imported import Imported, joined
@@ -35,14 +35,48 @@ def import_study(
     force: bool = False,
     **choice: Any,
 ) -> Imported:
-    """Make a case folder of one map of a study (folder, zip or file).
+    """Make a case folder of one map of a study: points.csv, map.ply (the system's shell with its colours, for
+    looking at), and what is given as prior.
 
-    `prior` is a surface or label volume, `landmarks` names its places; `prior_of` says whose anatomy it is,
-    "patient" (the default) or "template". The folder holds points.csv, map.ply (the system's shell with its
-    colours, for looking at) and what was given as prior. Without one, a single closed shell that the system
-    had registered itself is the prior, and its registration init.csv, for stage `recorded` to compare with;
-    where there is none the case is not complete, and the result says so. `choice` is of the prior (cap,
-    label, part, box, layer, and frame where it does not state it). Raises InputError.
+    Without a prior, a single closed shell that the system had registered itself is taken, and its
+    registration as init.csv, for stage `recorded` to compare with; where there is none, the case is not
+    complete.
+
+    Parameters
+    ----------
+    study : str or Path
+        export of CARTO 3 or EnSite, as a folder or zip, or file of OpenEP.
+    map_name : str or None
+        the map to take; None where the study has one.
+    out : str or Path
+        case folder to make; lengths in mm, in the frame of the system.
+    prior : str or Path, default None
+        surface or label volume from an image.
+    landmarks : str or Path, default None
+        places named on the prior: markups of Slicer, or a table `name,x,y,z`.
+    prior_of : {"patient", "template"}, default "patient"
+        whose anatomy the prior is.
+    force : bool, default False
+        replace an earlier import in the same folder.
+    **choice
+        of the prior: `cap`, `label`, `part`, `box`, `layer`, and `frame` where it does not state it.
+
+    Returns
+    -------
+    Imported
+        `points` and `landmarks` in the map frame, mm; sentences on what was `took` and `left`.
+
+    Raises
+    ------
+    InputError
+        where the map, the prior or the landmarks cannot be used, or the folder holds something else.
+
+    Examples
+    --------
+    >>> import o3dls
+    >>> found = o3dls.import_study("study", "1-Map", "imported", prior="case/prior.ply")
+    >>> list(found.landmarks)  # those that the study names
+    ['LSPV']
     """
     given = [name for name, value in choice.items() if value is not None and value is not False]
     if prior is None and given:

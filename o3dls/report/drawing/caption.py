@@ -4,10 +4,10 @@ colours.
 
 from __future__ import annotations
 
+from ..mapping.views import orientation
 from ..markup import Html, tag
 from ..subject import Subject
 from .fields import Field, colour_table
-from .views import orientation
 
 STOPS = 9  # of a colour bar; between them the colours change evenly
 

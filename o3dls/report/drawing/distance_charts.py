@@ -8,7 +8,7 @@ import numpy as np
 
 from ...arrays import Array
 from ..markup import Html, join, tag
-from ..sections.section import Section
+from ..section import Section
 from ..subject import HEADLINE, SETS, Subject
 from .charts import Axis, Series, axis_over, grouped, line_chart
 

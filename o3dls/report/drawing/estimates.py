@@ -9,8 +9,8 @@ import numpy as np
 from ...arrays import Array
 from ...geometry.surface import Surface
 from ..subject import Subject
+from ..surfaces.display import decimated, displayed
 from .charts import STYLES
-from .display import decimated, displayed
 from .fields import Field, known_fields
 from .packing import Json, coded, packed
 

@@ -16,7 +16,7 @@ from ...evaluation.electrical import ELECTRICAL
 from ...evaluation.regions import REGIONS, word
 from ...geometry.surface import Surface
 from ..subject import Subject
-from .display import LEFT_OUT, NEGLIGIBLE, TRUTH
+from ..surfaces.display import LEFT_OUT, NEGLIGIBLE, TRUTH
 
 FIRST = 0.08  # share of a map's light end that is left out: it would be lost on white
 PURPLE = 0.78  # share of the circle of hues from red to purple

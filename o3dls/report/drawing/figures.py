@@ -13,10 +13,10 @@ import numpy as np
 
 from ...arrays import Array
 from ...geometry.surface import Surface
+from ..mapping.views import orientation
 from ..subject import Subject
 from .caption import caption
 from .fields import Field, colour_table, colours_of, known_fields, point_field
-from .views import orientation
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -9,7 +9,7 @@ import numpy as np
 
 from ...arrays import Array
 from ...geometry.surface import Surface
-from .display import decimated
+from ..surfaces.display import decimated
 
 EDGE_FACES = 4000  # a surface drawn as edges has at most so many: more would hide what is behind
 

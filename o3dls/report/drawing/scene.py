@@ -13,14 +13,14 @@ from ...evaluation.electrical import measured_values
 from ...evaluation.interpolation import REACH
 from ...geometry.surface import Surface
 from ..mapping.advice import shown_advice
+from ..mapping.views import orientation
 from ..mapping.wall_regions import with_regions
 from ..subject import Subject
+from ..surfaces.display import decimated
 from .caption import made
-from .display import decimated
 from .estimates import all_fields, all_surfaces, estimate_data
 from .fields import MAPS, Field, colour_table, point_field
 from .packing import LAST, Json, coded, grid, once, packed
-from .views import orientation
 
 GHOST_FACES = 10_000
 GHOST_STYLES: dict[str, Json] = {

@@ -1,1 +1,3 @@
-"""Regions of the wall, and where to map next, in the words of the report: `wall_regions`, then `advice`."""
+"""How the patient lies in the map (`views`), regions of the wall (`wall_regions`), and where to map next
+(`advice`), in the words of the report.
+"""

@@ -11,7 +11,7 @@ from ...evaluation.interpolation import REACH
 from ...evaluation.next_places import MEAN_OVER_SD, Advice
 from ...evaluation.regions import word
 from ..markup import Child, Html, join, millimetres, table, tag
-from ..sections.section import Section
+from ..section import Section
 from ..subject import SETS, Subject
 from .advice import HEAD, located, shown_advice
 from .wall_regions import wall_regions

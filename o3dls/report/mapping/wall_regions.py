@@ -12,8 +12,8 @@ from ...evaluation.distances import moved
 from ...evaluation.regions import regions
 from ...geometry.surface import Surface
 from ...registration.landmark_names import partners
-from ..drawing.views import orientation
 from ..subject import Subject
+from .views import orientation
 
 FIELD = "region"
 

@@ -11,12 +11,12 @@ import numpy as np
 
 from ...evaluation.next_places import MEAN_OVER_SD
 from ..drawing.charts import STYLES, Series, axis_over, grouped, line_chart
-from ..drawing.display import TRUTH
 from ..expected import DUE, shares_within
 from ..markup import Child, Html, join, millimetres, table, tag
+from ..section import Section
 from ..shape_words import words_of
 from ..subject import Subject
-from .section import Section
+from ..surfaces.display import TRUTH
 
 BINS = 8
 MOST_DIRECTIONS = 4

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ..markup import Html, tag
-from .section import Section
+from ..section import Section
 
 
 def contents(sections: Sequence[Section]) -> Html:

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from ..contribution import Step, steps
 from ..drawing.charts import grouped
 from ..markup import Child, Html, signed, table, tag
+from ..section import Section
 from ..subject import SETS, Subject
-from .section import Section
 
 ROW, LEFT, WIDTH = 52, 12, 640  # pixels; a row has room for a name above its bar
 BAR = 14

@@ -9,8 +9,8 @@ import numpy as np
 from ...arrays import Array
 from ..drawing.charts import STYLES, Axis, Series, axis_over, grouped, line_chart
 from ..markup import Child, Html, join, table, tag
+from ..section import Section
 from ..subject import Result, Subject
-from .section import Section
 
 INDICES = ("iteration", "level")  # columns of a trace that count and measure nothing
 ENERGIES = ("energy", "misfit", "complexity", "labels", "data", "prior", "area", "shape")

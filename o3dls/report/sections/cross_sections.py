@@ -11,10 +11,10 @@ from ...evaluation.distances import distances
 from ...geometry.surface import Surface
 from ..drawing.charts import grouped, legend, line_class
 from ..drawing.slices import Frame, Outline, drawing, slice_surface
-from ..drawing.views import Orientation, orientation
+from ..mapping.views import Orientation, orientation
 from ..markup import Html, join, tag
+from ..section import Section
 from ..subject import Subject
-from .section import Section
 
 BESIDE = 2.0  # mm beside a plane within which points are drawn
 MARGIN = 0.03  # of the extent, around the outlines

@@ -12,10 +12,10 @@ from ...arrays import Array
 from ...evaluation.electrical import ELECTRICAL, measured_values
 from ...evaluation.interpolation import REACH, WIDTH
 from ...geometry.surface import Surface
-from ..drawing.electrical import with_electrical
 from ..markup import Child, join, table, tag
+from ..section import Section
 from ..subject import Subject
-from .section import Section
+from ..surfaces.electrical import with_electrical
 
 LOW_VOLTAGE = 0.5  # mV, bipolar: the usual border of scar
 

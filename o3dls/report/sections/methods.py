@@ -7,10 +7,10 @@ from typing import Any
 
 from ...runs.record import Provenance
 from ..markup import join, tag
+from ..section import Section
 from ..shape_words import words_of
 from ..subject import Subject
 from .provenance import copied
-from .section import Section
 
 Record = Mapping[str, Any]
 # as in CITATION.cff, which programs read; a test compares them

@@ -5,10 +5,11 @@ from __future__ import annotations
 from ..drawing.distance_charts import spread_section
 from ..drawing.figures import front_png
 from ..drawing.scene import scene
-from ..drawing.views import orientation
 from ..mapping.sections import next_section, region_section
+from ..mapping.views import orientation
 from ..markup import join, tag
 from ..page_parts import image, viewer_scripts
+from ..section import Maker, Section
 from ..subject import Subject
 from .certainty import calibration_section, pose_section
 from .contribution import contribution_section
@@ -21,7 +22,6 @@ from .outlines import outline_section
 from .paired import landmark_section, paired_section
 from .provenance import made_section
 from .scores import score_section, validity_section
-from .section import Maker, Section
 from .sweep import sweep_section
 
 

@@ -8,10 +8,10 @@ from textwrap import shorten
 from ..checks import checks
 from ..grading.check import WORDS, Check, Grade
 from ..markup import Html, join, tag
+from ..section import Section
 from ..subject import Subject
 from ..verdict import verdict, warnings
 from ..wall_parts import parts_table
-from .section import Section
 
 WORST_FIRST: tuple[Grade, ...] = ("bad", "amber")
 LETTERS = 110  # of the warnings at the top of the page: they fill two lines on a telephone

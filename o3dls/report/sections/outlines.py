@@ -11,8 +11,8 @@ from ..drawing.charts import STYLES, grouped, legend, line_class
 from ..drawing.fields import colours_of, point_field
 from ..drawing.slices import Frame, Outline, drawing
 from ..markup import Html, join, tag
+from ..section import Section
 from ..subject import Subject
-from .section import Section
 
 MARGIN = 0.03  # of the extent, around the outlines
 

@@ -10,9 +10,9 @@ import numpy as np
 
 from ...evaluation.statistics import ROUNDS, Difference, paired_difference
 from ..markup import Child, Html, join, millimetres, signed, table, tag
+from ..section import Section
 from ..subject import SETS, Result, Subject
 from ..verdict import difference
-from .section import Section
 
 REGION = 20.0  # points nearer than this to a landmark (mm) belong to its region, each to its nearest
 FEWEST = 8

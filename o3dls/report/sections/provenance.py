@@ -8,8 +8,8 @@ from typing import Any
 
 from ...runs.run import Run
 from ..markup import Child, Html, join, table, tag
+from ..section import Section
 from ..subject import Subject
-from .section import Section
 
 COMMAND = "o3dls run pipeline.toml --case case --out again"
 

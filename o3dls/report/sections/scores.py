@@ -9,9 +9,9 @@ from typing import Any
 
 from ...evaluation.validity import handles
 from ..markup import Child, Html, join, millimetres, signed, table, tag
+from ..section import Section
 from ..shape_words import FLAT, ShapeWords, words_of
 from ..subject import SETS, Result, Subject
-from .section import Section
 
 SEEN = ("landmarks", "fitted")  # these sets were fitted, so a small distance proves nothing: they stand last
 DIGITS = 2

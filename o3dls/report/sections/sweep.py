@@ -11,8 +11,8 @@ import numpy as np
 from ...runs.record import Provenance
 from ..drawing.charts import Series, axis_over, grouped, line_chart
 from ..markup import join, tag
+from ..section import Section
 from ..subject import HEADLINE, SETS, Subject
-from .section import Section
 
 FEWEST = 3
 

@@ -24,7 +24,7 @@ def export_run(
     where the run, the estimate or the format is not there.
     """
     from ...io.manifest import noted
-    from ...io.meshes.registry import FORMATS, check_suffix
+    from ...io.surfaces import FORMATS, check_suffix
     from ..folder import check_not_of_a_run, read_run
 
     if format not in get_args(FormatName):

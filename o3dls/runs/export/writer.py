@@ -113,7 +113,7 @@ class Export(Writer):
         return spacing_mistake(case.prior, self.spacing) if self.format.startswith(("phi", "mask")) else None
 
     def obstacle(self, case: Case) -> str | None:
-        from ...io.meshes.registry import IN_MILLIMETRES
+        from ...io.surfaces import IN_MILLIMETRES
 
         if case.dimension == 2:
             return "the case is 2D, and its outlines are in estimates/ as csv already"
@@ -160,8 +160,8 @@ class Export(Writer):
 
     def _write_format(self, what: Placed, path: Path, units: str) -> dict[str, Any]:
         """Write one file of the format; what only this format has to say goes into the sidecar."""
-        from ...io.meshes.registry import read_surface_file, write_surface
         from ...io.points import write_points
+        from ...io.surfaces import read_surface_file, write_surface
         from ...io.transforms import write_transform
 
         if self.format in ("tfm", "txt"):
@@ -234,8 +234,8 @@ def _log_sentences(path: Path, sentences: Iterable[str]) -> None:
 
 def _write_openep(surface: Surface, path: Path, points: Points) -> dict[str, Any]:
     """Write the surface with the measured points, which OpenEP's tools interpolate."""
-    from ...io.mapping.openep import encode, losses
-    from ...io.mapping.openep_points import SIGNALS
+    from ...io.matlab.openep import encode, losses
+    from ...io.matlab.openep_points import SIGNALS
 
     write_file(path, encode(surface, points))
     _log_sentences(path, losses(surface))

@@ -12,14 +12,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...io.atomic import write_file
-from ..palette import GREY, LIGHT
-from ..sections.outlines import named_outlines
-from ..sections.scores import SEEN, mean_table
-from ..subject import SETS, Subject
-from ..verdict import verdict, warnings
-from .caption import caption, made
-from .fields import colours_of, point_field
-from .figures import (
+from ..drawing.caption import caption, made
+from ..drawing.fields import colours_of, point_field
+from ..drawing.figures import (
     INK,
     WHOLE,
     draw_bar,
@@ -33,7 +28,12 @@ from .figures import (
     shrunk,
     side_by_side,
 )
-from .views import orientation
+from ..mapping.views import orientation
+from ..palette import GREY, LIGHT
+from ..subject import SETS, Subject
+from ..verdict import verdict, warnings
+from .outlines import named_outlines
+from .scores import SEEN, mean_table
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -7,15 +7,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ...errors import InputError
-from ...geometry.surface import Surface
-from ..atomic import write_file
-from ..images import dicom, labels
-from ..mapping import openep
-from ..text import read_bytes
-from . import dif, obj, opencarp, ply, polyline, stl, vtk_legacy, vtp
-from .carto import import_vtk, mesh_file
-from .surface_file import SurfaceFile, left_out
+from ..errors import InputError
+from ..geometry.surface import Surface
+from .atomic import write_file
+from .images import dicom, labels
+from .matlab import openep
+from .meshes import dif, obj, opencarp, ply, polyline, stl, vtk_legacy, vtp
+from .meshes.carto import import_vtk, mesh_file
+from .meshes.surface_file import SurfaceFile, left_out
+from .text import read_bytes
 
 Reader = Callable[..., SurfaceFile]
 Writer = Callable[[SurfaceFile], bytes]
@@ -139,7 +139,31 @@ def is_surface(path: str | Path) -> bool:
 
 
 def read_surface(path: str | Path) -> Surface:
-    """Read a surface from a file, format told by content; 2D outlines from CSV. Raises InputError."""
+    """Read a surface from a file, format told by content; 2D outlines from CSV.
+
+    Parameters
+    ----------
+    path : str or Path
+        a mesh, a label volume or an outline, in a format that docs/files.md names.
+
+    Returns
+    -------
+    Surface
+        `vertices` (n, 3), `faces` (m, 3) and `fields` by name, as the file has them: in its unit and its
+        frame. In 2D `vertices` (n, 2) and `faces` (m, 2), which are lines.
+
+    Raises
+    ------
+    InputError
+        where the file is in no known format, is damaged, or holds several surfaces.
+
+    Examples
+    --------
+    >>> import o3dls
+    >>> prior = o3dls.read_surface("case/prior.ply")
+    >>> prior.vertices.shape, prior.watertight
+    ((5362, 3), True)
+    """
     return read_surface_file(path).surface
 
 
@@ -151,10 +175,37 @@ def write_surface(
     units: str = "mm",
     format: str | None = None,
 ) -> list[str]:
-    """Write a surface in the format of the suffix, or the named one; gives sentences on what is not kept.
+    """Write a surface in the format of the suffix, or in the named one.
 
-    `space` and `units` are stated where the format can. Raises InputError where the suffix is another
-    format's, or the format has no room for the dimension or the units.
+    Parameters
+    ----------
+    path : str or Path
+        the file to write; one that is there is replaced.
+    surface : Surface
+        its vertices are written as they are, and its fields where the format has room for them.
+    space : {"LPS", "RAS", "unknown"}, default "unknown"
+        frame of the vertices, stated in the file where the format can.
+    units : str, default "mm"
+        unit of the vertices, stated in the file where the format can.
+    format : str, default that of the suffix
+        such as "carto_vtk", where a suffix stands for several formats.
+
+    Returns
+    -------
+    list of str
+        sentences on what of the surface the format does not keep.
+
+    Raises
+    ------
+    InputError
+        where the suffix is another format's, or the format has no room for the dimension or the units.
+
+    Examples
+    --------
+    >>> import o3dls
+    >>> prior = o3dls.read_surface("case/prior.ply")
+    >>> o3dls.write_surface("prior.vtp", prior, space="LPS")
+    []
     """
     path = Path(path)
     if path.suffix.lower() == ".csv" and format is None:

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
-from ...plugins.plugin import registered
-from ..markup import Html, tag
-from ..subject import Subject
+from ..plugins.plugin import registered
+from .markup import Html, tag
+from .subject import Subject
 
 GROUP = "o3dls.report_sections"
 

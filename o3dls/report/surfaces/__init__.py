@@ -1,0 +1,1 @@
+"""Surfaces as the report shows them: `display`, with electrical values carried to the wall."""
