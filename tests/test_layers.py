@@ -62,7 +62,7 @@ ROOMS = {
     "levelset": ("grid/", "."),
     "live": (".", "sources/"),
     "motion": (".", "map_shift/"),
-    "reconstruction": ("settings neighbours", "field/", "points/", "shape/", "."),
+    "reconstruction": ("settings shape_settings neighbours", "field/", "points/", "shape/", "."),
     "report": (
         "markup palette",
         "surfaces/",

@@ -71,15 +71,17 @@ class TrialFit:
         yield from _run_rounds(problem, begin(problem), enough=steady)
 
     def energy(self, k: int) -> float:
-        """Return the free energy (nats) of round k, or of the last one, if that was earlier. Several may ask."""
+        """Return the free energy (nats) of round k, or of the last one, if that was earlier; several threads
+        may ask.
+        """
         with self._lock, one_blas_thread():
             while len(self._energies) <= k and (reached := next(self._rounds, None)) is not None:
                 self._energies.append(reached.record["energy"])
         return self._energies[min(k, len(self._energies) - 1)]
 
     def lead(self, other: TrialFit, least: float, early: tuple[int, ...]) -> float:
-        """Return by how much (nats) this fit's last energy is below the other's; or that of a round, the first of some
-        `early` ones and of those after tuning in which it is less than `least`.
+        """Return by how much (nats) this fit's last energy is below the other's; or that of a round, the
+        first of some `early` ones and of those after tuning in which it is less than `least`.
         """
         for k in chain(early, count(self._tuned + 1)):
             own, others = both(partial(self.energy, k), partial(other.energy, k))
