@@ -49,7 +49,7 @@ level_set (T and phi), each peer as tuned by benchmarks.tune, and with --phantom
 bound. Columns: mean +- standard error (worst); ssd_seen and ssd_unseen: between surface and truth, both ways,
 in mapped areas and in others; in 95 %: of the wall within its 95 % band; prior only: the same of wall that is
 farther than 10 mm from every point. Under the tables of `unvisited` groups there is one of vein wall lost
-(benchmarks.vein_scores), and how often a shift of a part of the map was named.
+(benchmarks.scores), and how often a shift of a part of the map was named.
 """
 
 from __future__ import annotations
@@ -133,8 +133,7 @@ def run(
 
 def record(case: Any, estimate: Any) -> Record:
     """Scores of an estimate, and the codes of what it warns of."""
-    from benchmarks.scores import scores
-    from benchmarks.vein_scores import vein_scores
+    from benchmarks.scores import scores, vein_scores
 
     warned = sorted({warning.code for warning in estimate.warnings})
     return {**scores(case, estimate), **vein_scores(case, estimate.surface), "warnings": warned}
@@ -180,8 +179,7 @@ def main() -> None:
             records += found
             _keep(arguments.records, found)
             print(f"{found[0]['case']} done", file=sys.stderr, flush=True)
-    from benchmarks.tables import shifts_named, tables
-    from benchmarks.vein_scores import vein_table
+    from benchmarks.scores import shifts_named, tables, vein_table
 
     print("\n\n".join(part for part in (tables(records), vein_table(records), shifts_named(records)) if part))
 
