@@ -45,7 +45,7 @@ and priors that are badly segmented:
 
 Rows: start (landmarks), icp (our robust similarity), deform (T only),
 topology (its T, of a changed prior),
-level_set (T and phi), each peer as tuned by benchmarks.tune, and with --phantom phantom.py the generator's
+level_set (T and phi), each peer as tuned by benchmarks.peers, and with --phantom phantom.py the generator's
 bound. Columns: mean +- standard error (worst); ssd_seen and ssd_unseen: between surface and truth, both ways,
 in mapped areas and in others; in 95 %: of the wall within its 95 % band; prior only: the same of wall that is
 farther than 10 mm from every point. Under the tables of `unvisited` groups there is one of vein wall lost
@@ -87,15 +87,14 @@ def ours(case: Any, plan: Path | None) -> Iterator[tuple[str, Any, float]]:
 
 def peers(case: Any, group: str, icp: Any, icp_seconds: float) -> Iterator[tuple[str, Any, float]]:
     """Results of the other methods, as tuned for the group; where it was not tuned they are left out."""
-    from benchmarks.peers import FAILURES, PEERS, applicable
-    from benchmarks.tune import tuned
+    from benchmarks.peers import FAILURES, PEERS, applicable, tuned
     from o3dls.estimate import Estimate
 
     settings = tuned().get(tuned_as(group), {})
     for name in applicable(case):
         if name not in settings:
             print(
-                f"{tuned_as(group)}: {name} is not tuned (python -m benchmarks.tune), left out",
+                f"{tuned_as(group)}: {name} is not tuned (python -m benchmarks.peers tune), left out",
                 file=sys.stderr,
             )
             continue

@@ -8,7 +8,7 @@
 
 FOLDER holds priors/ls_prior, priors/toronto and priors/lasc2018; what is in them is third parties' and goes
 into the cases only. Development cases (the default, seeds below 1000) are for choosing and for
-benchmarks.tune, judging cases (from 2000) are for nothing but the score. `cross` takes five atria for
+benchmarks.peers, judging cases (from 2000) are for nothing but the score. `cross` takes five atria for
 development and the other ten for judging; `pairs` takes every one of them as prior of every other, with few
 points; `families` moves all fifteen for judging, by other motions; `unvisited` and `badly_segmented` have a
 patient's own atrium as the prior, and a map that leaves wall out or a prior that does (benchmarks.own_atria);

@@ -166,7 +166,7 @@ def halving(seed: int, repeat: int) -> list[Row]:
 
 def _halved(what: str, case: Any, start: Any, repeat: int) -> tuple[Row, Any]:
     """By how much longer the level set stage takes at half the spacing; and what it starts from."""
-    from benchmarks.tune import cost
+    from benchmarks.peers import cost
     from o3dls.stages.deform import Deform
     from o3dls.stages.icp import ICP
     from o3dls.stages.landmarks import Landmarks
@@ -266,8 +266,7 @@ def memory(seed: int, repeat: int) -> list[Row]:
 
 def peers(seed: int, repeat: int) -> list[Row]:
     """The other methods as tuned for the group `la`, after the same alignment."""
-    from benchmarks.peers import PEERS
-    from benchmarks.tune import pose_of, tuned
+    from benchmarks.peers import PEERS, pose_of, tuned
 
     case, _ = problem(seed)
     pose = pose_of(case)

@@ -90,7 +90,7 @@ def rows(
 ) -> Iterator[Row]:
     """Time and error of all stages, and of the two peers as tuned for so many points."""
     from benchmarks.peers import PEERS as RUN
-    from benchmarks.tune import pose_of, tuned
+    from benchmarks.peers import pose_of, tuned
     from o3dls.pipeline.file import read_pipeline
     from o3dls.pipeline.pipeline import Pipeline
     from o3dls.resources import pipeline_file
@@ -112,7 +112,7 @@ def rows(
 
 
 def _row(what: str, seconds: Any, case: Any, surface: Any, status: str) -> Row:
-    from benchmarks.tune import cost
+    from benchmarks.peers import cost
 
     return {
         "what": what,

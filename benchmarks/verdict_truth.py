@@ -66,8 +66,7 @@ def peers_errors(listed: Listed, pose: list[list[float]], names: list[str]) -> d
     """Mean error (both directions) of the named peers as tuned for the group, or else for crossed atria of as
     many points; from a pose.
     """
-    from benchmarks.peers import FAILURES, PEERS, applicable
-    from benchmarks.tune import tuned
+    from benchmarks.peers import FAILURES, PEERS, applicable, tuned
 
     case = listed.read()
     settings = tuned().get(tuned_as(listed.group)) or tuned()[_like(case)]
