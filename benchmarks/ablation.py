@@ -72,8 +72,7 @@ class Altered(LevelSet):
 
 def judged(listed: Listed, prior_of: str | None) -> Iterator[Record]:
     """A record for every rule that is switched off on a case; the fit before the level set is shared."""
-    from benchmarks.scores import distance_scores
-    from benchmarks.vein_scores import vein_scores
+    from benchmarks.scores import distance_scores, vein_scores
     from o3dls.pipeline.file import default_pipeline
     from o3dls.pipeline.pipeline import Pipeline
 

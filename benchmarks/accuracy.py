@@ -45,30 +45,60 @@ and priors that are badly segmented:
 
 Rows: start (landmarks), icp (our robust similarity), deform (T only),
 topology (its T, of a changed prior),
-level_set (T and phi), each peer as tuned by benchmarks.tune, and with --phantom phantom.py the generator's
+level_set (T and phi), each peer as tuned by benchmarks.peers, and with --phantom phantom.py the generator's
 bound. Columns: mean +- standard error (worst); ssd_seen and ssd_unseen: between surface and truth, both ways,
 in mapped areas and in others; in 95 %: of the wall within its 95 % band; prior only: the same of wall that is
 farther than 10 mm from every point. Under the tables of `unvisited` groups there is one of vein wall lost
-(benchmarks.vein_scores), and how often a shift of a part of the map was named.
+(benchmarks.scores), and how often a shift of a part of the map was named. `--picture` draws the error over
+the number of points from records of `cross_...` groups.
 """
 
 from __future__ import annotations
 
 import argparse
+import importlib.util
 import json
 import os
+import re
 import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from time import perf_counter
+from types import ModuleType
 from typing import Any
 
+import numpy as np
+
 from benchmarks.cases import Listed, find, tuned_as
+from benchmarks.peers import FAILURES, PEERS, applicable, tuned
+from benchmarks.scores import Record, on_wall, scores, shifts_named, tables, vein_scores, vein_table
+from o3dls.arrays import Array
+from o3dls.case import Case
+from o3dls.estimate import Estimate
+from o3dls.evaluation.distances import distances
+from o3dls.geometry.closest_point import ClosestPoint
+from o3dls.geometry.similarity import apply, fit_similarity
+from o3dls.geometry.surface import Surface
 from o3dls.pipeline.workers import workers
 
-Record = dict[str, Any]
+MOTION = {"la": 1.0, "lah": 2.0}  # phantom.py's --motion
+DRAWS = 1500
+EVERY = 4  # of the held-out points
+PRIOR_NOISE, PRIOR_NOISE_LENGTH = 0.3, 4.0  # mm, of the phantom's segmentation
+BOUND_SEED = 553_091_827
+POSE_SD = np.array([5.0, 5.0, 5.0, 0.1, 0.1, 0.1, 0.1])  # a nearly flat prior of the similarity: mm, rad, 1
+CROSSED_GROUP = re.compile(r"cross_(\d+)_([\d.]+)_(\S+)$")
+SHOWN = {  # method: what it is called, colour
+    "icp": ("icp (similarity)", "#9aa0a6"),
+    "deform": ("T alone", "#e8a33d"),
+    "level_set": ("T and φ", "#1f6fb4"),
+    "poisson": ("screened Poisson", "#3c9d5a"),
+    "pycpd": ("pycpd", "#a05fb5"),
+    "thin-plate": ("thin-plate warp", "#c8523c"),
+    "nricp_sumner": ("nricp", "#7d6b5d"),
+}
 
 
 def ours(case: Any, plan: Path | None) -> Iterator[tuple[str, Any, float]]:
@@ -87,15 +117,11 @@ def ours(case: Any, plan: Path | None) -> Iterator[tuple[str, Any, float]]:
 
 def peers(case: Any, group: str, icp: Any, icp_seconds: float) -> Iterator[tuple[str, Any, float]]:
     """Results of the other methods, as tuned for the group; where it was not tuned they are left out."""
-    from benchmarks.peers import FAILURES, PEERS, applicable
-    from benchmarks.tune import tuned
-    from o3dls.estimate import Estimate
-
     settings = tuned().get(tuned_as(group), {})
     for name in applicable(case):
         if name not in settings:
             print(
-                f"{tuned_as(group)}: {name} is not tuned (python -m benchmarks.tune), left out",
+                f"{tuned_as(group)}: {name} is not tuned (python -m benchmarks.peers tune), left out",
                 file=sys.stderr,
             )
             continue
@@ -117,8 +143,6 @@ def run(
     prior_of: str | None = None,
 ) -> list[Record]:
     """Records of every method on one case, which says whose anatomy its prior is unless `prior_of` does."""
-    from benchmarks.bound import MOTION, bound, load
-
     case = listed.read()
     case = replace(case, **{"prior_of": prior_of}) if prior_of else case
     results = list(ours(case, plan))
@@ -127,24 +151,172 @@ def run(
         results += list(peers(case, listed.group, icp, seconds))
     records = [{"method": name, "seconds": took, **record(case, found)} for name, found, took in results]
     if phantom is not None and listed.group in MOTION:
-        records.append({"method": "bound", **bound(listed, case, load(phantom))})
+        records.append({"method": "bound", **least_errors(listed, case, _load_phantom(phantom))})
     return [{"group": listed.group, "case": listed.name, **record} for record in records]
 
 
 def record(case: Any, estimate: Any) -> Record:
     """Scores of an estimate, and the codes of what it warns of."""
-    from benchmarks.scores import scores
-    from benchmarks.vein_scores import vein_scores
-
     warned = sorted({warning.code for warning in estimate.warnings})
     return {**scores(case, estimate), **vein_scores(case, estimate.surface), "warnings": warned}
 
 
-def main() -> None:
+def _load_phantom(path: Path) -> ModuleType:
+    """The phantom generator as a module."""
+    spec = importlib.util.spec_from_file_location("phantom", path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def least_errors(listed: Listed, case: Case, phantom: ModuleType) -> dict[str, float]:
+    """The least error that the atrium phantom allows, as expected along the normal at held-out points:
+    `held_out`, `seen`, `unseen`. It is that of a linear MMSE that knows the generator's covariance.
+
+    Known as well: which points are outliers, the noise level, every point's true foot; observed is the
+    distance along the normal. So no method that sees the points alone can be better in the mean, and none
+    comes quite there.
+    """
+    truth = case.truth
+    assert truth is not None
+    assert truth.surface is not None
+    assert truth.held_out is not None
+    assert truth.unseen is not None
+    anatomy = phantom._anatomy(np.random.default_rng(3000 + (listed.seed or 0)))
+    ostia = np.stack([anatomy["pv"][name]["ost"] for name in phantom.PV])
+    marks = np.stack([case.prior_landmarks[name] for name in phantom.PV])
+    rest = Surface(apply(np.linalg.inv(fit_similarity(ostia, marks)), case.prior.vertices), case.prior.faces)
+    points = case.points.xyz[on_wall(case)]
+    noise = np.sqrt((distances(points, truth.surface) ** 2).mean())
+    unseen = truth.unseen[::EVERY]
+    at, normals = _carry_feet_back(np.vstack([points, truth.held_out[::EVERY]]), truth.surface, rest)
+    covariance = _draw_covariance(at, normals, rest.vertices, anatomy, phantom, MOTION[listed.group])
+    n = len(points)
+    seen_by = covariance[:n, :n] + noise**2 * np.eye(n)
+    crossed = covariance[n:, :n]
+    variance = np.diag(covariance)[n:] - (crossed * np.linalg.solve(seen_by, crossed.T).T).sum(axis=1)
+    error = np.sqrt(2.0 / np.pi * np.maximum(variance, 0.0))
+    return {
+        "held_out": float(error.mean()),
+        "seen": float(error[~unseen].mean()),
+        "unseen": float(error[unseen].mean()),
+    }
+
+
+def _carry_feet_back(points: Array, truth: Surface, rest: Surface) -> tuple[Array, Array]:
+    """True feet of points, carried back to the anatomy at rest, with its normals there: truth and prior share
+    their faces.
+    """
+    _, face, _, bary = ClosestPoint(truth.vertices, truth.faces).query(points)
+    corners = rest.faces[face]
+    normals = np.einsum("nc,ncd->nd", bary, rest.vertex_normals[corners])
+    return np.einsum("nc,ncd->nd", bary, rest.vertices[corners]), normals / np.linalg.norm(normals, axis=1)[
+        :, None
+    ]
+
+
+def _draw_covariance(
+    at: Array, normals: Array, vertices: Array, anatomy: Any, phantom: ModuleType, motion: float
+) -> Array:
+    """Covariance of the normal displacements: of the deformation by draws, of the segmentation noise and the
+    pose in closed form.
+    """
+    from scipy.spatial.distance import cdist
+
+    rng = np.random.default_rng(BOUND_SEED)
+    draws = np.stack(
+        [
+            ((_draw_warp(at, vertices, anatomy, phantom, motion, rng) - at) * normals).sum(axis=1)
+            for _ in range(DRAWS)
+        ]
+    )
+    draws -= draws.mean(axis=0)
+    pose = np.column_stack([normals, np.cross(at, normals), (at * normals).sum(axis=1)]) * POSE_SD
+    noise = PRIOR_NOISE**2 * np.exp(-0.5 * cdist(at, at, "sqeuclidean") / PRIOR_NOISE_LENGTH**2)
+    return np.asarray(draws.T @ draws / DRAWS + pose @ pose.T + noise)
+
+
+def _draw_warp(
+    x: Array, vertices: Array, anatomy: Any, phantom: ModuleType, motion: float, rng: np.random.Generator
+) -> Array:
+    """One draw of the deformation, as phantom.py draws it."""
+    change = rng.uniform(0.10, 0.25) * rng.choice([-1, 1])
+    split = rng.dirichlet([2, 2, 2])
+    stretch = (1 + change) ** split
+    mean = stretch.prod() ** (1 / 3)
+    y = x * mean * (stretch / mean) ** motion
+    axis = rng.normal(size=3) * [1, 0.3, 0.3]
+    k = np.cross(np.eye(3), axis / np.linalg.norm(axis))
+    angle = np.deg2rad(rng.uniform(3, 7)) * motion * rng.choice([-1, 1]) * np.tanh(x[:, 2] / 20.0)
+    y = y + np.sin(angle)[:, None] * (y @ k.T) + (1 - np.cos(angle))[:, None] * (y @ (k @ k).T)
+    centre = vertices[rng.integers(len(vertices))]
+    height = motion * rng.uniform(2.5, 4.5) * rng.choice([-1, 1])
+    width = rng.uniform(8, 11)
+    y = y + (height * np.exp(-((x - centre) ** 2).sum(axis=1) / (2 * width**2)))[
+        :, None
+    ] * centre / np.linalg.norm(centre)
+    for name in phantom.PV:
+        y = y + np.exp(-((x - anatomy["pv"][name]["ost"]) ** 2).sum(axis=1) / 200.0)[:, None] * (
+            rng.normal(size=3) * 2.0 * motion
+        )
+    return np.asarray(y)
+
+
+def _sort_by_panel(records: list[Record]) -> dict[tuple[str, str], dict[str, dict[int, list[float]]]]:
+    """Errors by panel (noise, spread), method and number of points."""
+    found: dict[tuple[str, str], dict[str, dict[int, list[float]]]] = {}
+    for record in records:
+        group = CROSSED_GROUP.match(record["group"])
+        if group and record["method"] in SHOWN:
+            lines = found.setdefault((group[2], group[3]), {})
+            error = record.get("ssd_seen", record["ssd"])
+            lines.setdefault(record["method"], {}).setdefault(int(group[1]), []).append(error)
+    return found
+
+
+def draw_errors(records: list[Record], out: Path) -> None:
+    """A picture of the error over the number of points in crossed atria: a panel for each noise and spread, a
+    line for each method, the mean over the cases with its standard error. In clustered maps it is the error
+    in seen areas.
+    """
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    import matplotlib.pyplot as plt
+
+    every = sorted(_sort_by_panel(records).items())
+    figure, axes = plt.subplots(1, len(every), figsize=(5.2 * len(every), 4.4), sharey=True, squeeze=False)
+    for axis, ((noise, spread), lines) in zip(axes[0], every, strict=True):
+        for method, (name, colour) in SHOWN.items():
+            if method in lines:
+                _draw_line(axis, lines[method], name, colour, 2.4 if method == "level_set" else 1.2)
+        axis.set(xscale="log", yscale="log", xlabel="points", title=_name_panel(noise, spread))
+        axis.grid(alpha=0.3, which="both")
+    axes[0][0].set_ylabel("mean distance to and from the true wall, mm")
+    axes[0][-1].legend(fontsize=8)
+    figure.tight_layout()
+    figure.savefig(out, dpi=110)
+
+
+def _draw_line(axis: Any, errors: dict[int, list[float]], name: str, colour: str, width: float) -> None:
+    points = sorted(errors)
+    mean = [np.mean(errors[n]) for n in points]
+    deviation = [np.std(errors[n], ddof=1) / np.sqrt(len(errors[n])) for n in points]
+    axis.errorbar(points, mean, deviation, label=name, color=colour, lw=width, marker="o", ms=3, capsize=2)
+
+
+def _name_panel(noise: str, spread: str) -> str:
+    words = spread.replace("_outliers", ", 5 % outliers")
+    return f"{noise} mm of noise, {words}" + (", seen areas" if "clustered" in spread else "")
+
+
+def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("folders", nargs="+", type=Path, help="case folders, or folders of them")
+    parser.add_argument("folders", nargs="*", type=Path, help="case folders, or folders of them")
     parser.add_argument("--phantom", type=Path, help="the generator's file, for its bound")
     parser.add_argument("--pipeline", type=Path, help="a pipeline file in place of the default pipeline")
     parser.add_argument("--ours", action="store_true", help="leave the other methods out")
@@ -152,7 +324,8 @@ def main() -> None:
     parser.add_argument(
         "--records",
         type=Path,
-        help="one JSON line per case and method; cases that are in it already are not run again",
+        help="one JSON line per case and method; cases that are in it already are not run again, and without "
+        "a FOLDER the tables are of what is in it",
     )
     parser.add_argument(
         "--jobs",
@@ -160,30 +333,42 @@ def main() -> None:
         default=1,
         help="processes side by side (times are then those of a shared machine)",
     )
+    parser.add_argument("--picture", type=Path, help="of crossed atria: draw the error over the points here")
     arguments = parser.parse_args()
+    if not arguments.folders and not arguments.records:
+        parser.error("a FOLDER or --records is needed")
+    return arguments
+
+
+def main() -> None:
+    arguments = _arguments()
     # for the processes below
     os.environ.update(dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1"))
     records = _read(arguments.records)
-    done = {record["case"] for record in records}
+    if arguments.folders:
+        records += _run(arguments, {record["case"] for record in records})
+    print("\n\n".join(part for part in (tables(records), vein_table(records), shifts_named(records)) if part))
+    if arguments.picture:
+        draw_errors(records, arguments.picture)
+
+
+def _run(arguments: argparse.Namespace, done: set[str]) -> list[Record]:
+    """Records of the cases that are not done, kept as they come."""
+    records = []
+    work = partial(
+        run,
+        phantom=arguments.phantom,
+        plan=arguments.pipeline,
+        ours_alone=arguments.ours,
+        prior_of=arguments.prior_of,
+    )
     todo = [listed for listed in find(arguments.folders) if listed.name not in done]
     with workers(arguments.jobs) as pool:
-        for found in pool.map(
-            partial(
-                run,
-                phantom=arguments.phantom,
-                plan=arguments.pipeline,
-                ours_alone=arguments.ours,
-                prior_of=arguments.prior_of,
-            ),
-            todo,
-        ):
+        for found in pool.map(work, todo):
             records += found
             _keep(arguments.records, found)
             print(f"{found[0]['case']} done", file=sys.stderr, flush=True)
-    from benchmarks.tables import shifts_named, tables
-    from benchmarks.vein_scores import vein_table
-
-    print("\n\n".join(part for part in (tables(records), vein_table(records), shifts_named(records)) if part))
+    return records
 
 
 def _read(path: Path | None) -> list[Record]:

@@ -1,5 +1,5 @@
 """A live session under load: python -m benchmarks.live [--faces 30000] [--points 300] [--rates 2 10]
-[--many 5000]
+[--many 5000] [--page | --script]
 
 Points of the true wall of the built-in atrium, 1 mm beside it, come at an even rate. Printed is for each rate
 how many were lost or out of order, with how many the first surface came, and from then on the time from a
@@ -7,6 +7,13 @@ point to the event `surface` that knows it (median, 95th percentile and most, in
 to draw it); then median and most of those points alone that waited while a full fit ran or was taken over,
 and the most of the others; then the memory of the engine while many more points come as fast as it takes
 them.
+
+With --page it is the time from a point to the picture: the session has --before points; then more come at
+each rate, and a page of Chromium without a screen, on the same cores, says when the surface that knows each
+was drawn: in the frame after the surface's buffers were written. With --script there is no engine: the events
+of some updates are published again and again, and the times are those of server and page alone. WebGL is
+drawn by software, as on a machine without a graphics card. On a machine that does other work the times are
+upper bounds.
 """
 
 from __future__ import annotations
@@ -20,7 +27,7 @@ from dataclasses import dataclass, field, replace
 from math import inf, isfinite
 from pathlib import Path
 from threading import Condition
-from time import monotonic, sleep
+from time import monotonic, sleep, time
 from typing import TYPE_CHECKING, Any
 
 from benchmarks.speed import refined
@@ -28,11 +35,22 @@ from benchmarks.speed import refined
 if TYPE_CHECKING:
     from o3dls.case import Case
     from o3dls.live.host import Host
+    from o3dls.live.server import LiveServer
 
 SEED = 517_203
 NOISE = 1.0  # mm, sd per axis
 PATIENCE = 120.0  # seconds for what was sent last
 TOGETHER = 25  # points that are sent before their surface is waited for, where many come
+PAGE_LIMITS = {  # of the script or a session: ms, by percentile
+    True: {50: 30.0, 95: 60.0},
+    False: {50: 100.0, 95: 200.0},
+}
+WATCH = """() => {
+    window.drawnAt = {};
+    new MutationObserver(() => {
+        window.drawnAt[document.documentElement.dataset.drawn] = performance.timeOrigin + performance.now();
+    }).observe(document.documentElement, { attributeFilter: ['data-drawn'] });
+}"""
 Message = dict[str, Any]
 
 
@@ -162,6 +180,117 @@ def memory(case: Case, takes: list[Message]) -> Iterator[str]:
                 yield f"| {k} | {heard.newest} | {engine / MB:.0f} | {resident(os.getpid()) / MB:.0f} |"
 
 
+def publish_script(
+    page: Any, server: LiveServer, surfaces: list[Any], events: int, rate: float
+) -> list[float]:
+    """Milliseconds of each event that was drawn; newer ones may have taken the place of others."""
+    page.evaluate(WATCH)
+    sent = []
+    for k in range(events):
+        sent.append(time() * 1000)
+        server.publish({**surfaces[k % len(surfaces)], "after": k, "mark": k})
+        page.wait_for_timeout(1000 / rate)
+    drawn = page.evaluate("window.drawnAt")
+    first = server.board.last("surface")["seq"] - events + 1
+    return [drawn[str(first + k)] - sent[k] for k in range(events) if str(first + k) in drawn]
+
+
+def draw_session(
+    launch: Any, points: int, rate: float, before: int, faces: int
+) -> tuple[list[float], list[float], list[float]]:
+    """Milliseconds from taking each point to the first picture that knows it, of these the ones that waited
+    while a full fit ran or was taken over, and those to the engine's event.
+    """
+    from o3dls.live.server import LiveServer
+
+    case, takes = mapped(faces, before + points)
+    numbers: dict[int, int] = {}  # by the event's, the newest point that it knows
+
+    def note(message: dict[str, Any]) -> None:
+        if message["event"] == "surface":
+            numbers[server.board.last("surface")["seq"]] = message["after"]
+
+    with tempfile.TemporaryDirectory() as folder, session(case, Path(folder)) as (host, heard):
+        server = LiveServer(host.act)
+        heard.others += [server.publish, note]
+        page = open_page(launch, server)
+        for one in takes[:before]:
+            host.act(one)
+        heard.wait(before)
+        while heard.fitted < before:
+            page.wait_for_timeout(100)
+        page.wait_for_timeout(10_000)  # the full fit that many points at once ask for
+        page.evaluate(WATCH)
+        sent, begin, wall = [], time(), time() - monotonic()
+        for k, one in enumerate(takes[before:]):
+            sleep(max(0.0, begin + k / rate - time()))
+            sent.append(time() * 1000)
+            host.act(one)
+        heard.wait(len(takes))
+        page.wait_for_timeout(2000)
+        drawn = {int(seq): at for seq, at in page.evaluate("window.drawnAt").items() if int(seq) in numbers}
+        server.close()
+    engine = [1000 * (heard.known[before + k] + wall) - at for k, at in enumerate(sent, 1)]
+    waits, beside = [], []
+    for k, at in enumerate(sent, before + 1):
+        known = min((when for seq, when in drawn.items() if numbers[seq] >= k), default=None)
+        if known is not None:
+            waits += [known - at]
+            beside += waits[-1:] if heard.beside_a_fit(at / 1000 - wall, known / 1000 - wall) else []
+    return waits, beside, engine
+
+
+def open_page(launch: Any, server: LiveServer) -> Any:
+    """The server's page, ready."""
+    page = launch().new_page(viewport={"width": 1440, "height": 900})
+    page.goto(server.url)
+    page.wait_for_function("() => document.documentElement.dataset.ready !== undefined", timeout=60_000)
+    page.wait_for_timeout(1000)
+    return page
+
+
+def draw_script(launch: Any, points: int, rate: float) -> list[float]:
+    """Milliseconds from publishing each event to its picture, without an engine."""
+    from o3dls.live.server import LiveServer
+    from tests.live.scripted import script, state
+
+    played = script(more=10)
+    server = LiveServer(lambda action: {"ok": True})
+    for event in (played.scene, *played.points, state()):
+        server.publish(event)
+    found = publish_script(open_page(launch, server), server, played.surfaces, points, rate)
+    server.close()
+    return found
+
+
+def page_table(asked: argparse.Namespace) -> Iterator[str]:
+    """Lines of how long the points of each rate waited for their picture."""
+    import numpy as np
+
+    from tests.browser import chromium
+
+    for rate in asked.rates:
+        beside: list[float] = []
+        engine: list[float] = []
+        with chromium() as launch:
+            if asked.script:
+                found = draw_script(launch, asked.points, rate)
+            else:
+                found, beside, engine = draw_session(launch, asked.points, rate, asked.before, asked.faces)
+        yield f"{len(found)} of {asked.points} points drawn, {rate:g} a second"
+        for percentile, limit in PAGE_LIMITS[asked.script].items():
+            yield f"p{percentile}, ms {np.percentile(found, percentile):10.0f}   limit {limit:g}"
+        yield f"the longest {', '.join(f'{one:.0f}' for one in sorted(found)[-3:])}"
+        if beside:
+            most = ", ".join(f"{one:.0f}" for one in sorted(beside)[-3:])
+            p50 = np.median(beside)
+            yield f"of these {len(beside)} while a full fit ran: p50 {p50:.0f}, the longest {most}"
+            yield f"the longest of the others {max(set(found) - set(beside), default=0.0):.0f}"
+        if engine:
+            p50, p95 = np.percentile(engine, [50, 95])
+            yield f"of these to the engine's event: p50 {p50:.0f}, p95 {p95:.0f}"
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -170,7 +299,14 @@ def main() -> None:
     parser.add_argument("--points", type=int, default=300)
     parser.add_argument("--rates", type=float, nargs="*", default=[2.0, 10.0])
     parser.add_argument("--many", type=int, default=5000)
+    parser.add_argument("--page", action="store_true", help="to the picture of a page")
+    parser.add_argument("--before", type=int, default=250, help="with --page: points that are there already")
+    parser.add_argument("--script", action="store_true", help="server and page alone, without an engine")
     given = parser.parse_args()
+    if given.page or given.script:
+        for line in page_table(given):
+            print(line, flush=True)
+        return
     case, takes = mapped(given.faces, given.points)
     print(f"prior of {len(case.prior.faces)} faces\n")
     print(

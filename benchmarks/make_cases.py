@@ -8,18 +8,23 @@
 
 FOLDER holds priors/ls_prior, priors/toronto and priors/lasc2018; what is in them is third parties' and goes
 into the cases only. Development cases (the default, seeds below 1000) are for choosing and for
-benchmarks.tune, judging cases (from 2000) are for nothing but the score. `cross` takes five atria for
+benchmarks.peers, judging cases (from 2000) are for nothing but the score. `cross` takes five atria for
 development and the other ten for judging; `pairs` takes every one of them as prior of every other, with few
 points; `families` moves all fifteen for judging, by other motions; `unvisited` and `badly_segmented` have a
-patient's own atrium as the prior, and a map that leaves wall out or a prior that does (benchmarks.own_atria);
-`altered` has something wrong (benchmarks.altered_cases). Crossed cases say prior_of = "template". Names are
-groups and seeds as benchmarks.accuracy reads them:
+patient's own atrium as the prior, and a map that leaves wall out or a prior that does; `altered` has
+something wrong, and healthy cases beside it. Crossed cases say prior_of = "template". Names are groups and
+seeds as benchmarks.accuracy reads them:
 
     cross_<points>_<noise>_<even|clustered>[_outliers]_<seed>      outliers: 5 %
     family_<name>_<motion>_<landmarks|rough>_<seed>                250 points, noise per point; every second
                                                                    one clustered with 5 % outliers
     unvisited_<visits>_<points>_<even|clustered>_<seed>            visits: all, skipped, half, threequarters
     badly_segmented_<points>_<even|clustered>_<seed>
+    altered_<what>_<points>_<seed>     what: a name of data_synth.altered.ALTERATIONS, or
+        stranger    another person's prior, said to be the patient's
+        inside      30 % of the points without contact
+        healthy     even points, noise 1.5 mm, nothing wrong
+        noisy       the same with 2 mm
 
 Long vessels are cut 1.9 radii from the centre (data_synth.wall). Cases that are there already are left alone.
 """
@@ -27,7 +32,7 @@ Long vessels are cut 1.9 radii from the centre (data_synth.wall). Cases that are
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatch
 from functools import cache
@@ -36,11 +41,23 @@ from pathlib import Path
 from time import perf_counter
 from typing import Protocol
 
-from benchmarks.altered_cases import Altered, altered_cases
-from benchmarks.own_atria import bad_priors, left_out
-from data_synth import Mapping, cross, family, read_wall
+import numpy as np
+
+from data_synth import (
+    Mapping,
+    Visits,
+    atrium,
+    badly_segmented,
+    cross,
+    family,
+    lengthened,
+    read_wall,
+    unvisited,
+)
 from data_synth.alignment import alongside
+from data_synth.altered import ALTERATIONS, altered
 from data_synth.families import FAMILIES
+from data_synth.visits import SHARES
 from o3dls.arrays import Array
 from o3dls.case import Case
 from o3dls.geometry.surface import Surface
@@ -74,8 +91,87 @@ FIRST_SEED = {
     "cross": {False: 101, True: 2101},
     "pairs": {False: 501, True: 2501},
     "families": {False: 301, True: 2301},
+    "unvisited": {False: 701, True: 2701},
+    "altered": {False: 701, True: 2701},
+    "badly_segmented": {False: 901, True: 2901},
 }
 FEW = (100, 250)
+# where the prior is the patient's own; lasc2018: the first without handles whose veins, made longer, touch
+# no other wall
+OWN_DEVELOPMENT = (
+    "toronto/2018001_aligned_la.obj",
+    "lasc2018/la_60.ply",
+    "lasc2018/la_61.ply",
+    "toronto/2018015_2018015_LA_Aligned.obj",
+    "lasc2018/la_62.ply",
+    "lasc2018/la_63.ply",
+    "lasc2018/la_68.ply",
+)
+OWN_JUDGING = (
+    "toronto/2018001_aligned_la.obj",
+    "lasc2018/la_80.ply",
+    "lasc2018/la_81.ply",
+    "toronto/2018012_LA_Aligned.obj",
+    "lasc2018/la_84.ply",
+    "lasc2018/la_85.ply",
+    "toronto/2018013_2018013_LA_Aligned.obj",
+    "lasc2018/la_86.ply",
+    "lasc2018/la_87.ply",
+    "toronto/2018015_2018015_LA_Aligned.obj",
+    "lasc2018/la_88.ply",
+    "lasc2018/la_91.ply",
+    "toronto/RegularHeart_NORMAL_LA.obj",
+    "lasc2018/la_92.ply",
+    "lasc2018/la_94.ply",
+)
+OWN_POINTS = (100, 350, 1000, 4000)
+OWN_NOISE = 1.5
+OWN_OUTLIERS = (0.0, 0.05)
+REACH = 2.6  # radii: CT veins stay longer than catheters go
+BAD_POINTS = (250, 1000)
+BAD = {False: 5, True: 10}  # atria, the first of each list
+LASC = {False: range(60, 80), True: range(80, 100)}  # numbers of atria of lasc2018
+EACH_KIND = 3  # cases of a kind and number of points
+PHANTOM = "phantom"
+ALTERED_NOISE, MANY_OUTLIERS = 1.5, 0.3
+# kinds and numbers of points, each three times, of the healthy ones more to count false alarms on. A seed is
+# the place in this list: what is new goes to its end, and leaves the cases before it as they are
+KINDS: tuple[tuple[str, tuple[int, ...]], ...] = (
+    ("ventricle", (250, 1000)),
+    ("aorta", (250, 1000)),
+    ("beside", (250, 1000)),
+    ("stranger", (250, 1000)),
+    ("mirrored", (250, 1000)),
+    ("lost", (250, 1000)),
+    ("later", (250, 1000)),
+    ("side", (250, 1000)),
+    ("swapped", (250,)),
+    ("mismarked", (250,)),
+    ("scaled", (250,)),
+    ("inside", (250, 1000)),
+    ("path", (250, 1000)),
+    ("segmented", (250, 1000)),
+    ("half", (250,)),
+    ("healthy", (250, 250, 1000, 4000)),
+    ("noisy", (250, 1000, 4000)),
+    ("floating", (250, 1000)),
+    ("tented", (250, 1000)),
+    ("breathing", (250, 1000)),
+    ("veins", (350, 1000)),
+    ("quarter", (250,)),
+    ("path", (4000,)),
+    ("ventricle", (500,)),
+    ("aorta", (500,)),
+    ("side", (500,)),
+    ("scaled", (1000,)),
+    ("breathing", (2000,)),
+    ("floating", (2000,)),
+    ("tented", (2000,)),
+    ("ventricle", (2000,)),
+    ("aorta", (2000,)),
+)
+TAKEN = {"half": 2, "quarter": 4, "veins": 1.6}  # times the points, of which a part is kept
+WITHOUT_PHANTOMS = ("stranger", "inside", "healthy", "noisy", "veins")
 
 
 @dataclass(frozen=True)
@@ -141,17 +237,152 @@ def moved(judging: bool) -> Iterator[Wanted]:
     atria = (DEVELOPMENT + JUDGING) * 2 if judging else DEVELOPMENT
     for name, motion, landmarks in product(FAMILIES, MOTIONS, (True, False)):
         group = f"family_{name}_{motion:g}_{'landmarks' if landmarks else 'rough'}"
-        for seed, atrium in enumerate(atria, FIRST_SEED["families"][judging]):
+        for seed, prior in enumerate(atria, FIRST_SEED["families"][judging]):
             clustered = seed % 2 == 0
             how = Mapping(250, None, clustered, OUTLIERS if clustered else 0.0)
-            yield Wanted(
-                f"{group}_{seed}", seed, how, atrium, family=name, motion=motion, landmarks=landmarks
-            )
+            yield Wanted(f"{group}_{seed}", seed, how, prior, family=name, motion=motion, landmarks=landmarks)
 
 
-def wrong(judging: bool) -> Iterator[Altered]:
-    """Cases with something wrong, and healthy ones beside them."""
-    return altered_cases(judging, JUDGING if judging else DEVELOPMENT)
+@dataclass(frozen=True)
+class Unvisited:
+    """A case by its name, and what it is made of."""
+
+    name: str
+    seed: int
+    how: Mapping
+    prior: str
+    visits: Visits
+    family: str
+    landmarks: bool
+    truth: None = None
+
+    def case(self, data: Path) -> Case:
+        prior = long_veined(data, self.prior)
+        return unvisited(
+            prior, self.seed, self.visits, family=self.family, landmarks=self.landmarks, how=self.how
+        )
+
+
+def left_out(judging: bool) -> Iterator[Unvisited]:
+    """Every atrium by every kind of visit, evenly and in clusters. The number of points takes turns, so that
+    each kind of visit meets each number, on other atria; motion, outliers and start are drawn.
+    """
+    for a, prior in enumerate(OWN_JUDGING if judging else OWN_DEVELOPMENT):
+        for v, (where, clustered) in enumerate(product(SHARES, (False, True))):
+            seed = FIRST_SEED["unvisited"][judging] + 8 * a + v
+            points = OWN_POINTS[-(v // 2 + 2 * (v % 2) + a) % len(OWN_POINTS)]
+            drawn = np.random.default_rng((seed, 80_173))
+            family, outliers = str(drawn.choice(list(FAMILIES))), float(drawn.choice(OWN_OUTLIERS))
+            how = Mapping(points, OWN_NOISE, clustered, outliers)
+            name = f"unvisited_{where}_{points}_{'clustered' if clustered else 'even'}_{seed}"
+            yield Unvisited(name, seed, how, prior, Visits(where), family, bool(drawn.integers(2)))
+
+
+@dataclass(frozen=True)
+class BadlySegmented:
+    """A case whose prior lacks what the truth has, by its name, and what it is made of."""
+
+    name: str
+    seed: int
+    how: Mapping
+    prior: str
+    family: str
+    landmarks: bool
+    remeshed: bool
+    truth: None = None
+
+    def case(self, data: Path) -> Case:
+        return badly_segmented(
+            _wall(data, self.prior),
+            self.seed,
+            family=self.family,
+            landmarks=self.landmarks,
+            how=self.how,
+            remeshed=self.remeshed,
+        )
+
+
+def bad_priors(judging: bool) -> Iterator[BadlySegmented]:
+    """Some atria with both numbers of points, even and in clusters in turns, and so are the two ways from
+    voxels to a surface; motion, outliers and start are drawn.
+    """
+    atria = (OWN_JUDGING if judging else OWN_DEVELOPMENT)[: BAD[judging]]
+    for k, (points, (a, prior)) in enumerate(product(BAD_POINTS, enumerate(atria))):
+        seed = FIRST_SEED["badly_segmented"][judging] + k
+        clustered, remeshed = (a + k // len(atria)) % 2 == 1, a // 2 % 2 == 0
+        drawn = np.random.default_rng((seed, 80_173))
+        family, outliers = str(drawn.choice(list(FAMILIES))), float(drawn.choice(OWN_OUTLIERS))
+        how = Mapping(points, OWN_NOISE, clustered, outliers)
+        name = f"badly_segmented_{points}_{'clustered' if clustered else 'even'}_{seed}"
+        yield BadlySegmented(name, seed, how, prior, family, bool(drawn.integers(2)), remeshed)
+
+
+@cache
+def long_veined(data: Path, name: str) -> Surface:
+    """An atrium whose veins are longer than a catheter goes: CT veins are, those of lasc2018 are made so."""
+    surface = read_wall(data / "priors" / name, REACH)
+    return surface if name.startswith("toronto") else lengthened(surface)
+
+
+@dataclass(frozen=True)
+class Altered:
+    """An altered case by its name, and what it is made of; truth: whose atrium is mapped, where it is not the
+    prior's own.
+    """
+
+    name: str
+    seed: int
+    kind: str
+    points: int
+    prior: str
+    truth: str | None = None
+
+    def case(self, data: Path) -> Case:
+        """The case itself."""
+        good = self._good(data)
+        return altered(good, self.kind, self.seed) if self.kind in ALTERATIONS else good
+
+    def _good(self, data: Path) -> Case:
+        """The case before it is altered."""
+        points = round(self.points * TAKEN.get(self.kind, 1))
+        motion = 1.0 if self.kind in ("healthy", "noisy") else 1.0 + self.seed % 2
+        if self.prior == PHANTOM:
+            return atrium(self.seed, motion=motion, noise=ALTERED_NOISE, points=points, outliers=OUTLIERS)
+        prior, how = _wall(data, self.prior), self._mapping(points)
+        if self.truth:
+            return cross(prior, _wall(data, self.truth), self.seed, how=how)
+        name = list(FAMILIES)[self.seed % len(FAMILIES)]
+        return family(prior, self.seed, family=name, motion=motion, how=how)
+
+    def _mapping(self, points: int) -> Mapping:
+        if self.kind in ("healthy", "noisy"):
+            return Mapping(points, 2.0 if self.kind == "noisy" else ALTERED_NOISE, False)
+        clustered = self.seed % 2 == 0 and self.kind != "veins"  # even as a density filter leaves them
+        return Mapping(points, ALTERED_NOISE, clustered, MANY_OUTLIERS if self.kind == "inside" else OUTLIERS)
+
+
+def altered_cases(judging: bool) -> Iterator[Altered]:
+    """Cases with something wrong, and healthy ones beside them. Atria are la_60 to la_79 of lasc2018 to
+    develop and la_80 to la_99 to judge, every fourth one of ls_prior or toronto, and where the alteration
+    allows phantoms. They move by the families of data_synth in turn, healthy ones with strength 1, others
+    with 1 or 2.
+    """
+    first = FIRST_SEED["altered"][judging]
+    wanted = [(kind, n) for kind, many in KINDS for n in many for _ in range(EACH_KIND)]
+    atria = _take_turns(LASC[judging], JUDGING if judging else DEVELOPMENT, 2 * len(wanted))
+    for k, (kind, points) in enumerate(wanted):
+        prior = PHANTOM if k % EACH_KIND == 1 and kind not in WITHOUT_PHANTOMS else next(atria)
+        truth = next(atria) if kind == "stranger" else None
+        yield Altered(f"altered_{kind}_{points}_{first + k}", first + k, kind, points, prior, truth)
+
+
+def _take_turns(numbers: Sequence[int], others: Sequence[str], count: int) -> Iterator[str]:
+    """Names of atria in turn: of lasc2018 by their numbers, and every fourth of the others."""
+    for k in range(count):
+        if k % 4 == 3:
+            yield others[k // 4 % len(others)]
+        else:
+            yield f"lasc2018/la_{numbers[(k - k // 4) % len(numbers)]}.ply"
 
 
 SETS: dict[str, Callable[[bool], Iterator[CaseOfASet]]] = {
@@ -160,7 +391,7 @@ SETS: dict[str, Callable[[bool], Iterator[CaseOfASet]]] = {
     "families": moved,
     "unvisited": left_out,
     "badly_segmented": bad_priors,
-    "altered": wrong,
+    "altered": altered_cases,
 }
 
 

@@ -5,7 +5,17 @@ The case is made afresh (data_synth's atrium, --seed); kernels are warm, files e
 algebra as on the command line. The part `points` has real surfaces too where O3DLS_DATA names their folder;
 its error is the mean of both directions between surface and truth. Every time is the median of --repeat runs,
 by the clock and, beside it, of the processor: on a machine that does other work the clock is an upper bound.
-The part `cores` tells how much its cores do together.
+The part `cores` tells how much its cores do together, and `files` alone writes and reads a surface of 200 000
+vertices in every format.
+
+With --cli it is where the time of `o3dls run` on the demo case goes: a first run, whose loops are compiled,
+later ones, and the parts of one.
+
+With --page it is size and start of a page. That of a run reports itself when it is ready, in ms since it was
+asked for; without a run the demo is made afresh. Another page, such as the cohort.html of a thousand cases,
+is ready when its scripts have run and it is laid out and drawn. On a machine that does other work that is an
+upper bound, and the least of some visits comes nearest. WebGL is drawn by software, as on a machine without
+a graphics card.
 """
 
 from __future__ import annotations
@@ -15,20 +25,33 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from statistics import median
+from tempfile import TemporaryDirectory
 from time import perf_counter, process_time
 from typing import Any
 
-from benchmarks import speed_cli, speed_points
+from o3dls.resources import demo_case, pipeline_file
 
 Row = dict[str, Any]
 THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 HEAD = f"{'what':30}{'value':>9}    {'processor':>9}    {'asked':>10}  {'error':>8}  status"
 FACES = 30_000
 FLOATING = 0.8  # from the middle of the chamber to the wall: some 6 mm off it
+COUNTS = (250, 1000, 4000, 20_000)
+TIMED_PEERS = ("thin-plate", "poisson")
+PAIR = "cross_{points}_1_even_101"  # of the development pairs
+RECONSTRUCTED = "cross_{points}_1_even_102"  # one whose wall is reconstructed
+POINT_LIMITS = {  # seconds of all stages, by number of points: on the phantom, on real surfaces
+    250: (1.2, 3.0),
+    1000: (2.0, 5.0),
+    4000: (5.0, 10.0),
+    20_000: (12.0, 20.0),
+}
+FILE_VERTICES = 200_000
+WRITTEN_AS = {"carto_vtk": ".vtk", "opencarp": ".pts"}
 LIMITS = {  # what is asked for
     "motion": (0.5, "s"),
     "everything": (1.5, "s"),
@@ -40,9 +63,69 @@ LIMITS = {  # what is asked for
     "one more point": (0.03, "s"),
     "one more point, off": (0.05, "mm"),
     "the same floating inside, off": (0.05, "mm"),
-    **speed_points.limits(),
-    **speed_cli.LIMITS,
+    **{
+        f"{where} {count}": (seconds, "s")
+        for count, (phantom, real) in POINT_LIMITS.items()
+        for where, seconds in (("phantom", phantom), ("cross", real), ("kit", real))
+    },
+    # on two cores that do nothing else
+    "later run, no folds": (4.0, "s"),  # its report included
+    "later run": (7.0, "s"),
+    "first run / later run": (1.3, "x"),
+    "  reading, scoring, writing": (1.0, "s"),
 }
+RUN_PARTS = {  # of one process: what is said of it, by its function
+    "reading the case": "o3dls.io.case_reader:read_case",
+    "checking it": "o3dls.pipeline.pipeline:Pipeline.refusals",
+    "fit": "o3dls.pipeline.pipeline:Pipeline.fit",
+    "scoring": "o3dls.runs.scoring:scored",
+    "writing estimates": "o3dls.runs.estimate_files:write_estimate",
+    "report: page": "o3dls.report.page:report_page",
+    "verdict": "o3dls.cli.summary:summary",
+}
+FILE_PARTS = ("reading the case", "scoring", "writing estimates")
+TIMED_RUN = """
+import builtins, functools, importlib, json, sys, time
+parts = json.loads(sys.argv.pop(1))
+seconds = dict.fromkeys(["imports", *parts], 0.0)
+
+def timed(said, function):
+    inside = False
+    @functools.wraps(function)
+    def call(*given, **named):
+        nonlocal inside
+        if inside:
+            return function(*given, **named)
+        inside, begin = True, time.perf_counter()
+        try:
+            return function(*given, **named)
+        finally:
+            inside = False
+            seconds[said] += time.perf_counter() - begin
+    return call
+
+builtins.__import__ = timed("imports", builtins.__import__)
+from o3dls.cli.main import main
+for said, place in parts.items():
+    module, name = place.split(":")
+    owner = functools.reduce(getattr, name.split(".")[:-1], importlib.import_module(module))
+    name = name.split(".")[-1]
+    plain = getattr(owner, name)
+    for one in [owner, *(found for key, found in list(sys.modules.items()) if key.startswith("o3dls"))]:
+        if getattr(one, name, None) is plain:
+            setattr(one, name, timed(said, plain))
+try:
+    main()
+except SystemExit as end:
+    assert not end.code, "the run failed"
+print(json.dumps(seconds))
+"""
+PAGE_LIMITS = {"size, MB": 4.0, "ready, ms": 2000.0}  # what is asked for, on two quiet cores
+OTHER_PAGE = 3.0  # MB, of a page of a thousand cases
+READY = "Number(document.documentElement.dataset.ready)"
+DRAWN = """() => new Promise((done) => requestAnimationFrame(
+    () => requestAnimationFrame(() => done(performance.now()))))"""
+DRAW_CALLS = "Math.max(...JSON.parse(document.documentElement.dataset.drawCalls))"
 
 
 @dataclass(frozen=True)
@@ -150,8 +233,8 @@ def halving(seed: int, repeat: int) -> list[Row]:
     rows = [row]
     data = os.environ.get("O3DLS_DATA")
     if data:
-        pair = speed_points.pair(1000, Path(data), speed_points.RECONSTRUCTED)
-        rows.append(_halved("halving, cross 1000", pair, start_estimate(pair.visible()), repeat)[0])
+        crossed = pair(1000, Path(data), RECONSTRUCTED)
+        rows.append(_halved("halving, cross 1000", crossed, start_estimate(crossed.visible()), repeat)[0])
     v, f = moved.surface.vertices, moved.surface.faces
     # with the pad about 128 nodes along the longest side
     spacing = float((v.max(axis=0) - v.min(axis=0)).max()) / 120.0
@@ -166,7 +249,7 @@ def halving(seed: int, repeat: int) -> list[Row]:
 
 def _halved(what: str, case: Any, start: Any, repeat: int) -> tuple[Row, Any]:
     """By how much longer the level set stage takes at half the spacing; and what it starts from."""
-    from benchmarks.tune import cost
+    from benchmarks.peers import cost
     from o3dls.stages.deform import Deform
     from o3dls.stages.icp import ICP
     from o3dls.stages.landmarks import Landmarks
@@ -266,8 +349,7 @@ def memory(seed: int, repeat: int) -> list[Row]:
 
 def peers(seed: int, repeat: int) -> list[Row]:
     """The other methods as tuned for the group `la`, after the same alignment."""
-    from benchmarks.peers import PEERS
-    from benchmarks.tune import pose_of, tuned
+    from benchmarks.peers import PEERS, pose_of, tuned
 
     case, _ = problem(seed)
     pose = pose_of(case)
@@ -281,9 +363,148 @@ def peers(seed: int, repeat: int) -> list[Row]:
 
 
 def points(seed: int, repeat: int) -> list[Row]:
-    """All stages with 250 to 20 000 points, on the phantom and, where O3DLS_DATA is set, on real surfaces."""
+    """All stages with 250 to 20 000 points, on the phantom and, where O3DLS_DATA is set, on real surfaces;
+    and two peers as tuned for so many points.
+    """
+    from benchmarks.peers import PEERS, pose_of, tuned
+    from o3dls.pipeline.file import read_pipeline
+    from o3dls.pipeline.pipeline import Pipeline
+
     data = os.environ.get("O3DLS_DATA")
-    return list(speed_points.rows(seed, max(1, repeat // 3), Path(data) if data else None, timed))
+    rows = []
+    for name, case in cases(seed, Path(data) if data else None):
+        shown = case.visible()
+        stages = read_pipeline(pipeline_file("default")).allowed_by(shown).stages
+        pipeline = Pipeline(list(stages), folds=0)
+        seconds, found = timed(lambda p=pipeline, c=shown: p.fit(c), max(1, repeat // 3))  # type: ignore[misc]
+        last = list(found.values())[-1]
+        rows.append(_score_row(name, seconds, case, last.surface, last.status))
+        settings = tuned().get(f"cross_{name.split()[1]}", {})
+        pose = pose_of(case)
+        for peer in TIMED_PEERS:
+            if peer in settings:
+                how = settings[peer]["parameters"]
+                seconds, surface = timed(lambda q=peer, c=shown, o=pose, h=how: PEERS[q](c, o, **h), 1)  # type: ignore[misc]
+                said = "without the alignment it starts from"
+                rows.append(_score_row(f"  {peer}", seconds, case, surface, said))
+    return rows
+
+
+def cases(seed: int, data: Path | None) -> Iterator[tuple[str, Any]]:
+    """Cases with every number of points: name of the row, case. Those of real surfaces need the folder."""
+    from data_synth.atrium import atrium
+
+    for count in COUNTS:
+        yield f"phantom {count}", atrium(seed, points=count)
+    if data is None:
+        return
+    for count in COUNTS:
+        yield f"cross {count}", pair(count, data)
+        yield f"kit {count}", _map_kit(data, count, seed)
+
+
+def pair(count: int, data: Path, name: str = PAIR) -> Any:
+    """One atrium as prior of another, with so many points; `name` of a development pair."""
+    from benchmarks.make_cases import crossed, made
+
+    wanted = {one.name: one for one in crossed(judging=False)}
+    return made(wanted[name.format(points=count)], data)
+
+
+def _map_kit(data: Path, count: int, seed: int) -> Any:
+    """The real map with as many points, even over its wall, with 1 mm of noise."""
+    import numpy as np
+
+    from o3dls.evaluation.distances import sample
+    from o3dls.io.case_reader import read_case
+
+    case = read_case(data / "real" / "kit_mri_to_eam")
+    assert case.truth is not None
+    assert case.truth.surface is not None
+    rng = np.random.default_rng(seed)
+    every = sample(case.truth.surface, 20_000)
+    at = every[rng.permutation(len(every))[:count]]
+    marks = case.points.of("landmark")
+    fresh = replace(
+        case.points, xyz=at + rng.normal(size=at.shape), type=np.full(count, "eam"), columns={}, order=None
+    )
+    return replace(case, points=_add_landmarks(fresh, marks))
+
+
+def _add_landmarks(points: Any, marks: Any) -> Any:
+    import numpy as np
+
+    names = marks.columns.get("name", np.full(len(marks.xyz), ""))
+    columns = {"name": np.concatenate([np.full(len(points.xyz), ""), names])}
+    return replace(
+        points,
+        xyz=np.vstack([points.xyz, marks.xyz]),
+        type=np.concatenate([points.type, marks.type]),
+        columns=columns,
+    )
+
+
+def _score_row(what: str, seconds: Any, case: Any, surface: Any, status: str) -> Row:
+    from benchmarks.peers import cost
+
+    return {
+        "what": what,
+        "value": seconds.clock,
+        "cpu": seconds.cpu,
+        "unit": "s",
+        "error_mm": cost(case, surface),
+        "status": status,
+    }
+
+
+def files(seed: int, repeat: int) -> list[Row]:
+    """Writing and reading a surface of many vertices once in every format, time and check together."""
+    import numpy as np
+
+    from o3dls.io.surfaces import FORMATS, read_surface, write_surface
+
+    surface = _make_sphere(FILE_VERTICES)
+    rows = []
+    for known in FORMATS:
+        if known.write is None and known.name != "opencarp":
+            continue
+        suffix = WRITTEN_AS.get(known.name, known.suffixes[0] if known.suffixes else "")
+        with TemporaryDirectory() as folder:
+            path = Path(folder) / f"a{suffix}"
+            begin = perf_counter()
+            write_surface(path, surface, format=known.name)
+            middle = perf_counter()
+            back = read_surface(path)
+            end = perf_counter()
+            off = float(np.abs(np.sort(back.vertices, axis=0) - np.sort(surface.vertices, axis=0)).max())
+        kept = "as many faces" if len(back.faces) == len(surface.faces) else "other faces"
+        checked = f"largest error {off:.2g} mm, {kept}"
+        for what, value, status in (("write", middle - begin, ""), ("read", end - middle, checked)):
+            rows.append({"what": f"{what} {known.name}", "value": value, "unit": "s", "status": status})
+    return rows
+
+
+def _make_sphere(n: int) -> Any:
+    """A grid of the sphere with about n vertices and two fields."""
+    import numpy as np
+
+    from o3dls.geometry.surface import Surface
+
+    rows = int(np.sqrt(n / 2))
+    columns = 2 * rows
+    theta, phi = np.meshgrid(
+        (np.arange(rows) + 0.5) * np.pi / rows, np.arange(columns) * 2 * np.pi / columns, indexing="ij"
+    )
+    xyz = 40 * np.stack(
+        [np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], axis=-1
+    ).reshape(-1, 3)
+    index = np.arange(rows * columns).reshape(rows, columns)
+    a = index[:-1].ravel()
+    b = index[1:].ravel()
+    c = np.roll(index, -1, axis=1)[1:].ravel()
+    d = np.roll(index, -1, axis=1)[:-1].ravel()
+    faces = np.vstack([np.column_stack([a, b, c]), np.column_stack([a, c, d])])
+    return Surface(xyz, faces, {"bipolar": xyz[:, 0] / 10, "lat": xyz[:, 1]})
 
 
 def cores(_: int, repeat: int) -> list[Row]:
@@ -311,7 +532,96 @@ PARTS: dict[str, Callable[[int, int], list[Row]]] = {
     "memory": memory,
     "peers": peers,
     "points": points,
+    "files": files,
 }
+
+
+def command_line(repeat: int) -> list[Row]:
+    """Where the time of `o3dls run` on the demo case goes, each run in a process of its own, as from the
+    shell: first and later runs with and without cross-validation, by the clock and, of all their processes,
+    of the processor; and the parts of one by the clock alone.
+    """
+    with TemporaryDirectory(prefix="o3dls-speed-") as name:
+        folder = Path(name)
+        alone = folder / "no_folds.toml"
+        alone.write_text(f"folds = 0\n{pipeline_file('default').read_text(encoding='utf-8')}")
+        # as after an installation: modules are compiled once, whatever this shell says
+        kept = {"NUMBA_CACHE_DIR": str(folder / "compiled"), "PYTHONDONTWRITEBYTECODE": ""}
+        o3dls = [sys.executable, "-m", "o3dls"]
+        found = [
+            _time_command("nothing but the start", [*o3dls, "--version"], kept, repeat),
+            _time_command("compiling (doctor --compile)", [*o3dls, "doctor", "--compile", "-q"], kept, 1),
+            _time_command("first run after it", _compose_run(folder, o3dls), kept, 1),
+            _time_command("later run", _compose_run(folder, o3dls), kept, repeat),
+            _time_command("later run, no folds", _compose_run(folder, o3dls, str(alone)), kept, repeat),
+        ]
+        ratio = {"value": found[2]["value"] / found[3]["value"], "unit": "x", "status": ""}
+        return [*found, {"what": "first run / later run", **ratio}, *_time_parts(folder, str(alone), kept)]
+
+
+def _compose_run(folder: Path, o3dls: list[str], *pipeline: str) -> list[str]:
+    out = str(folder / "run")
+    return [*o3dls, "run", *pipeline, "--case", str(demo_case()), "--out", out, "--force", "-q"]
+
+
+def _time_command(what: str, command: list[str], variables: Mapping[str, str], repeat: int) -> Row:
+    clock, cpu = [], []
+    for _ in range(repeat):
+        begin, before = perf_counter(), _count_children()
+        subprocess.run(command, env=os.environ | variables, check=True, capture_output=True)
+        clock.append(perf_counter() - begin)
+        cpu.append(_count_children() - before)
+    return {"what": what, "value": median(clock), "cpu": median(cpu), "unit": "s", "status": ""}
+
+
+def _count_children() -> float:
+    """Seconds of the processor of the processes that this one has begun and that have ended."""
+    spent = os.times()
+    return spent.children_user + spent.children_system
+
+
+def _time_parts(folder: Path, alone: str, variables: Mapping[str, str]) -> list[Row]:
+    """Of a later run without folds, by the clock; imports happen in other parts too, and count in both."""
+    command = [sys.executable, "-c", TIMED_RUN, json.dumps(RUN_PARTS), *_compose_run(folder, [], alone)]
+    done = subprocess.run(command, env=os.environ | variables, check=True, capture_output=True, text=True)
+    seconds = json.loads(done.stdout.splitlines()[-1])
+    seconds["reading, scoring, writing"] = sum(seconds[part] for part in FILE_PARTS)
+    return [
+        {"what": f"  {said}", "value": value, "unit": "s", "status": ""} for said, value in seconds.items()
+    ]
+
+
+def visit_page(browser: Any, page: Path, *, report: bool) -> dict[str, float]:
+    """What one visit of a page took."""
+    from tests.browser import Visit
+
+    visit = Visit(browser, page, wait=report)
+    found = {"ready, ms": visit.page.evaluate(READY if report else DRAWN)}
+    if report:
+        found["draw calls of a picture"] = visit.page.evaluate(DRAW_CALLS)
+    visit.page.close()
+    return found
+
+
+def print_page(shown: Path | None, repeat: int) -> None:
+    """Size and start of a page, by so many visits, each in a new tab."""
+    from o3dls.report.writer import write_report
+    from tests.browser import chromium
+
+    with TemporaryDirectory() as folder, chromium() as launch:
+        run = shown or Path(folder) / "demo"
+        if shown is None:
+            subprocess.run([sys.executable, "-m", "o3dls", "demo", "--out", run], check=True)
+        report = not run.is_file()
+        path = write_report([run], Path(folder) / "page.html") if report else run
+        browser = launch()
+        visits = [visit_page(browser, path, report=report) for _ in range(repeat)]
+        most = PAGE_LIMITS["size, MB"] if report else OTHER_PAGE
+        print(f"{'size, MB':24}{path.stat().st_size / 1e6:10.2f}   limit {most:g}")
+        for key in visits[0]:
+            values = [one[key] for one in visits]
+            limit = f"   limit {PAGE_LIMITS[key]:g}" if key in PAGE_LIMITS else ""
+            print(f"{key:24}{min(values):10.0f} at least, {median(values):.0f} in the middle{limit}")
 
 
 def main() -> None:
@@ -323,10 +633,20 @@ def main() -> None:
     parser.add_argument("--part", choices=PARTS, action="append", help="only these; default: all")
     parser.add_argument("--json", action="store_true", help="one JSON line per measurement and nothing else")
     parser.add_argument("--cli", action="store_true", help="o3dls run on the demo case: first, later, parts")
+    parser.add_argument(
+        "--page",
+        nargs="?",
+        const="",
+        metavar="RUN|PAGE",
+        help="size and start of the page of a finished run, or of another page; default: of the demo",
+    )
     arguments = parser.parse_args()
+    if arguments.page is not None:
+        print_page(Path(arguments.page) if arguments.page else None, arguments.repeat)
+        return
     if arguments.cli:
         print(HEAD)
-        for row in speed_cli.rows(arguments.repeat):
+        for row in command_line(arguments.repeat):
             print(_line(row))
         return
     if arguments.json and arguments.part and len(arguments.part) == 1:

@@ -12,11 +12,11 @@ from .arrays import Array
 from .case import Case
 from .geometry.similarity import scale_of
 from .geometry.surface import Surface
-from .motion.interface import Motion
 from .run_warning import RunWarning
 
 if TYPE_CHECKING:
     from .levelset.grid.distance import SignedDistance
+    from .motion.recorded import Motion
     from .motion.result import MotionFit
     from .noise.shifted_part import MapShift
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks import make_cases, own_atria
+from benchmarks import make_cases
 from benchmarks.cases import find, tuned_as
 
 
@@ -61,14 +61,14 @@ def test_crossed_pairs_of_judging_are_twenty_and_of_other_atria() -> None:
 
 
 def test_masks_of_the_challenge_develop_up_to_79_and_judge_from_80() -> None:
-    for judging, names in ((False, own_atria.DEVELOPMENT), (True, own_atria.JUDGING)):
+    for judging, names in ((False, make_cases.OWN_DEVELOPMENT), (True, make_cases.OWN_JUDGING)):
         numbers = [int(Path(name).stem.removeprefix("la_")) for name in names if name.startswith("lasc2018")]
         assert len(numbers) == (10 if judging else 5)
         assert all((80 <= k <= 99) == judging for k in numbers)
 
 
 def test_every_kind_of_visit_meets_every_number_of_points_and_every_atrium() -> None:
-    judged = list(own_atria.left_out(judging=True))
+    judged = list(make_cases.left_out(judging=True))
     assert len(judged) == 120
     kinds = Counter(one.name.rpartition("_")[0] for one in judged)
     assert len(kinds) == 4 * 4 * 2
@@ -77,4 +77,4 @@ def test_every_kind_of_visit_meets_every_number_of_points_and_every_atrium() -> 
 
 
 def test_badly_segmented_priors_are_ten_and_twenty() -> None:
-    assert [len(list(own_atria.bad_priors(judging))) for judging in (False, True)] == [10, 20]
+    assert [len(list(make_cases.bad_priors(judging))) for judging in (False, True)] == [10, 20]

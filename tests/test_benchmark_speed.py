@@ -7,10 +7,10 @@ from importlib import import_module
 
 import pytest
 
-from benchmarks.speed_cli import PARTS
+from benchmarks.speed import RUN_PARTS
 
 
-@pytest.mark.parametrize("part", PARTS)
+@pytest.mark.parametrize("part", RUN_PARTS)
 def test_the_parts_of_a_run_are_functions_of_the_package(part: str) -> None:
-    module, name = PARTS[part].split(":")
+    module, name = RUN_PARTS[part].split(":")
     assert callable(reduce(getattr, name.split("."), import_module(module)))

@@ -15,8 +15,8 @@ from scipy.stats import mannwhitneyu, spearmanr
 
 from benchmarks import verdict
 from benchmarks.cases import Listed
-from benchmarks.verdict_left_out import _of_blocks
-from benchmarks.verdict_table import auc, rank_correlation, reasons, table, write_csv
+from benchmarks.verdict import auc, rank_correlation, reasons, table, write_csv
+from benchmarks.verdict_statistics import predict_blocks
 from o3dls.io.case_reader import read_case
 from o3dls.io.case_writer import write_case
 from o3dls.resources import demo_case
@@ -104,7 +104,7 @@ def test_rows_left_out_together_are_predicted_as_by_the_rest_alone() -> None:
     block, rest = np.arange(8, 14), np.r_[0:8, 14:30]
     by_rest = covariance[np.ix_(block, rest)] @ np.linalg.inv(covariance[np.ix_(rest, rest)])
     away = z[block] - by_rest @ z[rest]
-    found = _of_blocks("x", inverse, inverse @ z, [block])
+    found = predict_blocks("x", inverse, inverse @ z, [block])
     assert found["x_mm"] == pytest.approx(np.abs(away).mean())
     left = covariance[np.ix_(block, block)] - by_rest @ covariance[np.ix_(rest, block)]
     assert found["x_chi"] == pytest.approx(away @ np.linalg.solve(left, away) / 6)

@@ -214,6 +214,18 @@ def test_modules_can_be_imported_in_any_order(order: str) -> None:
     subprocess.run([sys.executable, "-c", code, *names], check=True)
 
 
+@pytest.mark.parametrize("package", ["live", "paper"])
+def test_only_the_command_line_imports_what_stands_alone(package: str) -> None:
+    importing = {
+        name.split(".")[1]
+        for name in MODULES
+        if any(other.split(".")[1] == package for other in imports(name))
+    }
+    assert importing == {package, "cli"}
+    of_whoever_imports_o3dls = (PACKAGE / "__init__.py").read_text(encoding="utf-8")
+    assert f'"{package}.' not in of_whoever_imports_o3dls
+
+
 def test_only_the_paper_imports_the_generators() -> None:
     for name, path in MODULES.items():
         assert name.startswith("o3dls.paper") or "data_synth" not in path.read_text(encoding="utf-8"), name

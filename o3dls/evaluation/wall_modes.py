@@ -9,9 +9,8 @@ from scipy.linalg.lapack import dpstrf
 
 from ..arrays import ROUNDING, Array, Ints
 from ..geometry.surface import Surface
-from ..motion.interface import Motion
 from ..motion.motion import FittedMotion
-from ..motion.recorded import RecordedMotion, WallModes
+from ..motion.recorded import Motion, RecordedMotion, WallModes
 
 PLACES = 500  # 4 to 5 mm apart on an atrium: a third of the shortest correlation length
 MODES = 250  # they hold at least 98 % of the variance of an atrium's posterior

@@ -1,15 +1,33 @@
-"""A motion known by where it brought the vertices of the prior, as run folders keep it."""
+"""What every motion of the prior can do; and a motion known by where it brought the vertices of the prior, as
+run folders keep it.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 
 from ..arrays import Array, Ints
 from ..geometry.closest_point import ClosestPoint
 from ..geometry.surface import Surface
+
+
+class Motion(Protocol):
+    """A fitted motion of the prior: prior frame to map frame, with its uncertainty."""
+
+    def __hash__(self) -> int:
+        """Of the object itself: two motions are never compared."""
+
+    def __call__(self, points: Array) -> Array:
+        """Positions (n, d) in the map frame of points (n, d) of the prior frame."""
+
+    def sd(self, points: Array, normals: Array) -> Array:
+        """Return the posterior standard deviation (n,) along `normals` (map frame) of the motion at points of
+        the prior frame.
+        """
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,7 +42,7 @@ class WallModes:
 
 @dataclass(frozen=True, eq=False)
 class RecordedMotion:
-    """A motion, prior frame to map frame, by the prior and the same surface after it (interface.Motion).
+    """A motion, prior frame to map frame, by the prior and the same surface after it (`Motion`).
 
     A place beside the surface keeps its offset from the nearest place on it, turned and scaled by the
     similarity `T_map_prior` (d+1, d+1). deviation (n,) is that of each vertex along its moved normal, and

@@ -27,7 +27,7 @@ from .observations import Data
 from .settings import TemplateSettings
 
 if TYPE_CHECKING:
-    from .interface import Motion
+    from .recorded import Motion
 
 
 @dataclass(frozen=True, eq=False)

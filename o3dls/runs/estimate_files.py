@@ -23,8 +23,7 @@ from ..run_warning import CODES, RunWarning
 from .record import EstimateRecord, WarningRecord, plain
 
 if TYPE_CHECKING:
-    from ..motion.interface import Motion
-    from ..motion.recorded import RecordedMotion, WallModes
+    from ..motion.recorded import Motion, RecordedMotion, WallModes
 
 MODES = "posterior.npy"  # rows: vertex of the prior, then its part in each mode of the errors
 

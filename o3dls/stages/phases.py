@@ -18,7 +18,7 @@ from ..plugins.stage import Stage
 from .deform import Deform
 
 if TYPE_CHECKING:
-    from ..motion.interface import Motion
+    from ..motion.recorded import Motion
     from ..motion.template import Template
 
 

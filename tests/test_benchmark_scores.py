@@ -9,7 +9,7 @@ import pytest
 from shapes import meshed, sampled, torus_distance
 from tiny import ball_case
 
-from benchmarks.vein_scores import DEPTH, VEIN, vein_scores, vein_table
+from benchmarks.scores import DEPTH, VEIN, vein_scores, vein_table
 from o3dls.case import Case, Truth
 from o3dls.geometry.surface import Surface
 
