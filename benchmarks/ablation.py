@@ -46,7 +46,6 @@ RULES: dict[str, Change] = {
     "not where points close the mouth": _surplus(closed=1.1),
     "however little of the mouth is closed": _surplus(closed=-1.0),
     "however much all parts are": _surplus(most=1.0),
-    "however large a part is": _surplus(largest=1.0),
     "no part on a narrow neck": lambda usual: replace(usual, expected=1e9),
     "a patient's part is never given up": lambda usual: replace(
         usual, own_parts=replace(usual.own_parts, evidence=1e9)

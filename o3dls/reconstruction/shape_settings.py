@@ -27,7 +27,6 @@ class SurplusSettings:
     )
     support: float = number(10.0, "1", "cost of giving up wall with points")
     expected: float = number(1.0, "points", "points that a part must have room for before it can lack them")
-    largest: float = number(0.3, "1", "largest share of the wall in one surplus part: more was not visited")
     most: float = number(0.16, "1", "largest share of the wall in all surplus parts: more was not visited")
     supported: float = number(0.1, "1", "share of a part's wall with points, above which the part is there")
     severed: float = number(

@@ -134,8 +134,7 @@ def _lacks_points(mine: Mask, inside: _Inside, room: float, settings: SurplusSet
     """
     wall = inside.wall & mine
     bare = (wall & inside.near).sum() < settings.supported * wall.sum()
-    small = wall.sum() < settings.largest * inside.wall.sum()
-    return bool(bare and small and room * wall.sum() > settings.expected)
+    return bool(bare and room * wall.sum() > settings.expected)
 
 
 def _severs_wall(mine: Mask, inside: _Inside, room: float, settings: SurplusSettings) -> bool:
