@@ -4,8 +4,8 @@ nothing happens.
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from threading import Lock
 from types import SimpleNamespace
 
 import numpy as np
@@ -334,12 +334,8 @@ def ended(*energies: float) -> TrialFit:
     """A trial whose rounds had such energies; amplitudes and noise were tuned in the first."""
     trial = object.__new__(TrialFit)
     trial._rounds, trial._tuned, trial._energies = iter(()), 0, list(energies)
+    trial._lock = Lock()
     return trial
-
-
-def lead(mine: TrialFit, other: TrialFit, least: float, early: tuple[int, ...] = ()) -> float:
-    with ThreadPoolExecutor(1) as beside:
-        return mine.lead(other, least, early, beside)
 
 
 def trials_end_at(monkeypatch: pytest.MonkeyPatch, unchanged: float, with_change: float) -> None:
@@ -356,14 +352,14 @@ def trials_end_at(monkeypatch: pytest.MonkeyPatch, unchanged: float, with_change
 )
 def test_a_trial_is_given_up_once_it_is_far_behind(least: float, found: float) -> None:
     """The first round, in which amplitudes are tuned, does not count; who stands still keeps its energy."""
-    assert lead(ended(99.0, 54.0, 49.0, 48.0), ended(60.0, 50.0), least) == found
+    assert ended(99.0, 54.0, 49.0, 48.0).lead(ended(60.0, 50.0), least, ()) == found
 
 
 def test_a_trial_that_is_far_behind_in_an_early_round_is_not_tuned() -> None:
     trial, other = ended(9.0, 8.0, 7.0, 1.0), ended(6.0, 6.0, 6.0, 6.0)
     trial._tuned = 2
-    assert lead(trial, other, -1.5) == 5.0
-    assert lead(trial, other, -1.5, (1,)) == -2.0
+    assert trial.lead(other, -1.5, ()) == 5.0
+    assert trial.lead(other, -1.5, (1,)) == -2.0
 
 
 @pytest.mark.parametrize(("trial_rows", "rows"), [(30, 30), (10_000, None)], ids=["fewer", "no more"])
