@@ -345,14 +345,25 @@ def _count_said(name: str, records: list[Record], told: Mapping[str, list[bool]]
     return lay_out([head, *([what, str(b), str(g)] for g, b, what in sorted(found, reverse=True))])
 
 
-def write_csv(path: Path, records: Iterable[Record]) -> None:
-    """Every case as a row: grade, headline, truth, why it is bad, what was said, and the raw statistics."""
+KEPT = ("group", "case", "points", "grade", "expected", "true", "best_peer", "bad", "checks", "warnings")
+
+
+def write_csv(path: Path, records: Iterable[Record], *, brief: bool = False) -> None:
+    """Write every case as a row: grade, headline, truth, why it is bad and what was said; and, unless the
+    table is to be brief, the true errors of every estimate and the raw statistics.
+    """
     rows = [_flatten(record) for record in records]
+    if brief:
+        rows = [{name: _round_value(row.get(name)) for name in KEPT} for row in rows]
     names = dict.fromkeys(key for row in rows for key in row)
     with path.open("w", newline="") as file:
         writer = csv.DictWriter(file, list(names))
         writer.writeheader()
         writer.writerows(rows)
+
+
+def _round_value(value: object) -> object:
+    return round(value, 3) if isinstance(value, float) else value
 
 
 def _flatten(record: Record) -> Record:
@@ -445,6 +456,7 @@ def _arguments() -> argparse.Namespace:
     )
     parser.add_argument("--table", type=Path, help="print the table of these records")
     parser.add_argument("--csv", type=Path, help="with --table: every case as a row")
+    parser.add_argument("--cases", type=Path, help="the same without true errors and statistics")
     parser.add_argument("--again", type=Path, help="grade the run folders kept here anew, into --out")
     parser.add_argument("--separation", type=Path, help="print the separation of these records")
     parser.add_argument("--most", type=int, default=60, help="with --separation: statistics that are shown")
@@ -484,6 +496,8 @@ def main() -> None:
     print(table(records))
     if arguments.csv:
         write_csv(arguments.csv, records)
+    if arguments.cases:
+        write_csv(arguments.cases, records, brief=True)
 
 
 if __name__ == "__main__":

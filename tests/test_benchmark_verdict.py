@@ -15,7 +15,7 @@ from scipy.stats import mannwhitneyu, spearmanr
 
 from benchmarks import verdict
 from benchmarks.cases import Listed
-from benchmarks.verdict import auc, rank_correlation, reasons, table, write_csv
+from benchmarks.verdict import KEPT, auc, rank_correlation, reasons, table, write_csv
 from benchmarks.verdict_statistics import predict_blocks
 from o3dls.io.case_reader import read_case
 from o3dls.io.case_writer import write_case
@@ -93,6 +93,10 @@ def test_every_case_is_a_row_of_the_csv(tmp_path: Path) -> None:
     one, other = csv.DictReader((tmp_path / "t.csv").open())
     assert (one["grade"], one["bad"], one["true"], one["far_reach"]) == ("amber", "headline", "5.0", "21.0")
     assert (other["grade"], other["error"]) == ("refused", "why")
+    write_csv(tmp_path / "b.csv", [record("a", "amber", 5.12345, 1.0)], brief=True)
+    (one,) = csv.DictReader((tmp_path / "b.csv").open())
+    assert tuple(one) == KEPT
+    assert one["true"] == "5.123"
 
 
 def test_rows_left_out_together_are_predicted_as_by_the_rest_alone() -> None:
