@@ -15,6 +15,7 @@ from .sections.order import SECTIONS
 from .sections.outcome import overall, strip
 from .shape_words import words_of
 from .subject import Subject
+from .surfaces.given import before_stages
 from .verdict import warnings
 
 STYLES = ("report.css", "layout.css", "charts.css", "print.css")
@@ -49,7 +50,7 @@ def _page_head(subject: Subject) -> Html:
     kinds = ", ".join(
         f"{int((case.points.type == kind).sum())} {kind}" for kind in dict.fromkeys(case.points.type.tolist())
     )
-    names = {"start": "before registration"}
+    names = before_stages(subject.last.run)
     steps = " → ".join(names.get(key, key) for key in subject.last.run.estimates)
     found, words = checks(subject), words_of(subject)
     line = (

@@ -20,8 +20,7 @@ function fillPair() {
     scene.estimates.forEach(({ name }, index) => option(select, index, name));
     select.addEventListener("change", choosePair);
   }
-  const start = scene.estimates.findIndex(({ name }) => name === "start" || name.endsWith(" · start"));
-  $("pair-left").value = start < 0 ? 0 : start;
+  $("pair-left").value = 0; // the pose before registration
   $("pair-right").value = panels[panels.length - 1].estimate;
   $("pair").addEventListener("click", () => setPair(!pair.on));
   $("flicker").addEventListener("click", () => setFlicker(!pair.flicker));
