@@ -27,7 +27,7 @@ from tests.viewer import FIXTURES
 
 MOST_BYTES = 4_000_000
 READY_MS = 2_000  # software rendering, two surfaces of 36 000 faces (the demo has fewer), on two quiet cores
-MOST_CALLS = 2 + 3  # a picture draws two sides of its surface, and balls, cubes and diamonds
+MOST_CALLS = 2 + 1  # a picture draws two sides of its surface, and all points
 # factor granted to a machine that does other work at the same time; the idle figure is asked for by
 # O3DLS_TIMED=1
 LOADED = 3.0

@@ -67,8 +67,7 @@ def place(visit: Visit, panel: int, right: float = 0.0, up: float = 0.0) -> tupl
     canvas = visit.page.locator("#panels canvas").nth(panel)
     canvas.scroll_into_view_if_needed()  # a press of a button may have moved it out of the window
     box = canvas.bounding_box()
-    data = json.loads(visit.page.locator("#scene").text_content() or "")
-    per_mm = box["height"] / (2 * 1.02 * data["radius"])
+    per_mm = box["height"] / float(visit.page.locator("#panels").get_attribute("data-tall"))
     return box["x"] + box["width"] / 2 + right * per_mm, box["y"] + box["height"] / 2 - up * per_mm
 
 

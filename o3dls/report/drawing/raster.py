@@ -14,6 +14,7 @@ from ...arrays import Array
 from ...geometry.surface import Surface
 
 SUPERSAMPLING = 2
+FLOOR, INSIDE = 0.85, 0.93  # of the light, and of that on the inner side: colours are read by their lightness
 RIM = 0.76  # of a ball's radius, beyond which it is white: it stands out on a wall of its own colour
 
 
@@ -100,7 +101,8 @@ def _draw_triangles(corners, faces, colours, facing, picture, depth):  # type: i
                 depth[y, x] = z
                 towards = u * facing[faces[f, 0]] + v * facing[faces[f, 1]] + w * facing[faces[f, 2]]
                 # rows count down, so a positive area is a face seen from inside
-                light = (0.5 + 0.5 * min(1.0, abs(towards))) * (1.0 if area < 0.0 else 0.7)
+                most = 1.0 if area < 0.0 else INSIDE
+                light = most - (most - FLOOR) * (1.0 - min(1.0, abs(towards))) ** 2
                 for k in range(3):
                     picture[y, x, k] = light * (
                         u * colours[faces[f, 0], k]

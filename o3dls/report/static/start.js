@@ -3,7 +3,7 @@
 function fillToolbar() {
   scene.fields.forEach(({ key, label }) => option($("field"), key, label));
   option($("field"), "", "no colour");
-  scene.views.forEach(({ name, from }) => button($("views"), name, () => lookFrom(from)));
+  scene.views.forEach(({ name, from }) => button($("views"), name, () => { lookFrom(from); keepWhole(); }));
   button($("reset"), "Reset", resetView);
   $("views-by").textContent = `(by the ${scene.viewsBy})`;
   if (!scene.patient) $("torso").remove();
