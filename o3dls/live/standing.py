@@ -12,9 +12,9 @@ from ..case import Case
 from ..errors import InputError
 from ..estimate import Estimate
 from ..evaluation.interpolation import REACH
-from ..evaluation.next_places import suggest
 from ..geometry.surface import Surface
 from ..report.expected import expected_of
+from ..report.mapping.wall_regions import advised
 from ..report.surfaces.display import decimated
 from .messages import Message, number
 
@@ -35,7 +35,7 @@ class Advisor:
             return {"next": [], "ended": "there is no motion yet"}
         surface = self.prior.with_vertices(estimate.motion(self.prior.vertices))
         try:
-            found = suggest(replace(case, prior=self.prior), replace(estimate, surface=surface), PLACES)
+            found = advised(replace(case, prior=self.prior), replace(estimate, surface=surface), PLACES)
         except InputError as error:
             return {"next": [], "ended": str(error)}
         places = [
