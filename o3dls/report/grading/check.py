@@ -6,8 +6,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-Grade = Literal["good", "amber", "bad", "none"]
-WORDS: Mapping[Grade, str] = {"good": "OK", "amber": "CHECK", "bad": "FAIL", "none": "NO DATA"}
+# `even`: there are data, and they speak neither for the surface nor against it
+Grade = Literal["good", "even", "amber", "bad", "none"]
+WORDS: Mapping[Grade, str] = {
+    "good": "OK",
+    "even": "NEUTRAL",
+    "amber": "CHECK",
+    "bad": "FAIL",
+    "none": "NO DATA",
+}
 
 
 @dataclass(frozen=True)

@@ -1,18 +1,23 @@
-"""The prior in the pose in which it was given, for runs that begin with a fit of landmarks."""
+"""Poses of the prior: that in which it was given, for runs that begin with a fit of landmarks, and those that
+stages found.
+"""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 
 from ...estimate import Estimate
-from ...geometry.similarity import apply
+from ...geometry.similarity import apply, fit_similarity
+from ...geometry.surface import Surface
 from ...runs.run import Run
 from ...runs.scoring import scored
 
 GIVEN = "given"
 STATUS = "the prior in the pose in which it was given"
+POSED = 1e-4  # of a surface's size: surfaces are written as single numbers
 SAME = 1e-6  # of the prior's size: less is no other pose
 
 
@@ -45,6 +50,25 @@ def with_given(run: Run) -> Run:
         held_out=held_out,
         ends_with=run.final,
     )
+
+
+@lru_cache(maxsize=16)
+def found_poses(run: Run) -> frozenset[str]:
+    """Return the names of the estimates in which a stage brought the prior into a pose and did no more."""
+    prior = run.case.prior
+    return frozenset(
+        name
+        for name, one in run.estimates.items()
+        if name not in before_stages(run) and _is_posed(prior, one.surface)
+    )
+
+
+def _is_posed(prior: Surface, surface: Surface) -> bool:
+    """Say whether a surface is the prior, but for a similarity."""
+    if surface.vertices.shape != prior.vertices.shape:
+        return False
+    fitted = apply(fit_similarity(prior.vertices, surface.vertices), prior.vertices)
+    return bool(np.linalg.norm(fitted - surface.vertices, axis=1).max() < POSED * surface.diagonal)
 
 
 def before_stages(run: Run) -> dict[str, str]:
