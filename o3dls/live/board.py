@@ -155,7 +155,7 @@ class Board:
 
 def _update_point(points: dict[int, Event], given: Event) -> None:
     """Put what is new of a point over what was known of it; one that was taken back is gone."""
-    if given.get("type") == "undone":
+    if given.get("undone"):
         points.pop(given["id"], None)
         return
     content = {key: value for key, value in given.items() if key not in ("event", "seq")}

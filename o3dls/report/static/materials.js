@@ -74,7 +74,7 @@ const MARK_VERTEX = `
     vForm = form;
     vBeside = position.xy;
     vec4 centre = projectionMatrix * (modelViewMatrix * instanceMatrix * vec4(0.0, 0.0, 0.0, 1.0) + vec4(0.0, 0.0, lift, 0.0));
-    gl_Position = rank > share ? vec4(2.0, 2.0, 2.0, 1.0) : centre + vec4(2.0 * radius * position.xy / screen.xy, 0.0, 0.0);
+    gl_Position = rank > share ? vec4(2.0, 2.0, 2.0, 1.0) : centre + vec4((form > 1.5 ? 2.6 : 2.0) * radius * position.xy / screen.xy, 0.0, 0.0);
   }`;
 
 const MARK_FRAGMENT = `
@@ -84,11 +84,11 @@ const MARK_FRAGMENT = `
   void main() {
     vec2 at = abs(vBeside);
     float beyond = vForm < 0.5 ? length(at) : vForm < 1.5 ? 1.15 * max(at.x, at.y) : at.x + at.y;
-    float soft = 0.7 * fwidth(beyond);
+    float soft = 0.35 * fwidth(beyond);
     float inside = 1.0 - smoothstep(1.0 - 2.0 * soft, 1.0, beyond);
     if (inside < 0.1) discard;
-    vec3 rim = mix(vec3(1.0), vec3(0.25), smoothstep(0.86 - soft, 0.86 + soft, beyond)); // seen on a wall of any colour
-    gl_FragColor = vec4(mix(vTint, rim, smoothstep(0.68 - soft, 0.68 + soft, beyond)), inside);
+    vec3 rim = mix(vec3(1.0), vec3(0.25), smoothstep(0.92 - soft, 0.92 + soft, beyond)); // seen on a wall of any colour
+    gl_FragColor = vec4(mix(vTint, rim, smoothstep(0.56 - soft, 0.56 + soft, beyond)), inside);
   }`;
 
 function colourTexture(name) {

@@ -13,7 +13,7 @@ const OUTLIER = [0.8, 0.2, 0.6], INSIDE = [0.55, 0.55, 0.55]; // no wall: their 
 const SLAB = 3; // mm beside the cut within which points stay
 
 const FORMS = { disc: 0, square: 1, diamond: 2 };
-const RADIUS = 5; // pixels of the screen, however far one zooms
+const RADIUS = 5.5; // pixels of the screen, however far one zooms
 const CROWDED = 0.35; // share of a picture that points may cover; where they are more, some of them are drawn
 const GOLDEN = 0.6180339887;
 
