@@ -13,7 +13,9 @@ from ..report.checks import checks
 from ..report.grading.check import WORDS, Check, Grade
 from ..report.subject import read_subject
 from ..report.writer import REPORT
+from .words import say_wrapped
 
+COLOURS = {WORDS["bad"]: "red", WORDS["amber"]: "yellow", WORDS["good"]: "green"}
 WORST_FIRST: tuple[Grade, ...] = ("bad", "amber", "good")
 ADVICE = {
     "bad": "do not rely on it",
@@ -66,6 +68,11 @@ class Summary:
             f"open {self.report}" if self.report else f"no report yet: o3dls report {folder} writes it"
         )
         return "\n".join([*lines, str(self.folder)])
+
+    def say(self) -> None:
+        """Print the lines; on a terminal wrapped at words, and grades that ask for a look in colour."""
+        for line in str(self).splitlines():
+            say_wrapped(line, colour=COLOURS.get(line.split()[0]))
 
 
 def summary(folder: Path) -> Summary:
