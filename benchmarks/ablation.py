@@ -1,6 +1,6 @@
 """What each rule by which wall is taken away is worth: python -m benchmarks.ablation FOLDER... --records FILE
 
-    python -m benchmarks.make_cases cross cases/cross --data ../shared/data --only 'cross_*_1_even_*'
+    python -m benchmarks.cases cross cases/cross --data ../shared/data --only 'cross_*_1_even_*'
     python -m benchmarks.ablation cases/cross --records ablation.jsonl
     python -m benchmarks.ablation cases/unvisited --prior-of template --records lost.jsonl
 

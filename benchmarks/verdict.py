@@ -1,6 +1,6 @@
 """The verdict as a classifier: python -m benchmarks.verdict FOLDER... --records FILE
 
-    python -m benchmarks.make_cases altered cases/dev --data ../shared/data
+    python -m benchmarks.cases altered cases/dev --data ../shared/data
     python -m benchmarks.verdict cases/dev --records dev.jsonl --runs runs/dev      every case, one line each
     python -m benchmarks.verdict cases/dev --records dev.jsonl --peers poisson      and a peer's error
     python -m benchmarks.verdict --table dev.jsonl --csv dev.csv
