@@ -24,7 +24,7 @@ from .settings import IterationSettings
 
 
 class Step(NamedTuple):
-    """A round's step: vertices (n, d) where feet were sought, and by what (n, d) the field moves them on."""
+    """A step has vertices (n, d) where feet were sought, and by what (n, d) the field moves them on."""
 
     begun: Array
     change: Array
@@ -32,8 +32,8 @@ class Step(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """What one round hands to the next: vertices (n, d) where feet are sought, and as moved by the field;
-    amplitudes and noise levels; the mixture, and each point's probability of contact.
+    """The state is what one round hands to the next: vertices (n, d) where feet are sought, and as moved by
+    the field; amplitudes and noise levels; the mixture, and each point's probability of contact.
 
     patches (k,): which row each point falls into, once that stays: points that change rows would keep the
     surface from standing still. past: the last rounds, whose steps the next one is mixed with.
@@ -53,7 +53,7 @@ class State:
 
 
 class Solved(NamedTuple):
-    """The linear system of a round and its posterior."""
+    """This is the linear system of a round, solved, with its posterior."""
 
     rows: Rows
     posterior: Posterior

@@ -27,8 +27,8 @@ Terms = tuple[float, list[float], Array]
 
 @dataclass(frozen=True)
 class Posterior:
-    """Cholesky factor (n, n), lower, of C = K + noise; alpha (n,) = C^-1 z; precision (n,): the diagonal of
-    C^-1; -log evidence.
+    """A posterior has the Cholesky factor (n, n), lower, of C = K + noise; alpha (n,) = C^-1 z; precision
+    (n,): the diagonal of C^-1; -log evidence.
     """
 
     factor: Array
@@ -55,8 +55,8 @@ def solve(matrix: Array, z: Array) -> tuple[Posterior, Array]:
 
 @dataclass(frozen=True)
 class Scales:
-    """Logarithms of what the evidence tunes: field amplitudes first, then one noise level per group of
-    points; with their priors and the least values allowed.
+    """Scales are the logarithms of what the evidence tunes: field amplitudes first, then one noise level per
+    group of points; with their priors and the least values allowed.
     """
 
     log: Array

@@ -25,8 +25,8 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class GivenPoints:
-    """Points that may touch the wall, and how probabilities of contact (n,) of these become those of the
-    mapping points.
+    """These points may touch the wall; they know how probabilities of contact (n,) of theirs become those of
+    the mapping points.
     """
 
     believed: Believed
