@@ -106,9 +106,7 @@ class Result:
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """The subject of a report is results in order, names of the ones to show side by side, and the case,
-    which all runs share.
-    """
+    """A subject has results in order, the names to show side by side, and the case that all runs share."""
 
     results: Mapping[str, Result]
     shown: Sequence[str]
