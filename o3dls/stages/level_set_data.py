@@ -25,8 +25,8 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class GivenPoints:
-    """These points may touch the wall; they know how probabilities of contact (n,) of theirs become those of
-    the mapping points.
+    """These points may touch the wall, and `of_mapping` turns their probabilities of contact (n,) into those
+    of the mapping points.
     """
 
     believed: Believed
