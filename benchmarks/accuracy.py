@@ -396,7 +396,7 @@ def _name_panel(noise: str, spread: str) -> str:
     return f"{noise} mm of noise, {words}" + (", seen areas" if "clustered" in spread else "")
 
 
-def _arguments() -> argparse.Namespace:
+def _parse_arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -425,19 +425,19 @@ def _arguments() -> argparse.Namespace:
 
 
 def main() -> None:
-    arguments = _arguments()
+    arguments = _parse_arguments()
     # for the processes below
     os.environ.update(dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1"))
-    records = _read(arguments.records)
+    records = _read_records(arguments.records)
     if arguments.folders:
-        records += _run(arguments, {record["case"] for record in records})
+        records += _run_cases(arguments, {record["case"] for record in records})
     shown = (tables(records), topology_table(records), vein_table(records), shifts_named(records))
     print("\n\n".join(part for part in shown if part))
     if arguments.picture:
         draw_errors(records, arguments.picture)
 
 
-def _run(arguments: argparse.Namespace, done: set[str]) -> list[Record]:
+def _run_cases(arguments: argparse.Namespace, done: set[str]) -> list[Record]:
     """Records of the cases that are not done, kept as they come."""
     records = []
     work = partial(
@@ -451,16 +451,16 @@ def _run(arguments: argparse.Namespace, done: set[str]) -> list[Record]:
     with workers(arguments.jobs) as pool:
         for found in pool.map(work, todo):
             records += found
-            _keep(arguments.records, found)
+            _append_records(arguments.records, found)
             print(f"{found[0]['case']} done", file=sys.stderr, flush=True)
     return records
 
 
-def _read(path: Path | None) -> list[Record]:
+def _read_records(path: Path | None) -> list[Record]:
     return [json.loads(line) for line in path.read_text().splitlines()] if path and path.is_file() else []
 
 
-def _keep(path: Path | None, records: list[Record]) -> None:
+def _append_records(path: Path | None, records: list[Record]) -> None:
     if path:
         with path.open("a") as file:
             file.writelines(json.dumps(record) + "\n" for record in records)

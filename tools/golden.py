@@ -73,7 +73,7 @@ def compared(before: Path, after: Path, within: float) -> tuple[str, bool]:
     return line, same
 
 
-def _arguments() -> argparse.Namespace:
+def _parse_arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -85,7 +85,7 @@ def _arguments() -> argparse.Namespace:
 
 
 def main() -> int:
-    arguments = _arguments()
+    arguments = _parse_arguments()
     if arguments.compare:
         before, after = arguments.compare
         paths = sorted(path for path in before.glob("*.npz") if (after / path.name).is_file())
