@@ -14,7 +14,7 @@ VERB = re.compile(  # as these docstrings use them; whoever writes another one a
     r"\b(is|are|was|were|has|have|holds?|may|shall|can|cannot|met|depends|grows|says?|gives|lists|shows?|names"
     r"|records|describes?|explains|compares|finds|takes|keeps|reads|runs|makes?|turns|chooses?|estimates|hands"
     r"|delivers|imported|listens|replays|watches|answers|applies|leads|lies?|ends|shifts|stands?|bound|scale"
-    r"|govern|discretise|comes)\b"
+    r"|govern|discretise|comes|solves)\b"
 )
 ORDER = re.compile(r"(Align|Find|Fit|Minimise|Move|Place|Remove|Search|Turn|Write) ")  # stages and writers
 QUESTION = re.compile(r"(How|What|When|Where|Which|Who) ")
