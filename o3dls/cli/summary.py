@@ -28,7 +28,9 @@ MOST_REASONS = 2  # so that all fits into five lines
 
 @dataclass(frozen=True)
 class Summary:
-    """The worst grade of the checks on the last estimate of a run, and each that is not OK, worst first."""
+    """A summary gives the worst grade of the checks on the last estimate of a run, and each check that is not
+    OK, worst first.
+    """
 
     folder: Path
     final: str

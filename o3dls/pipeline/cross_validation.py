@@ -38,8 +38,8 @@ def cross_validate(fit: Fit, case: Case, folds: int) -> dict[str, LeftOut]:
 
 
 class Folds:
-    """The refits of a cross-validation: from the first one on here, once they are asked for, and from the
-    last one on in a process of `pool`, which begins at once. Either gives the same.
+    """Folds are the refits of a cross-validation: from the first one on here, once they are asked for, and
+    from the last one on in a process of `pool`, which begins at once. Either gives the same.
     """
 
     def __init__(self, fit: Fit, case: Case, folds: int, pool: Executor | None = None) -> None:

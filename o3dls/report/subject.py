@@ -41,7 +41,7 @@ SETS = {
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """One estimate as the report shows it.
+    """A result is one estimate as the report shows it.
 
     Its run, its name there, its own unique name, and what run.json says of it.
     """
@@ -106,7 +106,7 @@ class Result:
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """Results in order, names of the ones to show side by side, and the case, which all runs share."""
+    """A subject has results in order, the names to show side by side, and the case that all runs share."""
 
     results: Mapping[str, Result]
     shown: Sequence[str]
