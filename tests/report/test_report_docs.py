@@ -54,7 +54,7 @@ GRADED: Mapping[str, tuple[str, tuple[str, ...]]] = {
         "check_expected_error",
         (
             f"more than {expected_error.NARROW:g} times as far off",
-            f"or {expected_error.CONTRADICTED:g} times those of a region",
+            f"{expected_error.CONTRADICTED:g} times those of a region",
         ),
     ),
     "Calibration": ("_check_calibration", (f"{100 * OFF:g} percentage points", f"{100 * DUE[0]:g} %")),
