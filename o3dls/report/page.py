@@ -36,7 +36,7 @@ def page(title: str, body: Html, *scripts: str, links: Html | None = None) -> st
     """Write a complete HTML document with the styles and the notice that every page of ours carries, with
     these files of scripts, and with links to its sections beside it.
     """
-    script = "\n".join(['"use strict";', *map(asset, ("page.js", "layout.js", *scripts))])
+    script = "\n".join(['"use strict";', *map(asset, ("page.js", "layout.js", "tables.js", *scripts))])
     maker = f"Made by o3dls {__version__} ({AUTHORS}, {RELEASED[:4]}), an open research tool. {NOTICE}"
     footer = tag("footer", tag("p", maker))
     style = variables() + "".join(map(asset, STYLES))

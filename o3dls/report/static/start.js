@@ -19,6 +19,7 @@ function fillToolbar() {
 function showPanel(panel, on) {
   panel.shown = on;
   panel.figure.hidden = !on;
+  panels.forEach(noteColour);
   cut();
 }
 

@@ -126,3 +126,24 @@ def stretched(case: Any, matrix: Any) -> Any:
     return replace(
         case, prior=case.prior.transformed(matrix), points=points, prior_landmarks=marks, truth=truth
     )
+
+
+def test_a_picture_without_the_chosen_colour_offers_one_that_has_it(
+    visit: Visit, browser: Any, run: Path, tmp_path: Path
+) -> None:
+    """The other picture alone, and larger, or another estimate."""
+    tall = visit.page.locator("#panels canvas").last.bounding_box()["height"]
+    visit.page.select_option("#field", label="posterior standard deviation")
+    press(visit, "One large picture")
+    assert visit.page.locator("#panels figure:visible").count() == 1
+    assert visit.page.locator("#panels canvas").last.bounding_box()["height"] > 1.2 * tall
+    other = Visit(browser, write_report([run], tmp_path / "page.html", compare=("start", "icp")))
+    other.page.select_option("#field", label="posterior standard deviation")
+    other.page.get_by_role("button", name="Show level_set", exact=True).first.click()
+    other.settle()
+    assert other.page.locator("select.estimate").first.evaluate("one => one.selectedOptions[0].text") == (
+        "level_set"
+    )
+    assert other.page.get_by_role("button", name="Show level_set").count() == 0
+    assert other.page.get_by_role("button", name="One large picture").count() == 1
+    other.page.close()
