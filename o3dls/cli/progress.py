@@ -22,7 +22,7 @@ STEPS = ("%s: %s (%.2f s)", "fold %d of %d: %d points left out", "writing %s")
 
 
 class Bar:
-    """What is done, failed and left of so many cases, and an estimate of the time that these take."""
+    """The bar shows how many cases are done, failed and left, and estimates the time that the rest takes."""
 
     def __init__(self, cases: int) -> None:
         self.cases, self.done, self.failed, self.skipped = cases, 0, 0, 0

@@ -16,8 +16,8 @@ CLOCK = 10  # letters of the seconds before a line
 
 
 class Lines(logging.Formatter):
-    """Progress as plain lines; what is wrong says so first. On a terminal each begins with the seconds since
-    the start.
+    """Lines show progress as plain text; a line on something wrong says so first. On a terminal each begins
+    with the seconds since the start.
     """
 
     def __init__(self, terminal: bool) -> None:

@@ -29,8 +29,8 @@ AROUND = 0.4  # rms radii, 10 mm: the surroundings that a place is judged by
 
 @dataclass(frozen=True)
 class Place:
-    """A place worth measuring: xyz (d,) in the map frame, the surface's vertex there, and the distance to the
-    nearest mapping point.
+    """A place is worth measuring: it has xyz (d,) in the map frame, the surface's vertex there, and the
+    distance to the nearest mapping point.
 
     Expected errors, before and after a point there, are means over the wall and over the surroundings; those
     before know of the places proposed earlier. gain is the share of the mean variance that the point takes.
@@ -48,9 +48,7 @@ class Place:
 
 @dataclass(frozen=True)
 class Advice:
-    """Places in the order of their worth, and why there are no more of them where they are fewer than asked
-    for.
-    """
+    """Advice lists places in the order of their worth, and says why there are fewer than asked for, if so."""
 
     places: tuple[Place, ...]
     ended: str = ""
@@ -58,8 +56,8 @@ class Advice:
 
 @dataclass(frozen=True, eq=False)
 class _Wall:
-    """What is known of the wall while places are chosen: the covariance (m, m) of its sample, and the
-    variance (m,) before any was; of each vertex (n,) the nearest of the sample, deviation and weight.
+    """This is what is known of the wall while places are chosen: the covariance (m, m) of its sample, and the
+    variance (m,) before any place was; for each vertex (n,) the nearest of the sample, deviation and weight.
     """
 
     covariance: Array

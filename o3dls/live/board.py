@@ -23,7 +23,7 @@ WHOLE = (
 
 @dataclass(frozen=True)
 class Sent:
-    """An event as text, with its number, 0 for what is said to one page alone."""
+    """A sent event is one as text, with its number, 0 for what is said to one page alone."""
 
     seq: int
     kind: str
@@ -32,7 +32,7 @@ class Sent:
 
 @dataclass(eq=False)
 class Box:
-    """The events that wait for one page. Nobody who puts one in ever waits."""
+    """A box holds the events that wait for one page. Nobody who puts one in ever waits."""
 
     waiting: deque[Sent] = field(default_factory=deque)
     overrun: bool = False
@@ -65,7 +65,7 @@ class Box:
 
 
 class Board:
-    """The session as pages know it. Safe to use from several threads."""
+    """The board holds the session as pages know it. Safe to use from several threads."""
 
     def __init__(self) -> None:
         self.session = secrets.token_hex(4)  # each session numbers its events from 1

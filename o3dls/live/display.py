@@ -32,7 +32,8 @@ Event = dict[str, Any]
 
 
 class Display:
-    """What pages see of the estimates of one prior: events `scene` and `surface`, the faces chosen once.
+    """A display turns the estimates of one prior into what pages see: events `scene` and `surface`, the faces
+    chosen once.
 
     Estimates must be the prior's own faces moved, as those of `deform` are; None is the prior in its own
     frame, before anything has brought it to the map.

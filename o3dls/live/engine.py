@@ -49,8 +49,8 @@ def _receive_actions(connection: Connection, inbox: SimpleQueue[tuple[str, Any]]
 
 
 class Engine:
-    """The estimate of a session, and what is said of it. send: takes an event; inbox: actions, ended fits,
-    advice.
+    """The engine keeps the estimate of a session, and says what becomes of it. send: takes an event; inbox:
+    actions, ended fits, advice.
     """
 
     def __init__(self, session: Session, send: Any, inbox: SimpleQueue[Any], background: Background) -> None:

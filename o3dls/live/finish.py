@@ -44,9 +44,9 @@ def telling(tell: Callable[[str], None]) -> Iterator[None]:
 
 @dataclass(frozen=True, eq=False)
 class Finished:
-    """What a session leaves: its folders, the run, and how far the last surface that was shown lies (mean, in
-    the case's unit) from the run's own motion of the prior and from its final surface; None where none was
-    shown.
+    """This is what a session leaves: its folders, the run, and how far the last surface that was shown lies
+    (mean, in the case's unit) from the run's own motion of the prior and from its final surface; None where
+    none was shown.
     """
 
     case: Path

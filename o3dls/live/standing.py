@@ -28,7 +28,9 @@ MOST_HISTORY = 300  # entries; where there are more, every other of the older ha
 
 
 class Advisor:
-    """Chooses the places of one prior that are best to touch next, on a copy of it with few faces."""
+    """The advisor chooses the places of one prior that are best to touch next, on a copy of it with few
+    faces.
+    """
 
     def __init__(self, prior: Surface) -> None:
         self.prior = decimated(replace(prior, fields={}), FACES, FACES)
@@ -58,8 +60,8 @@ class Advisor:
 
 @dataclass
 class Standing:
-    """What the event `state` says. expected: errors of the mapped wall and the rest; history: of them over
-    the number of points.
+    """The standing is what the event `state` says. expected: errors of the mapped wall and the rest; history:
+    of them over the number of points.
     """
 
     points: int = 0

@@ -29,8 +29,8 @@ ALL_ORDERS = 6  # up to 720 orders are tried; of more landmarks only exchanges o
 
 @dataclass(frozen=True, eq=False)
 class Reading:
-    """One way to read the landmarks: which old name each gets (`order`), whether the side is mirrored; the
-    pose and its rms error.
+    """A reading is one way to read the landmarks: which old name each gets (`order`), whether the side is
+    mirrored; the pose and its rms error.
     """
 
     order: tuple[int, ...]

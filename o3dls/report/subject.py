@@ -41,7 +41,7 @@ SETS = {
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """One estimate as the report shows it: run, name there, its own unique name, what run.json says."""
+    """A result is one estimate as the report shows it: run, name there, its own name, what run.json says."""
 
     name: str
     key: str
@@ -103,7 +103,7 @@ class Result:
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """Results in order, names of the ones to show side by side, and the case, which all runs share."""
+    """A subject has results in order, the names to show side by side, and the case that all runs share."""
 
     results: Mapping[str, Result]
     shown: Sequence[str]

@@ -23,8 +23,8 @@ MAPPED, PRIOR_ONLY = "mapped wall", "no points here: shape from the image alone"
 
 @dataclass(frozen=True)
 class Part:
-    """One part of the wall: its expected error, the mean error `found` at `n` points that were not fitted,
-    and the difference from the baseline there; None where it is not known.
+    """A part is one of the wall's: its expected error, the mean error `found` at `n` points that were not
+    fitted, and the difference from the baseline there; None where it is not known.
     """
 
     name: str

@@ -32,7 +32,9 @@ log = logging.getLogger("o3dls")
 
 @dataclass(frozen=True)
 class Choice:
-    """What the window shows: an estimate, a field (None: plain) and what stands around the surface."""
+    """A choice says what the window shows: an estimate, a field (None: plain) and what stands around the
+    surface.
+    """
 
     estimate: int
     field: int | None = 0
@@ -44,7 +46,9 @@ class Choice:
 
 
 class Stand:
-    """The run as geometry for Open3D, in the colours and scales of its report; knows no window."""
+    """This gives the run as geometry for Open3D, in the colours and scales of its report; it knows no
+    window.
+    """
 
     def __init__(self, subject: Subject) -> None:
         self.subject = replace(subject, shown=list(subject.results))

@@ -153,19 +153,20 @@ def test_no_table_is_wider_than_its_place(
     """Nothing has to be scrolled to; where columns do not fit, every value stands behind its heading."""
     for page in (report, flat):
         visit = opened(browser, page, size)
+        assert violations(visit) == []
         visit.page.evaluate("document.querySelectorAll('details').forEach((one) => { one.open = true; })")
         visit.settle()
         assert visit.page.evaluate(WIDER) == []
         labels = visit.page.evaluate(LABELS)
         assert (len(labels) > 3) == (size == PHONE) or size == TABLET
-        assert all(label for label in labels)
-        assert violations(visit) == []
+        assert all(labels)
         visit.page.close()
 
 
 WIDER = """() => [...document.querySelectorAll('.scroll')].filter((one) => one.clientWidth)
     .filter((one) => one.scrollWidth > one.clientWidth + 1).map((one) => one.textContent.slice(0, 40))"""
-LABELS = "() => [...document.querySelectorAll('.cards tbody td')].map((one) => one.dataset.label)"
+LABELS = """() => [...document.querySelectorAll('.cards tbody td')]
+    .filter((one) => !one.querySelector('button')).map((one) => one.dataset.label)"""
 
 
 def test_a_card_has_the_words_of_its_row(browser: Any, report: Path) -> None:

@@ -20,8 +20,8 @@ RIM = 0.76  # of a ball's radius, beyond which it is white: it stands out on a w
 
 @dataclass(frozen=True)
 class View:
-    """Orthographic camera: rows of `axes` are right, up and towards the viewer; `centre` is in the middle,
-    `height` mm fit the picture.
+    """A view is an orthographic camera: rows of `axes` are right, up and towards the viewer; `centre` is in
+    the middle, `height` mm fit the picture.
     """
 
     axes: Array
@@ -34,7 +34,9 @@ class View:
 
 
 class Canvas:
-    """A picture with depth: draw surfaces and balls into it in any order, then take the pixels."""
+    """A canvas is a picture with depth: draw surfaces and balls into it in any order, then take the
+    pixels.
+    """
 
     def __init__(self, view: View, width: int, height: int, background: tuple[float, float, float]) -> None:
         self.view = view

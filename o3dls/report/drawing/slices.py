@@ -20,7 +20,7 @@ STRIP = 34  # above and below them, for the scale bar and the names of the sides
 
 @dataclass(frozen=True)
 class Outline:
-    """Segments (n, 2, 2) of one surface with its name and CSS classes."""
+    """An outline has the segments (n, 2, 2) of one surface with its name and CSS classes."""
 
     name: str
     classes: str
@@ -49,8 +49,8 @@ def _cross_level(a: Array, b: Array, axis: int, level: float) -> Array:
 
 @dataclass(frozen=True)
 class Frame:
-    """What part of a plane is drawn: low and high (2,) corners in a unit, and what lies to the left, to the
-    right, below and above, where that has names.
+    """A frame says what part of a plane is drawn: low and high (2,) corners in a unit, and what lies to the
+    left, to the right, below and above, where that has names.
 
     Frames of one size have one scale, wherever the page shows them in one width.
     """

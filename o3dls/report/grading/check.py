@@ -19,7 +19,9 @@ WORDS: Mapping[Grade, str] = {
 
 @dataclass(frozen=True)
 class Check:
-    """One entry of the strip: what is looked at, how it came out, and why in a sentence and in short."""
+    """A check is one entry of the strip: what is looked at, how it came out, and why in a sentence and in
+    short.
+    """
 
     name: str
     grade: Grade

@@ -29,8 +29,8 @@ HEAD = (
 
 @dataclass(frozen=True)
 class Located:
-    """A place with its region (empty where regions are not known), and the nearest landmark with its distance
-    (empty and None where there is none).
+    """A located place has its region (empty where regions are not known), and the nearest landmark with its
+    distance (empty and None where there is none).
     """
 
     place: Place

@@ -11,7 +11,7 @@
       row.setAttribute("role", "row");
       [...row.cells].forEach((cell, k) => {
         const inHead = row.parentElement === table.tHead;
-        cell.setAttribute("role", inHead ? "columnheader" : cell.tagName === "TH" ? "rowheader" : "cell");
+        cell.setAttribute("role", inHead && heads[k] ? "columnheader" : !inHead && cell.tagName === "TH" ? "rowheader" : "cell");
         if (!inHead) cell.dataset.label = heads[k] ?? "";
       });
     }
