@@ -50,8 +50,8 @@ class Bar:
 
 
 class RunBar(logging.Handler):
-    """How many of a run's steps are done, and for how long it has been at it: stages, folds and what is
-    written, as the log tells them.
+    """A handler of the log that counts the steps of a run, which are stages, folds and files, and the time that
+    it has taken so far.
     """
 
     def __init__(self, steps: int) -> None:
