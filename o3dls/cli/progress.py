@@ -50,9 +50,7 @@ class Bar:
 
 
 class RunBar(logging.Handler):
-    """A handler of the log that counts the steps of a run, which are stages, folds and files, and the time that
-    it has taken so far.
-    """
+    """The bar of a run counts its stages, folds and files as the log tells them, and the seconds so far."""
 
     def __init__(self, steps: int) -> None:
         super().__init__(logging.INFO)
