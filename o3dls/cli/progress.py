@@ -50,7 +50,7 @@ class Bar:
 
 
 class RunBar(logging.Handler):
-    """The bar of a run counts its stages, folds and files as the log tells them, and the seconds so far."""
+    """The bar shows how many stages, folds and files of a run are done, and how long it has been at it."""
 
     def __init__(self, steps: int) -> None:
         super().__init__(logging.INFO)
