@@ -73,10 +73,10 @@ class ByTask(click.Group):
         for task, names in TASKS.items():
             known = [(name, self.get_command(ctx, name)) for name in names]
             with formatter.section(task):
-                formatter.write_dl([(name, _first_sentence(one)) for name, one in known if one])
+                formatter.write_dl([(name, _read_first_sentence(one)) for name, one in known if one])
 
 
-def _first_sentence(command: click.Command) -> str:
+def _read_first_sentence(command: click.Command) -> str:
     return command.get_short_help_str(limit=MOST_LETTERS)
 
 
