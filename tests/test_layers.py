@@ -19,6 +19,7 @@ LAYERS = (
     "arrays",
     "errors",
     "run_warning",
+    "child_processes",
     "parallel",
     "cholesky",
     "settings",

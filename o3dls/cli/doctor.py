@@ -17,6 +17,7 @@ from time import perf_counter
 import numpy as np
 
 from ..case import Case, Points
+from ..child_processes import protect_path
 from ..errors import O3dlsError
 from ..geometry.surface import outline
 
@@ -231,6 +232,7 @@ def _try_check(name: str, fault: Callable[[], str], well: str, prefix: str, reme
 def _check_renderer() -> Check:
     """Check Open3D's renderer, in a process of its own: it is known to hang. o3dls draws without it."""
     name, remedy = "open3d's renderer", "sudo apt-get install libegl1 libvulkan1 mesa-vulkan-drivers"
+    protect_path()
     try:
         done = subprocess.run(
             [sys.executable, "-c", RENDER],

@@ -17,6 +17,7 @@ from threading import Event
 from time import monotonic
 from typing import Any, Generic, TypeVar
 
+from ..child_processes import protect_path
 from ..errors import InputError
 from .on_worker import Order, done_here, ordered, released
 from .place import Task
@@ -84,7 +85,7 @@ def _check_address(address: str) -> None:
     ever for one that says nothing.
     """
     found = ADDRESS.fullmatch(address)
-    if not found:
+    if not found or int(found[3]) > 65535:
         raise InputError(
             f"--scheduler: '{address}': must be {LOCAL}, or the address of a scheduler, such as tcp://host:8786"
         )
@@ -101,6 +102,7 @@ def _local_cluster(workers: int) -> Iterator[Any]:
     import dask
     from distributed import LocalCluster
 
+    protect_path()
     settings: dict[str, Any] = dict(QUIETER)
     if not os.environ.get("NUMBA_NUM_THREADS"):
         cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

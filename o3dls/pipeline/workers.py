@@ -10,13 +10,13 @@ import time
 from collections.abc import Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import ExitStack, contextmanager
-from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from multiprocessing.context import SpawnContext
 from threading import Thread
 from typing import Any
 
 from .. import parallel
+from ..child_processes import spawn_context
 from ..errors import InputError
 
 GRACE = 2.0  # seconds in which a process that was told to end may remove what it has half made
@@ -31,7 +31,7 @@ def workers(processes: int, beside: int = 0) -> Iterator[Executor]:
     beside: how many processes of other pools share the cores with these. Raises InputError where the system
     lets none begin.
     """
-    spawn = get_context("spawn")  # fork hangs once numba has used its threads
+    spawn = spawn_context()
     theirs, ours = spawn.Pipe(duplex=False)
     with ours, theirs, _open_pool(processes, spawn, (processes + beside, theirs)) as pool:
         results = pool._result_queue  # kept, since a pool that is shut down forgets it
