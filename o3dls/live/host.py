@@ -6,13 +6,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import suppress
+from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from threading import Event, Lock, Thread
 from time import monotonic
 from typing import Any
 
 from ..arrays import Array
-from ..child_processes import spawn_context
+from ..child_processes import safe_path
 from ..errors import InputError
 from .engine import APART, serve
 from .journal import Journal
@@ -114,10 +115,11 @@ class Host:
             self._engine.send(checked)
 
     def _begin_engine(self) -> None:
-        spawn = spawn_context()
+        spawn = get_context("spawn")  # fork hangs once numba has used its threads
         ours, theirs = spawn.Pipe()
         process = spawn.Process(target=serve, args=(theirs, self.session))
-        process.start()
+        with safe_path():
+            process.start()
         theirs.close()
         self._engine = ours
         self._begun = monotonic()
