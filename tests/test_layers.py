@@ -18,6 +18,7 @@ LAYERS = (
     "kernel_cache",
     "arrays",
     "errors",
+    "places",
     "run_warning",
     "child_processes",
     "parallel",
