@@ -5,20 +5,26 @@ would be run in that module's place, and the folder may be anybody's.
 from __future__ import annotations
 
 import os
-from multiprocessing import get_context
-from multiprocessing.context import SpawnContext
+from collections.abc import Iterator
+from contextlib import contextmanager
 
-SAFE_PATH = "PYTHONSAFEPATH"  # every Python that is begun from here on obeys it, whoever begins it
+SAFE_PATH = "PYTHONSAFEPATH"  # every Python that is begun while it is set obeys it, whoever begins it
+
+
+@contextmanager
+def safe_path() -> Iterator[None]:
+    """Keep the working folder out of the path of every Python that is begun within this."""
+    before = os.environ.get(SAFE_PATH)
+    os.environ[SAFE_PATH] = "1"
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ[SAFE_PATH]
+        else:
+            os.environ[SAFE_PATH] = before
 
 
 def protect_path() -> None:
-    """Keep the working folder out of the path of every Python that this process begins from now on."""
+    """Do the same for as long as this process lives, which must be one of ours alone."""
     os.environ[SAFE_PATH] = "1"
-
-
-def spawn_context() -> SpawnContext:
-    """Return what begins processes of our own, with a safe path. A fork would hang once numba has used its
-    threads.
-    """
-    protect_path()
-    return get_context("spawn")

@@ -17,7 +17,6 @@ from time import perf_counter
 import numpy as np
 
 from ..case import Case, Points
-from ..child_processes import protect_path
 from ..errors import O3dlsError
 from ..geometry.surface import outline
 
@@ -232,10 +231,9 @@ def _try_check(name: str, fault: Callable[[], str], well: str, prefix: str, reme
 def _check_renderer() -> Check:
     """Check Open3D's renderer, in a process of its own: it is known to hang. o3dls draws without it."""
     name, remedy = "open3d's renderer", "sudo apt-get install libegl1 libvulkan1 mesa-vulkan-drivers"
-    protect_path()
     try:
         done = subprocess.run(
-            [sys.executable, "-c", RENDER],
+            [sys.executable, "-P", "-c", RENDER],  # -P: what lies in the working folder is not run
             capture_output=True,
             text=True,
             timeout=RENDER_SECONDS,

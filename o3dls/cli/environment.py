@@ -14,13 +14,10 @@ LEAST = 1536  # MiB of addresses: Open3D, pymeshlab, numba and scipy take 1100, 
 NUMBA_FILE = (
     ".numba_config.yaml"  # numba obeys it in the working folder, and runs what is in a folder it names
 )
-OWN = {
-    # before numpy: our systems are small, and threads made them ten times slower
-    "OPENBLAS_NUM_THREADS": lambda given: given or "1",
-    # pictures are drawn without a window, and look the same in every folder and home
-    "MPLBACKEND": lambda given: "agg",
-    "MATPLOTLIBRC": lambda given: os.devnull,
-}
+# read before numpy begins: our systems are small, and threads made them ten times slower
+USUAL = {"OPENBLAS_NUM_THREADS": "1"}
+# pictures are drawn without a window, and look the same in every folder and home
+FIXED = {"MPLBACKEND": "agg", "MATPLOTLIBRC": os.devnull}
 WHOLE = {"NUMBA_NUM_THREADS": 1, "SOURCE_DATE_EPOCH": 0}  # the least of each
 MOST_DIGITS = 10
 
@@ -42,8 +39,9 @@ def open_streams() -> None:
 
 def settle_variables() -> None:
     """Set the variables by which libraries would do otherwise than we need."""
-    for name, settle in OWN.items():
-        os.environ[name] = settle(os.environ.get(name))
+    for name, value in USUAL.items():
+        os.environ.setdefault(name, value)
+    os.environ.update(FIXED)
 
 
 def check_environment(variables: Mapping[str, str] = os.environ) -> None:

@@ -33,6 +33,7 @@ from .start import (
     doubtful_pose,
     misfit,
     pose_unknown,
+    say_unpaired,
     start_digest,
     start_estimate,
 )
@@ -106,6 +107,7 @@ class Pipeline:
         from ..parallel import started_beside
 
         begin = perf_counter()
+        say_unpaired(case)
         self._check_case(case)
         for writer in self.writes:
             started_beside(writer.prepare)

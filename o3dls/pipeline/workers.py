@@ -10,13 +10,14 @@ import time
 from collections.abc import Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import ExitStack, contextmanager
+from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from multiprocessing.context import SpawnContext
 from threading import Thread
 from typing import Any
 
 from .. import parallel
-from ..child_processes import spawn_context
+from ..child_processes import safe_path
 from ..errors import InputError
 
 GRACE = 2.0  # seconds in which a process that was told to end may remove what it has half made
@@ -31,12 +32,12 @@ def workers(processes: int, beside: int = 0) -> Iterator[Executor]:
     beside: how many processes of other pools share the cores with these. Raises InputError where the system
     lets none begin.
     """
-    spawn = spawn_context()
+    spawn = get_context("spawn")  # fork hangs once numba has used its threads
     theirs, ours = spawn.Pipe(duplex=False)
     with ours, theirs, _open_pool(processes, spawn, (processes + beside, theirs)) as pool:
         results = pool._result_queue  # kept, since a pool that is shut down forgets it
         try:
-            with _block_interrupts():
+            with _block_interrupts(), safe_path():
                 for _ in range(processes):
                     pool.submit(int)  # begins a process
             yield pool
@@ -50,7 +51,8 @@ def workers(processes: int, beside: int = 0) -> Iterator[Executor]:
 
 def _open_pool(processes: int, spawn: SpawnContext, given: tuple[int, Connection]) -> ProcessPoolExecutor:
     try:
-        return ProcessPoolExecutor(processes, spawn, initializer=_begin_process, initargs=given)
+        with safe_path():  # semaphores have a process of Python that looks after them
+            return ProcessPoolExecutor(processes, spawn, initializer=_begin_process, initargs=given)
     except (OSError, ImportError) as error:  # ImportError: Python was built without semaphores
         raise InputError(
             f"no further process can be begun ({error}): processes need semaphores, on Linux in a /dev/shm "

@@ -17,6 +17,7 @@ from tiny import ball_case
 from o3dls.cli.environment import check_environment
 from o3dls.errors import InputError
 from o3dls.io.case_writer import write_case
+from o3dls.pipeline.workers import workers
 
 LANDMARKS = 'folds = 2\n[[stage]]\nuse = "landmarks"\n'
 # modules of Python, of the libraries and of ours that some process of a command imports
@@ -79,11 +80,11 @@ def test_neither_are_they_by_python_m(strange: Path) -> None:
 
 
 def test_every_process_of_ours_is_begun_with_a_safe_path() -> None:
-    begins = re.compile(r"get_context\(|sys\.executable|LocalCluster\(|Popen\(")
+    begins = re.compile(r"get_context\(|\[sys\.executable|LocalCluster\(|Popen\(")
     for path in (ROOT / "o3dls").rglob("*.py"):
         text = path.read_text(encoding="utf-8")
         if begins.search(text):
-            assert re.search(r"protect_path\(\)|sys\.executable\}", text), path
+            assert re.search(r"safe_path\(\)|sys\.executable, \"-P\"", text), path
 
 
 def test_numbas_file_in_the_working_folder_is_refused(tmp_path: Path) -> None:
@@ -154,3 +155,11 @@ def test_a_command_does_its_work_with_closed_streams(tmp_path: Path, closed: str
     assert done.returncode == 0
     assert (tmp_path / "out/run.json").is_file()
     assert sorted(path.name for path in tmp_path.iterdir()) == ["ball", "out", "pipe.toml"]
+
+
+def test_the_environment_of_who_imports_o3dls_stays_as_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The path of what a program begins after it has used ours is its own affair."""
+    monkeypatch.delenv("PYTHONSAFEPATH", raising=False)
+    with workers(1) as pool:
+        assert pool.submit(os.getenv, "PYTHONSAFEPATH").result() == "1"
+    assert "PYTHONSAFEPATH" not in os.environ
