@@ -51,8 +51,7 @@ def run_into(
     """
     check_free(out, force, "run")
     with log_of_failure(out), crash_of_failure(out, case, pipeline.record()):
-        run = pipeline.run(case, pool)
-        run.write(out, force=force)
+        run = pipeline.run(case, pool).written(out, force=force)
     forget_failure(out)
     return run
 

@@ -21,11 +21,11 @@ from o3dls.geometry.similarity import apply, fit_similarity, similarity
 from o3dls.geometry.surface import Surface
 from o3dls.motion import fit as fit_module
 from o3dls.motion import model_selection
+from o3dls.motion.field.observations import Data
 from o3dls.motion.fit import _first_weights, fit_motion, settled
 from o3dls.motion.iteration import Step, begin, believe, find_feet, mixed
 from o3dls.motion.leverage_points import energy_with_strain, leverage_points
 from o3dls.motion.model_selection import fit_pose
-from o3dls.motion.observations import Data
 from o3dls.motion.problem import MotionProblem, motion_problem
 from o3dls.motion.result import Iterated, MotionFit, state_facts
 from o3dls.motion.settings import MotionSettings
