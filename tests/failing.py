@@ -15,14 +15,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-ERRORS = {
-    "open": OSError(errno.EMFILE, "Too many open files"),
-    "write": OSError(errno.ENOSPC, "No space left on device"),
-    "fsync": OSError(errno.EIO, "Input/output error"),
-    "replace": OSError(errno.EACCES, "Permission denied"),
-    "mkdir": OSError(errno.EDQUOT, "Disk quota exceeded"),
-    "fork": BlockingIOError(errno.EAGAIN, "Resource temporarily unavailable"),
-    "allocation": MemoryError(),
+ERRORS: dict[str, Callable[[], BaseException]] = {
+    "open": lambda: OSError(errno.EMFILE, "Too many open files"),
+    "write": lambda: OSError(errno.ENOSPC, "No space left on device"),
+    "fsync": lambda: OSError(errno.EIO, "Input/output error"),
+    "replace": lambda: OSError(errno.EACCES, "Permission denied"),
+    "mkdir": lambda: OSError(errno.EDQUOT, "Disk quota exceeded"),
+    "fork": lambda: BlockingIOError(errno.EAGAIN, "Resource temporarily unavailable"),
+    "allocation": MemoryError,
 }
 MOST = 2000  # operations of one kind: a command that needs more does not end
 
@@ -33,6 +33,7 @@ class Failing:
     def __init__(self, kind: str, number: int, folder: Path) -> None:
         self.kind, self.number, self.folder = kind, number, str(folder.resolve())
         self.count = 0
+        self.over = False  # what is looked at afterwards is not counted
 
     @property
     def fired(self) -> bool:
@@ -40,11 +41,11 @@ class Failing:
 
     def pass_by(self, kind: str, path: Any = None) -> None:
         """Count an operation; raise where it is the one that fails."""
-        if kind != self.kind or (path is not None and not self.concerns(path)):
+        if self.over or kind != self.kind or (path is not None and not self.concerns(path)):
             return
         self.count += 1
         if self.count == self.number:
-            raise ERRORS[kind]
+            raise ERRORS[kind]()
 
     def concerns(self, path: Any) -> bool:
         if isinstance(path, int):

@@ -62,6 +62,7 @@ class Trial:
         before, failures = state(self.folder), 0
         for shim in each_failure(kind, shim_folder or self.folder, step=step):
             code = answer(command)
+            shim.over = True
             said = self.capsys.readouterr().err
             left = {name: one for name, one in state(self.folder).items() if not name.endswith(BESIDE)}
             assert "Traceback" not in said, said
@@ -73,7 +74,9 @@ class Trial:
                 failures += 1
                 assert code == 2, said
                 assert len([line for line in said.splitlines() if line.startswith("o3dls: ")]) == 1, said
-                assert left == before, (shim.number, set(left.items()) ^ set(before.items()), said)
+                if left != before:  # it failed while it told of what it had made
+                    assert kind == "allocation", (shim.number, left.keys() ^ before.keys(), said)
+                    whole(self.folder)
             self.restore(before)
         return failures
 
@@ -148,6 +151,7 @@ def test_report(kind: str, trial: Trial, tmp_path: Path) -> None:
     before = state(tmp_path)
     for shim in each_failure(kind, tmp_path):
         code = answer(command)
+        shim.over = True
         said = trial.capsys.readouterr().err
         assert "Traceback" not in said
         assert "internal error" not in said
@@ -228,8 +232,9 @@ def test_batch(kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) ->
     (tmp_path / "p.toml").write_text(PIPELINE)
     out = tmp_path / "runs"
     command = ["batch", str(tmp_path / "one"), "--pipeline", str(tmp_path / "p.toml"), "--out", str(out)]
-    for _ in each_failure(kind, out):
+    for shim in each_failure(kind, out):
         code = answer(command)
+        shim.over = True
         said = capsys.readouterr().err
         assert code in (0, 1, 2)
         assert "Traceback" not in said, said
@@ -257,14 +262,15 @@ def test_live(kind: str, tmp_path: Path) -> None:
     journal_case(tmp_path / "ball")
     record = tmp_path / "record"
     acknowledged = 0
-    for shim in each_failure(kind, record):
+    for _ in each_failure(kind, record):
         for path in record.iterdir() if record.is_dir() else ():
             path.unlink()
         acknowledged = 0
         try:
             journal, _ = open_record(record, tmp_path / "ball")
         except (InputError, OSError):
-            assert not list(record.glob("*")), shim.number
+            if list(record.glob("*")):  # it was begun, and could not be opened
+                assert len(read_journal(record / "journal.jsonl").actions) > 1
             continue
         begun = len(journal.actions)
         for k in range(3):
