@@ -11,7 +11,7 @@ import pytest
 
 from o3dls.errors import InputError
 from o3dls.io.case_reader import read_case
-from o3dls.io.images.labels import surface_of
+from o3dls.io.images.labels import _whole_values, surface_of
 from o3dls.io.images.voxels import Image
 from o3dls.io.surfaces import read_surface_file
 from o3dls.runs.conversion import convert
@@ -608,3 +608,17 @@ def test_a_label_lies_where_it_lay_however_much_is_around_it(
     shift = np.array([0.0 if a == axis and touches else 30.0 for a in range(3)]) * [-1, -1, 2]
     np.testing.assert_allclose(far.vertices, near.vertices + shift, atol=1e-6)
     assert np.array_equal(far.faces, near.faces)
+
+
+@pytest.mark.parametrize("kind", ["u1", "i2", "u8", "i8", "f4"])
+def test_labels_are_those_that_numpy_finds(kind: str) -> None:
+    values = np.array([[3, 3, 0], [120, 7, 3]]).astype(kind)
+    cases = [values, values + np.array(1 << 40).astype(kind)] if kind in ("u8", "i8") else [values]
+    if kind in ("i2", "i8"):
+        cases.append(-values)
+    for one in cases:
+        assert _whole_values("a", one) == set(np.unique(one).tolist())
+    most = np.array([[2**64 - 1, 2**64 - 3]], dtype="u8")
+    assert _whole_values("a", most) == {2**64 - 1, 2**64 - 3}
+    wide = np.array([[-(1 << 62), 1 << 62, 5]], dtype="i8")
+    assert _whole_values("a", wide) == {-(1 << 62), 1 << 62, 5}

@@ -20,6 +20,7 @@ from .wall import mask_surface, slices_first
 
 __all__ = ["knows", "read"]
 MANY_LABELS = 200  # different ones: an atlas of the whole body has some hundred
+MOST_COUNTED = 1 << 16  # values between the least and the greatest
 MOST_LABELS = 1000  # more are no labels, whatever is said of them
 Box = tuple[float, float, float, float, float, float]
 
@@ -168,6 +169,12 @@ def _find_labels(path: str, values: NDArray[Any]) -> list[int]:
 
 def _whole_values(path: str, values: NDArray[Any]) -> set[int]:
     """Return the different values of a slice. Raises InputError where one is not a whole number."""
+    if values.dtype.kind in "iu":
+        low, high = int(values.min()), int(values.max())
+        if high - low < MOST_COUNTED:  # counting takes a tenth of the time of sorting
+            above = values.astype(np.int64)
+            above -= above.min()
+            return {low + int(k) for k in np.flatnonzero(np.bincount(above.ravel()))}
     found = np.unique(values)
     if found.dtype.kind == "f" and not ((found == np.round(found)) & (np.abs(found) < 1e9)).all():
         raise InputError(
