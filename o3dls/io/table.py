@@ -192,19 +192,15 @@ def _read_header(
 
 
 def write_table(
-    path: str | Path,
-    columns: Mapping[str, NDArray[Any]],
-    notes: Mapping[str, str] | None = None,
-    within: Path | None = None,
+    path: str | Path, columns: Mapping[str, NDArray[Any]], notes: Mapping[str, str] | None = None
 ) -> None:
-    """Write equal-length columns as CSV; numbers keep all their digits, NaN becomes an empty cell. within: as
-    for `write_file`. Raises InputError for line breaks.
+    """Write equal-length columns as CSV; numbers keep all their digits, NaN becomes an empty cell. Raises
+    InputError for line breaks.
     """
     note = "# " + " ".join(f"{key}={value}" for key, value in notes.items()) + "\n" if notes else ""
     cells = (_format_column(values, f"{path}: column '{name}'") for name, values in columns.items())
     header = [_quote_cell(_mark_formula(name)) for name in columns]
-    text = note + "".join(_join_cells(row) for row in (header, *zip(*cells, strict=True)))
-    write_file(path, text, within)
+    write_file(path, note + "".join(_join_cells(row) for row in (header, *zip(*cells, strict=True))))
 
 
 def _join_cells(cells: Iterable[str]) -> str:

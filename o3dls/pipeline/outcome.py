@@ -12,7 +12,7 @@ from ..errors import InputError, escaped
 from ..io.atomic import write_file
 from ..io.documents import read_json
 from ..io.table import read_table
-from ..places import PARTIAL, beside
+from ..places import PARTIAL, beside, check_inside
 from ..runs.estimate_files import write_rows
 from ..runs.folder import read_record
 from ..runs.tables import score_rows
@@ -95,7 +95,9 @@ def _read_failure(name: str, path: Path) -> Outcome:
     said = read_json(path)
     if not isinstance(said, dict) or not isinstance(said.get("error"), str):
         raise InputError(f"{path}: does not say why the case failed; run it again")
-    name = said["case"] if isinstance(said.get("case"), str) else name  # that of the file may be cut
+    case = said.get("case")  # a long name is cut in that of the file
+    if isinstance(case, str) and "/" not in case and beside(path.parent / case, FAILED) == path:
+        name = case
     return Outcome(name, [], [], said["error"], [str(warning) for warning in said.get("warnings", [])])
 
 
@@ -104,7 +106,8 @@ def write_table(out: Path, outcomes: Iterable[Outcome]) -> None:
     computed.
     """
     ordered = sorted(outcomes, key=lambda outcome: outcome.case)
-    write_rows(out / COHORT, [row for outcome in ordered for row in cohort_rows(outcome)], within=out)
+    check_inside(out / COHORT, out)
+    write_rows(out / COHORT, [row for outcome in ordered for row in cohort_rows(outcome)])
 
 
 def cohort_rows(outcome: Outcome) -> list[dict[str, Any]]:

@@ -128,16 +128,14 @@ def _as_warning(found: WarningRecord) -> RunWarning:
     return RunWarning(found.code, found.sentence, found.stage)
 
 
-def write_rows(path: Path, rows: Any, within: Path | None = None) -> None:
+def write_rows(path: Path, rows: Any) -> None:
     """Write rows of records as a table; a value that a row has not is an empty cell, a line break in a text
-    is escaped. within: as for `staged_file`.
+    is escaped.
     """
     names = dict.fromkeys(key for row in rows for key in row)
     if names:
         write_table(
-            path,
-            {name: np.array([_as_cell(row.get(name)) for row in rows], dtype=object) for name in names},
-            within=within,
+            path, {name: np.array([_as_cell(row.get(name)) for row in rows], dtype=object) for name in names}
         )
 
 
