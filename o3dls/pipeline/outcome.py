@@ -23,7 +23,7 @@ FAILED = ".failed.json"  # ends the name of the file that says why a case has no
 
 @dataclass(frozen=True)
 class Outcome:
-    """The outcome of one case: what became of it, and what it was warned of.
+    """An outcome says what became of one case, and what it was warned of.
 
     Rows of its scores, or the sentence that says why there are none. skipped: its run was there already.
     """
