@@ -48,12 +48,12 @@ VERDICT_LINES, TEXT_LINES = 4, 6  # the verdict has at most so many lines, and v
 
 
 def write_slides(subject: Subject, folder: Path, pdf: Path) -> None:
-    """Write figures/*.png into a folder and the one-page PDF."""
+    """Write figures/*.png into a folder beside the one-page PDF, and that."""
     summary, page = _draw_summary(subject)
     pictures = {"summary.png": summary, "distances.png": _distances_png(subject), **_surface_pngs(subject)}
     for name, data in pictures.items():
-        write_file(folder / name, data)
-    write_file(pdf, page)
+        write_file(folder / name, data, within=pdf.parent)
+    write_file(pdf, page, within=pdf.parent)
 
 
 def _surface_pngs(subject: Subject) -> dict[str, bytes]:
