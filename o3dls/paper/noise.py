@@ -27,7 +27,10 @@ GENERATORS = {"star": data_synth.star, "jar": data_synth.jar}
 LEVELS = {"star": (2.0, 6.0, 10.0), "jar": (3.0, 6.0, 9.0, 12.0)}  # percent of the points' standard deviation
 SHOWN = ("icp", "similarity", "level_set")
 MADE = {
-    "star": "200 x 200 px, 33 points; the template is bent by 8 px over 80 px, and shaken by 2 px over 12 px",
+    "star": (
+        "200 x 200 px, 33 points; the template is bent by 8 px over 80 px, and shaken by 2 px over 12 px; "
+        "in the plane nothing is reconstructed: φ is the signed distance of the moved template"
+    ),
     "jar": (
         "60 x 60 x 80 mm, 282 points; the template is bent by 2 mm over 60 mm, and shaken by 0.3 mm over 8 mm"
     ),
