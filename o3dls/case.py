@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .arrays import Array
+from .arrays import Array, without_masked
 from .errors import InputError, did_you_mean
 from .geometry.similarity import is_pose
 from .geometry.surface import Surface
@@ -55,9 +55,9 @@ class Points:
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "xyz", np.asarray(self.xyz, dtype=np.float64))
+        object.__setattr__(self, "xyz", without_masked(self.xyz).astype(np.float64))
         object.__setattr__(self, "type", np.asarray(self.type, dtype=str))
-        columns, said = known_values({name: np.asarray(values) for name, values in self.columns.items()})
+        columns, said = known_values({name: without_masked(values) for name, values in self.columns.items()})
         object.__setattr__(self, "columns", columns)
         object.__setattr__(self, "notes", tuple(dict.fromkeys((*self.notes, *said))))
         if self.xyz.ndim != 2:

@@ -13,7 +13,7 @@ from typing import Any, Unpack
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Array
+from ..arrays import Array, masked_in, without_masked
 from ..case import Points
 from ..errors import InputError, did_you_mean
 from ..geometry.similarity import TURN
@@ -158,7 +158,7 @@ def stated_surface(thing: Any, where: str, *, frame: str | None = None, **choice
 
 def _keep_numbers(values: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
     """Return those values that are numbers, truth being 0 or 1."""
-    arrays = {name: np.asarray(one) for name, one in values.items()}
+    arrays = {name: without_masked(one) for name, one in values.items()}
     return {
         name: one.astype(np.int64) if one.dtype.kind == "b" else one
         for name, one in arrays.items()
@@ -168,9 +168,10 @@ def _keep_numbers(values: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
 
 def _read_pair(thing: Any, where: str) -> tuple[Array, Any, dict[str, Any], dict[str, Any]]:
     try:
-        return np.asarray(thing[0], dtype=np.float64), np.asarray(thing[1], dtype=np.float64), {}, {}
+        vertices, faces = (without_masked(part).astype(np.float64) for part in thing)
     except (TypeError, ValueError):
         raise InputError(f"{where}: a pair must hold vertices and faces as arrays of numbers") from None
+    return vertices, faces, {}, {}
 
 
 def points_of(thing: Any, where: str = "points") -> Points:
@@ -209,7 +210,7 @@ def points_of(thing: Any, where: str = "points") -> Points:
         raise InputError(f"{where}: an object of type {_class_name(thing)} holds no points: must be {CLOUDS}")
     try:
         xyz, values = read(thing) if read else (thing, {})
-        xyz = np.array(xyz, dtype=np.float64)
+        xyz = np.ma.array(xyz, dtype=np.float64) if masked_in(xyz) is not None else np.array(xyz, np.float64)
     except (KeyError, TypeError, ValueError):
         raise InputError(
             f"{where}: an object of type {_class_name(thing)} holds no points: must be {CLOUDS}"

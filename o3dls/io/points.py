@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arrays import Array
+from ..arrays import Array, Mask, masked_in, without_masked
 from ..case import POINT_TYPES, Points
 from ..errors import InputError, did_you_mean
 from ..quantities import check_possible
@@ -115,9 +115,11 @@ def _read_types(table: Table) -> NDArray[np.str_]:
 
 def points_from(columns: Mapping[str, ArrayLike], where: str) -> Points:
     """Return points from arrays by column, named and checked as those of a file are; missing numbers are NaN.
+    Rows whose place is masked are left out, and the notes say how many; a masked value is missing.
 
     `where` names them in errors. Raises InputError.
     """
+    masked = _masked_places(columns)
     named = [
         (NAMES.get(str(name).lower(), str(name)), _as_array(values, where))
         for name, values in columns.items()
@@ -133,17 +135,30 @@ def points_from(columns: Mapping[str, ArrayLike], where: str) -> Points:
         raise InputError(f"{where}: {', '.join(axes)} have shapes {shapes}: must be columns of one length")
     for name in found.keys() & {*axes, *NUMBERS}:
         found[name] = _as_numbers(name, found[name], where)
+    rows = np.arange(len(found["x"]))
+    said: tuple[str, ...] = ()
+    if len(masked) == len(rows) and masked.any():
+        rows = rows[~masked]
+        said = (f"{masked.sum()} of {len(masked)} rows are masked, and are left out",)
+        found = {name: values[~masked] for name, values in found.items()}
     bad = int((~np.isfinite([found[axis] for axis in axes]).all(axis=0)).sum())
     if bad:
         raise InputError(f"{where}: {bad} points are not finite; remove them")
     kinds = found.pop("type", np.full(len(found["x"]), "eam"))
-    points = Points(np.column_stack([found.pop(axis) for axis in axes]), kinds, found)
-    return _check_measured(points, where, "row {}".format)
+    points = Points(np.column_stack([found.pop(axis) for axis in axes]), kinds, found, notes=said)
+    return _check_measured(points, where, lambda row: f"row {rows[row]}")
+
+
+def _masked_places(columns: Mapping[str, ArrayLike]) -> Mask:
+    """Return the rows in which a coordinate is masked; none of them where no coordinate has a mask."""
+    masks = [masked_in(values) for name, values in columns.items() if str(name).lower() in "xyz"]
+    there = [mask for mask in masks if mask is not None] or [np.zeros(0, dtype=bool)]
+    return np.asarray(np.logical_or.reduce(there))
 
 
 def _as_array(values: ArrayLike, where: str) -> NDArray[Any]:
     try:
-        return np.array(values)
+        return without_masked(values)
     except ValueError as error:  # the rows have different lengths
         raise InputError(f"{where}: a column is not an array: {error}") from None
 
