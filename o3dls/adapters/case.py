@@ -77,7 +77,7 @@ def case_of(
     cap : bool, default False
         close the openings of the prior.
     **choice
-        `label`, `part`, `box`, `layer` of a label volume.
+        `label`, `part`, `box`, `layer`, `fill_slices` of a label volume, `form` of a NIfTI.
 
     Returns
     -------

@@ -95,7 +95,7 @@ def surface_of(thing: Any, *, frame: str | None = None, **choice: Unpack[Choice]
     frame : {"LPS", "RAS"}, default None
         frame that a label volume shall come in: LPS unless it is RAS. Of other objects nothing is turned.
     **choice
-        `label`, `part`, `box`, `layer` of a label volume.
+        `label`, `part`, `box`, `layer`, `fill_slices` of a label volume, `form` of a NIfTI.
 
     Returns
     -------
@@ -121,9 +121,10 @@ def stated_surface(thing: Any, where: str, *, frame: str | None = None, **choice
     """Return the same as `surface_of`, with the frame and units where the object states them, as label
     volumes do; `where` names it in errors.
     """
-    given = {name: value for name, value in choice.items() if value is not None}
+    given = {name: value for name, value in choice.items() if value is not None and value is not False}
     if (image := _find_reader(IMAGES, thing)) is not None:
-        file = labels.surface_of(checked(image(thing, where, frame), where), where, **given)
+        form = given.pop("form", None)
+        file = labels.surface_of(checked(image(thing, where, frame, form), where), where, **given)
         if {file.space, frame} == {"LPS", "RAS"}:
             return SurfaceFile(file.surface.transformed(TURN), str(frame), file.units, file.metadata)
         return file

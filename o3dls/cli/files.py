@@ -93,6 +93,12 @@ def export(run_folder: Path, out: Path | None, **options: Any) -> None:
 @click.option("--part", help="the named segment or volume to take")
 @click.option("--box", type=float, nargs=6, help="label volumes: cut to least x y z, most x y z (mm, LPS)")
 @click.option("--layer", "--phase", "layer", type=int, help="4D volumes: the layer or phase, from 0")
+@click.option("--fill-slices", is_flag=True, help="label volumes: interpolate blank slices")
+@click.option(
+    "--form",
+    type=click.Choice(["sform", "qform"]),
+    help="NIfTI of two forms that contradict: the right one",
+)
 def convert(source: Path, target: Path, **options: Any) -> None:
     """Write a surface, points, named places or a pose in another format; frame and units are said on both
     sides.

@@ -16,7 +16,8 @@ from .meshes.repair import closed_outward
 from .meshes.surface_file import SurfaceFile
 from .surfaces import read_surface_file
 
-CHOICE = ("label", "part", "box", "layer")  # settings that choose a surface of the prior's file
+# settings that choose a surface of the prior's file
+CHOICE = ("label", "part", "box", "layer", "fill_slices", "form")
 log = logging.getLogger("o3dls")
 
 

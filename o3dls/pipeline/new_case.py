@@ -42,6 +42,8 @@ CASE_KEYS: tuple[tuple[str, str | bool | None, str], ...] = (
     ("part", None, "the named segment or volume to take"),
     ("layer", None, "4D volume: the layer or phase, from 0"),
     ("box", None, "label volume: cut to least x y z, most x y z (mm, LPS)"),
+    ("fill_slices", None, "label volume: interpolate blank slices"),
+    ("form", None, "NIfTI whose two forms contradict: the one that is right, sform or qform"),
     ("points", None, "the mapping points: columns x, y, z and type (eam, ablation, landmark, inside)"),
     ("prior_landmarks", None, "places named on the prior, such as veins; pairs with landmarks of the points"),
     ("units", "mm", "units of files that do not state theirs: mm, cm, m, um, in, px"),
@@ -78,8 +80,8 @@ def make_case(
     the path of that file.
 
     out: the run folder that the pipeline names, by default `run` in the folder. settings: units, frame,
-    prior_of, cap, label, part, box, layer as case.toml has them; None means not given. Raises InputError for
-    all that `o3dls check` would say, and writes nothing then.
+    prior_of, cap, label, part, box, layer, fill_slices, form as case.toml has them; None means not given.
+    Raises InputError for all that `o3dls check` would say, and writes nothing then.
     """
     folder = Path(folder)
     files = {"prior": prior, "points": points} | ({"prior_landmarks": landmarks} if landmarks else {})

@@ -14,7 +14,9 @@ from ..case import FITTED_TYPES, Case
 from ..errors import SolverError
 from ..estimate import Estimate
 from ..evaluation.distances import landmark_errors
+from ..geometry.shells import wall_thickness
 from ..geometry.similarity import fit_similarity
+from ..io.surfaces import A_WALL
 from ..registration.landmarks import fix_a_pose
 from ..run_warning import RunWarning
 from .doubts import contradiction
@@ -64,6 +66,7 @@ def misfit(case: Case, start: Estimate, *, pose_is_known: bool) -> list[str]:
     points = case.points.of("eam").xyz
     found = (
         _find_flat_prior(case)
+        or _find_wall(case)
         or _find_few_places(points)
         or _find_other_size(case, points)
         or _find_far_point(case, points)
@@ -172,6 +175,11 @@ def _find_flat_prior(case: Case) -> str:
         f"the prior is flat: it is {prior.diagonal:.3g} {unit} across and encloses nothing; give the closed "
         "surface of a chamber"
     )
+
+
+def _find_wall(case: Case) -> str:
+    thickness = wall_thickness(case.prior)
+    return f"the prior {A_WALL.format(thickness)}" if thickness else ""
 
 
 def _find_few_places(points: Array) -> str:

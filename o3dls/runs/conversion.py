@@ -65,7 +65,8 @@ def convert(
     faces : int, default None
         decimate a surface to so many triangles.
     **choice
-        which surface is meant: `label`, `part`, `box`, `layer`, or `hidden` of CARTO's triangles.
+        which surface is meant: `label`, `part`, `box`, `layer`, `fill_slices`, `form`, or `hidden` of CARTO's
+        triangles.
 
     Returns
     -------
@@ -100,7 +101,7 @@ def convert(
             f"{source}: is not a surface, points (.csv), named places (.mrk.json, .fcsv) or pose (.tfm, "
             ".txt, .mat) that o3dls knows; is it damaged?"
         )
-    if cap or faces is not None or format or any(value is not None for value in choice.values()):
+    if cap or faces is not None or format or any(v is not None and v is not False for v in choice.values()):
         raise InputError(
             f"{source}: is not a surface, so cap, faces, format, label, part, box, layer and hidden do "
             "not apply to it"
