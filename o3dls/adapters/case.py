@@ -13,7 +13,7 @@ from ..arrays import Array, without_masked
 from ..case import MILLIMETRES, PRIOR_OF, SPACES, Case, Points
 from ..errors import InputError, did_you_mean
 from ..geometry.surface import Surface
-from ..io.case_coordinates import check_scale
+from ..io.case_coordinates import check_scale, overruled
 from ..io.case_reader import FEWEST_POINTS
 from ..io.case_surfaces import CHOICE
 from ..io.images.labels import Choice
@@ -136,6 +136,7 @@ def _surface_in_mm(file: SurfaceFile, where: str, units: str | None) -> Surface:
 
     Raises InputError where nobody says the units, and mm cannot be meant.
     """
+    file = overruled(where, file, units, option="units = ")
     for note in file.notes:
         log.info("%s: %s", where, note)
     if file.units == "mm":

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
-from ..io.images.nifti import place
+from ..io.images.nifti import place, stated_units
 from ..io.images.voxels import Image, check_affine
 
 
@@ -44,7 +44,9 @@ def _from_nibabel(image: Any, where: str, frame: str | None, form: str | None) -
             f"{where}: has axes of {values.shape}: must be one volume in 3D, or several along one axis"
         )
     values = values.reshape(*values.shape[:3], *layers)
-    return Image(np.swapaxes(values, 0, 2), *place(image.header, where, frame, form))
+    return Image(
+        np.swapaxes(values, 0, 2), *place(image.header, where, frame, form), stated_units(image.header)
+    )
 
 
 IMAGES: Mapping[str, Callable[[Any, str, str | None, str | None], Image]] = {

@@ -140,6 +140,7 @@ def send(run_folder: Path, **options: Any) -> None:
     "--landmarks", type=FILE, help="places named on the prior: .mrk.json, .fcsv, or .csv with name,x,y,z"
 )
 @prior_choice
+@click.option("--units", help="units of the prior where it does not state them: mm, cm, m, um, in")
 @click.option("--frame", help="frame of the prior where it does not state it: LPS or RAS")
 @click.option("--force", is_flag=True, help="replace the folder if it is a case")
 def import_(study: Path, out: Path, map_name: str | None, **options: Any) -> None:

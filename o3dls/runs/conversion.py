@@ -17,9 +17,9 @@ from ..case import MILLIMETRES, SPACES
 from ..errors import InputError
 from ..geometry.similarity import TURN, apply
 from ..geometry.surface import Surface
-from ..io.case_coordinates import check_scale
+from ..io.case_coordinates import check_scale, overruled
 from ..io.markups import Markups, read_markups, write_markups
-from ..io.meshes.repair import closed_outward, welded
+from ..io.meshes.repair import SOUP, closed_outward, sewn, stand_alone, welded
 from ..io.meshes.surface_file import SurfaceFile
 from ..io.points import points_of, read_points_table, scaled
 from ..io.surfaces import is_surface, read_surface_file, write_surface
@@ -134,6 +134,10 @@ def _convert_surface(
         raise InputError(f"{source}: is an outline in 2D, and LPS and RAS are frames in 3D; omit --to")
     if to and needs_turn(source, space, to):
         surface = surface.transformed(TURN)
+    if not surface.watertight and surface.dimension == 3 and stand_alone(surface) > SOUP:
+        surface, tolerance = sewn(welded(surface))
+        joined = f"vertices up to {tolerance:.2g} apart are welded" if tolerance else "no weld joins them"
+        done.append(f"{source}: most triangles share no edge with another: {joined}")
     if cap:
         surface = closed_outward(surface, str(source), cap=True)
     if faces is not None and faces < len(surface.faces):
@@ -155,12 +159,16 @@ def in_millimetres(source: Path, file: SurfaceFile, units: str | None) -> Surfac
 
     Else as it is, if its extent can be meant in mm.
     """
-    stated = settle_units(source, file.units, units)
+    settled = overruled(source, file, units)
+    if settled is not file:
+        return settled
+    stated = settle_units(source, str(file.metadata.get("stated_units", file.units)), units)
     if stated == "unknown":
         if file.surface.dimension == 3:
             check_scale(source, file.surface.vertices)
         return file
-    surface = file.surface.with_vertices(file.surface.vertices * MILLIMETRES[stated])
+    scale = MILLIMETRES[stated if file.units == "unknown" else file.units]
+    surface = file.surface.with_vertices(file.surface.vertices * scale)
     return replace(file, surface=surface, units=scaled_units(stated))
 
 

@@ -94,7 +94,9 @@ def surface_of(
     surface = mask_surface(chamber, affine, f"{path}: label {label}")
     voxels = int(chamber.sum())
     dropped = int(mask.sum()) - voxels
-    facts = {"label": label, "voxels": voxels, "voxels_of_smaller_pieces": dropped}
+    facts: dict[str, Any] = {"label": label, "voxels": voxels, "voxels_of_smaller_pieces": dropped}
+    if stated := image.notes.get("units"):
+        facts["stated_units"] = stated
     share = f"{dropped / (voxels + dropped):.1%} of the label"
     of_blank = (
         "blank slices within it are interpolated"

@@ -26,7 +26,7 @@ HEADERS = {
 LONGEST_HEADER = 1_000_000  # bytes, with its extensions
 SAME_SIZE = 0.01  # share of a voxel's size: numbers in headers are rounded
 ORDERS: tuple[Literal["little", "big"], ...] = ("little", "big")
-UNITS = {1: 1000.0, 3: 0.001}  # metres and micrometres; any other code means mm
+UNITS = {1: ("m", 1000.0), 3: ("um", 0.001)}  # any other code means mm
 
 
 def knows(data: bytes) -> bool:
@@ -79,7 +79,17 @@ def read_nifti(path: Path, data: bytes, frame: str | None = None, form: str | No
     if scaling is not None and scaling != (1.0, 0.0):
         values = values * scaling[0] + scaling[1]
     values = np.moveaxis(values, 0, -1) if values.ndim == 4 else values
-    return Image(values, *place(header, str(path), frame, form))
+    return Image(values, *place(header, str(path), frame, form), stated_units(header))
+
+
+def _units(header: Any) -> tuple[str, float]:
+    """Return the units of a header, and their factor to mm."""
+    return UNITS.get(int(header["xyzt_units"]) & 7, ("mm", 1.0))
+
+
+def stated_units(header: Any) -> dict[str, str]:
+    """Return the note of an image by whose units of lengths it was brought to mm."""
+    return {"units": _units(header)[0]}
 
 
 def _unpack_file(path: Path, body: bytes, most: int) -> bytes:
@@ -144,7 +154,7 @@ def place(header: Any, where: str, frame: str | None, form: str | None = None) -
     Without either, the axes run along those of `frame`. Raises InputError where that is not said, and where
     the header contradicts itself.
     """
-    factor = UNITS.get(int(header["xyzt_units"]) & 7, 1.0)
+    factor = _units(header)[1]
     pixdim = np.asarray(header["pixdim"], dtype=np.float64)
     forms = {}
     if int(header["sform_code"]) > 0 and form != "qform":

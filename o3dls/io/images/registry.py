@@ -36,7 +36,7 @@ def read_image(path: Path, data: bytes, frame: str | None = None, form: str | No
 def checked(image: Image, where: str) -> Image:
     """Return the image unchanged. Raises InputError where its voxels are of no size that a scanner has."""
     affine = image.affine
-    if abs(np.linalg.det(affine)) < 1e-9:
+    if abs(np.linalg.det(affine)) <= 1e-9 * image.spacing.prod():
         raise InputError(f"{where}: its axes span no volume: {affine[:3].round(6).tolist()}")
     if image.spacing.max() > LONGEST_VOXEL * image.spacing.min():
         raise InputError(

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ...arrays import Array
 from ...case import Points
 from ...errors import InputError
 from ...quantities import without_impossible
@@ -184,10 +185,23 @@ def _take_dif(archive: Archive, found: Imported) -> None:
     called = ([name for name in shells if sign in Path(name).name.lower()] for sign in MAP_SHELLS)
     named = next((names for names in called if names), shells)
     if len(named) == 1:
-        found.shell = dif.read(archive.where(named[0]), archive.read(named[0]))
+        where, data = archive.where(named[0]), archive.read(named[0])
+        volumes = {name: dif.read(where, data, part=name) for name in dif.volumes_of(where, data)}
+        places = found.points.of("eam").xyz
+        nearest = min(volumes, key=lambda name: _typical_gap(places, volumes[name]))
+        found.shell = volumes[nearest]
         found.landmarks |= ensite.landmarks_of(found.shell)
-        found.took.append(f"shell {named[0]}, {found.shell.surface.volume / 1000:.2f} ml")
+        of = f", volume {nearest}, the nearest to the points" if len(volumes) > 1 else ""
+        found.took.append(f"shell {named[0]}{of}, {found.shell.surface.volume / 1000:.2f} ml")
+        found.left += [f"{named[0]}: volume {name}" for name in volumes if name != nearest]
     found.left += [name for name in shells if name not in named or len(named) > 1]
+
+
+def _typical_gap(points: Array, shell: SurfaceFile) -> float:
+    """Return the median distance of points (n, 3) from the vertices of a shell."""
+    from scipy.spatial import cKDTree
+
+    return float(np.median(cKDTree(shell.surface.vertices).query(points)[0]))
 
 
 def _from_openep(archive: Archive, files: list[str], map_name: str | None) -> Imported:
