@@ -17,7 +17,7 @@ from .errors import InputError, did_you_mean
 from .geometry.similarity import is_pose
 from .geometry.surface import Surface
 from .quantities import check_possible, known_values
-from .registration.landmark_names import partners
+from .registration.landmark_names import doubts, partners
 
 UNITS = ("mm", "px")
 MILLIMETRES = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "um": 0.001, "in": 25.4, "px": 1.0}  # of files
@@ -234,6 +234,14 @@ class Case:
         named = self.points.columns.get("name", np.full(len(self.points), ""))
         prior = list(self.prior_landmarks)
         return {rows[i]: prior[j] for i, j in partners([str(named[k]) for k in rows], prior).items()}
+
+    def landmark_doubts(self) -> list[str]:
+        """Sentences on names of landmarks that may mean either of two places, and so have no partner."""
+        marks = self.points.type == "landmark"
+        names = [str(name) for name in self.points.columns["name"][marks]] if marks.any() else []
+        prior = list(self.prior_landmarks)
+        found = (("points", doubts(names, prior)), ("prior", doubts(prior, names)))
+        return [f"landmarks of the {side}: {said}" for side, said in found if said]
 
     def landmark_pairs(self) -> tuple[list[str], Array, Array]:
         """Names among the points and positions (prior frame, map frame) of the landmarks that both sides

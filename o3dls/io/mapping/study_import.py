@@ -11,7 +11,7 @@ import numpy as np
 from ...arrays import Array
 from ...case import MILLIMETRES, PRIOR_OF, SPACES, Points
 from ...errors import InputError
-from ...registration.landmark_names import alone, partners
+from ...registration.landmark_names import alone, doubts, partners
 from ..atomic import check_free, staged_folder, write_file
 from ..case_coordinates import LENGTHS, overruled
 from ..case_settings import toml_lines
@@ -232,6 +232,8 @@ def _say_partners(found: Imported, prior: tuple[str, ...]) -> None:
         f"landmark {mark} of the map is {name} of the prior" for mark, name in pairs if mark != name
     ]
     for side, names, others in (("map", ours, prior), ("prior", prior, ours)):
+        if said := doubts(names, others):
+            found.left.append(f"landmarks of the {side}: {said}")
         if left := alone(names, others):
             found.left.append(
                 f"landmarks of the {side} without a partner: {', '.join(left)}; there are "
