@@ -20,6 +20,7 @@ from . import carto_study, ensite
 from .archive import Archive
 from .belonging import Anatomy, of_one_map
 from .imported import Imported, joined
+from .tags import sorted_by_tags
 
 VOLUME_TOLERANCE = 2e-4
 MAP_SHELLS = ("landmarkgeo", "contact_mapping_model")  # names of shells in EnSite Precision, and in EnSite X
@@ -65,15 +66,19 @@ def _find_map(archive: Archive, map_name: str | None) -> Imported | None:
 
 def _from_carto(study: carto_study.Study, map_name: str | None) -> Imported:
     wanted = study.map(map_name)
-    points, landmarks = carto_study.read_map_points(study, wanted)
+    measured = carto_study.read_map_points(study, wanted)
     shell = carto_study.read_shell(study, wanted.files[0]) if wanted.files else None
+    points, landmarks, said = sorted_by_tags(measured, shell.surface if shell else None)
     found = Imported(points, landmarks, shell, vendor="CARTO 3", name=wanted.name)
     agrees = (
         ""
-        if len(points) == wanted.points
+        if len(measured) == wanted.points
         else f" (study: {wanted.points} points, which does NOT agree; is the export whole?)"
     )
-    found.took.append(f"{len(points)} points of map {wanted.name} (catheter positions, mm)" + agrees)
+    found.took.append(f"{len(measured)} points of map {wanted.name} (catheter positions, mm)" + agrees)
+    if "ablation" in points.type:
+        found.took.append(f"{(points.type == 'ablation').sum()} ablation points, by their tags")
+    _say_lines(found, said)
     found.took += [f"landmark {name}" for name in landmarks]
     if shell is not None:
         found.took.append(
@@ -95,6 +100,12 @@ def _from_carto(study: carto_study.Study, map_name: str | None) -> Imported:
     found.left += [f"map {m.name} ({m.points} points)" for m in study.maps if m.name != wanted.name]
     found.left.append("electrograms, electrode positions and force curves of single points")
     return found
+
+
+def _say_lines(found: Imported, said: list[str]) -> None:
+    """Say what the tags of the points made of them: taken as another type, or left out."""
+    for line in said:
+        (found.left if "left out" in line else found.took).append(line)
 
 
 def _volume_check(shell: SurfaceFile, wanted: carto_study.Map) -> str:
@@ -220,9 +231,13 @@ def _from_openep(archive: Archive, files: list[str], map_name: str | None) -> Im
             f"the shell: surface.triRep is a MATLAB object of class {of}, which only MATLAB reads; "
             "for map.ply save it there as struct('X', t.X, 'Triangulation', t.Triangulation)"
         )
-    found.points = points.of("eam")
+    found.points, found.landmarks, said = sorted_by_tags(
+        points.of("eam"), found.shell.surface if found.shell else None
+    )
     _take_sites(found, points.of("ablation"), "rfindex", [])
     kinds = found.points.type
     found.took += [f"{(kinds == kind).sum()} points of type {kind} (mm)" for kind in np.unique(kinds)]
-    found.left.append("electrograms")
+    found.took += [f"landmark {name}" for name in found.landmarks]
+    _say_lines(found, said)
+    found.left += openep.unread(where, data)
     return found
