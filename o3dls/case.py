@@ -164,6 +164,9 @@ class Case:
     prior_of: str = "patient"
     notes: str = ""
     files: Mapping[str, str] = field(default_factory=dict)  # file name -> sha256
+    columns: Mapping[str, str] = field(
+        default_factory=dict
+    )  # heading of the points' table -> what became of it
     truth: Truth | None = None
     # further surfaces of the same patient in the prior's frame, in order of time
     phases: tuple[Surface, ...] = ()

@@ -29,6 +29,7 @@ LAYERS = (
     "levelset",
     "reconstruction",
     "topology",
+    "columns",
     "quantities",
     "case",
     "estimate",

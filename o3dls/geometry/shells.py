@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from ..arrays import Array
-from .inner_balls import inner_balls
 from .surface import Surface
 
 # mean thickness, 3 V / (A diagonal): of 60 atria at least .089, of walls of 2 to 5 mm .03 to .07
@@ -22,6 +21,8 @@ def wall_thickness(surface: Surface) -> float:
     """
     if surface.dimension != 3 or not surface.watertight or _mean_thickness(surface) >= THIN:
         return 0.0
+    from .inner_balls import inner_balls  # here, because it brings scipy
+
     share = surface.vertex_areas / surface.area
     draw = np.random.default_rng(SEED)
     used = np.flatnonzero(share > 0.0)

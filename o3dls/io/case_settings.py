@@ -18,7 +18,7 @@ from .text import read_bytes
 # files of voxels alone, which a header beside them describes
 VOXELS = (".img", ".img.gz", ".raw", ".raw.gz", ".zraw")
 FILES = ("prior", "points", "prior_landmarks", "init", "truth", "held_out", "correspondence", "outliers")
-TEXTS = ("name", "units", "prior_file_units", "frame", "prior_of", "notes", "part", "form")
+TEXTS = ("name", "units", "prior_file_units", "frame", "prior_of", "notes", "part", "form", "columns")
 KEYS = dict.fromkeys((*TEXTS, *FILES), str) | {
     "dimension": int,
     "label": int,

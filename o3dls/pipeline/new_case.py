@@ -4,6 +4,7 @@ change.
 
 from __future__ import annotations
 
+import logging
 import os
 import textwrap
 from pathlib import Path
@@ -20,6 +21,7 @@ from ..plugins.plugin import Plugin
 from .file import default_pipeline
 from .pipeline import Pipeline
 
+log = logging.getLogger("o3dls")
 CASE_HEAD = """\
 # The case: the files that belong together, and what they do not say themselves.
 # A line '# name = value' is a default; to change it, remove the # and write another value.
@@ -45,6 +47,7 @@ CASE_KEYS: tuple[tuple[str, str | bool | None, str], ...] = (
     ("fill_slices", None, "label volume: interpolate blank slices"),
     ("form", None, "NIfTI whose two forms contradict: the one that is right, sform or qform"),
     ("points", None, "the mapping points: columns x, y, z and type (eam, ablation, landmark, inside)"),
+    ("columns", None, "which columns of the points these are, where headings do not say: bipolar=V1, x=East"),
     ("prior_landmarks", None, "places named on the prior, such as veins; pairs with landmarks of the points"),
     ("units", "mm", "units of files that do not state theirs: mm, cm, m, um, in, px"),
     ("frame", "unknown", "frame of the points, and of a label volume that states none: LPS, RAS or unknown"),
@@ -101,6 +104,8 @@ def make_case(
         write_file(staged / "case.toml", CASE_HEAD + _case_lines(relative))
         write_file(staged / "pipeline.toml", _pipeline_text(plan, _relative_path(run, folder)))
         write_manifest(staged)
+    for heading, what in case.columns.items():
+        log.info("column '%s' of the points: %s", heading, what)
     return folder / "pipeline.toml"
 
 

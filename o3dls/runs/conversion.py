@@ -19,7 +19,7 @@ from ..geometry.similarity import TURN, apply
 from ..geometry.surface import Surface
 from ..io.case_coordinates import check_scale, overruled
 from ..io.markups import Markups, read_markups, write_markups
-from ..io.meshes.repair import SOUP, closed_outward, sewn, stand_alone, welded
+from ..io.meshes.repair import closed_outward, joined_soup, welded
 from ..io.meshes.surface_file import SurfaceFile
 from ..io.points import points_of, read_points_table, scaled
 from ..io.surfaces import is_surface, read_surface_file, write_surface
@@ -65,8 +65,7 @@ def convert(
     faces : int, default None
         decimate a surface to so many triangles.
     **choice
-        which surface is meant: `label`, `part`, `box`, `layer`, `fill_slices`, `form`, or `hidden` of CARTO's
-        triangles.
+        which surface is meant: options of a label volume, `part`, or `hidden` of CARTO's triangles.
 
     Returns
     -------
@@ -134,10 +133,8 @@ def _convert_surface(
         raise InputError(f"{source}: is an outline in 2D, and LPS and RAS are frames in 3D; omit --to")
     if to and needs_turn(source, space, to):
         surface = surface.transformed(TURN)
-    if not surface.watertight and surface.dimension == 3 and stand_alone(surface) > SOUP:
-        surface, tolerance = sewn(welded(surface))
-        joined = f"vertices up to {tolerance:.2g} apart are welded" if tolerance else "no weld joins them"
-        done.append(f"{source}: most triangles share no edge with another: {joined}")
+    surface, said = joined_soup(surface)
+    done += [f"{source}: {said}"] if said else []
     if cap:
         surface = closed_outward(surface, str(source), cap=True)
     if faces is not None and faces < len(surface.faces):

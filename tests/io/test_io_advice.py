@@ -137,7 +137,7 @@ def test_a_soup_of_triangles_is_welded_and_never_capped(
         assert found.watertight
         assert found.volume == pytest.approx(coarse.volume, rel=1e-2)
     if off:
-        assert "most triangles share no edge with another: vertices up to" in said
+        assert "most triangles share no edge: vertices up to" in said
     closed = closed_outward(soup_of(coarse, off), "soup")
     assert len(closed.vertices) == len(coarse.vertices)
 

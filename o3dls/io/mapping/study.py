@@ -22,6 +22,7 @@ from .belonging import Anatomy, of_one_map
 from .imported import Imported, joined
 from .tags import sorted_by_tags
 
+TABLES = (".csv", ".tsv", ".txt", ".xlsx")
 VOLUME_TOLERANCE = 2e-4
 MAP_SHELLS = ("landmarkgeo", "contact_mapping_model")  # names of shells in EnSite Precision, and in EnSite X
 
@@ -34,6 +35,10 @@ def read_study(study: str | Path, map_name: str | None = None) -> Imported:
     for files in chain([archive], archive.unpacked()):
         if (found := _find_map(files, map_name)) is not None:
             return _drop_impossible_values(found)
+    if Path(study).suffix.lower() in TABLES:
+        raise InputError(
+            f"{study}: is a table and no study: use o3dls init DIR --prior PRIOR --points {study}"
+        )
     raise InputError(
         f"{study}: holds no CARTO 3 study (.xml), no EnSite map (.csv) and no OpenEP data set (.mat)"
     )

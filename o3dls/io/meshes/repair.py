@@ -105,6 +105,17 @@ def sewn(surface: Surface) -> tuple[Surface, float]:
     return best if not fewest or soup_joined else (surface, 0.0)
 
 
+def joined_soup(surface: Surface) -> tuple[Surface, str]:
+    """Return a surface of which most triangles share no edge, with its triangles joined, and a sentence on
+    that; any other as it is.
+    """
+    if surface.dimension != 3 or surface.watertight or stand_alone(surface) <= SOUP:
+        return surface, ""
+    surface, tolerance = sewn(welded(surface))
+    joined = f"vertices up to {tolerance:.2g} apart are welded" if tolerance else "no weld joins them"
+    return surface, f"most triangles share no edge: {joined}"
+
+
 def _joined_within(surface: Surface, some: Ints, tolerance: float) -> Surface:
     """Return the surface with those of some vertices made one that lie within a distance of each other."""
     from scipy.sparse import coo_array
