@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -17,6 +18,7 @@ from .case_settings import Folder
 from .meshes.surface_file import SurfaceFile
 from .table import Table
 
+log = logging.getLogger("o3dls")
 LENGTHS = [unit for unit in MILLIMETRES if unit != "px"]
 HEART = (18.0, 1000.0)  # mm across: of a surface out of a heart, up to the whole of it
 POSSIBLE = (1.0, 20_000.0)  # beyond it units are certainly wrong, whatever a file states
@@ -30,6 +32,9 @@ def millimetres_per_unit(folder: Folder, path: Path, stated: str | None) -> floa
     """
     if stated not in (*MILLIMETRES, "unknown", None):
         raise InputError(f"{path}: states units '{stated}': must be one of {', '.join(MILLIMETRES)}")
+    given = folder.settings.get("units", stated)
+    if stated in MILLIMETRES and given != stated:
+        log.info("%s: states units %s, which are taken; %s is for files that state none", path, stated, given)
     return folder.scale(stated)
 
 

@@ -164,7 +164,7 @@ def in_millimetres(source: Path, file: SurfaceFile, units: str | None) -> Surfac
         if file.surface.dimension == 3:
             check_scale(source, file.surface.vertices)
         return file
-    scale = MILLIMETRES[stated if file.units == "unknown" else file.units]
+    scale = MILLIMETRES[file.units if file.units in MILLIMETRES else stated]
     surface = file.surface.with_vertices(file.surface.vertices * scale)
     return replace(file, surface=surface, units=scaled_units(stated))
 

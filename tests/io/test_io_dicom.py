@@ -196,6 +196,27 @@ def test_slices_that_are_missing_or_uneven_are_not_closed_up(tmp_path: Path) -> 
         read_surface_file(path, part="LA")
 
 
+@pytest.mark.parametrize("stated", [1.25, 2.4, 5.0, 2.5])
+@pytest.mark.parametrize("oblique", [False, True])
+def test_a_spacing_that_contradicts_the_places_of_the_frames_is_refused(
+    stated: float, oblique: bool, tmp_path: Path
+) -> None:
+    """With half of the spacing every second slice counted as missing, and the largest piece was one slice."""
+    path = segmentation(
+        tmp_path / "seg.dcm", labels(), ["LA", "LV"], series(turned() if oblique else np.eye(3))
+    )
+    dataset = pydicom.dcmread(path)
+    measures = dataset.SharedFunctionalGroupsSequence[0].PixelMeasuresSequence[0]
+    measures.SpacingBetweenSlices = stated
+    dataset.save_as(path)
+    if stated == SPACING[2]:
+        assert read_surface_file(path, part="LA").surface.watertight
+        return
+    sentence = rf"slices are {stated:g} mm apart \(SpacingBetweenSlices\), and its frames lie 2\.5 mm apart"
+    with pytest.raises(InputError, match=sentence):
+        read_surface_file(path, part="LA")
+
+
 def test_bytes_that_are_missing_or_too_many_are_not_read_as_voxels(tmp_path: Path) -> None:
     data = segmentation(tmp_path / "seg.dcm", labels(), ["LA", "LV"], series(np.eye(3))).read_bytes()
     path = tmp_path / "damaged.dcm"
