@@ -18,7 +18,18 @@ from .columns import meaning_of
 from .errors import InputError
 
 # numbers for `no value` in CARTO and in programs that handle its exports, where they are impossible as values
-WORDS_FOR_NONE = (-10_000.0, 10_000.0, -9_999.0, 9_999.0, -99_999.0, 99_999.0, -999.0, 999.0, -32_768.0)
+WORDS_FOR_NONE = (
+    -10_000.0,
+    10_000.0,
+    -9_999.0,
+    9_999.0,
+    -8_000.0,
+    -99_999.0,
+    99_999.0,
+    -999.0,
+    999.0,
+    -32_768.0,
+)
 LARGEST = 1e30  # the largest single and double floats, and infinity, stand for `no value` as well
 NAMED = 5  # rows with a wrong value that a sentence names
 
