@@ -27,6 +27,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from importlib import import_module
 from pathlib import Path
 from statistics import median
 from tempfile import TemporaryDirectory
@@ -523,10 +524,43 @@ def cores(_: int, repeat: int) -> list[Row]:
     return [{"what": "cores", "value": count * one / every, "unit": "x", "status": status}]
 
 
+def cholesky(seed: int, repeat: int) -> list[Row]:
+    """The stage `topology` where it adds a vein, by trials that are fitted side by side: with LAPACK as
+    o3dls calls it, and through SciPy's wrappers, which keep the interpreter's lock.
+    """
+    from data_synth.atrium import atrium
+    from o3dls import ICP, Deform, Landmarks, Pipeline, Topology
+
+    gaussian_process: Any = import_module("o3dls.motion.field.gaussian_process")
+    case = atrium(seed, points=1000, lacks="prior")
+    start = Pipeline([Landmarks(), ICP(), Deform()], folds=0).fit(case)["deform"]
+    own, rows = gaussian_process.factor_and_inverse, list[Row]()
+    try:
+        for what, routine in (("by o3dls", own), ("by SciPy", _factor_and_inverse)):
+            gaussian_process.factor_and_inverse = routine
+            seconds, found = timed(lambda: Topology()(case.visible(), start), repeat)
+            rows.append(_score_row(f"topology, LAPACK {what}", seconds, case, found.surface, found.status))
+    finally:
+        gaussian_process.factor_and_inverse = own
+    gain = rows[1]["value"] / rows[0]["value"]
+    return [*rows, {"what": "by SciPy / by o3dls", "value": gain, "unit": "x", "status": ""}]
+
+
+def _factor_and_inverse(matrix: Any) -> tuple[Any, Any, int]:
+    """Return what `o3dls.cholesky.factor_and_inverse` does, by SciPy's wrappers of LAPACK."""
+    import numpy as np
+    from scipy.linalg.lapack import dpotrf, dpotri
+
+    factor, fault = dpotrf(matrix, lower=1, clean=1)
+    lower = np.tril(dpotri(factor, lower=1)[0])
+    return factor, lower + np.tril(lower, -1).T, fault
+
+
 PARTS: dict[str, Callable[[int, int], list[Row]]] = {
     "cores": cores,
     "engine": engine,
     "halving": halving,
+    "cholesky": cholesky,
     "many": many,
     "one_more": one_more,
     "memory": memory,

@@ -228,15 +228,15 @@ def left_out_statistics(estimate: Estimate) -> Statistics:
     fit = estimate.fit
     if fit is None:
         return {}
-    rows = len(fit.motion.posterior.alpha) - 3 * len(fit.problem.marks)
-    inverse = _invert_factor(fit.motion.posterior.factor)
+    rows = len(fit.motion.field.solved.alpha) - 3 * len(fit.problem.marks)
+    inverse = _invert_factor(fit.motion.field.solved.factor)
     believed = _select_believed(fit, inverse, rows)
-    at = fit.motion.observed.at[:rows]
+    at = fit.motion.field.observed.at[:rows]
     found: Statistics = {"left_rows": rows}
     for size in BLOCKS:
         count = max(1, len(believed) // size)
         chosen = [believed[rows] for rows in blocks(at[believed], np.arange(len(believed)), count)]
-        found |= predict_blocks(f"left_{size}", inverse, fit.motion.posterior.alpha, chosen)
+        found |= predict_blocks(f"left_{size}", inverse, fit.motion.field.solved.alpha, chosen)
     return found
 
 

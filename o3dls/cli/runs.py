@@ -210,7 +210,7 @@ def _report_run(result: Run, out: Path, *, as_json: bool) -> int:
     from ..runs.record import plain
     from .summary import summary
 
-    found = summary(out)
+    found = summary(out, result)
     if as_json:
         said = {"valid": not result.faults, "faults": result.faults, "scores": plain(result.scores)}
         say_json(found.record | said)

@@ -7,12 +7,15 @@ from __future__ import annotations
 import shlex
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ..report.checks import checks
 from ..report.grading.check import WORDS, Check, Grade
 from ..report.subject import read_subject
 from ..report.writer import REPORT
+
+if TYPE_CHECKING:
+    from ..runs.run import Run
 
 WORST_FIRST: tuple[Grade, ...] = ("bad", "amber", "good")
 ADVICE = {
@@ -68,9 +71,11 @@ class Summary:
         return "\n".join([*lines, str(self.folder)])
 
 
-def summary(folder: Path) -> Summary:
-    """Summarise a finished run. Raises InputError where the folder is none."""
-    subject = read_subject([folder])
+def summary(folder: Path, run: Run | None = None) -> Summary:
+    """Summarise a finished run, read from its folder where it is not at hand. Raises InputError where the
+    folder is none.
+    """
+    subject = read_subject([folder], runs=[run] if run else None)
     found = checks(subject)
     reasons = [one for grade in WORST_FIRST[:-1] for one in found if one.grade == grade]
     without = tuple(one.name for one in found if one.grade == "none")

@@ -18,12 +18,11 @@ import numpy as np
 
 from ..arrays import Array, Ints, Mask
 from ..geometry.differential import unit_mean, vertex_normals
-from ..noise.contact import update_contact
 from ..parallel import both, once, one_blas_thread
+from .field.observations import Data
 from .iteration import Solved, State, begin, step
 from .leverage_points import energy_with_strain, leverage_points
 from .model_selection import Preference, preferred
-from .observations import Data
 from .problem import MotionProblem, motion_problem
 from .result import Iterated, MotionFit, motion_fit
 from .settings import MotionSettings
@@ -164,7 +163,7 @@ def _first_weights(earlier: MotionFit, data: Data, known: slice | Ints) -> Array
         outward = ((data.points[new] - foot) * normals).sum(axis=1)
         own = state.scales.noises[data.group[new]] * data.relative[new]
         variance = own**2 + (bary * earlier.sd[corners]).sum(axis=1) ** 2
-        weights[new], _ = update_contact(outward, variance, data.outlier_odds[new], state.contact)
+        weights[new], _ = earlier.problem.contacts(outward, variance, data.outlier_odds[new], state.contact)
     return weights
 
 

@@ -89,16 +89,12 @@ def motion_fit(run: Iterated, probability: float, pose_alone: Array, least: floa
     """
     problem = run.problem
     state = run.state
-    rows, posterior = run.solved
     motion = FittedMotion(
         vertices=problem.vertices,
         faces=problem.faces,
         T_map_prior=problem.pose,
         rest=problem.rest,
-        covariance=problem.covariance,
-        sds=state.scales.sds,
-        observed=rows.observed,
-        posterior=posterior,
+        field=run.solved.field,
         probability=probability,
         pose_alone=pose_alone,
         inflation=problem.settings.inflation,

@@ -22,8 +22,8 @@ from ..geometry.differential import unit_mean, vertex_normals
 from ..geometry.similarity import apply, rms_radius
 from ..geometry.twist import Twist
 from ..noise.mixture import fit_mixture
+from .field.observations import Data
 from .fit import fit_motion
-from .observations import Data
 from .settings import TemplateSettings
 
 if TYPE_CHECKING:

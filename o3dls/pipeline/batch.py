@@ -49,8 +49,7 @@ def run_into(
     """
     check_free(out, force, "run")
     with log_of_failure(out):
-        run = pipeline.run(case, pool)
-        run.write(out, force=force)
+        run = pipeline.run(case, pool).written(out, force=force)
     forget_failure(out)
     return run
 

@@ -100,11 +100,17 @@ class Run:
             raise InputError(
                 'the run has no folder to go to: give one to write(), or say out = "folder" in the pipeline'
             )
-        with staged_folder(out, force) as staged:
-            self._write_into(staged)
+        self.written(out, force=force)
         return Path(out)
 
-    def _write_into(self, folder: Path) -> None:
+    def written(self, out: str | Path, *, force: bool = False) -> Run:
+        """Write the run folder as `write` does, and return the run whose surfaces have the fields of their
+        files. Raises InputError where the folder exists.
+        """
+        with staged_folder(out, force) as staged:
+            return self._write_into(staged)
+
+    def _write_into(self, folder: Path) -> Run:
         write_case_files(folder / "case", self.case)
         write_points(folder / "points.csv", self.points)
         if self.held_out:
@@ -114,11 +120,13 @@ class Run:
             name: write_estimate(folder / "estimates" / name, self.case, one, self.fitted.get(name, ()))
             for name, one in self.estimates.items()
         }
+        run = replace(self, estimates=written)
         write_file(folder / "run.json", record(self).text())
         for addition in self.additions:
             log.info("writing %s", addition.name)
-            addition(replace(self, estimates=written), folder)
+            addition(run, folder)
         write_manifest(folder)
+        return run
 
 
 def record(run: Run) -> RunRecord:

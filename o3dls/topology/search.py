@@ -19,8 +19,8 @@ from ..geometry.components import components_and_euler
 from ..geometry.similarity import apply, rms_radius
 from ..geometry.surface import Surface
 from ..levelset.grid.distance import SignedDistance, signed_distance
+from ..motion.field.observations import Data
 from ..motion.fit import TrialFit, fit_motion
-from ..motion.observations import Data
 from ..motion.result import MotionFit
 from ..motion.settings import MotionSettings
 from ..parallel import both, each

@@ -9,8 +9,8 @@ from numba import njit
 from scipy import sparse
 
 from ...arrays import Array, Ints
-from ...motion.covariance import WORTH
-from ...motion.kernels import NUGGET
+from ...motion.field.covariance import WORTH
+from ...motion.field.kernels import NUGGET
 from ...parallel import by_rows
 from ..neighbours import SEED, nearest
 from ..settings import AmplitudeSettings, ReconstructionSettings

@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 
 from ...arrays import Array, Ints
-from ...motion.covariance import WORTH
+from ...motion.field.covariance import WORTH
 from ...parallel import by_rows
 
 VARIANCE = 0.55**3  # variance of a field of unit coefficients: the mean square of a spline, per axis

@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 
 from ...arrays import Array, Ints
-from ...motion.covariance import WORTH
+from ...motion.field.covariance import WORTH
 from ...parallel import by_rows
 
 

@@ -10,8 +10,8 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Array, Ints
-from ..geometry.similarity import apply
+from ...arrays import Array, Ints
+from ...geometry.similarity import apply
 from .covariance import Observed
 
 
