@@ -156,6 +156,15 @@ def import_(study: Path, out: Path, map_name: str | None, **options: Any) -> Non
 
 
 @click.command()
+@click.argument("what", type=click.Choice(["columns", "quantities", "tags", "places"]))
+def names(what: str) -> None:
+    """Print which headings of tables, values, tags of points or names of places mean what, as a table."""
+    from ..io.mapping.name_tables import TABLES
+
+    say_lines("\n".join(TABLES[what]()))
+
+
+@click.command()
 @click.option("--compile", "compiles", is_flag=True, help="compile all loops now, and check nothing")
 @as_json
 @progress
