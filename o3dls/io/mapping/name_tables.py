@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 from ...columns import ALIASES, UNITS
 from ...quantities import QUANTITIES, WORDS_FOR_NONE
@@ -60,7 +60,7 @@ def places() -> list[str]:
     return _table(("place", "also"), rows)
 
 
-def _table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> list[str]:
+def _table(head: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> list[str]:
     lines = [head, tuple("---" for _ in head), *rows]
     return [f"| {' | '.join(line)} |".replace("| ---", "|---").replace("--- |", "---|") for line in lines]
 
