@@ -15,11 +15,12 @@ PLACES, OTHERS = 400, 60_000  # places where balls touch, and vertices that they
 SEED = 70_312
 
 
+@np.errstate(over="ignore", invalid="ignore")  # a damaged file may hold any number
 def wall_thickness(surface: Surface) -> float:
     """Return the thickness of a closed surface in 3D that is a wall, from its inner to its outer side; 0 of
     one that encloses a chamber.
     """
-    if surface.dimension != 3 or not surface.watertight or _mean_thickness(surface) >= THIN:
+    if surface.dimension != 3 or not surface.watertight or not _mean_thickness(surface) < THIN:
         return 0.0
     from .inner_balls import inner_balls  # here, because it brings scipy
 
@@ -34,6 +35,9 @@ def wall_thickness(surface: Surface) -> float:
 
 
 def _mean_thickness(surface: Surface) -> float:
+    """Return the mean thickness over the diagonal; infinite where it cannot be told."""
+    if not 0.0 < surface.area < np.inf:
+        return np.inf
     return 3.0 * abs(surface.volume) / (surface.area * surface.diagonal)
 
 
