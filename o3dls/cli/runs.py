@@ -38,12 +38,14 @@ def demo(out: Path, force: bool, as_json: bool) -> int:
     from ..pipeline.workers import second_process
     from ..resources import demo_case
     from ..runs.folder import repeats
+    from .progress import run_bar
 
     plan = default_pipeline()
     with second_process(plan.folds) as pool:
         case = read_case(demo_case())
         force = force or ((out / "run.json").is_file() and repeats(out, plan.record(), case))
-        done = run_into(plan, case, out, force=force, pool=pool)
+        with run_bar(plan):
+            done = run_into(plan, case, out, force=force, pool=pool)
     return _report_run(done, out, as_json=as_json)
 
 
@@ -53,7 +55,7 @@ def demo(out: Path, force: bool, as_json: bool) -> int:
 @click.option("--points", type=FILE, help="points file in place of the case's")
 @click.option("--units", help="units of the case where its files do not say: mm, cm, m, um, in, px")
 @click.option("--frame", help="frame of the points: LPS, RAS or unknown")
-@click.option("--out", type=FOLDER, help="run folder to make; overrides the pipeline's")
+@click.option("--out", type=FOLDER, help="run folder to make; default: the pipeline's, else runs/CASE")
 @overrides
 @click.option("--force", is_flag=True, help="replace an earlier run in the same folder")
 @as_json
@@ -74,6 +76,7 @@ def run(
     from ..pipeline.batch import run_into
     from ..pipeline.file import default_pipeline, read_pipeline
     from ..pipeline.workers import second_process
+    from .progress import run_bar
 
     if pipeline and pipeline.is_dir():
         raise InputError(
@@ -81,12 +84,13 @@ def run(
         )
     plan = read_pipeline(pipeline, settings) if pipeline else default_pipeline(settings)
     folder = _require_value(case or plan.case, "--case")
-    out = _require_value(out or plan.out, "--out")
-    check_free(out, force, "run", [source for source in (folder, reading["points"], pipeline) if source])
+    out = out or plan.out or Path("runs") / folder.resolve().name
     with second_process(plan.folds) as pool:
         subject = read_case(folder, **reading)
+        check_free(out, force, "run", [one for one in (folder, reading["points"], pipeline) if one])
         plan = plan if pipeline else plan.allowed_by(subject)
-        done = run_into(plan, subject, out, force=force, pool=pool)
+        with run_bar(plan):
+            done = run_into(plan, subject, out, force=force, pool=pool)
     return _report_run(done, out, as_json=as_json)
 
 
@@ -216,7 +220,7 @@ def _report_run(result: Run, out: Path, *, as_json: bool) -> int:
         say_json(found.record | said)
     else:
         say_lines(result)
-        say_lines(found)
+        found.say()
     for fault in result.faults:
         complain(f"the result is not valid: {result.final}: {fault}")
     return NOT_VALID if result.faults else DONE

@@ -13,10 +13,12 @@ from ..report.checks import checks
 from ..report.grading.check import WORDS, Check, Grade
 from ..report.subject import read_subject
 from ..report.writer import REPORT
+from .words import say_wrapped
 
 if TYPE_CHECKING:
     from ..runs.run import Run
 
+COLOURS = {WORDS["bad"]: "red", WORDS["amber"]: "yellow", WORDS["good"]: "green"}
 WORST_FIRST: tuple[Grade, ...] = ("bad", "amber", "good")
 ADVICE = {
     "bad": "do not rely on it",
@@ -28,7 +30,9 @@ MOST_REASONS = 2  # so that all fits into five lines
 
 @dataclass(frozen=True)
 class Summary:
-    """The worst grade of the checks on the last estimate of a run, and each that is not OK, worst first."""
+    """A summary gives the worst grade of the checks on the last estimate of a run, and each check that is not
+    OK, worst first.
+    """
 
     folder: Path
     final: str
@@ -69,6 +73,11 @@ class Summary:
             f"open {self.report}" if self.report else f"no report yet: o3dls report {folder} writes it"
         )
         return "\n".join([*lines, str(self.folder)])
+
+    def say(self) -> None:
+        """Print the lines; on a terminal wrapped at words, and grades that ask for a look in colour."""
+        for line in str(self).splitlines():
+            say_wrapped(line, colour=COLOURS.get(line.split()[0]))
 
 
 def summary(folder: Path, run: Run | None = None) -> Summary:

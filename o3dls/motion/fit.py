@@ -51,9 +51,9 @@ def fit_motion(
 
 
 class TrialFit:
-    """A fit whose rounds are run as they are asked for, until the surface stands still or the energy does,
-    without what `fit_motion` weighs after them: for comparing the energies of one surface and another.
-    Parameters and errors as there.
+    """A trial fit compares the energies of one surface and another: its rounds are run as they are asked for,
+    until the surface stands still or the energy does, without what `fit_motion` weighs after them. Parameters
+    and errors as there.
     """
 
     def __init__(
@@ -212,7 +212,7 @@ def _without_at_first(problem: MotionProblem, suspect: Mask) -> Iterated:
 
 
 class Round(NamedTuple):
-    """Where one round has come to."""
+    """A round says where the iteration of a fit has come to."""
 
     state: State
     solved: Solved

@@ -24,7 +24,7 @@ from .scales import annealed, first_scales, noise_factor, tune_scales
 
 
 class Step(NamedTuple):
-    """A round's step: vertices (n, d) where feet were sought, and by what (n, d) the field moves them on."""
+    """A step has vertices (n, d) where feet were sought, and by what (n, d) the field moves them on."""
 
     begun: Array
     change: Array
@@ -32,8 +32,8 @@ class Step(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """What one round hands to the next: vertices (n, d) where feet are sought, and as moved by the field;
-    amplitudes and noise levels; the mixture, and each point's probability of contact.
+    """The state is what one round hands to the next: vertices (n, d) where feet are sought, and as moved by
+    the field; amplitudes and noise levels; the mixture, and each point's probability of contact.
 
     patches (k,): which row each point falls into, once that stays: points that change rows would keep the
     surface from standing still. past: the last rounds, whose steps the next one is mixed with.
@@ -53,8 +53,8 @@ class State:
 
 
 class Solved(NamedTuple):
-    """The rows of a round, the logarithms of their noise levels, the diagonal (k,) of their noise covariance,
-    and the field that they make likely.
+    """A solved round has its rows, the logarithms of their noise levels, the diagonal (k,) of their noise
+    covariance, and the field that they make likely.
     """
 
     rows: Rows

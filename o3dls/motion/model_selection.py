@@ -24,9 +24,9 @@ MOST_NATS = 500.0  # nats beyond which a probability rounds to 0 or 1
 
 @dataclass(frozen=True, eq=False)
 class MotionEvidence:
-    """Posterior probability of a motion beyond the pose; the start pose (d+1, d+1), `corrected` where another
-    explains the points better; scales, whose noise levels are between those with and without the motion by
-    that probability; `FittedMotion.pose_alone`.
+    """The evidence gives the posterior probability of a motion beyond the pose; the start pose (d+1, d+1),
+    `corrected` where another explains the points better; scales, whose noise levels are between those with
+    and without the motion by that probability; `FittedMotion.pose_alone`.
     """
 
     probability: float
@@ -38,8 +38,8 @@ class MotionEvidence:
 
 @dataclass(frozen=True, eq=False)
 class PoseFit:
-    """The pose and noise alone: free energy, Laplace's correction to it, similarity (d+1, d+1) from the start
-    pose, noise levels.
+    """This fit explains the points by pose and noise alone: free energy, Laplace's correction to it,
+    similarity (d+1, d+1) from the start pose, noise levels.
     """
 
     energy: float

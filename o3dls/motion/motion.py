@@ -17,8 +17,8 @@ from .field.gaussian_process import FieldPosterior
 
 @dataclass(frozen=True, eq=False)
 class FittedMotion:
-    """The fitted motion, prior frame to map frame, as a function of points with its posterior deviation
-    (interface.Motion).
+    """A fitted motion takes the prior frame to the map frame, as a function of points with its posterior
+    deviation (interface.Motion).
 
     probability is that the points show a motion at all: so far the field is followed, and for the rest the
     similarity `pose_alone` (d+1, d+1), from the reference pose to where it would be without a motion, so that

@@ -32,7 +32,8 @@ LEAST_RESIDUAL = 1e-4  # rms radii: residuals of points exactly on the prior sti
 
 @dataclass(frozen=True, eq=False)
 class MotionProblem:
-    """The prior (vertices (n, d), faces (m, d), its own frame) in a pose, and what is fitted to it.
+    """A problem has the prior (vertices (n, d), faces (m, d), its own frame) in a pose, and what is fitted to
+    it.
 
     rest: the vertices in the reference pose, smoothed over `smoothing_length` (0: not at all); rough (n, d):
     what roughness they have there; marks (k, d): landmarks of the prior in the reference pose; size: its rms

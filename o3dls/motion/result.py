@@ -20,8 +20,8 @@ PROBABLE = 0.95  # the status says of a motion less probable than this that it i
 
 @dataclass(frozen=True, eq=False)
 class Iterated:
-    """Where iterations of a problem have come to: the last state and system, the history, how far the last
-    round moved the surface (mean along its normals), and what else is to be known.
+    """This says where iterations of a problem have come to: the last state and system, the history, how far
+    the last round moved the surface (mean along its normals), and what else is to be known.
     """
 
     problem: MotionProblem
@@ -38,7 +38,7 @@ class Iterated:
 
 @dataclass(frozen=True, eq=False)
 class MotionFit:
-    """Result: the motion, moved vertices (n, d), their posterior deviation (n,), last state, and history.
+    """A fit has the motion, moved vertices (n, d), their posterior deviation (n,), last state, and history.
 
     energy is the free energy in nats: lower is likelier, comparable between fits of the same points. The
     trace has its terms: what residuals cost, what the fields could have explained, and the labels.

@@ -43,7 +43,7 @@ log = logging.getLogger("o3dls")
 
 @dataclass(frozen=True)
 class Pipeline:
-    """Stages in order, writers of what the run shall leave behind, and the number of folds.
+    """A pipeline has stages in order, writers of what the run shall leave behind, and the number of folds.
 
     The folds are of the cross-validation (0: none). `case` and `out` are folders, and only needed where `run`
     and `write` are not told. Raises PipelineError with every mistake.

@@ -24,7 +24,8 @@ GROUPS = {
 
 
 class Plugin(BaseModel, ABC, metaclass=PluginType):
-    """Typed, frozen parameters that check themselves; help, pipeline syntax and records come from them.
+    """A plugin has typed, frozen parameters that check themselves; help, pipeline syntax and records come
+    from them.
 
     A plugin may be a parameter of another one, its part: a table in the pipeline file. `placing` names the
     parameters that a plugin does not have there.

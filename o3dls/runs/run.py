@@ -25,7 +25,7 @@ Record = dict[str, Any]
 
 
 class Addition(Protocol):
-    """A callable that adds files to the folder of a run, such as a `Writer` of a pipeline."""
+    """An addition is a callable that adds files to the folder of a run, such as a `Writer` of a pipeline."""
 
     name: ClassVar[str]
 
@@ -34,7 +34,7 @@ class Addition(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """Estimates by name (`start` first), their scores by set and their validity.
+    """A run has estimates by name (`start` first), their scores by set and their validity.
 
     points: the case's points with a column `distance_<estimate>_mm` for each estimate, and
     `left_out_<estimate>_mm` from the cross-validation; held_out: the held-out points likewise. fitted: by

@@ -13,7 +13,9 @@ if TYPE_CHECKING:
 
 
 class Writer(Plugin):
-    """Makes files of a finished run inside its folder; the run's surfaces have the fields of their files."""
+    """A writer makes files of a finished run inside its folder; the run's surfaces have the fields of their
+    files.
+    """
 
     @property
     def refers_to(self) -> tuple[str, ...]:

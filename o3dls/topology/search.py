@@ -55,7 +55,7 @@ def change_topology(
 
 @dataclass(frozen=True)
 class TopologySearch:
-    """Proposals for one prior, and what each is worth."""
+    """A search makes proposals for one prior, and says what each is worth."""
 
     spacing: float
     settings: TopologySettings

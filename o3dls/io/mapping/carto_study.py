@@ -34,7 +34,7 @@ OF_POINTS = ("_point_export.xml", "_points_export.xml")  # there are thousands, 
 
 @dataclass(frozen=True)
 class Map:
-    """One map of the study as its XML describes it; tags: id of a point -> full names of its tags."""
+    """A map is one of the study's as its XML describes it; tags: id of a point -> full names of its tags."""
 
     name: str
     files: tuple[str, ...]
@@ -45,7 +45,7 @@ class Map:
 
 @dataclass(frozen=True)
 class Study:
-    """The study's XML: where it stands, its maps, and other shells.
+    """A study is what its XML says: where it stands, its maps, and other shells.
 
     The shells come with the vendor's registration (16 numbers as printed).
     """

@@ -63,7 +63,7 @@ def read(path: Path, data: bytes) -> SurfaceFile:
 
 @dataclass(frozen=True, eq=False)
 class _Piece:
-    """One piece of a data set."""
+    """This is one piece of the data set in a VTP file."""
 
     vertices: Array
     cells: Cells

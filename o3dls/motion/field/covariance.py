@@ -26,8 +26,8 @@ WORTH = 500  # places that are worth a thread
 
 @dataclass(frozen=True)
 class Covariance:
-    """Components of the field's covariance; their standard deviations come as one array: vector, normal,
-    bend, strain, anchors.
+    """A covariance has the components of the motion field's; their standard deviations come as one array:
+    vector, normal, bend, strain, anchors.
 
     centre (d,) is the origin of the similarity part, whose own standard deviations are translation (a
     length), rotation (rad) and scale; vector and normal are correlation lengths; a bend is measured by how
@@ -102,8 +102,8 @@ class Covariance:
 
 @dataclass(frozen=True)
 class Observed:
-    """Linear observations `directions . D(at)` (n, d), with `normal_part` (n,) = directions . N (zero where D
-    has no field along it); and the covariance's features there, if they are at hand.
+    """These are linear observations `directions . D(at)` (n, d), with `normal_part` (n,) = directions . N
+    (zero where D has no field along it), and the covariance's features there, if they are at hand.
     """
 
     at: Array
@@ -114,8 +114,8 @@ class Observed:
 
 @dataclass(frozen=True)
 class Places:
-    """Places on the posed prior: positions (m, d) and the unit normals N (m, d) along which it likes to move;
-    features as in `Observed`.
+    """Places lie on the posed prior: positions (m, d) and the unit normals N (m, d) along which it likes to
+    move; features as in `Observed`.
     """
 
     at: Array

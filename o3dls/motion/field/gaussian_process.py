@@ -28,7 +28,7 @@ from .covariance import FieldPrior, Observed, Places
 
 @dataclass(frozen=True)
 class Posterior:
-    """The posterior of a linear system: L (n, n), lower; alpha (n,); precision (n,), the diagonal of (K +
+    """A posterior solves a linear system: L (n, n), lower; alpha (n,); precision (n,), the diagonal of (K +
     S)^-1; energy, the -log evidence.
     """
 
@@ -67,7 +67,7 @@ def solve(matrix: Array, z: Array) -> tuple[Posterior, Array]:
 
 @dataclass(frozen=True, eq=False)
 class FieldPosterior:
-    """The field after its observations: its prior, what was observed, and the posterior of these."""
+    """This is the field after its observations: its prior, what was observed, and the posterior of these."""
 
     prior: FieldPrior
     observed: Observed

@@ -27,8 +27,8 @@ Terms = tuple[float, list[float], Array]
 
 @dataclass(frozen=True)
 class Scales:
-    """Logarithms of what the evidence tunes: field amplitudes first, then one noise level per group of
-    points; with their priors and the least values allowed.
+    """Scales are the logarithms of what the evidence tunes: field amplitudes first, then one noise level per
+    group of points; with their priors and the least values allowed.
     """
 
     log: Array
@@ -53,7 +53,8 @@ class Scales:
 
 @dataclass(frozen=True, eq=False)
 class MarginalLikelihood:
-    """The evidence of amplitudes a and noise levels s, by their logarithms: residuals z ~ N(0, K + S) with
+    """This is the evidence of amplitudes a and noise levels s, by their logarithms: with residuals
+    z ~ N(0, K + S),
 
     K = fixed + sum_k a_k^2 parts_k (n, n)      and      S = diag((s of the row's group * relative)^2).
     """

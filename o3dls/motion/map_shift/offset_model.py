@@ -27,7 +27,7 @@ from ..problem import MotionProblem
 
 
 class Offset(NamedTuple):
-    """An offset (d,) of a part of the points, its covariance (d, d), and the nats that it gains."""
+    """An offset (d,) shifts a part of the points; it has a covariance (d, d), and the nats that it gains."""
 
     part: MapPart
     offset: Array
@@ -41,8 +41,8 @@ class Offset(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class OffsetModel:
-    """The linear Gaussian model of points around the surface that a fit has come to, each with a row of its
-    own: their likelihood, noise (k,), inverses (k, k) of the residuals' covariance and of its Cholesky
+    """This is the linear Gaussian model of points around the surface that a fit has come to, each with a row
+    of its own: their likelihood, noise (k,), inverses (k, k) of the residuals' covariance and of its Cholesky
     factor.
     """
 

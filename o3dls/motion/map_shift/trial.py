@@ -20,8 +20,8 @@ from .offset_model import Offset, OffsetModel, offset_model, order_of, price
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """A motion fitted without an offset, and the nats by which both explain the points better than a motion
-    alone.
+    """A trial is a motion fitted without an offset, and the nats by which both explain the points better than
+    a motion alone.
     """
 
     found: Offset

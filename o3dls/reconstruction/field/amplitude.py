@@ -22,9 +22,9 @@ from .splines import correlation
 
 @dataclass(frozen=True, eq=False)
 class Amplitudes:
-    """Deviation (n,) of the field before points are seen, at each of them; the factor on their noise that it
-    goes with; and by how many nats it predicts points better than the moved prior alone, each with the noise
-    that is best for it.
+    """Amplitudes are the deviation (n,) of the field before points are seen, at each of them; the factor on
+    their noise that it goes with; and by how many nats it predicts points better than the moved prior alone,
+    each with the noise that is best for it.
     """
 
     at: Array

@@ -64,7 +64,7 @@ def _decode_text(data: bytes) -> str:
 
 @dataclass(frozen=True)
 class Section:
-    """Text of a section below its heading, and the line where that begins."""
+    """A section has the text below its heading, and the number of the line where that begins."""
 
     text: str
     line: int
