@@ -43,7 +43,10 @@ def test_the_workflow_calls_the_command_of_the_readme_on_every_python() -> None:
     for step in job["steps"]:
         assert len({"uses", "run"} & step.keys()) == 1
         assert re.fullmatch(r"actions/[a-z-]+@v\d+", step.get("uses", "actions/checkout@v4"))
-    assert [step["run"] for step in job["steps"] if "run" in step] == ["./dev test --all"]
+    assert [step["run"] for step in job["steps"] if "run" in step] == [
+        "./dev test --all",
+        "./dev fuzz --seconds 60",
+    ]
     # `./dev` takes the interpreter from there
     assert job["env"]["PYTHON"] == "python"
     assert "${PYTHON:-" in (ROOT / "dev").read_text()

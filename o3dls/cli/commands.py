@@ -13,8 +13,8 @@ from . import files as cli_files
 from . import live as cli_live
 from . import runs as cli_runs
 from . import settings as cli_settings
+from .environment import check_environment, check_memory
 from .interrupts import heeded
-from .memory import check_memory
 from .words import DONE, INTERNAL, INTERRUPTED, MOST_LETTERS, UNREAD, WRONG_INPUT, complain, say_lines
 
 COMPLETE = "_O3DLS_COMPLETE"  # click reads from this variable what a shell wants completed
@@ -73,10 +73,10 @@ class ByTask(click.Group):
         for task, names in TASKS.items():
             known = [(name, self.get_command(ctx, name)) for name in names]
             with formatter.section(task):
-                formatter.write_dl([(name, _first_sentence(one)) for name, one in known if one])
+                formatter.write_dl([(name, _read_first_sentence(one)) for name, one in known if one])
 
 
-def _first_sentence(command: click.Command) -> str:
+def _read_first_sentence(command: click.Command) -> str:
     return command.get_short_help_str(limit=MOST_LETTERS)
 
 
@@ -85,6 +85,7 @@ def _first_sentence(command: click.Command) -> str:
 def cli() -> None:
     """Fuse an atrium's prior surface with electroanatomic points. Research software, not for clinical use."""
     check_memory()
+    check_environment()
 
 
 for module in (cli_runs, cli_batch, cli_live, cli_settings, cli_files):

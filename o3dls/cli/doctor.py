@@ -233,7 +233,7 @@ def _check_renderer() -> Check:
     name, remedy = "open3d's renderer", "sudo apt-get install libegl1 libvulkan1 mesa-vulkan-drivers"
     try:
         done = subprocess.run(
-            [sys.executable, "-c", RENDER],
+            [sys.executable, "-P", "-c", RENDER],  # -P: what lies in the working folder is not run
             capture_output=True,
             text=True,
             timeout=RENDER_SECONDS,

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
+from itertools import count
 from pathlib import Path
 from threading import Event, Thread
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import click
 
@@ -70,7 +70,11 @@ def live(
     stop = Event()
     try:
         source = _make_source(given, host)
-        with _serve_page(host, tellers, port, opened=not no_browser) if not headless else _serve_stdin(host):
+        with (
+            _serve_page(host, tellers, port, opened=None if no_browser else record)
+            if not headless
+            else _serve_stdin(host, source)
+        ):
             host.begin()
             _wait_for_end(host, source, stop, ends=headless and given["replay"] is not None)
             return _finish_session(host, record, as_json=as_json)
@@ -123,38 +127,54 @@ def _make_source(given: Message, host: Host) -> Source | None:
 
 @contextmanager
 def _serve_page(
-    host: Host, tellers: list[Callable[[Message], None]], port: int, *, opened: bool
+    host: Host, tellers: list[Callable[[Message], None]], port: int, *, opened: Path | None
 ) -> Iterator[None]:
-    """Serve the page while the block runs, and then until nobody reads the report there any more."""
-    from ..live.server import LiveServer
+    """Serve the page while the block runs, and then until nobody reads the report there any more. opened: the
+    folder of the file by which a browser is led to the page, where it shall be opened.
+    """
+    from ..live.server import LiveServer, led_to
 
     server = LiveServer(host.act, port=port)
     tellers.append(server.publish)
     try:
         say(server.url, error=True)
-        if opened:
-            click.launch(server.url)
-        yield
-        server.wait()
+        with led_to(server.url, opened) if opened else nullcontext() as leads:
+            if leads:
+                click.launch(str(leads))
+            yield
+            server.wait()
     finally:
         server.close()
 
 
 @contextmanager
-def _serve_stdin(host: Host) -> Iterator[None]:
-    """Do the actions that are read from stdin, a line of JSON each, while the block runs."""
-    Thread(target=_obey_lines, args=(host,), daemon=True).start()
+def _serve_stdin(host: Host, source: Source | None) -> Iterator[None]:
+    """Do the actions that are read from stdin, a line of JSON each, while the block runs. Where nothing else
+    gives points, the end of stdin ends the session: nobody else could.
+    """
+    Thread(target=_obey_lines, args=(host, sys.stdin.buffer, source is None), daemon=True).start()
     yield
 
 
-def _obey_lines(host: Host) -> None:
-    for line in sys.stdin:
-        try:
-            action = json.loads(line)
-        except ValueError:
-            action = line.strip()
-        if action != "":
-            host.act(action)
+def _obey_lines(host: Host, lines: BinaryIO, alone: bool) -> None:
+    from ..errors import InputError
+    from ..live.messages import MOST, error, parse_action
+
+    for number in count(1):
+        line = lines.readline(MOST + 1)
+        if not line:
+            break
+        while len(line) > MOST and not line.endswith(b"\n") and (rest := lines.readline(MOST)):
+            line = line[:MOST] + rest[-1:]  # what is too long is read to its end, and not kept
+        if line.strip():
+            try:
+                host.act(parse_action(line, f"line {number}"))
+            except InputError as refused:
+                host.tell(error(str(refused)))
+            except Exception as fault:  # our own mistake must not leave a session that hears nothing
+                host.tell(error(f"internal error, please report it: {type(fault).__name__}: {fault}"))
+    if alone and not host.ending:
+        host.act({"do": "end"})
 
 
 def _wait_for_end(host: Host, source: Source | None, stop: Event, *, ends: bool) -> None:

@@ -5,13 +5,11 @@ code that means something. What takes time to import comes after signals are lis
 from __future__ import annotations
 
 import gc
-import os
 import sys
 
+from .environment import open_streams, settle_variables
 from .interrupts import Interrupted, heeded, listen, too_late
 
-# before numpy: our systems are small, and threads made them ten times slower
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 # between two garbage collections; Python's 700 is too few: most objects live to the end, and collecting takes
 # a twentieth of a run
 ALLOCATIONS = 50_000
@@ -20,10 +18,14 @@ ALLOCATIONS = 50_000
 def main() -> None:
     """Run a command and end the process with its exit code."""
     listen()
+    open_streams()
+    settle_variables()
     gc.set_threshold(ALLOCATIONS)
     try:
+        from ..child_processes import protect_path
         from .terminal import prepare
 
+        protect_path()
         prepare()
         code = answer(sys.argv[1:])
         too_late()

@@ -50,9 +50,7 @@ class Bar:
 
 
 class RunBar(logging.Handler):
-    """How many of a run's steps are done, and for how long it has been at it: stages, folds and what is
-    written, as the log tells them.
-    """
+    """The bar shows how many stages, folds and files of a run are done, and how long it has been at it."""
 
     def __init__(self, steps: int) -> None:
         super().__init__(logging.INFO)

@@ -13,8 +13,9 @@ from .projection import project
 
 @dataclass(frozen=True, eq=False)
 class LeftOut:
-    """Distance (n,) of each point from the surface of a fit without it, and the standard deviation (n,) that
-    this fit predicts of that distance, by its posterior and its noise; NaN where it predicts none.
+    """This holds the distance (n,) of each point from the surface of a fit without it, and the standard
+    deviation (n,) that this fit predicts of that distance, by its posterior and its noise; NaN where it
+    predicts none.
     """
 
     distance: Array

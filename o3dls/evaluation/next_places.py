@@ -216,9 +216,9 @@ def _choose_places(
     ended = ""
     while len(found) < k:
         gains = wall.gains(sigma, believed)
-        best, ended = _best_place(wall, vertex, allowed & free, gains)
+        best, ended = _find_best(wall, vertex, allowed & free, gains)
         if ended:
-            best = _best_of_parts(parts, free, gains)
+            best = _find_best_in_parts(parts, free, gains)
         if best is None:
             break
         after = wall.measured(best, sigma, believed)
@@ -241,7 +241,7 @@ def _choose_places(
     return Advice(tuple(found), ended if len(found) < k else "")
 
 
-def _best_place(wall: _Wall, vertex: Ints, allowed: Mask, gains: Array) -> tuple[int | None, str]:
+def _find_best(wall: _Wall, vertex: Ints, allowed: Mask, gains: Array) -> tuple[int | None, str]:
     """Return the place of the highest gain that is worth a point; else None, and why there is none."""
     open_ = allowed & (wall.sd_now[vertex] > wall.mean(wall.sd_now))
     if not open_.any():
@@ -252,7 +252,7 @@ def _best_place(wall: _Wall, vertex: Ints, allowed: Mask, gains: Array) -> tuple
     return best, ""
 
 
-def _best_of_parts(parts: list[Mask], free: Mask, gains: Array) -> int | None:
+def _find_best_in_parts(parts: list[Mask], free: Mask, gains: Array) -> int | None:
     """Return the place of the highest gain in the parts without a point; None where there is none."""
     open_ = np.any([part & free for part in parts], axis=0) if parts else np.zeros(len(free), dtype=bool)
     return int(np.where(open_, gains, -1.0).argmax()) if open_.any() else None

@@ -54,7 +54,7 @@ def regions(surface: Surface, axes: Array, landmarks: Mapping[str, Array]) -> In
     opening = openings(surface, landmarks)
     wall = opening < 0
     area = surface.vertex_areas
-    offset = (surface.vertices - _middle_of(surface)) @ axes.T
+    offset = (surface.vertices - _find_middle(surface)) @ axes.T
     spread = np.sqrt((area * wall) @ offset**2 / (area @ wall))
     sides = np.column_stack([sign * offset[:, k] / spread[k] for k, sign in SIDES.values()])
     return np.asarray(np.where(wall, sides.argmax(axis=1), opening), dtype=np.int64)
@@ -70,19 +70,19 @@ def openings(surface: Surface, landmarks: Mapping[str, Array]) -> Ints:
     in the same tube, wherever in it the landmark is. Tubes of 9 mm without a landmark are `UNNAMED`.
     """
     places = _find_places(landmarks)
-    middle = _middle_of(surface)
-    depth = _tube_depths(surface)
+    middle = _find_middle(surface)
+    depth = _measure_depths(surface)
     reach = {name: _distance_off_axis(surface.vertices, at, middle) for name, at in places.items()}
     reach = {name: far - (ANNULUS if name == "MA" else REACH) for name, far in reach.items()}
     found = np.full(len(depth), -1)
     nearest = np.full(len(depth), np.inf)
     for name in places:
         begin = reach[name] <= 0.0
-        along = _way_along(surface, begin, (depth > DEEP) & (name != "MA"))
+        along = _measure_way(surface, begin, (depth > DEEP) & (name != "MA"))
         along = np.where(begin, reach[name], along)
         closer = along < nearest
         found[closer], nearest[closer] = REGIONS.index(name), along[closer]
-    return _with_unnamed(surface, depth, found)
+    return _add_unnamed(surface, depth, found)
 
 
 def valve_of(surface: Surface, landmarks: Mapping[str, Array]) -> Mask:
@@ -108,13 +108,13 @@ def _find_places(landmarks: Mapping[str, Array]) -> dict[str, Array]:
     return {OPENINGS[j]: landmarks[named[i]] for i, j in partners(named, OPENINGS).items()}
 
 
-def _middle_of(surface: Surface) -> Array:
+def _find_middle(surface: Surface) -> Array:
     area = surface.vertex_areas
     return np.asarray(area @ surface.vertices / area.sum())
 
 
 @lru_cache(maxsize=4)  # pictures, tables and the advice ask for the same surface
-def _tube_depths(surface: Surface) -> Array:
+def _measure_depths(surface: Surface) -> Array:
     """Return how far (n,) each vertex lies out of the chamber in a tube; that of the next of a sample."""
     some = np.arange(0, len(surface.vertices), max(1, len(surface.vertices) // SAMPLE))
     at = surface.vertices[some]
@@ -122,7 +122,7 @@ def _tube_depths(surface: Surface) -> Array:
     return np.asarray(depth[cKDTree(at).query(surface.vertices)[1]])
 
 
-def _edge_graph(surface: Surface, mask: Mask) -> sparse.csr_array:
+def _measure_edges(surface: Surface, mask: Mask) -> sparse.csr_array:
     """Return the lengths of the edges between vertices of a mask."""
     edges = np.vstack([surface.faces[:, [0, 1]], surface.faces[:, [1, 2]], surface.faces[:, [2, 0]]])
     edges = np.unique(np.sort(edges[mask[edges].all(axis=1)], axis=1), axis=0)
@@ -131,20 +131,20 @@ def _edge_graph(surface: Surface, mask: Mask) -> sparse.csr_array:
     return sparse.csr_array((length, (edges[:, 0], edges[:, 1])), shape=(n, n))
 
 
-def _way_along(surface: Surface, begin: Mask, mask: Mask) -> Array:
+def _measure_way(surface: Surface, begin: Mask, mask: Mask) -> Array:
     """Return the length (n,) of the shortest way along the surface within a mask from where it begins; inf
     where there is none.
     """
     if not begin.any():
         return np.full(len(mask), np.inf)
-    graph = _edge_graph(surface, mask | begin)
+    graph = _measure_edges(surface, mask | begin)
     return np.asarray(dijkstra(graph, directed=False, indices=np.flatnonzero(begin), min_only=True))
 
 
-def _with_unnamed(surface: Surface, depth: Array, found: Ints) -> Ints:
+def _add_unnamed(surface: Surface, depth: Array, found: Ints) -> Ints:
     """Return the openings with the tubes that belong to none of them."""
     left = (depth > DEEP) & (found < 0)
-    part = connected_components(_edge_graph(surface, left), directed=False)[1]
+    part = connected_components(_measure_edges(surface, left), directed=False)[1]
     long = np.unique(part[left & (depth > LONG)])
     return np.asarray(np.where(left & np.isin(part, long), REGIONS.index(UNNAMED), found), dtype=np.int64)
 

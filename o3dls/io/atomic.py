@@ -7,15 +7,13 @@ from __future__ import annotations
 import errno
 import logging
 import os
-import secrets
 import shutil
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from tempfile import TemporaryDirectory, mkdtemp
-from zlib import crc32
 
 from ..errors import InputError, escaped
+from ..places import check_inside, follow_links, partial_name, remove_abandoned, temporary_name
 from .manifest import foreign
 
 # the file by which each kind of our folders is known
@@ -25,43 +23,9 @@ MARKS = {
     "paper": "paper_results.json",
 }
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)  # disk, quota, limit: the system names no file
-SHOWN = 40  # letters of a name that its temporary name keeps
 # as long as paths in our folders, such as estimates/NAME/surface.ply: systems limit the whole path
 LONGEST = Path("x" * 80) / ("x" * 120)
 log = logging.getLogger("o3dls")
-
-
-def _follow_links(path: str | Path) -> Path:
-    """Return where links lead; unlike `Path.resolve` this does not fail on one that leads to itself."""
-    return Path(os.path.realpath(path))
-
-
-def _temporary_name(path: Path) -> Path:
-    """Return a name that nobody else uses beside what `path` stands for; it is not too long for a system, and
-    keeps the suffix, since writers choose their format by it.
-    """
-    folder = _follow_links(path).parent
-    folder.mkdir(parents=True, exist_ok=True)
-    return folder / f"{_partial_prefix(path)}{os.getpid():x}-{secrets.token_hex(4)}{path.suffix[:12]}"
-
-
-def _partial_prefix(path: Path) -> str:
-    """Return how the temporary names of `path` begin, and those of nothing else in its folder."""
-    name = path.name
-    if len(name) > SHOWN:
-        name = f"{name[:SHOWN]}~{crc32(os.fsencode(name)):08x}"
-    return f".{name}.partial-"
-
-
-def remove_partial(folder: Path, process: int | None = None) -> None:
-    """Remove what a process that is no more left half made of a folder, beside it; without its number, what
-    any left.
-    """
-    real = _follow_links(folder)
-    mark = _partial_prefix(real) + ("" if process is None else f"{process:x}-")
-    for left in real.parent.iterdir() if real.parent.is_dir() else ():
-        if left.name.startswith(mark) and left.is_dir():
-            shutil.rmtree(left, ignore_errors=True)
 
 
 @contextmanager
@@ -76,26 +40,28 @@ def _report_full_disk(path: Path) -> Iterator[None]:
 
 
 @contextmanager
-def staged_file(path: str | Path) -> Iterator[Path]:
+def staged_file(path: str | Path, within: str | Path | None = None) -> Iterator[Path]:
     """Yield a temporary name that becomes `path` when the block ends, and is removed when the block fails.
 
-    Where `path` is a link, the file it leads to is written. Raises InputError for what is there and is no
-    file.
+    Where `path` is a link, the file it leads to is written, unless it stands `within` a folder, which may be
+    from elsewhere: there no link is followed. Raises InputError for what is there and is no file.
     """
     path = Path(path)
+    if within is not None:
+        check_inside(path, Path(within))
     _check_file(path)
-    staged = _temporary_name(path)
+    staged = temporary_name(path)
     try:
         with _report_full_disk(path):
             yield staged
             _flush_to_disk(staged)
-        os.replace(staged, _follow_links(path))
+        os.replace(staged, follow_links(path))
     finally:
         staged.unlink(missing_ok=True)
 
 
 def _check_link(path: Path) -> None:
-    real = _follow_links(path)
+    real = follow_links(path)
     if any(
         place.is_symlink() for place in (real, *real.parents)
     ):  # realpath follows every link but those of a circle
@@ -109,30 +75,38 @@ def _check_file(path: Path) -> None:
 
 
 @contextmanager
-def staged_files(path: str | Path) -> Iterator[Path]:
+def staged_files(path: str | Path, within: str | Path | None = None) -> Iterator[Path]:
     """Yield the name of `path` in a hidden folder beside it: the files that the block writes there, which
-    belong together, come to stand beside `path` when it ends, and none of them when it fails.
+    belong together, come to stand beside `path` when it ends, and none of them when it fails. within: as for
+    `staged_file`.
     """
     path = Path(path)
+    if within is not None:
+        check_inside(path, Path(within))
     _check_file(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with TemporaryDirectory(prefix=".", dir=path.parent) as staged:
-        try:
-            yield Path(staged) / path.name
-        except InputError as error:  # it names the temporary folder, which is removed
-            raise InputError(str(error).replace(staged, str(path.parent))) from error
-        for file in Path(staged).iterdir():
-            os.replace(file, _follow_links(path.parent / file.name))
+    staged = temporary_name(path)
+    staged.mkdir()
+    try:
+        yield staged / path.name
+        for file in staged.iterdir():
+            if within is not None:
+                check_inside(path.parent / file.name, Path(within))
+        for file in staged.iterdir():
+            os.replace(file, follow_links(path.parent / file.name))
+    except InputError as error:  # it names the temporary folder, which is removed
+        raise InputError(str(error).replace(str(staged), str(path.parent))) from error
+    finally:
+        shutil.rmtree(staged, ignore_errors=True)
 
 
-def write_file(path: str | Path, content: str | bytes) -> None:
-    """Write a file, whole or not at all; text as UTF-8.
+def write_file(path: str | Path, content: str | bytes, within: str | Path | None = None) -> None:
+    """Write a file, whole or not at all; text as UTF-8. within: as for `staged_file`.
 
     Raises InputError where the disk has no room, or keeps something else than what was written.
     """
     # names of folders may hold bytes that are not UTF-8
     data = content.encode("utf-8", "replace") if isinstance(content, str) else content
-    with staged_file(path) as staged:
+    with staged_file(path, within) as staged:
         staged.write_bytes(data)
         if (kept := staged.read_bytes()) != data:
             raise InputError(f"{path}: cannot be written: the disk kept {len(kept)} of {len(data)} bytes")
@@ -156,7 +130,7 @@ def check_free(
     out = Path(out)
     if _path_exists(out) and not out.is_dir():
         raise InputError(f"{out}: is a file; name a folder")
-    if out.exists() and Path.cwd().is_relative_to(_follow_links(out)):
+    if out.exists() and Path.cwd().is_relative_to(follow_links(out)):
         raise InputError(
             f"{out}: is the working folder, or holds it, and would be replaced; name another folder"
         )
@@ -184,7 +158,7 @@ def _check_replaceable(out: Path, kind: str | None, reads: Sequence[Path]) -> No
             f"{out}: is not a {kind or ' or '.join(MARKS)}, so o3dls does not replace it; name another folder"
         )
     for source in reads:
-        if _follow_links(source).is_relative_to(_follow_links(out)):
+        if follow_links(source).is_relative_to(follow_links(out)):
             raise InputError(
                 f"{out}: is or holds {source}, which is read, and would be replaced; name another folder"
             )
@@ -206,12 +180,12 @@ def _check_writable(out: Path) -> None:
     """Raise InputError where the folder `out` cannot be made, with names in it as long as ours: only trying
     tells, and better before the work than after it.
     """
-    real = _follow_links(out)
+    real = follow_links(out)
     _check_link(out)
     there = next(folder for folder in real.parents if folder.exists())
     try:
-        # named as what becomes of it, so that remove_partial finds what a killed process leaves
-        trial = Path(mkdtemp(prefix=f"{_partial_prefix(real)}{os.getpid():x}-", dir=there))
+        # named as what becomes of it, so that what a killed process leaves is found
+        trial = there / partial_name(real)
         try:
             (trial / real.relative_to(there) / LONGEST).mkdir(parents=True)
         finally:
@@ -229,15 +203,16 @@ def staged_folder(out: str | Path, force: bool = False) -> Iterator[Path]:
     exists (see check_free), or is of another kind than what was made.
     """
     check_free(out, force)
-    out = _follow_links(out)
-    staged = _temporary_name(out)
+    out = follow_links(out)
+    remove_abandoned(out.parent)
+    staged = temporary_name(out)
     staged.mkdir()
     try:
         with _report_full_disk(out):
             yield staged
         check_free(out, force, _folder_kind(staged))  # another process may have made it meanwhile
         if out.exists():
-            old = _temporary_name(out)
+            old = temporary_name(out)
             os.replace(out, old)
             try:
                 os.replace(staged, out)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,7 @@ from .case_truth import truth_of
 from .markups import read_markups
 from .points import describe_columns, points_of, read_points_table, scaled
 from .table import Table, read_table
-from .text import decode, read_bytes, rectangle
+from .text import decode, hashed_reads, read_bytes, rectangle
 
 FEWEST_POINTS = 10
 log = logging.getLogger("o3dls")
@@ -67,11 +68,15 @@ def read_case(
     ('mm', (294, 3))
     """
     given = {k: v for k, v in (("units", units), ("frame", frame)) if v}
-    return case_of(open_folder(Path(folder), given), points, fewest)
+    with hashed_reads() as read:
+        opened = open_folder(Path(folder), given)
+        return replace(case_of(opened, points, fewest), files=opened.hashes(read))
 
 
 def case_of(opened: Folder, points: str | Path | None = None, fewest: int = FEWEST_POINTS) -> Case:
-    """Return the case of a folder whose settings are known; parameters and errors as of `read_case`."""
+    """Return the case of a folder whose settings are known, without the hashes of its files; parameters and
+    errors as of `read_case`.
+    """
     prior = surface_of(opened, "prior")
     if prior is None:
         raise InputError(
@@ -97,7 +102,6 @@ def case_of(opened: Folder, points: str | Path | None = None, fewest: int = FEWE
         prior_file_units=_prior_file_units(opened, prior.units),
         prior_of=opened.settings.get("prior_of", "patient"),
         notes=opened.settings.get("notes", ""),
-        files=opened.hashes,
         columns=columns,
         truth=truth_of(opened, prior.space, frame),
         phases=phases_of(opened, prior.space),

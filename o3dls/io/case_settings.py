@@ -46,7 +46,7 @@ class Folder:
 
     path: Path
     settings: dict[str, Any]
-    hashes: dict[str, str]
+    files: dict[str, Path]
 
     @property
     def dimension(self) -> int:
@@ -96,9 +96,16 @@ class Folder:
 
     def note(self, path: Path) -> None:
         inside = path.is_relative_to(self.path)
-        self.hashes[path.relative_to(self.path).as_posix() if inside else path.name] = hashlib.sha256(
-            read_bytes(path)
-        ).hexdigest()
+        self.files[path.relative_to(self.path).as_posix() if inside else path.name] = path
+
+    def hashes(self, read: Mapping[Path, str]) -> dict[str, str]:
+        """Return the hash of every file that is a part of the case, as it was `read`; of a file that was not
+        read as bytes, as it is now.
+        """
+        return {
+            name: read.get(path.absolute()) or hashlib.sha256(read_bytes(path)).hexdigest()
+            for name, path in self.files.items()
+        }
 
     def table(self, role: str, required: str | tuple[str, ...]) -> Table | None:
         path = self.find(role)

@@ -18,6 +18,9 @@ LARGEST_TOML = 1 << 16  # bytes; what people write by hand has a few thousand
 LARGEST_JSON = 1 << 26  # bytes; a record holds no points
 DEEPEST = 20  # tables and lists in each other; ours have at most six
 MOST_KEYS = 100  # parts of one dotted key: the parser's time grows with their square
+HALF = re.compile(
+    r"\\u[dD][89a-fA-F]"
+)  # of a letter of two: JSON may write it, and no text can hold it alone
 WHOLE = range(-(1 << 63), 1 << 63)  # the whole numbers that TOML promises to keep
 
 
@@ -55,7 +58,13 @@ def parse_json(text: str, where: str) -> Any:
     try:
         value = json.loads(text, parse_constant=_refuse_constant)
         bounded(value, where)
+        if HALF.search(text):
+            json.dumps(value, ensure_ascii=False).encode()
         return value
+    except UnicodeEncodeError:
+        raise InputError(
+            f"{where}: has half of a letter (a lone surrogate), which no text can hold"
+        ) from None
     except json.JSONDecodeError as error:
         raise InputError(f"{where}: is not JSON: {error}") from None
     except RecursionError:

@@ -11,6 +11,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from ..places import check_inside, temporary_name
+
 MANIFEST = "manifest.txt"
 IGNORED = (".DS_Store", "Thumbs.db", "desktop.ini")  # what file browsers leave in any folder
 SURFACE = r"\.(ply|csv)"
@@ -66,8 +68,16 @@ def missing(folder: Path) -> list[str]:
 
 
 def _append_names(folder: Path, names: list[str]) -> None:
-    with (folder / MANIFEST).open("a", encoding="utf-8", newline="\n") as file:
-        file.writelines(f"{json.dumps(name)}\n" for name in names)
+    """Add names to the manifest, which is replaced: it may be a link, or be a file of another folder too."""
+    path = folder / MANIFEST
+    check_inside(path, folder)
+    known = path.read_bytes() if path.exists() else b""
+    staged = temporary_name(path)
+    try:
+        staged.write_bytes(known + "".join(f"{json.dumps(name)}\n" for name in names).encode())
+        os.replace(staged, path)
+    finally:
+        staged.unlink(missing_ok=True)
 
 
 def _list_files(folder: Path) -> list[str]:

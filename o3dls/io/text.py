@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import csv
+import hashlib
 import re
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +20,7 @@ from ..errors import InputError
 
 LARGEST_WHOLE = 1 << 53
 LARGEST_FILE = 1 << 31  # bytes: it is held in memory, and more than once
+_hashes: ContextVar[dict[Path, str] | None] = ContextVar("hashes", default=None)
 
 
 def read_bytes(path: str | Path, most: int = LARGEST_FILE) -> bytes:
@@ -38,7 +42,24 @@ def read_bytes(path: str | Path, most: int = LARGEST_FILE) -> bytes:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from error
     if not data:
         raise InputError(f"{path}: is empty")
+    if (hashes := _hashes.get()) is not None:
+        digest = hashlib.sha256(data).hexdigest()
+        if hashes.setdefault(path.absolute(), digest) != digest:
+            raise InputError(f"{path}: was changed while it was read; try again once it is whole")
     return data
+
+
+@contextmanager
+def hashed_reads() -> Iterator[dict[Path, str]]:
+    """Yield a dict that gets the SHA-256 of each file that the block reads by `read_bytes`: of what was read,
+    whatever becomes of the file. Raises InputError where it is read twice and is another one.
+    """
+    found: dict[Path, str] = {}
+    token = _hashes.set(found)
+    try:
+        yield found
+    finally:
+        _hashes.reset(token)
 
 
 def decode(data: bytes, path: str | Path) -> str:

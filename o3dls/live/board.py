@@ -119,7 +119,7 @@ class Board:
 
     def _events_since(self, last: str) -> list[Sent]:
         session, _, number = last.rpartition("-")
-        seen = int(number) if session == self.session and number.isdecimal() else None
+        seen = int(number) if session == self.session and number.isdecimal() and len(number) < 20 else None
         if seen is None or not self._forgotten <= seen <= self._seq:
             return self._take_snapshot()
         newest = [one for kind, one in self._newest.items() if kind in WHOLE]

@@ -13,6 +13,7 @@ import numpy as np
 from ..arrays import Array
 from ..io.case_reader import read_case
 from ..io.case_writer import write_case
+from ..places import check_inside
 from ..runs.run import Run
 from .session import Session
 
@@ -66,6 +67,8 @@ def finish(record: Path, session: Session, last: Array | None) -> Finished:
     from ..pipeline.file import default_pipeline
 
     folder, out = record / CASE, record / RUN
+    for place in (folder, out):
+        check_inside(place, record)
     write_case(folder, session.case(), force=True)
     case = read_case(folder)
     run = run_into(default_pipeline().allowed_by(case), case, out, force=True)

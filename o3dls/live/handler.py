@@ -16,16 +16,17 @@ from pathlib import Path
 from typing import Any, Protocol
 from urllib.parse import parse_qs, urlsplit
 
-from ..errors import O3dlsError
+from ..errors import InputError, O3dlsError
 from .board import Board, Box, Sent
+from .messages import MOST, parse_action
 from .page import live_page
 from .roles import Roles
 
-MOST = 16_384  # bytes of an action
 PAGES = 5  # a browser opens six connections to one server, and an action needs one
 BEAT = 1.0  # seconds after which a silent page is sent a sign of life
 RETRY = 1000  # ms after which a page that lost its connection comes back
 PATIENCE = 10.0  # seconds that a page may take to ask or to read
+LONGEST = 20  # digits of a length; Python reads a number of at most 4300
 DRAIN = 1_000_000  # bytes of a body that is too long are read, so that the page hears why it is refused
 NAME = 64  # letters of a page's name, at most
 HEADERS = {
@@ -99,7 +100,7 @@ class Handler(BaseHTTPRequestHandler):
         except OSError:
             raise  # the page went away
         except Exception:  # the page must hear that its action failed
-            log.exception("live: %s %s failed", method, urlsplit(self.path).path)
+            log.exception("live: %s failed", method)
             self._send_json(500, {"error": "an error inside o3dls; its log says which"})
 
     def send_error(self, code: int, message: str | None = None, explain: str | None = None) -> None:
@@ -108,7 +109,10 @@ class Handler(BaseHTTPRequestHandler):
         self._send_json(405 if code == 501 else code, {"error": message or "no request that is understood"})
 
     def _route_request(self, method: str) -> None:
-        asked = urlsplit(self.path)
+        try:
+            asked = urlsplit(self.path)
+        except ValueError as error:  # such as half an address in brackets
+            raise Refusal(400, "the path is no address") from error
         self._check_sender()
         given = parse_qs(asked.query)
         self._check_token(given.get("token", [""])[0] if asked.path == "/" else "")
@@ -186,13 +190,17 @@ class Handler(BaseHTTPRequestHandler):
         length = self.headers.get("Content-Length", "")
         if not (length.isascii() and length.isdecimal()):
             raise Refusal(411, "an action must say its length")
-        if int(length) > MOST:
-            self.rfile.read(min(int(length), DRAIN))
+        if len(length) > LONGEST:
+            raise Refusal(413, f"an action may have {MOST} bytes")
+        if (size := int(length)) > MOST:
+            self.rfile.read(min(size, DRAIN))
             raise Refusal(413, f"an action may have {MOST} bytes")
         try:
-            found = json.loads(self.rfile.read(int(length)), parse_constant=_refuse_constant)
-        except (ValueError, RecursionError, TimeoutError) as error:
-            raise Refusal(400, "an action must be JSON, with finite numbers") from error
+            found = parse_action(self.rfile.read(size), "an action")
+        except InputError as error:
+            raise Refusal(400, str(error)) from error
+        except TimeoutError as error:
+            raise Refusal(400, "an action must be as long as its Content-Length says") from error
         if not isinstance(found, dict):
             raise Refusal(400, "an action must be a JSON object")
         return found
@@ -244,7 +252,3 @@ class Handler(BaseHTTPRequestHandler):
         for name, value in {**HEADERS, **headers}.items():
             self.send_header(name, value)
         self.end_headers()
-
-
-def _refuse_constant(text: str) -> float:
-    raise ValueError(f"{text} is no finite number")

@@ -13,6 +13,7 @@ from time import monotonic
 from typing import Any
 
 from ..arrays import Array
+from ..child_processes import safe_path
 from ..errors import InputError
 from .engine import APART, serve
 from .journal import Journal
@@ -118,7 +119,8 @@ class Host:
         spawn = get_context("spawn")  # fork hangs once numba has used its threads
         ours, theirs = spawn.Pipe()
         process = spawn.Process(target=serve, args=(theirs, self.session))
-        process.start()
+        with safe_path():
+            process.start()
         theirs.close()
         self._engine = ours
         self._begun = monotonic()
@@ -157,12 +159,16 @@ class Host:
                 return
             self._short_lives = self._short_lives + 1 if monotonic() - self._begun < SOON else 0
             if self._short_lives >= MOST_ENDS:
-                self._engine = None
-                if self.ending:
-                    self.ended.set()
-                self.tell(
-                    error("the engine ends again and again: points are kept, but fitted only at the end")
-                )
+                self._go_without_engine("ends again and again")
                 return
             self.tell(error("the engine was killed and is begun again; no point is lost"))
-            self._begin_engine()
+            try:
+                self._begin_engine()
+            except OSError as fault:
+                self._go_without_engine(f"cannot be begun again ({fault})")
+
+    def _go_without_engine(self, why: str) -> None:
+        self._engine = None
+        if self.ending:
+            self.ended.set()
+        self.tell(error(f"the engine {why}: points are kept, but fitted only at the end"))

@@ -10,16 +10,21 @@ import os
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from errno import ENOSPC
+from math import inf
 from pathlib import Path
 from time import time
 from typing import Any, BinaryIO
 
 from ..errors import InputError
 from ..io.atomic import write_file
-from .messages import Message, action
+from ..io.text import read_bytes
+from ..places import check_inside
+from .messages import Message, action, parse_line
 
 NAME = "journal.jsonl"
 SCHEMA = 1
+HEAD = {"begun": float, "case": str, "prior": str}  # what the first line must say, besides
+LARGEST = 1 << 30  # bytes; a point has some hundred
 
 
 @dataclass
@@ -83,7 +88,7 @@ def begin_journal(folder: Path, head: Message, first: Iterable[Message]) -> Jour
     path = folder / NAME
     begun = {"seq": 0, "do": "begin", "schema": SCHEMA, "begun": time(), **head}
     actions = [{"seq": k, "time": 0.0, **action(one)} for k, one in enumerate(first, 1)]
-    write_file(path, b"".join(map(_encode_line, (begun, *actions))))
+    write_file(path, b"".join(map(_encode_line, (begun, *actions))), within=folder)
     return Journal(path, begun, actions, file=_open_file(path))
 
 
@@ -109,26 +114,33 @@ def read_journal(path: Path) -> Journal:
     does not fit; a last line without its end is not counted, and `cut` says so.
     """
     try:
-        *lines, rest = path.read_bytes().split(b"\n")
+        *lines, rest = read_bytes(path, LARGEST).split(b"\n")
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from error
     if not lines:
         raise InputError(f"{path}: holds no whole line: remove it, and begin again")
-    head = _decode_line(lines[0], path, 1)
-    if head.get("do") != "begin" or head.get("schema") != SCHEMA or not isinstance(head.get("begun"), float):
-        raise InputError(f"{path}: line 1: is not the beginning of a journal of this version of o3dls")
+    head = _read_head(lines[0], path)
     actions = list(_read_actions(lines[1:], path))
     cut = f"{path}: line {len(lines) + 1} was not written whole ({len(rest)} bytes) and is cut off"
     return Journal(path, head, actions, cut if rest else "")
+
+
+def _read_head(text: bytes, path: Path) -> Message:
+    head = _decode_line(text, path, 1)
+    if head.get("do") != "begin" or head.get("schema") != SCHEMA:
+        raise InputError(f"{path}: line 1: is not the beginning of a journal of this version of o3dls")
+    for key, kind in HEAD.items():
+        if type(found := head.get(key)) is not kind or found == inf:
+            raise InputError(f"{path}: line 1: {key} must be a {'number' if kind is float else 'text'}")
+    return head
 
 
 def _read_actions(lines: list[bytes], path: Path) -> Iterator[Message]:
     for k, text in enumerate(lines, 1):
         line = _decode_line(text, path, k + 1)
         if line.get("seq") != k:
-            raise InputError(
-                f"{path}: line {k + 1}: has seq {line.get('seq')}, must be {k}: lines are missing"
-            )
+            seq = f"{line.get('seq')!r:.40}"
+            raise InputError(f"{path}: line {k + 1}: has seq {seq}, must be {k}: lines are missing")
         try:
             checked = action({key: value for key, value in line.items() if key not in ("seq", "time")})
         except InputError as error:
@@ -141,10 +153,7 @@ def _encode_line(line: Message) -> bytes:
 
 
 def _decode_line(text: bytes, path: Path, at: int) -> dict[str, Any]:
-    try:
-        line = json.loads(text)
-    except ValueError as error:
-        raise InputError(f"{path}: line {at}: is not JSON: {error}; restore the file") from None
+    line = parse_line(text, f"{path}: line {at}")
     if not isinstance(line, dict):
         raise InputError(f"{path}: line {at}: must be an object")
     return line
@@ -153,6 +162,7 @@ def _decode_line(text: bytes, path: Path, at: int) -> dict[str, Any]:
 def _open_file(path: Path) -> BinaryIO:
     """Open the file without a buffer, so that nothing waits in memory; only one session may have it open."""
     try:
+        check_inside(path, path.parent)
         file = path.open("ab", buffering=0)
     except OSError as error:
         raise InputError(f"{path}: cannot be written: {error.strerror}") from error

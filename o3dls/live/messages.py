@@ -5,18 +5,23 @@ events from the engine, made here.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, cast
 
 from ..columns import NAMES
 from ..errors import CONTROL, InputError, did_you_mean
 from ..geometry.similarity import is_pose
+from ..io.documents import parse_json
 from ..io.points import NUMBERS
 from ..quantities import QUANTITIES
 
 Message = dict[str, Any]
 TYPES = ("eam", "inside", "ablation", "outlier")  # of a point; an outlier is kept in the journal alone
 RESERVED = ("x", "y", "z", "type", "id")  # columns that a value may not be named
+MOST = 16_384  # bytes of an action as text
+# what no name or value holds: control characters, ends of lines, half a letter
+UNFIT = re.compile(f"{CONTROL.pattern}|[\ud800-\udfff]")
 FARTHEST = 1e5  # units of the case: a coordinate beyond is no place in a patient
 
 
@@ -47,6 +52,21 @@ def action(given: object) -> Message:
     return found
 
 
+def parse_action(text: bytes, where: str) -> Any:
+    """Parse the text of an action, which `action` checks. Raises InputError, which begins with `where`."""
+    if len(text) > MOST:
+        raise InputError(f"{where}: has {len(text)} bytes or more: an action may have {MOST}")
+    return parse_line(text, where)
+
+
+def parse_line(text: bytes, where: str) -> Any:
+    """Parse a line of JSON. Raises InputError, which begins with `where`."""
+    try:
+        return parse_json(text.decode(), where)
+    except UnicodeDecodeError:
+        raise InputError(f"{where}: is not UTF-8") from None
+
+
 def event(kind: str, **content: Any) -> Message:
     """Make an event, whose number `seq` is given where it is sent: scene, surface, point, weights, state,
     error or end.
@@ -65,7 +85,10 @@ def number(value: float | None) -> float | None:
 
 
 def _is_finite(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    try:
+        return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    except OverflowError:  # a whole number that no float can hold
+        return False
 
 
 def _check_place(where: str, value: object) -> list[float]:
@@ -89,7 +112,7 @@ def _check_values(where: str, value: object) -> dict[str, float | str]:
     found: dict[str, float | str] = {}
     for given, one in value.items():
         name: object = NAMES.get(str(given), given)  # the same aliases as for columns of a points file
-        if not isinstance(name, str) or not name.strip() or CONTROL.search(name) or name in RESERVED:
+        if not isinstance(name, str) or not name.strip() or UNFIT.search(name) or name in RESERVED:
             raise InputError(f"{where}: {given!r} names no value: must be a word, none of {RESERVED}")
         found[name] = _check_value(f"{where}: {name} = {one!r}", name, one)
     return found
@@ -98,7 +121,7 @@ def _check_values(where: str, value: object) -> dict[str, float | str]:
 def _check_value(where: str, name: str, value: object) -> float | str:
     """Check a number or a text, as columns of points may hold it."""
     if isinstance(value, str) and name not in NUMBERS:
-        if CONTROL.search(value):
+        if UNFIT.search(value):
             raise InputError(f"{where}: holds a line break or a control character")
         return value
     if not _is_finite(value) or name == "name":
@@ -119,7 +142,7 @@ def _check_number(where: str, value: object) -> int:
 
 
 def _check_name(where: str, value: object) -> str:
-    if not isinstance(value, str) or not value.strip() or CONTROL.search(value):
+    if not isinstance(value, str) or not value.strip() or UNFIT.search(value):
         raise InputError(f"{where} = {value!r}: must be a name")
     return value.strip()
 

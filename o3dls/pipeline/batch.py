@@ -5,19 +5,20 @@ from __future__ import annotations
 import logging
 import os
 import traceback
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from concurrent.futures import Executor
-from contextlib import closing, suppress
+from contextlib import closing, nullcontext, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from tempfile import NamedTemporaryFile
 from threading import Event
 from time import perf_counter
 
 from ..case import Case
 from ..errors import InputError, O3dlsError
-from ..io.atomic import check_free, remove_partial
+from ..io.atomic import check_free
 from ..io.case_reader import read_case
+from ..places import check_inside, check_name, remove_partial, sole_writer, temporary_name
+from ..runs.crash import crash_of_failure
 from ..runs.folder import is_done
 from ..runs.log import log_of_failure, recorded_log
 from ..runs.run import Run
@@ -33,6 +34,7 @@ from .outcome import (
     write_table,
 )
 from .pipeline import Pipeline
+from .place import Task
 from .scheduler import spread
 from .study import Planned
 from .supervision import Ended, Limits, watched
@@ -44,11 +46,11 @@ log = logging.getLogger("o3dls")
 def run_into(
     pipeline: Pipeline, case: Case, out: Path, *, force: bool = False, pool: Executor | None = None
 ) -> Run:
-    """Run a pipeline and write its folder; a failure leaves only a log beside it that says why. `pool`:
-    processes that may help.
+    """Run a pipeline and write its folder; a failure leaves only a log beside it that says why, and a crash
+    file for those who look for its cause. `pool`: processes that may help.
     """
     check_free(out, force, "run")
-    with log_of_failure(out):
+    with log_of_failure(out), crash_of_failure(out, case, pipeline.record()):
         run = pipeline.run(case, pool).written(out, force=force)
     forget_failure(out)
     return run
@@ -84,27 +86,42 @@ def run_cohort(
     _check_places(study, out, force)
     if table:
         check_table(out, None if force else [one.name for one in study])
-        (out / PAGE).unlink(missing_ok=True)  # the page reports runs that are replaced now
-    since = _time_of_files(out) if force else None
-    tasks = [_Task(one, out / one.name, since, Path.cwd()) for one in study]
+    # parts of a study share a folder, and none of them writes the table
+    with sole_writer(out, "another batch") if table else nullcontext():
+        if table:
+            check_table(out, None if force else [one.name for one in study])  # one may have ended just now
+            (out / PAGE).unlink(missing_ok=True)  # the page reports runs that are replaced now
+        since = _time_of_files(out) if force else None
+        tasks = [_Task(one, out / one.name, since, Path.cwd()) for one in study]
+        how = limits or Limits(), stop or Event()
+        done = spread(tasks, scheduler, jobs, *how, out) if scheduler else watched(tasks, jobs, *how)
+        found = _gather_outcomes(done, out, len(study), _Written(out) if table else None, told)
+        if table and found:
+            write_table(out, found.values())
+    return [found[one.name] for one in study if one.name in found]
+
+
+def _gather_outcomes(
+    done: Generator[tuple[Task[Outcome], Outcome | Ended]],
+    out: Path,
+    of: int,
+    written: _Written | None,
+    told: Callable[[Outcome], None] | None,
+) -> dict[str, Outcome]:
+    """Return the outcomes by name; each is noted, logged and told as it comes."""
     found: dict[str, Outcome] = {}
-    written = _Written(out) if table else None
-    how = limits or Limits(), stop or Event()
-    done = spread(tasks, scheduler, jobs, *how, out) if scheduler else watched(tasks, jobs, *how)
     with closing(done) as results:
         for task, result in results:
             outcome = Outcome(task.name, [], [], result.reason) if isinstance(result, Ended) else result
             if outcome.error:
                 note_failure(outcome, out)
             found[task.name] = outcome
-            _log_outcome(outcome, len(found), len(study))
+            _log_outcome(outcome, len(found), of)
             if written:
                 written(found)
             if told:
                 told(outcome)
-    if table and found:
-        write_table(out, found.values())
-    return [found[one.name] for one in study if one.name in found]
+    return found
 
 
 def _time_of_files(out: Path) -> float:
@@ -112,8 +129,12 @@ def _time_of_files(out: Path) -> float:
     keeps the folder.
     """
     out.mkdir(parents=True, exist_ok=True)
-    with NamedTemporaryFile(dir=out, prefix=".batch.partial-") as file:
-        return os.fstat(file.fileno()).st_mtime
+    path = temporary_name(out / "batch")
+    path.touch()
+    try:
+        return path.stat().st_mtime
+    finally:
+        path.unlink()
 
 
 def _log_outcome(outcome: Outcome, done: int, of: int) -> None:
@@ -139,6 +160,7 @@ class _Written:
 def _check_names(study: Sequence[Planned], out: Path) -> None:
     names: dict[str, Planned] = {}
     for one in study:
+        check_name(one.name, one.folder)
         if one.name in names:
             raise InputError(
                 f"{one.folder}: two runs are named '{one.name}' and would have one folder; rename the case "
@@ -158,6 +180,7 @@ def _check_names(study: Sequence[Planned], out: Path) -> None:
 def _check_places(study: Sequence[Planned], out: Path, force: bool) -> None:
     """Raise InputError where a run would replace what is no run, or a case, or what holds one."""
     for one in study:
+        check_inside(out / one.name, out)
         if force or not (out / one.name / "run.json").is_file():
             check_free(out / one.name, True, "run")
     places = {os.path.realpath(out / one.name): out / one.name for one in study}

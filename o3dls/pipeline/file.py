@@ -17,6 +17,7 @@ from ..plugins.plugin import Plugin, load
 from ..resources import pipeline_file
 from .mistakes import order_mistakes
 from .pipeline import Pipeline
+from .start import say_unpaired
 
 TOP = {"case": str, "out": str, "folds": int, "stage": list, "write": list}
 FOLDERS = ("case", "out")
@@ -114,6 +115,7 @@ def all_mistakes(path: str | Path, case: str | Path | None = None) -> list[str]:
 
         with _note_mistakes(mistakes), compiling_said():
             subject = read_case(folder)
+            say_unpaired(subject)
             mistakes += [] if pipeline is None else pipeline.refusals(subject)
     return mistakes
 

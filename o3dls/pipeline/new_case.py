@@ -14,6 +14,7 @@ from ..errors import InputError
 from ..io.atomic import check_free, staged_folder, write_file
 from ..io.case_reader import case_of
 from ..io.case_settings import new_folder, toml_lines
+from ..io.images.dicom import check_no_series
 from ..io.manifest import write_manifest
 from ..parallel import compiling_said
 from ..plugins.catalogue import as_toml, commented, meaning
@@ -123,6 +124,8 @@ def _gather_settings(folder: Path, files: dict[str, Path], given: dict[str, Any]
 
 def _check_file(role: str, path: Path) -> None:
     option = f"--{role.removeprefix('prior_')} {path}"
+    if role == "prior":
+        check_no_series(path)
     if path.is_dir():
         study = "; if it is the export of a study, use o3dls import" if role == "points" else ""
         raise InputError(f"{option}: is a folder; name a file{study}")

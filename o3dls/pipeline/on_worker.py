@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import secrets
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -14,6 +13,7 @@ from typing import Any, TypeVar
 
 from ..errors import InputError
 from ..io.atomic import write_file
+from ..places import temporary_name
 from ..runs.scoring import version_of
 from .place import Death, Place, Task
 from .supervision import Ended, Limits, attended
@@ -58,7 +58,7 @@ class Order:
 def ordered(out: Path) -> Iterator[Order]:
     """Yield an order in the folder of the runs, which is removed when the block ends."""
     # the name is that of a half-made file, so that it is removed like one if its process was killed
-    path = out.absolute() / f".batch.partial-{os.getpid():x}-{secrets.token_hex(4)}"
+    path = temporary_name(out.absolute() / "batch")
     write_file(path, BEGIN)
     try:
         yield Order(path, version_of("o3dls"))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,13 +12,13 @@ from ..errors import InputError, escaped
 from ..io.atomic import write_file
 from ..io.documents import read_json
 from ..io.table import read_table
+from ..places import PARTIAL, beside, check_inside
 from ..runs.estimate_files import write_rows
 from ..runs.folder import read_record
 from ..runs.tables import score_rows
 
 COHORT, PAGE = "cohort.csv", "cohort.html"  # the page is the report's: see report/writer.py
 FAILED = ".failed.json"  # ends the name of the file that says why a case has no run
-PARTIAL = re.compile(r"\..*\.partial-")
 
 
 @dataclass(frozen=True)
@@ -56,12 +55,12 @@ def outcome_of(folder: Path) -> Outcome:
 def note_failure(outcome: Outcome, out: Path) -> None:
     """Leave beside where the run would be why there is none, for tables that are made later."""
     said = {"case": outcome.case, "error": outcome.error, "warnings": outcome.warnings}
-    write_file(out / f"{outcome.case}{FAILED}", json.dumps(said, indent=1) + "\n")
+    write_file(beside(out / outcome.case, FAILED), json.dumps(said, indent=1) + "\n", within=out)
 
 
 def forget_failure(run: Path) -> None:
     """Remove what an earlier failure left beside the place of a run."""
-    run.with_name(run.name + FAILED).unlink(missing_ok=True)
+    beside(run, FAILED).unlink(missing_ok=True)
 
 
 def gathered(runs: Path) -> list[Outcome]:
@@ -96,6 +95,9 @@ def _read_failure(name: str, path: Path) -> Outcome:
     said = read_json(path)
     if not isinstance(said, dict) or not isinstance(said.get("error"), str):
         raise InputError(f"{path}: does not say why the case failed; run it again")
+    case = said.get("case")  # a long name is cut in that of the file
+    if isinstance(case, str) and "/" not in case and beside(path.parent / case, FAILED) == path:
+        name = case
     return Outcome(name, [], [], said["error"], [str(warning) for warning in said.get("warnings", [])])
 
 
@@ -104,6 +106,7 @@ def write_table(out: Path, outcomes: Iterable[Outcome]) -> None:
     computed.
     """
     ordered = sorted(outcomes, key=lambda outcome: outcome.case)
+    check_inside(out / COHORT, out)
     write_rows(out / COHORT, [row for outcome in ordered for row in cohort_rows(outcome)])
 
 

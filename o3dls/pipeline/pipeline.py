@@ -33,6 +33,7 @@ from .start import (
     doubtful_pose,
     misfit,
     pose_unknown,
+    say_unpaired,
     start_digest,
     start_estimate,
 )
@@ -107,6 +108,7 @@ class Pipeline:
 
         begin = perf_counter()
         started_beside(self._prepare_plugins)
+        say_unpaired(case)
         self._check_case(case)
         folds = Folds(partial(self.fit, level=logging.DEBUG), case, self.folds, pool) if self.folds else None
         estimates = self._fit_and_judge(case)

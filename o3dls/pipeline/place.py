@@ -77,10 +77,14 @@ class Place(Generic[T]):
         if fresh and self._done:
             self.close()
         self.task, self._beyond = task, None
-        if self._pool and self.process:
-            self._submit_task(self._pool, task)
-        else:
-            self._start_process()
+        try:
+            if self._pool and self.process:
+                self._submit_task(self._pool, task)
+            else:
+                self._start_process()
+        except BaseException:  # nothing was begun that could be told to end
+            self.task = None
+            raise
 
     def look(self) -> tuple[Task[T], T | Death] | None:
         """Return the task with its result, or with how its process ended; None while it is at work."""

@@ -17,6 +17,7 @@ from threading import Event
 from time import monotonic
 from typing import Any, Generic, TypeVar
 
+from ..child_processes import SAFE_PATH, safe_path
 from ..errors import InputError
 from .on_worker import Order, done_here, ordered, released
 from .place import Task
@@ -84,7 +85,7 @@ def _check_address(address: str) -> None:
     ever for one that says nothing.
     """
     found = ADDRESS.fullmatch(address)
-    if not found:
+    if not found or int(found[3]) > 65535:
         raise InputError(
             f"--scheduler: '{address}': must be {LOCAL}, or the address of a scheduler, such as tcp://host:8786"
         )
@@ -101,18 +102,19 @@ def _local_cluster(workers: int) -> Iterator[Any]:
     import dask
     from distributed import LocalCluster
 
-    settings: dict[str, Any] = dict(QUIETER)
+    settings: dict[str, Any] = {**QUIETER, f"distributed.nanny.pre-spawn-environ.{SAFE_PATH}": "1"}
     if not os.environ.get("NUMBA_NUM_THREADS"):
         cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
         settings["distributed.nanny.pre-spawn-environ.NUMBA_NUM_THREADS"] = max(1, cores // workers)
     with dask.config.set(settings):
-        cluster = LocalCluster(
-            n_workers=workers,
-            threads_per_worker=1,
-            memory_limit=0,
-            dashboard_address="127.0.0.1:0",  # any port: one that is taken would be warned of
-            silence_logs="ERROR",
-        )
+        with safe_path():
+            cluster = LocalCluster(
+                n_workers=workers,
+                threads_per_worker=1,
+                memory_limit=0,
+                dashboard_address="127.0.0.1:0",  # any port: one that is taken would be warned of
+                silence_logs="ERROR",
+            )
         with cluster:
             yield cluster
 

@@ -4,6 +4,7 @@ together at all.
 
 from __future__ import annotations
 
+import logging
 from hashlib import sha256
 
 import numpy as np
@@ -17,10 +18,12 @@ from ..evaluation.distances import landmark_errors
 from ..geometry.shells import wall_thickness
 from ..geometry.similarity import fit_similarity
 from ..io.surfaces import A_WALL
+from ..registration.landmark_names import alone
 from ..registration.landmarks import fix_a_pose
 from ..run_warning import RunWarning
 from .doubts import contradiction
 
+log = logging.getLogger("o3dls")
 FEWEST_POINTS = 10
 SPANS = (0.1, 4.0)  # extent of the points relative to the prior's: a single vein is 0.15, a chamber 1
 MOST = (0.05, 0.95)  # quantiles between which points must not be too wide, whatever outliers there are
@@ -57,6 +60,19 @@ def start_estimate(case: Case) -> Estimate:
         np.eye(case.dimension + 1),
         f"prior as given: the case has neither 3 landmark pairs nor an init matrix{why}",
     )
+
+
+def say_unpaired(case: Case) -> None:
+    """Log the landmarks of either side that have no pair, since they are not used."""
+    names = case.points.columns.get("name", np.full(len(case.points), ""))
+    ours = [str(name) for name in names[case.points.type == "landmark"]]
+    theirs = list(case.prior_landmarks)
+    for side, some, others in (("points", ours, theirs), ("prior", theirs, ours)):
+        for name in alone(some, others):
+            log.info(
+                "landmark %s of the %s is not used: it has no pair on the other side, which has %s",
+                *(name, side, ", ".join(others) or "none"),
+            )
 
 
 def misfit(case: Case, start: Estimate, *, pose_is_known: bool) -> list[str]:

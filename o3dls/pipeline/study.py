@@ -10,6 +10,7 @@ from pathlib import Path
 
 from ..errors import InputError, O3dlsError, did_you_mean
 from ..io.table import Table, read_table
+from ..places import check_name
 from .file import default_pipeline, read_pipeline
 from .pipeline import Pipeline
 
@@ -115,6 +116,5 @@ def _plan_row(table: Table, row: int, plans: _Plans) -> Planned:
         raise InputError(f"{table.path}: line {table.lines[row]}: {error}") from None
     usual = folder.resolve().name + (f"-{own.stem}" if own else "")
     name = cells.get("name", usual)
-    if Path(name).name != name:
-        raise InputError(f"{table.where(row, 'name')}: '{name}': must be the name of a folder, not a path")
+    check_name(name, table.where(row, "name"))
     return Planned(name, folder, pipeline, trim=plans.trims and own is None)

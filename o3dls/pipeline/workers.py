@@ -17,6 +17,7 @@ from threading import Thread
 from typing import Any
 
 from .. import parallel
+from ..child_processes import safe_path
 from ..errors import InputError
 
 GRACE = 2.0  # seconds in which a process that was told to end may remove what it has half made
@@ -36,7 +37,7 @@ def workers(processes: int, beside: int = 0) -> Iterator[Executor]:
     with ours, theirs, _open_pool(processes, spawn, (processes + beside, theirs)) as pool:
         results = pool._result_queue  # kept, since a pool that is shut down forgets it
         try:
-            with _block_interrupts():
+            with _report_no_process(), _block_interrupts(), safe_path():
                 for _ in range(processes):
                     pool.submit(int)  # begins a process
             yield pool
@@ -49,12 +50,19 @@ def workers(processes: int, beside: int = 0) -> Iterator[Executor]:
 
 
 def _open_pool(processes: int, spawn: SpawnContext, given: tuple[int, Connection]) -> ProcessPoolExecutor:
-    try:
+    with _report_no_process(), safe_path():  # semaphores have a process of Python that looks after them
         return ProcessPoolExecutor(processes, spawn, initializer=_begin_process, initargs=given)
+
+
+@contextmanager
+def _report_no_process() -> Iterator[None]:
+    """Raise InputError for what keeps the system from beginning a process."""
+    try:
+        yield
     except (OSError, ImportError) as error:  # ImportError: Python was built without semaphores
         raise InputError(
-            f"no further process can be begun ({error}): processes need semaphores, on Linux in a /dev/shm "
-            "that this user may write to"
+            f"no further process can be begun ({error}): are there too many? They need "
+            "semaphores, on Linux in a /dev/shm that this user may write to"
         ) from None
 
 

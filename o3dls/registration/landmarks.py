@@ -76,12 +76,12 @@ def odd_one(prior: Array, measured: Array, far: float) -> int | None:
     rest = np.full(len(prior), np.inf)
     for i in np.flatnonzero(~np.isnan(gaps)):
         others = np.arange(len(prior)) != i
-        rest[i] = _rms(prior[others], measured[others])
+        rest[i] = _measure_rms(prior[others], measured[others])
     odd = int(rest.argmin())
-    return odd if gaps[odd] > far and rest[odd] < MUCH_BETTER * _rms(prior, measured) else None
+    return odd if gaps[odd] > far and rest[odd] < MUCH_BETTER * _measure_rms(prior, measured) else None
 
 
-def _rms(prior: Array, measured: Array) -> float:
+def _measure_rms(prior: Array, measured: Array) -> float:
     matrix = fit_similarity(prior, measured, scale=False)
     return float(np.sqrt((errors(prior, measured, matrix) ** 2).mean()))
 

@@ -12,12 +12,13 @@ import numpy as np
 from ..run_warning import each_once
 from ..runs.far_points import far_points
 from ..runs.run import Run
-from .expected import DUE, OFF, expected_error, shares_within
+from .expected import DUE, OFF, shares_within
 from .grading.check import Check, Grade
+from .grading.expected_error import check_expected_error
 from .grading.wall import farthest, prior_only, removed_wall, volume
 from .shape_words import words_of
 from .subject import Subject
-from .wall_parts import MAPPED, PRIOR_ONLY, Part, compared, compared_parts
+from .wall_parts import Part, compared, compared_parts
 
 FAR_LANDMARK = 15.0  # mm from its place on the result: as of a landmark in another vein
 # mm rms, of all of them, on a patient's own prior: places marked to 2 mm per axis lie 3.5 mm off, and 3.9 at
@@ -37,7 +38,7 @@ def checks(subject: Subject) -> list[Check]:
         _check_validity(subject),
         _check_convergence(subject),
         _against_baseline(subject),
-        _check_expected_error(subject),
+        check_expected_error(subject),
         _check_calibration(subject),
         _check_landmarks(subject),
         _check_size(subject),
@@ -90,16 +91,6 @@ def _last_steps(run: Run) -> dict[str, float | None]:
         if not one.converged:
             found[key] = step
     return found
-
-
-def _check_expected_error(subject: Subject) -> Check:
-    found = expected_error(subject)
-    if found is None:
-        return Check("Expected error", "none", "no stage gives a posterior")
-    parts = ((MAPPED, found.mapped), (PRIOR_ONLY, found.prior_only))
-    apart = "; ".join(f"{name}: {value:.2f} {subject.unit}" for name, value in parts if value is not None)
-    said = f"mean {found.all:.2f} {subject.unit}, from the posterior ({apart})"
-    return Check("Expected error", "good", said, f"{found.all:.2f} {subject.unit}")
 
 
 def _check_calibration(subject: Subject) -> Check:

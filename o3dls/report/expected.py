@@ -1,4 +1,7 @@
-"""The error that the posterior expects of a surface, and whether it is the error that was made."""
+"""The error that the posterior expects of a surface, and whether left-out points or the truth confirm it.
+
+Whether there is wall at all is another question (field `existence`), which is not mixed in.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +13,7 @@ from numpy.typing import NDArray
 from ..arrays import Array
 from ..evaluation.next_places import MEAN_OVER_SD
 from ..geometry.surface import Surface
-from .subject import Subject
+from .subject import Result, Subject
 from .surfaces.display import TRUTH
 
 DUE = (0.68, 0.95)  # share of normal errors within one and two standard deviations
@@ -30,30 +33,71 @@ class Expected:
     prior_only: float | None
 
 
+@dataclass(frozen=True)
+class Scatter:
+    """This says how far points lie from the surfaces of fits without them: how many they are, the mean
+    distance, and its ratio to the deviation that these fits predicted, as rms (1 where the posterior holds).
+    Each point counts as far as the fit to all believes that it touches the wall.
+    """
+
+    count: int
+    distance: float
+    ratio: float
+
+
+def left_out_scatter(result: Result, rows: NDArray[np.bool_] | None = None) -> Scatter | None:
+    """Return the scatter of the left-out points of an estimate, or of some of its `eam` points; None where
+    none was left out or no posterior predicted it.
+    """
+    points = result.run.points
+    gap = points.columns.get(f"left_out_{result.key}_{result.run.unit}")
+    deviation = points.columns.get(f"left_out_sd_{result.key}_{result.run.unit}")
+    if gap is None or deviation is None:
+        return None
+    belief = _believe_points(result)
+    known = (points.type == "eam") & np.isfinite(deviation) & (deviation > 0.0) & (belief > 0.0)
+    if rows is not None:
+        known[points.type == "eam"] &= rows
+    if not known.any():
+        return None
+    belief, gap, squared = belief[known], gap[known], (gap[known] / deviation[known]) ** 2
+    return Scatter(
+        len(gap), float(np.average(gap, weights=belief)), float(np.sqrt(np.average(squared, weights=belief)))
+    )
+
+
+def _believe_points(result: Result) -> Array:
+    """Return the probability (n,) that each point of a run touches the wall; 1 where no stage says it."""
+    found = np.ones(len(result.run.points))
+    fitted = np.isin(result.run.points.type, result.fitted)
+    weights = result.estimate.weights
+    if weights is not None and len(weights) == fitted.sum():
+        found[fitted] = weights
+    return found
+
+
 def expected_error(subject: Subject) -> Expected | None:
-    """Return the expected error of the last estimate in the case's unit; None where it has no posterior."""
-    return expected_of(subject.last.estimate.surface, subject.unit)
+    """Return the expected error of the last estimate in the case's unit; None where it has no posterior.
+    Where left-out points lie farther off than the posterior predicts, that of the mapped wall is as much
+    larger.
+    """
+    scatter = left_out_scatter(subject.last)
+    widened = max(1.0, scatter.ratio) if scatter else 1.0
+    return expected_of(subject.last.estimate.surface, subject.unit, widened)
 
 
-def expected_of(surface: Surface, unit: str) -> Expected | None:
-    """Return the expected error of a surface, by its fields `sd_<unit>` and `prior_only`; else None."""
+def expected_of(surface: Surface, unit: str, widened: float = 1.0) -> Expected | None:
+    """Return the expected error of a surface, by its fields `sd_<unit>` and `prior_only`; else None.
+    widened: factor on that of the mapped wall.
+    """
     sd = surface.fields.get(f"sd_{unit}")
     far = surface.fields.get("prior_only")
     if sd is None or far is None:
         return None
-    error = _expected_distance(surface, sd, unit)
+    error = MEAN_OVER_SD * np.where(far == 0, widened, 1.0) * sd
     everywhere = np.ones(len(sd), dtype=bool)
     means = [_mean_over_part(surface, error, part) for part in (everywhere, far == 0, far > 0)]
     return None if means[0] is None else Expected(means[0], *means[1:])
-
-
-def _expected_distance(surface: Surface, sd: Array, unit: str) -> Array:
-    """Return the distance (n,) that is expected from each vertex to the wall: by the deviation where there is
-    wall; as far as there may be none, the way to the next point, which lies on some.
-    """
-    missing = absence(surface)
-    gap = surface.fields.get(f"distance_to_nearest_point_{unit}", np.zeros(len(sd)))
-    return np.asarray((1.0 - missing) * MEAN_OVER_SD * sd + missing * gap)
 
 
 def absence(surface: Surface) -> Array:

@@ -18,6 +18,7 @@ from ..errors import InputError, did_you_mean
 from ..estimate import Estimate
 from ..evaluation.interpolation import REACH
 from ..geometry.surface import Surface
+from ..runs.folder import day_of_end
 from ..runs.run import Run
 from .palette import places
 from .surfaces.display import displayed
@@ -155,9 +156,7 @@ class Subject:
     @property
     def date(self) -> str:
         """Day (UTC) on which the last run ended, by the time of its run.json; today where none is written."""
-        if not self.folders:
-            return datetime.now(UTC).date().isoformat()
-        return datetime.fromtimestamp((self.folders[-1] / "run.json").stat().st_mtime, UTC).date().isoformat()
+        return day_of_end(self.folders[-1]) if self.folders else datetime.now(UTC).date().isoformat()
 
     def style(self, name: str) -> int:
         """Return the number of the colour and dash of an estimate in all of the report, by its method. Those

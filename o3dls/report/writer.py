@@ -88,8 +88,16 @@ def _write_page(subject: Subject, path: Path, *, pdf: bool) -> Path:
 
             figures = FIGURES if path.name == REPORT else f"{path.stem}_{FIGURES}"
             write_slides(subject, path.parent / figures, path.with_suffix(".pdf"))
-        write_file(path, text)  # last, and atomic: an interruption leaves all or nothing
+        # last, and atomic: an interruption leaves all or nothing
+        write_file(path, text, within=_folder_of_run(path, subject))
     return path
+
+
+def _folder_of_run(path: Path, subject: Subject) -> Path | None:
+    """Return the folder of the subject's runs in which a page stands, which may be from elsewhere, so that no
+    link there is followed; None for a page beside them.
+    """
+    return next((folder for folder in subject.folders if path.is_relative_to(folder)), None)
 
 
 def compare(folders: Sequence[str | Path], out: str | Path = "compare.html") -> Path:
@@ -110,16 +118,19 @@ def write_cohort(outcomes: Sequence[Outcome], out: str | Path) -> Path:
     ordered = sorted(outcomes, key=lambda one: one.case)  # the page has the order of the table
     folders = [Path(out) / one.case for one in ordered if not one.error]
     failed = {one.case: one.error for one in ordered if one.error}
-    return _write_cohort(folders, failed, Path(out) / PAGE)
+    return _write_cohort(folders, failed, Path(out) / PAGE, within=Path(out))
 
 
-def _write_cohort(folders: Sequence[str | Path], failed: Mapping[str, str], out: str | Path) -> Path:
+def _write_cohort(
+    folders: Sequence[str | Path], failed: Mapping[str, str], out: str | Path, within: Path | None = None
+) -> Path:
     from ..io.atomic import write_file
     from .cohort.entries import read_entries
     from .cohort.page import cohort_page
 
     path = _check_page_path(out)
-    write_file(path, cohort_page(read_entries([Path(folder) for folder in folders]), path, failed))
+    page = cohort_page(read_entries([Path(folder) for folder in folders]), path, failed)
+    write_file(path, page, within=within)
     return path
 
 

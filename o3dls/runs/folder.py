@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,14 @@ def read_record(folder: str | Path) -> RunRecord:
     if not path.is_file():
         raise InputError(f"{folder}: is not a run folder: it has no run.json")
     return checked(read_json(path), str(path))
+
+
+def day_of_end(folder: Path) -> str:
+    """Return the day (UTC) on which a run ended, by the time of its run.json."""
+    try:
+        return datetime.fromtimestamp((folder / "run.json").stat().st_mtime, UTC).date().isoformat()
+    except (ValueError, OverflowError, OSError):  # by a clock that was wrong, beyond the years of a calendar
+        return "at a time that is not known"
 
 
 def read_run(folder: str | Path) -> Run:

@@ -8,7 +8,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from ..errors import O3dlsError, escaped_lines
+from ..errors import InputError, O3dlsError, escaped_lines
+from ..io.atomic import write_file
+from ..places import beside
 
 log = logging.getLogger("o3dls")
 
@@ -43,7 +45,7 @@ def log_of_failure(out: Path) -> Iterator[None]:
     """Leave `<out>.failed.log`, which says what was done and why it ended, where the block fails; remove an
     old one where it does not.
     """
-    path = out.with_name(out.name + ".failed.log")
+    path = beside(out, ".failed.log")
     with recorded_log(logging.INFO) as lines:
         try:
             yield
@@ -53,9 +55,11 @@ def log_of_failure(out: Path) -> Iterator[None]:
                 if isinstance(error, O3dlsError)
                 else traceback.format_exc()
             )
-            with suppress(OSError):  # what went wrong is said, whether or not there is room for a log of it
-                path.parent.mkdir(parents=True, exist_ok=True)
-                path.write_text(escaped_lines("\n".join(lines)) + "\n", encoding="utf-8", errors="replace")
+            with suppress(
+                OSError, InputError
+            ):  # what went wrong is said, whether or not there is room for a log of it
+                path.unlink(missing_ok=True)  # a link is replaced, and not followed
+                write_file(path, escaped_lines("\n".join(lines)) + "\n")
             raise
     with suppress(OSError):
         path.unlink(missing_ok=True)

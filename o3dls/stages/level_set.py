@@ -92,6 +92,7 @@ class LevelSet(Stage):
         phi, warnings = whole_level_set(surface, self.spacing, case.units, mesh=isosurface, crossing=crossing)
         pieces, _ = components_and_euler(surface.vertices, surface.faces)
         why = "the points ask for no other wall" if asked else "no reconstruction was asked for"
+        why = "outlines in the plane are not reconstructed" if case.dimension == 2 else why
         nothing = {f"correction_{case.units}": np.zeros(len(surface.vertices))}
         return Result(
             phi,

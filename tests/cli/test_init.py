@@ -16,11 +16,13 @@ from click.testing import CliRunner, Result
 from tiny import ball_case, disc_case
 
 from o3dls.cli.commands import cli, run_command
+from o3dls.errors import InputError
 from o3dls.io.case_reader import read_case
 from o3dls.io.case_writer import write_case
 from o3dls.io.markups import Markups, write_markups
 from o3dls.io.surfaces import write_surface
 from o3dls.pipeline.file import all_mistakes, read_pipeline
+from o3dls.pipeline.new_case import make_case
 
 DEFAULT = re.compile(r"^# (?=\w+ = )", re.MULTILINE)  # before a default that may be uncommented
 
@@ -205,3 +207,12 @@ def test_a_case_is_replaced_only_when_told_and_never_with_what_is_not_ours(
     (new / "mine.txt").write_text("kept")
     assert "mine.txt" in str(init(new, *given(files), "--force").exception)
     assert (new / "mine.txt").read_text() == "kept"
+
+
+def test_a_folder_of_dicom_is_told_what_it_is(tmp_path: Path) -> None:
+    series = tmp_path / "series"
+    series.mkdir()
+    (series / "1.dcm").write_bytes(bytes(128) + b"DICM")
+    (tmp_path / "points.csv").write_text("x,y,z\n")
+    with pytest.raises(InputError, match=r"is a folder of DICOM files.*segment the left atrium first"):
+        make_case(tmp_path / "case", series, tmp_path / "points.csv")

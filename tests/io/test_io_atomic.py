@@ -15,8 +15,9 @@ from tiny import ball_case
 
 from o3dls.cli.main import answer
 from o3dls.errors import InputError
-from o3dls.io.atomic import check_free, remove_partial, write_file
+from o3dls.io.atomic import check_free, write_file
 from o3dls.io.case_writer import write_case
+from o3dls.places import remove_partial
 from tests.finished import finished
 
 FULL = OSError(errno.ENOSPC, "No space left on device")

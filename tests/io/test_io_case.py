@@ -12,6 +12,7 @@ import sys
 import time
 import tomllib
 from dataclasses import replace
+from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +22,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from o3dls.case import POINT_TYPES, Case, Points, Truth
+from o3dls.cli.main import answer
 from o3dls.errors import InputError
 from o3dls.geometry.surface import Surface, outline
 from o3dls.io.atomic import check_free, staged_file, staged_folder
@@ -31,6 +33,8 @@ from o3dls.io.manifest import write_manifest
 from o3dls.io.meshes.repair import capped, closed_outward, welded
 from o3dls.io.points import read_points, write_points
 from o3dls.io.surfaces import write_surface
+from o3dls.io.text import hashed_reads, read_bytes
+from tests.tiny import ball_case
 
 SEED = 738_112
 
@@ -690,3 +694,55 @@ def test_a_case_may_be_read_before_its_first_point(tmp_path: Path, header: str |
     assert len(read_case(tmp_path / "case", fewest=0).points) == 0
     with pytest.raises(InputError, match="points"):
         read_case(tmp_path / "case")
+
+
+def test_the_hash_of_a_file_is_that_of_what_was_parsed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Somebody may write a file while it is read: the case says what it was made of."""
+    write_case(tmp_path / "case", ball_case())
+    parsed = {path.name: sha256(path.read_bytes()).hexdigest() for path in (tmp_path / "case").iterdir()}
+    read = Path.read_bytes
+
+    def then_changed(path: Path) -> bytes:
+        data = read(path)
+        path.write_bytes(data + b"\n")
+        return data
+
+    monkeypatch.setattr(Path, "read_bytes", then_changed)
+    found = read_case(tmp_path / "case").files
+    assert found
+    assert found == {name: parsed[name] for name in found}
+
+
+def test_a_file_that_changes_between_two_reads_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a"
+    with hashed_reads():
+        path.write_text("1")
+        read_bytes(path)
+        read_bytes(path)
+        path.write_text("2")
+        with pytest.raises(InputError, match="was changed while it was read"):
+            read_bytes(path)
+    assert read_bytes(path) == b"2"
+
+
+@pytest.mark.parametrize("check", [True, False])
+def test_a_landmark_without_a_pair_is_named(
+    check: bool, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    case = ball_case()
+    marks = {"z": np.array([0.0, 0.0, -20.0]), **case.prior_landmarks}
+    del marks["c"]
+    write_case(tmp_path / "ball", replace(case, prior_landmarks=marks))
+    (tmp_path / "p.toml").write_text('case = "ball"\nout = "run"\nfolds = 0\n[[stage]]\nuse = "icp"\n')
+    with caplog.at_level("INFO", "o3dls"):
+        answer(["check" if check else "run", str(tmp_path / "p.toml")])
+    said = [line for line in caplog.messages if "is not used" in line]
+    assert len(said) == 2
+    assert (
+        "landmark c of the points is not used: it has no pair on the other side, which has z, a, b" in said[0]
+    )
+    assert (
+        "landmark z of the prior is not used: it has no pair on the other side, which has a, b, c" in said[1]
+    )

@@ -153,7 +153,7 @@ def test_an_inverted_mask_is_refused_and_read_by_the_label_that_is_named(tmp_pat
 
 def test_a_background_that_is_a_label_is_refused() -> None:
     labels = np.where(ball(), 3, np.where(np.indices((N, N, N))[0] < 2, 0, 1))
-    with pytest.raises(InputError, match=r"label 1 covers 81% .* background.*--label \(0, 3\)"):
+    with pytest.raises(InputError, match=r"label 1 covers 8\d% .* background.*--label \(0, 3\)"):
         surface_of(Image(labels, np.eye(4)), "la.nii", label=1)
     assert surface_of(Image(labels, np.eye(4)), "la.nii", label=3).surface.watertight
 

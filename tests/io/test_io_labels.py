@@ -11,7 +11,7 @@ import pytest
 
 from o3dls.errors import InputError
 from o3dls.io.case_reader import read_case
-from o3dls.io.images.labels import surface_of
+from o3dls.io.images.labels import _whole_values, surface_of
 from o3dls.io.images.voxels import Image
 from o3dls.io.surfaces import read_surface_file
 from o3dls.runs.conversion import convert
@@ -567,3 +567,58 @@ def test_analyze_is_told_from_nifti_and_refused(tmp_path: Path) -> None:
     path.write_bytes(path.read_bytes()[:344] + bytes(4))
     with pytest.raises(InputError, match=r"b\.hdr: is Analyze 7.5, which does not say left from right"):
         read_surface_file(path)
+
+
+@pytest.mark.parametrize("form", ["a.nii", "a.nii.gz"])
+def test_a_large_volume_takes_little_more_memory_than_its_voxels(form: str, tmp_path: Path) -> None:
+    """Of 1 MB that unpack to 640 x 640 x 640 voxels, labelling all of them took 3.7 GB."""
+    import tracemalloc
+
+    volume = np.zeros((300, 300, 300), np.uint8)
+    volume[120:160, 130:170, 140:180] = 1
+
+    def peak(path: Path) -> int:
+        tracemalloc.start()
+        read_surface_file(path)
+        most = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        return most
+
+    small = nifti_of(volume[110:170, 120:180, 130:190], tmp_path / f"small_{form}")
+    peak(small)  # imports
+    assert peak(nifti_of(volume, tmp_path / form)) < peak(small) + 1.3 * volume.size
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("touches", [None, "low", "high"])
+def test_a_label_lies_where_it_lay_however_much_is_around_it(
+    axis: int, touches: str | None, tmp_path: Path
+) -> None:
+    """What is cut out around a label changes neither where it lies nor how it is closed."""
+    small = np.zeros((18, 20, 22), np.uint8)
+    small[4:14, 5:15, 6:16] = 1
+    small[7:9, 7:9, 3:19] = 1
+    small = np.moveaxis(small, 2, axis)
+    inner = small
+    if touches:
+        inner = small.take(np.arange(8, small.shape[axis]) if touches == "low" else np.arange(10), axis)
+    more = [(0, 0) if other == axis and touches else (30, 30) for other in range(3)]
+    near = read_surface_file(nifti_of(inner, tmp_path / "near.nii")).surface
+    far = read_surface_file(nifti_of(np.pad(inner, more), tmp_path / "far.nii")).surface
+    shift = np.array([0.0 if a == axis and touches else 30.0 for a in range(3)]) * [-1, -1, 2]
+    np.testing.assert_allclose(far.vertices, near.vertices + shift, atol=1e-6)
+    assert np.array_equal(far.faces, near.faces)
+
+
+@pytest.mark.parametrize("kind", ["u1", "i2", "u8", "i8", "f4"])
+def test_labels_are_those_that_numpy_finds(kind: str) -> None:
+    values = np.array([[3, 3, 0], [120, 7, 3]]).astype(kind)
+    cases = [values, values + np.array(1 << 40).astype(kind)] if kind in ("u8", "i8") else [values]
+    if kind in ("i2", "i8"):
+        cases.append(-values)
+    for one in cases:
+        assert _whole_values("a", one) == set(np.unique(one).tolist())
+    most = np.array([[2**64 - 1, 2**64 - 3]], dtype="u8")
+    assert _whole_values("a", most) == {2**64 - 1, 2**64 - 3}
+    wide = np.array([[-(1 << 62), 1 << 62, 5]], dtype="i8")
+    assert _whole_values("a", wide) == {-(1 << 62), 1 << 62, 5}

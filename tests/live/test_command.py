@@ -14,6 +14,7 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from io import BytesIO
 from pathlib import Path
 from queue import SimpleQueue
 from threading import Thread
@@ -23,13 +24,14 @@ import numpy as np
 import pytest
 
 from o3dls.cli.commands import run_command
+from o3dls.cli.live import _obey_lines
 from o3dls.errors import InputError
 from o3dls.io.case_reader import read_case
 from o3dls.io.case_writer import write_case
 from o3dls.io.points import write_points
 from o3dls.io.surfaces import read_surface
 from o3dls.live.journal import read_journal
-from o3dls.live.messages import Message
+from o3dls.live.messages import Message, action
 from o3dls.live.record import open_record
 from o3dls.live.session import actions_of
 from o3dls.pipeline.file import default_pipeline
@@ -274,3 +276,51 @@ def test_another_prior_is_not_gone_on_with(cases: tuple[Path, list[Message]], tm
     write_case(tmp_path / "other", other)
     with pytest.raises(InputError, match="its prior is not that of"):
         open_record(tmp_path / "record", tmp_path / "other")
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        b"[" * 20_000,
+        b'{"do": "take", "xyz": [1, 2, 3], "values": {"name": "\\ud800"}}',
+        b'{"do": "take", "xyz": [' + b"9" * 400 + b", 1, 2]}",
+        b'{"do": "take", "xyz": [' + b"9" * 5000 + b", 1, 2]}",
+        b'{"do": "undo", "point": ' + b"9" * 400 + b"}",
+        b'{"do": [1], "xyz": {}}',
+        b"\xff\xfe not UTF-8",
+        b"x" * 5_000_000,
+        b'{"do": "take", "xyz": [NaN, 1, 2]}',
+    ],
+    ids=["deep", "half", "400", "5000", "point", "list", "bytes", "long", "nan"],
+)
+def test_a_line_that_is_no_action_is_refused_and_the_next_is_heard(bad: bytes) -> None:
+    told: list[Message] = []
+    done: list[Any] = []
+
+    class Host:
+        ending = False
+
+        def act(self, given: object) -> Message:
+            done.append(action(given))
+            self.ending = done[-1]["do"] == "end"
+            return {"ok": True}
+
+        def tell(self, message: Message) -> None:
+            told.append(message)
+
+    lines = BytesIO(bad + b'\n\n{"do": "take", "xyz": [1, 2, 3]}\n{"do": "end"}')
+    _obey_lines(Host(), lines, alone=True)  # type: ignore[arg-type]
+    assert [one["event"] for one in told] == ["error"]
+    assert "internal" not in told[0]["text"]
+    assert len(told[0]["text"]) < 400
+    assert [one["do"] for one in done] == ["take", "end"]
+
+
+def test_the_end_of_stdin_ends_a_session_that_nothing_else_gives_points(tmp_path: Path) -> None:
+    write_case(tmp_path / "case", ball_case(0))
+    command = [sys.executable, "-m", "o3dls", "live", "case", "--headless", "--record", "rec"]
+    given = '{"do": "take", "xyz": [1, 2, 3]}'  # a last line without its end counts
+    done = subprocess.run(command, input=given, cwd=tmp_path, capture_output=True, text=True, timeout=SLOW)
+    assert done.returncode in (0, 1, 2)
+    assert "Traceback" not in done.stderr
+    assert [one["do"] for one in read_journal(tmp_path / "rec/journal.jsonl").actions][-2:] == ["take", "end"]

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import http.client
 import json
+import re
 import socket
 import time
 from collections.abc import Iterator
+from pathlib import Path
 from threading import Thread
 from typing import Any
 
@@ -160,6 +162,10 @@ def test_another_site_cannot_act(session: Session, page: Page, origin: str) -> N
         (b"\xff\xfe", {}, 400),
         (b"do=undo", {"Content_Type": "application/x-www-form-urlencoded"}, 415),
         (b"{}", {"Content_Length": "two"}, 411),
+        (b"{}", {"Content_Length": "9" * 5000}, 413),
+        (b'{"do": "\\ud800"}', {}, 400),
+        (b'{"do": "take", "xyz": [%s, 1, 2]}' % (b"9" * 400), {}, 400),
+        (b'{"do": "take", "xyz": [%s, 1, 2]}' % (b"9" * 5000), {}, 400),
         (b"{}", {"X_Page": ""}, 400),
         (b"{}", {"X_Page": "a b"}, 400),
         (b"{}", {"X_Page": "a" * 65}, 400),
@@ -180,6 +186,7 @@ def test_what_is_no_action_is_refused(
         *[(method, "/", 405) for method in ("POST", "PUT", "DELETE", "PATCH", "OPTIONS", "HEAD", "BREW")],
         ("GET", "/act", 405),
         ("GET", "/nothing", 404),
+        ("GET", "http://[/", 400),
         ("GET", "/../../etc/passwd", 404),
         ("GET", "/report", 404),
         ("GET", "/events", 400),
@@ -290,7 +297,7 @@ def test_the_command_serves_the_report_until_its_page_is_closed() -> None:
     opened: list[Page] = []
 
     def serve() -> None:
-        with live_command._serve_page(session, tellers, 0, opened=False):  # type: ignore[arg-type]
+        with live_command._serve_page(session, tellers, 0, opened=None):  # type: ignore[arg-type]
             session.server.close()
             session.server = tellers[0].__self__
             opened.append(Page(session))
@@ -304,6 +311,33 @@ def test_the_command_serves_the_report_until_its_page_is_closed() -> None:
     opened[0].close()
     serving.join(10.0)
     assert not serving.is_alive()
+
+
+def test_a_browser_is_led_to_the_page_by_a_file_of_this_user_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The arguments of a process are seen by every user of the machine."""
+    launched: list[str] = []
+    monkeypatch.setattr("click.launch", launched.append)
+    session, tellers = Session(), []  # type: ignore[var-annotated]
+    (tmp_path / "mine").write_text("mine")
+    (tmp_path / "page.html").symlink_to(tmp_path / "mine")
+    with live_command._serve_page(session, tellers, 0, opened=tmp_path):  # type: ignore[arg-type]
+        session.server.close()
+        session.server = tellers[0].__self__
+        (given,) = launched
+        assert session.server.token not in given
+        file = Path(given)
+        assert file.parent == tmp_path.resolve()
+        assert file.stat().st_mode & 0o777 == 0o600
+        (link,) = re.findall(r'url=([^"]*)"', file.read_text())
+        assert link == session.server.url
+        assert (
+            session.ask("GET", link.removeprefix(f"http://127.0.0.1:{session.server.port}"), Cookie=None)[0]
+            == 200
+        )
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["mine"]
+    assert (tmp_path / "mine").read_text() == "mine"
 
 
 def test_the_end_lets_pages_go_and_closing_twice_does_nothing() -> None:

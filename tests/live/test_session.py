@@ -175,6 +175,15 @@ def test_one_session_writes_a_journal(tmp_path: Path) -> None:
         (lambda lines: [lines[0], lines[1].replace("take", "tale")], "line 2: no action 'tale'"),
         (lambda lines: [lines[0], lines[1][:20]], "line 2: is not JSON"),
         (lambda lines: lines[1:], "not the beginning of a journal"),
+        (lambda lines: ["[" * 20_000, *lines[1:]], "line 1: has tables or lists in each other"),
+        (lambda lines: [lines[0], "[" * 20_000], "line 2: has tables or lists in each other"),
+        (lambda lines: [lines[0].replace('"case"', '"cave"'), *lines[1:]], "line 1: case must be a text"),
+        (lambda lines: [lines[0].replace('"prior": ', '"prior": 1, "p": '), *lines[1:]], "prior must be a"),
+        (lambda lines: [lines[0].replace('"begun": ', '"begun": 1e999, "b": '), *lines[1:]], "begun must be"),
+        (lambda lines: [lines[0], lines[1].replace("take", "\\ud800")], "line 2: has half of a letter"),
+        (lambda lines: [lines[0], lines[1].replace('"seq": 1', '"seq": [[1]]')], r"has seq \[\[1\]\], must"),
+        (lambda lines: [lines[0], lines[1].replace('"xyz": [', f'"xyz": [{"9" * 400}, ')], "beyond 64 bits"),
+        (lambda lines: [lines[0], f"[{lines[1]}]"], "line 2: must be an object"),
     ],
 )
 def test_a_journal_that_was_changed_is_refused(tmp_path: Path, spoilt: Any, reason: str) -> None:

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from threading import Event, Thread
+from time import monotonic
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from o3dls.errors import InputError
 from o3dls.io.mapping import igtl as sent
 from o3dls.io.mapping.igtl_received import BadMessage, points_of, receive, transform_of
 from o3dls.io.points import write_points
+from o3dls.live.messages import Message
 from o3dls.live.sources.igtl import Igtl
 from o3dls.live.sources.replay import Replay
 from o3dls.live.sources.source import Source, begin, identities
@@ -317,3 +319,57 @@ def test_a_pose_is_read_as_it_was_sent() -> None:
     assert np.array_equal(transform_of(message), pose)
     with pytest.raises(BadMessage):
         points_of(message)
+
+
+def test_an_address_that_cannot_be_is_said_and_the_source_goes_on() -> None:
+    source = Igtl("a" * 70 + ".org", 18944, "LPS")
+    desk, stop, done = Desk(), Event(), Event()
+    thread = begin(source, desk, stop, done)
+    until(lambda: desk.said)
+    stop.set()
+    thread.join(10.0)
+    assert "at most 63 letters" in desk.errors[0]
+    assert desk.said[0].startswith("hung up")
+
+
+def test_a_source_that_breaks_is_said_and_followed_again() -> None:
+    class Breaks:
+        follows = 0
+
+        def follow(self, desk: object, stop: Event) -> None:
+            self.follows += 1
+            raise ZeroDivisionError("inside")
+
+    source, desk, stop = Breaks(), Desk(), Event()
+    thread = begin(source, desk, stop, Event())
+    until(lambda: source.follows > 1)
+    stop.set()
+    thread.join(10.0)
+    assert "ZeroDivisionError: inside" in desk.errors[0]
+
+
+@pytest.mark.parametrize("rows", [60_000, 6_000_000])
+def test_a_file_of_more_points_than_a_session_takes_is_said_at_once(rows: int, tmp_path: Path) -> None:
+    path = tmp_path / "p.csv"
+    path.write_text("x,y,z\n" + "1,2,3\n" * rows)
+    desk, stop = Desk(), Event()
+    begin = monotonic()
+    with pytest.raises(InputError, match=r"p\.csv: has \d+ (lines|bytes): .*at most"):
+        Watch(path, "LPS").follow(desk, stop)
+    assert monotonic() - begin < 5.0
+    assert desk.actions == []
+
+
+def test_what_is_watched_is_left_at_once_when_told(tmp_path: Path) -> None:
+    path = tmp_path / "p.csv"
+    path.write_text("x,y,z\n" + "".join(f"{k},0,0\n" for k in range(5000)))
+    stop = Event()
+
+    class Slow(Desk):
+        def act(self, given: Message) -> Message:
+            stop.set()
+            return super().act(given)
+
+    desk = Slow()
+    Watch(path, "LPS").follow(desk, stop)
+    assert desk.xs == [0.0]

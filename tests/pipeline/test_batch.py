@@ -160,6 +160,7 @@ def test_the_page_names_what_failed_beside_what_was_run(tmp_path: Path) -> None:
     assert sorted(path.name for path in out.iterdir()) == [
         "cohort.csv",
         "cohort.html",
+        "few.crash.json",
         "few.failed.json",
         "few.failed.log",
         "one",
@@ -312,3 +313,31 @@ def test_a_folder_whose_name_is_no_text_is_a_case_too(tmp_path: Path) -> None:
     )
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith(b"F\xfcr: done")
+
+
+def test_two_batches_at_one_time_do_not_share_a_folder(tmp_path: Path) -> None:
+    """Both used to end well, and the table had the cases of one."""
+    first, second = cases(tmp_path, first=60, second=60)
+    pipeline, out = Pipeline([Nudge()], folds=0), tmp_path / "runs"
+
+    def begin_another(outcome: Outcome) -> None:
+        with pytest.raises(InputError, match="another batch writes there at this time"):
+            run_all([second], pipeline, out, force=True)
+
+    run_all([first], pipeline, out, told=begin_another)
+    assert sorted(path.name for path in out.iterdir()) == ["cohort.csv", "first"]
+    run_all([second], pipeline, out, force=True)
+    assert (out / "second/run.json").is_file()
+
+
+def test_parts_of_a_study_share_a_folder_at_one_time(tmp_path: Path) -> None:
+    first, second = cases(tmp_path, first=60, second=60)
+    pipeline, out = Pipeline([Nudge()], folds=0), tmp_path / "runs"
+    run_all(
+        [first],
+        pipeline,
+        out,
+        table=False,
+        told=lambda _: run_all([second], pipeline, out, table=False) and None,
+    )
+    assert all((out / name / "run.json").is_file() for name in ("first", "second"))

@@ -20,11 +20,14 @@ from o3dls.errors import InputError
 from o3dls.estimate import Estimate
 from o3dls.evaluation.statistics import Difference
 from o3dls.pipeline.pipeline import Pipeline
+from o3dls.report.checks import checks
 from o3dls.report.cohort import cases
 from o3dls.report.cohort.cases import Block, outcome
 from o3dls.report.cohort.entries import Entry, read_entries, told_apart
 from o3dls.report.cohort.page import cohort_page, summary
 from o3dls.report.cohort.tables import Cell, sortable
+from o3dls.report.grading.check import WORDS
+from o3dls.report.sections.slides import graded
 from o3dls.report.subject import read_subject
 from o3dls.report.writer import compare
 from tests.finished import NASTY, Icp, LevelSet, bulged_case, finished
@@ -328,3 +331,25 @@ def test_a_cell_without_a_number_is_ordered_last() -> None:
     assert '<td data-sort="">–</td>' in text
     assert '<td data-sort="1">1.00</td>' in text
     assert '<th scope="col" aria-sort="descending">b</th>' in text
+
+
+def test_the_page_begins_with_the_grades_of_the_reports(run: Path, tmp_path: Path) -> None:
+    """Each run has the word of its own report, and those that ask for a look are named with why."""
+    (entry,) = read_entries([run])
+    subject = read_subject([run])
+    raised = [one for one in checks(subject) if one.grade in ("bad", "amber")]
+    assert raised
+    assert entry.grade == raised[0].grade
+    fine = replace(entry, name="fine", case_key="other", grade="good", doubts="")
+    page = cohort_page([fine, entry], tmp_path / "cohort.html")
+    head, tables = page.split("<h2>", 1)
+    assert f"1 {WORDS[entry.grade]}, 1 OK" in re.sub("<[^>]+>", "", head)
+    assert f"{raised[0].name}: " in head
+    cells = re.findall(r"<strong[^>]*>(CHECK|FAIL|OK)</strong>", tables)
+    assert sorted(cells) == sorted([WORDS[entry.grade], "OK"])
+
+
+def test_a_summary_for_slides_begins_with_the_grade(run: Path) -> None:
+    subject = read_subject([run])
+    raised = [one for one in checks(subject) if one.grade in ("bad", "amber")]
+    assert graded(subject).startswith(f"{WORDS[raised[0].grade]}: {raised[0].name}: ")

@@ -12,11 +12,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 from o3dls.case import Points
+from o3dls.evaluation.regions import REGIONS
 from o3dls.geometry.surface import Surface
 from o3dls.report.checks import checks
-from o3dls.report.expected import MEAN_OVER_SD, expected_error
+from o3dls.report.expected import MEAN_OVER_SD, expected_error, left_out_scatter
+from o3dls.report.grading import expected_error as grading
 from o3dls.report.grading.check import WORDS, Check
 from o3dls.report.page import report_page
 from o3dls.report.sections.outcome import overall
@@ -131,6 +134,89 @@ def test_the_expected_error_is_that_of_a_normal_posterior(run: Path) -> None:
     assert expected_error(read_subject([run], ["icp"])) is None
 
 
+def test_doubt_about_existence_is_no_part_of_the_expected_error(run: Path) -> None:
+    subject = with_sd(read_subject([run]), 2.0)
+    surface = subject.last.estimate.surface
+    count = len(surface.vertices)
+    fields = {"existence": np.full(count, 0.75), "distance_to_nearest_point_mm": np.full(count, 12.0)}
+    doubted = of_run(
+        subject, **{subject.last.key: {"surface": replace(surface, fields=surface.fields | fields)}}
+    )
+    assert "mean 1.60 mm" in doubted["Expected error"].said
+    assert "25.0% of the surface may not exist" in doubted["Prior-only area"].said
+
+
+def check_of(subject: Subject, name: str) -> Check:
+    return next(one for one in checks(subject) if one.name == name)
+
+
+def with_left_out(subject: Subject, distance: float, deviation: float) -> Subject:
+    """The subject whose mapping points all lay so far from fits without them, of this predicted deviation."""
+    last, points = subject.last, subject.last.run.points
+    eam = points.type == "eam"
+    columns = {
+        f"left_out_{last.key}_mm": np.where(eam, distance, np.nan),
+        f"left_out_sd_{last.key}_mm": np.where(eam, deviation, np.nan),
+    }
+    run = replace(last.run, points=replace(points, columns={**points.columns, **columns}))
+    results = {name: replace(one, run=run) for name, one in subject.results.items()}
+    return replace(subject, results=results, runs=[run])
+
+
+def test_the_posterior_alone_is_never_ok(run: Path) -> None:
+    found = check_of(with_sd(read_subject([run]), 2.0), "Expected error")
+    assert found.grade == "none"
+    assert "not cross-validated" in found.said
+
+
+@pytest.mark.parametrize(
+    ("distance", "grade", "mapped"), [(1.0, "good", 2.0), (3.0, "good", 3.0), (8.0, "amber", 8.0)]
+)
+def test_left_out_points_confirm_the_posterior_or_contradict_it(
+    run: Path, distance: float, grade: str, mapped: float
+) -> None:
+    subject = with_left_out(with_sd(read_subject([run]), 2.0), distance, 2.5)
+    check, found = check_of(subject, "Expected error"), expected_error(subject)
+    assert check.grade == grade
+    assert f"lie {distance / 2.5:.2f} times as far off as predicted" in check.said
+    assert found is not None
+    factor = max(1.0, distance / 2.5)
+    assert found.mapped == pytest.approx(2.0 * factor * MEAN_OVER_SD)
+    assert found.prior_only is None or found.prior_only == pytest.approx(2.0 * MEAN_OVER_SD)
+
+
+def test_points_that_do_not_touch_the_wall_say_nothing_of_it(run: Path) -> None:
+    subject = with_left_out(with_sd(read_subject([run]), 2.0), 1.0, 1.0)
+    last, points = subject.last, subject.last.run.points
+    fitted = np.isin(points.type, last.fitted)
+    believed = np.ones(int(fitted.sum()))
+    believed[:10] = 0.0
+    points.columns[f"left_out_{last.key}_mm"][np.flatnonzero(fitted)[:10]] = 100.0
+    estimates = {**last.run.estimates, last.key: replace(last.estimate, weights=believed)}
+    found = left_out_scatter(replace(last, run=replace(last.run, estimates=estimates)))
+    assert found is not None
+    assert found.ratio == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(("few", "named"), [(9, False), (10, True)])
+def test_a_region_whose_points_contradict_the_posterior_is_named(
+    run: Path, monkeypatch: pytest.MonkeyPatch, few: int, named: bool
+) -> None:
+    subject = with_left_out(with_sd(read_subject([run]), 2.0), 2.0, 2.0)
+    points, surface = subject.last.run.points, subject.last.estimate.surface
+    eam = np.flatnonzero(points.type == "eam")
+    nearest = cKDTree(surface.vertices).query(points.xyz[eam])[1]
+    vertices, first, count = np.unique(nearest, return_index=True, return_counts=True)
+    alone = np.flatnonzero(count == 1)[:few]  # vertices with one point each
+    points.columns[f"left_out_{subject.last.key}_mm"][eam[first[alone]]] = 6.0
+    of = np.zeros(len(surface.vertices), dtype=np.int64)
+    of[vertices[alone]] = REGIONS.index("RIPV")
+    monkeypatch.setattr(grading, "wall_regions", lambda *_: of)
+    found = check_of(subject, "Expected error")
+    assert ("do not rely on it at ostium RIPV" in found.said) == named
+    assert (found.grade == "amber") == named
+
+
 def test_in_2d_areas_are_compared_and_parts_of_a_wall_are_not(tmp_path: Path) -> None:
     found = strip_of(finished_2d(tmp_path / "flat"))
     assert "Area change" in found
@@ -203,17 +289,6 @@ def test_a_connected_part_that_reaches_far_from_all_points_is_looked_at(
     found = of_run(subject, **last)["Farthest part"]
     assert found.grade == grade
     assert ("mm from the nearest" in found.said) == (grade == "amber")
-
-
-def test_wall_that_may_not_exist_is_expected_farther_and_its_deviation_is_left_alone(run: Path) -> None:
-    subject = with_sd(read_subject([run]), 1.0)
-    surface = subject.last.estimate.surface
-    count = len(surface.vertices)
-    fields = {"existence": np.full(count, 0.75), "distance_to_nearest_point_mm": np.full(count, 12.0)}
-    changed = replace(surface, fields={**surface.fields, **fields})
-    doubted = of_run(subject, **{subject.last.key: {"surface": changed}})
-    assert "mean 3.60 mm" in doubted["Expected error"].said
-    assert "25.0% of the surface may not exist" in doubted["Prior-only area"].said
 
 
 def test_without_truth_the_calibration_is_not_graded(tmp_path: Path) -> None:

@@ -18,7 +18,7 @@ from o3dls.evaluation.interpolation import REACH
 from o3dls.report import checks as module
 from o3dls.report.drawing.fields import known_fields
 from o3dls.report.expected import DUE, OFF
-from o3dls.report.grading import wall
+from o3dls.report.grading import expected_error, wall
 from o3dls.report.grading.check import WORDS
 from o3dls.report.page_parts import asset
 from o3dls.report.section import Maker
@@ -50,7 +50,13 @@ GRADED: Mapping[str, tuple[str, tuple[str, ...]]] = {
     "Valid surface": ("_check_validity", ()),
     "Converged": ("_check_convergence", (f"more than {100 * module.STILL:g} % of the noise",)),
     "Against icp": ("_against_baseline", (f"more than {module.FARTHER:g} mm",)),
-    "Expected error": ("_check_expected_error", ()),
+    "Expected error": (
+        "check_expected_error",
+        (
+            f"more than {expected_error.NARROW:g} times as far off",
+            f"{expected_error.CONTRADICTED:g} times those of a region",
+        ),
+    ),
     "Calibration": ("_check_calibration", (f"{100 * OFF:g} percentage points", f"{100 * DUE[0]:g} %")),
     "Landmarks": (
         "_check_landmarks",

@@ -201,9 +201,11 @@ CUT = """() => [...document.querySelectorAll('table')].flatMap((table) => {
     const box = table.closest('.scroll');
     if (!box) return ['no box: ' + table.textContent.slice(0, 40)];
     box.scrollLeft = 1e6;
-    const over = [...table.rows].map((row) => row.lastElementChild.getBoundingClientRect().right)
+    const seen = (one) => !one.closest('.cards thead'); // whose words stand in every card
+    const over = [...table.rows].filter(seen).map((row) => row.lastElementChild.getBoundingClientRect().right)
         .some((right) => right > box.getBoundingClientRect().right + 1);
-    const cells = [...table.querySelectorAll('th, td')].filter((one) => one.scrollWidth > one.clientWidth);
+    const cells = [...table.querySelectorAll('th, td')].filter(seen)
+        .filter((one) => one.scrollWidth > one.clientWidth);
     const all = over ? [table.textContent.slice(0, 40)] : [];
     return [...all, ...cells.map((one) => one.textContent)];
 })"""

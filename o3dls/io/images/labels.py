@@ -29,6 +29,7 @@ from .whole import (
 
 __all__ = ["knows", "read"]
 MANY_LABELS = 200  # different ones: an atlas of the whole body has some hundred
+MOST_COUNTED = 1 << 16  # values between the least and the greatest
 MOST_LABELS = 1000  # more are no labels, whatever is said of them
 Box = tuple[float, float, float, float, float, float]
 
@@ -73,20 +74,20 @@ def surface_of(
     """
     check_layout(image.values.shape, path)
     values, label = _choose_label(path, image, label, part, layer)
-    mask = np.asarray(values == label)
-    if (around := share_of_border(mask)) > AROUND:
+    if (around := share_of_border(values, label)) > AROUND:
         others = ", ".join(str(n) for n in _find_labels(path, values, None) if n != label) or "none is there"
         raise InputError(
             f"{path}: label {label} covers {around:.0%} of the outermost voxels of the volume: it is the "
             f"background, or the mask is inverted; say the label of the chamber with --label ({others})"
         )
+    mask, affine = _cut_out(values, label, image.affine)
     if box is not None:
-        mask &= _voxels_in_box(mask.shape, image.affine, box)
+        mask &= _voxels_in_box(mask.shape, affine, box)
     if not mask.any():
         raise InputError(
             f"{path}: no voxel of label {label} {'is there' if box is None else 'lies in the box'}"
         )
-    mask, affine, spacing = slices_first(mask, image.affine)
+    mask, affine, spacing = slices_first(mask, affine)
     blank = count_blank(blank_slices(mask)[1])
     mask = slices_filled(mask, spacing) if fill_slices else mask
     chamber, bridges = joined(mask, spacing)
@@ -207,12 +208,45 @@ def _find_labels(path: str, values: NDArray[Any], outside: int | None) -> list[i
 
 def _whole_values(path: str, values: NDArray[Any]) -> set[int]:
     """Return the different values of a slice. Raises InputError where one is not a whole number."""
+    if values.dtype.kind in "iu":
+        low, high = int(values.min()), int(values.max())
+        if high - low < MOST_COUNTED:  # counting takes a tenth of the time of sorting
+            above = values.astype(np.int64)
+            above -= above.min()
+            return {low + int(k) for k in np.flatnonzero(np.bincount(above.ravel()))}
     found = np.unique(values)
     if found.dtype.kind == "f" and not ((found == np.round(found)) & (np.abs(found) < 1e9)).all():
         raise InputError(
             f"{path}: holds values that are not whole numbers; it is an image, not a label volume"
         )
     return {int(value) for value in found}
+
+
+def _cut_out(values: NDArray[Any], label: int, affine: Array) -> tuple[NDArray[np.bool_], Array]:
+    """Return the voxels of a label, cut out with a margin of one voxel where the volume goes on, and the
+    affine of their indices: what follows takes many times the memory of its mask. Slice by slice, so that the
+    volume is not copied.
+    """
+    columns = np.zeros(values.shape[1:], dtype=bool)
+    slices = np.zeros(len(values), dtype=bool)
+    for k, one in enumerate(values):
+        there = one == label
+        slices[k] = there.any()
+        columns |= there
+    used = (slices, columns.any(axis=1), columns.any(axis=0))
+    window = tuple(_range_of(np.asarray(one), size) for one, size in zip(used, values.shape, strict=True))
+    first = np.array([side.start for side in window][::-1])
+    moved = affine.copy()
+    moved[:3, 3] += affine[:3, :3] @ first
+    return np.asarray(values[window] == label), moved
+
+
+def _range_of(used: NDArray[np.bool_], size: int) -> slice:
+    """Return what is used along an axis, with one more on either side where the axis goes on; all of it where
+    nothing is.
+    """
+    places = np.flatnonzero(used)
+    return slice(max(0, places[0] - 1), min(size, places[-1] + 2)) if len(places) else slice(0, size)
 
 
 def _voxels_in_box(shape: tuple[int, ...], affine: Array, box: Box) -> NDArray[np.bool_]:

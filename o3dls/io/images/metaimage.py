@@ -57,7 +57,7 @@ def read_meta(path: Path, data: bytes) -> Image:
     need = size_of(path, sizes, TYPES[kind])
     body = _voxel_bytes(path, header, file, data[end.end() :], need)
     if header.get("CompressedData", "").lower() == "true":
-        body = inflate(path, body, need)
+        body = bytes(inflate(path, body, need))
     values = shaped(
         path, body, order + TYPES[kind], sizes
     )  # channels are the last axis now, a fourth axis is the first

@@ -75,7 +75,7 @@ def read_nifti(path: Path, data: bytes, frame: str | None = None, form: str | No
         raise InputError(f"{path}: has its voxels at byte {offset}, within the header of {size} bytes")
     most = offset + size_of(path, sizes, dtype.str)
     body = _unpack_file(path, data, most) if single else _read_pair(path, data, most)
-    values = shaped(path, body[offset:], dtype.str, sizes)
+    values = shaped(path, memoryview(body)[offset:], dtype.str, sizes)  # which copies nothing
     if scaling is not None and scaling != (1.0, 0.0):
         values = values * scaling[0] + scaling[1]
     values = np.moveaxis(values, 0, -1) if values.ndim == 4 else values
@@ -92,11 +92,11 @@ def stated_units(header: Any) -> dict[str, str]:
     return {"units": _units(header)[0]}
 
 
-def _unpack_file(path: Path, body: bytes, most: int) -> bytes:
+def _unpack_file(path: Path, body: bytes, most: int) -> bytes | bytearray:
     return inflate(path, body, most) if packed(body) else body
 
 
-def _read_pair(path: Path, header: bytes, most: int) -> bytes:
+def _read_pair(path: Path, header: bytes, most: int) -> bytes | bytearray:
     """Read the file of a pair that holds the voxels, unpacked; the header's own checksum must hold too."""
     _unpack_file(path, header, LONGEST_HEADER)
     name = _image_name(path)

@@ -187,7 +187,7 @@ def _read_values(path: Path, header: Mapping[str, str], body: bytes, sizes: list
             raise InputError(f"{path}: NRRD 'byte skip: -1' must go with raw encoding, not {encoding[:20]}")
         skipped = max(len(body) - n * dtype.itemsize, 0)
     if encoding in ("gzip", "gz"):
-        body = inflate(path, body, min(skipped, LONGEST_SKIP) + size_of(path, sizes, dtype.str))
+        body = bytes(inflate(path, body, min(skipped, LONGEST_SKIP) + size_of(path, sizes, dtype.str)))
     body = body[skipped:]
     if encoding in ("ascii", "txt", "text"):
         numbers = flat_numbers(body.decode("ascii", errors="replace"), n, f"{path}: data")

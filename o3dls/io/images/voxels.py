@@ -69,24 +69,21 @@ def packed(data: bytes) -> bool:
     return data[:2] == b"\x1f\x8b"
 
 
-def inflate(path: Path, data: bytes, most: int) -> bytes:
+def inflate(path: Path, data: bytes, most: int) -> bytearray:
     """Return gzip or zlib data, which may come in several parts, unpacked to their end, where their checksums
     and lengths are compared; only zeros may follow.
 
     Raises InputError where they are damaged or have no end, and where more than `most` bytes come out, of
     which no more is kept.
     """
-    out: list[bytes] = []
-    left, at = most, 0
+    out, at = bytearray(), 0
     for _ in range(MOST_PARTS):
         if (
             at == len(data) or data[at] == 0
         ):  # no part begins with 0, with which blocks of tapes are filled up
             break
-        part, at = _inflate_part(path, data, at, left)
-        out += part
-        left -= sum(map(len, part))
-        if left < 0:
+        at = _inflate_part(path, data, at, out, most)
+        if len(out) > most:
             raise InputError(
                 f"{path}: its packed data unpack to more than the {most} bytes that its header says: it "
                 "is damaged"
@@ -95,31 +92,29 @@ def inflate(path: Path, data: bytes, most: int) -> bytes:
         raise InputError(
             f"{path}: its packed data are damaged: byte {at} and those behind are no part of them"
         )
-    return b"".join(out)
+    return out
 
 
-def _inflate_part(path: Path, data: bytes, at: int, left: int) -> tuple[list[bytes], int]:
-    """Return the pieces of the part that begins at byte `at`, one byte more than `left` at most, and where it
-    ends.
+def _inflate_part(path: Path, data: bytes, at: int, out: bytearray, most: int) -> int:
+    """Put what the part holds that begins at byte `at` behind what is out, which becomes one byte more than
+    `most` at most, and return where it ends.
 
     zlib compares the checksum when it comes to the end, so the part is read until there.
     """
     packer = zlib.decompressobj(wbits=47)  # 47: gzip or zlib, as the head says
-    out: list[bytes] = []
     try:
-        while not packer.eof and at < len(data) and left >= 0:
+        while not packer.eof and at < len(data) and len(out) <= most:
             piece = data[at : at + PIECE]
-            out.append(packer.decompress(piece, left + 1))
-            left -= len(out[-1])
+            out += packer.decompress(piece, most + 1 - len(out))
             at += len(piece) - len(packer.unused_data)
     except zlib.error as error:
         raise InputError(f"{path}: its packed data are damaged: {error}") from None
-    if not packer.eof and left >= 0:
+    if not packer.eof and len(out) <= most:
         raise InputError(f"{path}: its packed data have no end: the file is truncated")
-    return out, at
+    return at
 
 
-def shaped(path: Path, data: bytes, dtype: str, sizes: list[int]) -> NDArray[Any]:
+def shaped(path: Path, data: bytes | bytearray | memoryview, dtype: str, sizes: list[int]) -> NDArray[Any]:
     """Return an array whose first axis runs fastest in the file, with the axes turned around. Raises
     InputError where bytes are missing.
     """

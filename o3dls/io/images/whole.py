@@ -5,8 +5,10 @@ may be.
 from __future__ import annotations
 
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...arrays import Array, Mask
 from ...errors import InputError
@@ -76,11 +78,10 @@ def check_layout(shape: tuple[int, ...], where: str) -> None:
         )
 
 
-def share_of_border(mask: Mask) -> float:
-    """Return the share of the outermost voxels of a volume that a mask covers: no chamber has half."""
-    outermost = np.ones(mask.shape, dtype=bool)
-    outermost[tuple(slice(1, -1) for _ in mask.shape)] = False
-    return float(mask[outermost].mean())
+def share_of_border(values: NDArray[Any], label: int) -> float:
+    """Return the share of the outermost voxels of a volume that a label covers: no chamber has half."""
+    sides = [values.take(end, axis) == label for axis in range(3) for end in (0, -1)]
+    return float(sum(side.sum() for side in sides) / sum(side.size for side in sides))
 
 
 def check_taken(mask: Mask, taken: Mask, affine: Array, where: str) -> None:

@@ -104,6 +104,24 @@ def transform(matrix: Array, name: str = "o3dls") -> bytes:
     )
 
 
+def connect(host: str, port: int, timeout: float) -> socket.socket:
+    """Return a connection to the server at a host and port. Raises InputError where nobody listens, or the
+    host cannot be one.
+    """
+    try:
+        return socket.create_connection((host, port), timeout=timeout)
+    except (UnicodeError, OverflowError):  # a part of more than 63 letters, a port beyond 65535
+        raise InputError(
+            f"{host}:{port}: cannot be an address: the parts of a host's name have at most 63 letters, and a "
+            "port is from 1 to 65535"
+        ) from None
+    except OSError as error:
+        raise InputError(
+            f"{host}:{port}: nobody answers: {error}; start an OpenIGTLink server there (Slicer: "
+            f"OpenIGTLinkIF, port {PORT})"
+        ) from None
+
+
 def send(
     messages: Sequence[bytes], host: str = "localhost", port: int = PORT, *, timeout: float = 5.0
 ) -> tuple[int, bool]:
@@ -112,14 +130,7 @@ def send(
 
     It has `timeout` seconds to close; the receiver takes the frame as RAS (Slicer does): turn LPS data first.
     """
-    try:
-        connection = socket.create_connection((host, port), timeout=timeout)
-    except OSError as error:
-        raise InputError(
-            f"{host}:{port}: cannot send: {error}; start an OpenIGTLink server there (Slicer: "
-            f"OpenIGTLinkIF, port {PORT})"
-        ) from None
-    with connection:
+    with connect(host, port, timeout) as connection:
         try:
             for data in messages:
                 connection.sendall(data)

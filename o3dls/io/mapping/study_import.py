@@ -11,6 +11,7 @@ import numpy as np
 from ...arrays import Array
 from ...case import MILLIMETRES, PRIOR_OF, SPACES, Points
 from ...errors import InputError
+from ...places import plain_name, unique_names
 from ...registration.landmark_names import alone, doubts, partners
 from ..atomic import check_free, staged_folder, write_file
 from ..case_coordinates import LENGTHS, overruled
@@ -134,20 +135,27 @@ def _write_map(folder: Path, found: Imported) -> None:
     )
     if found.shell is not None:
         write_surface(folder / "map.ply", found.shell.surface, space=found.space)
+    names = _name_shells(found)
     for name, shell in found.shells.items():
-        write_surface(folder / f"{_plain_stem(name)}_shell.ply", shell.surface, space=shell.space)
+        write_surface(folder / f"{names[name]}_shell.ply", shell.surface, space=shell.space)
     for name, matrix in found.registrations.items():
         rows = np.reshape(matrix, (4, 4)).tolist()
         text = "".join(" ".join(map(repr, row)) + "\n" for row in rows)
-        write_file(folder / f"{_plain_stem(name)}_vendor_registration.txt", text)
+        write_file(folder / f"{names[name]}_vendor_registration.txt", text)
 
 
-def _plain_stem(name: str) -> str:
-    """Return a file's name without its suffix and other dots.
-
-    What stands before a dot is how a case finds its files.
+def _name_shells(found: Imported) -> dict[str, str]:
+    """Return the names of the files of shells, without dots, since what stands before one is how a case finds
+    its files; where two would be one file, the second gets a number, which is noted.
     """
-    return Path(name).stem.replace(".", "_")
+    wanted = {name: Path(name).stem for name in (*found.shells, *found.registrations)}
+    names = unique_names(wanted)
+    for name, own in names.items():
+        if own != (plain := plain_name(wanted[name])):
+            found.notes.append(
+                f"{name}: its files begin with {own}, as those of another shell do with {plain}"
+            )
+    return names
 
 
 def _registered_shell(found: Imported) -> tuple[str, Array] | None:

@@ -11,6 +11,7 @@ import numpy as np
 
 from ...errors import InputError
 from ...geometry.similarity import TURN, apply
+from ...io.mapping.igtl import connect
 from ...io.mapping.igtl_received import (
     BadMessage,
     Received,
@@ -41,11 +42,7 @@ class Igtl:
         connection is lost.
         """
         at = f"{self.host}:{self.port}"
-        try:
-            connection = socket.create_connection((self.host, self.port), timeout=WAIT)
-        except OSError as lost:
-            raise InputError(f"{at}: nobody answers: {lost}; start the OpenIGTLink server there") from None
-        with connection:
+        with connect(self.host, self.port, WAIT) as connection:
             connection.settimeout(PATIENCE)
             desk.say_source("connected")
             read = _make_reader(connection, stop)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 from collections.abc import Iterable
 from threading import Event, Thread
 from typing import Protocol
@@ -10,6 +11,7 @@ from typing import Protocol
 from ...errors import InputError
 from ..messages import Message, action, error
 
+log = logging.getLogger("o3dls")
 AGAIN = 1.0  # seconds after which a source that was lost is tried again
 
 
@@ -66,4 +68,10 @@ def _keep_following(source: Source, desk: Desk, stop: Event, done: Event) -> Non
                 said = str(lost)
                 desk.tell(error(said))
             desk.say_source(f"hung up: {lost}")
+        except Exception as fault:  # our own mistake must not leave a session that hears nothing, unsaid
+            log.exception("live: a source failed")
+            desk.tell(
+                error(f"internal error in the source, please report it: {type(fault).__name__}: {fault}")
+            )
+            desk.say_source("hung up: an error inside o3dls; its log says which")
         stop.wait(AGAIN)

@@ -13,11 +13,14 @@ from ...columns import NAMES
 from ...errors import InputError
 from ...io.points import points_of, scaled
 from ...io.table import table_of
+from ...io.text import read_bytes
 from ..messages import error
 from ..session import taken
 from .source import Desk, identity
 
 POLL = 0.2  # seconds between two looks
+MOST_ROWS = 50_000  # a dense map has some thousand; each is looked at whenever the file has changed
+LARGEST = 1 << 25  # bytes
 STILL = 1.0  # seconds without a change, after which a last line without an end is whole
 Seen = bytes | tuple[tuple[str, int, int], ...]
 
@@ -51,7 +54,7 @@ class Watch:
             if now != self.seen and (whole := self._whole_part(now, still)):
                 points = self._read_points(whole)
                 self.seen = now if whole is now else self.seen
-                self._give_points(points, desk)
+                self._give_points(points, desk, stop)
                 desk.say_source("connected")
             elif now == self.seen:
                 desk.say_source("connected")
@@ -61,7 +64,7 @@ class Watch:
         """Read what is there: the bytes of a file, the names, sizes and times of a folder."""
         try:
             if self.path.is_file():
-                return self.path.read_bytes()
+                return read_bytes(self.path, LARGEST) if self.path.stat().st_size else b""
             files = [(file, file.stat()) for file in sorted(self.path.rglob("*")) if file.is_file()]
             return tuple((str(file), at.st_size, at.st_mtime_ns) for file, at in files)
         except OSError as lost:
@@ -76,6 +79,11 @@ class Watch:
     def _read_points(self, whole: Seen) -> Points:
         if not isinstance(whole, bytes):
             return self._read_export()
+        if (rows := whole.count(b"\n")) > MOST_ROWS:
+            raise InputError(
+                f"{self.path}: has {rows} lines: a session takes at most {MOST_ROWS} points; give the points "
+                "of one map, or run the case by o3dls run"
+            )
         table = table_of(whole, self.path, "xyz", NAMES)
         self._check_frame(table.notes.get("space", "unknown"))
         unit = table.notes.get("units", "mm")
@@ -99,10 +107,12 @@ class Watch:
         if "unknown" not in (stated, self.frame) and stated != self.frame:
             raise InputError(f"{self.path}: states frame {stated}, and the case is in {self.frame}")
 
-    def _give_points(self, points: Points, desk: Desk) -> None:
+    def _give_points(self, points: Points, desk: Desk, stop: Event | None = None) -> None:
         """Give the points that were not given before; a row that is there twice is said once."""
         rows: set[str] = set()
         for one in taken(points):
+            if stop is not None and stop.is_set():
+                return
             name = identity(one)
             if name in rows and name not in self.repeats:
                 self.repeats.add(name)

@@ -10,6 +10,8 @@ from pathlib import Path
 
 from ...arrays import Array
 from ...runs.record import Provenance
+from ..checks import checks
+from ..grading.check import Grade, doubtful, worst_grade
 from ..subject import Result, Subject, case_key, distinct_names, read_subject
 from ..verdict import warnings
 
@@ -39,6 +41,8 @@ class Entry:
     valid: bool
     seconds: float
     warnings: int
+    grade: Grade = "none"  # the worst of its checks
+    doubts: str = ""  # the checks that have it, in short
 
 
 def read_entries(folders: Sequence[Path]) -> list[Entry]:
@@ -67,6 +71,8 @@ def _make_entry(subject: Subject, name: str) -> Entry:
         valid=not last.run.faults_of(last.key),
         seconds=provenance.seconds,
         warnings=len(warnings(subject)),
+        grade=worst_grade(found := checks(subject)),
+        doubts="; ".join(f"{one.name}: {one.short or one.said}" for one in doubtful(found)),
     )
 
 

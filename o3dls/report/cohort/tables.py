@@ -10,9 +10,13 @@ from typing import NamedTuple
 from urllib.parse import quote
 
 from ...evaluation.statistics import Difference
+from ..grading.check import WORDS, Grade
 from ..markup import Child, Html, join, signed, tag
 from .cases import Block, CaseOfRuns, Pair, outcome, sign_of
 from .entries import Entry
+
+# by which rows are sorted
+RANKS: dict[Grade, float] = {"good": 0.0, "even": 0.0, "none": math.nan, "amber": 1.0, "bad": 2.0}
 
 
 class Cell(NamedTuple):
@@ -148,6 +152,10 @@ def runs_table(name: str, block: Block, out: Path) -> Html:
             Cell(case),
             Cell(" → ".join(filter(None, (run.first, run.last)))),
             Cell(f"{distance:.2f}", distance),
+            Cell(
+                tag("strong", WORDS[run.grade], class_=f"grade {run.grade}", title=run.doubts or None),
+                RANKS[run.grade],
+            ),
             Cell("yes" if run.valid else tag("strong", "no")),
             Cell(run.warnings or "–", run.warnings),
             Cell(f"{run.seconds:.1f}", run.seconds),
@@ -158,7 +166,7 @@ def runs_table(name: str, block: Block, out: Path) -> Html:
     return sortable(
         name,
         "Runs, by the names of their folders, with links to their reports.",
-        [*head, "valid", "warnings", "seconds"],
+        [*head, "grade", "valid", "warnings", "seconds"],
         rows,
         3,
     )

@@ -33,7 +33,7 @@ def all_surfaces(subject: Subject) -> dict[str, Surface]:
 
 def _coarse_surface(subject: Subject, name: str, faces: int) -> Surface:
     result = subject.results[name]
-    surface = decimated(result.estimate.surface, faces * 3 // 2, faces)
+    surface = decimated(result.estimate.surface, faces * 3 // 2, faces, like=subject.case.prior)
     return displayed(surface, subject.case, *result.measured("cross_validated"))
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -27,3 +27,14 @@ class Check:
     grade: Grade
     said: str
     short: str = ""
+
+
+def doubtful(found: Sequence[Check]) -> list[Check]:
+    """Return the checks that ask for a look, the worst first."""
+    return [one for grade in ("bad", "amber") for one in found if one.grade == grade]
+
+
+def worst_grade(found: Sequence[Check]) -> Grade:
+    """Return the grade of all checks together: the worst of those that ask for a look, else good."""
+    raised = doubtful(found)
+    return raised[0].grade if raised else "good"

@@ -6,21 +6,19 @@ from collections.abc import Sequence
 from textwrap import shorten
 
 from ..checks import checks
-from ..grading.check import WORDS, Check, Grade
+from ..grading.check import WORDS, Check, doubtful, worst_grade
 from ..markup import Html, join, tag
 from ..section import Section
 from ..subject import Subject
 from ..verdict import verdict, warnings
 from ..wall_parts import parts_table
 
-WORST_FIRST: tuple[Grade, ...] = ("bad", "amber")
 LETTERS = 110  # of the warnings at the top of the page: they fill two lines on a telephone
 
 
 def overall(found: Sequence[Check], sentences: Sequence[str]) -> Html:
     """Show the worst grade of the checks, which of them have it, and the beginning of the warnings."""
-    raised = [one for grade in WORST_FIRST for one in found if one.grade == grade]
-    grade: Grade = raised[0].grade if raised else "good"
+    raised, grade = doubtful(found), worst_grade(found)
     said = "; ".join(f"{one.name}: {one.short or one.said}" for one in raised)
     return tag(
         "p",

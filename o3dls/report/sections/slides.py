@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...io.atomic import write_file
+from ..checks import checks
 from ..drawing.caption import caption, made
 from ..drawing.fields import colours_of, point_field
 from ..drawing.figures import (
@@ -28,6 +29,7 @@ from ..drawing.figures import (
     shrunk,
     side_by_side,
 )
+from ..grading.check import WORDS, doubtful, worst_grade
 from ..mapping.views import orientation
 from ..palette import GREY, LIGHT
 from ..subject import SETS, Subject
@@ -46,12 +48,12 @@ VERDICT_LINES, TEXT_LINES = 4, 6  # the verdict has at most so many lines, and v
 
 
 def write_slides(subject: Subject, folder: Path, pdf: Path) -> None:
-    """Write figures/*.png into a folder and the one-page PDF."""
+    """Write figures/*.png into a folder beside the one-page PDF, and that."""
     summary, page = _draw_summary(subject)
     pictures = {"summary.png": summary, "distances.png": _distances_png(subject), **_surface_pngs(subject)}
     for name, data in pictures.items():
-        write_file(folder / name, data)
-    write_file(pdf, page)
+        write_file(folder / name, data, within=pdf.parent)
+    write_file(pdf, page, within=pdf.parent)
 
 
 def _surface_pngs(subject: Subject) -> dict[str, bytes]:
@@ -119,7 +121,7 @@ def _draw_summary(subject: Subject) -> tuple[bytes, bytes]:
             parse_math=False,
         )
         shrunk(title, 0.92 * figure.bbox.width)
-        said = _wrap_text(verdict(subject), 125, VERDICT_LINES)
+        said = _wrap_text(f"{graded(subject)} {verdict(subject)}", 125, VERDICT_LINES)
         figure.text(0.04, 0.905, "\n".join(said), fontsize=11, va="top", linespacing=1.35, parse_math=False)
         under = 0.895 - 0.025 * len(said)
         doubts = _write_warnings(subject, TEXT_LINES - len(said))
@@ -137,6 +139,13 @@ def _draw_summary(subject: Subject) -> tuple[bytes, bytes]:
             metadata={"CreationDate": None, "Creator": "o3dls", "Producer": "o3dls"},
         )
         return png(figure, 140), buffer.getvalue()
+
+
+def graded(subject: Subject) -> str:
+    """Return the worst grade of the checks as a word, and which checks have it."""
+    found = checks(subject)
+    said = "; ".join(f"{one.name}: {one.short or one.said}" for one in doubtful(found))
+    return f"{WORDS[worst_grade(found)]}: {said or 'no check found a problem'}."
 
 
 def _write_warnings(subject: Subject, most: int) -> str:

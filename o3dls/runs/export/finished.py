@@ -39,8 +39,9 @@ def export_run(
         raise InputError(f"{folder}: no estimate '{name}'{did_you_mean(name, list(run.estimates))}")
     if why := writer.obstacle(run.case) or writer.mistake(run.case):
         raise InputError(f"{folder}: {why}")
+    within = None if path else Path(folder)  # a run folder may be from elsewhere
     path = path or Path(folder) / "export" / file_name(name, format, writer.on)
     check_not_of_a_run(path)
     with noted(folder):
-        writer.write(run.estimates[name].surface, run, name, path)
+        writer.write(run.estimates[name].surface, run, name, path, within)
     return path

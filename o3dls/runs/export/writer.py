@@ -133,10 +133,10 @@ class Export(Writer):
         path = folder / "export" / file_name(name, self.format, self.on)
         self.write(run.estimates[name].surface, run, name, path)
 
-    def write(self, surface: Surface, run: Run, name: str, path: Path) -> None:
+    def write(self, surface: Surface, run: Run, name: str, path: Path, within: Path | None = None) -> None:
         """Write an estimate's surface with its fields to a file, and its facts to `<file>.json` beside it.
 
-        The facts are frame, units, pose and meaning of values.
+        The facts are frame, units, pose and meaning of values. within: as for `staged_file`.
         """
         # DIF is in LPS by definition
         frame = "LPS" if self.format == "dif" and frame_of(run.case, self.on) == "RAS" else self.frame
@@ -153,7 +153,7 @@ class Export(Writer):
 
             # files beside `path` are not seen in the temporary folder that is written first
             check_fields(path, self._decimate_to_limit(what.surface))
-        with staged_files(path) as staged:
+        with staged_files(path, within) as staged:
             facts |= self._write_format(what, staged, units)
             sidecar = staged.with_name(staged.name + ".json")
             write_file(sidecar, json.dumps(facts, indent=1, allow_nan=False) + "\n")

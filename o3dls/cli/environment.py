@@ -1,0 +1,77 @@
+"""What a command finds around it: streams that are closed, variables and files that libraries obey. It is
+mended or refused before any work, since a library that cannot use it says so only when the work is done.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Mapping
+
+from ..errors import InputError
+
+LEAST = 1536  # MiB of addresses: Open3D, pymeshlab, numba and scipy take 1100, and a small case 200
+NUMBA_FILE = (
+    ".numba_config.yaml"  # numba obeys it in the working folder, and runs what is in a folder it names
+)
+# read before numpy begins: our systems are small, and threads made them ten times slower
+USUAL = {"OPENBLAS_NUM_THREADS": "1"}
+# pictures are drawn without a window, and look the same in every folder and home
+FIXED = {"MPLBACKEND": "agg", "MATPLOTLIBRC": os.devnull}
+WHOLE = {"NUMBA_NUM_THREADS": 1, "SOURCE_DATE_EPOCH": 0}  # the least of each
+MOST_DIGITS = 10
+
+
+def open_streams() -> None:
+    """Give every standard stream that is closed a place to go: Python has None for it, and the next file that
+    is opened would take its number and be written into by libraries.
+    """
+    for number in (0, 1, 2):
+        try:
+            os.fstat(number)
+        except OSError:
+            # the lowest number that is free, which is this one
+            os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)
+    for number, name, mode in ((0, "stdin", "r"), (1, "stdout", "w"), (2, "stderr", "w")):
+        if getattr(sys, name) is None:
+            setattr(sys, name, os.fdopen(number, mode, encoding="utf-8", closefd=False))
+
+
+def settle_variables() -> None:
+    """Set the variables by which libraries would do otherwise than we need."""
+    for name, value in USUAL.items():
+        os.environ.setdefault(name, value)
+    os.environ.update(FIXED)
+
+
+def check_environment(variables: Mapping[str, str] = os.environ) -> None:
+    """Raise InputError for what a library would stumble over, or obey though nobody asked for it."""
+    for name, least in WHOLE.items():
+        given = variables.get(name, str(least))
+        digits = given.strip()
+        if (
+            not (digits.isascii() and digits.isdecimal() and len(digits) <= MOST_DIGITS)
+            or int(digits) < least
+        ):
+            raise InputError(f"{name} = '{given}': must be a whole number of at least {least}; or unset it")
+    if os.path.lexists(NUMBA_FILE):
+        raise InputError(
+            f"{os.path.abspath(NUMBA_FILE)}: numba would obey this file, which can make it run code; "
+            "move it away, or work in another folder"
+        )
+
+
+def check_memory() -> None:
+    """Raise InputError where a limit on the addresses of this process leaves too few of them: the libraries
+    do not say so, and OpenBLAS asks for more of them without end.
+    """
+    try:
+        import resource
+    except ImportError:  # Windows has no such limit
+        return
+    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+    if limit != resource.RLIM_INFINITY and limit < LEAST << 20:
+        raise InputError(
+            f"the memory of this process is limited to {limit >> 20} MiB: at least {LEAST} are needed; "
+            "raise the limit (ulimit -v)"
+        )

@@ -1,0 +1,61 @@
+"""Whether the error that the posterior expects can be believed: by points that fits had not seen."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from ...evaluation.regions import word
+from ..expected import Expected, Scatter, expected_error, left_out_scatter
+from ..mapping.wall_regions import wall_regions
+from ..subject import Subject
+from ..wall_parts import MAPPED, PRIOR_ONLY
+from .check import Check
+
+NARROW = 1.5  # times as far off as predicted: healthy maps have 0.9 to 1.15, other people's priors up to 2.3
+CONTRADICTED = 2.0  # the same for one region, whose few points scatter more
+FEWEST = 10  # points of a region from which it can be contradicted
+NAME = "Expected error"
+
+
+def check_expected_error(subject: Subject) -> Check:
+    """Compare the posterior with the points that were left out. Without such points nothing supports it."""
+    found = expected_error(subject)
+    if found is None:
+        return Check(NAME, "none", "no stage gives a posterior")
+    scatter = left_out_scatter(subject.last)
+    short = f"{found.all:.2f} {subject.unit}"
+    if scatter is None:
+        said = f"mean {short} by the posterior alone ({_list_parts(found, subject.unit)})"
+        return Check(NAME, "none", f"{said}; not cross-validated: folds = 5 does that", short)
+    said = f"mean {short} ({_list_parts(found, subject.unit)})"
+    ratio = f"{scatter.count} points that were left out lie {scatter.ratio:.2f} times as far off as predicted"
+    doubts = [f"{ratio}: the posterior is too narrow"] if scatter.ratio > NARROW else []
+    doubts += [f"do not rely on it at {name}" for name in contradicted_regions(subject)]
+    if doubts:
+        return Check(NAME, "amber", f"{said}; {'; '.join(doubts)}", f"{short}, contradicted")
+    return Check(NAME, "good", f"{said}; {ratio}", short)
+
+
+def _list_parts(found: Expected, unit: str) -> str:
+    parts = ((MAPPED, found.mapped), (f"{PRIOR_ONLY}, by the posterior alone", found.prior_only))
+    return "; ".join(f"{name}: {value:.2f} {unit}" for name, value in parts if value is not None)
+
+
+def contradicted_regions(subject: Subject) -> list[str]:
+    """Return the regions whose left-out points contradict the posterior, each with how far they lie off."""
+    of = wall_regions(subject, subject.last.estimate.surface)
+    if of is None or left_out_scatter(subject.last) is None:
+        return []
+    eam = subject.last.run.points.of("eam").xyz
+    region = of[cKDTree(subject.last.estimate.surface.vertices).query(eam)[1]]
+    found = dict[str, Scatter]()
+    for one in np.unique(region):
+        scatter = left_out_scatter(subject.last, region == one)
+        if scatter and scatter.count >= FEWEST and scatter.ratio > CONTRADICTED:
+            found[word(int(one))] = scatter
+    worst = sorted(found.items(), key=lambda item: -item[1].ratio)
+    return [
+        f"{name} ({one.count} points lie {one.distance:.1f} {subject.unit} off, {one.ratio:.1f} times as far)"
+        for name, one in worst
+    ]
