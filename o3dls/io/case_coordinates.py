@@ -98,6 +98,20 @@ def overruled(
     return file
 
 
+def in_units(where: Path, file: SurfaceFile, given: str | None) -> SurfaceFile:
+    """Return a surface in mm by the `given` units where its file states none, else as `overruled` does.
+
+    Raises InputError for units that nobody knows.
+    """
+    if given not in (*LENGTHS, None):
+        raise InputError(f"units = '{given}': must be one of {', '.join(LENGTHS)}")
+    file = overruled(where, file, given)
+    if file.units != "unknown" or given is None:
+        return file
+    surface = file.surface.with_vertices(file.surface.vertices * MILLIMETRES[given])
+    return replace(file, surface=surface, units="mm")
+
+
 def _is_heart(extent: float) -> bool:
     return HEART[0] <= extent <= HEART[1]
 

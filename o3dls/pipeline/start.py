@@ -82,7 +82,6 @@ def misfit(case: Case, start: Estimate, *, pose_is_known: bool) -> list[str]:
     points = case.points.of("eam").xyz
     found = (
         _find_flat_prior(case)
-        or _find_wall(case)
         or _find_few_places(points)
         or _find_other_size(case, points)
         or _find_far_point(case, points)
@@ -186,16 +185,11 @@ def _place_prior(case: Case, T_map_prior: Array, status: str) -> Estimate:
 def _find_flat_prior(case: Case) -> str:
     prior, unit = case.prior, case.units
     if not prior.watertight or prior.dimension * prior.volume > FLATTEST * prior.diagonal * prior.area:
-        return ""
+        return f"the prior {A_WALL.format(thickness)}" if (thickness := wall_thickness(prior)) else ""
     return (
         f"the prior is flat: it is {prior.diagonal:.3g} {unit} across and encloses nothing; give the closed "
         "surface of a chamber"
     )
-
-
-def _find_wall(case: Case) -> str:
-    thickness = wall_thickness(case.prior)
-    return f"the prior {A_WALL.format(thickness)}" if thickness else ""
 
 
 def _find_few_places(points: Array) -> str:

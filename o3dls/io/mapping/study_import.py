@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,7 @@ from ...errors import InputError
 from ...places import plain_name, unique_names
 from ...registration.landmark_names import alone, doubts, partners
 from ..atomic import check_free, staged_folder, write_file
-from ..case_coordinates import LENGTHS, overruled
+from ..case_coordinates import in_units
 from ..case_settings import toml_lines
 from ..manifest import write_manifest
 from ..markups import Markups, read_markups
@@ -85,8 +84,6 @@ def import_study(
     >>> list(found.landmarks)  # those that the study names
     ['LSPV']
     """
-    if units not in (*LENGTHS, None):
-        raise InputError(f"units = '{units}': must be one of {', '.join(LENGTHS)}")
     given = [
         name for name, value in {"units": units, **choice}.items() if value is not None and value is not False
     ]
@@ -189,10 +186,7 @@ def _write_prior(
 ) -> str:
     """Write the prior, closed and outward, and return its frame."""
     cap = bool(choice.pop("cap", False))
-    file = overruled(prior, read_surface_file(prior, units=units, **choice), units)
-    if file.units == "unknown" and units:
-        surface = file.surface.with_vertices(file.surface.vertices * MILLIMETRES[units])
-        file = replace(file, surface=surface, units="mm")
+    file = in_units(prior, read_surface_file(prior, units=units, **choice), units)
     space = _settled_frame(prior, file.space, choice.get("frame"))
     surface = closed_outward(file.surface, str(prior), cap=cap)
     write_surface(folder / "prior.ply", surface, space=space, units=file.units)
