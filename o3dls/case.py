@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .arrays import Array
+from .arrays import Array, without_masked
 from .errors import InputError, did_you_mean
 from .geometry.similarity import is_pose
 from .geometry.surface import Surface
 from .quantities import check_possible, known_values
-from .registration.landmark_names import partners
+from .registration.landmark_names import doubts, partners
 
 UNITS = ("mm", "px")
 MILLIMETRES = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "um": 0.001, "in": 25.4, "px": 1.0}  # of files
@@ -55,9 +55,9 @@ class Points:
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "xyz", np.asarray(self.xyz, dtype=np.float64))
+        object.__setattr__(self, "xyz", without_masked(self.xyz).astype(np.float64))
         object.__setattr__(self, "type", np.asarray(self.type, dtype=str))
-        columns, said = known_values({name: np.asarray(values) for name, values in self.columns.items()})
+        columns, said = known_values({name: without_masked(values) for name, values in self.columns.items()})
         object.__setattr__(self, "columns", columns)
         object.__setattr__(self, "notes", tuple(dict.fromkeys((*self.notes, *said))))
         if self.xyz.ndim != 2:
@@ -164,6 +164,9 @@ class Case:
     prior_of: str = "patient"
     notes: str = ""
     files: Mapping[str, str] = field(default_factory=dict)  # file name -> sha256
+    columns: Mapping[str, str] = field(
+        default_factory=dict
+    )  # heading of the points' table -> what became of it
     truth: Truth | None = None
     # further surfaces of the same patient in the prior's frame, in order of time
     phases: tuple[Surface, ...] = ()
@@ -234,6 +237,14 @@ class Case:
         named = self.points.columns.get("name", np.full(len(self.points), ""))
         prior = list(self.prior_landmarks)
         return {rows[i]: prior[j] for i, j in partners([str(named[k]) for k in rows], prior).items()}
+
+    def landmark_doubts(self) -> list[str]:
+        """Sentences on names of landmarks that may mean either of two places, and so have no partner."""
+        marks = self.points.type == "landmark"
+        names = [str(name) for name in self.points.columns["name"][marks]] if marks.any() else []
+        prior = list(self.prior_landmarks)
+        found = (("points", doubts(names, prior)), ("prior", doubts(prior, names)))
+        return [f"landmarks of the {side}: {said}" for side, said in found if said]
 
     def landmark_pairs(self) -> tuple[list[str], Array, Array]:
         """Names among the points and positions (prior frame, map frame) of the landmarks that both sides

@@ -83,8 +83,8 @@ def register(
     max_correspondence_distance : float, mm, default three standard deviations of the noise found
         points within it count as inliers.
     **settings
-        `name`, `units`, `frame`, `prior_of`, `phases`, `cap`, and `label`, `part`, `box`, `layer` of a label
-        volume, as of `case_of`.
+        `name`, `units`, `frame`, `prior_of`, `phases`, `cap`, and `label`, `part`, `box`, `layer`,
+        `fill_slices`, `form` of a label volume, as of `case_of`.
 
     Returns
     -------

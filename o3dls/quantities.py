@@ -6,7 +6,6 @@ Every entry asks this table: files, studies, objects in memory, points of a sess
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -15,10 +14,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .arrays import Array, Ints
+from .columns import meaning_of
 from .errors import InputError
 
 # numbers for `no value` in CARTO and in programs that handle its exports, where they are impossible as values
-WORDS_FOR_NONE = (-10_000.0, 10_000.0, -9_999.0, 9_999.0, -99_999.0, 99_999.0, -999.0, 999.0, -32_768.0)
+WORDS_FOR_NONE = (
+    -10_000.0,
+    10_000.0,
+    -9_999.0,
+    9_999.0,
+    -8_000.0,
+    -99_999.0,
+    99_999.0,
+    -999.0,
+    999.0,
+    -32_768.0,
+)
 LARGEST = 1e30  # the largest single and double floats, and infinity, stand for `no value` as well
 NAMED = 5  # rows with a wrong value that a sentence names
 
@@ -63,20 +74,14 @@ QUANTITIES: Mapping[str, Quantity] = {
 }
 
 
-UNIT_BEHIND = re.compile(r"[\s_]*[\[(]?(mv|ms|g|ohms?)[\])]?$")
-ALSO = {"bip": "bipolar", "uni": "unipolar"}
-ALSO |= {f"{name}{gap}voltage": name for name in ("bipolar", "unipolar") for gap in ("", "_", " ")}
-
-
 def quantity_of(name: str) -> Quantity | None:
     """Return the quantity that a column or field is of, as programs name it: in any case, with its unit
-    behind.
+    behind; None where that unit is another one.
     """
-    plain = name.strip().lower()
-    if plain in QUANTITIES:
-        return QUANTITIES[plain]
-    plain = UNIT_BEHIND.sub("", plain)
-    return QUANTITIES.get(ALSO.get(plain, plain))
+    meant = meaning_of(name)
+    if meant is not None:
+        return QUANTITIES.get(meant.name) if meant.factor == 1.0 else None
+    return QUANTITIES.get(name.strip().lower())
 
 
 def stands_for_none(quantity: Quantity, values: Array) -> NDArray[np.bool_]:
@@ -99,6 +104,14 @@ def known_values(columns: Mapping[str, NDArray[Any]]) -> tuple[dict[str, NDArray
         if none.any():
             said.append(_describe_missing(name, values[none], len(values)))
     return known, tuple(said)
+
+
+def scaled_known(values: Array, factor: float) -> Array:
+    """Return values (n,) in another unit, NaN for the words for none among them, of which those below 0 are
+    words in any unit.
+    """
+    words = (np.isin(values, WORDS_FOR_NONE) & (values < 0.0)) | (np.abs(values) >= LARGEST)
+    return np.where(words, np.nan, values * factor)
 
 
 def _is_numbers(column: NDArray[Any]) -> bool:

@@ -31,6 +31,7 @@ LAYERS = (
     "levelset",
     "reconstruction",
     "topology",
+    "columns",
     "quantities",
     "case",
     "estimate",

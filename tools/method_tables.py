@@ -1,5 +1,5 @@
-"""Rewrite the tables of docs/method.md: what stands between `<!-- o3dls ... -->` and `<!-- end -->` is what
-that command prints.
+"""Rewrite the tables of docs/method.md and docs/files.md: what stands between `<!-- o3dls ... -->` and
+`<!-- end -->` is what that command prints.
 
 python tools/method_tables.py
 """
@@ -13,7 +13,7 @@ from click.testing import CliRunner
 
 from o3dls.cli.commands import cli
 
-PAGE = Path(__file__).resolve().parents[1] / "docs" / "method.md"
+PAGES = [Path(__file__).resolve().parents[1] / "docs" / name for name in ("method.md", "files.md")]
 MARKED = re.compile(r"<!-- o3dls (?P<command>.+?) -->\n.*?<!-- end -->", re.DOTALL)
 
 
@@ -36,4 +36,5 @@ def rewritten(page: str) -> str:
 
 
 if __name__ == "__main__":
-    PAGE.write_text(rewritten(PAGE.read_text(encoding="utf-8")), encoding="utf-8")
+    for page in PAGES:
+        page.write_text(rewritten(page.read_text(encoding="utf-8")), encoding="utf-8")

@@ -9,11 +9,11 @@ from typing import Any, Unpack
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arrays import Array
+from ..arrays import Array, without_masked
 from ..case import MILLIMETRES, PRIOR_OF, SPACES, Case, Points
 from ..errors import InputError, did_you_mean
 from ..geometry.surface import Surface
-from ..io.case_coordinates import check_scale
+from ..io.case_coordinates import check_scale, overruled
 from ..io.case_reader import FEWEST_POINTS
 from ..io.case_surfaces import CHOICE
 from ..io.images.labels import Choice
@@ -77,7 +77,7 @@ def case_of(
     cap : bool, default False
         close the openings of the prior.
     **choice
-        `label`, `part`, `box`, `layer` of a label volume.
+        `label`, `part`, `box`, `layer`, `fill_slices` of a label volume, `form` of a NIfTI.
 
     Returns
     -------
@@ -107,7 +107,7 @@ def case_of(
     factor = MILLIMETRES[units or "mm"]
     file = stated_surface(prior, "prior", frame=frame, **choice)
     surface = _surface_in_mm(file, "prior", units)
-    pose = None if init is None else np.array(init, dtype=np.float64)
+    pose = None if init is None else without_masked(init).astype(np.float64)
     if pose is not None and pose.ndim == 2:
         pose[:-1, -1] *= factor
     return Case(
@@ -136,6 +136,7 @@ def _surface_in_mm(file: SurfaceFile, where: str, units: str | None) -> Surface:
 
     Raises InputError where nobody says the units, and mm cannot be meant.
     """
+    file = overruled(where, file, units, option="units = ")
     for note in file.notes:
         log.info("%s: %s", where, note)
     if file.units == "mm":
@@ -148,6 +149,8 @@ def _surface_in_mm(file: SurfaceFile, where: str, units: str | None) -> Surface:
 def _points_in_mm(thing: Any, landmarks: Landmarks, units: str | None) -> Points:
     """Return the points in mm, and behind them the landmarks."""
     points = points_of(thing)
+    for note in points.notes:
+        log.info("points: %s", note)
     if not len(points):
         raise InputError(
             "points: the cloud has none; Open3D gives such a cloud where it could not read a file"
@@ -170,7 +173,7 @@ def _points_in_mm(thing: Any, landmarks: Landmarks, units: str | None) -> Points
 
 
 def _check_place(name: str, where: str, at: ArrayLike, dimension: int) -> Array:
-    place = np.asarray(at, dtype=np.float64)
+    place = without_masked(at).astype(np.float64)
     if place.shape != (dimension,) or not np.isfinite(place).all():
         raise InputError(
             f"landmarks: the position of '{name}' {where} is {at!r}: must be {dimension} finite numbers"

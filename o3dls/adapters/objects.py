@@ -13,7 +13,7 @@ from typing import Any, Unpack
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Array
+from ..arrays import Array, masked_in, without_masked
 from ..case import Points
 from ..errors import InputError, did_you_mean
 from ..geometry.similarity import TURN
@@ -95,7 +95,7 @@ def surface_of(thing: Any, *, frame: str | None = None, **choice: Unpack[Choice]
     frame : {"LPS", "RAS"}, default None
         frame that a label volume shall come in: LPS unless it is RAS. Of other objects nothing is turned.
     **choice
-        `label`, `part`, `box`, `layer` of a label volume.
+        `label`, `part`, `box`, `layer`, `fill_slices` of a label volume, `form` of a NIfTI.
 
     Returns
     -------
@@ -121,9 +121,10 @@ def stated_surface(thing: Any, where: str, *, frame: str | None = None, **choice
     """Return the same as `surface_of`, with the frame and units where the object states them, as label
     volumes do; `where` names it in errors.
     """
-    given = {name: value for name, value in choice.items() if value is not None}
+    given = {name: value for name, value in choice.items() if value is not None and value is not False}
     if (image := _find_reader(IMAGES, thing)) is not None:
-        file = labels.surface_of(checked(image(thing, where, frame), where), where, **given)
+        form = given.pop("form", None)
+        file = labels.surface_of(checked(image(thing, where, frame, form), where), where, **given)
         if {file.space, frame} == {"LPS", "RAS"}:
             return SurfaceFile(file.surface.transformed(TURN), str(frame), file.units, file.metadata)
         return file
@@ -158,7 +159,7 @@ def stated_surface(thing: Any, where: str, *, frame: str | None = None, **choice
 
 def _keep_numbers(values: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
     """Return those values that are numbers, truth being 0 or 1."""
-    arrays = {name: np.asarray(one) for name, one in values.items()}
+    arrays = {name: without_masked(one) for name, one in values.items()}
     return {
         name: one.astype(np.int64) if one.dtype.kind == "b" else one
         for name, one in arrays.items()
@@ -168,9 +169,10 @@ def _keep_numbers(values: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
 
 def _read_pair(thing: Any, where: str) -> tuple[Array, Any, dict[str, Any], dict[str, Any]]:
     try:
-        return np.asarray(thing[0], dtype=np.float64), np.asarray(thing[1], dtype=np.float64), {}, {}
+        vertices, faces = (without_masked(part).astype(np.float64) for part in thing)
     except (TypeError, ValueError):
         raise InputError(f"{where}: a pair must hold vertices and faces as arrays of numbers") from None
+    return vertices, faces, {}, {}
 
 
 def points_of(thing: Any, where: str = "points") -> Points:
@@ -209,7 +211,7 @@ def points_of(thing: Any, where: str = "points") -> Points:
         raise InputError(f"{where}: an object of type {_class_name(thing)} holds no points: must be {CLOUDS}")
     try:
         xyz, values = read(thing) if read else (thing, {})
-        xyz = np.array(xyz, dtype=np.float64)
+        xyz = np.ma.array(xyz, dtype=np.float64) if masked_in(xyz) is not None else np.array(xyz, np.float64)
     except (KeyError, TypeError, ValueError):
         raise InputError(
             f"{where}: an object of type {_class_name(thing)} holds no points: must be {CLOUDS}"

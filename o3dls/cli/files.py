@@ -93,6 +93,12 @@ def export(run_folder: Path, out: Path | None, **options: Any) -> None:
 @click.option("--part", help="the named segment or volume to take")
 @click.option("--box", type=float, nargs=6, help="label volumes: cut to least x y z, most x y z (mm, LPS)")
 @click.option("--layer", "--phase", "layer", type=int, help="4D volumes: the layer or phase, from 0")
+@click.option("--fill-slices", is_flag=True, help="label volumes: interpolate blank slices")
+@click.option(
+    "--form",
+    type=click.Choice(["sform", "qform"]),
+    help="NIfTI of two forms that contradict: the right one",
+)
 def convert(source: Path, target: Path, **options: Any) -> None:
     """Write a surface, points, named places or a pose in another format; frame and units are said on both
     sides.
@@ -134,6 +140,7 @@ def send(run_folder: Path, **options: Any) -> None:
     "--landmarks", type=FILE, help="places named on the prior: .mrk.json, .fcsv, or .csv with name,x,y,z"
 )
 @prior_choice
+@click.option("--units", help="units of the prior where it does not state them: mm, cm, m, um, in")
 @click.option("--frame", help="frame of the prior where it does not state it: LPS or RAS")
 @click.option("--force", is_flag=True, help="replace the folder if it is a case")
 def import_(study: Path, out: Path, map_name: str | None, **options: Any) -> None:
@@ -146,6 +153,15 @@ def import_(study: Path, out: Path, map_name: str | None, **options: Any) -> Non
     lines = [*(f"took {line}" for line in found.took), *(f"left {line}" for line in found.left)]
     for line in (*lines, *found.notes, out):
         say(line)
+
+
+@click.command()
+@click.argument("what", type=click.Choice(["columns", "quantities", "tags", "places"]))
+def names(what: str) -> None:
+    """Print which headings of tables, values, tags of points or names of places mean what, as a table."""
+    from ..io.mapping.name_tables import TABLES
+
+    say_lines("\n".join(TABLES[what]()))
 
 
 @click.command()

@@ -40,6 +40,12 @@ def prior_choice(command: Any) -> Any:
             click.option(
                 "--layer", "--phase", "layer", type=int, help="4D volume: the layer or phase, from 0"
             ),
+            click.option("--fill-slices", is_flag=True, help="label volume: interpolate blank slices"),
+            click.option(
+                "--form",
+                type=click.Choice(["sform", "qform"]),
+                help="NIfTI whose two forms contradict: the one that is right",
+            ),
         )
     ):
         command = option(command)

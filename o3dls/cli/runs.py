@@ -102,6 +102,7 @@ def run(
     "--landmarks", type=FILE, help="places named on the prior: .mrk.json, .fcsv, or .csv with name,x,y,z"
 )
 @click.option("--units", help="units of files that do not state theirs: mm, cm, m, um, in, px")
+@click.option("--columns", help="which columns of the points these are: bipolar=V1,x=East")
 @click.option("--frame", help="frame of points and label volumes that state none: LPS, RAS or unknown")
 @prior_choice
 @click.option("--out", type=FOLDER, help="run folder that the pipeline names; default: run in DIR")

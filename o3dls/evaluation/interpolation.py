@@ -7,7 +7,7 @@ from functools import lru_cache
 import numpy as np
 
 from .. import parallel
-from ..arrays import Array, Ints
+from ..arrays import Array, Ints, without_masked
 from ..errors import InputError
 from ..geometry.surface import Surface
 from .projection import project
@@ -24,7 +24,7 @@ def to_surface(xyz: Array, values: Array, surface: Surface) -> Array:
     or farther than REACH from the wall are left out; vertices farther than REACH from every datum are NaN.
     Raises InputError for arrays that do not fit together, or where no point has a value near the wall.
     """
-    xyz, values = np.asarray(xyz, dtype=np.float64), np.asarray(values, dtype=np.float64)
+    xyz, values = without_masked(xyz).astype(np.float64), without_masked(values).astype(np.float64)
     if xyz.shape != (values.size, surface.dimension) or values.ndim != 1:
         raise InputError(
             f"points {xyz.shape} and values {values.shape}: must be (k, {surface.dimension}) and (k,)"

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Array, Ints
+from ..arrays import Array, Ints, masked_in
 from ..errors import InputError
 from .similarity import apply
 
@@ -33,6 +33,9 @@ class Surface:
 
     def __post_init__(self) -> None:
         faces = np.asarray(self.faces)
+        for part in (self.vertices, self.faces):
+            if masked_in(part) is not None:
+                raise InputError("surface vertices or faces are masked: give those that are there alone")
         object.__setattr__(self, "vertices", np.ascontiguousarray(self.vertices, dtype=np.float64))
         object.__setattr__(self, "faces", np.ascontiguousarray(faces, dtype=np.int64))
         if self.vertices.ndim != 2 or self.vertices.shape[1] not in (2, 3):

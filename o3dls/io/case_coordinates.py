@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -17,6 +18,12 @@ from .case_settings import Folder
 from .meshes.surface_file import SurfaceFile
 from .table import Table
 
+log = logging.getLogger("o3dls")
+LENGTHS = [unit for unit in MILLIMETRES if unit != "px"]
+HEART = (18.0, 1000.0)  # mm across: of a surface out of a heart, up to the whole of it
+POSSIBLE = (1.0, 20_000.0)  # beyond it units are certainly wrong, whatever a file states
+ATRIUM = 100.0  # mm across
+
 
 def millimetres_per_unit(folder: Folder, path: Path, stated: str | None) -> float:
     """Return the factor to mm: what the file states, else what the case says.
@@ -25,6 +32,9 @@ def millimetres_per_unit(folder: Folder, path: Path, stated: str | None) -> floa
     """
     if stated not in (*MILLIMETRES, "unknown", None):
         raise InputError(f"{path}: states units '{stated}': must be one of {', '.join(MILLIMETRES)}")
+    given = folder.settings.get("units", stated)
+    if stated in MILLIMETRES and given != stated:
+        log.info("%s: states units %s, which are taken; %s is for files that state none", path, stated, given)
     return folder.scale(stated)
 
 
@@ -58,6 +68,52 @@ def coordinates(folder: Folder, table: Table, names: Sequence[str], space: str) 
         folder, table.path, table.notes.get("units")
     )
     return in_frame(xyz, table.notes.get("space"), space)
+
+
+def overruled(
+    where: Path | str, file: SurfaceFile, given: str | None, option: str = "--units "
+) -> SurfaceFile:
+    """Return a surface whose file states units, in the `given` ones where it cannot be a heart in those that
+    are stated and can in these. `option` is how units are said.
+
+    Raises InputError where it is far from a heart in the stated ones, and no others are given.
+    """
+    stated = str(file.metadata.get("stated_units", file.units))
+    if file.surface.dimension != 3 or stated not in MILLIMETRES or "px" in (stated, given):
+        return file
+    diagonal = file.surface.diagonal * MILLIMETRES[file.units]
+    extents = {unit: diagonal * MILLIMETRES[unit] / MILLIMETRES[stated] for unit in LENGTHS}
+    if given not in (None, stated) and _is_heart(extents[str(given)]) and not _is_heart(diagonal):
+        factor = MILLIMETRES[file.units] * MILLIMETRES[str(given)] / MILLIMETRES[stated]
+        over = f"by which it extends over {diagonal:.3g} mm"
+        said = f"states units {stated}, {over}; {option}{given} overrules that"
+        surface = file.surface.with_vertices(file.surface.vertices * factor)
+        return replace(file, surface=surface, units="mm", notes=(*file.notes, said))
+    if given is None and not POSSIBLE[0] <= diagonal <= POSSIBLE[1]:
+        likely = min(extents, key=lambda unit: abs(float(np.log(extents[unit] / ATRIUM))))
+        raise InputError(
+            f"{where}: states units {stated}, by which it extends over {diagonal:.3g} mm; if its units are "
+            f"{likely}, say {option}{likely}, else {option}{stated}"
+        )
+    return file
+
+
+def in_units(where: Path, file: SurfaceFile, given: str | None) -> SurfaceFile:
+    """Return a surface in mm by the `given` units where its file states none, else as `overruled` does.
+
+    Raises InputError for units that nobody knows.
+    """
+    if given not in (*LENGTHS, None):
+        raise InputError(f"units = '{given}': must be one of {', '.join(LENGTHS)}")
+    file = overruled(where, file, given)
+    if file.units != "unknown" or given is None:
+        return file
+    surface = file.surface.with_vertices(file.surface.vertices * MILLIMETRES[given])
+    return replace(file, surface=surface, units="mm")
+
+
+def _is_heart(extent: float) -> bool:
+    return HEART[0] <= extent <= HEART[1]
 
 
 def check_scale(path: Path | str, xyz: Array, smallest: float = 5.0, option: str = "--units ") -> None:

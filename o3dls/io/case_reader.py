@@ -18,7 +18,7 @@ from .case_settings import Folder, open_folder
 from .case_surfaces import phases_of, surface_of
 from .case_truth import truth_of
 from .markups import read_markups
-from .points import points_of, read_points_table, scaled
+from .points import describe_columns, points_of, read_points_table, scaled
 from .table import Table, read_table
 from .text import decode, hashed_reads, read_bytes, rectangle
 
@@ -85,9 +85,11 @@ def case_of(opened: Folder, points: str | Path | None = None, fewest: int = FEWE
         )
     if fewest == 0 and points is None and opened.find("points") is None:
         measured, frame = no_points(opened.dimension), str(opened.settings.get("frame", "unknown"))
+        columns: dict[str, str] = {}
     else:
         table = _read_points_table(opened, points)
         measured, frame = _read_points(opened, table, fewest), _points_frame(opened, table)
+        columns = describe_columns(table)
     case = Case(
         name=opened.settings.get("name", opened.path.resolve().name),
         prior=prior.surface,
@@ -100,6 +102,7 @@ def case_of(opened: Folder, points: str | Path | None = None, fewest: int = FEWE
         prior_file_units=_prior_file_units(opened, prior.units),
         prior_of=opened.settings.get("prior_of", "patient"),
         notes=opened.settings.get("notes", ""),
+        columns=columns,
         truth=truth_of(opened, prior.space, frame),
         phases=phases_of(opened, prior.space),
     )
@@ -134,7 +137,7 @@ def _read_points_table(folder: Folder, points: str | Path | None) -> Table:
             f"{folder.path}: no points.csv; there must be one with columns "
             f"{','.join('xyz'[: folder.dimension])}"
         )
-    table = read_points_table(path, folder.dimension)
+    table = read_points_table(path, folder.dimension, folder.settings.get("columns"))
     folder.note(path)
     return table
 

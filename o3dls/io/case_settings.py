@@ -18,12 +18,13 @@ from .text import read_bytes
 # files of voxels alone, which a header beside them describes
 VOXELS = (".img", ".img.gz", ".raw", ".raw.gz", ".zraw")
 FILES = ("prior", "points", "prior_landmarks", "init", "truth", "held_out", "correspondence", "outliers")
-TEXTS = ("name", "units", "prior_file_units", "frame", "prior_of", "notes", "part")
+TEXTS = ("name", "units", "prior_file_units", "frame", "prior_of", "notes", "part", "form", "columns")
 KEYS = dict.fromkeys((*TEXTS, *FILES), str) | {
     "dimension": int,
     "label": int,
     "layer": int,
     "cap": bool,
+    "fill_slices": bool,
     "box": list,
 }
 
@@ -33,6 +34,7 @@ ALLOWED: Mapping[str, tuple[str | int, ...]] = {
     "frame": SPACES,
     "prior_of": PRIOR_OF,
     "dimension": (2, 3),
+    "form": ("sform", "qform"),
 }
 
 

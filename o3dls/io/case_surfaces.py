@@ -10,13 +10,14 @@ from typing import Any
 from ..case import MILLIMETRES
 from ..errors import InputError
 from ..geometry.surface import Surface
-from .case_coordinates import check_scale, in_millimetres, surface_in_frame
+from .case_coordinates import check_scale, in_millimetres, overruled, surface_in_frame
 from .case_settings import Folder
 from .meshes.repair import closed_outward
 from .meshes.surface_file import SurfaceFile
 from .surfaces import read_surface_file
 
-CHOICE = ("label", "part", "box", "layer")  # settings that choose a surface of the prior's file
+# settings that choose a surface of the prior's file
+CHOICE = ("label", "part", "box", "layer", "fill_slices", "form")
 log = logging.getLogger("o3dls")
 
 
@@ -43,6 +44,7 @@ def surface_of(folder: Folder, role: str) -> SurfaceFile | None:
 def _read_in_millimetres(folder: Folder, path: Path, **choice: Any) -> SurfaceFile:
     """Read the surface of a file in mm; what of the file is not in it goes to the log."""
     file = read_surface_file(path, **_stated_settings(folder), **choice)
+    file = overruled(path, file, folder.settings.get("units"))
     for note in file.notes:
         log.info("%s: %s", path, note)
     return in_millimetres(folder, path, file)

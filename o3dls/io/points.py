@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,22 +10,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arrays import Array
+from ..arrays import Array, Mask, masked_in, without_masked
 from ..case import POINT_TYPES, Points
+from ..columns import ALIASES, NAMES, Chosen, described, meaning_of, read_choice
 from ..errors import InputError, did_you_mean
-from ..quantities import check_possible
+from ..quantities import check_possible, scaled_known
 from .table import Table, read_table, write_table
 
 NUMBERS = ("bipolar", "unipolar", "lat", "impedance", "force", "sigma")
-ALIASES = {
-    "kind": "type",
-    "label": "name",
-    "bip_mv": "bipolar",
-    "uni_mv": "unipolar",
-    "lat_ms": "lat",
-    "force_g": "force",
-}
-NAMES = {name: name for name in ("x", "y", "z", "type", "name", *NUMBERS)} | ALIASES
 
 
 def read_points(path: str | Path, dimension: int = 3) -> Points:
@@ -60,11 +52,45 @@ def read_points(path: str | Path, dimension: int = 3) -> Points:
     return points_of(table, dimension)
 
 
-def read_points_table(path: str | Path, dimension: int = 3) -> Table:
+def read_points_table(path: str | Path, dimension: int = 3, columns: str | None = None) -> Table:
     """Read the raw table behind `read_points`; its notes hold `space` and `units` where the file states
-    them.
+    them. columns: `name=heading, ...`, where headings do not say what they are.
     """
-    return read_table(path, "xyz"[:dimension], NAMES)
+    path = Path(path)
+    given = read_choice(columns or "", str(path))
+    table = read_table(path, "xyz"[:dimension], Chosen(given))
+    there = {heading.lower() for heading in table.headings.values()}
+    for heading, name in given.items():
+        if heading not in there:
+            raise InputError(
+                f"{path}: columns = '{name}={heading}': no such column; there are: "
+                f"{', '.join(table.headings.values())[:200]}"
+            )
+    units = {meant.unit for axis in "xyz" if (meant := meaning_of(table.headings.get(axis, axis)))} - {""}
+    stated = table.notes.get("units", "mm")
+    if units and stated not in (*units, "unknown"):
+        raise InputError(
+            f"{path}: states units={stated}, and the headings of its coordinates say {', '.join(units)}: "
+            "correct one of them"
+        )
+    return replace(table, notes={**table.notes, "units": units.pop()}) if units else table
+
+
+def describe_columns(table: Table) -> dict[str, str]:
+    """Return what became of each column of a table, by its heading."""
+    kinds = {name: _read_column(table, name).dtype.kind for name in table.columns if name not in ALIASES}
+    return {
+        table.headings.get(name, name): described(
+            table.headings.get(name, name), _scaled_name(table, name), kinds.get(name, "U")
+        )
+        for name in table.columns
+    }
+
+
+def _scaled_name(table: Table, name: str) -> str:
+    """Return what a column becomes whose heading states another unit, where that name is free."""
+    meant = meaning_of(name)
+    return name if meant is None or meant.factor == 1.0 or meant.name in table.columns else meant.name
 
 
 def points_of(table: Table, dimension: int) -> Points:
@@ -75,7 +101,11 @@ def points_of(table: Table, dimension: int) -> Points:
         raise InputError(f"{table.path}: has a header but no points")
     axes = tuple("xyz"[:dimension])
     xyz = np.column_stack([table.numbers(axis) for axis in axes])
-    columns = {name: _read_column(table, name) for name in table.columns if name not in (*axes, "type")}
+    columns = {
+        _scaled_name(table, name): _read_column(table, name)
+        for name in table.columns
+        if name not in (*axes, "type")
+    }
     return _check_measured(
         Points(xyz, _read_types(table), columns), str(table.path), lambda row: f"line {table.lines[row]}"
     )
@@ -84,7 +114,9 @@ def points_of(table: Table, dimension: int) -> Points:
 def _read_column(table: Table, name: str) -> NDArray[Any]:
     if name == "name":
         return np.array(table.columns[name], dtype=str)
-    return table.numbers(name, missing=True) if name in NUMBERS else table.values(name)
+    if (scaled := _scaled_name(table, name)) != name:
+        return _in_own_unit(name, table.numbers(name, missing=True), ())[1]
+    return table.numbers(name, missing=True) if scaled in NUMBERS else table.values(name)
 
 
 def _check_measured(points: Points, where: str, place: Callable[[int], str]) -> Points:
@@ -115,13 +147,17 @@ def _read_types(table: Table) -> NDArray[np.str_]:
 
 def points_from(columns: Mapping[str, ArrayLike], where: str) -> Points:
     """Return points from arrays by column, named and checked as those of a file are; missing numbers are NaN.
+    Rows whose place is masked are left out, and the notes say how many; a masked value is missing.
 
     `where` names them in errors. Raises InputError.
     """
+    masked = _masked_places(columns)
+    own = {str(name) for name in columns} & NAMES.keys()
     named = [
-        (NAMES.get(str(name).lower(), str(name)), _as_array(values, where))
+        (str(name) if (meant := NAMES.get(str(name), str(name))) in own else meant, _as_array(values, where))
         for name, values in columns.items()
     ]
+    named = [_in_own_unit(name, values, {name for name, _ in named}) for name, values in named]
     found = dict(named)
     axes = [axis for axis in "xyz" if axis in found]
     if axes[:2] != ["x", "y"] or len(found) < len(named):
@@ -133,17 +169,38 @@ def points_from(columns: Mapping[str, ArrayLike], where: str) -> Points:
         raise InputError(f"{where}: {', '.join(axes)} have shapes {shapes}: must be columns of one length")
     for name in found.keys() & {*axes, *NUMBERS}:
         found[name] = _as_numbers(name, found[name], where)
+    rows = np.arange(len(found["x"]))
+    said: tuple[str, ...] = ()
+    if len(masked) == len(rows) and masked.any():
+        rows = rows[~masked]
+        said = (f"{masked.sum()} of {len(masked)} rows are masked, and are left out",)
+        found = {name: values[~masked] for name, values in found.items()}
     bad = int((~np.isfinite([found[axis] for axis in axes]).all(axis=0)).sum())
     if bad:
         raise InputError(f"{where}: {bad} points are not finite; remove them")
     kinds = found.pop("type", np.full(len(found["x"]), "eam"))
-    points = Points(np.column_stack([found.pop(axis) for axis in axes]), kinds, found)
-    return _check_measured(points, where, "row {}".format)
+    points = Points(np.column_stack([found.pop(axis) for axis in axes]), kinds, found, notes=said)
+    return _check_measured(points, where, lambda row: f"row {rows[row]}")
+
+
+def _masked_places(columns: Mapping[str, ArrayLike]) -> Mask:
+    """Return the rows in which a coordinate is masked; none of them where no coordinate has a mask."""
+    masks = [masked_in(values) for name, values in columns.items() if str(name).lower() in "xyz"]
+    there = [mask for mask in masks if mask is not None] or [np.zeros(0, dtype=bool)]
+    return np.asarray(np.logical_or.reduce(there))
+
+
+def _in_own_unit(name: str, values: NDArray[Any], taken: Collection[str]) -> tuple[str, NDArray[Any]]:
+    """Return name and values of a column in the unit of a case, where its name states another."""
+    meant = meaning_of(name)
+    if meant is None or meant.factor == 1.0 or meant.name in taken or values.dtype.kind not in "fiu":
+        return name, values
+    return meant.name, scaled_known(np.asarray(values, dtype=np.float64), meant.factor)
 
 
 def _as_array(values: ArrayLike, where: str) -> NDArray[Any]:
     try:
-        return np.array(values)
+        return without_masked(values)
     except ValueError as error:  # the rows have different lengths
         raise InputError(f"{where}: a column is not an array: {error}") from None
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from ..errors import InputError
+from ..geometry.shells import wall_thickness
 from ..geometry.surface import Surface
 from .atomic import write_file
 from .images import dicom, labels
@@ -61,7 +62,7 @@ FORMATS = (
         labels.knows,
         labels.read,
         None,
-        ("label", "part", "box", "layer", "frame"),
+        ("label", "part", "box", "layer", "fill_slices", "form", "frame"),
     ),
     Format("off", (".off",), obj.knows_off, obj.read_off, obj.write_off, (), left_out),
     Format("opencarp", (".pts", ".elem"), opencarp.knows, opencarp.read, None, ("units",), opencarp.losses),
@@ -82,6 +83,10 @@ IN_MILLIMETRES = (
     "opencarp",
 )
 WITH_OUTLINES = ("vtk", "vtp")
+A_WALL = (
+    "encloses a wall {:.2g} thick, with its inner and its outer side, and no chamber: a prior must be the "
+    "surface of the blood pool alone (the endocardium)"
+)
 
 
 def read_surface_file(
@@ -92,13 +97,13 @@ def read_surface_file(
     `units` and `frame` are those of the file where it does not state them; only a format that would else take
     its standard's, or cannot be read without, asks for them here.
 
-    Options that are not None: `label`, `part`, `box`, `layer` say which surface of a file with several is
-    meant; `hidden` keeps CARTO's hidden triangles. Raises InputError, also for an option that the format has
-    no use for.
+    Options that are not None: `label`, `part`, `box`, `layer`, `fill_slices`, `form` say which surface of a
+    file with several is meant, and how; `hidden` keeps CARTO's hidden triangles. Raises InputError,
+    also for an option that the format has no use for.
     """
     path = Path(path)
     data = _read_content(path)
-    given = {name: value for name, value in options.items() if value is not None}
+    given = {name: value for name, value in options.items() if value is not None and value is not False}
     known = _format_of(data)
     for name, value in (("units", units), ("frame", frame)):
         if value and known and name in known.options:
@@ -112,7 +117,9 @@ def read_surface_file(
     for name in given:
         if known is None or name not in known.options:
             raise InputError(f"{path}: '{name}' does not apply to a {known.name if known else 'csv'} file")
-    return known.read(path, data, **given) if known else polyline.read_polyline(path)
+    file = known.read(path, data, **given) if known else polyline.read_polyline(path)
+    thickness = wall_thickness(file.surface)
+    return replace(file, notes=(*file.notes, A_WALL.format(thickness))) if thickness else file
 
 
 def _read_content(path: Path) -> bytes:

@@ -7,7 +7,7 @@ from __future__ import annotations
 import csv
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +40,7 @@ class Table:
     columns: Mapping[str, list[str]]
     lines: list[int]
     notes: Mapping[str, str]
+    headings: Mapping[str, str] = field(default_factory=dict)  # of the columns, as the file has them
 
     def __len__(self) -> int:
         return len(self.lines)
@@ -143,7 +144,7 @@ def table_of(
     ]
     if len(cells) != len(body):
         raise InputError(f"{path}: a quoted cell runs over several lines; close the quotes on each line")
-    header = _read_header(cells[0], path, body[0][0], required, aliases or {})
+    header = _read_header(cells[0], path, body[0][0], required, {} if aliases is None else aliases)
     for (at, line), row in zip(body[1:], cells[1:], strict=True):
         if line.lstrip().startswith("#"):
             raise InputError(
@@ -159,7 +160,11 @@ def table_of(
             raise InputError(f"{path}: line {at} has {len(row)} cells, the header has {len(header)}{hint}")
     columns = {name: [row[k] for row in cells[1:]] for k, name in enumerate(header)}
     return Table(
-        path, columns, [at for at, _ in body[1:]], _read_notes(path, [line for _, line in lines[:top]])
+        path,
+        columns,
+        [at for at, _ in body[1:]],
+        _read_notes(path, [line for _, line in lines[:top]]),
+        dict(zip(header, cells[0], strict=True)),
     )
 
 
@@ -180,13 +185,22 @@ def _read_header(
     if len(cells) > MOST_COLUMNS:
         raise InputError(f"{path}: line {line}: names {len(cells)} columns: at most {MOST_COLUMNS}")
     header = [aliases.get(cell.lower(), cell) for cell in cells]
+    own = {name for name, cell in zip(header, cells, strict=True) if name == cell.lower()}
+    # a heading that is the name itself comes before others that mean it
+    header = [
+        cell if name in own and name != cell.lower() else name
+        for name, cell in zip(header, cells, strict=True)
+    ]
     for name in required:
         if name not in header:
             raise InputError(f"{path}: line {line}: no column '{name}'; there are: {', '.join(cells)[:200]}")
     for name in header:
         if not name or header.count(name) > 1:
+            same = [cell for cell, one in zip(cells, header, strict=True) if one == name]
+            fault = f"is meant by {' and '.join(same)}" if len(set(same)) > 1 else "appears twice"
             raise InputError(
-                f"{path}: line {line}: column name '{name}' {'appears twice' if name else 'is empty'}"
+                f"{path}: line {line}: column name '{name}' {fault if name else 'is empty'}"
+                + (f"; say --columns {name}=HEADING with the one that is right" if len(set(same)) > 1 else "")
             )
     return header
 

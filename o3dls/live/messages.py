@@ -9,10 +9,11 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, cast
 
+from ..columns import NAMES
 from ..errors import CONTROL, InputError, did_you_mean
 from ..geometry.similarity import is_pose
 from ..io.documents import parse_json
-from ..io.points import NAMES, NUMBERS
+from ..io.points import NUMBERS
 from ..quantities import QUANTITIES
 
 Message = dict[str, Any]
@@ -110,7 +111,7 @@ def _check_values(where: str, value: object) -> dict[str, float | str]:
         raise InputError(f"{where}: must be an object of names and values")
     found: dict[str, float | str] = {}
     for given, one in value.items():
-        name = NAMES.get(str(given).lower(), given)  # the same aliases as for columns of a points file
+        name: object = NAMES.get(str(given), given)  # the same aliases as for columns of a points file
         if not isinstance(name, str) or not name.strip() or UNFIT.search(name) or name in RESERVED:
             raise InputError(f"{where}: {given!r} names no value: must be a word, none of {RESERVED}")
         found[name] = _check_value(f"{where}: {name} = {one!r}", name, one)

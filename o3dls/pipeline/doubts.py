@@ -11,14 +11,16 @@ from ..case import Case
 from ..estimate import Estimate
 from ..geometry.similarity import TURN, apply, fit_similarity, rms_radius
 from ..geometry.surface import Surface
-from ..registration.landmarks import fix_a_pose
+from ..registration.landmarks import explaining_scale, fix_a_pose
 from ..run_warning import RunWarning
+from ..stages.landmarks import ANOTHER_SIZE
 
 THINNEST = 0.05  # thickness of the points over their width: one wall of an atrium has .15
 FACTORS = {"cm": 10.0, "in": 25.4, "m": 1000.0}  # units that one column may be in, in mm
 FAR_LANDMARKS = 0.2  # rms error of landmarks over their rms radius, above which their columns are looked at
 BETTER = 3.0  # how many times smaller the error must become: only mapping error remains then
 OVERLAP = 0.1  # of the volume that components enclose twice, above which they are one within another
+SIZES = (0.6, 1.65)  # of the map over the prior: hearts of two persons, or of one in time, differ by less
 LATTICE = 60  # nodes along the diagonal, on which that is counted
 ROUND = 0.5  # distance of the points from a sphere over that from the prior
 NEAR = 0.05  # rms radii: points nearer to the prior than that lie on it
@@ -36,6 +38,7 @@ def contradiction(case: Case, start: Estimate) -> str:
     points = case.points.of("eam").xyz
     return (
         _find_overlap(case)
+        or _find_scale(case)
         or _find_wrong_column(case)
         or _find_plane(case, points)
         or _find_mixed_frames(case, start, points)
@@ -75,6 +78,15 @@ def _find_overlap(case: Case) -> str:
         f"the prior's components overlap: together they enclose {prior.volume / 1000:.3g} ml, and their "
         f"union {inside / 1000:.3g} ml; give one closed surface of the chamber"
     )
+
+
+def _find_scale(case: Case) -> str:
+    """Return a sentence where the landmarks show that prior and points differ by one factor of scale."""
+    _, prior, measured = case.landmark_pairs()
+    if not fix_a_pose(prior, measured):
+        return ""
+    factor = explaining_scale(prior, measured)
+    return "" if SIZES[0] <= factor <= SIZES[1] else ANOTHER_SIZE.format(1.0 / factor)
 
 
 def _find_plane(case: Case, points: Array) -> str:

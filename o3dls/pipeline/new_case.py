@@ -4,6 +4,7 @@ change.
 
 from __future__ import annotations
 
+import logging
 import os
 import textwrap
 from pathlib import Path
@@ -21,6 +22,7 @@ from ..plugins.plugin import Plugin
 from .file import default_pipeline
 from .pipeline import Pipeline
 
+log = logging.getLogger("o3dls")
 CASE_HEAD = """\
 # The case: the files that belong together, and what they do not say themselves.
 # A line '# name = value' is a default; to change it, remove the # and write another value.
@@ -43,7 +45,10 @@ CASE_KEYS: tuple[tuple[str, str | bool | None, str], ...] = (
     ("part", None, "the named segment or volume to take"),
     ("layer", None, "4D volume: the layer or phase, from 0"),
     ("box", None, "label volume: cut to least x y z, most x y z (mm, LPS)"),
+    ("fill_slices", None, "label volume: interpolate blank slices"),
+    ("form", None, "NIfTI whose two forms contradict: the one that is right, sform or qform"),
     ("points", None, "the mapping points: columns x, y, z and type (eam, ablation, landmark, inside)"),
+    ("columns", None, "which columns of the points these are, where headings do not say: bipolar=V1, x=East"),
     ("prior_landmarks", None, "places named on the prior, such as veins; pairs with landmarks of the points"),
     ("units", "mm", "units of files that do not state theirs: mm, cm, m, um, in, px"),
     ("frame", "unknown", "frame of the points, and of a label volume that states none: LPS, RAS or unknown"),
@@ -79,8 +84,8 @@ def make_case(
     the path of that file.
 
     out: the run folder that the pipeline names, by default `run` in the folder. settings: units, frame,
-    prior_of, cap, label, part, box, layer as case.toml has them; None means not given. Raises InputError for
-    all that `o3dls check` would say, and writes nothing then.
+    prior_of, cap, label, part, box, layer, fill_slices, form as case.toml has them; None means not given.
+    Raises InputError for all that `o3dls check` would say, and writes nothing then.
     """
     folder = Path(folder)
     files = {"prior": prior, "points": points} | ({"prior_landmarks": landmarks} if landmarks else {})
@@ -100,6 +105,8 @@ def make_case(
         write_file(staged / "case.toml", CASE_HEAD + _case_lines(relative))
         write_file(staged / "pipeline.toml", _pipeline_text(plan, _relative_path(run, folder)))
         write_manifest(staged)
+    for heading, what in case.columns.items():
+        log.info("column '%s' of the points: %s", heading, what)
     return folder / "pipeline.toml"
 
 

@@ -179,6 +179,7 @@ class Pipeline:
         found += components_without_points(case, final.T_map_prior)
         found += doubtful_points(case, estimates[START], final)
         found += [RunWarning("values-missing", f"points: {note}") for note in case.points.notes]
+        found += [RunWarning("landmark-names-doubtful", said) for said in case.landmark_doubts()]
         common = of_stage(found, START)
         return {name: replace(one, warnings=(*common, *one.warnings)) for name, one in estimates.items()}
 

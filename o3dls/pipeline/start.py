@@ -15,7 +15,9 @@ from ..case import FITTED_TYPES, Case
 from ..errors import SolverError
 from ..estimate import Estimate
 from ..evaluation.distances import landmark_errors
+from ..geometry.shells import wall_thickness
 from ..geometry.similarity import fit_similarity
+from ..io.surfaces import A_WALL
 from ..registration.landmark_names import alone
 from ..registration.landmarks import fix_a_pose
 from ..run_warning import RunWarning
@@ -183,7 +185,7 @@ def _place_prior(case: Case, T_map_prior: Array, status: str) -> Estimate:
 def _find_flat_prior(case: Case) -> str:
     prior, unit = case.prior, case.units
     if not prior.watertight or prior.dimension * prior.volume > FLATTEST * prior.diagonal * prior.area:
-        return ""
+        return f"the prior {A_WALL.format(thickness)}" if (thickness := wall_thickness(prior)) else ""
     return (
         f"the prior is flat: it is {prior.diagonal:.3g} {unit} across and encloses nothing; give the closed "
         "surface of a chamber"

@@ -153,6 +153,19 @@ def better_reading(
     return rivals[best] if sure or (accused and not twice and gain < 1.0) else None
 
 
+def explaining_scale(prior: Array, measured: Array) -> float:
+    """Return the factor that brings landmarks (n, d) of the prior to the measured ones where one factor for
+    all explains what a rigid motion does not; 1 where none does.
+    """
+    weights = np.ones(len(prior))
+    rigid, scaled = (fit_similarity(prior, measured, weights, scale=scale) for scale in (False, True))
+    before, after = (float(np.sqrt((errors(prior, measured, T) ** 2).mean())) for T in (rigid, scaled))
+    radius = float(np.sqrt(measured.var(axis=0).sum()))
+    if before <= NOTICEABLE * radius or after >= MUCH_BETTER * before or after > NOTICEABLE * radius:
+        return 1.0
+    return float(abs(np.linalg.det(scaled[:-1, :-1])) ** (1.0 / prior.shape[1]))
+
+
 def _list_orders(n: int) -> list[tuple[int, ...]]:
     """List the orders to try, the identity first."""
     if n <= ALL_ORDERS:

@@ -17,9 +17,9 @@ from ..case import MILLIMETRES, SPACES
 from ..errors import InputError
 from ..geometry.similarity import TURN, apply
 from ..geometry.surface import Surface
-from ..io.case_coordinates import check_scale
+from ..io.case_coordinates import check_scale, overruled
 from ..io.markups import Markups, read_markups, write_markups
-from ..io.meshes.repair import closed_outward, welded
+from ..io.meshes.repair import closed_outward, joined_soup, welded
 from ..io.meshes.surface_file import SurfaceFile
 from ..io.points import points_of, read_points_table, scaled
 from ..io.surfaces import is_surface, read_surface_file, write_surface
@@ -65,7 +65,7 @@ def convert(
     faces : int, default None
         decimate a surface to so many triangles.
     **choice
-        which surface is meant: `label`, `part`, `box`, `layer`, or `hidden` of CARTO's triangles.
+        which surface is meant: options of a label volume, `part`, or `hidden` of CARTO's triangles.
 
     Returns
     -------
@@ -100,7 +100,7 @@ def convert(
             f"{source}: is not a surface, points (.csv), named places (.mrk.json, .fcsv) or pose (.tfm, "
             ".txt, .mat) that o3dls knows; is it damaged?"
         )
-    if cap or faces is not None or format or any(value is not None for value in choice.values()):
+    if cap or faces is not None or format or any(v is not None and v is not False for v in choice.values()):
         raise InputError(
             f"{source}: is not a surface, so cap, faces, format, label, part, box, layer and hidden do "
             "not apply to it"
@@ -133,6 +133,8 @@ def _convert_surface(
         raise InputError(f"{source}: is an outline in 2D, and LPS and RAS are frames in 3D; omit --to")
     if to and needs_turn(source, space, to):
         surface = surface.transformed(TURN)
+    surface, said = joined_soup(surface)
+    done += [f"{source}: {said}"] if said else []
     if cap:
         surface = closed_outward(surface, str(source), cap=True)
     if faces is not None and faces < len(surface.faces):
@@ -154,12 +156,16 @@ def in_millimetres(source: Path, file: SurfaceFile, units: str | None) -> Surfac
 
     Else as it is, if its extent can be meant in mm.
     """
-    stated = settle_units(source, file.units, units)
+    settled = overruled(source, file, units)
+    if settled is not file:
+        return settled
+    stated = settle_units(source, str(file.metadata.get("stated_units", file.units)), units)
     if stated == "unknown":
         if file.surface.dimension == 3:
             check_scale(source, file.surface.vertices)
         return file
-    surface = file.surface.with_vertices(file.surface.vertices * MILLIMETRES[stated])
+    scale = MILLIMETRES[file.units if file.units in MILLIMETRES else stated]
+    surface = file.surface.with_vertices(file.surface.vertices * scale)
     return replace(file, surface=surface, units=scaled_units(stated))
 
 

@@ -106,6 +106,7 @@ class CaseRecord(_Part):
     dimension: Literal[2, 3]
     prior_of: str = "patient"
     points: dict[str, int] = {}
+    columns: dict[str, str] = {}
     files: dict[str, str]
 
 

@@ -128,6 +128,7 @@ def provenance(case: Case, pipeline: Record) -> Provenance:
         case=CaseRecord(
             **{key: getattr(case, key) for key in ("name", "units", "frame", "dimension", "prior_of")},
             points=dict(sorted(Counter(case.points.type.tolist()).items())),
+            columns=dict(case.columns),
             files=dict(sorted(case.files.items())),
         ),
         pipeline=plain(pipeline),

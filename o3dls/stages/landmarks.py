@@ -19,6 +19,10 @@ if TYPE_CHECKING:
     from ..registration.landmarks import Reading
 
 FEWEST_POINTS = 10  # fewer do not judge a pose
+ANOTHER_SIZE = (
+    "the landmarks say that the prior is {:.2g} times as large as the map, by one factor for all of them: "
+    "was its unit or the size of its voxels lost? Scale the prior and its landmarks, and leave the names"
+)
 
 
 class Landmarks(Stage):
@@ -40,8 +44,10 @@ class Landmarks(Stage):
         if len(names) >= case.dimension:
             return None
         needed = f"at least {case.dimension} are needed in {case.dimension}D"
+        doubtful = "".join(f"; {said}" for said in case.landmark_doubts())
         return (
             f"{len(names) or 'no'} landmark pairs: {needed}; name them in points.csv and prior_landmarks.csv"
+            + doubtful
         )
 
     def mistake(self, case: Case) -> str | None:
@@ -87,7 +93,7 @@ class Landmarks(Stage):
 def _refuse_swapped(case: Case, names: list[str], measured: Array, found: list[Reading]) -> None:
     """Raise InputError where landmarks and points show that names are swapped or the prior is mirrored."""
     from ..registration.global_pose import robust_costs
-    from ..registration.landmarks import better_reading
+    from ..registration.landmarks import better_reading, explaining_scale
     from ..registration.match import SurfaceMatcher
 
     points = case.points.of("eam").xyz
@@ -101,6 +107,10 @@ def _refuse_swapped(case: Case, names: list[str], measured: Array, found: list[R
     )
     if wrong is None:
         return
+    if (factor := explaining_scale(case.landmark_pairs()[1], measured)) != 1.0:
+        raise InputError(
+            f"case {case.name}: {ANOTHER_SIZE.format(1.0 / factor)}, or say landmarks.scale = true"
+        )
     what, remedy = [], []
     if wrong.exchanged:
         what.append(f"the landmarks {' and '.join(names[i] for i in wrong.exchanged)} seem to be swapped")

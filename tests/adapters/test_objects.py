@@ -20,6 +20,7 @@ from o3dls.adapters import objects
 from o3dls.adapters.case import case_of
 from o3dls.case import Points
 from o3dls.errors import InputError
+from o3dls.evaluation.interpolation import to_surface
 from o3dls.geometry.face_values import at_vertices
 from o3dls.geometry.surface import Surface
 from o3dls.io.surfaces import read_surface_file
@@ -251,6 +252,57 @@ def test_what_stands_in_memory_is_checked_as_a_file_is() -> None:
         InputError, match=r"prior of type TriangleMesh: must be Surface; o3dls\.case_of takes"
     ):
         o3dls.Case("a", objects.to(PRIOR, "open3d"), BALL.points)
+
+
+MASKED = np.isin(np.arange(len(XYZ)), (0, 7))
+
+
+def masked_points(kind: str) -> Any:
+    """The points with two rows that are masked, whose numbers are those of a fill value."""
+    xyz = np.ma.array(np.where(MASKED[:, None], -9999.0, XYZ))
+    xyz[MASKED] = np.ma.masked
+    if kind == "one axis":
+        xyz.mask[:, :2] = False
+    if kind == "rows":
+        return list(xyz)
+    if kind == "columns":
+        return {**dict(zip("XYZ", xyz.T, strict=True)), "bipolar": BIPOLAR}
+    return xyz
+
+
+@pytest.mark.parametrize("kind", ["array", "one axis", "rows", "columns"])
+def test_masked_rows_are_no_points(kind: str) -> None:
+    points = objects.points_of(masked_points(kind))
+    np.testing.assert_array_equal(points.xyz, XYZ[~MASKED])
+    assert points.notes[0] == f"2 of {len(XYZ)} rows are masked, and are left out"
+    if kind == "columns":
+        np.testing.assert_array_equal(points.columns["bipolar"], BIPOLAR[~MASKED])
+
+
+def test_a_masked_value_is_missing_and_rows_keep_their_numbers() -> None:
+    columns = {**masked_points("columns"), "lat": np.ma.array(np.arange(40), mask=np.arange(40) == 9)}
+    assert np.flatnonzero(np.isnan(objects.points_of(columns).columns["lat"])).tolist() == [7]
+    columns["force"] = np.where(np.arange(40) == 9, 7000.0, 20.0)
+    with pytest.raises(InputError, match="points: row 9, column 'force': 7000 cannot have been measured"):
+        objects.points_of(columns)
+
+
+def test_nothing_that_is_masked_is_taken_for_a_number() -> None:
+    xyz, vertices = masked_points("array"), np.ma.array(PRIOR.vertices)
+    vertices[5] = np.ma.masked
+    pose = np.ma.array(np.eye(4), mask=np.eye(4, k=1) > 0)
+    for make, sentence in (
+        (lambda: Points(xyz, np.full(len(xyz), "eam")), "point 0 is not finite"),
+        (lambda: Surface(vertices, PRIOR.faces), "vertices or faces are masked"),
+        (lambda: case_of((vertices, PRIOR.faces), XYZ), "prior: vertex 5 is not finite"),
+        (lambda: case_of(PRIOR, XYZ, init=pose), "init is not a pose"),
+        (lambda: case_of(PRIOR, XYZ, landmarks={"LAA": (vertices[5], XYZ[0])}), "must be 3 finite numbers"),
+    ):
+        with pytest.raises(InputError, match=sentence):
+            make()
+    values = np.ma.array(np.where(MASKED, -9999.0, 1.0), mask=MASKED)
+    assert np.isnan(Points(XYZ, np.full(40, "eam"), {"bipolar": values}).numbers("bipolar")[MASKED]).all()
+    assert np.nanmin(to_surface(XYZ, values, PRIOR)) == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize("role", ["prior", "points"])

@@ -181,12 +181,39 @@ def test_slices_that_are_missing_or_uneven_are_not_closed_up(tmp_path: Path) -> 
     values = np.zeros(SHAPE, np.uint8)
     values[3:6, 10:20, 10:20] = values[12:16, 10:20, 10:20] = 1
     path = segmentation(tmp_path / "gap.dcm", values, ["LA"], series(np.eye(3)))
+    with pytest.raises(InputError, match=r"57% of its 700 voxels .* blank slices lie within it, 6 of them"):
+        read_surface_file(path)
+    whole = read_surface_file(path, fill_slices=True).surface.vertices
+    assert middle(whole)[2] == pytest.approx(ORIGIN[2] + 9.0 * SPACING[2], abs=0.1)
+    values[3:5] = 0
+    path = segmentation(tmp_path / "gap.dcm", values, ["LA"], series(np.eye(3)))
     file = read_surface_file(path)  # the larger piece, at its own height
-    assert file.metadata["voxels_of_smaller_pieces"] == 300
+    assert file.metadata["voxels_of_smaller_pieces"] == 100
     assert middle(file.surface.vertices)[2] == pytest.approx(ORIGIN[2] + 13.5 * SPACING[2], abs=0.1)
     uneven = np.cumsum(np.where(np.arange(SHAPE[0]) % 2, 1.0, 3.3))
     path = segmentation(tmp_path / "uneven.dcm", labels(), ["LA", "LV"], series(np.eye(3), uneven))
     with pytest.raises(InputError, match="not parallel slices at equal distances: resample it"):
+        read_surface_file(path, part="LA")
+
+
+@pytest.mark.parametrize("stated", [1.25, 2.4, 5.0, 2.5])
+@pytest.mark.parametrize("oblique", [False, True])
+def test_a_spacing_that_contradicts_the_places_of_the_frames_is_refused(
+    stated: float, oblique: bool, tmp_path: Path
+) -> None:
+    """With half of the spacing every second slice counted as missing, and the largest piece was one slice."""
+    path = segmentation(
+        tmp_path / "seg.dcm", labels(), ["LA", "LV"], series(turned() if oblique else np.eye(3))
+    )
+    dataset = pydicom.dcmread(path)
+    measures = dataset.SharedFunctionalGroupsSequence[0].PixelMeasuresSequence[0]
+    measures.SpacingBetweenSlices = stated
+    dataset.save_as(path)
+    if stated == SPACING[2]:
+        assert read_surface_file(path, part="LA").surface.watertight
+        return
+    sentence = rf"slices are {stated:g} mm apart \(SpacingBetweenSlices\), and its frames lie 2\.5 mm apart"
+    with pytest.raises(InputError, match=sentence):
         read_surface_file(path, part="LA")
 
 

@@ -10,6 +10,7 @@ import gzip
 import lzma
 import re
 import time
+import zipfile
 import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -26,6 +27,7 @@ from o3dls.errors import InputError
 from o3dls.io.images.registry import read_image
 from o3dls.io.images.volumes import write_volume
 from o3dls.io.images.voxels import inflate
+from o3dls.io.mapping.study import read_study
 from o3dls.io.matlab import openep
 from o3dls.io.surfaces import read_surface_file
 
@@ -117,6 +119,42 @@ def vtp(folder: Path, pack: Callable[[bytes], bytes], name: str) -> Target:
     return Target(path, path, first, text.index("<", first))
 
 
+def vtu(folder: Path, pack: Callable[[bytes], bytes], name: str) -> Target:
+    """The same surface as cells of an unstructured grid."""
+    found = vtp(folder, pack, name)
+    text = found.read.read_text()
+    types = np.full(len(body().faces), 5, dtype="u1").tobytes()
+    packed = pack(types)
+    head = np.array([1, len(types), 0, len(packed)], dtype="<u8").tobytes()
+    array = base64.b64encode(head).decode() + base64.b64encode(packed).decode()
+    cells = f'<DataArray type="UInt8" Name="types" format="binary">{array}</DataArray></Cells>'
+    for old, new in (
+        ("PolyData", "UnstructuredGrid"),
+        ("<Polys>", "<Cells>"),
+        ("</Polys>", cells),
+        ("NumberOfPolys", "NumberOfCells"),
+    ):
+        text = text.replace(old, new)
+    path = folder / "a.vtu"
+    path.write_text(text)
+    first = text.index('format="binary">', text.index('Name="connectivity"')) + len('format="binary">')
+    return Target(path, path, first, text.index("<", first))
+
+
+def study(folder: Path, member: str, method: int) -> Target:
+    """A CARTO study in a zip, and the bytes of one file of it."""
+    from test_io_study import carto_folder
+
+    source = carto_folder(folder / "study")
+    path = folder / "study.zip"
+    with zipfile.ZipFile(path, "w", method) as file:
+        for one in sorted(source.rglob("*")):
+            file.write(one, one.relative_to(source).as_posix())
+        info = file.getinfo(member)
+    first = info.header_offset + 30 + len(info.filename.encode())
+    return Target(path, path, first, first + info.compress_size)
+
+
 def mat(folder: Path) -> Target:
     rng = np.random.default_rng(20_117)
     points = Points(rng.normal(size=(40, 3)), np.full(40, "eam"), {"bipolar": rng.uniform(0.0, 5.0, 40)})
@@ -142,7 +180,14 @@ FORMATS: dict[str, Callable[[Path], Target]] = {
     "mha": meta,
     "vtp": lambda folder: vtp(folder, zlib.compress, "vtkZLibDataCompressor"),
     "vtp lzma": lambda folder: vtp(folder, lzma.compress, "vtkLZMADataCompressor"),
+    "vtu": lambda folder: vtu(folder, zlib.compress, "vtkZLibDataCompressor"),
+    "vtu lzma": lambda folder: vtu(folder, lzma.compress, "vtkLZMADataCompressor"),
     "mat": mat,
+    "zip points": lambda folder: study(folder, "1-Map_car.txt", zipfile.ZIP_DEFLATED),
+    "zip shell": lambda folder: study(folder, "1-Map.mesh", zipfile.ZIP_DEFLATED),
+    "zip stored": lambda folder: study(folder, "1-Map.mesh", zipfile.ZIP_STORED),
+    "zip bzip2": lambda folder: study(folder, "1-Map_car.txt", zipfile.ZIP_BZIP2),
+    "zip lzma": lambda folder: study(folder, "1-Map_car.txt", zipfile.ZIP_LZMA),
 }
 
 
@@ -151,8 +196,13 @@ def values(path: Path) -> list[Any]:
     if path.suffix == ".mat":
         points = openep.read_points(path, path.read_bytes())
         return [points.xyz, *points.columns, *points.columns.values(), *surface(path)]
-    if path.suffix == ".vtp":
+    if path.suffix in (".vtp", ".vtu"):
         return surface(path)
+    if path.suffix == ".zip":
+        found = read_study(path)
+        columns = {name: column.tolist() for name, column in found.points.columns.items()}
+        shell = found.shell.surface
+        return [found.points.xyz, repr(columns), shell.vertices, shell.faces, *found.landmarks.values()]
     image = read_image(path, path.read_bytes())
     return [image.values, image.affine, image.space]
 

@@ -53,16 +53,37 @@ def one_column_in(column: int, millimetres: float) -> Case:
     return replace(case, points=replace(case.points, xyz=case.points.xyz * scale))
 
 
+def of_another_size(factor: float) -> Case:
+    """The prior and its landmarks as by a voxel size that was lost."""
+    case = usual()
+    prior = case.prior.with_vertices(case.prior.vertices * factor)
+    marks = {name: at * factor for name, at in case.prior_landmarks.items()}
+    return replace(case, prior=prior, prior_landmarks=marks)
+
+
 @pytest.mark.parametrize(
     ("case", "sentence"),
     [
+        *(
+            (of_another_size(by), f"the prior is {by:.2g} times as large as the map")
+            for by in (2.0, 0.5, 3.0)
+        ),
         (glued(12.0), "components overlap: together they enclose"),
         (in_a_plane(), "lie in one plane"),
         (one_column_in(0, 10.0), "the column x of the points seems to be in cm: the landmarks fit"),
         (one_column_in(2, 25.4), "the column z of the points seems to be in in: the landmarks fit"),
         (changed(usual(), lambda xyz: apply(TURN, xyz)), "one in LPS|ones in LPS and the others in RAS"),
     ],
-    ids=["a second prior through the first", "a plane", "one column in cm", "in inches", "points in RAS"],
+    ids=[
+        "twice",
+        "half",
+        "three times",
+        "a second prior through the first",
+        "a plane",
+        "one column in cm",
+        "in inches",
+        "points in RAS",
+    ],
 )
 def test_what_cannot_be_meant_is_refused(case: Case, sentence: str) -> None:
     with pytest.raises(InputError, match=sentence):

@@ -7,13 +7,12 @@ import itertools
 import numpy as np
 import pytest
 
-from o3dls.registration.landmark_names import PLACES, alone, is_known, partners
+from o3dls.registration.landmark_names import PLACES, alone, doubts, is_known, partners
 
 SAME = (
     (
         "LSPV",
         "lspv",
-        "LUPV",
         "left superior pulmonary vein",
         "Left Upper PV",
         "L sup PV",
@@ -21,10 +20,16 @@ SAME = (
         "Pulmonary vein, left superior",
         "ostium of the left superior pulmonary vein",
         "LSPV OS",
-        "LUPV (ostium)",
     ),
-    ("LIPV", "LLPV", "left lower pulmonary vein", "L. inf. PV"),
-    ("RSPV", "RUPV", "right upper PV"),
+    (
+        "LIPV",
+        "LLPV",
+        "linke untere Lungenvene",
+        "veine pulmonaire inférieure gauche",
+        "left lower pulmonary vein",
+        "L. inf. PV",
+    ),
+    ("RSPV", "right upper PV", "rechter oberer PV", "vena pulmonar superior derecha"),
     ("RIPV", "RLPV", "right inferior pulmonary vein orifice"),
     ("LCPV", "left common pulmonary vein", "Left common trunk"),
     ("RMPV", "right middle PV"),
@@ -62,8 +67,8 @@ def test_a_name_that_two_might_mean_is_left_alone() -> None:
     assert partners(["MV"], ["MA", "mitral valve annulus"]) == {}
     assert partners(["MA", "MV"], ["mitral valve"]) == {}
     assert partners(["MA", "MV"], ["MV"]) == {1: 0}  # the same name first
-    assert partners(["LSPV", "LSPV OS"], ["LUPV", "LUPV ostium"]) == {0: 0, 1: 1}
-    assert partners(["LSPV OS", "LSPV"], ["LUPV"]) == {1: 0}
+    assert partners(["LSPV", "LSPV OS"], ["left upper PV", "left upper PV ostium"]) == {0: 0, 1: 1}
+    assert partners(["LSPV OS", "LSPV"], ["L sup PV"]) == {1: 0}
     assert alone(["LSPV", "MA"], ["left superior PV", "LAA"]) == ["MA"]
 
 
@@ -86,3 +91,38 @@ def test_the_table_names_no_place_twice() -> None:
     assert is_known("LSPV OS")
     assert is_known("LAA")
     assert not is_known("HIS")
+
+
+PRIOR = ["LSPV", "LIPV", "RSPV", "RIPV", "LAA"]
+
+
+@pytest.mark.parametrize(
+    ("names", "meant"),
+    [
+        (["LUPV", "LLPV", "RUPV", "RLPV"], "LSPV LIPV RSPV RIPV"),  # upper, lower
+        (["LOPV", "LUPV", "ROPV", "RUPV"], "LSPV LIPV RSPV RIPV"),  # obere, untere
+        (["LBPV", "LOPV", "RBPV", "ROPV"], "LSPV LIPV RSPV RIPV"),  # boven, onder
+        (["lupv", "LIPV", "RSPV", "R_UPV"], "LSPV LIPV RSPV RIPV"),  # the other one has its name
+        (["LUPV", "linke obere Pulmonalvene", "RUPV os", "LAA"], "LIPV LSPV RIPV LAA"),
+        (["LUPV", "right lower PV", "LAA"], "LSPV RIPV LAA"),
+        (["LUPV", "RUPV", "LAA"], "- - LAA"),
+        (["LOPV", "LAA"], "- LAA"),
+        (["RBPV"], "-"),
+    ],
+)
+def test_a_letter_means_what_the_names_beside_it_say(names: list[str], meant: str) -> None:
+    found = partners(names, PRIOR)
+    assert [PRIOR[found[i]] if i in found else "-" for i in range(len(names))] == meant.split()
+    assert bool(doubts(names, PRIOR)) == ("-" in meant)
+    for name in np.array(names)[np.array(meant.split()) == "-"]:
+        assert name in doubts(names, PRIOR)
+        assert is_known(name)
+
+
+def test_names_in_doubt_pair_with_themselves_unless_two_languages_use_them() -> None:
+    assert partners(["LUPV", "RUPV"], ["RUPV", "LUPV"]) == {0: 1, 1: 0}
+    assert doubts(["LUPV", "RUPV"], ["RUPV", "LUPV"]) == ""
+    assert partners(["LUPV", "LAA"], ["LUPV", "LLPV"]) == {0: 0}
+    german, english = ["LOPV", "LUPV"], ["LUPV", "LLPV"]
+    assert partners(german, english) == {0: 0, 1: 1}
+    assert partners(german, ["LUPV", "LOPV"]) == {0: 1, 1: 0}

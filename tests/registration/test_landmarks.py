@@ -16,7 +16,7 @@ from o3dls.errors import InputError
 from o3dls.estimate import Estimate
 from o3dls.geometry.surface import Surface
 from o3dls.pipeline.pipeline import Pipeline
-from o3dls.registration.landmarks import Reading, better_reading, determined, odd_one
+from o3dls.registration.landmarks import Reading, better_reading, determined, explaining_scale, odd_one
 from o3dls.stages.landmarks import Landmarks
 
 PRIOR = chamber(24)
@@ -73,6 +73,35 @@ def test_two_exchanged_names_are_told(a: str, b: str, points: int) -> None:
         run(wrong)
     told = str(error.value).split(" seem to be swapped")[0]
     assert {name for name in ("LSPV", "LIPV", "RSPV", "RIPV") if name in told} == {a, b}
+
+
+def refusal(case: Case) -> str:
+    """What the stage says where it refuses the case; nothing where it does not."""
+    try:
+        run(case)
+    except InputError as error:
+        return str(error)
+    return ""
+
+
+@pytest.mark.parametrize("factor", [0.7, 1.4, 2.0])
+@pytest.mark.parametrize("points", [200, 0])
+def test_a_factor_of_scale_is_not_blamed_on_the_names(factor: float, points: int) -> None:
+    case = measured(PRIOR, pose(20.0, 8.0), points)
+    marks = {name: at * factor for name, at in case.prior_landmarks.items()}
+    case = replace(case, prior=PRIOR.with_vertices(PRIOR.vertices * factor), prior_landmarks=marks)
+    assert "swapped" not in refusal(case)
+    assert ("times as large as the map" in refusal(case)) or not refusal(case)
+    assert run(case, scale=True).converged
+
+
+@pytest.mark.parametrize("factor", [0.5, 2.0])
+def test_exchanged_names_are_told_beside_a_factor_of_scale(factor: float) -> None:
+    case = measured(PRIOR, pose(20.0, 8.0))
+    prior, at = (np.array(part) for part in case.landmark_pairs()[1:])
+    assert explaining_scale(prior * factor, at) == pytest.approx(1.0 / factor, rel=0.05)
+    assert explaining_scale(prior, at) == 1.0
+    assert explaining_scale(prior[[3, 0, 1, 2]] * factor, at) == 1.0  # no factor explains wrong names
 
 
 def test_left_and_right_exchanged_fit_the_landmarks_but_not_the_points() -> None:

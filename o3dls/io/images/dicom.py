@@ -28,6 +28,8 @@ GROUP_LENGTH = b"\2\0\0\0UL\4\0"  # how long the head before the data set is
 DEFLATED = b"1.2.840.10008.1.2.1.99"
 LONGEST_META = 1 << 16  # bytes of the head before the data set
 FIRST_FILES = 50  # so many files of a folder are looked at
+FEWEST_GAPS = 2  # between frames, which tell how far slices are apart
+SAME_GAP = 0.02  # share: positions are rounded
 OCCUPIED = 0.5  # share of a voxel, or probability, from which it is inside
 
 
@@ -76,6 +78,7 @@ def read_dicom(path: Path, data: bytes) -> Image:
             dataset = pydicom.dcmread(BytesIO(data))
             _check_kind(path, dataset)
             _check_end(path, dataset, data)
+            _check_spacing(path, dataset)
             return _image_of_segments(path, highdicom.seg.Segmentation.from_dataset(dataset, copy=False))
         except InputError:
             raise
@@ -125,6 +128,27 @@ def _check_end(path: Path, dataset: Any, data: bytes) -> None:
     if end < len(data) and data[end : end + 4] not in MAY_FOLLOW:
         raise InputError(
             f"{path}: {len(data) - end} bytes follow its voxels that do not belong there: is damaged"
+        )
+
+
+def _check_spacing(path: Path, dataset: Any) -> None:
+    """Raise InputError where frames at equal distances lie at others than the header says: with half of it
+    every second slice would count as missing.
+    """
+    shared, each = dataset.SharedFunctionalGroupsSequence[0], dataset.PerFrameFunctionalGroupsSequence
+    stated = shared.get("PixelMeasuresSequence", [{}])[0].get("SpacingBetweenSlices")
+    orientation = shared.get("PlaneOrientationSequence")
+    if not stated or not orientation:
+        return
+    axes = np.asarray(orientation[0].ImageOrientationPatient, dtype=np.float64).reshape(2, 3)
+    places = np.array([one.PlanePositionSequence[0].ImagePositionPatient for one in each], dtype=np.float64)
+    gaps = np.diff(np.unique((places @ np.cross(*axes)).round(2)))
+    if len(gaps) < FEWEST_GAPS or np.ptp(gaps) > SAME_GAP * gaps.min():
+        return
+    if abs(gaps.mean() - abs(float(stated))) > SAME_GAP * gaps.mean():
+        raise InputError(
+            f"{path}: says that its slices are {float(stated):g} mm apart (SpacingBetweenSlices), and its "
+            f"frames lie {gaps.mean():.4g} mm apart (ImagePositionPatient): correct the one that is wrong"
         )
 
 

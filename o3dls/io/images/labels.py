@@ -16,7 +16,16 @@ from ..text import is_count
 from .pieces import joined
 from .registry import knows, read_image
 from .voxels import Image
-from .wall import mask_surface, slices_first
+from .wall import cut_area, mask_surface, slices_first
+from .whole import (
+    AROUND,
+    blank_slices,
+    check_layout,
+    check_taken,
+    count_blank,
+    share_of_border,
+    slices_filled,
+)
 
 __all__ = ["knows", "read"]
 MANY_LABELS = 200  # different ones: an atlas of the whole body has some hundred
@@ -32,13 +41,17 @@ class Choice(TypedDict, total=False):
     part: str | None
     box: Box | None
     layer: int | None
+    fill_slices: bool
+    form: str | None
 
 
-def read(path: Path, data: bytes, *, frame: str | None = None, **choice: Any) -> SurfaceFile:
+def read(
+    path: Path, data: bytes, *, frame: str | None = None, form: str | None = None, **choice: Any
+) -> SurfaceFile:
     """Read the surface of a label volume from a file; `frame` is that of its axes where the file does not say
-    how they lie, the choice is that of `surface_of`.
+    how they lie, `form` the one to take of two that contradict; the choice is that of `surface_of`.
     """
-    return surface_of(read_image(path, data, frame), str(path), **choice)
+    return surface_of(read_image(path, data, frame, form), str(path), **choice)
 
 
 def surface_of(
@@ -49,15 +62,24 @@ def surface_of(
     part: str | None = None,
     box: Box | None = None,
     layer: int | None = None,
+    fill_slices: bool = False,
 ) -> SurfaceFile:
     """Return the closed surface of one label, or of the segment named `part`; everything outside `box` (x, y,
     z least, then most) is cut off. `layer` is the index of the one that is meant of a volume with several,
-    such as the phases of a cine; `path` names the image in errors.
+    such as the phases of a cine; `fill_slices` interpolates blank slices; `path` names the image in errors.
 
     Only the largest connected piece is taken, and what goes on from it obliquely through thick slices
-    (`pieces.py`). Raises InputError where the label is not there, or must be said.
+    (`pieces.py`). Raises InputError where the label is not there, must be said, or is not taken for the most
+    part.
     """
+    check_layout(image.values.shape, path)
     values, label = _choose_label(path, image, label, part, layer)
+    if (around := share_of_border(values, label)) > AROUND:
+        others = ", ".join(str(n) for n in _find_labels(path, values, None) if n != label) or "none is there"
+        raise InputError(
+            f"{path}: label {label} covers {around:.0%} of the outermost voxels of the volume: it is the "
+            f"background, or the mask is inverted; say the label of the chamber with --label ({others})"
+        )
     mask, affine = _cut_out(values, label, image.affine)
     if box is not None:
         mask &= _voxels_in_box(mask.shape, affine, box)
@@ -66,17 +88,34 @@ def surface_of(
             f"{path}: no voxel of label {label} {'is there' if box is None else 'lies in the box'}"
         )
     mask, affine, spacing = slices_first(mask, affine)
+    blank = count_blank(blank_slices(mask)[1])
+    mask = slices_filled(mask, spacing) if fill_slices else mask
     chamber, bridges = joined(mask, spacing)
+    check_taken(mask, chamber, affine, f"{path}: label {label}")
     surface = mask_surface(chamber, affine, f"{path}: label {label}")
     voxels = int(chamber.sum())
     dropped = int(mask.sum()) - voxels
-    facts = {"label": label, "voxels": voxels, "voxels_of_smaller_pieces": dropped}
+    facts: dict[str, Any] = {"label": label, "voxels": voxels, "voxels_of_smaller_pieces": dropped}
+    if stated := image.notes.get("units"):
+        facts["stated_units"] = stated
+    share = f"{dropped / (voxels + dropped):.1%} of the label"
+    of_blank = (
+        "blank slices within it are interpolated"
+        if fill_slices
+        else "blank slices lie within it; --fill-slices interpolates them"
+    )
     said = (
         (len(bridges), "thin pieces that only the gap between two slices parts are joined to the chamber"),
-        (dropped, "voxels of smaller pieces are left out"),
+        (dropped, f"voxels of smaller pieces are left out, {share}"),
+        (blank, of_blank),
     )
-    notes = tuple(f"{count} {sentence}" for count, sentence in said if count)
-    return SurfaceFile(surface, image.space, "mm", facts, notes)
+    notes = [f"{count} {sentence}" for count, sentence in said if count]
+    if area := cut_area(chamber, spacing):
+        notes.append(
+            f"the border of the volume cuts the label off: {area / 100:.1f} cm² of its surface are flat caps "
+            "there, and no wall"
+        )
+    return SurfaceFile(surface, image.space, "mm", facts, tuple(notes))
 
 
 def _named_segments(notes: Mapping[str, str]) -> dict[str, tuple[int, int]]:
@@ -114,7 +153,7 @@ def _choose_label(
         if layer is None
         else [_check_layer(path, layer, layers.shape[-1], "there is no")]
     )
-    found = {k: _find_labels(path, layers[..., k]) for k in numbers}
+    found = {k: _find_labels(path, layers[..., k], None if label == 0 else 0) for k in numbers}
     labels = sorted({value for values in found.values() for value in values})
     hint = _hint_options(segments, f"--label (there are {', '.join(map(str, labels))})")
     if label is None:
@@ -151,8 +190,8 @@ def _hint_options(segments: Mapping[str, Any], option: str) -> str:
     return "; say " + " or ".join([option, *parts])
 
 
-def _find_labels(path: str, values: NDArray[Any]) -> list[int]:
-    """Return the labels other than 0. Raises InputError for an image of grey values.
+def _find_labels(path: str, values: NDArray[Any], outside: int | None) -> list[int]:
+    """Return the labels other than that of the `outside`. Raises InputError for an image of grey values.
 
     Slice by slice from the middle, where a grey image shows what it is: it may be large, and is not copied.
     """
@@ -164,7 +203,7 @@ def _find_labels(path: str, values: NDArray[Any]) -> list[int]:
             raise InputError(
                 f"{path}: holds more than {MOST_LABELS} different values; it is an image, not a label volume"
             )
-    return sorted(found - {0})
+    return sorted(found - {outside})
 
 
 def _whole_values(path: str, values: NDArray[Any]) -> set[int]:

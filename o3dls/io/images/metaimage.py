@@ -118,6 +118,14 @@ def _read_numbers(
     path: Path, header: Mapping[str, str], keys: tuple[str, ...], n: int, default: Array | None
 ) -> Array:
     key = next((key for key in keys if key in header), None)
+    others = [
+        other for other in keys if other in header and header[other].split() != header[str(key)].split()
+    ]
+    if others:
+        raise InputError(
+            f"{path}: {key} = {header[str(key)][:40]} and {others[0]} = {header[others[0]][:40]} contradict: "
+            "leave the one that is right"
+        )
     if key is None and default is not None:
         return default
     text = header.get(key or "", "-")

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import re
 import zlib
+from itertools import product
 from pathlib import Path
 from typing import Any, Literal
 
@@ -25,7 +26,7 @@ HEADERS = {
 LONGEST_HEADER = 1_000_000  # bytes, with its extensions
 SAME_SIZE = 0.01  # share of a voxel's size: numbers in headers are rounded
 ORDERS: tuple[Literal["little", "big"], ...] = ("little", "big")
-UNITS = {1: 1000.0, 3: 0.001}  # metres and micrometres; any other code means mm
+UNITS = {1: ("m", 1000.0), 3: ("um", 0.001)}  # any other code means mm
 
 
 def knows(data: bytes) -> bool:
@@ -59,9 +60,9 @@ def _is_analyze(start: bytes) -> bool:
 
 
 @np.errstate(over="ignore", invalid="ignore")  # numbers that overflow are refused where they are checked
-def read_nifti(path: Path, data: bytes, frame: str | None = None) -> Image:
-    """Read the volume, 3D or with layers (phases in time); `frame` is that of its axes where no form says
-    it.
+def read_nifti(path: Path, data: bytes, frame: str | None = None, form: str | None = None) -> Image:
+    """Read the volume, 3D or with layers (phases in time); `frame` is that of its axes where no form says it,
+    `form` the one that is right where two contradict.
     """
     start = _unpack_start(data)
     kind = _header_kind(start)
@@ -77,7 +78,18 @@ def read_nifti(path: Path, data: bytes, frame: str | None = None) -> Image:
     values = shaped(path, memoryview(body)[offset:], dtype.str, sizes)  # which copies nothing
     if scaling is not None and scaling != (1.0, 0.0):
         values = values * scaling[0] + scaling[1]
-    return Image(np.moveaxis(values, 0, -1) if values.ndim == 4 else values, *place(header, str(path), frame))
+    values = np.moveaxis(values, 0, -1) if values.ndim == 4 else values
+    return Image(values, *place(header, str(path), frame, form), stated_units(header))
+
+
+def _units(header: Any) -> tuple[str, float]:
+    """Return the units of a header, and their factor to mm."""
+    return UNITS.get(int(header["xyzt_units"]) & 7, ("mm", 1.0))
+
+
+def stated_units(header: Any) -> dict[str, str]:
+    """Return the note of an image by whose units of lengths it was brought to mm."""
+    return {"units": _units(header)[0]}
 
 
 def _unpack_file(path: Path, body: bytes, most: int) -> bytes | bytearray:
@@ -135,25 +147,47 @@ def _describe_voxels(
 
 
 @np.errstate(over="ignore", invalid="ignore")
-def place(header: Any, where: str, frame: str | None) -> tuple[Array, str]:
+def place(header: Any, where: str, frame: str | None, form: str | None = None) -> tuple[Array, str]:
     """Return the matrix from an index to mm, and the frame, by a header of nibabel: its sform if there is
-    one, else its qform.
+    one, else its qform; the one that is said, where there are both.
 
     Without either, the axes run along those of `frame`. Raises InputError where that is not said, and where
     the header contradicts itself.
     """
-    factor = UNITS.get(int(header["xyzt_units"]) & 7, 1.0)
+    factor = _units(header)[1]
     pixdim = np.asarray(header["pixdim"], dtype=np.float64)
-    if int(header["sform_code"]) > 0:
-        affine = np.asarray(header.get_sform(), dtype=np.float64)
-        _check_voxel_sizes(where, affine, pixdim[1:4])
-    elif int(header["qform_code"]) > 0:
-        affine = _read_qform(header, where)
-    else:
+    forms = {}
+    if int(header["sform_code"]) > 0 and form != "qform":
+        forms["sform"] = np.asarray(header.get_sform(), dtype=np.float64)
+        _check_voxel_sizes(where, forms["sform"], pixdim[1:4])
+    if int(header["qform_code"]) > 0 and form != "sform":
+        forms["qform"] = _read_qform(header, where)
+    if form is not None and form not in forms:
+        raise InputError(f"{where}: its header has no {form}: omit --form")
+    if not forms:
         return along_axes(
             where, "its header has neither qform nor sform", np.abs(pixdim[1:4]) * factor, frame
         )
+    if len(forms) == 2:
+        _check_same_place(where, header, forms["sform"], forms["qform"], factor)
+    affine = next(iter(forms.values()))
     return check_affine(where, TURN @ np.diag([factor, factor, factor, 1.0]) @ affine), "LPS"
+
+
+def _check_same_place(where: str, header: Any, sform: Array, qform: Array, factor: float) -> None:
+    """Raise InputError where the two forms of a header put a corner of the volume more than a voxel apart:
+    programs differ in which of them they follow.
+    """
+    ends = [(0, max(int(n) - 1, 0)) for n in header.get_data_shape()[:3]]
+    corners = np.array([[*corner, 1] for corner in product(*ends)], dtype=np.float64)
+    apart = float(np.linalg.norm(corners @ (sform - qform).T, axis=1).max())
+    if not apart <= np.linalg.norm(sform[:3, :3], axis=0).max():
+        mirrored = np.linalg.det(sform[:3, :3]) * np.linalg.det(qform[:3, :3]) < 0.0
+        raise InputError(
+            f"{where}: its sform and its qform put the volume up to {apart * factor:.3g} mm apart"
+            f"{', one the mirror image of the other' if mirrored else ''}; programs differ in which they "
+            "follow: look which is right, and say --form sform or --form qform, or write it into both"
+        )
 
 
 def _read_qform(header: Any, where: str) -> Array:

@@ -37,6 +37,7 @@ SPACES = {
 }
 UNITS = {"mm": 1.0, "millimeter": 1.0, "millimetre": 1.0, "um": 0.001, "µm": 0.001, "cm": 10.0, "m": 1000.0}
 UNITS[""] = 1.0  # an empty unit says nothing, like a missing line
+SAME_SIZE = 0.01  # share of a voxel's size: numbers in headers are rounded
 LONGEST_SKIP = 1 << 20  # bytes before packed data: room for the header of another format
 VECTOR = r"\(([^)]*)\)|\bnone\b"
 
@@ -103,6 +104,7 @@ def _read_place(
     affine[:3, 3] = flat_numbers(origin[1].replace(",", " "), 3, f"{path}: space origin")
     affine[:3] *= _read_units(path, header, "space units", [0, 1, 2])[:, None]
     check_affine(f"{path}: NRRD 'space directions' and 'space origin'", affine)
+    _check_spacings(path, header, axes, affine)
     listed = vectors.index(None) if axes == 4 else None
     name = header.get("space", "").lower()
     if not name:
@@ -133,6 +135,20 @@ def _place_by_spacings(
     spacing = sizes[spatial] * _read_units(path, header, "units", spatial)
     listed = ({*range(axes)} - {*spatial}).pop() if axes == 4 else None
     return *along_axes(str(path), "it has spacings and no space directions", spacing, frame), listed
+
+
+def _check_spacings(path: Path, header: Mapping[str, str], axes: int, affine: Array) -> None:
+    """Raise InputError where a file states sizes of voxels too, and others than its directions have."""
+    if "spacings" not in header:
+        return
+    stated = flat_numbers(header["spacings"], axes, f"{path}: spacings")
+    stated = stated[np.isfinite(stated)]
+    sizes = np.linalg.norm(affine[:3, :3], axis=0)
+    if len(stated) == 3 and not np.allclose(stated, sizes, rtol=SAME_SIZE):
+        raise InputError(
+            f"{path}: NRRD 'spacings: {header['spacings'][:40]}' and the lengths of 'space directions', "
+            f"{sizes.round(4).tolist()}, contradict: leave the one that is right"
+        )
 
 
 def _read_units(path: Path, header: Mapping[str, str], key: str, axes: list[int]) -> Array:

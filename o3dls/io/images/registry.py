@@ -17,23 +17,26 @@ def knows(data: bytes) -> bool:
     return dicom.knows(data) or nrrd.knows(data) or metaimage.knows(data) or nifti.knows(data)
 
 
-def read_image(path: Path, data: bytes, frame: str | None = None) -> Image:
-    """Read the volume in a file; `frame` is that of its axes where the file does not say how they lie. Raises
-    InputError where it is damaged or does not lie anywhere.
+def read_image(path: Path, data: bytes, frame: str | None = None, form: str | None = None) -> Image:
+    """Read the volume in a file; `frame` is that of its axes where the file does not say how they lie, `form`
+    the one that is right of a NIfTI whose sform and qform contradict. Raises InputError where it is damaged
+    or does not lie anywhere.
     """
+    if form is not None and (dicom.knows(data) or not nifti.knows(data)):
+        raise InputError(f"{path}: 'form' does not apply to it: only NIfTI has a sform and a qform")
     if dicom.knows(data):
         return checked(dicom.read_dicom(path, data), str(path))
     if nrrd.knows(data):
         return checked(nrrd.read_nrrd(path, data, frame), str(path))
     if metaimage.knows(data):
         return checked(metaimage.read_meta(path, data), str(path))
-    return checked(nifti.read_nifti(path, data, frame), str(path))
+    return checked(nifti.read_nifti(path, data, frame, form), str(path))
 
 
 def checked(image: Image, where: str) -> Image:
     """Return the image unchanged. Raises InputError where its voxels are of no size that a scanner has."""
     affine = image.affine
-    if abs(np.linalg.det(affine)) < 1e-9:
+    if abs(np.linalg.det(affine)) <= 1e-9 * image.spacing.prod():
         raise InputError(f"{where}: its axes span no volume: {affine[:3].round(6).tolist()}")
     if image.spacing.max() > LONGEST_VOXEL * image.spacing.min():
         raise InputError(

@@ -40,10 +40,7 @@ def mask_surface(mask: Mask, affine: Array, name: str = "mask") -> Surface:
         raise InputError(
             f"{name}: its {int(mask.sum())} voxels are too few or lie too thin to enclose anything"
         )
-    borders = [(axis, 0) for axis in range(3) if low[axis] == 0]
-    borders += [(axis, -1) for axis in range(3) if high[axis] == mask.shape[axis] - 1]
-    if len(borders) == 6:  # it was cut out around the label, so none of them cuts the label
-        borders = []
+    borders = _borders_that_cut(mask)
     field = wall_field(_continue_past_borders(part, borders), spacing)
     for axis, end in borders:
         _cut_off(field.swapaxes(0, axis), end, parts_of(part, spacing) if axis == 0 else 1)
@@ -52,6 +49,23 @@ def mask_surface(mask: Mask, affine: Array, name: str = "mask") -> Surface:
     surface = Surface(apply(affine, indices + low[::-1] - PAD), mesh.triangle.indices.numpy())
     # an affine that mirrors turns the faces inside out
     return surface if surface.volume > 0 else Surface(surface.vertices, surface.faces[:, ::-1])
+
+
+def _borders_that_cut(mask: Mask) -> list[tuple[int, int]]:
+    """Return the borders of a volume (axis, first or last) that a mask reaches; none where it reaches all:
+    the volume was cut out around the label then, and none of them cuts it.
+    """
+    ends = [(axis, end) for end in (0, -1) for axis in range(3)]
+    borders = [(axis, end) for axis, end in ends if mask.take(end, axis).any()]
+    return borders if len(borders) < len(ends) else []
+
+
+def cut_area(mask: Mask, spacing: Array) -> float:
+    """Return the area, in mm² for a spacing (3,) in mm, of the flat caps where the border of the volume cuts
+    a mask off.
+    """
+    cells = spacing.prod() / spacing
+    return float(sum(mask.take(end, axis).sum() * cells[axis] for axis, end in _borders_that_cut(mask)))
 
 
 def slices_first(mask: Mask, affine: Array) -> tuple[Mask, Array, Array]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import lzma
 import unicodedata
 import zipfile
 import zlib
@@ -15,6 +16,7 @@ from ..text import read_bytes
 
 LARGEST = 1 << 31  # bytes of one file
 SEVEN_ZIP = b"7z\xbc\xaf\x27\x1c"
+UNPACKING = (zlib.error, lzma.LZMAError, OSError, ValueError)  # of deflate, LZMA and bzip2
 MOST_FILES = 1_000_000
 # how many times its packed size a file may have, if it is larger than LARGE: text packs to about a tenth
 MOST_PACKED, LARGE = 200, 1 << 22
@@ -96,7 +98,7 @@ class Archive:
             ) from None
         except RuntimeError as error:  # zipfile raises it where a password is missing
             raise InputError(f"{self.path}: {name}: {error}; unpack it with its password first") from None
-        except (zipfile.BadZipFile, EOFError, zlib.error, ValueError) as error:
+        except (zipfile.BadZipFile, EOFError, *UNPACKING) as error:
             raise InputError(f"{self.path}: {name}: {error}; the zip is damaged") from None
 
     def where(self, name: str) -> Path:

@@ -18,7 +18,6 @@ from ...arrays import Array
 from ...case import Points
 from ...errors import InputError
 from ...geometry.similarity import apply, is_pose
-from ...registration.landmark_names import is_known
 from ..meshes.carto import mesh_file
 from ..meshes.dif import parse_xml
 from ..meshes.surface_file import SurfaceFile
@@ -26,8 +25,8 @@ from ..text import is_count
 from .archive import Archive
 from .belonging import Anatomy
 from .carto_points import read_car, read_sites
+from .tags import BETWEEN, has_meaning
 
-ABLATION_TAG = "Ablation"
 CLEARLY_CLOSER = 0.5  # ratio of the median gaps to the points in the two directions
 BEGINNING = re.compile(rb"(\xef\xbb\xbf)?\s*(<\?xml[^>]*>\s*)?(?><!--.*?-->\s*)*<Study\b", re.DOTALL)
 OF_POINTS = ("_point_export.xml", "_points_export.xml")  # there are thousands, which need not be read
@@ -91,8 +90,8 @@ def _read_xml(archive: Archive, name: str) -> Study:
     units = root.find("Units")
     if units is not None and units.get("Distance", "mm") != "mm":
         raise InputError(f"{where}: its distances are in {units.get('Distance')}: must be mm")
-    full_names = {tag.get("ID", ""): tag.get("Short_Name", "") for tag in root.iterfind("Maps/TagsTable/Tag")}
-    maps = tuple(_read_map(element, full_names) for element in root.iterfind("Maps/Map"))
+    tag_names = {tag.get("ID", ""): _name_tag(tag) for tag in root.iterfind("Maps/TagsTable/Tag")}
+    maps = tuple(_read_map(element, tag_names) for element in root.iterfind("Maps/Map"))
     if not maps:
         raise InputError(f"{where}: describes no map")
     return Study(archive, str(PurePosixPath(name).parent), maps, tuple(_list_shells(root)))
@@ -123,6 +122,12 @@ def _read_map(element: ElementTree.Element, tag_names: dict[str, str]) -> Map:
         len(points),
         tags,
     )
+
+
+def _name_tag(tag: ElementTree.Element) -> str:
+    """Return the short name of a tag, or the full one where that alone has a meaning."""
+    names = tag.get("Short_Name", ""), tag.get("Full_Name", "")
+    return names[1] if has_meaning(names[1]) and not has_meaning(names[0]) else names[0]
 
 
 def _number_or_none(text: str | None) -> float | None:
@@ -157,11 +162,8 @@ def read_shell(study: Study, name: str) -> SurfaceFile:
     return mesh_file.read(study.archive.where(found), study.archive.read(found))
 
 
-def read_map_points(study: Study, wanted: Map) -> tuple[Points, dict[str, Array]]:
-    """Read measured points of a map with their tags, and the landmarks.
-
-    These are the places tagged by a known name (veins, valves, LAA), the mean where there are several.
-    """
+def read_map_points(study: Study, wanted: Map) -> Points:
+    """Read measured points of a map, all as eam, with their tags as text."""
     name = study.archive.find(study.folder, f"{wanted.name}_car.txt")
     if name is None:
         raise InputError(
@@ -169,20 +171,8 @@ def read_map_points(study: Study, wanted: Map) -> tuple[Points, dict[str, Array]
             "points too"
         )
     points, ids = read_car(study.archive.where(name), study.archive.read(name))
-    tags = [wanted.tags.get(int(k), []) for k in ids]
-    marks = {tag for row in tags for tag in row if is_known(tag)}
-    landmarks = {mark: points.xyz[[mark in row for row in tags]].mean(axis=0) for mark in sorted(marks)}
-    kinds = (
-        np.where([ABLATION_TAG in row or "ABL" in row for row in tags], "ablation", "eam")
-        if tags
-        else points.type
-    )
-    columns = (
-        {**points.columns, "tags": np.array([" + ".join(row) for row in tags], dtype=str)}
-        if any(tags)
-        else points.columns
-    )
-    return replace(points, type=kinds, columns=columns), landmarks
+    tags = np.array([BETWEEN.join(wanted.tags.get(int(k), [])) for k in ids], dtype=str)
+    return replace(points, columns={**points.columns, "tags": tags})
 
 
 def read_anatomy(study: Study, of: Map) -> Anatomy:
@@ -191,7 +181,7 @@ def read_anatomy(study: Study, of: Map) -> Anatomy:
     with suppress(InputError):
         shell = read_shell(study, of.files[0]).surface if of.files else None
     with suppress(InputError):
-        points = read_map_points(study, of)[0].xyz
+        points = read_map_points(study, of).xyz
     return Anatomy(points, shell)
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ...arrays import Array
 from ...case import Points
 from ...errors import InputError
 from ...quantities import without_impossible
@@ -19,7 +20,9 @@ from . import carto_study, ensite
 from .archive import Archive
 from .belonging import Anatomy, of_one_map
 from .imported import Imported, joined
+from .tags import sorted_by_tags
 
+TABLES = (".csv", ".tsv", ".txt", ".xlsx")
 VOLUME_TOLERANCE = 2e-4
 MAP_SHELLS = ("landmarkgeo", "contact_mapping_model")  # names of shells in EnSite Precision, and in EnSite X
 
@@ -32,6 +35,10 @@ def read_study(study: str | Path, map_name: str | None = None) -> Imported:
     for files in chain([archive], archive.unpacked()):
         if (found := _find_map(files, map_name)) is not None:
             return _drop_impossible_values(found)
+    if Path(study).suffix.lower() in TABLES:
+        raise InputError(
+            f"{study}: is a table and no study: use o3dls init DIR --prior PRIOR --points {study}"
+        )
     raise InputError(
         f"{study}: holds no CARTO 3 study (.xml), no EnSite map (.csv) and no OpenEP data set (.mat)"
     )
@@ -64,15 +71,19 @@ def _find_map(archive: Archive, map_name: str | None) -> Imported | None:
 
 def _from_carto(study: carto_study.Study, map_name: str | None) -> Imported:
     wanted = study.map(map_name)
-    points, landmarks = carto_study.read_map_points(study, wanted)
+    measured = carto_study.read_map_points(study, wanted)
     shell = carto_study.read_shell(study, wanted.files[0]) if wanted.files else None
+    points, landmarks, said = sorted_by_tags(measured, shell.surface if shell else None)
     found = Imported(points, landmarks, shell, vendor="CARTO 3", name=wanted.name)
     agrees = (
         ""
-        if len(points) == wanted.points
+        if len(measured) == wanted.points
         else f" (study: {wanted.points} points, which does NOT agree; is the export whole?)"
     )
-    found.took.append(f"{len(points)} points of map {wanted.name} (catheter positions, mm)" + agrees)
+    found.took.append(f"{len(measured)} points of map {wanted.name} (catheter positions, mm)" + agrees)
+    if "ablation" in points.type:
+        found.took.append(f"{(points.type == 'ablation').sum()} ablation points, by their tags")
+    _say_lines(found, said)
     found.took += [f"landmark {name}" for name in landmarks]
     if shell is not None:
         found.took.append(
@@ -94,6 +105,12 @@ def _from_carto(study: carto_study.Study, map_name: str | None) -> Imported:
     found.left += [f"map {m.name} ({m.points} points)" for m in study.maps if m.name != wanted.name]
     found.left.append("electrograms, electrode positions and force curves of single points")
     return found
+
+
+def _say_lines(found: Imported, said: list[str]) -> None:
+    """Say what the tags of the points made of them: taken as another type, or left out."""
+    for line in said:
+        (found.left if "left out" in line else found.took).append(line)
 
 
 def _volume_check(shell: SurfaceFile, wanted: carto_study.Map) -> str:
@@ -184,10 +201,23 @@ def _take_dif(archive: Archive, found: Imported) -> None:
     called = ([name for name in shells if sign in Path(name).name.lower()] for sign in MAP_SHELLS)
     named = next((names for names in called if names), shells)
     if len(named) == 1:
-        found.shell = dif.read(archive.where(named[0]), archive.read(named[0]))
+        where, data = archive.where(named[0]), archive.read(named[0])
+        volumes = {name: dif.read(where, data, part=name) for name in dif.volumes_of(where, data)}
+        places = found.points.of("eam").xyz
+        nearest = min(volumes, key=lambda name: _typical_gap(places, volumes[name]))
+        found.shell = volumes[nearest]
         found.landmarks |= ensite.landmarks_of(found.shell)
-        found.took.append(f"shell {named[0]}, {found.shell.surface.volume / 1000:.2f} ml")
+        of = f", volume {nearest}, the nearest to the points" if len(volumes) > 1 else ""
+        found.took.append(f"shell {named[0]}{of}, {found.shell.surface.volume / 1000:.2f} ml")
+        found.left += [f"{named[0]}: volume {name}" for name in volumes if name != nearest]
     found.left += [name for name in shells if name not in named or len(named) > 1]
+
+
+def _typical_gap(points: Array, shell: SurfaceFile) -> float:
+    """Return the median distance of points (n, 3) from the vertices of a shell."""
+    from scipy.spatial import cKDTree
+
+    return float(np.median(cKDTree(shell.surface.vertices).query(points)[0]))
 
 
 def _from_openep(archive: Archive, files: list[str], map_name: str | None) -> Imported:
@@ -206,9 +236,13 @@ def _from_openep(archive: Archive, files: list[str], map_name: str | None) -> Im
             f"the shell: surface.triRep is a MATLAB object of class {of}, which only MATLAB reads; "
             "for map.ply save it there as struct('X', t.X, 'Triangulation', t.Triangulation)"
         )
-    found.points = points.of("eam")
+    found.points, found.landmarks, said = sorted_by_tags(
+        points.of("eam"), found.shell.surface if found.shell else None
+    )
     _take_sites(found, points.of("ablation"), "rfindex", [])
     kinds = found.points.type
     found.took += [f"{(kinds == kind).sum()} points of type {kind} (mm)" for kind in np.unique(kinds)]
-    found.left.append("electrograms")
+    found.took += [f"landmark {name}" for name in found.landmarks]
+    _say_lines(found, said)
+    found.left += openep.unread(where, data)
     return found

@@ -11,8 +11,9 @@ from ...arrays import Array
 from ...case import MILLIMETRES, PRIOR_OF, SPACES, Points
 from ...errors import InputError
 from ...places import plain_name, unique_names
-from ...registration.landmark_names import alone, partners
+from ...registration.landmark_names import alone, doubts, partners
 from ..atomic import check_free, staged_folder, write_file
+from ..case_coordinates import in_units
 from ..case_settings import toml_lines
 from ..manifest import write_manifest
 from ..markups import Markups, read_markups
@@ -33,6 +34,7 @@ def import_study(
     prior: str | Path | None = None,
     landmarks: str | Path | None = None,
     prior_of: str | None = None,
+    units: str | None = None,
     force: bool = False,
     **choice: Any,
 ) -> Imported:
@@ -57,10 +59,13 @@ def import_study(
         places named on the prior: markups of Slicer, or a table `name,x,y,z`.
     prior_of : {"patient", "template"}, default "patient"
         whose anatomy the prior is.
+    units : {"mm", "cm", "m", "um", "in"}, default None
+        unit of the prior, where its file does not state one.
     force : bool, default False
         replace an earlier import in the same folder.
     **choice
-        of the prior: `cap`, `label`, `part`, `box`, `layer`, and `frame` where it does not state it.
+        of the prior: `cap`, `label`, `part`, `box`, `layer`, `fill_slices`, `form`, and `frame` where it does
+        not state it.
 
     Returns
     -------
@@ -79,7 +84,9 @@ def import_study(
     >>> list(found.landmarks)  # those that the study names
     ['LSPV']
     """
-    given = [name for name, value in choice.items() if value is not None and value is not False]
+    given = [
+        name for name, value in {"units": units, **choice}.items() if value is not None and value is not False
+    ]
     if prior is None and given:
         raise InputError(f"{', '.join(given)}: needs a prior; name one with --prior")
     if prior_of not in (None, *PRIOR_OF):
@@ -90,7 +97,7 @@ def import_study(
         _write_map(folder, found)
         space = "unknown"
         if prior is not None:
-            space = _write_prior(folder, Path(prior), found, choice)
+            space = _write_prior(folder, Path(prior), found, units, choice)
         elif (registered := _registered_shell(found)) is not None:
             space = _write_registered(folder, *registered, found)
         else:
@@ -174,10 +181,12 @@ def _write_registered(folder: Path, name: str, pose: Array, found: Imported) -> 
     return shell.space
 
 
-def _write_prior(folder: Path, prior: Path, found: Imported, choice: dict[str, Any]) -> str:
+def _write_prior(
+    folder: Path, prior: Path, found: Imported, units: str | None, choice: dict[str, Any]
+) -> str:
     """Write the prior, closed and outward, and return its frame."""
     cap = bool(choice.pop("cap", False))
-    file = read_surface_file(prior, **choice)
+    file = in_units(prior, read_surface_file(prior, units=units, **choice), units)
     space = _settled_frame(prior, file.space, choice.get("frame"))
     surface = closed_outward(file.surface, str(prior), cap=cap)
     write_surface(folder / "prior.ply", surface, space=space, units=file.units)
@@ -225,6 +234,8 @@ def _say_partners(found: Imported, prior: tuple[str, ...]) -> None:
         f"landmark {mark} of the map is {name} of the prior" for mark, name in pairs if mark != name
     ]
     for side, names, others in (("map", ours, prior), ("prior", prior, ours)):
+        if said := doubts(names, others):
+            found.left.append(f"landmarks of the {side}: {said}")
         if left := alone(names, others):
             found.left.append(
                 f"landmarks of the {side} without a partner: {', '.join(left)}; there are "

@@ -22,6 +22,14 @@ from .openep_points import SIGNALS, electric_of, rfindex_of
 
 knows = mat.knows
 SURFACE_MAPS = {"act_bip": ("lat", "bipolar"), "uni_imp_frc": ("unipolar", "impedance", "force")}
+# members of `electric` that an import leaves
+NOT_READ = {
+    "names": "names of points (electric.names)",
+    "egmSurfX": "positions projected on the shell (electric.egmSurfX)",
+    "egmUniX": "positions of single electrodes (electric.egmUniX)",
+    "barDirection": "directions of the catheter (electric.barDirection)",
+    "impedances": "impedances over time (electric.impedances)",
+}
 NOTE = "written by o3dls, research software, not for clinical use"
 
 
@@ -89,8 +97,32 @@ def read_points(path: Path, data: bytes) -> Points:
         name: np.append(values[keep], np.full(len(sites), np.nan))
         for name, values in _point_columns(path, tree, len(xyz))
     }
+    if (tags := _tag_column(path, tree, len(xyz))) is not None:
+        columns["tags"] = np.append(tags[keep], np.full(len(sites), ""))
     kinds = np.array(["eam"] * int(keep.sum()) + ["ablation"] * len(sites))
     return Points(np.vstack([xyz[keep], sites]), kinds, columns)
+
+
+def _tag_column(path: Path, tree: Mapping[str, Any], n: int) -> NDArray[np.str_] | None:
+    """Return the tags of the measured points as text, those of one point with `+` between; None without any.
+    Raises InputError where they are not one for each.
+    """
+    found = mat.at(tree, "electric.tags")
+    if found is None or isinstance(found, Opaque) or np.size(np.asarray(found, dtype=object)) == 0:
+        return None
+    cells = [found] if isinstance(found, str) else list(np.ravel(np.asarray(found, dtype=object)))
+    if len(cells) != n:
+        raise InputError(f"{path}: electric.tags has {len(cells)} rows: must be {n}, one for each position")
+    rows = [[cell] if isinstance(cell, str) else np.ravel(np.asarray(cell, dtype=object)) for cell in cells]
+    texts = [" + ".join(str(tag) for tag in row if isinstance(tag, str) and tag) for row in rows]
+    return np.array(texts) if any(texts) else None
+
+
+def unread(path: Path, data: bytes) -> list[str]:
+    """Return what a data set holds of its points and `read_points` does not take."""
+    tree = userdata(path, data)
+    held = [(what, mat.at(tree, f"electric.{name}")) for name, what in NOT_READ.items()]
+    return ["electrograms", *(what for what, value in held if value is not None and np.size(value))]
 
 
 def _point_columns(path: Path, tree: Mapping[str, Any], n: int) -> list[tuple[str, Array]]:

@@ -64,6 +64,11 @@ def knows(data: bytes) -> bool:
     return b"<DIF" in data[:2000]
 
 
+def volumes_of(path: Path, data: bytes) -> list[str]:
+    """Return the names of the volumes of a file, by which `read` takes one."""
+    return list(_name_volumes(parse_xml(path, data)))
+
+
 def read(path: Path, data: bytes, *, part: str | None = None) -> SurfaceFile:
     """Read one volume of the file, in mm and LPS; its labels are metadata. Raises InputError where `part`
     must say which volume.

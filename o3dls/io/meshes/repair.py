@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import replace
 
 import numpy as np
@@ -11,6 +12,13 @@ from ...errors import InputError
 from ...geometry.surface import Surface
 from .polyline import trace_loops
 
+SOUP = 0.5  # share of the triangles that share no edge, from which they are a soup
+NARROWEST, WIDEST = 1e-6, 1e-3  # of the diagonal: distances within which vertices of free edges may be one
+STEP = 3.0  # from one such distance to the next
+SHORT = 0.3  # of the shortest free edge, whose two ends must stay two
+NOTHING = 1e-6  # of the cube of the diagonal: less is no volume
+log = logging.getLogger("o3dls")
+
 
 def closed_outward(surface: Surface, where: str, *, cap: bool = False) -> Surface:
     """Return the surface welded, wound outward and, where `cap` allows it, with its openings closed by fans.
@@ -19,12 +27,24 @@ def closed_outward(surface: Surface, where: str, *, cap: bool = False) -> Surfac
     """
     if surface.watertight and surface.volume > 0:
         return surface
-    surface = coherent(welded(surface), where)
+    surface, tolerance = sewn(welded(surface))
+    if tolerance:
+        log.info(
+            "%s: vertices up to %.2g apart are welded, since its triangles did not meet", where, tolerance
+        )
+    surface = coherent(surface, where)
     openings = boundary_edges(surface.faces, len(surface.vertices))
     if len(openings) and not cap:
         hint = "close it with `o3dls convert --cap`, or say cap = true in case.toml"
         raise InputError(f"{where}: is open ({len(openings)} edges have one triangle only); {hint}")
+    if stand_alone(surface) > SOUP:
+        raise InputError(
+            f"{where}: most of its triangles share no edge with another, and no weld joins them; a cap would "
+            "close each by itself: repair the mesh first"
+        )
     surface = capped(surface, where) if len(openings) else surface
+    if abs(surface.volume) < NOTHING * surface.diagonal**surface.dimension:
+        raise InputError(f"{where}: encloses nothing, even with its openings closed")
     return surface if surface.volume > 0 else replace(surface, faces=surface.faces[:, ::-1])
 
 
@@ -44,6 +64,70 @@ def welded(surface: Surface) -> Surface:
     return Surface(
         surface.vertices[keep], faces, {name: values[keep] for name, values in surface.fields.items()}
     )
+
+
+def stand_alone(surface: Surface) -> float:
+    """Return the share of faces that share no edge with another: nearly all of a soup of triangles."""
+    alone = _edge_counts(surface.faces)[0] == 1
+    return float(alone.reshape(surface.faces.shape).all(axis=1).mean())
+
+
+def _edge_counts(faces: Ints) -> tuple[Ints, int]:
+    """Return how many faces have the edge behind each corner (m * d,), and the most that any edge has."""
+    ends = np.stack([faces.ravel(), np.roll(faces, -1, axis=1).ravel()])
+    keys = ends.min(axis=0) * (int(faces.max()) + 1) + ends.max(axis=0)
+    _, of, count = np.unique(keys, return_inverse=True, return_counts=True)
+    return count[of.ravel()], int(count.max())
+
+
+def sewn(surface: Surface) -> tuple[Surface, float]:
+    """Return a surface whose free edges meet, and within which distance their vertices had to be made one:
+    the least of a row that closes all, or that joins a soup. As it is, and 0, where none does.
+
+    Programs that write few digits, or each triangle by itself, put one vertex at places that differ a little.
+    """
+    if surface.dimension != 3:
+        return surface, 0.0
+    alone = _edge_counts(surface.faces)[0] == 1
+    ends = np.stack([surface.faces.ravel(), np.roll(surface.faces, -1, axis=1).ravel()], axis=1)[alone]
+    if not len(ends):
+        return surface, 0.0
+    lengths = np.linalg.norm(surface.vertices[ends[:, 0]] - surface.vertices[ends[:, 1]], axis=1)
+    most = min(WIDEST * surface.diagonal, SHORT * float(lengths.min()))
+    tolerance, fewest, best = NARROWEST * surface.diagonal, len(ends), (surface, 0.0)
+    while fewest and tolerance <= most:
+        joined = _joined_within(surface, np.unique(ends), tolerance)
+        counts, densest = _edge_counts(joined.faces)
+        if densest <= 2 and (free := int((counts == 1).sum())) < fewest:
+            fewest, best = free, (joined, tolerance)
+        tolerance *= STEP
+    soup_joined = stand_alone(surface) > SOUP >= stand_alone(best[0])
+    return best if not fewest or soup_joined else (surface, 0.0)
+
+
+def joined_soup(surface: Surface) -> tuple[Surface, str]:
+    """Return a surface of which most triangles share no edge, with its triangles joined, and a sentence on
+    that; any other as it is.
+    """
+    if surface.dimension != 3 or surface.watertight or stand_alone(surface) <= SOUP:
+        return surface, ""
+    surface, tolerance = sewn(welded(surface))
+    joined = f"vertices up to {tolerance:.2g} apart are welded" if tolerance else "no weld joins them"
+    return surface, f"most triangles share no edge: {joined}"
+
+
+def _joined_within(surface: Surface, some: Ints, tolerance: float) -> Surface:
+    """Return the surface with those of some vertices made one that lie within a distance of each other."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import cKDTree
+
+    pairs = some[cKDTree(surface.vertices[some]).query_pairs(tolerance, output_type="ndarray")].reshape(-1, 2)
+    n = len(surface.vertices)
+    links = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
+    _, group = connected_components(links, directed=False)
+    _, first = np.unique(group, return_index=True)
+    return welded(surface.with_vertices(surface.vertices[first[group]]))
 
 
 def place_keys(vertices: Array) -> Ints:

@@ -9,8 +9,9 @@ from threading import Event
 import numpy as np
 
 from ...case import MILLIMETRES, Points
+from ...columns import NAMES
 from ...errors import InputError
-from ...io.points import NAMES, points_of, scaled
+from ...io.points import points_of, scaled
 from ...io.table import table_of
 from ...io.text import read_bytes
 from ..messages import error

@@ -31,7 +31,7 @@ def parse(path: Path, data: bytes) -> CartoMesh:
     n, m, k = (_read_count(path, general, key) for key in ("NumVertex", "NumTriangle", "NumVertexColors"))
     vertices = _read_rows(path, sections, "VerticesSection", n, 8)
     triangles = _read_rows(path, sections, "TrianglesSection", m, 8)
-    names = tuple(general.get("ColorsNames", "").split()) if k else ()
+    names = tuple(general.get("ColorsNames", "").split())
     if len(names) != k:
         raise InputError(f"{path}: NumVertexColors = {k}, but ColorsNames has {len(names)} names")
     colours = _read_rows(path, sections, "VerticesColorsSection", n, 1 + k)[:, 1:] if k else np.zeros((n, 0))
