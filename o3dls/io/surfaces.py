@@ -15,7 +15,7 @@ from .matlab import openep
 from .meshes import dif, obj, opencarp, ply, polyline, stl, vtk_legacy, vtp
 from .meshes.carto import import_vtk, mesh_file
 from .meshes.surface_file import SurfaceFile, left_out
-from .text import read_bytes
+from .text import as_utf8, read_bytes
 
 Reader = Callable[..., SurfaceFile]
 Writer = Callable[[SurfaceFile], bytes]
@@ -122,7 +122,7 @@ def _read_content(path: Path) -> bytes:
     header = next((header for header in headers if header.is_file()), None)
     if path.suffix.lower() in (".img", ".raw", ".zraw") and header is not None:
         raise InputError(f"{path}: holds voxels alone: name its header, {header.name}")
-    return read_bytes(path)
+    return as_utf8(read_bytes(path))
 
 
 def _format_of(data: bytes) -> Format | None:
