@@ -131,7 +131,7 @@ def send(run_folder: Path, **options: Any) -> None:
 @click.option("--map", "map_name", help="name of the map; default: the only one with points")
 @click.option("--prior", type=FILE, help="surface or label volume that becomes the prior")
 @click.option(
-    "--landmarks", type=FILE, help="places named on the prior: .mrk.json, .fcsv, or .csv with name,x,y,z"
+    "--landmarks", type=FILE, help="places named on the prior: .mrk.json, .fcsv, JSON, or a table name,x,y,z"
 )
 @prior_choice
 @click.option("--frame", help="frame of the prior where it does not state it: LPS or RAS")

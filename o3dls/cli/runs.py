@@ -93,9 +93,9 @@ def run(
 @click.command()
 @click.argument("folder", metavar="DIR", type=FOLDER)
 @click.option("--prior", type=FILE, help="surface or label volume that is the prior")
-@click.option("--points", type=FILE, help="table of the mapping points: x, y, z and type")
+@click.option("--points", type=FILE, help="mapping points: a table with x, y, z and type, or a cloud")
 @click.option(
-    "--landmarks", type=FILE, help="places named on the prior: .mrk.json, .fcsv, or .csv with name,x,y,z"
+    "--landmarks", type=FILE, help="places named on the prior: .mrk.json, .fcsv, JSON, or a table name,x,y,z"
 )
 @click.option("--units", help="units of files that do not state theirs: mm, cm, m, um, in, px")
 @click.option("--frame", help="frame of points and label volumes that state none: LPS, RAS or unknown")
@@ -126,7 +126,7 @@ def _ask_files(
         raise click.UsageError(f"there is no terminal to ask on: give {' and '.join(missing)}")
     ask = partial(click.prompt, err=True, show_default=False)
     prior = prior or Path(ask("Prior: file of the surface or label volume"))
-    points = points or Path(ask("Points: table with columns x, y, z and type"))
+    points = points or Path(ask("Points: table with columns x, y, z and type, or a cloud"))
     if landmarks is None and (
         named := ask("Landmarks: file of places named on the prior (Enter: none)", default="")
     ):

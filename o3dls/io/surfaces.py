@@ -10,6 +10,7 @@ from typing import Any
 from ..errors import InputError
 from ..geometry.surface import Surface
 from .atomic import write_file
+from .clouds.registry import is_cloud
 from .images import dicom, labels
 from .matlab import openep
 from .meshes import dif, obj, opencarp, ply, polyline, stl, vtk_legacy, vtp
@@ -130,12 +131,15 @@ def _format_of(data: bytes) -> Format | None:
 
 
 def is_surface(path: str | Path) -> bool:
-    """Return whether a file is a surface in a known format, or a table of a 2D outline.
+    """Return whether a file is a surface in a known format and no cloud, or a table of a 2D outline.
 
     Raises InputError where it cannot be read at all.
     """
-    data = _read_content(Path(path))
-    return _format_of(data) is not None or (Path(path).suffix.lower() == ".csv" and polyline.knows(data))
+    path = Path(path)
+    data = _read_content(path)
+    if _format_of(data) is not None:
+        return not is_cloud(path, data)
+    return path.suffix.lower() == ".csv" and polyline.knows(data)
 
 
 def read_surface(path: str | Path) -> Surface:

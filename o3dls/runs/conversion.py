@@ -28,7 +28,11 @@ from ..io.transforms import is_transform, read_transform, turned, write_transfor
 from .stated import needs_turn, scaled_units, settle_stated, settle_units
 
 MARKUPS = (".json", ".fcsv")
-TABLES = (".csv", ".tsv")
+# tables and clouds
+POINTS = tuple(
+    f".{name}"
+    for name in "csv tsv txt asc xlsx xyz xyzn xyzrgb pcd pts ply vtk vtp vtu".split()  # noqa: SIM905
+)
 
 
 def convert(
@@ -95,10 +99,10 @@ def convert(
     if is_surface(source):
         return _convert_surface(source, target, format, units, frame, to, cap=cap, faces=faces, choice=choice)
     suffix, pose = source.suffix.lower(), is_transform(source)
-    if suffix not in (*TABLES, *MARKUPS) and not pose:
+    if suffix not in (*POINTS, *MARKUPS) and not pose:
         raise InputError(
-            f"{source}: is not a surface, points (.csv), named places (.mrk.json, .fcsv) or pose (.tfm, "
-            ".txt, .mat) that o3dls knows; is it damaged?"
+            f"{source}: is not a surface, points (a table or a cloud), named places (.mrk.json, .fcsv) or "
+            "pose (.tfm, .txt, .mat) that o3dls knows; is it damaged?"
         )
     if cap or faces is not None or format or any(value is not None for value in choice.values()):
         raise InputError(

@@ -10,8 +10,7 @@ import numpy as np
 
 from ...case import MILLIMETRES, Points
 from ...errors import InputError
-from ...io.points import NAMES, points_of, scaled
-from ...io.table import table_of
+from ...io.points import points_of, points_table_of, scaled
 from ..messages import error
 from ..session import taken
 from .source import Desk, identity
@@ -74,7 +73,7 @@ class Watch:
     def _read_points(self, whole: Seen) -> Points:
         if not isinstance(whole, bytes):
             return self._read_export()
-        table = table_of(whole, self.path, "xyz", NAMES)
+        table = points_table_of(whole, self.path)
         self._check_frame(table.notes.get("space", "unknown"))
         unit = table.notes.get("units", "mm")
         if unit not in MILLIMETRES:
