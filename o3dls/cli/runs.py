@@ -38,7 +38,9 @@ def demo(out: Path, force: bool, as_json: bool) -> int:
     from ..pipeline.workers import second_process
     from ..resources import demo_case
     from ..runs.folder import repeats
+    from .libraries import check_libraries
 
+    check_libraries()
     plan = default_pipeline()
     with second_process(plan.folds) as pool:
         case = read_case(demo_case())
@@ -74,7 +76,9 @@ def run(
     from ..pipeline.batch import run_into
     from ..pipeline.file import default_pipeline, read_pipeline
     from ..pipeline.workers import second_process
+    from .libraries import check_libraries
 
+    check_libraries()
     if pipeline and pipeline.is_dir():
         raise InputError(
             f"{pipeline}: is a folder, not a pipeline file; if it is a case, say --case {pipeline}"
