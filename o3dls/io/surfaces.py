@@ -16,7 +16,7 @@ from .matlab import openep
 from .meshes import dif, obj, opencarp, ply, polyline, stl, vtk_legacy, vtp
 from .meshes.carto import import_vtk, mesh_file
 from .meshes.surface_file import SurfaceFile, left_out
-from .text import as_utf8, read_bytes
+from .text import as_utf8, kind_of, read_bytes
 
 Reader = Callable[..., SurfaceFile]
 Writer = Callable[[SurfaceFile], bytes]
@@ -105,6 +105,8 @@ def read_surface_file(
         if value and known and name in known.options:
             given[name] = value
     if known is None and path.suffix.lower() != ".csv":
+        if kind := kind_of(data):
+            raise InputError(f"{path}: is {kind}")
         names = ", ".join(f.name for f in FORMATS)
         raise InputError(
             f"{path}: is not a surface file that o3dls knows ({names}, csv in 2D); "

@@ -24,15 +24,13 @@ from ..io.meshes.surface_file import SurfaceFile
 from ..io.points import points_of, read_points_table, scaled
 from ..io.surfaces import is_surface, read_surface_file, write_surface
 from ..io.table import write_table
+from ..io.text import kind_of, read_bytes
 from ..io.transforms import is_transform, read_transform, turned, write_transform
 from .stated import needs_turn, scaled_units, settle_stated, settle_units
 
 MARKUPS = (".json", ".fcsv")
 # tables and clouds
-POINTS = tuple(
-    f".{name}"
-    for name in "csv tsv txt asc xlsx xyz xyzn xyzrgb pcd pts ply vtk vtp vtu".split()  # noqa: SIM905
-)
+POINTS = tuple(".csv .tsv .txt .asc .xlsx .xyz .xyzn .xyzrgb .pcd .pts .ply .vtk .vtp .vtu".split())  # noqa: SIM905
 
 
 def convert(
@@ -99,6 +97,8 @@ def convert(
     if is_surface(source):
         return _convert_surface(source, target, format, units, frame, to, cap=cap, faces=faces, choice=choice)
     suffix, pose = source.suffix.lower(), is_transform(source)
+    if not pose and (kind := kind_of(read_bytes(source))) and suffix != ".xlsx":
+        raise InputError(f"{source}: is {kind}")
     if suffix not in (*POINTS, *MARKUPS) and not pose:
         raise InputError(
             f"{source}: is not a surface, points (a table or a cloud), named places (.mrk.json, .fcsv) or "

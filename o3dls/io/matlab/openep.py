@@ -16,6 +16,7 @@ from ...errors import InputError
 from ...geometry.surface import Surface
 from ..meshes.carto.mesh import MISSING
 from ..meshes.surface_file import SurfaceFile, left_out
+from ..text import kind_of
 from . import mat
 from .mat5 import Opaque
 from .openep_points import SIGNALS, electric_of, rfindex_of
@@ -33,7 +34,12 @@ def userdata(path: Path, data: bytes) -> Mapping[str, Any]:
             f"{path}: userdata is a MATLAB object of class {found.of}; save it as a struct of plain arrays"
         )
     if not isinstance(found, Mapping):
-        raise InputError(f"{path}: holds no struct 'userdata'; it is not an OpenEP data set")
+        kind = kind_of(data)  # HDF5 that MATLAB did not write
+        raise InputError(
+            f"{path}: is {kind}"
+            if kind
+            else f"{path}: holds no struct 'userdata'; it is not an OpenEP data set"
+        )
     return found
 
 
